@@ -1,0 +1,28 @@
+# Every target sets up its own environment in .venv first; see tools/bootstrap.py for what that needs (only Python).
+
+PYTHON ?= python3
+
+.PHONY: demo test test-fast lint clean
+
+# Capture a small built-in scene, train it and show it.
+demo:
+	@$(PYTHON) tools/bootstrap.py
+	.venv/bin/pocketgs demo
+
+# Everything that must hold before a change is merged, runs on real data included: what continuous integration calls.
+test: lint
+	.venv/bin/python -m pytest
+
+# The same without those runs.
+test-fast: lint
+	.venv/bin/python -m pytest -m "not slow"
+
+lint:
+	@$(PYTHON) tools/bootstrap.py dev
+	.venv/bin/python -m ruff check
+	.venv/bin/python -m ruff format --check
+	.venv/bin/python -m mypy
+
+clean:
+	rm -rf .venv build dist src/pocketgs.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	find . -name __pycache__ -prune -exec rm -rf {} +

@@ -1,0 +1,5 @@
+"""`python -m pocketgs`."""
+
+from pocketgs.cli import main
+
+main()

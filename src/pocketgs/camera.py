@@ -1,0 +1,118 @@
+"""The pinhole camera: intrinsics in pixels and a rigid pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pocketgs.errors import PocketGSError
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera in OpenCV axes (x right, y down, z forward).
+
+    A world point X lands at pixel (fx·x/z + cx, fy·y/z + cy) with (x, y, z, 1) = world_to_camera @ (X, 1).
+    The centre of the top left pixel is at (0.5, 0.5).
+
+    Attributes:
+        width, height: image size in pixels.
+        fx, fy, cx, cy: focal lengths and principal point in pixels of that image.
+        world_to_camera: (4, 4) float64 rigid transform.
+
+    Raises:
+        PocketGSError: a size or focal length is not positive, a number is not finite, or the pose is not rigid.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    world_to_camera: np.ndarray
+
+    def __post_init__(self) -> None:
+        pose = np.asarray(self.world_to_camera, dtype=np.float64)
+        object.__setattr__(self, "world_to_camera", pose)
+        if self.width < 1 or self.height < 1:
+            raise PocketGSError(f"camera: image size {self.width}x{self.height}, expected at least 1x1")
+        intrinsics = (self.fx, self.fy, self.cx, self.cy)
+        if not np.all(np.isfinite(intrinsics)) or self.fx <= 0 or self.fy <= 0:
+            raise PocketGSError(f"camera: fx, fy, cx, cy = {intrinsics}, expected finite and positive focal lengths")
+        if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
+            raise PocketGSError("camera: the pose is not a 4x4 matrix of finite numbers")
+        rotation = pose[:3, :3]
+        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
+            raise PocketGSError("camera: the pose's upper left 3x3 block is not a rotation")
+
+    @property
+    def camera_to_world(self) -> np.ndarray:
+        """(4, 4) inverse of `world_to_camera`."""
+        rotation, translation = self.world_to_camera[:3, :3], self.world_to_camera[:3, 3]
+        inverse = np.eye(4)
+        inverse[:3, :3] = rotation.T
+        inverse[:3, 3] = -rotation.T @ translation
+        return inverse
+
+    @property
+    def centre(self) -> np.ndarray:
+        """(3,) position of the camera in the world."""
+        return self.camera_to_world[:3, 3]
+
+    @property
+    def forward(self) -> np.ndarray:
+        """(3,) unit vector along the optical axis, in the world."""
+        return self.world_to_camera[2, :3]
+
+    @property
+    def intrinsic_matrix(self) -> np.ndarray:
+        """(3, 3) matrix K, with pixel centres at + 0.5."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    def resized(self, width: int, height: int) -> Camera:
+        """The same view in an image of another size."""
+        across, down = width / self.width, height / self.height
+        return replace(
+            self,
+            width=width,
+            height=height,
+            fx=self.fx * across,
+            fy=self.fy * down,
+            cx=self.cx * across,
+            cy=self.cy * down,
+        )
+
+    def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
+        """The view through the rectangle whose top left pixel is (left, top)."""
+        return replace(self, width=width, height=height, cx=self.cx - left, cy=self.cy - top)
+
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Project world points.
+
+        Args:
+            points: (N, 3).
+
+        Returns:
+            (N, 2) pixel coordinates and (N,) depths along the optical axis. Pixels of points at depth <= 0 mean
+            nothing: look at the depths first.
+        """
+        local = points @ self.world_to_camera[:3, :3].T + self.world_to_camera[:3, 3]
+        depth = local[:, 2]
+        safe = np.where(np.abs(depth) > 1e-12, depth, 1e-12)
+        pixels = np.stack([self.fx * local[:, 0] / safe + self.cx, self.fy * local[:, 1] / safe + self.cy], axis=1)
+        return pixels, depth
+
+
+def look_at(eye: np.ndarray, target: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """(4, 4) world_to_camera of a camera at `eye` that looks at `target` with `up` pointing up in the image."""
+    forward = np.asarray(target, dtype=np.float64) - eye
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(forward, up)
+    right = right / np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    pose[:3, 3] = -rotation @ eye
+    return pose

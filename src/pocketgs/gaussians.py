@@ -1,0 +1,112 @@
+"""The scene: Gaussians as a struct of arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pocketgs.errors import PocketGSError
+
+if TYPE_CHECKING:
+    from pocketgs.record import RunRecord
+
+SH_COEFFICIENTS = (1, 4, 9, 16)
+SH_DC = 0.28209479177387814
+"""The constant spherical harmonic, 1 / (2 √π): colour = 0.5 + SH_DC · sh[:, 0] at degree 0."""
+
+
+@dataclass
+class Gaussians:
+    """N Gaussians in the parametrisation of the reference 3DGS `.ply`.
+
+    Attributes:
+        means: (N, 3) centres in the world.
+        log_scales: (N, 3) natural logarithms of the standard deviations along the Gaussian's own axes.
+        quaternions: (N, 4) w, x, y, z: rotation from the Gaussian's axes to the world's, of any length but 0.
+        opacity_logits: (N,) opacity = 1 / (1 + exp(-logit)).
+        sh: (N, K, 3) spherical-harmonics coefficients of RGB, K = 1, 4, 9 or 16 for degree 0 to 3.
+        record: what training took, or None for a scene that was loaded.
+
+    All arrays are float32 and contiguous.
+
+    Raises:
+        PocketGSError: shapes disagree.
+    """
+
+    means: np.ndarray
+    log_scales: np.ndarray
+    quaternions: np.ndarray
+    opacity_logits: np.ndarray
+    sh: np.ndarray
+    record: RunRecord | None = None
+
+    def __post_init__(self) -> None:
+        for name in PARAMETERS:
+            setattr(self, name, np.ascontiguousarray(getattr(self, name), dtype=np.float32))
+        count = len(self.means)
+        expected = {"means": (3,), "log_scales": (3,), "quaternions": (4,), "opacity_logits": ()}
+        for name, tail in expected.items():
+            shape = getattr(self, name).shape
+            if shape != (count, *tail):
+                raise PocketGSError(f"Gaussians: {name} has shape {shape}, expected {(count, *tail)}")
+        if self.sh.ndim != 3 or self.sh.shape[1] not in SH_COEFFICIENTS or self.sh.shape[::2] != (count, 3):
+            raise PocketGSError(f"Gaussians: sh has shape {self.sh.shape}, expected ({count}, 1|4|9|16, 3)")
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+    @property
+    def scales(self) -> np.ndarray:
+        """(N, 3) standard deviations in scene units."""
+        return np.exp(self.log_scales)
+
+    @property
+    def opacities(self) -> np.ndarray:
+        """(N,) opacities in (0, 1)."""
+        return 1.0 / (1.0 + np.exp(-self.opacity_logits))
+
+    @property
+    def sh_degree(self) -> int:
+        """Degree of the spherical harmonics, 0 to 3."""
+        return SH_COEFFICIENTS.index(self.sh.shape[1])
+
+    def with_sh_degree(self, degree: int) -> Gaussians:
+        """The same Gaussians with coefficients cut off, or filled up with zeros, to `degree`."""
+        if degree not in range(4):
+            raise PocketGSError(f"Gaussians: spherical harmonics of degree {degree}, expected 0, 1, 2 or 3")
+        sh = np.zeros((len(self), SH_COEFFICIENTS[degree], 3), dtype=np.float32)
+        kept = min(sh.shape[1], self.sh.shape[1])
+        sh[:, :kept] = self.sh[:, :kept]
+        return Gaussians(self.means, self.log_scales, self.quaternions, self.opacity_logits, sh)
+
+    def select(self, keep: np.ndarray) -> Gaussians:
+        """The Gaussians that a boolean mask or an index array names."""
+        return Gaussians(*(getattr(self, name)[keep] for name in PARAMETERS))
+
+    def save(self, path: str | Path) -> None:
+        """Write the scene atomically as a reference 3DGS `.ply`."""
+        from pocketgs.formats.ply import write_gaussians
+
+        write_gaussians(Path(path), self)
+
+    @staticmethod
+    def load(path: str | Path) -> Gaussians:
+        """Read a reference 3DGS `.ply`.
+
+        Raises:
+            PocketGSError: the file is missing, broken, or holds no Gaussians.
+        """
+        from pocketgs.formats.ply import read_gaussians
+
+        return read_gaussians(Path(path))
+
+
+PARAMETERS = tuple(field.name for field in fields(Gaussians) if field.name != "record")
+
+
+def concatenate(parts: list[Gaussians]) -> Gaussians:
+    """All Gaussians of several scenes in one; all must have the same degree of spherical harmonics."""
+    return Gaussians(*(np.concatenate([getattr(part, name) for part in parts]) for name in PARAMETERS))
