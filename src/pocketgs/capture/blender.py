@@ -1,0 +1,41 @@
+"""NeRF's synthetic scenes, rendered by Blender: transforms_train.json and transforms_test.json, images with alpha."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pocketgs.capture.json_fields import read_json
+from pocketgs.capture.listing import FrameSource, Listing
+from pocketgs.capture.transforms_file import absent_warning, read_frames
+from pocketgs.errors import PocketGSError
+
+FORMAT = "blender"
+LOOKED_FOR = "transforms_train.json"
+WHITE = (1.0, 1.0, 1.0)
+
+
+def recognises(path: Path) -> bool:
+    """Whether the folder holds a transforms_train.json."""
+    return (path / "transforms_train.json").is_file()
+
+
+def read(path: Path, images: str | None = None) -> Listing:
+    """Read the training and the test frames; transforms_val.json is not looked at.
+
+    Raises:
+        PocketGSError: a file is malformed, or `images` is given, for which the format has no use.
+    """
+    if images is not None:
+        raise PocketGSError(f"{path}: images='{images}' given, but blender captures name their images in full")
+    train, warnings = _read_split(path, "transforms_train.json")
+    if not (path / "transforms_test.json").is_file():
+        return Listing(FORMAT, train, background=WHITE, warnings=warnings)
+    test, more_warnings = _read_split(path, "transforms_test.json")
+    held_out = frozenset(frame.name for frame in test)
+    return Listing(FORMAT, train + test, held_out=held_out, background=WHITE, warnings=warnings + more_warnings)
+
+
+def _read_split(path: Path, name: str) -> tuple[list[FrameSource], tuple[str, ...]]:
+    document = read_json(path / name)
+    frames = read_frames(document, path)
+    return [frame for frame in frames if frame is not None], absent_warning(frames, document)

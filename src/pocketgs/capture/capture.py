@@ -1,0 +1,72 @@
+"""What the rest of the program sees of a capture: posed frames in memory, split into training and held-out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from pocketgs.camera import Camera
+from pocketgs.pointcloud import PointCloud
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One photograph with its pinhole camera.
+
+    Attributes:
+        name: the image's name inside the capture, for example "images/0001.jpg".
+        camera: the camera of the image as held here (undistorted, cropped and resized).
+        image: (H, W, 3) uint8 RGB; where the file has alpha, composited on the capture's background.
+        alpha: (H, W) uint8 opacity of the file's pixels, or None.
+        mask: (H, W) bool, True where the pixel is to be used, or None for all.
+        depth: (H, W) float32 depth along the optical axis in the capture's units, 0 where unknown, or None.
+    """
+
+    name: str
+    camera: Camera
+    image: np.ndarray
+    alpha: np.ndarray | None = None
+    mask: np.ndarray | None = None
+    depth: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Capture:
+    """A capture, read and ready for training.
+
+    Attributes:
+        name: short name for reports.
+        path: where it was read from.
+        format: which reader read it.
+        train: frames to train on, in capture order.
+        held_out: frames kept for evaluation, in capture order.
+        points: the capture's own point cloud, or None.
+        background: RGB in [0, 1] behind everything.
+        metric: whether lengths are metres.
+        protocol: how images were prepared and split, in words; every reported figure carries it.
+        warnings: what a user should know, such as listed frames whose files are absent.
+    """
+
+    name: str
+    path: Path
+    format: str
+    train: list[Frame]
+    held_out: list[Frame]
+    points: PointCloud | None = None
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    metric: bool = False
+    protocol: str = ""
+    warnings: tuple[str, ...] = field(default=())
+
+    @property
+    def frames(self) -> list[Frame]:
+        """Training frames, then held-out ones."""
+        return self.train + self.held_out
+
+    @property
+    def image_bytes(self) -> int:
+        """Memory that the frames' images, alphas, masks and depths take."""
+        arrays = [a for f in self.frames for a in (f.image, f.alpha, f.mask, f.depth) if a is not None]
+        return sum(array.nbytes for array in arrays)

@@ -1,0 +1,43 @@
+"""Point clouds that captures bring along as .ply."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from plyfile import PlyData
+
+from pocketgs.capture.poses import LARGEST_COORDINATE
+from pocketgs.errors import PocketGSError
+from pocketgs.pointcloud import PointCloud
+
+UNKNOWN_COLOUR = 0.5
+
+
+def read_cloud(path: Path) -> PointCloud | None:
+    """The vertices of a .ply file with fields x, y, z and, if coloured, red, green, blue; None if there are none.
+
+    Colours are 0 to 255 where they are integers, 0 to 1 where they are floats; without any, points are grey.
+
+    Raises:
+        PocketGSError: the file cannot be read, has no such vertices, or a coordinate is not finite or beyond reason.
+    """
+    try:
+        vertices = PlyData.read(str(path))["vertex"].data
+        positions = np.stack([vertices[axis] for axis in "xyz"], axis=1).astype(np.float64)
+    except Exception as error:  # what plyfile raises depends on where the damage is
+        raise PocketGSError(f"{path}: not a readable point cloud ({error}), expected vertices with x, y, z") from error
+    if len(positions) == 0:
+        return None
+    if not np.all(np.abs(positions) < LARGEST_COORDINATE):
+        raise PocketGSError(f"{path}: holds NaN or coordinates beyond {LARGEST_COORDINATE:g}")
+    return PointCloud(positions, _colours(vertices))
+
+
+def _colours(vertices: np.ndarray) -> np.ndarray:
+    names = ("red", "green", "blue")
+    if not all(name in (vertices.dtype.names or ()) for name in names):
+        return np.full((len(vertices), 3), UNKNOWN_COLOUR)
+    colours = np.stack([vertices[name] for name in names], axis=1)
+    scale = 255.0 if colours.dtype.kind in "ui" else 1.0
+    return np.clip(np.nan_to_num(colours / scale), 0, 1)

@@ -1,0 +1,59 @@
+"""The three parts of a COLMAP sparse model in a folder, binary or text."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pocketgs.capture import colmap_binary, colmap_text
+from pocketgs.capture.colmap_model import ColmapCamera, ColmapImage
+from pocketgs.capture.poses import LARGEST_COORDINATE
+from pocketgs.errors import PocketGSError
+from pocketgs.pointcloud import PointCloud
+
+
+def find_part(folder: Path, part: str) -> Path | None:
+    """The file of "cameras", "images" or "points3D" in a model's folder, the binary one if both exist."""
+    candidates = (folder / f"{part}.bin", folder / f"{part}.txt")
+    return next((path for path in candidates if path.is_file()), None)
+
+
+def read_cameras(folder: Path) -> dict[int, ColmapCamera]:
+    """The model's cameras by their ids; none if the folder has no such file.
+
+    Raises:
+        PocketGSError: the file is malformed.
+    """
+    path = find_part(folder, "cameras")
+    if path is None:
+        return {}
+    return (colmap_binary if path.suffix == ".bin" else colmap_text).read_cameras(path)
+
+
+def read_images(folder: Path) -> list[ColmapImage]:
+    """The model's registered images; none if the folder has no such file.
+
+    Raises:
+        PocketGSError: the file is malformed.
+    """
+    path = find_part(folder, "images")
+    if path is None:
+        return []
+    return (colmap_binary if path.suffix == ".bin" else colmap_text).read_images(path)
+
+
+def read_points(folder: Path) -> PointCloud | None:
+    """The model's cloud, or None if the folder has none or it has no points.
+
+    Raises:
+        PocketGSError: the file is malformed, or a coordinate is not finite or beyond reason.
+    """
+    path = find_part(folder, "points3D")
+    if path is None:
+        return None
+    with np.errstate(over="ignore"):
+        cloud = (colmap_binary if path.suffix == ".bin" else colmap_text).read_points(path)
+    if not np.all(np.abs(cloud.positions) < LARGEST_COORDINATE) or not np.all(np.isfinite(cloud.colours)):
+        raise PocketGSError(f"{path}: holds NaN or coordinates beyond {LARGEST_COORDINATE:g}")
+    return cloud if len(cloud) else None

@@ -1,0 +1,57 @@
+"""What a reader returns: files, lenses and poses as the capture states them, before any image is decoded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pocketgs.camera import Camera
+from pocketgs.capture.lens import PINHOLE, Lens
+from pocketgs.pointcloud import PointCloud
+
+
+@dataclass(frozen=True)
+class FrameSource:
+    """One frame as its capture lists it.
+
+    Attributes:
+        name: the image's name inside the capture.
+        image_path: file to decode.
+        camera: intrinsics in pixels of an image of `camera.width` x `camera.height`, and the pose. The file may hold
+            the image at another size of the same shape; the intrinsics then scale with it.
+        lens: distortion that the image shows.
+        mask_path: image whose non-zero pixels are to be used, or None.
+        depth_path: depth map, or None.
+        depth_unit: length in the capture's units of one unit of an integer depth map.
+    """
+
+    name: str
+    image_path: Path
+    camera: Camera
+    lens: Lens = PINHOLE
+    mask_path: Path | None = None
+    depth_path: Path | None = None
+    depth_unit: float = 0.001
+
+
+@dataclass(frozen=True)
+class Listing:
+    """A capture as its reader found it.
+
+    Attributes:
+        format: the reader's name for the format.
+        frames: in capture order, names unique.
+        held_out: names of the frames that the data set itself sets apart for testing, or None if it has no split.
+        points: the capture's own cloud, or None.
+        background: what to composite images with alpha on when the caller names nothing else.
+        metric: whether lengths are metres.
+        warnings: what the user should know.
+    """
+
+    format: str
+    frames: list[FrameSource]
+    held_out: frozenset[str] | None = None
+    points: PointCloud | None = None
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    metric: bool = False
+    warnings: tuple[str, ...] = field(default=())

@@ -1,0 +1,156 @@
+"""Opening a capture: recognise its format, read it, split it, load its frames."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Protocol
+
+from pocketgs.capture import blender, colmap, llff, nerfstudio
+from pocketgs.capture.capture import Capture, Frame
+from pocketgs.capture.hold_out import choose_held_out
+from pocketgs.capture.listing import FrameSource, Listing
+from pocketgs.capture.loading import Preparation, load_frames
+from pocketgs.errors import PocketGSError
+
+
+class Reader(Protocol):
+    """What every reader module offers."""
+
+    FORMAT: str
+    LOOKED_FOR: str
+
+    def recognises(self, path: Path) -> bool:
+        """Whether a file or folder looks like this format."""
+
+    def read(self, path: Path, images: str | None = None) -> Listing:
+        """The capture's frames, not yet loaded."""
+
+
+# The first that recognises a folder reads it. A blender split says more than a single transforms.json, and COLMAP's
+# full calibration more than poses_bounds.npy, where a folder has both.
+READERS: tuple[Reader, ...] = (blender, nerfstudio, colmap, llff)
+
+
+def open_capture(
+    path: str | Path,
+    *,
+    images: str | None = None,
+    downscale: float = 1.0,
+    max_size: int | None = None,
+    background: tuple[float, float, float] | None = None,
+    undistort: bool = True,
+    hold_out_every: int = 8,
+) -> Capture:
+    """Read a capture of any known format into memory.
+
+    Example:
+        >>> capture = open_capture("fern", images="images_8")
+        >>> len(capture.train), len(capture.held_out)
+        (17, 3)
+
+    Args:
+        path: the capture's folder, or its transforms.json.
+        images: folder inside the capture to take the images from, for formats that keep several sizes.
+        downscale: shrink images by this factor, at least 1, averaging areas.
+        max_size: shrink images further where their longer side exceeds this many pixels.
+        background: RGB in [0, 1] to lay images with alpha on; None is the format's own: white for blender, else black.
+        undistort: undo lens distortion and crop to what the lens saw; otherwise treat images as pinhole ones.
+        hold_out_every: hold out every so many frames by name, unless the data set states its own split; 0 trains on
+            every frame in either case.
+
+    Raises:
+        PocketGSError: the capture or an option is not usable; the message names the file, what was found and what was
+            expected.
+    """
+    path = Path(path)
+    _check_options(downscale, max_size, background, hold_out_every)
+    listing = read_listing(path, images)
+    held_out_names, split = choose_held_out(listing, hold_out_every)
+    if all(frame.name in held_out_names for frame in listing.frames):
+        raise PocketGSError(f"{path}: all of its {len(listing.frames)} frames are held out, expected one to train on")
+    preparation = Preparation(background or listing.background, undistort, downscale, max_size)
+    frames = load_frames(listing.frames, preparation)
+    return Capture(
+        name=_name(path),
+        path=path,
+        format=listing.format,
+        train=[frame for frame in frames if frame.name not in held_out_names],
+        held_out=[frame for frame in frames if frame.name in held_out_names],
+        points=listing.points,
+        background=preparation.background,
+        metric=listing.metric,
+        protocol=", ".join([describe_images(listing.frames, frames, preparation), split]),
+        warnings=listing.warnings,
+    )
+
+
+def read_listing(path: Path, images: str | None = None) -> Listing:
+    """Recognise a capture's format and read its frames' files, cameras and lenses, decoding no image.
+
+    Raises:
+        PocketGSError: no format is recognised, the capture is malformed, or it has no frames.
+    """
+    try:
+        listing = _reader_for(path).read(path, images)
+    except OSError as error:  # such as a folder that may not be entered
+        raise PocketGSError(f"{path}: cannot be read ({error})") from error
+    names = [frame.name for frame in listing.frames]
+    if not names:
+        raise PocketGSError(f"{path}: lists no frame, expected at least one")
+    if len(set(names)) < len(names):
+        repeated = next(name for name in names if names.count(name) > 1)
+        raise PocketGSError(f"{path}: lists the image {repeated} more than once, expected each once")
+    return listing
+
+
+def _reader_for(path: Path) -> Reader:
+    if not path.exists():
+        raise PocketGSError(f"{path}: no such file or folder, expected a capture")
+    for reader in READERS:
+        if reader.recognises(path):
+            return reader
+    looked_for = "; ".join(f"{reader.FORMAT}: {reader.LOOKED_FOR}" for reader in READERS)
+    raise PocketGSError(f"{path}: no capture of a known format. Looked for {looked_for}")
+
+
+def describe_images(sources: list[FrameSource], frames: list[Frame], preparation: Preparation) -> str:
+    """How the images were prepared, in words."""
+    distorted = any(source.lens.distorts for source in sources)
+    sizes = {(frame.camera.width, frame.camera.height) for frame in frames}
+    width, height = max(sizes)
+    size = f"{width}x{height}" if len(sizes) == 1 else f"sizes up to {width}x{height}"
+    if preparation.downscale != 1 or preparation.max_size is not None:
+        size = f"downscaled to {size}"
+    if not distorted:
+        words = [size]
+    elif preparation.undistort:
+        words = ["undistorted", f"cropped to {size}" if size[0].isdigit() else f"cropped, {size}"]
+    else:
+        words = ["as published (distorted)", size]
+    if any(frame.alpha is not None for frame in frames):
+        words.append(f"on {_colour_name(preparation.background)}")
+    return ", ".join(words)
+
+
+def _colour_name(colour: tuple[float, float, float]) -> str:
+    names = {(0.0, 0.0, 0.0): "black", (1.0, 1.0, 1.0): "white"}
+    return names.get(colour, "RGB ({:g}, {:g}, {:g})".format(*colour))
+
+
+def _name(path: Path) -> str:
+    folder = path.resolve() if path.is_dir() else path.resolve().parent
+    return folder.name or "capture"
+
+
+def _check_options(
+    downscale: float, max_size: int | None, background: tuple[float, float, float] | None, hold_out_every: int
+) -> None:
+    if not math.isfinite(downscale) or downscale < 1:
+        raise PocketGSError(f"downscale {downscale}, expected a factor of at least 1")
+    if max_size is not None and max_size < 1:
+        raise PocketGSError(f"max_size {max_size}, expected at least 1 pixel")
+    if hold_out_every < 0 or hold_out_every == 1:
+        raise PocketGSError(f"hold_out_every {hold_out_every}, expected 0 (none) or at least 2")
+    if background is not None and (len(background) != 3 or not all(0 <= value <= 1 for value in background)):
+        raise PocketGSError(f"background {background}, expected three numbers from 0 to 1")

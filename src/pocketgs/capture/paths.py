@@ -1,0 +1,66 @@
+"""Files that a capture names: they must lie inside the capture's own folder."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from pocketgs.errors import PocketGSError
+
+IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp"})
+
+
+def inside(folder: Path, name: str, named_in: str) -> Path:
+    """The path of `name` inside `folder`, whether or not it exists.
+
+    A capture is often somebody else's download, so what its files name may not reach the rest of the disk.
+
+    Args:
+        folder: the capture's folder.
+        name: a relative path as the capture states it, with `/` between its parts.
+        named_in: where it is stated, for error messages.
+
+    Raises:
+        PocketGSError: the path is absolute or leaves the folder, by `..` or by a symbolic link.
+    """
+    try:
+        path = Path(os.path.normpath(folder / name))
+        stays = not Path(name).is_absolute() and path.resolve().is_relative_to(folder.resolve())
+    except (OSError, ValueError, RuntimeError) as error:
+        raise PocketGSError(f"{named_in}: names the file {name!r}, which is not a usable path ({error})") from error
+    if not stays:
+        raise PocketGSError(f"{named_in}: names the file {name!r}, which lies outside the capture's folder {folder}")
+    return path
+
+
+def existing_file(folder: Path, name: str, named_in: str, suffixes: tuple[str, ...] = ("",)) -> Path | None:
+    """The first of `name` + suffix that is a file inside `folder`, or None.
+
+    Raises:
+        PocketGSError: as `inside`.
+    """
+    for suffix in suffixes:
+        path = inside(folder, name + suffix, named_in)
+        try:
+            if path.is_file():
+                return path
+        except OSError as error:
+            raise PocketGSError(f"{named_in}: names the file {name!r}, which cannot be looked up ({error})") from error
+    return None
+
+
+def relative_name(path: Path, folder: Path) -> str:
+    """The frame name of an image file: its path inside the capture's folder, with `/` between its parts."""
+    return Path(os.path.relpath(path, folder)).as_posix()
+
+
+def list_images(folder: Path) -> list[Path]:
+    """The image files directly in a folder, sorted by name.
+
+    Raises:
+        PocketGSError: the folder does not exist.
+    """
+    if not folder.is_dir():
+        raise PocketGSError(f"{folder}: no such folder, expected one with images")
+    files = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file())
+    return sorted(files, key=lambda path: path.name)

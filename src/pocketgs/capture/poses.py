@@ -1,0 +1,74 @@
+"""Poses and cameras as captures state them, checked and brought into this project's convention."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pocketgs.camera import Camera
+from pocketgs.errors import PocketGSError
+
+ROTATION_TOLERANCE = 1e-2
+LARGEST_COORDINATE = 1e9
+LARGEST_SIDE = 100_000
+SMALLEST_FOCAL_LENGTH, LARGEST_INTRINSIC = 1e-2, 1e7
+
+
+def world_to_camera_of(rotation: np.ndarray, translation: np.ndarray, where: str) -> np.ndarray:
+    """(4, 4) world_to_camera from its rotation and translation.
+
+    Rotations that rounding has left slightly off are replaced by the nearest true one.
+
+    Args:
+        rotation: (3, 3), world to camera, OpenCV axes.
+        translation: (3,).
+        where: file and frame, for error messages.
+
+    Raises:
+        PocketGSError: a number is not finite, a coordinate is beyond reason, or the 3x3 block is no rotation.
+    """
+    if not (np.all(np.isfinite(rotation)) and np.all(np.abs(translation) < LARGEST_COORDINATE)):
+        raise PocketGSError(f"{where}: the pose holds NaN or coordinates beyond {LARGEST_COORDINATE:g}")
+    if np.abs(rotation).max() > 2 or np.abs(rotation @ rotation.T - np.eye(3)).max() > ROTATION_TOLERANCE:
+        raise PocketGSError(f"{where}: the pose is not rigid, expected a rotation without scale or shear")
+    if np.linalg.det(rotation) < 0:
+        raise PocketGSError(f"{where}: the pose mirrors the scene, expected a rotation with determinant +1")
+    left, _, right = np.linalg.svd(rotation)
+    pose = np.eye(4)
+    pose[:3, :3] = left @ right
+    pose[:3, 3] = translation
+    return pose
+
+
+def world_to_camera_from_axes(axes: np.ndarray, centre: np.ndarray, where: str) -> np.ndarray:
+    """(4, 4) world_to_camera of the camera at `centre` whose right, down and forward axes are the columns of `axes`.
+
+    Raises:
+        PocketGSError: as `world_to_camera_of`.
+    """
+    # A rotation's inverse is its transpose: check it first, then place the exact one.
+    rotation = world_to_camera_of(axes.T, centre, where)[:3, :3]
+    return world_to_camera_of(rotation, -rotation @ centre, where)
+
+
+def camera_at(
+    where: str, size: tuple[float, float], focal: tuple[float, float], centre: tuple[float, float], pose: np.ndarray
+) -> Camera:
+    """A camera from numbers that a file states.
+
+    Args:
+        where: file and frame, for error messages.
+        size: width and height in pixels.
+        focal: fx and fy in pixels.
+        centre: cx and cy in pixels, pixel centres at + 0.5.
+        pose: (4, 4) world_to_camera.
+
+    Raises:
+        PocketGSError: a number is not finite, not positive or beyond reason.
+    """
+    if not all(1 <= side <= LARGEST_SIDE for side in size):
+        raise PocketGSError(f"{where}: image size {size[0]:g}x{size[1]:g}, expected 1 to {LARGEST_SIDE} pixels a side")
+    if not all(SMALLEST_FOCAL_LENGTH <= value <= LARGEST_INTRINSIC for value in focal):
+        raise PocketGSError(f"{where}: focal lengths {focal[0]:g}, {focal[1]:g}, expected positive numbers of pixels")
+    if not all(abs(value) <= LARGEST_INTRINSIC for value in centre):
+        raise PocketGSError(f"{where}: principal point {centre[0]:g}, {centre[1]:g}, expected pixels of the image")
+    return Camera(round(size[0]), round(size[1]), *focal, *centre, world_to_camera=pose)

@@ -1,0 +1,115 @@
+"""The frames of a transforms JSON file, the format that nerfstudio, instant-ngp and NeRF's Blender scenes share."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from pocketgs.camera import Camera
+from pocketgs.capture.image_file import read_size
+from pocketgs.capture.json_fields import Fields
+from pocketgs.capture.lens import PINHOLE, Lens
+from pocketgs.capture.listing import FrameSource
+from pocketgs.capture.paths import existing_file, inside, relative_name
+from pocketgs.capture.poses import camera_at, world_to_camera_from_axes
+from pocketgs.errors import PocketGSError
+
+# Scenes rendered by Blender name their images without an extension.
+EXTENSIONS_TRIED = ("", ".png", ".jpg", ".jpeg")
+PERSPECTIVE_MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "PERSPECTIVE")
+FISHEYE_MODELS = ("OPENCV_FISHEYE",)
+DEFAULT_DEPTH_UNIT = 0.001
+
+
+def read_frames(document: Fields, folder: Path, images: str | None = None) -> list[FrameSource | None]:
+    """The frames in the order listed, None for those whose image file is absent.
+
+    Intrinsics may stand at the top or in a frame, which then prevails.
+
+    Args:
+        document: the whole file.
+        folder: what its paths are relative to, and may not leave.
+        images: folder to take the images from instead, by their last name.
+
+    Raises:
+        PocketGSError: a field is missing or malformed, or a path leaves the folder.
+    """
+    shared = Fields({name: value for name, value in document.values.items() if name != "frames"}, document.where)
+    return [_read_frame(frame.over(shared), folder, images) for frame in document.objects("frames")]
+
+
+def absent_warning(frames: list[FrameSource | None], document: Fields) -> tuple[str, ...]:
+    """One warning that counts the frames whose images are absent, or none."""
+    absent = [index for index, frame in enumerate(frames) if frame is None]
+    if not absent:
+        return ()
+    first = document.objects("frames")[absent[0]].text("file_path")
+    return (f"{document.where}: {len(absent)} of {len(frames)} listed frames have no image file, the first {first}",)
+
+
+def _read_frame(fields: Fields, folder: Path, images: str | None) -> FrameSource | None:
+    named = fields.text("file_path")
+    if images is not None:
+        named = f"{images}/{PurePosixPath(named).name}"
+    path = existing_file(folder, named, fields.where, EXTENSIONS_TRIED)
+    if path is None:
+        return None
+    mask, depth = fields.optional_text("mask_path"), fields.optional_text("depth_file_path")
+    unit = fields.optional_number("depth_unit_scale_factor")
+    return FrameSource(
+        name=relative_name(path, folder),
+        image_path=path,
+        camera=_read_camera(fields, path),
+        lens=_read_lens(fields),
+        mask_path=None if mask is None else inside(folder, mask, fields.where),
+        depth_path=None if depth is None else inside(folder, depth, fields.where),
+        depth_unit=DEFAULT_DEPTH_UNIT if unit is None else unit,
+    )
+
+
+def _read_camera(fields: Fields, image_path: Path) -> Camera:
+    width, height = fields.optional_number("w"), fields.optional_number("h")
+    if width is None or height is None:
+        width, height = read_size(image_path)
+    fx = _focal_length(fields, "fl_x", "camera_angle_x", width)
+    fy = _focal_length(fields, "fl_y", "camera_angle_y", height)
+    # Pixels are square unless the file says otherwise.
+    fx, fy = (fy if fx is None else fx), (fx if fy is None else fy)
+    if fx is None or fy is None:
+        raise PocketGSError(f"{fields.where}: no focal length, expected fl_x or camera_angle_x")
+    cx, cy = fields.optional_number("cx"), fields.optional_number("cy")
+    centre = (width / 2 if cx is None else cx, height / 2 if cy is None else cy)
+    return camera_at(fields.where, (width, height), (fx, fy), centre, _read_pose(fields))
+
+
+def _focal_length(fields: Fields, focal_name: str, angle_name: str, side: float) -> float | None:
+    """The focal length in pixels, stated or from the field of view across `side` pixels; None if neither is there."""
+    focal, angle = fields.optional_number(focal_name), fields.optional_number(angle_name)
+    if focal is not None or angle is None:
+        return focal
+    if not 0 < angle < math.pi:
+        raise PocketGSError(f"{fields.where}: field '{angle_name}' is {angle:g}, expected radians between 0 and pi")
+    return side / (2 * math.tan(angle / 2))
+
+
+def _read_pose(fields: Fields) -> np.ndarray:
+    """World to camera from `transform_matrix`: camera to world in OpenGL axes (x right, y up, z back)."""
+    matrix = fields.matrix("transform_matrix", columns=4)
+    last_row_fits = len(matrix) == 3 or (len(matrix) == 4 and np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-3))
+    if not last_row_fits:
+        raise PocketGSError(f"{fields.where}: field 'transform_matrix' is no 4x4 (or 3x4) matrix of a rigid transform")
+    axes = matrix[:3, :3] * np.array([1.0, -1.0, -1.0])
+    return world_to_camera_from_axes(axes, matrix[:3, 3], fields.where)
+
+
+def _read_lens(fields: Fields) -> Lens:
+    model = fields.optional_text("camera_model")
+    if model is not None and model not in PERSPECTIVE_MODELS + FISHEYE_MODELS:
+        known = ", ".join(PERSPECTIVE_MODELS + FISHEYE_MODELS)
+        raise PocketGSError(f"{fields.where}: field 'camera_model' is '{model}', expected one of {known}")
+    fisheye = model in FISHEYE_MODELS or fields.flag("is_fisheye")
+    names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+    lens = Lens("fisheye" if fisheye else "opencv", tuple(fields.optional_number(name) or 0.0 for name in names))
+    return lens if lens.distorts else PINHOLE

@@ -1,0 +1,178 @@
+"""The COLMAP reader and its two encodings."""
+
+from __future__ import annotations
+
+import contextlib
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from pocketgs.capture import colmap_binary, colmap_text, open_capture
+from pocketgs.capture.open import read_listing
+from pocketgs.errors import PocketGSError
+
+ENCODINGS = {"binary": (colmap_binary, "bin"), "text": (colmap_text, "txt")}
+READERS = {"cameras": "read_cameras", "images": "read_images", "points3D": "read_points"}
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize("place", ["", "sparse/0", "sparse", "colmap/sparse/0"])
+def test_reads_both_encodings_in_every_place(ring, colmap_files, tmp_path, assert_same_cameras, encoding, place):
+    ring.write_images(tmp_path / "images")
+    colmap_files.write(tmp_path / place, encoding)
+    (tmp_path / place / "rigs.bin").write_bytes(b"not looked at")
+    capture = open_capture(tmp_path)
+    assert capture.format == "colmap"
+    frames = sorted(capture.frames, key=lambda frame: frame.name)
+    assert_same_cameras([frame.camera for frame in frames], ring.cameras)
+    np.testing.assert_allclose(capture.points.positions, ring.positions, rtol=1e-6)
+    np.testing.assert_allclose(capture.points.colours, ring.colours / 255, rtol=1e-6)
+
+
+def test_names_may_hold_folders_and_spaces(ring, colmap_files, tmp_path):
+    colmap_files.write(tmp_path / "sparse/0", "text")
+    renamed = colmap_files.text["images"].replace("view_03.png", "left eye/view 3.png")
+    (tmp_path / "sparse/0/images.txt").write_text(renamed)
+    ring.write_images(tmp_path / "photos")
+    (tmp_path / "photos/left eye").mkdir()
+    (tmp_path / "photos/view_03.png").rename(tmp_path / "photos/left eye/view 3.png")
+    capture = open_capture(tmp_path, images="photos")
+    assert "photos/left eye/view 3.png" in [frame.name for frame in capture.frames]
+
+
+def test_preferred_over_llff_when_complete(ring, colmap_files, tmp_path):
+    ring.write_images(tmp_path / "images")
+    colmap_files.write(tmp_path / "sparse/0")
+    np.save(tmp_path / "poses_bounds.npy", ring.poses_bounds())
+    assert open_capture(tmp_path).format == "colmap"
+
+
+def test_absent_images(ring, colmap_files, tmp_path):
+    colmap_files.write(tmp_path / "sparse/0")
+    with pytest.raises(PocketGSError, match=r"images: no such folder"):
+        open_capture(tmp_path)
+    ring.write_images(tmp_path / "images")
+    (tmp_path / "images/view_04.png").unlink()
+    assert "1 of 10 registered images" in open_capture(tmp_path).warnings[0]
+    for name in ring.names:
+        (tmp_path / "images" / name).unlink(missing_ok=True)
+    with pytest.raises(PocketGSError, match="none of the 10 registered"):
+        open_capture(tmp_path)
+
+
+def test_renamed_copies_are_matched_in_sorted_order(ring, colmap_files, tmp_path):
+    colmap_files.write(tmp_path / "sparse/0")
+    ring.write_images(tmp_path / "images")
+    for number, name in enumerate(sorted(ring.names)):
+        (tmp_path / "images" / name).rename(tmp_path / f"images/image{number:03d}.png")
+    capture = open_capture(tmp_path)
+    assert "sorted order" in capture.warnings[0]
+    frame = next(frame for frame in capture.frames if frame.name == "images/image006.png")
+    np.testing.assert_allclose(frame.camera.world_to_camera, ring.cameras[6].world_to_camera, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("line", "model", "coefficients"),
+    [
+        ("SIMPLE_PINHOLE 16 12 20 8 6", "opencv", ()),
+        ("SIMPLE_RADIAL 16 12 20 8 6 0.1", "opencv", (0.1, 0, 0, 0, 0, 0, 0, 0)),
+        ("RADIAL 16 12 20 8 6 0.1 0.2", "opencv", (0.1, 0.2, 0, 0, 0, 0, 0, 0)),
+        ("OPENCV 16 12 20 20 8 6 0.1 0.2 0.3 0.4", "opencv", (0.1, 0.2, 0.3, 0.4, 0, 0, 0, 0)),
+        ("FULL_OPENCV 16 12 20 20 8 6 1 2 3 4 5 6 7 8", "opencv", (1, 2, 3, 4, 5, 6, 7, 8)),
+        ("OPENCV_FISHEYE 16 12 20 20 8 6 1 2 3 4", "fisheye", (1, 2, 3, 4)),
+        ("SIMPLE_RADIAL_FISHEYE 16 12 20 8 6 0.1", "fisheye", (0.1, 0, 0, 0)),
+        ("RADIAL_FISHEYE 16 12 20 8 6 0.1 0.2", "fisheye", (0.1, 0.2, 0, 0)),
+    ],
+)
+def test_camera_models(tmp_path, line, model, coefficients):
+    (tmp_path / "cameras.txt").write_text(f"3 {line}\n")
+    camera = colmap_text.read_cameras(tmp_path / "cameras.txt")[3]
+    assert (camera.width, camera.height, camera.focal, camera.centre) == (16, 12, (20, 20), (8, 6))
+    assert (camera.lens.model, camera.lens.coefficients) == (model, coefficients)
+
+
+@pytest.mark.parametrize(
+    ("part", "content", "said"),
+    [
+        ("cameras", "3 FOV 16 12 20 20 8 6 0.1", "camera model FOV"),
+        ("cameras", "3 PINHOLE 16 12 20", "4 parameters"),
+        ("cameras", "3 PINHOLE 16", "CAMERA_ID"),
+        ("cameras", "3 PINHOLE 16 12 20 nan 8 6", "finite"),
+        ("cameras", "3 PINHOLE -16 12 20 20 8 6", "image size"),
+        ("cameras", "3 PINHOLE 99999999999 12 20 20 8 6", "image size"),
+        ("cameras", "4 PINHOLE 16 12 20 20 8 6", "camera 3"),
+        ("cameras", b"\xff\xfe", "UTF-8"),
+        ("images", "1 1 0 0 0 nan 0 0 3 view_00.png\n\n", "NaN"),
+        ("images", "1 0 0 0 0 0 0 0 3 view_00.png\n\n", "quaternion"),
+        ("images", "1 1 0 0 0 0 0 0 3 ../view_00.png\n\n", "outside"),
+        ("images", "1 1 0 0 0 0 0 3 view_00.png\n\n", "IMAGE_ID|whole numbers"),
+        ("images", "1 1 0 0 0 0 0 0 3 view_00.png\n\n" * 2, "more than once"),
+        ("images", "# none\n", "registers no image"),
+        ("points3D", "1 0 0 nan 0 0 0 0", "NaN"),
+        ("points3D", "1 0 0 x 0 0 0 0", "expected numbers"),
+        ("points3D", "1 0 0", "POINT_ID"),
+    ],
+)
+def test_wrong_text(ring, colmap_files, tmp_path, part, content, said):
+    colmap_files.write(tmp_path, "text")
+    ring.write_images(tmp_path / "images")
+    (tmp_path / f"{part}.txt").write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(PocketGSError, match=said):
+        open_capture(tmp_path)
+
+
+@pytest.mark.parametrize("part", READERS)
+def test_binary_files_cut_at_every_length(colmap_files, tmp_path, part):
+    path, whole = tmp_path / f"{part}.bin", colmap_files.binary[part]
+    for length in range(len(whole)):
+        path.write_bytes(whole[:length])
+        with pytest.raises(PocketGSError, match=rf"{part}\.bin"):
+            getattr(colmap_binary, READERS[part])(path)
+
+
+@pytest.mark.parametrize("part", READERS)
+def test_huge_counts_are_refused(tmp_path, part):
+    path = tmp_path / f"{part}.bin"
+    path.write_bytes(struct.pack("<Q", 2**63) + bytes(200))
+    with pytest.raises(PocketGSError, match="more than its 208 bytes can hold"):
+        getattr(colmap_binary, READERS[part])(path)
+
+
+def test_unknown_binary_model(tmp_path):
+    (tmp_path / "cameras.bin").write_bytes(struct.pack("<QiiQQ5d", 1, 1, 7, 16, 12, 20, 20, 8, 6, 0.1))
+    with pytest.raises(PocketGSError, match="camera model number 7"):
+        colmap_binary.read_cameras(tmp_path / "cameras.bin")
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_damaged_models_never_crash(ring, colmap_files, tmp_path: Path, encoding, data):
+    colmap_files.write(tmp_path, encoding)
+    (tmp_path / "images").mkdir(exist_ok=True)
+    ring.write_images(tmp_path / "images")
+    part = data.draw(st.sampled_from(sorted(READERS)))
+    path = tmp_path / f"{part}.{ENCODINGS[encoding][1]}"
+    whole = path.read_bytes()
+    position = data.draw(st.integers(0, len(whole)))
+    inserted = data.draw(st.binary(max_size=16))
+    removed = data.draw(st.integers(0, 16))
+    path.write_bytes(whole[:position] + inserted + whole[position + removed :])
+    with contextlib.suppress(PocketGSError):
+        assert read_listing(tmp_path).frames
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize("part", READERS)
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(content=st.binary(max_size=200))
+def test_random_bytes_never_crash(tmp_path, encoding, part, content):
+    reader, suffix = ENCODINGS[encoding]
+    path = tmp_path / f"{part}.{suffix}"
+    path.write_bytes(content)
+    with contextlib.suppress(PocketGSError):
+        getattr(reader, READERS[part])(path)

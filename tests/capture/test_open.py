@@ -1,0 +1,83 @@
+"""Recognising formats, options, splits and the words of the protocol."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pocketgs.capture import open_capture
+from pocketgs.capture.hold_out import ordinal
+from pocketgs.errors import PocketGSError
+
+
+def test_unknown_format_lists_what_was_looked_for(tmp_path):
+    with pytest.raises(PocketGSError) as caught:
+        open_capture(tmp_path)
+    for looked_for in ("transforms_train.json", "transforms.json", "sparse/0", "poses_bounds.npy"):
+        assert looked_for in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["absent", "nul\0", "x" * 5000])
+def test_paths_that_lead_nowhere(tmp_path, name):
+    with pytest.raises(PocketGSError, match=r"no such file|cannot be read"):
+        open_capture(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"downscale": 0.5},
+        {"downscale": float("nan")},
+        {"max_size": 0},
+        {"hold_out_every": -1},
+        {"hold_out_every": 1},
+        {"background": (0, 0)},
+        {"background": (0, 0, 2)},
+        {"images": "../elsewhere"},
+        {"images": "absent"},
+    ],
+)
+def test_unusable_options(write_transforms, options):
+    with pytest.raises(PocketGSError):
+        open_capture(write_transforms(), **options)
+
+
+def test_every_nth_by_name_is_held_out(ring, write_transforms):
+    frames = ring.transforms()["frames"][::-1]
+    capture = open_capture(write_transforms(frames=frames), hold_out_every=3)
+    assert [frame.name[-6:-4] for frame in capture.held_out] == ["09", "06", "03", "00"]
+    assert [frame.name[-6:-4] for frame in capture.train] == ["08", "07", "05", "04", "02", "01"]
+    assert len(open_capture(capture.path, hold_out_every=0).train) == 10
+
+
+def test_something_must_be_left_to_train_on(ring, write_transforms):
+    with pytest.raises(PocketGSError, match="expected one to train on"):
+        open_capture(write_transforms(frames=ring.transforms()["frames"][:1]))
+
+
+def test_protocol_says_what_was_done(ring, write_transforms):
+    folder = write_transforms()
+    assert open_capture(folder).protocol == "16x12, held out every 8th by name"
+    write_transforms(k1=0.2)
+    assert open_capture(folder, undistort=False).protocol.startswith("as published (distorted), 16x12")
+    assert open_capture(folder).protocol == "undistorted, cropped to 14x10, held out every 8th by name"
+    assert "undistorted, cropped, downscaled to 7x5" in open_capture(folder, downscale=2).protocol
+    transparent = np.zeros((24, 32, 4), dtype=np.uint8)
+    write_transforms(k1=0.0)
+    Image.fromarray(transparent).save(folder / "images/view_00.png")
+    capture = open_capture(folder, background=(1, 0.5, 0), hold_out_every=0)
+    assert capture.protocol == "sizes up to 32x24, on RGB (1, 0.5, 0), nothing held out"
+    np.testing.assert_array_equal(capture.train[0].image[0, 0], [255, 128, 0])
+
+
+def test_ordinals():
+    assert [ordinal(n) for n in (2, 3, 8, 11, 21, 112)] == ["2nd", "3rd", "8th", "11th", "21st", "112th"]
+
+
+def test_importing_does_not_start_the_compiler():
+    program = "import sys, pocketgs.capture; sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

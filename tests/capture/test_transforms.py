@@ -1,0 +1,274 @@
+"""The readers of transforms JSON files: nerfstudio and Blender."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from PIL import Image
+from plyfile import PlyData, PlyElement
+
+from pocketgs.capture import open_capture
+from pocketgs.capture.lens import PINHOLE
+from pocketgs.capture.open import read_listing
+from pocketgs.errors import PocketGSError
+
+
+def test_reads_poses_and_intrinsics(ring, write_transforms, assert_same_cameras):
+    capture = open_capture(write_transforms())
+    assert capture.format == "nerfstudio"
+    assert [frame.name for frame in capture.held_out] == ["images/view_00.png", "images/view_08.png"]
+    frames = sorted(capture.frames, key=lambda frame: frame.name)
+    assert_same_cameras([frame.camera for frame in frames], ring.cameras)
+    for frame, image in zip(frames, ring.images, strict=True):
+        np.testing.assert_array_equal(frame.image, image)
+
+
+def test_the_file_itself_may_be_given(write_transforms):
+    folder = write_transforms()
+    assert len(open_capture(folder / "transforms.json").frames) == 10
+
+
+def test_a_frame_overrides_the_file(ring, write_transforms):
+    frames = ring.transforms()["frames"]
+    frames[3].update(fl_x=25.0, cx=7.0, camera_model="OPENCV_FISHEYE", k1=0.1)
+    listing = read_listing(write_transforms(frames=frames))
+    assert listing.frames[2].lens == PINHOLE
+    assert (listing.frames[3].camera.fx, listing.frames[3].camera.cx) == (25.0, 7.0)
+    assert listing.frames[3].lens.model == "fisheye"
+    assert listing.frames[3].lens.coefficients == (0.1, 0, 0, 0)
+
+
+def test_field_of_view_and_image_size_stand_in_for_intrinsics(ring, write_transforms):
+    angle = 2 * math.atan(8 / FOCAL_FROM_ANGLE)
+    nothing = dict.fromkeys(("fl_x", "fl_y", "cx", "cy", "w", "h"))
+    camera = read_listing(write_transforms(**nothing, camera_angle_x=angle)).frames[0].camera
+    assert (camera.width, camera.height, camera.cx, camera.cy) == (16, 12, 8, 6)
+    assert camera.fx == pytest.approx(FOCAL_FROM_ANGLE)
+    assert camera.fy == camera.fx
+
+
+FOCAL_FROM_ANGLE = 17.0
+
+
+def test_coefficients_are_put_in_opencv_order(write_transforms):
+    given_ones = {name: number for number, name in enumerate(("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"), 1)}
+    lens = read_listing(write_transforms(**given_ones)).frames[0].lens
+    assert lens.coefficients == (1, 2, 7, 8, 3, 4, 5, 6)
+
+
+def test_absent_images_are_counted_in_one_warning(write_transforms):
+    folder = write_transforms()
+    for name in ("view_02.png", "view_05.png"):
+        (folder / "images" / name).unlink()
+    capture = open_capture(folder)
+    assert len(capture.frames) == 8
+    (warning,) = capture.warnings
+    assert "2 of 10" in warning
+    assert "images/view_02.png" in warning
+
+
+def test_other_image_folder(ring, write_transforms):
+    folder = write_transforms()
+    (folder / "images_2").mkdir()
+    for name, image in zip(ring.names, ring.images, strict=True):
+        Image.fromarray(image[::2, ::2]).save(folder / "images_2" / name)
+    camera = open_capture(folder, images="images_2").train[0].camera
+    assert (camera.width, camera.height, camera.fx, camera.cx) == (8, 6, 10.0, 4.25)
+
+
+def test_masks_and_depths(ring, write_transforms):
+    frames = ring.transforms()["frames"]
+    folder = write_transforms()
+    mask = np.zeros((12, 16), dtype=np.uint8)
+    mask[:, 8:] = 255
+    Image.fromarray(mask).save(folder / "mask.png")
+    depth = np.full((6, 8), 1500, dtype=np.uint16)
+    depth[0] = 0
+    Image.fromarray(depth).save(folder / "depth.png")
+    np.save(folder / "depth.npy", np.full((12, 16), 2.0, dtype=np.float32))
+    frames[0].update(mask_path="mask.png", depth_file_path="depth.png")
+    frames[1].update(depth_file_path="depth.npy", depth_unit_scale_factor=1.0)
+    write_transforms(frames=frames)
+    first, second = sorted(open_capture(folder).frames, key=lambda frame: frame.name)[:2]
+    np.testing.assert_array_equal(first.mask, mask > 0)
+    np.testing.assert_allclose(first.depth[2:], 1.5)
+    np.testing.assert_array_equal(first.depth[:2], 0)
+    np.testing.assert_array_equal(second.depth, 2.0)
+
+
+def test_own_split(ring, write_transforms):
+    paths = [frame["file_path"] for frame in ring.transforms()["frames"]]
+    folder = write_transforms(train_filenames=paths[:6], val_filenames=paths[6:8], test_filenames=paths[8:])
+    capture = open_capture(folder)
+    assert [frame.name for frame in capture.held_out] == paths[8:]
+    assert [frame.name for frame in capture.train] == paths[:6]
+    assert capture.protocol.endswith("data set's own split")
+    write_transforms(train_filenames=paths[:6], val_filenames=paths[6:8])
+    assert [frame.name for frame in open_capture(folder).held_out] == paths[6:8]
+    assert len(open_capture(folder, hold_out_every=0).train) == 8
+    write_transforms(train_filenames=paths, test_filenames=paths[8:])
+    with pytest.raises(PocketGSError, match=r"both for training and held out"):
+        open_capture(folder)
+
+
+def test_cloud(ring, write_transforms):
+    folder = write_transforms(ply_file_path="cloud.ply")
+    assert "cloud.ply is absent" in open_capture(folder).warnings[0]
+    rows = [(*p, *c) for p, c in zip(ring.positions, ring.colours, strict=True)]
+    names = [("x", "f4"), ("y", "f4"), ("z", "f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]
+    PlyData([PlyElement.describe(np.array(rows, dtype=names), "vertex")]).write(folder / "cloud.ply")
+    points = open_capture(folder).points
+    np.testing.assert_allclose(points.positions, ring.positions, rtol=1e-6)
+    np.testing.assert_allclose(points.colours, ring.colours / 255, rtol=1e-6)
+    whole = (folder / "cloud.ply").read_bytes()
+    for length in range(0, len(whole), 7):
+        (folder / "cloud.ply").write_bytes(whole[:length])
+        with pytest.raises(PocketGSError, match=r"cloud\.ply"):
+            read_listing(folder)
+
+
+def blender_scene(ring, folder: Path) -> Path:
+    """The ring as a NeRF-Synthetic scene: first seven to train, last three to test."""
+    document = ring.transforms()
+    alpha = np.full((12, 16), 128, dtype=np.uint8)
+    for part, chosen in (("train", slice(0, 7)), ("test", slice(7, 10))):
+        (folder / part).mkdir()
+        frames = document["frames"][chosen]
+        for number, (frame, image) in enumerate(zip(frames, ring.images[chosen], strict=True)):
+            frame["file_path"] = f"./{part}/r_{number}"
+            Image.fromarray(np.dstack([image, alpha])).save(folder / part / f"r_{number}.png")
+        content = {"camera_angle_x": 2 * math.atan(8 / 20), "frames": frames}
+        (folder / f"transforms_{part}.json").write_text(json.dumps(content))
+    return folder
+
+
+def test_blender_scene(ring, tmp_path):
+    capture = open_capture(blender_scene(ring, tmp_path))
+    assert capture.format == "blender"
+    assert [frame.name for frame in capture.held_out] == ["test/r_0.png", "test/r_1.png", "test/r_2.png"]
+    assert len(capture.train) == 7
+    assert capture.protocol == "16x12, on white, data set's own split"
+    assert capture.train[0].camera.fx == pytest.approx(20)
+    expected = 255 + (ring.images[0] - 255.0) * (128 / 255)
+    assert np.abs(capture.train[0].image - expected).max() <= 0.5 + 1e-4
+    assert np.all(capture.train[0].alpha == 128)
+    with pytest.raises(PocketGSError, match="images="):
+        open_capture(tmp_path, images="train")
+
+
+def test_blender_without_test_split(ring, tmp_path):
+    blender_scene(ring, tmp_path)
+    (tmp_path / "transforms_test.json").unlink()
+    assert "every 8th" in open_capture(tmp_path).protocol
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [
+        ("frames", [], "no frame"),
+        ("frames", {"0": {}}, "expected a list of objects"),
+        ("frames", [1], "expected a list of objects"),
+        ("frames", None, "expected a list of objects"),
+        ("fl_x", "20", "fl_x"),
+        ("fl_x", -1.0, "focal lengths"),
+        ("fl_x", 10**400, "fl_x"),
+        ("w", -16, "image size"),
+        ("w", 1e12, "image size"),
+        ("cx", float("nan"), "cx"),
+        ("cx", 1e300, "principal point"),
+        ("camera_model", "EQUIRECTANGULAR", "expected one of PINHOLE"),
+        ("camera_angle_x", 4.0, "radians"),
+        ("ply_file_path", "../cloud.ply", "outside"),
+        ("test_filenames", "images/view_00.png", "list of texts"),
+        ("k1", [0.1], "k1"),
+        ("is_fisheye", "yes", "true or false"),
+    ],
+)
+def test_wrong_fields_are_named(write_transforms, field, value, said):
+    nothing = {"fl_x": None} if field == "camera_angle_x" else {}
+    with pytest.raises(PocketGSError, match=said) as caught:
+        open_capture(write_transforms(**nothing, **{field: value}))
+    assert "transforms.json" in str(caught.value) or "frame" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [
+        ("file_path", "../outside.png", "outside"),
+        ("file_path", "/etc/hostname", "outside"),
+        ("file_path", "images/\0.png", "not a usable path"),
+        ("file_path", "x" * 5000, "cannot be looked up|not a usable path"),
+        ("file_path", 3, "expected text"),
+        ("file_path", "images/view_02.png", "more than once"),
+        ("mask_path", "../mask.png", "outside"),
+        ("mask_path", "absent.png", "no such file"),
+        ("depth_file_path", "images", "no such file|cannot be"),
+        ("transform_matrix", [[float("nan")] * 4] * 4, "transform_matrix"),
+        ("transform_matrix", [[1, 2], [3, 4]], "transform_matrix"),
+        ("transform_matrix", np.diag([2.0, 2, 2, 1]).tolist(), "not rigid"),
+        ("transform_matrix", np.diag([1.0, 1, -1, 1]).tolist(), "mirrors"),
+        ("transform_matrix", np.eye(4)[:2].tolist(), "transform_matrix"),
+        ("transform_matrix", [*np.eye(4)[:3].tolist(), [0, 0, 0, 2]], "transform_matrix"),
+        ("transform_matrix", [*np.eye(3, 4).tolist()[:2], [0, 0, 1, 1e200]], "coordinates"),
+    ],
+)
+def test_wrong_frames_are_named(ring, write_transforms, field, value, said):
+    frames = ring.transforms()["frames"]
+    frames[1][field] = value
+    with pytest.raises(PocketGSError, match=said):
+        open_capture(write_transforms(frames=frames))
+
+
+def test_nearly_rigid_poses_are_made_rigid(ring, write_transforms):
+    frames = ring.transforms()["frames"]
+    frames[1]["transform_matrix"][0][0] += 5e-4
+    rotation = read_listing(write_transforms(frames=frames)).frames[1].camera.world_to_camera[:3, :3]
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"{", b"[]", b"\xff\xfe{}", b"3", b"[" * 100_000, b'{"frames": 1' + b"0" * 5000]
+)
+def test_broken_json(tmp_path, content):
+    (tmp_path / "transforms.json").write_bytes(content)
+    with pytest.raises(PocketGSError, match=r"transforms\.json"):
+        open_capture(tmp_path)
+
+
+def test_symbolic_links_may_not_leave(write_transforms, tmp_path_factory):
+    folder = write_transforms()
+    elsewhere = tmp_path_factory.mktemp("elsewhere") / "photo.png"
+    elsewhere.write_bytes((folder / "images/view_01.png").read_bytes())
+    (folder / "images/view_01.png").unlink()
+    (folder / "images/view_01.png").symlink_to(elsewhere)
+    with pytest.raises(PocketGSError, match="outside"):
+        open_capture(folder)
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda children: st.lists(children, max_size=4) | st.dictionaries(st.text(max_size=4), children, max_size=3),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_mutated_documents_never_crash(ring, write_transforms, data):
+    document: dict[str, Any] = ring.transforms()
+    document["k1"], document["test_filenames"], document["ply_file_path"] = 0.01, ["images/view_00.png"], "a.ply"
+    document["frames"][0].update(w=16, h=12, mask_path="m.png", depth_file_path="d.png", depth_unit_scale_factor=1)
+    target = data.draw(st.sampled_from([document, document["frames"][0], document["frames"][-1]]))
+    target[data.draw(st.sampled_from(sorted(target)))] = data.draw(json_values)
+    try:
+        listing = read_listing(write_transforms(**document))
+    except PocketGSError:
+        return
+    assert listing.frames
