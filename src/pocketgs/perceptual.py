@@ -1,0 +1,67 @@
+"""LPIPS, the perceptual distance, through the optional extra `pocketgs[lpips]`.
+
+It needs PyTorch and, the first time, a download of the backbone network's weights. Having neither is a normal state
+of affairs, which is reported and never an error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+NETWORK = "vgg"
+SMALLEST_SIDE = 16
+
+
+@dataclass(frozen=True)
+class Lpips:
+    """LPIPS (Zhang et al., 2018) with the VGG network, as results on Gaussian splatting are published.
+
+    Attributes:
+        model: an `lpips.LPIPS`.
+    """
+
+    model: Any
+
+    @staticmethod
+    def load() -> tuple[Lpips | None, str]:
+        """Load the network.
+
+        Returns:
+            The metric or None, and a note that says which metric this is or why there is none.
+        """
+        try:
+            lpips = import_module("lpips")
+            model = lpips.LPIPS(net=NETWORK, verbose=False)
+        except ModuleNotFoundError as error:
+            return None, f"LPIPS not computed: {error}; pip install 'pocketgs[lpips]' adds it"
+        # A PyTorch that does not fit, a download or a cache fail each in their own way: none is worth losing PSNR over.
+        except Exception as error:
+            return None, f"LPIPS not computed: the {NETWORK} network could not be loaded ({error})"
+        return Lpips(model.eval()), f"LPIPS version {model.version} with the {NETWORK} network"
+
+    def distance(self, rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None) -> float | None:
+        """LPIPS of two images, 0 for identical ones.
+
+        Args:
+            rendered: (H, W, 3) float RGB in [0, 1].
+            photo: (H, W, 3) float RGB in [0, 1].
+            mask: (H, W) bool; pixels outside it are made the photo's in both images. None for none.
+
+        Returns:
+            The distance, or None where a side is shorter than the 16 pixels that the network needs.
+        """
+        if min(photo.shape[:2]) < SMALLEST_SIDE:
+            return None
+        if mask is not None:
+            rendered = np.where(mask[:, :, None], rendered, photo)
+        torch = import_module("torch")
+        with torch.no_grad():
+            first, second = (
+                torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)[None], dtype=np.float32))
+                for image in (rendered, photo)
+            )
+            return float(self.model(first, second, normalize=True))

@@ -1,0 +1,74 @@
+"""Writing rendered frames as an .mp4 file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from pocketgs.errors import PocketGSError
+
+
+def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float = 30.0) -> None:
+    """Encode frames as MPEG-4 video with OpenCV, one at a time.
+
+    The file appears under its name only when it is whole: until then it is written beside it.
+
+    Args:
+        path: where to write, ending in .mp4.
+        frames: (H, W, 3) uint8 RGB, all of one size. An odd row or column at the bottom or right is cut off, as the
+            codec needs even sizes.
+        fps: frames per second.
+
+    Raises:
+        PocketGSError: the path does not end in .mp4 or cannot be written, there are no frames, or one is not an RGB
+            image of the first one's size.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".mp4":
+        raise PocketGSError(f"{path}: a video's name ends in .mp4, found {path.suffix or 'no suffix'}")
+    if not path.parent.is_dir():
+        raise PocketGSError(f"{path}: there is no folder {path.parent}")
+    partial = path.with_name(f".{path.stem}.partial.mp4")
+    try:
+        _encode(partial, frames, fps, path)
+        os.replace(partial, path)
+    except OSError as error:
+        raise PocketGSError(f"{path}: cannot write the video ({error.strerror})") from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _encode(partial: Path, frames: Iterable[np.ndarray], fps: float, path: Path) -> None:
+    """Write to `partial`; errors name `path`."""
+    writer: cv2.VideoWriter | None = None
+    size = (0, 0)
+    try:
+        for number, frame in enumerate(frames):
+            if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8 or min(frame.shape[:2]) < 2:
+                found = f"{frame.dtype} of shape {frame.shape}"
+                raise PocketGSError(f"{path}: frame {number} is {found}, expected uint8 of shape (H, W, 3)")
+            frame_size = (frame.shape[1] // 2 * 2, frame.shape[0] // 2 * 2)
+            if writer is None:
+                size = frame_size
+                writer = _open(partial, fps, size, path)
+            if frame_size != size:
+                raise PocketGSError(f"{path}: frame {number} has size {frame_size}, expected {size} like the first")
+            writer.write(cv2.cvtColor(frame[: size[1], : size[0]], cv2.COLOR_RGB2BGR))
+    finally:
+        if writer is not None:
+            writer.release()
+    if writer is None:
+        raise PocketGSError(f"{path}: no frames to write, expected at least one")
+
+
+def _open(partial: Path, fps: float, size: tuple[int, int], path: Path) -> cv2.VideoWriter:
+    if not fps > 0:
+        raise PocketGSError(f"{path}: {fps} frames per second, expected a positive number")
+    writer = cv2.VideoWriter(str(partial), cv2.VideoWriter.fourcc(*"mp4v"), fps, size)
+    if not writer.isOpened():
+        raise PocketGSError(f"{path}: OpenCV cannot write MPEG-4 video of {size[0]}x{size[1]} pixels there")
+    return writer
