@@ -84,7 +84,9 @@ class Gaussians:
 
     def select(self, keep: np.ndarray) -> Gaussians:
         """The Gaussians that a boolean mask or an index array names."""
-        return Gaussians(*(getattr(self, name)[keep] for name in PARAMETERS))
+        return Gaussians(
+            self.means[keep], self.log_scales[keep], self.quaternions[keep], self.opacity_logits[keep], self.sh[keep]
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the scene atomically as a reference 3DGS `.ply`."""
@@ -109,4 +111,10 @@ PARAMETERS = tuple(field.name for field in fields(Gaussians) if field.name != "r
 
 def concatenate(parts: list[Gaussians]) -> Gaussians:
     """All Gaussians of several scenes in one; all must have the same degree of spherical harmonics."""
-    return Gaussians(*(np.concatenate([getattr(part, name) for part in parts]) for name in PARAMETERS))
+    return Gaussians(
+        np.concatenate([part.means for part in parts]),
+        np.concatenate([part.log_scales for part in parts]),
+        np.concatenate([part.quaternions for part in parts]),
+        np.concatenate([part.opacity_logits for part in parts]),
+        np.concatenate([part.sh for part in parts]),
+    )

@@ -1,0 +1,32 @@
+"""Numbers of the image formation that every engine shares."""
+
+NEAR = 0.01
+"""Gaussians whose centre is nearer to the camera's plane than this, in scene units, are not drawn."""
+
+LOW_PASS = 0.3
+"""Added to both variances of a projected Gaussian, in pixels², so that none falls between pixels (3DGS, section 4)."""
+
+LEAST_DETERMINANT = 1e-6
+"""A projected Gaussian whose covariance has a determinant under this times the product of its variances is a needle
+thinner than float32 can hold, and is not drawn."""
+
+FRUSTUM_MARGIN = 0.15
+"""Fraction of the image by which x/z and y/z may leave the image before the projection's Jacobian clamps them."""
+
+BRIGHTEST = 1e4
+"""A Gaussian with a channel brighter than this has diverged and is not drawn, lest it poison its neighbours."""
+
+ALPHA_MIN = 1.0 / 255.0
+"""Contributions more transparent than this are skipped."""
+
+ALPHA_MAX = 0.99
+"""No single contribution is more opaque than this, so that what lies behind keeps a gradient."""
+
+TRANSMITTANCE_MIN = 1e-4
+"""A pixel whose transmittance has fallen below this takes no more contributions."""
+
+SSIM_WINDOW = 11
+SSIM_SIGMA = 1.5
+SSIM_C1 = 0.01**2
+SSIM_C2 = 0.03**2
+"""Window and stabilising constants of SSIM for colours in [0, 1] (Wang et al. 2004, section III-B)."""

@@ -1,0 +1,182 @@
+"""Project Gaussians into a camera's image, and gradients back to the Gaussians."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pocketgs.camera import Camera
+from pocketgs.splat.constants import ALPHA_MIN, BRIGHTEST, FRUSTUM_MARGIN, LEAST_DETERMINANT, LOW_PASS, NEAR
+from pocketgs.splat.reference.scene import Scene, SceneGradient
+from pocketgs.splat.reference.spherical_harmonics import basis, basis_gradient
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Gaussians as the image sees them, in canonical order.
+
+    Attributes:
+        means: (N, 2) centres in pixels.
+        conics: (N, 2, 2) inverse covariances in 1/pixels².
+        opacities: (N,) in (0, 1).
+        colours: (N, 3) RGB.
+        depths: (N,) along the optical axis.
+        visible: (N,) whether the Gaussian is drawn.
+    """
+
+    means: np.ndarray
+    conics: np.ndarray
+    opacities: np.ndarray
+    colours: np.ndarray
+    depths: np.ndarray
+    visible: np.ndarray
+
+
+@dataclass(frozen=True)
+class ProjectionGradient:
+    """Gradient of the loss with respect to a `Projection`'s arrays, of the same shapes; `conics` symmetric."""
+
+    means: np.ndarray
+    conics: np.ndarray
+    opacities: np.ndarray
+    colours: np.ndarray
+
+
+def rotation_matrices(quaternions: np.ndarray) -> np.ndarray:
+    """(N, 3, 3) rotations of (N, 4) quaternions w, x, y, z, normalised here."""
+    w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def _slope_limits(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest x/z and y/z at which the Jacobian is evaluated, as in gsplat: the image and a margin."""
+    size = np.array([camera.width, camera.height])
+    focal, centre = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
+    return -(centre + FRUSTUM_MARGIN * size) / focal, (size - centre + FRUSTUM_MARGIN * size) / focal
+
+
+def _jacobian(local: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 2, 3) derivative of the projection at camera-space points (EWA splatting, Zwicker et al. 2002, section 6).
+
+    Far outside the image the linearisation explodes, so the slopes are clamped; also returns (N, 2) whether they were.
+    """
+    low, high = _slope_limits(camera)
+    slopes = local[:, :2] / local[:, 2:]
+    clamped = np.clip(slopes, low, high)
+    jacobian = np.zeros((len(local), 2, 3))
+    for axis, focal in enumerate((camera.fx, camera.fy)):
+        jacobian[:, axis, axis] = focal / local[:, 2]
+        jacobian[:, axis, 2] = -focal * clamped[:, axis] / local[:, 2]
+    return jacobian, clamped != slopes
+
+
+def project(scene: Scene, camera: Camera) -> Projection:
+    """Project every Gaussian: Σ' = J W Σ Wᵀ Jᵀ + 0.3 I (3DGS, equation 5).
+
+    Gaussians behind the camera's near plane, with an opacity under 1/255, with parameters that are not finite, thinner
+    than float32 can hold, or whose bounds at that opacity hold no pixel centre, are not visible.
+    """
+    with np.errstate(all="ignore"):
+        rotation, translation = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
+        local = scene.means @ rotation.T + translation
+        axes = rotation_matrices(scene.quaternions) * np.exp(scene.log_scales)[:, None, :]
+        jacobian, _ = _jacobian(local, camera)
+        footprint = jacobian @ rotation @ axes
+        covariances = footprint @ np.swapaxes(footprint, 1, 2) + LOW_PASS * np.eye(2)
+        opacities = 1.0 / (1.0 + np.exp(-scene.opacity_logits))
+        # Where α falls to 1/255: dᵀ Σ'⁻¹ d = 2 ln(255 o).
+        reach = np.sqrt(np.maximum(2.0 * np.log(opacities / ALPHA_MIN), 0.0))
+        radii = reach[:, None] * np.sqrt(np.stack([covariances[:, 0, 0], covariances[:, 1, 1]], axis=1))
+        focal, centre = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
+        means = local[:, :2] / local[:, 2:] * focal + centre
+        size = np.array([camera.width, camera.height])
+        first, last = np.ceil(means - radii - 0.5), np.floor(means + radii - 0.5)
+        on_screen = np.all((np.maximum(first, 0) <= np.minimum(last, size - 1)), axis=1)
+        directions, _ = _directions(scene, camera)
+        colours = np.einsum("nk,nkc->nc", basis(directions, scene.sh.shape[1]), scene.sh) + 0.5
+        finite = np.all(np.isfinite(np.concatenate([means, radii], axis=1)), axis=1)
+        sound_colour = np.all(np.abs(colours) < BRIGHTEST, axis=1)
+        sound_shape = np.linalg.det(covariances) > LEAST_DETERMINANT * covariances[:, 0, 0] * covariances[:, 1, 1]
+        visible = finite & sound_shape & sound_colour & on_screen & (local[:, 2] >= NEAR) & (opacities >= ALPHA_MIN)
+        covariances[~visible] = np.eye(2)
+    return Projection(means, np.linalg.inv(covariances), opacities, np.maximum(colours, 0.0), local[:, 2], visible)
+
+
+def _directions(scene: Scene, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 3) unit vectors from the camera to the Gaussians and (N, 1) their distances."""
+    offsets = scene.means - camera.centre
+    distances = np.linalg.norm(offsets, axis=1, keepdims=True)
+    return offsets / distances, distances
+
+
+def project_backward(
+    scene: Scene, camera: Camera, projection: Projection, gradient: ProjectionGradient
+) -> SceneGradient:
+    """Gradient of the loss with respect to the scene; zero for Gaussians that are not visible."""
+    seen = np.flatnonzero(projection.visible)
+    part = scene.select(seen)
+    rotation = camera.world_to_camera[:3, :3]
+    local = part.means @ rotation.T + camera.world_to_camera[:3, 3]
+    jacobian, clamped = _jacobian(local, camera)
+
+    # Σ' = (Q)⁻¹, so ∂L/∂Σ' = -Q ∂L/∂Q Q.
+    conics = projection.conics[seen]
+    d_covariance = -conics @ gradient.conics[seen] @ conics
+    orientation, scales = rotation_matrices(part.quaternions), np.exp(part.log_scales)
+    axes = orientation * scales[:, None, :]
+    view = jacobian @ rotation
+    footprint = view @ axes
+    d_footprint = 2.0 * d_covariance @ footprint
+    d_axes = np.swapaxes(view, 1, 2) @ d_footprint
+    d_log_scales = np.sum(orientation * d_axes, axis=1) * scales
+    # q ← q ⊗ exp(½δ) turns R into R exp([δ]×): the gradient is the skew part of Rᵀ ∂L/∂R.
+    skew = np.swapaxes(orientation, 1, 2) @ (d_axes * scales[:, None, :])
+    d_rotations = np.stack(
+        [skew[:, 2, 1] - skew[:, 1, 2], skew[:, 0, 2] - skew[:, 2, 0], skew[:, 1, 0] - skew[:, 0, 1]], axis=1
+    )
+
+    d_jacobian = d_footprint @ np.swapaxes(rotation @ axes, 1, 2)
+    d_local = _jacobian_backward(jacobian, clamped, local, d_jacobian)
+    d_local += np.einsum("na,nai->ni", gradient.means[seen], _true_jacobian(local, camera))
+    d_means = d_local @ rotation
+
+    directions, distances = _directions(part, camera)
+    lit = np.einsum("nk,nkc->nc", basis(directions, part.sh.shape[1]), part.sh) + 0.5 > 0.0
+    d_colours = gradient.colours[seen] * lit
+    d_sh = basis(directions, part.sh.shape[1])[:, :, None] * d_colours[:, None, :]
+    d_directions = np.einsum("nki,nkc,nc->ni", basis_gradient(directions, part.sh.shape[1]), part.sh, d_colours)
+    # A unit vector's derivative keeps only what is across it.
+    d_means += (d_directions - directions * np.sum(directions * d_directions, axis=1, keepdims=True)) / distances
+    opacities = projection.opacities[seen]
+    d_logits = gradient.opacities[seen] * opacities * (1.0 - opacities)
+    return SceneGradient.scatter(len(scene.means), seen, d_means, d_log_scales, d_rotations, d_logits, d_sh)
+
+
+def _true_jacobian(local: np.ndarray, camera: Camera) -> np.ndarray:
+    """(N, 2, 3) derivative of the projected centre, without the clamping of `_jacobian`."""
+    jacobian = np.zeros((len(local), 2, 3))
+    for axis, focal in enumerate((camera.fx, camera.fy)):
+        jacobian[:, axis, axis] = focal / local[:, 2]
+        jacobian[:, axis, 2] = -focal * local[:, axis] / local[:, 2] ** 2
+    return jacobian
+
+
+def _jacobian_backward(
+    jacobian: np.ndarray, clamped: np.ndarray, local: np.ndarray, d_jacobian: np.ndarray
+) -> np.ndarray:
+    """(N, 3) gradient with respect to the camera-space points that `_jacobian` was evaluated at."""
+    depth = local[:, 2]
+    d_local = np.zeros_like(local)
+    for axis in (0, 1):
+        diagonal, slope = jacobian[:, axis, axis], jacobian[:, axis, 2]
+        d_diagonal, d_slope = d_jacobian[:, axis, axis], d_jacobian[:, axis, 2]
+        # diagonal = f/z and slope = -f x/z², or -f · limit/z where clamped.
+        d_local[:, axis] += np.where(clamped[:, axis], 0.0, -diagonal / depth * d_slope)
+        d_local[:, 2] -= (diagonal * d_diagonal + np.where(clamped[:, axis], 1.0, 2.0) * slope * d_slope) / depth
+    return d_local

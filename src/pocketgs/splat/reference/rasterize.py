@@ -1,0 +1,108 @@
+"""Composite projected Gaussians front to back, and the gradient by replaying the same order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from pocketgs.camera import Camera
+from pocketgs.splat.constants import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN
+from pocketgs.splat.reference.project import Projection, ProjectionGradient
+
+
+@dataclass(frozen=True)
+class Raster:
+    """An image of the scene.
+
+    Attributes:
+        image: (H, W, 3) RGB over the background.
+        transmittance: (H, W) what of the background shows through; alpha is 1 - transmittance.
+        depth: (H, W) Σ α_i T_i z_i; divided by alpha it is the expected depth.
+    """
+
+    image: np.ndarray
+    transmittance: np.ndarray
+    depth: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Contribution:
+    """One splat on the whole image: offsets (H, W, 2), the Gaussian's value and α, both (H, W)."""
+
+    index: int
+    offsets: np.ndarray
+    falloff: np.ndarray
+    alpha: np.ndarray
+
+
+def _front_to_back(projection: Projection, camera: Camera) -> Iterator[_Contribution]:
+    """Every visible splat in order of depth, with α_i = min(0.99, o_i exp(-½ dᵀ Σ'⁻¹ d)), 0 where under 1/255."""
+    columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
+    pixels = np.stack([columns, rows], axis=-1)
+    order = np.argsort(projection.depths, kind="stable")
+    for index in order[projection.visible[order]]:
+        offsets = pixels - projection.means[index]
+        exponent = -0.5 * np.einsum("hwi,ij,hwj->hw", offsets, projection.conics[index], offsets)
+        falloff = np.exp(exponent)
+        alpha = np.minimum(ALPHA_MAX, projection.opacities[index] * falloff)
+        yield _Contribution(index, offsets, falloff, np.where(alpha >= ALPHA_MIN, alpha, 0.0))
+
+
+def rasterize(projection: Projection, camera: Camera, background: np.ndarray) -> Raster:
+    """C = Σ c_i α_i T_i + T·background with T_i = Π_{j<i} (1 - α_j) (3DGS, equation 3).
+
+    Args:
+        projection: from `project`.
+        camera: gives the image's size.
+        background: (3,) RGB.
+    """
+    shape = (camera.height, camera.width)
+    image, depth, transmittance = np.zeros((*shape, 3)), np.zeros(shape), np.ones(shape)
+    for contribution in _front_to_back(projection, camera):
+        alpha = np.where(transmittance >= TRANSMITTANCE_MIN, contribution.alpha, 0.0)
+        weight = alpha * transmittance
+        image += weight[..., None] * projection.colours[contribution.index]
+        depth += weight * projection.depths[contribution.index]
+        transmittance = transmittance - weight
+    return Raster(image + transmittance[..., None] * background, transmittance, depth)
+
+
+def rasterize_backward(
+    projection: Projection, camera: Camera, raster: Raster, d_image: np.ndarray
+) -> ProjectionGradient:
+    """Gradient of the loss with respect to the projected Gaussians.
+
+    With C_in the colour composited behind a splat, C_out = C_in (1 - α) + α c gives ∂L/∂α = T ∂L/∂C · (c - C_in)
+    (PocketGS, section 4.1). What lies behind is the final colour less what the replay has added so far, divided by
+    the transmittance behind the splat, so nothing but the final colour need be kept.
+
+    Args:
+        projection: as in the forward pass.
+        camera: as in the forward pass.
+        raster: the forward pass's result.
+        d_image: (H, W, 3) gradient with respect to `raster.image`.
+    """
+    count = len(projection.means)
+    gradient = ProjectionGradient(np.zeros((count, 2)), np.zeros((count, 2, 2)), np.zeros(count), np.zeros((count, 3)))
+    transmittance = np.ones(d_image.shape[:2])
+    behind = raster.image.copy()
+    for contribution in _front_to_back(projection, camera):
+        index = contribution.index
+        colour, conic = projection.colours[index], projection.conics[index]
+        alpha = np.where(transmittance >= TRANSMITTANCE_MIN, contribution.alpha, 0.0)
+        weight = alpha * transmittance
+        behind -= weight[..., None] * colour
+        d_alpha = np.sum(d_image * (transmittance[..., None] * colour - behind / (1.0 - alpha)[..., None]), axis=-1)
+        transmittance = transmittance - weight
+        # α is flat where it is clamped or skipped.
+        d_alpha = np.where((alpha > 0.0) & (alpha < ALPHA_MAX), d_alpha, 0.0)
+        d_exponent = d_alpha * alpha
+        gradient.colours[index] = np.einsum("hw,hwc->c", weight, d_image)
+        gradient.opacities[index] = np.sum(d_alpha * contribution.falloff)
+        gradient.means[index] = conic @ np.einsum("hw,hwi->i", d_exponent, contribution.offsets)
+        gradient.conics[index] = -0.5 * np.einsum(
+            "hw,hwi,hwj->ij", d_exponent, contribution.offsets, contribution.offsets
+        )
+    return gradient

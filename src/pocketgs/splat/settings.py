@@ -1,0 +1,74 @@
+"""What a training step needs to know besides the scene and the view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class LearningRates:
+    """Adam's step sizes by parameter group.
+
+    Attributes:
+        means: scene units.
+        log_scales: natural logarithm of length.
+        rotations: radians in the Gaussian's tangent space.
+        opacity_logits: logit.
+        sh_dc, sh_rest: spherical-harmonics coefficients of degree 0, and above.
+    """
+
+    means: float
+    log_scales: float
+    rotations: float
+    opacity_logits: float
+    sh_dc: float
+    sh_rest: float
+
+    def scaled(self, factor: float) -> LearningRates:
+        """All rates times `factor`."""
+        return LearningRates(
+            self.means * factor,
+            self.log_scales * factor,
+            self.rotations * factor,
+            self.opacity_logits * factor,
+            self.sh_dc * factor,
+            self.sh_rest * factor,
+        )
+
+
+@dataclass(frozen=True)
+class LossSettings:
+    """The training loss.
+
+    Attributes:
+        photometric: "l2", the mean squared error (PocketGS), or "l1-dssim",
+            (1 - dssim_weight) · mean|x - y| + dssim_weight · (1 - SSIM) (3DGS, equation 7).
+        dssim_weight: share of the structural term.
+        scale_weight: weight of the mean over Gaussians of ‖log s‖².
+        opacity_weight: weight of the mean over Gaussians of the opacity.
+    """
+
+    photometric: Literal["l2", "l1-dssim"] = "l1-dssim"
+    dssim_weight: float = 0.2
+    scale_weight: float = 0.0
+    opacity_weight: float = 0.0
+
+
+@dataclass(frozen=True)
+class AdamSettings:
+    """Decay rates and the guard against division by zero (Kingma and Ba 2015, algorithm 1)."""
+
+    beta1: float = 0.9
+    beta2: float = 0.999
+    epsilon: float = 1e-15
+
+
+@dataclass(frozen=True)
+class StepSettings:
+    """One training step: the rates of this iteration, the loss, and the background behind the scene (RGB in [0, 1])."""
+
+    rates: LearningRates
+    loss: LossSettings = field(default_factory=LossSettings)
+    adam: AdamSettings = field(default_factory=AdamSettings)
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
