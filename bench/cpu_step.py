@@ -1,0 +1,194 @@
+"""One training step of the CPU engine: time by stage, splat-pixel pairs per second, memory.
+
+    python bench/cpu_step.py                             # random scenes of several sizes
+    python bench/cpu_step.py ../data/fern --images images_8     # a capture, after 100 iterations
+
+A pair is one splat at one pixel. Visited pairs are those that a vector of 16 pixels covers; contributing ones have an
+alpha of at least 1/255 at a pixel that is not saturated.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+from unittest.mock import patch
+
+import numpy as np
+import tyro
+from numba import njit
+from rich.console import Console
+from rich.table import Table
+
+from pocketgs.camera import Camera, look_at
+from pocketgs.capture import Frame
+from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.gaussians import Gaussians
+from pocketgs.recipes import recipe_named
+from pocketgs.record import peak_rss_mb
+from pocketgs.splat.constants import ALPHA_MAX, TRANSMITTANCE_MIN
+from pocketgs.splat.cpu import bin as bin_module
+from pocketgs.splat.cpu import engine as engine_module
+from pocketgs.splat.cpu.engine import CpuEngine
+from pocketgs.splat.cpu.layout import ENTRY_ROWS, ENTRY_SPLAT, LOG2_ALPHA_MIN, TILE_HEIGHT, TILE_WIDTH, View, tiles_down
+from pocketgs.splat.settings import StepSettings
+from pocketgs.training import train
+
+SIZES = ((10_000, 504, 378), (50_000, 504, 378), (50_000, 1008, 756), (170_000, 504, 378), (170_000, 1008, 756))
+STAGES = (
+    "project",
+    "sort_by_depth",
+    "bin",
+    "rasterize",
+    "photometric",
+    "rasterize_backward",
+    "project_backward",
+    "adam",
+)
+
+
+def main(
+    capture: Annotated[Path | None, tyro.conf.Positional] = None,
+    threads: int | None = None,
+    steps: int = 30,
+    reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
+) -> None:
+    """Print the table.
+
+    Args:
+        capture: A capture to train on first; random scenes if none is given.
+        threads: CPU threads, or None for all cores.
+        steps: Steps timed for each row; medians are printed.
+        reading: How to read the capture.
+    """
+    CpuEngine(threads).prepare()
+    table = Table("Gaussians", "image", *(f"{stage}\n(ms)" for stage in STAGES), "step\n(ms)", "loss\n/ step")
+    pairs = Table(
+        "Gaussians", "image", "visited\n(M)", "contribute", "forward\n(G/s)", "backward\n(G/s)", "bwd / fwd", "MB"
+    )
+    for gaussians, frames in scenes(capture, reading):
+        add_rows(table, pairs, gaussians, frames, threads, steps)
+    console = Console(width=180)
+    console.print(table, pairs, f"peak resident memory {peak_rss_mb():.0f} MB", sep="\n")
+
+
+def scenes(capture: Path | None, reading: CaptureOptions) -> Iterator[tuple[Gaussians, Sequence[Frame]]]:
+    """Scenes to time, with their views."""
+    if capture is None:
+        for count, width, height in SIZES:
+            yield random_scene(count, width, height)
+    else:
+        opened = reading.open(capture)
+        yield train(opened, iterations=100, evaluate_every=0, max_gaussians=1_000_000), opened.train
+
+
+def random_scene(count: int, width: int, height: int) -> tuple[Gaussians, Sequence[Frame]]:
+    """Layers of small, differently shaped Gaussians that fill a view, about as dense as a trained scene."""
+    rng = np.random.default_rng(0)
+    means = rng.uniform([-1.4, -1.05, 0.0], [1.4, 1.05, 1.0], (count, 3))
+    size = 0.9 * np.sqrt(2.8 * 2.1 / count)
+    gaussians = Gaussians(
+        means,
+        np.log(size * np.exp(rng.normal(-0.3, 0.5, (count, 3)))),
+        rng.normal(size=(count, 4)),
+        rng.normal(0.0, 2.0, count),
+        rng.normal(size=(count, 1, 3)),
+    )
+    pose = look_at(np.array([0.0, 0.0, -2.5]), np.zeros(3), np.array([0.0, -1.0, 0.0]))
+    camera = Camera(width, height, width, width, width / 2, height / 2, pose)
+    image = rng.integers(0, 256, (height, width, 3)).astype(np.uint8)
+    return gaussians, [Frame("random", camera, image)]
+
+
+def add_rows(
+    table: Table, pairs: Table, gaussians: Gaussians, frames: Sequence[Frame], threads: int | None, steps: int
+) -> None:
+    """Time one scene and add a row to each table."""
+    engine = CpuEngine(threads)
+    engine.set_views(frames)
+    engine.upload(gaussians)
+    recipe = recipe_named("pocketgs")
+    settings = StepSettings(recipe.rates.scaled(0.0), recipe.loss)
+    for view in range(min(len(frames), 3)):
+        engine.step(view, settings)
+    with timed_stages() as milliseconds:
+        for step in range(steps):
+            started = time.perf_counter()
+            engine.step(step % len(frames), settings)
+            milliseconds["step"].append(1e3 * (time.perf_counter() - started))
+    median = {stage: float(np.median(values)) for stage, values in milliseconds.items()}
+    visited, contributing = np.mean([count_pairs(engine, frame) for frame in frames[:5]], axis=0)
+    size = f"{frames[0].camera.width}x{frames[0].camera.height}"
+    times = [f"{median[stage]:.2f}" for stage in (*STAGES, "step")]
+    table.add_row(f"{len(gaussians):,}", size, *times, f"{median['photometric'] / median['step']:.3f}")
+    pairs.add_row(
+        f"{len(gaussians):,}",
+        size,
+        f"{visited / 1e6:.1f}",
+        f"{contributing / visited:.0%}",
+        f"{visited / median['rasterize'] / 1e6:.2f}",
+        f"{visited / median['rasterize_backward'] / 1e6:.2f}",
+        f"{median['rasterize_backward'] / median['rasterize']:.2f}",
+        f"{sum(engine.memory().values()) / 1e6:.0f}",
+    )
+
+
+@contextmanager
+def timed_stages() -> Iterator[dict[str, list[float]]]:
+    """Milliseconds of every call of the stages while the block runs."""
+    milliseconds: dict[str, list[float]] = defaultdict(list)
+
+    def timed(stage: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def wrapper(*arguments: Any) -> Any:
+            started = time.perf_counter()
+            result = function(*arguments)
+            milliseconds[stage].append(1e3 * (time.perf_counter() - started))
+            return result
+
+        return wrapper
+
+    with ExitStack() as stack:
+        for stage in STAGES:
+            owner: Any = bin_module.Binner if stage == "bin" else engine_module
+            stack.enter_context(patch.object(owner, stage, timed(stage, getattr(owner, stage))))
+        yield milliseconds
+
+
+def count_pairs(engine: CpuEngine, frame: Frame) -> tuple[int, int]:
+    """Visited and contributing pairs of one view."""
+    view = View.of(frame.camera)
+    raster = engine._forward(view, np.zeros(3, np.float32))
+    ends, lists = raster.canvas.drawn_ends, raster.lists
+    return count_in_tiles(engine._splats, lists.entries, lists.ranges, ends, view.width, view.height)
+
+
+@njit
+def count_in_tiles(
+    splats: np.ndarray, entries: np.ndarray, ranges: np.ndarray, ends: np.ndarray, width: int, height: int
+) -> tuple[int, int]:
+    """`count_pairs`, pixel by pixel."""
+    visited, contributing = 0, 0
+    transmittance = np.empty((TILE_HEIGHT, TILE_WIDTH))
+    for tile in range(len(ends)):
+        left, top = tile // tiles_down(height) * TILE_WIDTH, tile % tiles_down(height) * TILE_HEIGHT
+        transmittance[:] = 1.0
+        for index in range(ranges[tile], ends[tile]):
+            x, y, xx, xy, yy, log2_opacity = splats[entries[index, ENTRY_SPLAT]][:6]
+            rows = entries[index, ENTRY_ROWS]
+            for row in range((rows >> 8) // 2 * 2, ((rows & 255) + 1) // 2 * 2):
+                for column in range(TILE_WIDTH):
+                    visited += 1
+                    dx, dy = left + column + 0.5 - x, top + row + 0.5 - y
+                    exponent = log2_opacity + xx * dx * dx + xy * dx * dy + yy * dy * dy
+                    inside = left + column < width and top + row < height
+                    if inside and exponent >= LOG2_ALPHA_MIN and transmittance[row, column] >= TRANSMITTANCE_MIN:
+                        contributing += 1
+                        transmittance[row, column] *= 1.0 - min(2.0**exponent, ALPHA_MAX)
+    return visited, contributing
+
+
+if __name__ == "__main__":
+    tyro.cli(main, config=(tyro.conf.OmitArgPrefixes,))

@@ -1,0 +1,127 @@
+"""Adam over all parameters in one pass, each group in its own space and with its own rate."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from pocketgs.splat.cpu.compile import parallel_kernel, part
+from pocketgs.splat.cpu.layout import (
+    GRADIENT_LOG_SCALE,
+    GRADIENT_MEAN,
+    GRADIENT_OPACITY,
+    GRADIENT_ROTATION,
+    GRADIENT_SH,
+)
+from pocketgs.splat.settings import LearningRates
+
+
+def rates_by_column(rates: LearningRates, columns: int) -> np.ndarray:
+    """(columns,) float32: the rate of every column of the gradient."""
+    row = np.empty(columns, np.float32)
+    row[GRADIENT_MEAN:GRADIENT_LOG_SCALE] = rates.means
+    row[GRADIENT_LOG_SCALE:GRADIENT_ROTATION] = rates.log_scales
+    row[GRADIENT_ROTATION:GRADIENT_OPACITY] = rates.rotations
+    row[GRADIENT_OPACITY] = rates.opacity_logits
+    row[GRADIENT_SH : GRADIENT_SH + 3] = rates.sh_dc
+    row[GRADIENT_SH + 3 :] = rates.sh_rest
+    return row
+
+
+@part
+def _turn(quaternion: np.ndarray, x: float, y: float, z: float) -> None:
+    """Q ← q ⊗ exp(½ (x, y, z)), normalised."""
+    half_angle = 0.5 * math.sqrt(x * x + y * y + z * z)
+    factor = 0.5 * (math.sin(half_angle) / half_angle if half_angle > 1e-8 else 1.0)
+    a, b, c, d = math.cos(half_angle), factor * x, factor * y, factor * z
+    w, i, j, k = float(quaternion[0]), float(quaternion[1]), float(quaternion[2]), float(quaternion[3])
+    rw, ri = w * a - i * b - j * c - k * d, w * b + i * a + j * d - k * c
+    rj, rk = w * c - i * d + j * a + k * b, w * d + i * c - j * b + k * a
+    norm = math.sqrt(rw * rw + ri * ri + rj * rj + rk * rk)
+    quaternion[0], quaternion[1], quaternion[2], quaternion[3] = rw / norm, ri / norm, rj / norm, rk / norm
+
+
+@parallel_kernel
+def adam(
+    means: np.ndarray,
+    log_scales: np.ndarray,
+    quaternions: np.ndarray,
+    opacity_logits: np.ndarray,
+    sh: np.ndarray,
+    gradients: np.ndarray,
+    first_moments: np.ndarray,
+    second_moments: np.ndarray,
+    rates: np.ndarray,
+    decay1: float,
+    decay2: float,
+    epsilon: float,
+    steps: int,
+    shares: int,
+) -> None:
+    """One step of Adam (Kingma and Ba 2015, algorithm 1), in place.
+
+    Args:
+        means: (N, 3) float32, updated, as are the other parameters.
+        log_scales: (N, 3) float32.
+        quaternions: (N, 4) float32 of unit length; they move in their tangent space.
+        opacity_logits: (N,) float32.
+        sh: (N, K, 3) float32.
+        gradients: (N, C) float32.
+        first_moments: (N, C) float32, updated.
+        second_moments: (N, C) float32, updated.
+        rates: (C,) float32 from `rates_by_column`.
+        decay1: β₁.
+        decay2: β₂.
+        epsilon: ε.
+        steps: number of steps including this one.
+        shares: number of shares of the work.
+    """
+    columns = gradients.shape[1]
+    keep1, take1 = np.float32(decay1), np.float32(1.0 - decay1)
+    keep2, take2 = np.float32(decay2), np.float32(1.0 - decay2)
+    unbias1 = np.float32(1.0 / (1.0 - decay1**steps))
+    unbias2 = np.float32(1.0 / (1.0 - decay2**steps))
+    guard = np.float32(epsilon)
+    for share in prange(shares):
+        step = np.empty(columns, np.float32)
+        for i in range(share * len(means) // shares, (share + 1) * len(means) // shares):
+            gradient, first, second = gradients[i], first_moments[i], second_moments[i]
+            for c in range(columns):
+                g = gradient[c]
+                first[c] = keep1 * first[c] + take1 * g
+                second[c] = keep2 * second[c] + take2 * g * g
+                step[c] = rates[c] * first[c] * unbias1 / (np.sqrt(second[c] * unbias2) + guard)
+            for k in range(3):
+                means[i, k] -= step[GRADIENT_MEAN + k]
+                log_scales[i, k] -= step[GRADIENT_LOG_SCALE + k]
+            x, y, z = step[GRADIENT_ROTATION], step[GRADIENT_ROTATION + 1], step[GRADIENT_ROTATION + 2]
+            _turn(quaternions[i], -x, -y, -z)
+            opacity_logits[i] -= step[GRADIENT_OPACITY]
+            for k in range(sh.shape[1]):
+                for channel in range(3):
+                    sh[i, k, channel] -= step[GRADIENT_SH + 3 * k + channel]
+
+
+@parallel_kernel
+def regularise(
+    log_scales: np.ndarray,
+    opacity_logits: np.ndarray,
+    scale_weight: float,
+    opacity_weight: float,
+    shares: int,
+    gradients: np.ndarray,
+) -> float:
+    """Add the gradient of λ_s mean ‖log s‖² + λ_α mean α to `gradients`; return the value."""
+    count = len(log_scales)
+    values = np.zeros(shares)
+    for share in prange(shares):
+        for i in range(share * count // shares, (share + 1) * count // shares):
+            opacity = 1.0 / (1.0 + math.exp(-opacity_logits[i]))
+            gradients[i, GRADIENT_OPACITY] += opacity_weight / count * opacity * (1.0 - opacity)
+            values[share] += opacity_weight * opacity
+            for k in range(3):
+                gradients[i, GRADIENT_LOG_SCALE + k] += 2.0 * scale_weight / count * log_scales[i, k]
+                values[share] += scale_weight * log_scales[i, k] ** 2
+    return values.sum() / count

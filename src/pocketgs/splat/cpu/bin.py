@@ -1,0 +1,245 @@
+"""Bin splats into tiles, each tile's list in order of depth.
+
+A tile is a strip of TILE_WIDTH x TILE_HEIGHT pixels. A splat enters only the tiles where its ellipse of α = 1/255
+reaches a row of pixel centres, and its entry says which rows, so that rasterizing visits few pixels in vain.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import prange
+
+from pocketgs.splat.cpu.compile import inlined, kernel, parallel_kernel, part
+from pocketgs.splat.cpu.layout import (
+    ENTRY_FIELDS,
+    ENTRY_ROWS,
+    ENTRY_SLOT,
+    ENTRY_SPLAT,
+    EXPONENT_XX,
+    EXPONENT_XY,
+    EXPONENT_YY,
+    LOG2_ALPHA_MIN,
+    LOG2_OPACITY,
+    MEAN_X,
+    MEAN_Y,
+    TILE_HEIGHT,
+    TILE_WIDTH,
+    View,
+    tiles_down,
+)
+
+_LISTED_TILE, _LISTED_SPLAT, _LISTED_ROWS = range(3)
+
+
+class TileLists(NamedTuple):
+    """Which splats each tile draws.
+
+    Attributes:
+        entries: (E, ENTRY_FIELDS) int32, tile after tile, nearest splat first.
+        ranges: (tiles + 1,) int32, where each tile's entries begin.
+        first_slots: (V + 1,) int32. The entries of the splat at place v in the order of depth have the slots from
+            first_slots[v] on: rows for their gradients that nobody else writes to.
+    """
+
+    entries: np.ndarray
+    ranges: np.ndarray
+    first_slots: np.ndarray
+
+
+class _Ellipse(NamedTuple):
+    """The ellipse A dx² + B dx dy + C dy² + reach = 0 with A, C < 0, ready to be cut by vertical strips.
+
+    At a given dx its rows are dy = slope·dx ± √(offset - curvature·dx²).
+    """
+
+    mean_x: float
+    mean_y: float
+    half_width: float
+    dx_of_bottom: float
+    slope: float
+    offset: float
+    curvature: float
+
+
+@inlined
+def _ellipse(splat: np.ndarray) -> _Ellipse:
+    a, b, c = float(splat[EXPONENT_XX]), float(splat[EXPONENT_XY]), float(splat[EXPONENT_YY])
+    reach = max(0.0, splat[LOG2_OPACITY] - LOG2_ALPHA_MIN)
+    determinant = 4.0 * a * c - b * b
+    half_width = math.sqrt(-4.0 * c * reach / determinant)
+    half_height = math.sqrt(-4.0 * a * reach / determinant)
+    return _Ellipse(
+        float(splat[MEAN_X]),
+        float(splat[MEAN_Y]),
+        half_width,
+        -b / (2.0 * a) * half_height,
+        -b / (2.0 * c),
+        -reach / c,
+        determinant / (4.0 * c * c),
+    )
+
+
+@inlined
+def _columns(ellipse: _Ellipse, width: int) -> tuple[int, int]:
+    """First and one past the last column of tiles that the ellipse reaches."""
+    first = int(max(np.ceil(ellipse.mean_x - ellipse.half_width - 0.5), 0.0))
+    last = int(min(np.floor(ellipse.mean_x + ellipse.half_width - 0.5), width - 1.0))
+    if first > last:
+        return 0, 0
+    return first // TILE_WIDTH, last // TILE_WIDTH + 1
+
+
+@inlined
+def _rows(ellipse: _Ellipse, column: int, width: int, height: int) -> tuple[int, int]:
+    """First and one past the last row of pixels that the ellipse reaches within a column of tiles.
+
+    The extremes lie at the ellipse's own top and bottom if the column holds them, else at the column's nearer edge.
+    """
+    left = column * TILE_WIDTH + 0.5 - ellipse.mean_x
+    right = min((column + 1) * TILE_WIDTH, width) - 0.5 - ellipse.mean_x
+    dx = min(max(ellipse.dx_of_bottom, left), right)
+    bottom = ellipse.slope * dx + math.sqrt(max(0.0, ellipse.offset - ellipse.curvature * dx * dx))
+    dx = min(max(-ellipse.dx_of_bottom, left), right)
+    top = ellipse.slope * dx - math.sqrt(max(0.0, ellipse.offset - ellipse.curvature * dx * dx))
+    first = int(min(max(np.ceil(ellipse.mean_y + top - 0.5), 0.0), float(height)))
+    last = int(max(min(np.floor(ellipse.mean_y + bottom - 0.5), height - 1.0), -1.0))
+    return first, last + 1
+
+
+@part
+def _list_range(
+    splats: np.ndarray,
+    order: np.ndarray,
+    first_rank: int,
+    end_rank: int,
+    width: int,
+    height: int,
+    first_slots: np.ndarray,
+    counts: np.ndarray,
+    listed: np.ndarray,
+) -> int:
+    """List the entries of the splats from `first_rank` up to `end_rank`, and count them by tile.
+
+    Writes no further than `listed` has room, but returns how many entries there are.
+    """
+    down = tiles_down(height)
+    found = 0
+    for rank in range(first_rank, end_rank):
+        first_slots[rank] = found
+        ellipse = _ellipse(splats[order[rank]])
+        first_column, end_column = _columns(ellipse, width)
+        for column in range(first_column, end_column):
+            first, end = _rows(ellipse, column, width, height)
+            if first < end:
+                for tile_row in range(first // TILE_HEIGHT, (end - 1) // TILE_HEIGHT + 1):
+                    tile, top = column * down + tile_row, tile_row * TILE_HEIGHT
+                    counts[tile] += 1
+                    if found < len(listed):
+                        entry = listed[found]
+                        entry[_LISTED_TILE] = tile
+                        entry[_LISTED_SPLAT] = order[rank]
+                        entry[_LISTED_ROWS] = max(first - top, 0) << 8 | min(end - top, TILE_HEIGHT)
+                    found += 1
+    return found
+
+
+@parallel_kernel
+def _list_entries(
+    splats: np.ndarray,
+    order: np.ndarray,
+    width: int,
+    height: int,
+    first_slots: np.ndarray,
+    counts: np.ndarray,
+    listed: np.ndarray,
+    found: np.ndarray,
+) -> None:
+    """Each share lists the entries of its run of `order`."""
+    shares = len(counts)
+    for share in prange(shares):
+        counts[share] = 0
+        first, end = share * len(order) // shares, (share + 1) * len(order) // shares
+        found[share] = _list_range(splats, order, first, end, width, height, first_slots, counts[share], listed[share])
+
+
+@kernel
+def _place(counts: np.ndarray, ranges: np.ndarray) -> None:
+    """Turn counts by share and tile into the places where each share's part of each tile's list begins."""
+    place = 0
+    for tile in range(counts.shape[1]):
+        ranges[tile] = place
+        for share in range(counts.shape[0]):
+            count = counts[share, tile]
+            counts[share, tile] = place
+            place += count
+    ranges[counts.shape[1]] = place
+
+
+@parallel_kernel
+def _distribute(
+    listed: np.ndarray,
+    found: np.ndarray,
+    places: np.ndarray,
+    order: np.ndarray,
+    first_slots: np.ndarray,
+    entries: np.ndarray,
+) -> None:
+    """Move the listed entries to their tiles. A share's slots follow those of the shares before it."""
+    shares = len(found)
+    for share in prange(shares):
+        first_slot = found[:share].sum()
+        place = places[share]
+        for index in range(found[share]):
+            entry = entries[place[listed[share, index, _LISTED_TILE]]]
+            place[listed[share, index, _LISTED_TILE]] += 1
+            entry[ENTRY_SPLAT] = listed[share, index, _LISTED_SPLAT]
+            entry[ENTRY_SLOT] = first_slot + index
+            entry[ENTRY_ROWS] = listed[share, index, _LISTED_ROWS]
+        for rank in range(share * len(order) // shares, (share + 1) * len(order) // shares):
+            first_slots[rank] += first_slot
+    first_slots[len(order)] = found.sum()
+
+
+class Binner:
+    """Makes tiles' lists, and keeps the working memory from one image to the next.
+
+    Args:
+        shares: number of shares of the work. The lists do not depend on it: each share is a run of the splats in order
+            of depth, and a tile takes the shares' parts in turn.
+    """
+
+    def __init__(self, shares: int) -> None:
+        self._listed = np.empty((shares, 1 << 14, 3), np.int32)
+        self._entries = np.empty((1 << 14, ENTRY_FIELDS), np.int32)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of working memory."""
+        return self._listed.nbytes + self._entries.nbytes
+
+    def bin(self, splats: np.ndarray, order: np.ndarray, view: View) -> TileLists:
+        """Make the tiles' lists of one image.
+
+        Args:
+            splats: (N, SPLAT_FIELDS) from `project`.
+            order: (V,) int32 visible splats, nearest first.
+            view: gives the image's size.
+        """
+        shares = len(self._listed)
+        first_slots = np.empty(len(order) + 1, np.int32)
+        counts, found = np.empty((shares, view.tiles), np.int32), np.empty(shares, np.int64)
+        _list_entries(splats, order, view.width, view.height, first_slots, counts, self._listed, found)
+        if found.max() > self._listed.shape[1]:
+            self._listed = np.empty((shares, int(found.max() * 5 // 4), 3), np.int32)
+            _list_entries(splats, order, view.width, view.height, first_slots, counts, self._listed, found)
+        ranges = np.empty(view.tiles + 1, np.int32)
+        _place(counts, ranges)
+        # Fresh memory costs a page fault every 4 KB, so the entries' is kept too.
+        if len(self._entries) < ranges[-1]:
+            self._entries = np.empty((ranges[-1] * 5 // 4, ENTRY_FIELDS), np.int32)
+        entries = self._entries[: ranges[-1]]
+        _distribute(self._listed, found, counts, order, first_slots, entries)
+        return TileLists(entries, ranges, first_slots)

@@ -1,0 +1,271 @@
+"""The CPU engine: owns the scene's arrays and calls the kernels of a step in their order."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from pocketgs.camera import Camera
+from pocketgs.capture.capture import Frame
+from pocketgs.gaussians import PARAMETERS, Gaussians
+from pocketgs.splat.cpu.adam import adam, rates_by_column, regularise
+from pocketgs.splat.cpu.bin import Binner, TileLists
+from pocketgs.splat.cpu.lanes import LANES
+from pocketgs.splat.cpu.layout import BLUE, DEPTH, GRADIENT_SH, RED, SPLAT_FIELDS, View
+from pocketgs.splat.cpu.loss import photometric
+from pocketgs.splat.cpu.project import project
+from pocketgs.splat.cpu.project_backward import project_backward
+from pocketgs.splat.cpu.rasterize import rasterize
+from pocketgs.splat.cpu.rasterize_backward import rasterize_backward
+from pocketgs.splat.cpu.sort import sort_by_depth
+from pocketgs.splat.engine import OptimiserState, Rendering
+from pocketgs.splat.settings import LearningRates, LossSettings, StepSettings
+
+
+@dataclass(frozen=True)
+class _TrainingView:
+    """One photograph, as planes of uint8; `mask` is (0, 0) where there is none."""
+
+    view: View
+    photo: np.ndarray
+    mask: np.ndarray
+
+
+class _Canvas:
+    """What a step writes by pixel and by tile. Fresh memory costs a page fault every 4 KB, so it is kept."""
+
+    def __init__(self, view: View) -> None:
+        self.shape = (view.height, view.width)
+        self.image = np.empty((3, *self.shape), np.float32)
+        self.transmittance = np.empty(self.shape, np.float32)
+        self.drawn_ends = np.empty(view.tiles, np.int32)
+        self.d_image = np.empty_like(self.image)
+        self.row_losses = np.empty((3, view.height), np.float32)
+
+
+@dataclass(frozen=True)
+class Raster:
+    """The forward pass's results that the backward pass needs; the next forward pass writes over them."""
+
+    order: np.ndarray
+    lists: TileLists
+    canvas: _Canvas
+
+
+class CpuEngine:
+    """Operator T in Numba; see `pocketgs.splat.engine.Engine`.
+
+    Args:
+        threads: number of threads, or None for one a core that this process may use.
+    """
+
+    name = "cpu"
+
+    def __init__(self, threads: int | None = None) -> None:
+        self.threads = min(threads or _usable_cores(), numba.config.NUMBA_NUM_THREADS)
+        self._views: list[_TrainingView] = []
+        self._binner = Binner(self.threads)
+        self._canvas: _Canvas | None = None
+        self._entry_sums = np.empty(0, np.float32)
+        self._loss = 0.0
+
+    def prepare(self) -> None:
+        """Compile the kernels, or load what an earlier process compiled, by training a throw-away scene."""
+        corner = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+        scene = Gaussians(corner, np.zeros((4, 3)), np.ones((4, 4)), np.zeros(4), np.zeros((4, 1, 3)))
+        pose = np.eye(4)
+        pose[2, 3] = 4.0
+        frame = Frame("", Camera(16, 16, 16.0, 16.0, 8.0, 8.0, pose), np.zeros((16, 16, 3), np.uint8))
+        settings = StepSettings(LearningRates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        engine = CpuEngine(self.threads)
+        engine.set_views([frame])
+        engine.upload(scene)
+        engine.step(0, settings)
+
+    def set_views(self, frames: Sequence[Frame]) -> None:
+        """Take the photographs that `step` refers to by index."""
+        self._views = [
+            _TrainingView(
+                View.of(frame.camera),
+                np.ascontiguousarray(np.moveaxis(frame.image, 2, 0)),
+                np.zeros((0, 0), np.bool_) if frame.mask is None else np.ascontiguousarray(frame.mask),
+            )
+            for frame in frames
+        ]
+
+    def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
+        """Take a copy of the scene, and of the optimiser's state or start it anew."""
+        self._scene = Gaussians(*(getattr(gaussians, name).copy() for name in PARAMETERS))
+        with np.errstate(all="ignore"):
+            lengths = np.linalg.norm(self._scene.quaternions, axis=1)
+            # Dividing a unit quaternion by its length can change its last bit, and a resumed run must not differ.
+            scaled = np.abs(lengths - 1.0) > 1e-6
+            self._scene.quaternions[scaled] /= lengths[scaled, None]
+        count, columns = len(gaussians), GRADIENT_SH + 3 * gaussians.sh.shape[1]
+        self._first_moments = np.zeros((count, columns), np.float32) if state is None else state.first_moments.copy()
+        self._second_moments = np.zeros((count, columns), np.float32) if state is None else state.second_moments.copy()
+        self._steps = 0 if state is None else state.steps
+        self._gradients = np.zeros((count, columns), np.float32)
+        self._splats = np.zeros((count, SPLAT_FIELDS), np.float32)
+        self._depth_keys = np.zeros(count, np.uint32)
+        self._order, self._order_scratch = np.zeros(count, np.int32), np.zeros(count, np.int32)
+
+    def step(self, view: int, settings: StepSettings) -> None:
+        """Train on one view."""
+        numba.set_num_threads(self.threads)
+        training_view = self._views[view]
+        raster = self._forward(training_view.view, np.array(settings.background, np.float32))
+        loss = self._photometric(training_view, raster, settings.loss)
+        self._backward(training_view.view, raster)
+        self._loss = loss + self._update(settings)
+
+    def loss(self) -> float:
+        """The loss of the last step, measured before its update."""
+        return self._loss
+
+    def render(
+        self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False
+    ) -> Rendering:
+        """Render the scene as it stands."""
+        numba.set_num_threads(self.threads)
+        view = View.of(camera)
+        raster = self._forward(view, np.array(background, np.float32))
+        image = np.ascontiguousarray(np.moveaxis(raster.canvas.image, 0, 2))
+        alpha = 1.0 - raster.canvas.transmittance
+        expected_depth = None
+        if depth:
+            # Depth composites as a colour does.
+            self._splats[:, RED : BLUE + 1] = self._splats[:, DEPTH : DEPTH + 1]
+            total = self._rasterize(view, raster.order, raster.lists, np.zeros(3, np.float32)).canvas.image[0]
+            expected_depth = np.divide(total, alpha, out=np.zeros_like(alpha), where=alpha > 0.0)
+        return Rendering(image, alpha, expected_depth)
+
+    def download(self) -> Gaussians:
+        """A copy of the scene as it stands."""
+        return Gaussians(*(getattr(self._scene, name).copy() for name in PARAMETERS))
+
+    def optimiser_state(self) -> OptimiserState:
+        """A copy of the optimiser's state."""
+        return OptimiserState(self._first_moments.copy(), self._second_moments.copy(), self._steps)
+
+    def memory(self) -> dict[str, int]:
+        """Bytes that the engine holds, by the name of what they are for."""
+        return {
+            "photographs": sum(view.photo.nbytes + view.mask.nbytes for view in self._views),
+            "scene": sum(getattr(self._scene, name).nbytes for name in PARAMETERS),
+            "moments": self._first_moments.nbytes + self._second_moments.nbytes,
+            "gradients": self._gradients.nbytes,
+            "tile lists": self._binner.nbytes,
+            "gradients by tile": self._entry_sums.nbytes,
+            "projected splats": self._splats.nbytes + self._depth_keys.nbytes + 2 * self._order.nbytes,
+        }
+
+    def _forward(self, view: View, background: np.ndarray) -> Raster:
+        """Project → sort → bin → rasterize."""
+        scene = self._scene
+        project(
+            scene.means,
+            scene.log_scales,
+            scene.quaternions,
+            scene.opacity_logits,
+            scene.sh,
+            view,
+            self.threads,
+            self._splats,
+            self._depth_keys,
+        )
+        order = sort_by_depth(self._depth_keys, self._order, self._order_scratch)
+        return self._rasterize(view, order, self._binner.bin(self._splats, order, view), background)
+
+    def _rasterize(self, view: View, order: np.ndarray, lists: TileLists, background: np.ndarray) -> Raster:
+        if self._canvas is None or self._canvas.shape != (view.height, view.width):
+            self._canvas = _Canvas(view)
+        canvas = self._canvas
+        rasterize(
+            self._splats,
+            lists.entries,
+            lists.ranges,
+            background,
+            self.threads,
+            canvas.image,
+            canvas.transmittance,
+            canvas.drawn_ends,
+        )
+        return Raster(order, lists, canvas)
+
+    def _photometric(self, view: _TrainingView, raster: Raster, settings: LossSettings) -> float:
+        """The loss; its gradient is left on the canvas."""
+        canvas = raster.canvas
+        photometric(canvas.image, view.photo, view.mask, settings, self.threads, canvas.d_image, canvas.row_losses)
+        return float(canvas.row_losses.sum(dtype=np.float64))
+
+    def _backward(self, view: View, raster: Raster) -> None:
+        """Rasterize backward → project backward: fills in the gradients."""
+        scene, lists = self._scene, raster.lists
+        size = len(lists.entries) * LANES
+        if len(self._entry_sums) < size:
+            self._entry_sums = np.empty(size * 5 // 4, np.float32)
+        rasterize_backward(
+            self._splats,
+            lists.entries,
+            lists.ranges,
+            raster.canvas.drawn_ends,
+            self.threads,
+            raster.canvas.image,
+            raster.canvas.d_image,
+            self._entry_sums,
+        )
+        project_backward(
+            scene.means,
+            scene.log_scales,
+            scene.quaternions,
+            scene.sh,
+            view,
+            self.threads,
+            self._splats,
+            raster.order,
+            lists.first_slots,
+            self._entry_sums,
+            self._gradients,
+        )
+
+    def _update(self, settings: StepSettings) -> float:
+        """Regularise → adam; returns the regularisers' value."""
+        scene, weights = self._scene, settings.loss
+        value = 0.0
+        if len(scene) and (weights.scale_weight or weights.opacity_weight):
+            value = regularise(
+                scene.log_scales,
+                scene.opacity_logits,
+                weights.scale_weight,
+                weights.opacity_weight,
+                self.threads,
+                self._gradients,
+            )
+        self._steps += 1
+        adam(
+            scene.means,
+            scene.log_scales,
+            scene.quaternions,
+            scene.opacity_logits,
+            scene.sh,
+            self._gradients,
+            self._first_moments,
+            self._second_moments,
+            rates_by_column(settings.rates, self._gradients.shape[1]),
+            settings.adam.beta1,
+            settings.adam.beta2,
+            settings.adam.epsilon,
+            self._steps,
+            self.threads,
+        )
+        return value
+
+
+def _usable_cores() -> int:
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1

@@ -1,0 +1,234 @@
+"""A vector of LANES float32 as a Numba type, so that kernels say what runs in parallel instead of hoping for it.
+
+LLVM legalises the vector for any processor (two or four NEON or SSE registers, one or two AVX registers). Arithmetic
+operators work lane by lane and accept a float32 on either side; a comparison gives a mask for `select`.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic, models, overload, register_model
+
+LANES = 16
+
+_FLOATS = ir.VectorType(ir.FloatType(), LANES)
+_INTEGERS = ir.VectorType(ir.IntType(32), LANES)
+_BITS = ir.VectorType(ir.IntType(1), LANES)
+# Lets LLVM fuse a·b + c into one instruction, and nothing else: sums keep the order they are written in.
+_FLAGS = ("contract",)
+
+# Type hint of a vector: mypy cannot know Numba's types.
+Floats = Any
+
+
+class _FloatsType(types.Type):
+    def __init__(self) -> None:
+        super().__init__(name=f"Float32x{LANES}")
+
+
+class _MaskType(types.Type):
+    def __init__(self) -> None:
+        super().__init__(name=f"Mask{LANES}")
+
+
+FLOATS = _FloatsType()
+MASK = _MaskType()
+
+
+@register_model(_FloatsType)
+class _FloatsModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, frontend_type: types.Type) -> None:
+        super().__init__(manager, frontend_type, _FLOATS)
+
+
+@register_model(_MaskType)
+class _MaskModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, frontend_type: types.Type) -> None:
+        super().__init__(manager, frontend_type, _BITS)
+
+
+def _vector_pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any) -> Any:
+    data = cgutils.create_struct_proxy(array_type)(context, builder, array).data
+    return builder.bitcast(builder.gep(data, [index]), _FLOATS.as_pointer())
+
+
+@intrinsic
+def load(typing_context: Any, array: Any, index: Any) -> Any:
+    """LANES consecutive elements of a contiguous 1-D float32 array, from `index` on. Bounds are the caller's."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.load(_vector_pointer(context, builder, signature.args[0], *arguments), align=4)
+
+    return FLOATS(array, types.intp), generate
+
+
+@intrinsic
+def store(typing_context: Any, array: Any, index: Any, vector: Any) -> Any:
+    """Write a vector to LANES consecutive elements of a contiguous 1-D float32 array. Bounds are the caller's."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointer = _vector_pointer(context, builder, signature.args[0], arguments[0], arguments[1])
+        builder.store(arguments[2], pointer, align=4)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, FLOATS), generate
+
+
+@intrinsic
+def broadcast(typing_context: Any, value: Any) -> Any:
+    """A vector whose lanes all hold the float32 `value`."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        undefined = ir.Constant(_FLOATS, ir.Undefined)
+        first = builder.insert_element(undefined, arguments[0], ir.Constant(ir.IntType(32), 0))
+        return builder.shuffle_vector(first, undefined, ir.Constant(_INTEGERS, [0] * LANES))
+
+    return FLOATS(types.float32), generate
+
+
+def constant(values: Sequence[float] | np.ndarray) -> Callable[[], Floats]:
+    """A function for kernels that takes nothing and gives the vector of these LANES numbers."""
+    numbers = [float(value) for value in np.asarray(values, dtype=np.float32)]
+
+    @intrinsic
+    def vector(typing_context: Any) -> Any:
+        return FLOATS(), lambda context, builder, signature, arguments: ir.Constant(_FLOATS, numbers)
+
+    return vector
+
+
+def _lane_by_lane(emit: Callable[[Any, Any, Any], Any], result: types.Type) -> Any:
+    """An intrinsic of two vectors whose instruction `emit(builder, left, right)` writes."""
+
+    @intrinsic
+    def function(typing_context: Any, left: Any, right: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return emit(builder, *arguments)
+
+        return result(FLOATS, FLOATS), generate
+
+    return function
+
+
+def _overload_operator(function: Any, instruction: Any) -> None:
+    def implementation(left, right):
+        if left == FLOATS and right == FLOATS:
+            return lambda left, right: instruction(left, right)
+        if left == FLOATS and right == types.float32:
+            return lambda left, right: instruction(left, broadcast(right))
+        if left == types.float32 and right == FLOATS:
+            return lambda left, right: instruction(broadcast(left), right)
+        return None
+
+    overload(function, inline="always")(implementation)
+
+
+_overload_operator(operator.add, _lane_by_lane(lambda b, x, y: b.fadd(x, y, flags=_FLAGS), FLOATS))
+_overload_operator(operator.sub, _lane_by_lane(lambda b, x, y: b.fsub(x, y, flags=_FLAGS), FLOATS))
+_overload_operator(operator.mul, _lane_by_lane(lambda b, x, y: b.fmul(x, y, flags=_FLAGS), FLOATS))
+_overload_operator(operator.truediv, _lane_by_lane(lambda b, x, y: b.fdiv(x, y, flags=_FLAGS), FLOATS))
+_overload_operator(operator.ge, _lane_by_lane(lambda b, x, y: b.fcmp_ordered(">=", x, y), MASK))
+_overload_operator(operator.lt, _lane_by_lane(lambda b, x, y: b.fcmp_ordered("<", x, y), MASK))
+
+
+@intrinsic
+def _both(typing_context: Any, left: Any, right: Any) -> Any:
+    return MASK(MASK, MASK), lambda context, builder, signature, arguments: builder.and_(*arguments)
+
+
+@overload(operator.and_, inline="always")
+def _and(left, right):
+    if left == MASK and right == MASK:
+        return lambda left, right: _both(left, right)
+    return None
+
+
+@intrinsic
+def select(typing_context: Any, mask: Any, where_true: Any, where_false: Any) -> Any:
+    """Lane by lane, `where_true` where the mask holds, else `where_false`."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.select(*arguments)
+
+    return FLOATS(MASK, FLOATS, FLOATS), generate
+
+
+@intrinsic
+def any_lane(typing_context: Any, mask: Any) -> Any:
+    """Whether the mask holds in any lane."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        bits = builder.bitcast(arguments[0], ir.IntType(LANES))
+        return builder.icmp_unsigned("!=", bits, ir.Constant(ir.IntType(LANES), 0))
+
+    return types.boolean(MASK), generate
+
+
+@intrinsic
+def sums(typing_context: Any, vectors: Any) -> Any:
+    """From a tuple of at most LANES vectors, the vector whose lane i is the sum of vector i's lanes; the rest 0.
+
+    Adding neighbours of two vectors into one, level by level, takes a quarter of the instructions of summing each.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        zero = ir.Constant(_FLOATS, None)
+        level = [builder.extract_value(arguments[0], i) for i in range(len(vectors))]
+        evens, odds = (ir.Constant(_INTEGERS, list(range(start, 2 * LANES, 2))) for start in (0, 1))
+        width = LANES
+        while width > 1:
+            if len(level) % 2:
+                level.append(zero)
+            pairs = zip(level[::2], level[1::2], strict=True)
+            level = [
+                builder.fadd(builder.shuffle_vector(a, b, evens), builder.shuffle_vector(a, b, odds)) for a, b in pairs
+            ]
+            width //= 2
+        return level[0]
+
+    return FLOATS(vectors), generate
+
+
+@intrinsic
+def truncate(typing_context: Any, vector: Any) -> Any:
+    """Each lane without its fraction, as a float."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.sitofp(builder.fptosi(arguments[0], _INTEGERS), _FLOATS)
+
+    return FLOATS(FLOATS), generate
+
+
+@intrinsic
+def times_power_of_two(typing_context: Any, vector: Any, exponent: Any) -> Any:
+    """Vector · 2^exponent for whole-numbered exponents, by adding to the exponent bits of normal numbers."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        bits = builder.bitcast(arguments[0], _INTEGERS)
+        shift = builder.shl(builder.fptosi(arguments[1], _INTEGERS), ir.Constant(_INTEGERS, [23] * LANES))
+        return builder.bitcast(builder.add(bits, shift), _FLOATS)
+
+    return FLOATS(FLOATS, FLOATS), generate
+
+
+@overload(max, inline="always")
+def _max(left, right):
+    if left == FLOATS and right == FLOATS:
+        return lambda left, right: select(left >= right, left, right)
+    if left == FLOATS and right == types.float32:
+        return lambda left, right: select(left >= right, left, broadcast(right))
+    return None
+
+
+@overload(min, inline="always")
+def _min(left, right):
+    if left == FLOATS and right == types.float32:
+        return lambda left, right: select(left < right, left, broadcast(right))
+    return None

@@ -1,0 +1,71 @@
+"""How the CPU engine lays out views, splats, tiles and parameters in memory: names for columns and sizes."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from pocketgs.camera import Camera
+from pocketgs.splat.constants import ALPHA_MIN
+from pocketgs.splat.cpu.compile import part
+
+TILE_WIDTH = 8
+TILE_HEIGHT = 16
+TILE_PIXELS = TILE_WIDTH * TILE_HEIGHT
+
+# One projected splat: a row of float32. The exponent of its falloff is held to base 2, with the opacity inside:
+# log2 α(dx, dy) = LOG2_OPACITY + EXPONENT_XX dx² + EXPONENT_XY dx dy + EXPONENT_YY dy².
+MEAN_X, MEAN_Y, EXPONENT_XX, EXPONENT_XY, EXPONENT_YY, LOG2_OPACITY, RED, GREEN, BLUE, DEPTH = range(10)
+SPLAT_FIELDS = 12
+
+# One entry of a tile's list: a row of int32. ROWS holds the first and one past the last row of the tile that the splat
+# reaches, as first << 8 | end.
+ENTRY_SPLAT, ENTRY_SLOT, ENTRY_ROWS = range(3)
+ENTRY_FIELDS = 3
+
+# One row of gradients, and of each of Adam's moments, per Gaussian; the coefficients of SH follow.
+GRADIENT_MEAN, GRADIENT_LOG_SCALE, GRADIENT_ROTATION, GRADIENT_OPACITY, GRADIENT_SH = 0, 3, 6, 9, 10
+
+LOG2_ALPHA_MIN = np.float32(math.log2(ALPHA_MIN))
+
+
+class View(NamedTuple):
+    """A camera as the kernels take it: `rotation` and `translation` of world_to_camera, `centre` in the world."""
+
+    rotation: np.ndarray
+    translation: np.ndarray
+    centre: np.ndarray
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+    @staticmethod
+    def of(camera: Camera) -> View:
+        """The view of a camera."""
+        return View(
+            np.ascontiguousarray(camera.world_to_camera[:3, :3]),
+            np.ascontiguousarray(camera.world_to_camera[:3, 3]),
+            np.ascontiguousarray(camera.centre),
+            float(camera.fx),
+            float(camera.fy),
+            float(camera.cx),
+            float(camera.cy),
+            int(camera.width),
+            int(camera.height),
+        )
+
+    @property
+    def tiles(self) -> int:
+        """Number of tiles; they are numbered down the columns."""
+        return -(-self.width // TILE_WIDTH) * tiles_down(self.height)
+
+
+@part
+def tiles_down(height: int) -> int:
+    """Number of tiles in a column of an image of `height` pixels."""
+    return -(-height // TILE_HEIGHT)

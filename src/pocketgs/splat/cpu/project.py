@@ -1,0 +1,192 @@
+"""Project Gaussians into a view: Σ' = J W Σ Wᵀ Jᵀ + 0.3 I, colours from spherical harmonics, and what is visible."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from pocketgs.splat.constants import ALPHA_MIN, BRIGHTEST, FRUSTUM_MARGIN, LEAST_DETERMINANT, LOW_PASS, NEAR
+from pocketgs.splat.cpu.compile import inlined, parallel_kernel, part
+from pocketgs.splat.cpu.layout import (
+    DEPTH,
+    EXPONENT_XX,
+    EXPONENT_XY,
+    EXPONENT_YY,
+    LOG2_ALPHA_MIN,
+    LOG2_OPACITY,
+    MEAN_X,
+    MEAN_Y,
+    RED,
+    View,
+)
+from pocketgs.splat.cpu.spherical_harmonics import sh_basis
+from pocketgs.splat.cpu.vectors import Vector, axes_of, scaled, times
+
+LOG2_E = 1.0 / math.log(2.0)
+CULLED = np.uint32(0xFFFFFFFF)
+"""Depth key of a Gaussian that is not drawn."""
+
+Jacobian = tuple[float, float, float, float]
+"""The entries of the projection's derivative that are not zero: xx, xz, yy, yz."""
+
+
+@inlined
+def to_camera(view: View, mean: np.ndarray) -> Vector:
+    """Camera-space position of a world point."""
+    x, y, z = times(view.rotation, (float(mean[0]), float(mean[1]), float(mean[2])))
+    return (x + view.translation[0], y + view.translation[1], z + view.translation[2])
+
+
+@inlined
+def clamped_slopes(view: View, local: Vector) -> tuple[float, float]:
+    """x/z and y/z held within the image and a margin around it, beyond which the linearised projection explodes."""
+    margin_x, margin_y = FRUSTUM_MARGIN * view.width, FRUSTUM_MARGIN * view.height
+    slope_x = min(
+        max(local[0] / local[2], -(view.cx + margin_x) / view.fx), (view.width - view.cx + margin_x) / view.fx
+    )
+    slope_y = min(
+        max(local[1] / local[2], -(view.cy + margin_y) / view.fy), (view.height - view.cy + margin_y) / view.fy
+    )
+    return slope_x, slope_y
+
+
+@inlined
+def footprint(view: View, jacobian: Jacobian, axis: Vector, scale: float) -> tuple[Vector, tuple[float, float]]:
+    """One axis of the Gaussian in camera space (3 numbers), and its projection (2 numbers).
+
+    The projected covariance is the sum over the three axes of the projection's outer product with itself.
+    """
+    a = times(view.rotation, scaled(axis, scale))
+    xx, xz, yy, yz = jacobian
+    return a, (xx * a[0] + xz * a[2], yy * a[1] + yz * a[2])
+
+
+@inlined
+def jacobian_at(view: View, local: Vector) -> Jacobian:
+    """The projection's derivative at a camera-space position."""
+    slope_x, slope_y = clamped_slopes(view, local)
+    return (view.fx / local[2], -view.fx * slope_x / local[2], view.fy / local[2], -view.fy * slope_y / local[2])
+
+
+@inlined
+def _reaches_a_pixel(centre: float, radius: float, size: int) -> bool:
+    first, last = np.ceil(centre - radius - 0.5), np.floor(centre + radius - 0.5)
+    return max(first, 0.0) <= min(last, size - 1.0)
+
+
+@inlined
+def _project_shape(
+    view: View, local: Vector, log_scale: np.ndarray, quaternion: np.ndarray, logit: float, splat: np.ndarray
+) -> bool:
+    """Fill in a splat's centre, falloff, opacity and depth; False if it cannot be seen."""
+    opacity = 1.0 / (1.0 + math.exp(-float(logit)))
+    if not (local[2] >= NEAR and opacity >= ALPHA_MIN):
+        return False
+    jacobian, axes = jacobian_at(view, local), axes_of(quaternion)
+    _, p = footprint(view, jacobian, axes[0], math.exp(float(log_scale[0])))
+    _, q = footprint(view, jacobian, axes[1], math.exp(float(log_scale[1])))
+    _, r = footprint(view, jacobian, axes[2], math.exp(float(log_scale[2])))
+    xx = p[0] * p[0] + q[0] * q[0] + r[0] * r[0] + LOW_PASS
+    xy = p[0] * p[1] + q[0] * q[1] + r[0] * r[1]
+    yy = p[1] * p[1] + q[1] * q[1] + r[1] * r[1] + LOW_PASS
+    mean_x, mean_y = view.fx * local[0] / local[2] + view.cx, view.fy * local[1] / local[2] + view.cy
+    log2_opacity = math.log2(opacity)
+    # log2 α falls to that of 1/255 on the ellipse dᵀ Σ'⁻¹ d = reach².
+    reach = math.sqrt(max(0.0, 2.0 * (log2_opacity - LOG2_ALPHA_MIN) / LOG2_E))
+    radius_x, radius_y = reach * math.sqrt(xx), reach * math.sqrt(yy)
+    determinant = xx * yy - xy * xy
+    finite = math.isfinite(mean_x + mean_y) and math.isfinite(radius_x + radius_y)
+    if not (finite and determinant > LEAST_DETERMINANT * xx * yy):
+        return False
+    if not (_reaches_a_pixel(mean_x, radius_x, view.width) and _reaches_a_pixel(mean_y, radius_y, view.height)):
+        return False
+    splat[MEAN_X], splat[MEAN_Y] = mean_x, mean_y
+    splat[EXPONENT_XX] = -0.5 * LOG2_E * yy / determinant
+    splat[EXPONENT_XY] = LOG2_E * xy / determinant
+    splat[EXPONENT_YY] = -0.5 * LOG2_E * xx / determinant
+    splat[LOG2_OPACITY] = log2_opacity
+    splat[DEPTH] = local[2]
+    return True
+
+
+@inlined
+def direction_to(view: View, mean: np.ndarray) -> tuple[Vector, float]:
+    """Unit vector from the camera to a world point, and its distance."""
+    x, y, z = mean[0] - view.centre[0], mean[1] - view.centre[1], mean[2] - view.centre[2]
+    distance = math.sqrt(x * x + y * y + z * z)
+    return (x / distance, y / distance, z / distance), distance
+
+
+@inlined
+def unclipped_colour(sh: np.ndarray, basis: np.ndarray, channel: int) -> float:
+    """0.5 + Σ_k Y_k sh_k of one channel, before negative colours are cut to 0."""
+    value = 0.5
+    for k in range(sh.shape[0]):
+        value += basis[k] * sh[k, channel]
+    return value
+
+
+@part
+def _project_range(
+    means: np.ndarray,
+    log_scales: np.ndarray,
+    quaternions: np.ndarray,
+    opacity_logits: np.ndarray,
+    sh: np.ndarray,
+    view: View,
+    first: int,
+    end: int,
+    splats: np.ndarray,
+    depth_keys: np.ndarray,
+) -> None:
+    """`project` for the Gaussians from `first` up to `end`."""
+    basis = np.empty(16)
+    depth = np.empty(1, np.float32)
+    bits = depth.view(np.uint32)
+    for i in range(first, end):
+        splat = splats[i]
+        local = to_camera(view, means[i])
+        depth_keys[i] = CULLED
+        if _project_shape(view, local, log_scales[i], quaternions[i], opacity_logits[i], splat):
+            (x, y, z), _ = direction_to(view, means[i])
+            sh_basis(x, y, z, sh.shape[1], basis)
+            sound = True
+            for channel in range(3):
+                colour = unclipped_colour(sh[i], basis, channel)
+                splat[RED + channel] = max(colour, 0.0)
+                sound = sound and abs(colour) < BRIGHTEST
+            if sound:
+                depth[0] = splat[DEPTH]
+                depth_keys[i] = bits[0]
+
+
+@parallel_kernel
+def project(
+    means: np.ndarray,
+    log_scales: np.ndarray,
+    quaternions: np.ndarray,
+    opacity_logits: np.ndarray,
+    sh: np.ndarray,
+    view: View,
+    shares: int,
+    splats: np.ndarray,
+    depth_keys: np.ndarray,
+) -> None:
+    """Project every Gaussian.
+
+    Args:
+        means: (N, 3) float32.
+        log_scales: (N, 3) float32.
+        quaternions: (N, 4) float32 of unit length.
+        opacity_logits: (N,) float32.
+        sh: (N, K, 3) float32.
+        view: the camera.
+        shares: number of shares of the work.
+        splats: (N, SPLAT_FIELDS) float32, written where visible.
+        depth_keys: (N,) uint32, written: the bits of the depth, which sort as the depth does, or CULLED.
+    """
+    for share in prange(shares):
+        first, end = share * len(means) // shares, (share + 1) * len(means) // shares
+        _project_range(means, log_scales, quaternions, opacity_logits, sh, view, first, end, splats, depth_keys)

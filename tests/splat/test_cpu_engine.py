@@ -1,0 +1,181 @@
+"""What the CPU engine promises whatever it is fed: the same bits every time, and no crash."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pocketgs.camera import Camera
+from pocketgs.capture.capture import Frame
+from pocketgs.errors import PocketGSError
+from pocketgs.gaussians import PARAMETERS, Gaussians
+from pocketgs.splat.cpu.engine import CpuEngine
+from pocketgs.splat.cpu.layout import ENTRY_ROWS, ENTRY_SPLAT, TILE_HEIGHT, TILE_WIDTH, View, tiles_down
+from pocketgs.splat.engine import create_engine
+from pocketgs.splat.settings import LearningRates, LossSettings, StepSettings
+
+STEP = StepSettings(LearningRates(1e-3, 5e-3, 4e-3, 1e-2, 1e-2, 1e-3), LossSettings(scale_weight=1e-3))
+
+MakeGaussians = Callable[..., Gaussians]
+
+
+def train(gaussians: Gaussians, camera: Camera, steps: int, threads: int) -> Gaussians:
+    rng = np.random.default_rng(0)
+    image = rng.integers(0, 256, (camera.height, camera.width, 3)).astype(np.uint8)
+    engine = CpuEngine(threads)
+    engine.set_views([Frame("photo", camera, image)])
+    engine.upload(gaussians)
+    for _ in range(steps):
+        engine.step(0, STEP)
+    return engine.download()
+
+
+def assert_identical(one: Gaussians, other: Gaussians) -> None:
+    for name in PARAMETERS:
+        assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
+
+
+def test_same_bits_every_time_and_on_any_number_of_threads(make_gaussians: MakeGaussians) -> None:
+    camera = Camera(150, 110, 150.0, 150.0, 75.0, 55.0, np.array(look_from_front()))
+    gaussians = make_gaussians(count=3000, sh_degree=1, size=0.05)
+    first = train(gaussians, camera, 5, threads=2)
+    assert_identical(first, train(gaussians, camera, 5, threads=2))
+    assert_identical(first, train(gaussians, camera, 5, threads=1))
+
+
+def look_from_front() -> list[list[float]]:
+    return [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 4.0], [0.0, 0.0, 0.0, 1.0]]
+
+
+def test_state_restores_training(camera: Camera, make_gaussians: MakeGaussians) -> None:
+    gaussians = make_gaussians(count=50, sh_degree=0)
+    whole = train(gaussians, camera, 6, threads=1)
+    rng = np.random.default_rng(0)
+    frame = Frame("photo", camera, rng.integers(0, 256, (camera.height, camera.width, 3)).astype(np.uint8))
+    engine = CpuEngine(1)
+    engine.set_views([frame])
+    engine.upload(gaussians)
+    for _ in range(3):
+        engine.step(0, STEP)
+    resumed = CpuEngine(1)
+    resumed.set_views([frame])
+    resumed.upload(engine.download(), engine.optimiser_state())
+    for _ in range(3):
+        resumed.step(0, STEP)
+    assert_identical(whole, resumed.download())
+
+
+def test_training_brings_the_loss_down(camera: Camera, make_gaussians: MakeGaussians) -> None:
+    target, start = make_gaussians(count=60, sh_degree=0, seed=1), make_gaussians(count=60, sh_degree=0, seed=2)
+    painter = CpuEngine()
+    painter.upload(target)
+    photo = np.round(np.clip(painter.render(camera).image, 0, 1) * 255).astype(np.uint8)
+    engine = CpuEngine()
+    engine.set_views([Frame("photo", camera, photo)])
+    engine.upload(start)
+    engine.step(0, STEP)
+    before = engine.loss()
+    for _ in range(200):
+        engine.step(0, STEP)
+    assert engine.loss() < 0.35 * before
+
+
+@pytest.mark.parametrize("count", [0, 1])
+@pytest.mark.parametrize("size", [(1, 1), (9, 3), (17, 33)])
+def test_few_gaussians_and_small_images(make_gaussians: MakeGaussians, count: int, size: tuple[int, int]) -> None:
+    camera = Camera(*size, 20.0, 20.0, size[0] / 2, size[1] / 2, np.array(look_from_front()))
+    result = train(make_gaussians(count=count), camera, 3, threads=2)
+    assert len(result) == count
+    assert all(np.all(np.isfinite(getattr(result, name))) for name in PARAMETERS)
+
+
+HOSTILE = st.sampled_from([0.0, 1.0, -1.0, 1e-30, 1e10, -1e10, 1e30, -1e30, np.nan, np.inf, -np.inf, 88.0, -100.0])
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 200), HOSTILE), min_size=1, max_size=40))
+def test_hostile_numbers_leave_the_image_finite(edits: list[tuple[int, float]]) -> None:
+    rng = np.random.default_rng(8)
+    parameters = [
+        rng.normal(0, 0.5, (20, 3)),
+        rng.normal(-2, 0.5, (20, 3)),
+        rng.normal(0, 1, (20, 4)),
+        rng.normal(0, 1, 20),
+    ]
+    parameters.append(rng.normal(0, 0.3, (20, 4, 3)))
+    for place, value in edits:
+        array = parameters[place % 5].reshape(-1)
+        array[(place * 7919) % array.size] = value
+    gaussians = Gaussians(*(array.astype(np.float32) for array in parameters))
+    camera = Camera(33, 21, 30.0, 30.0, 16.0, 10.0, np.array(look_from_front()))
+    engine = CpuEngine()
+    engine.set_views([Frame("photo", camera, np.full((21, 33, 3), 128, np.uint8))])
+    engine.upload(gaussians)
+    assert np.all(np.isfinite(engine.render(camera).alpha))
+    engine.step(0, STEP)
+    # What was sound and visible stays sound: a neighbour's NaN does not spread.
+    before_sound = np.all([np.isfinite(a.reshape(20, -1)).all(axis=1) for a in parameters], axis=0)
+    tame = np.all([np.abs(a.reshape(20, -1)).max(axis=1) < 50 for a in parameters], axis=0)
+    after = engine.download()
+    for name in ("means", "opacity_logits", "sh"):
+        assert np.all(np.isfinite(getattr(after, name)[before_sound & tame]))
+
+
+def test_a_million_gaussians_off_screen() -> None:
+    rng = np.random.default_rng(1)
+    count = 1_000_000
+    means = rng.normal(size=(count, 3)).astype(np.float32)
+    means[:, 0] += 1000.0
+    gaussians = Gaussians(
+        means, np.full((count, 3), -5.0), np.eye(4)[np.zeros(count, int)], np.zeros(count), np.zeros((count, 1, 3))
+    )
+    camera = Camera(40, 30, 40.0, 40.0, 20.0, 15.0, np.array(look_from_front()))
+    engine = CpuEngine()
+    engine.upload(gaussians)
+    assert engine.render(camera, (0.1, 0.2, 0.3)).alpha.max() == 0.0
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000), st.integers(1, 70), st.integers(1, 70))
+def test_tile_lists_hold_every_pixel_that_a_splat_colours(seed: int, width: int, height: int) -> None:
+    """Against brute force over all pixels: nothing that reaches 1/255 is missing, and depth order holds."""
+    rng = np.random.default_rng(seed)
+    count = 15
+    gaussians = Gaussians(
+        rng.uniform(-1.5, 1.5, (count, 3)),
+        rng.uniform(-5, 0.5, (count, 3)),
+        rng.normal(size=(count, 4)),
+        rng.uniform(-5, 5, count),
+        np.zeros((count, 1, 3)),
+    )
+    camera = Camera(width, height, 30.0, 30.0, width / 2, height / 2, np.array(look_from_front()))
+    engine = CpuEngine(2)
+    engine.upload(gaussians)
+    view = View.of(camera)
+    raster = engine._forward(view, np.zeros(3, np.float32))
+    listed = np.zeros((count, height, width), bool)
+    for tile in range(view.tiles):
+        entries = raster.lists.entries[raster.lists.ranges[tile] : raster.lists.ranges[tile + 1]]
+        depths = engine._splats[entries[:, ENTRY_SPLAT], 9]
+        assert np.all(np.diff(depths) >= 0)
+        left = tile // tiles_down(height) * TILE_WIDTH
+        top = tile % tiles_down(height) * TILE_HEIGHT
+        for entry in entries:
+            first, end = entry[ENTRY_ROWS] >> 8, entry[ENTRY_ROWS] & 255
+            assert 0 <= first < end <= TILE_HEIGHT
+            listed[entry[ENTRY_SPLAT], top + first : top + end, left : left + TILE_WIDTH] = True
+    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    for i in raster.order:
+        splat = engine._splats[i].astype(np.float64)
+        dx, dy = x - splat[0], y - splat[1]
+        log2_alpha = splat[5] + splat[2] * dx * dx + splat[3] * dx * dy + splat[4] * dy * dy
+        assert not np.any((log2_alpha > np.log2(1 / 255) + 1e-3) & ~listed[i])
+
+
+def test_an_unknown_engine_is_refused() -> None:
+    with pytest.raises(PocketGSError, match="webgpu"):
+        create_engine("webgpu")
