@@ -11,6 +11,9 @@ import numpy as np
 
 from pocketgs.errors import PocketGSError
 
+SLOWEST, FASTEST = 0.1, 1000.0
+"""Frames per second that a file may have; OpenCV hangs on infinitely many."""
+
 
 def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float = 30.0) -> None:
     """Encode frames as MPEG-4 video with OpenCV, one at a time.
@@ -30,6 +33,8 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float = 30.
     path = Path(path)
     if path.suffix.lower() != ".mp4":
         raise PocketGSError(f"{path}: a video's name ends in .mp4, found {path.suffix or 'no suffix'}")
+    if not SLOWEST <= fps <= FASTEST:
+        raise PocketGSError(f"fps: found {fps}, expected {SLOWEST} to {FASTEST}")
     if not path.parent.is_dir():
         raise PocketGSError(f"{path}: there is no folder {path.parent}")
     partial = path.with_name(f".{path.stem}.partial.mp4")
@@ -66,8 +71,6 @@ def _encode(partial: Path, frames: Iterable[np.ndarray], fps: float, path: Path)
 
 
 def _open(partial: Path, fps: float, size: tuple[int, int], path: Path) -> cv2.VideoWriter:
-    if not fps > 0:
-        raise PocketGSError(f"{path}: {fps} frames per second, expected a positive number")
     writer = cv2.VideoWriter(str(partial), cv2.VideoWriter.fourcc(*"mp4v"), fps, size)
     if not writer.isOpened():
         raise PocketGSError(f"{path}: OpenCV cannot write MPEG-4 video of {size[0]}x{size[1]} pixels there")

@@ -43,11 +43,11 @@ def test_fern(fern):
 def test_fern_points_have_the_colours_of_the_images(fern, data_folder):
     placed = colour_error(fern.frames, fern)
     assert placed < 0.1
-    assert placed < 0.8 * min(colour_error(fern.frames, fern, shift) for shift in (1, 2, 4))
+    assert placed < 0.85 * min(colour_error(fern.frames, fern, shift) for shift in (1, 2, 4))
     # The lens moves the corners by pixels, so that as published they do not fit.
     published = open_capture(data_folder / "fern", images="images_8", undistort=False)
     assert published.protocol == "as published (distorted), 504x378, held out every 8th by name"
-    assert placed < 0.8 * colour_error(published.frames, published)
+    assert placed < 0.85 * colour_error(published.frames, published)
 
 
 def test_lego(data_folder):

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from plyfile import PlyData
 
 from pocketgs.capture.poses import LARGEST_COORDINATE
 from pocketgs.errors import PocketGSError
+from pocketgs.ply_file import read_vertices
 from pocketgs.pointcloud import PointCloud
 
 UNKNOWN_COLOUR = 0.5
@@ -22,11 +22,11 @@ def read_cloud(path: Path) -> PointCloud | None:
     Raises:
         PocketGSError: the file cannot be read, has no such vertices, or a coordinate is not finite or beyond reason.
     """
+    vertices = read_vertices(path)
     try:
-        vertices = PlyData.read(str(path))["vertex"].data
         positions = np.stack([vertices[axis] for axis in "xyz"], axis=1).astype(np.float64)
-    except Exception as error:  # what plyfile raises depends on where the damage is
-        raise PocketGSError(f"{path}: not a readable point cloud ({error}), expected vertices with x, y, z") from error
+    except (ValueError, TypeError) as error:
+        raise PocketGSError(f"{path}: not a point cloud ({error}), expected vertices with x, y, z") from error
     if len(positions) == 0:
         return None
     if not np.all(np.abs(positions) < LARGEST_COORDINATE):

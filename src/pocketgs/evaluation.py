@@ -10,10 +10,9 @@ import numpy as np
 
 from pocketgs.errors import PocketGSError
 from pocketgs.perceptual import Lpips
+from pocketgs.splat.constants import SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW
 
 PSNR_CAP = 100.0
-SSIM_WINDOW = 11
-SSIM_SIGMA = 1.5
 
 Pair = tuple[str, np.ndarray, np.ndarray, np.ndarray | None]
 
@@ -149,13 +148,12 @@ def ssim(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None
 
 def _similarity_map(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """(H, W, 3) SSIM of the windows about each pixel; the names are those of the paper's equation 13."""
-    c1, c2 = 0.01**2, 0.03**2
     mean_1, mean_2 = _window_mean(first), _window_mean(second)
     variance_1 = _window_mean(first * first) - mean_1**2
     variance_2 = _window_mean(second * second) - mean_2**2
     covariance = _window_mean(first * second) - mean_1 * mean_2
-    numerator = (2 * mean_1 * mean_2 + c1) * (2 * covariance + c2)
-    return numerator / ((mean_1**2 + mean_2**2 + c1) * (variance_1 + variance_2 + c2))
+    numerator = (2 * mean_1 * mean_2 + SSIM_C1) * (2 * covariance + SSIM_C2)
+    return numerator / ((mean_1**2 + mean_2**2 + SSIM_C1) * (variance_1 + variance_2 + SSIM_C2))
 
 
 def _window_mean(image: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from skimage import data
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from pocketgs.errors import PocketGSError
-from pocketgs.evaluate import Evaluation, ImageMetrics, evaluate, psnr, ssim
+from pocketgs.evaluation import Evaluation, ImageMetrics, evaluate, psnr, ssim
 from pocketgs.perceptual import Lpips
 
 

@@ -1,0 +1,69 @@
+"""PocketGS turns a phone capture into a 3D Gaussian splat on whatever device is at hand.
+
+    import pocketgs
+    capture = pocketgs.open_capture("fern", images="images_8")
+    scene = pocketgs.train(capture, iterations=500)
+    scene.save("fern.ply")
+
+Names are loaded when they are first used, so importing the package is quick and needs no engine.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pocketgs.camera import Camera
+    from pocketgs.capture.capture import Capture, Frame
+    from pocketgs.capture.open import open_capture
+    from pocketgs.capture.synthetic import demo_capture
+    from pocketgs.errors import PocketGSError
+    from pocketgs.evaluation import evaluate
+    from pocketgs.gaussians import Gaussians
+    from pocketgs.pointcloud import PointCloud
+    from pocketgs.rendering import render
+    from pocketgs.splat.engine import Rendering
+    from pocketgs.training import TrainingOptions, train
+
+__all__ = [
+    "Camera",
+    "Capture",
+    "Frame",
+    "Gaussians",
+    "PocketGSError",
+    "PointCloud",
+    "Rendering",
+    "TrainingOptions",
+    "demo_capture",
+    "evaluate",
+    "open_capture",
+    "render",
+    "train",
+]
+
+_HOMES = {
+    "Camera": "camera",
+    "Capture": "capture.capture",
+    "Frame": "capture.capture",
+    "Gaussians": "gaussians",
+    "PocketGSError": "errors",
+    "PointCloud": "pointcloud",
+    "Rendering": "splat.engine",
+    "TrainingOptions": "training",
+    "demo_capture": "capture.synthetic",
+    "evaluate": "evaluation",
+    "open_capture": "capture.open",
+    "render": "rendering",
+    "train": "training",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'pocketgs' has no attribute {name!r}")
+    return getattr(import_module(f"pocketgs.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

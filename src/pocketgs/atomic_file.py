@@ -1,0 +1,44 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from glob import escape
+from pathlib import Path
+
+from pocketgs.errors import PocketGSError
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a temporary path beside `path`, with its suffix, to write to; put it in `path`'s place at the end.
+
+    Whatever goes wrong in between, even the process's sudden end, `path` holds what it held before.
+
+    Raises:
+        PocketGSError: the folder does not exist or cannot be written to, or `path` names no file.
+    """
+    if not path.name:
+        raise PocketGSError(f"{path}: is a folder, expected the name of a file")
+    partial = path.with_name(f".{path.stem}.{uuid.uuid4().hex[:8]}.partial{path.suffix}")
+    try:
+        yield partial
+        # A rename may reach the disk before what was written: a power cut would leave an empty file.
+        with partial.open("rb+") as file:
+            os.fsync(file.fileno())
+        os.replace(partial, path)
+    except OSError as error:
+        raise PocketGSError(f"{path}: cannot be written ({error.strerror or error})") from error
+    finally:
+        # Where nothing can be written, nothing can be looked up either: that must not hide the error above.
+        with suppress(OSError):
+            partial.unlink()
+
+
+def remove_leftovers(path: Path) -> None:
+    """Delete the temporary files that killed processes have left beside `path`."""
+    for leftover in path.parent.glob(f".{escape(path.stem)}.*.partial{escape(path.suffix)}"):
+        leftover.unlink(missing_ok=True)

@@ -1,0 +1,47 @@
+"""The `pocketgs` command: a file a subcommand, each a thin call of the public API."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+
+import tyro
+from rich.console import Console
+
+from pocketgs.cli.demo import demo
+from pocketgs.cli.evaluate import evaluate
+from pocketgs.cli.info import info
+from pocketgs.cli.render import render
+from pocketgs.cli.train import train
+from pocketgs.errors import PocketGSError
+
+USER_ERROR, INTERRUPTED = 2, 130
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and exit: 0 on success, 2 for anything the user can put right, 130 for Ctrl-C."""
+    subcommands: dict[str, Callable[..., None]] = {
+        "train": train,
+        "eval": evaluate,
+        "render": render,
+        "info": info,
+        "demo": demo,
+    }
+    errors = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
+    try:
+        tyro.extras.subcommand_cli_from_dict(
+            subcommands,
+            prog="pocketgs",
+            description="Turn a phone capture into a 3D Gaussian splat on whatever device is at hand.",
+            args=arguments,
+            config=(tyro.conf.OmitArgPrefixes,),
+        )
+    except (PocketGSError, OSError) as error:  # OSError: a full disk, a path that is too long
+        errors.print("pocketgs:", " ".join(str(error).split()), style="red", markup=False)
+        sys.exit(USER_ERROR)
+    except MemoryError:
+        errors.print("pocketgs: out of memory: try --downscale 2 or fewer --max-gaussians", style="red", markup=False)
+        sys.exit(USER_ERROR)
+    except KeyboardInterrupt:
+        errors.print("pocketgs: stopped", style="red")
+        sys.exit(INTERRUPTED)

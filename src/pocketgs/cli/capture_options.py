@@ -1,0 +1,41 @@
+"""How to read a capture: the options that several subcommands share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pocketgs.capture import Capture, open_capture
+
+
+@dataclass(frozen=True)
+class CaptureOptions:
+    """How to read the capture.
+
+    Attributes:
+        images: Folder inside the capture to take the images from, for example images_8.
+        downscale: Shrink images by this factor, averaging areas.
+        max_size: Shrink images further so that their longer side has at most this many pixels.
+        background: Red, green and blue from 0 to 1 behind images with alpha. By default the format's own.
+        undistort: Undo lens distortion and crop to what the lens saw; --no-undistort takes images as they are.
+        hold_out: Keep every so many frames for evaluation, unless the data set states its own; 0 for none.
+    """
+
+    images: str | None = None
+    downscale: float = 1.0
+    max_size: int | None = None
+    background: tuple[float, float, float] | None = None
+    undistort: bool = True
+    hold_out: int = 8
+
+    def open(self, path: Path) -> Capture:
+        """Read the capture at `path`."""
+        return open_capture(
+            path,
+            images=self.images,
+            downscale=self.downscale,
+            max_size=self.max_size,
+            background=self.background,
+            undistort=self.undistort,
+            hold_out_every=self.hold_out,
+        )

@@ -1,0 +1,123 @@
+"""What a training run shows on the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from pocketgs.capture.capture import Capture
+from pocketgs.evaluation import Evaluation
+from pocketgs.record import peak_rss_mb
+from pocketgs.run import Reporter, RunResult
+from pocketgs.training import Progress
+
+STAGES = {
+    "capture": "reading the capture",
+    "seeding": "seeding Gaussians",
+    "compilation": "loading kernels (the first run compiles them: up to half a minute)",
+    "upload": "preparing the engine",
+    "writing": "writing the result",
+    "evaluation": "evaluating the held-out views",
+}
+ITERATIONS_BETWEEN_LINES = 100
+
+
+class Display:
+    """Shows stages and progress on one line that is redrawn, or as plain lines where the output is no terminal."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._live: Live | None = None
+
+    @contextmanager
+    def showing(self) -> Iterator[Reporter]:
+        """A reporter whose news is shown for as long as the block runs."""
+        if self._console.is_terminal:
+            with Live(Text(""), console=self._console, transient=True, refresh_per_second=8) as live:
+                self._live = live
+                yield self._reporter()
+        else:
+            yield self._reporter()
+
+    def _reporter(self) -> Reporter:
+        return Reporter(self._show_stage, self._show_capture, self._show_progress)
+
+    def _show_stage(self, stage: str) -> None:
+        if stage in STAGES and self._live:
+            self._live.update(Text(f"{STAGES[stage]} …"))
+        elif stage == "compilation":
+            self._console.print(STAGES[stage])
+
+    def _show_capture(self, capture: Capture) -> None:
+        for warning in capture.warnings:
+            self._console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+        self._console.print(*capture_lines(capture), sep="\n", markup=False, highlight=False, soft_wrap=True)
+
+    def _show_progress(self, progress: Progress) -> None:
+        if self._live:
+            self._live.update(Text(progress_line(progress)))
+        elif progress.iteration % ITERATIONS_BETWEEN_LINES == 0:
+            self._console.print(progress_line(progress), markup=False, highlight=False, soft_wrap=True)
+
+
+def capture_lines(capture: Capture) -> list[str]:
+    """What a capture holds, in words."""
+    points = f"{len(capture.points):,} points" if capture.points else "no points of its own"
+    views = f"{len(capture.train)} training views, {len(capture.held_out)} held out"
+    units = "metres" if capture.metric else "scene units"
+    return [
+        f"{capture.name} ({capture.format}): {views}, {points}, {units}, {capture.image_bytes / 1e6:.0f} MB of images",
+        f"protocol: {capture.protocol}",
+    ]
+
+
+def progress_line(progress: Progress) -> str:
+    """Where a run stands, in one line."""
+    rate = progress.iteration_rate
+    parts = [
+        f"iteration {progress.iteration}/{progress.iterations}",
+        f"loss {progress.loss:.4f}",
+        f"{rate:.1f} it/s",
+        f"{progress.seconds_left:.0f} s left",
+        f"{progress.gaussians:,} Gaussians",
+        f"{peak_rss_mb():.0f} MB",
+    ]
+    if progress.held_out_psnr is not None:
+        parts.insert(2, f"held-out PSNR {progress.held_out_psnr:.2f} dB")
+    return "  ".join(parts)
+
+
+def print_result(console: Console, result: RunResult) -> None:
+    """Quality, time and memory of a run, and where its result is."""
+    summary = result.summary
+    if result.evaluation:
+        print_evaluation(console, result.evaluation)
+    seconds = summary["seconds"]
+    stages = ", ".join(f"{name} {value:.1f}" for name, value in seconds.items() if name != "total" and value >= 0.05)
+    stopped = " (stopped early)" if summary["interrupted"] else ""
+    lines = [
+        f"{summary['iterations']} iterations{stopped}, {summary['gaussians']:,} Gaussians, engine {summary['engine']}",
+        f"{seconds['total']:.1f} s in all ({stages}), peak memory {summary['peak_rss_mb']:.0f} MB",
+        f"result in {result.folder}: scene.ply, run.json{', held_out/' if result.evaluation else ''}",
+    ]
+    console.print(*lines, sep="\n", markup=False, highlight=False, soft_wrap=True)
+
+
+def print_evaluation(console: Console, evaluation: Evaluation) -> None:
+    """A table of metrics by image, with their means."""
+    with_lpips = evaluation.lpips is not None
+    table = Table("held-out view", "PSNR (dB)", "SSIM", *(["LPIPS"] if with_lpips else []))
+    for image in evaluation.images:
+        lpips = [f"{image.lpips:.4f}" if image.lpips is not None else "n/a"] if with_lpips else []
+        table.add_row(Text(image.name), f"{image.psnr:.2f}", f"{image.ssim:.4f}", *lpips)
+    table.add_section()
+    means = [f"{evaluation.psnr:.2f}", f"{evaluation.ssim:.4f}"]
+    table.add_row("mean", *means, *([f"{evaluation.lpips:.4f}"] if with_lpips else []))
+    console.print(table)
+    if evaluation.lpips_note:
+        console.print(evaluation.lpips_note, style="dim", markup=False, highlight=False, soft_wrap=True)

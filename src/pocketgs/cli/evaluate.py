@@ -1,0 +1,55 @@
+"""`pocketgs eval`."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+
+from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.cli.display import capture_lines, print_evaluation
+from pocketgs.cli.scene_file import load_scene
+from pocketgs.errors import PocketGSError
+from pocketgs.result_folder import publishing, write_json
+from pocketgs.run import evaluate_held_out
+from pocketgs.splat.engine import EngineName, create_engine
+
+
+def evaluate(
+    scene: Annotated[Path, tyro.conf.Positional],
+    capture: Annotated[Path, tyro.conf.Positional],
+    pictures: Path | None = None,
+    json: Path | None = None,
+    engine: EngineName = "auto",
+    reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
+) -> None:
+    """Compare a scene with a capture's held-out views: PSNR, SSIM, LPIPS.
+
+    Args:
+        scene: A .ply with Gaussians, or a result folder.
+        capture: The capture's folder, or its transforms.json.
+        pictures: Folder for pictures of photograph and rendering side by side.
+        json: File for the figures.
+        engine: What renders.
+        reading: How to read the capture.
+    """
+    console = Console()
+    gaussians = load_scene(scene)
+    opened = reading.open(capture)
+    renderer = create_engine(engine)
+    renderer.upload(gaussians)
+    if not opened.held_out:
+        raise PocketGSError(f"{capture}: no view is held out, expected --hold-out of at least 2")
+    with publishing(pictures) if pictures else nullcontext() as staging:
+        evaluation = evaluate_held_out(renderer, opened, staging)
+    assert evaluation is not None
+    console.print(*capture_lines(opened), sep="\n", markup=False, highlight=False, soft_wrap=True)
+    print_evaluation(console, evaluation)
+    if json:
+        images = [asdict(image) for image in evaluation.images]
+        means = {"psnr": evaluation.psnr, "ssim": evaluation.ssim, "lpips": evaluation.lpips}
+        write_json(json, {**means, "protocol": opened.protocol, "gaussians": len(gaussians), "images": images})

@@ -1,0 +1,67 @@
+"""`pocketgs info`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from rich.console import Console
+
+from pocketgs.capture import Capture
+from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.cli.display import capture_lines
+from pocketgs.cli.scene_file import load_scene
+from pocketgs.gaussians import Gaussians
+from pocketgs.result_folder import SCENE
+
+
+def info(
+    path: Annotated[Path, tyro.conf.Positional],
+    reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
+) -> None:
+    """Say what a capture or a scene holds.
+
+    Args:
+        path: A capture's folder or transforms.json, a .ply with Gaussians, or a result folder.
+        reading: How to read a capture.
+    """
+    is_scene = path.suffix.lower() == ".ply" or (path / SCENE).is_file()
+    lines = _scene_lines(load_scene(path)) if is_scene else _capture_lines(reading.open(path))
+    Console().print(*lines, sep="\n", markup=False, highlight=False, soft_wrap=True)
+
+
+def _capture_lines(capture: Capture) -> list[str]:
+    cameras = [frame.camera for frame in capture.frames]
+    sizes = sorted({f"{camera.width}x{camera.height}" for camera in cameras})
+    focal = np.median([camera.fx for camera in cameras])
+    extras = {
+        "alpha": sum(frame.alpha is not None for frame in capture.frames),
+        "mask": sum(frame.mask is not None for frame in capture.frames),
+        "depth": sum(frame.depth is not None for frame in capture.frames),
+    }
+    with_extras = ", ".join(f"{count} with {name}" for name, count in extras.items() if count) or "colour only"
+    centres = np.array([camera.centre for camera in cameras])
+    span = " x ".join(f"{length:.3g}" for length in np.ptp(centres, axis=0))
+    return [
+        *capture_lines(capture),
+        f"images: {', '.join(sizes)}, median focal length {focal:.1f} pixels; {with_extras}",
+        f"cameras lie in a box of {span} {'metres' if capture.metric else 'scene units'}",
+        *(f"warning: {warning}" for warning in capture.warnings),
+    ]
+
+
+def _scene_lines(scene: Gaussians) -> list[str]:
+    if len(scene) == 0:
+        return ["0 Gaussians"]
+    low, high = np.quantile(scene.means, [0.01, 0.99], axis=0)
+    box = " x ".join(f"{length:.3g}" for length in high - low)
+    scales = scene.scales
+    flatness = np.median(scales.min(axis=1) / scales.max(axis=1))
+    return [
+        f"{len(scene):,} Gaussians, spherical harmonics of degree {scene.sh_degree}",
+        f"98 % of the centres lie in a box of {box}",
+        f"opacity: median {np.median(scene.opacities):.3f}, {np.mean(scene.opacities < 0.05):.1%} under 0.05",
+        f"largest scale: median {np.median(scales.max(axis=1)):.3g}; smallest is {flatness:.2f} of it in the median",
+    ]

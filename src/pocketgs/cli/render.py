@@ -1,0 +1,103 @@
+"""`pocketgs render`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import tyro
+from PIL import Image
+from rich.console import Console
+
+from pocketgs.camera import Camera
+from pocketgs.camera_path import orbit, path
+from pocketgs.capture import Capture
+from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.cli.scene_file import load_scene
+from pocketgs.errors import PocketGSError
+from pocketgs.rendering import render_all
+from pocketgs.result_folder import picture_names, publishing
+from pocketgs.splat.engine import EngineName, Rendering
+from pocketgs.video import write_video
+
+Views = Literal["held-out", "train", "orbit", "path"]
+Show = Literal["colour", "depth", "alpha"]
+
+
+def render(
+    scene: Annotated[Path, tyro.conf.Positional],
+    capture: Annotated[Path, tyro.conf.Positional],
+    output: Path,
+    views: Views = "orbit",
+    show: Show = "colour",
+    frames: int = 120,
+    fps: float = 30.0,
+    engine: EngineName = "auto",
+    reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
+) -> None:
+    """Render a scene to pictures or a video.
+
+    Args:
+        scene: A .ply with Gaussians, or a result folder.
+        capture: The capture that gives the cameras: its folder, or its transforms.json.
+        output: A folder for numbered PNGs, or a video if it ends in .mp4.
+        views: The capture's held-out or training views, an orbit around what it looks at, or a smooth path through
+            its training views.
+        show: Colour, expected depth (near is bright) or alpha.
+        frames: Number of views of an orbit or path.
+        fps: Frames per second of a video.
+        engine: What renders.
+        reading: How to read the capture.
+    """
+    gaussians = load_scene(scene)
+    opened = reading.open(capture)
+    named_cameras = _cameras(opened, views, frames)
+    cameras = [camera for _, camera in named_cameras]
+    renderings = render_all(gaussians, cameras, opened.background, depth=show == "depth", engine=engine)
+    pictures = (_picture(rendering, show) for rendering in renderings)
+    if output.suffix.lower() == ".mp4":
+        try:
+            output.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise PocketGSError(f"{output}: there is no room for its folder ({error.strerror or error})") from error
+        write_video(output, pictures, fps)
+    else:
+        _write_pictures(output, [name for name, _ in named_cameras], pictures)
+    Console().print(f"{len(cameras)} views in {output}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _cameras(capture: Capture, views: Views, frames: int) -> list[tuple[str, Camera]]:
+    """Cameras to render, with names for their files."""
+    if views in ("held-out", "train"):
+        chosen = capture.held_out if views == "held-out" else capture.train
+        if not chosen:
+            raise PocketGSError(f"{capture.path}: no view is held out, expected --hold-out of at least 2")
+        names = picture_names(frame.name for frame in chosen)
+        return [(name, frame.camera) for name, frame in zip(names, chosen, strict=True)]
+    if frames < 1:
+        raise PocketGSError(f"frames: found {frames}, expected at least 1")
+    given = [frame.camera for frame in capture.train]
+    made = orbit(given, frames) if views == "orbit" else path(given, frames)
+    return [(f"{number:04d}", camera) for number, camera in enumerate(made)]
+
+
+def _picture(rendering: Rendering, show: Show) -> np.ndarray:
+    """(H, W, 3) uint8 for a screen."""
+    if show == "colour":
+        shown = rendering.image
+    elif show == "alpha":
+        shown = np.repeat(rendering.alpha[..., None], 3, axis=2)
+    else:
+        assert rendering.depth is not None
+        inverse = np.divide(1.0, rendering.depth, out=np.zeros_like(rendering.depth), where=rendering.depth > 0)
+        nearest = np.quantile(inverse, 0.99) or 1.0
+        shown = np.repeat((inverse / nearest * rendering.alpha)[..., None], 3, axis=2)
+    return np.round(np.clip(shown, 0.0, 1.0) * 255.0).astype(np.uint8)
+
+
+def _write_pictures(folder: Path, names: list[str], pictures: Iterator[np.ndarray]) -> None:
+    with publishing(folder) as staging:
+        for name, picture in zip(names, pictures, strict=True):
+            Image.fromarray(picture).save(staging / f"{name}.png")

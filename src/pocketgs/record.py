@@ -1,0 +1,90 @@
+"""What a run took: wall time by stage, memory, and how loss and quality went."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import psutil
+
+from pocketgs.splat.engine import OptimiserState
+
+
+class Stopwatch:
+    """Adds up wall time by stage.
+
+    Args:
+        on_stage: called with a stage's name when it begins.
+    """
+
+    def __init__(self, on_stage: Callable[[str], None] | None = None) -> None:
+        self.seconds: dict[str, float] = defaultdict(float)
+        self._on_stage = on_stage
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the time that the block takes to a stage."""
+        if self._on_stage:
+            self._on_stage(name)
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] += time.perf_counter() - started
+
+
+@dataclass(frozen=True)
+class LossSample:
+    """Loss and held-out PSNR at one moment of training; `seconds` of training time."""
+
+    iteration: int
+    seconds: float
+    loss: float
+    held_out_psnr: float
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """What training took.
+
+    Attributes:
+        engine, recipe: their names.
+        iterations: iterations done, those before a resumption included.
+        interrupted: whether Ctrl-C ended it.
+        gaussians: number of Gaussians.
+        seconds: wall time by stage.
+        peak_rss_mb: most memory that the process held, in MB of 10^6 bytes.
+        engine_bytes: what the engine held, by name.
+        losses: samples over the run.
+        optimiser_state: for going on later.
+    """
+
+    engine: str
+    recipe: str
+    iterations: int
+    interrupted: bool
+    gaussians: int
+    seconds: dict[str, float]
+    peak_rss_mb: float
+    engine_bytes: dict[str, int]
+    losses: list[LossSample]
+    optimiser_state: OptimiserState
+
+
+def peak_rss_mb() -> float:
+    """Most resident memory that this process has held so far, in MB of 10^6 bytes."""
+    if sys.platform == "win32":
+        return float(psutil.Process().memory_info().peak_wset) / 1e6
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / 1e6 if sys.platform == "darwin" else peak * 1024 / 1e6
+
+
+def seconds_since_start() -> float:
+    """Wall time since this process was started."""
+    return time.time() - float(psutil.Process().create_time())

@@ -1,0 +1,46 @@
+"""Rendering a scene without training it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from pocketgs.camera import Camera
+from pocketgs.gaussians import Gaussians
+from pocketgs.splat.engine import EngineName, Rendering, create_engine
+
+BLACK = (0.0, 0.0, 0.0)
+
+
+def render(
+    scene: Gaussians,
+    camera: Camera,
+    background: tuple[float, float, float] = BLACK,
+    *,
+    depth: bool = False,
+    engine: EngineName = "auto",
+) -> Rendering:
+    """Render one view; for many, `render_all` uploads the scene once.
+
+    Args:
+        scene: what to show.
+        camera: from where.
+        background: RGB in [0, 1] behind the scene.
+        depth: whether to add the expected depth.
+        engine: what renders.
+    """
+    return next(render_all(scene, [camera], background, depth=depth, engine=engine))
+
+
+def render_all(
+    scene: Gaussians,
+    cameras: Iterable[Camera],
+    background: tuple[float, float, float] = BLACK,
+    *,
+    depth: bool = False,
+    engine: EngineName = "auto",
+) -> Iterator[Rendering]:
+    """Render views one after the other; see `render`."""
+    renderer = create_engine(engine)
+    renderer.upload(scene)
+    for camera in cameras:
+        yield renderer.render(camera, background, depth)

@@ -1,0 +1,252 @@
+"""From a capture to a result folder: load, train, evaluate, write, and say what it took."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pocketgs import result_folder
+from pocketgs.capture.capture import Capture
+from pocketgs.errors import PocketGSError
+from pocketgs.evaluation import Evaluation, Pair, evaluate
+from pocketgs.gaussians import Gaussians
+from pocketgs.interrupt import deferred_interrupt
+from pocketgs.record import Stopwatch, peak_rss_mb, seconds_since_start
+from pocketgs.splat.constants import SSIM_WINDOW
+from pocketgs.splat.engine import Engine, create_engine
+from pocketgs.training import Checkpoint, Progress, TrainingOptions, render_frame, train
+
+SECONDS_BETWEEN_CHECKPOINTS = 60.0
+DEPENDENCIES = ("numpy", "numba", "llvmlite", "opencv-python-headless", "scipy", "pillow")
+
+
+@dataclass(frozen=True)
+class Reporter:
+    """Whom a run tells what it is doing.
+
+    Attributes:
+        on_stage: called with a stage's name when it begins.
+        on_capture: called with the capture once it is read.
+        on_progress: called after every iteration.
+    """
+
+    on_stage: Callable[[str], None] = lambda stage: None
+    on_capture: Callable[[Capture], None] = lambda capture: None
+    on_progress: Callable[[Progress], None] = lambda progress: None
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """What a run left behind.
+
+    Attributes:
+        folder: where.
+        scene: the trained Gaussians.
+        evaluation: of the held-out views, or None if there are none.
+        summary: the content of `run.json`.
+    """
+
+    folder: Path
+    scene: Gaussians
+    evaluation: Evaluation | None
+    summary: dict[str, Any]
+
+
+def run(
+    load_capture: Callable[[], Capture],
+    folder: Path,
+    options: TrainingOptions,
+    *,
+    resume: bool = False,
+    reporter: Reporter | None = None,
+) -> RunResult:
+    """Train on a capture and write the result to a folder; see `pocketgs.result_folder` for what is in it.
+
+    Args:
+        load_capture: reads the capture.
+        folder: made if need be. An earlier result there stays until the new one is complete.
+        options: how to train.
+        resume: go on from the checkpoint in the folder.
+        reporter: is told what is going on.
+
+    Raises:
+        PocketGSError: the capture, an option or the folder cannot be used.
+    """
+    reporter = reporter or Reporter()
+    stopwatch = Stopwatch(reporter.on_stage)
+    stopwatch.seconds["startup"] = seconds_since_start()
+    result_folder.check_writable(folder)
+    with stopwatch.stage("capture"):
+        capture = load_capture()
+    reporter.on_capture(capture)
+    _check_comparable(capture)
+    identity = _identity(capture, options)
+    checkpoint = result_folder.read_checkpoint(folder, identity) if resume else None
+    if checkpoint and checkpoint.iteration >= options.iterations:
+        found = f"{checkpoint.iteration} iterations are done already"
+        raise PocketGSError(f"{folder}: {found}, expected --iterations to ask for more")
+    saver = _CheckpointSaver(folder, identity)
+
+    def observe(progress: Progress) -> None:
+        reporter.on_progress(progress)
+        saver.observe(progress)
+
+    scene = train(capture, options, observer=observe, resume=checkpoint, stopwatch=stopwatch)
+    with deferred_interrupt():
+        return _publish(capture, folder, options, scene, identity, stopwatch)
+
+
+class _CheckpointSaver:
+    """Writes a checkpoint now and then, so that a long run can go on after its process has died."""
+
+    def __init__(self, folder: Path, identity: dict[str, Any]) -> None:
+        self._folder, self._identity = folder, identity
+        self._last = time.monotonic()
+
+    def observe(self, progress: Progress) -> None:
+        if time.monotonic() - self._last >= SECONDS_BETWEEN_CHECKPOINTS:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            result_folder.write_checkpoint(
+                self._folder / result_folder.UNFINISHED, progress.checkpoint(), self._identity
+            )
+            self._last = time.monotonic()
+
+
+def _identity(capture: Capture, options: TrainingOptions) -> dict[str, Any]:
+    """What a run that is resumed must have in common with the one that wrote the checkpoint."""
+    return {
+        "capture": capture.name,
+        "protocol": capture.protocol,
+        "training views": len(capture.train),
+        "recipe": options.recipe,
+        "seed": options.seed,
+        "SH degree": options.sh_degree,
+        "max gaussians": options.max_gaussians,
+    }
+
+
+def _check_comparable(capture: Capture) -> None:
+    """Find out before the work starts that every held-out view can be compared with its photograph.
+
+    Raises:
+        PocketGSError: one cannot.
+    """
+    border = SSIM_WINDOW // 2
+    for frame in capture.held_out:
+        width, height = frame.camera.width, frame.camera.height
+        if min(width, height) < SSIM_WINDOW:
+            expected = f"expected at least {SSIM_WINDOW} pixels a side, or --hold-out 0"
+            raise PocketGSError(f"{frame.name}: a held-out view of {width}x{height} pixels, {expected}")
+        if frame.mask is not None and not frame.mask[border:-border, border:-border].any():
+            expected = f"expected pixels to compare that lie {border} or more inside the image, or --hold-out 0"
+            raise PocketGSError(f"{frame.name}: the mask of a held-out view leaves nothing, {expected}")
+
+
+def _publish(
+    capture: Capture,
+    folder: Path,
+    options: TrainingOptions,
+    scene: Gaussians,
+    identity: dict[str, Any],
+    stopwatch: Stopwatch,
+) -> RunResult:
+    """Evaluate the scene and put the result in place."""
+    record = scene.record
+    assert record is not None
+    with result_folder.publishing(folder) as staging:
+        with stopwatch.stage("writing"):
+            scene.save(staging / result_folder.SCENE)
+            checkpoint = Checkpoint(record.iterations, scene, record.optimiser_state)
+            result_folder.write_checkpoint(staging / result_folder.CHECKPOINT, checkpoint, identity)
+        with stopwatch.stage("evaluation"):
+            engine = create_engine(options.engine, options.threads)
+            engine.upload(scene)
+            evaluation = evaluate_held_out(engine, capture, staging / result_folder.PICTURES)
+        stopwatch.seconds["total"] = seconds_since_start()
+        summary = _summary(capture, options, scene, evaluation, stopwatch.seconds)
+        result_folder.write_json(staging / result_folder.RECORD, summary)
+    result_folder.remove_outdated(folder, keep_pictures=evaluation is not None)
+    return RunResult(folder, scene, evaluation, summary)
+
+
+def evaluate_held_out(engine: Engine, capture: Capture, pictures: Path | None = None) -> Evaluation | None:
+    """Compare the engine's scene with the held-out photographs; None if there are none.
+
+    Args:
+        engine: holds the scene.
+        capture: gives the held-out frames and the background.
+        pictures: folder for side-by-side pictures, made here, or None for no pictures.
+    """
+    if not capture.held_out:
+        return None
+    if pictures:
+        pictures.mkdir(parents=True, exist_ok=True)
+
+    def pairs() -> Iterator[Pair]:
+        names = result_folder.picture_names(frame.name for frame in capture.held_out)
+        for frame, name in zip(capture.held_out, names, strict=True):
+            rendered = render_frame(engine, frame, capture.background)
+            if pictures:
+                result_folder.write_side_by_side(pictures, name, frame.image, rendered)
+            yield frame.name, rendered, (frame.image / np.float32(255.0)).astype(np.float32), frame.mask
+
+    return evaluate(pairs())
+
+
+def _summary(
+    capture: Capture,
+    options: TrainingOptions,
+    scene: Gaussians,
+    evaluation: Evaluation | None,
+    seconds: dict[str, float],
+) -> dict[str, Any]:
+    """The content of `run.json`."""
+    record = scene.record
+    assert record is not None
+    return {
+        "psnr": evaluation.psnr if evaluation else None,
+        "ssim": evaluation.ssim if evaluation else None,
+        "lpips": evaluation.lpips if evaluation else None,
+        "lpips_note": evaluation.lpips_note if evaluation else None,
+        "gaussians": record.gaussians,
+        "iterations": record.iterations,
+        "interrupted": record.interrupted,
+        "peak_rss_mb": peak_rss_mb(),
+        "seconds": {name: round(value, 3) for name, value in seconds.items()},
+        "protocol": capture.protocol,
+        "engine": record.engine,
+        "engine_bytes": record.engine_bytes,
+        "capture": {
+            "name": capture.name,
+            "format": capture.format,
+            "training_views": len(capture.train),
+            "held_out_views": len(capture.held_out),
+            "points": len(capture.points) if capture.points else 0,
+            "image_bytes": capture.image_bytes,
+            "background": capture.background,
+            "metric": capture.metric,
+            "warnings": capture.warnings,
+        },
+        "options": asdict(options),
+        "images": [asdict(image) for image in evaluation.images] if evaluation else [],
+        "progress": [asdict(sample) for sample in record.losses],
+        "versions": versions(),
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of this package, of Python, of the system and of what the numbers depend on."""
+    found = {"python": platform.python_version(), "system": platform.platform()}
+    for package in ("pocketgs", *DEPENDENCIES):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "unknown"
+    return found

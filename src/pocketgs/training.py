@@ -1,0 +1,287 @@
+"""The training loop: which view next, at what rates, until when. It knows no engine by name."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from pocketgs.capture.capture import Capture, Frame
+from pocketgs.errors import PocketGSError
+from pocketgs.evaluation import psnr
+from pocketgs.gaussians import Gaussians
+from pocketgs.interrupt import deferred_interrupt
+from pocketgs.pointcloud import PointCloud
+from pocketgs.recipes import Recipe, recipe_named
+from pocketgs.record import LossSample, RunRecord, Stopwatch, peak_rss_mb
+from pocketgs.seeding import seed_isotropic
+from pocketgs.splat.engine import Engine, EngineName, OptimiserState, create_engine
+from pocketgs.splat.settings import StepSettings
+from pocketgs.volume import draw_points
+
+
+@dataclass(frozen=True)
+class TrainingOptions:
+    """What a user may ask of a training run.
+
+    Attributes:
+        iterations: number of training steps, one view each.
+        time_budget: seconds after which to stop, or None. Learning rates fall with whichever runs out first.
+        engine: what renders and differentiates.
+        prior: what to start from: "none" is the capture's own points, or points drawn where it has none.
+        recipe: name of a recipe, see `pocketgs.recipes`.
+        seed: of everything random.
+        max_gaussians: most Gaussians to start with.
+        sh_degree: degree of the spherical harmonics, or None for the recipe's.
+        threads: CPU threads, or None for all cores.
+        evaluate_every: iterations between looks at the held-out views; 0 for none until the end.
+    """
+
+    iterations: int = 500
+    time_budget: float | None = None
+    engine: EngineName = "auto"
+    prior: Literal["none", "dense"] = "none"
+    recipe: str = "pocketgs"
+    seed: int = 0
+    max_gaussians: int = 50_000
+    sh_degree: int | None = None
+    threads: int | None = None
+    evaluate_every: int = 100
+
+    def __post_init__(self) -> None:
+        recipe_named(self.recipe)
+        checks = {
+            "iterations": (self.iterations >= 1, "at least 1"),
+            "time budget": (self.time_budget is None or self.time_budget > 0, "a positive number of seconds"),
+            "max gaussians": (self.max_gaussians >= 4, "at least 4"),
+            "SH degree": (self.sh_degree in (None, 0, 1, 2, 3), "0, 1, 2 or 3"),
+            "threads": (self.threads is None or self.threads >= 1, "at least 1"),
+            "evaluate every": (self.evaluate_every >= 0, "at least 0"),
+            "seed": (self.seed >= 0, "at least 0"),
+            "prior": (self.prior in ("none", "dense"), "none or dense"),
+        }
+        for what, (sound, expected) in checks.items():
+            if not sound:
+                raise PocketGSError(
+                    f"{what}: found {getattr(self, what.lower().replace(' ', '_'))}, expected {expected}"
+                )
+        if self.prior == "dense":
+            raise PocketGSError("prior 'dense' is not available in this version, expected none")
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A run as it stands: enough to go on from."""
+
+    iteration: int
+    gaussians: Gaussians
+    state: OptimiserState
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What an observer is told after an iteration.
+
+    Attributes:
+        iteration: iterations done.
+        iterations: iterations asked for.
+        fraction: how much of the run is over, by iterations or by time.
+        loss: mean of the training loss over the last epoch.
+        held_out_psnr: when the held-out views were last looked at, or None.
+        iteration_rate: iterations per second.
+        seconds_left: estimate of the time until iterations or the time budget run out.
+        gaussians: their number.
+        checkpoint: gives the run as it stands; costs a copy.
+    """
+
+    iteration: int
+    iterations: int
+    fraction: float
+    loss: float
+    held_out_psnr: float | None
+    iteration_rate: float
+    seconds_left: float
+    gaussians: int
+    checkpoint: Callable[[], Checkpoint]
+
+
+Observer = Callable[[Progress], None]
+
+
+def train(
+    capture: Capture,
+    options: TrainingOptions | None = None,
+    *,
+    observer: Observer | None = None,
+    resume: Checkpoint | None = None,
+    stopwatch: Stopwatch | None = None,
+    **changes: object,
+) -> Gaussians:
+    """Train a splat.
+
+    Example:
+        >>> scene = train(open_capture("fern", images="images_8"), iterations=500)
+        >>> scene.save("fern.ply")
+
+    Ctrl-C ends training after the step under way and returns what has been trained.
+
+    Args:
+        capture: what to train on.
+        options: how; all at their defaults if None.
+        observer: called after every iteration.
+        resume: where an earlier run with the same capture and options stopped.
+        stopwatch: times the stages; a new one if None.
+        **changes: single options by name, in place of those in `options`.
+
+    Returns:
+        The scene; `scene.record` says what it took.
+
+    Raises:
+        PocketGSError: an option or the capture cannot be used.
+    """
+    options = replace(options or TrainingOptions(), **changes)  # type: ignore[arg-type]
+    stopwatch = stopwatch or Stopwatch()
+    recipe = recipe_named(options.recipe)
+    if not capture.train:
+        raise PocketGSError(f"{capture.path}: no training view, expected at least one")
+    with stopwatch.stage("seeding"):
+        points = starting_points(capture, options)
+        unit = recipe.length([frame.camera for frame in capture.train], points)
+        degree = recipe.sh_degree if options.sh_degree is None else options.sh_degree
+        start = resume.gaussians if resume else seed_isotropic(points, recipe.opacity, degree, recipe.seed_size)
+    with stopwatch.stage("compilation"):
+        engine = create_engine(options.engine, options.threads)
+        engine.prepare()
+    with stopwatch.stage("upload"):
+        engine.set_views(capture.train)
+        engine.upload(start, resume.state if resume else None)
+    loop = _Loop(capture, options, recipe, unit, engine, stopwatch, resume.iteration if resume else 0)
+    loop.run(observer)
+    scene = engine.download()
+    scene.record = RunRecord(
+        engine=engine.name,
+        recipe=recipe.name,
+        iterations=loop.iteration,
+        interrupted=loop.interrupted,
+        gaussians=len(scene),
+        seconds=dict(stopwatch.seconds),
+        peak_rss_mb=peak_rss_mb(),
+        engine_bytes=engine.memory(),
+        losses=loop.samples,
+        optimiser_state=engine.optimiser_state(),
+    )
+    return scene
+
+
+def starting_points(capture: Capture, options: TrainingOptions) -> PointCloud:
+    """The capture's own points, or points drawn where it has none; at most `max_gaussians` of them."""
+    if capture.points is None or len(capture.points) < 4:
+        return draw_points(capture.train, options.max_gaussians, options.seed)
+    if len(capture.points) <= options.max_gaussians:
+        return capture.points
+    chosen = np.random.default_rng(options.seed).permutation(len(capture.points))[: options.max_gaussians]
+    return capture.points.select(np.sort(chosen))
+
+
+def render_frame(engine: Engine, frame: Frame, background: tuple[float, float, float]) -> np.ndarray:
+    """(H, W, 3) float32 what the engine shows at a frame's camera, cut to [0, 1] as a screen does."""
+    return np.clip(engine.render(frame.camera, background).image, 0.0, 1.0)
+
+
+class _Loop:
+    """State of one run between its iterations."""
+
+    def __init__(
+        self,
+        capture: Capture,
+        options: TrainingOptions,
+        recipe: Recipe,
+        unit: float,
+        engine: Engine,
+        stopwatch: Stopwatch,
+        iteration: int,
+    ) -> None:
+        self.iteration = self._first_iteration = iteration
+        self.interrupted = False
+        self.samples: list[LossSample] = []
+        self._capture, self._options, self._recipe = capture, options, recipe
+        self._rates = replace(recipe.rates, means=recipe.rates.means * unit)
+        self._engine, self._stopwatch = engine, stopwatch
+        self._recent_losses: deque[float] = deque(maxlen=len(capture.train))
+        self._held_out_psnr: float | None = None
+        self._gaussians = len(engine.download())
+
+    def run(self, observer: Observer | None) -> None:
+        """Iterate until iterations or time run out, or Ctrl-C is pressed."""
+        started = time.monotonic()
+        with deferred_interrupt() as interrupt:
+            while self.iteration < self._options.iterations and not self._is_over(started):
+                if interrupt.requested:
+                    self.interrupted = True
+                    return
+                with self._stopwatch.stage("training"):
+                    self._step(started)
+                self._look_at_held_out_views()
+                if observer:
+                    observer(self._progress(started))
+
+    def _is_over(self, started: float) -> bool:
+        budget = self._options.time_budget
+        return budget is not None and time.monotonic() - started >= budget
+
+    def _fraction(self, started: float) -> float:
+        fraction = self.iteration / self._options.iterations
+        if self._options.time_budget is not None:
+            fraction = max(fraction, (time.monotonic() - started) / self._options.time_budget)
+        return min(fraction, 1.0)
+
+    def _step(self, started: float) -> None:
+        rates = self._recipe.schedule(self._rates, self._fraction(started))
+        settings = StepSettings(rates, self._recipe.loss, background=self._capture.background)
+        self._engine.step(self._next_view(), settings)
+        self.iteration += 1
+        self._recent_losses.append(self._engine.loss())
+
+    def _next_view(self) -> int:
+        """Every view once an epoch, in an order that depends on the seed and the epoch only."""
+        epoch, place = divmod(self.iteration, len(self._capture.train))
+        order = np.random.default_rng((self._options.seed, epoch)).permutation(len(self._capture.train))
+        return int(order[place])
+
+    def _look_at_held_out_views(self) -> None:
+        every = self._options.evaluate_every
+        if not every or self.iteration % every or not self._capture.held_out:
+            return
+        with self._stopwatch.stage("evaluation"):
+            values = [
+                psnr(render_frame(self._engine, frame, self._capture.background), frame.image / 255.0, frame.mask)
+                for frame in self._capture.held_out
+            ]
+        self._held_out_psnr = float(np.mean(values))
+        seconds = self._stopwatch.seconds["training"]
+        self.samples.append(LossSample(self.iteration, seconds, self._mean_loss(), self._held_out_psnr))
+
+    def _mean_loss(self) -> float:
+        return float(np.mean(self._recent_losses))
+
+    def _progress(self, started: float) -> Progress:
+        elapsed = time.monotonic() - started
+        rate = (self.iteration - self._first_iteration) / max(elapsed, 1e-9)
+        left = (self._options.iterations - self.iteration) / rate
+        if self._options.time_budget is not None:
+            left = min(left, max(self._options.time_budget - elapsed, 0.0))
+        return Progress(
+            iteration=self.iteration,
+            iterations=self._options.iterations,
+            fraction=self._fraction(started),
+            loss=self._mean_loss(),
+            held_out_psnr=self._held_out_psnr,
+            iteration_rate=rate,
+            seconds_left=left,
+            gaussians=self._gaussians,
+            checkpoint=lambda: Checkpoint(self.iteration, self._engine.download(), self._engine.optimiser_state()),
+        )

@@ -1,0 +1,209 @@
+"""Whatever goes wrong is one line on stderr, exit status 2, and an earlier result that stays as it was."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PIL import Image
+
+
+@pytest.fixture
+def refused(
+    pocketgs: Callable[..., Any], result: Path, contents: Callable[[Path], dict[str, bytes]]
+) -> Callable[..., str]:
+    """A function that runs a command which must fail as promised, and gives its message."""
+
+    def check(*arguments: object) -> str:
+        before = contents(result)
+        outcome = pocketgs(*arguments)
+        assert outcome.status == 2
+        assert outcome.errors.startswith("pocketgs: ")
+        assert outcome.errors.count("\n") == 1
+        assert "Traceback" not in outcome.output + outcome.errors
+        assert contents(result) == before
+        return outcome.errors
+
+    return check
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--recipe", "fast"], "recipe 'fast': not known, expected one of pocketgs, reference"),
+        (["--engine", "webgpu"], "engine 'webgpu' is not available"),
+        (["--prior", "dense"], "prior 'dense' is not available"),
+        (["--iterations", "0"], "iterations: found 0, expected at least 1"),
+        (["--iterations", "-5"], "iterations: found -5"),
+        (["--time-budget", "0"], "time budget: found 0.0, expected a positive number"),
+        (["--time-budget", "nan"], "time budget: found nan"),
+        (["--max-gaussians", "3"], "max gaussians: found 3, expected at least 4"),
+        (["--sh-degree", "4"], "SH degree: found 4, expected 0, 1, 2 or 3"),
+        (["--threads", "0"], "threads: found 0, expected at least 1"),
+        (["--evaluate-every", "-1"], "evaluate every: found -1, expected at least 0"),
+        (["--seed", "-1"], "seed: found -1, expected at least 0"),
+        (["--downscale", "-2"], "downscale -2.0, expected a factor of at least 1"),
+        (["--downscale", "nan"], "downscale nan"),
+        (["--downscale", "1000"], "cannot be downscaled by 1000"),
+        (["--max-size", "0"], "max_size 0, expected at least 1"),
+        (["--background", "0", "0", "2"], "background (0.0, 0.0, 2.0), expected three numbers from 0 to 1"),
+        (["--hold-out", "1"], "hold_out_every 1, expected 0 (none) or at least 2"),
+        (["--images", "images_99"], "none of the 8 listed frames has an image file"),
+        # Too small for SSIM: to be found out before training, not after.
+        (["--max-size", "10"], "a held-out view of 10x8 pixels, expected at least 11"),
+    ],
+)
+def test_options(refused: Callable[..., str], written_capture: Path, result: Path, options: Any, message: str) -> None:
+    assert message in refused("train", written_capture, "--output", result, *options)
+
+
+@pytest.mark.parametrize("options", [["--iterations", "many"], ["--engine", "gpu"], ["--no-such-option"]])
+def test_command_line_that_cannot_be_parsed(
+    pocketgs: Callable[..., Any], written_capture: Path, result: Path, options: list[str]
+) -> None:
+    outcome = pocketgs("train", written_capture, "--output", result, *options)
+    assert outcome.status == 2
+    assert outcome.errors
+    assert "Traceback" not in outcome.output + outcome.errors
+
+
+def test_no_capture(refused: Callable[..., str], tmp_path: Path, result: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "file").write_text("hello")
+    assert "none: no such file or folder" in refused("train", tmp_path / "none", "--output", result)
+    assert "no capture of a known format" in refused("train", tmp_path / "empty", "--output", result)
+    assert "no capture of a known format" in refused("info", tmp_path / "file")
+    assert "File name too long" in refused("info", tmp_path / ("long" * 100))
+    assert "File name too long" in refused("eval", tmp_path / ("long" * 100), tmp_path)
+
+
+def test_message_shows_names_as_they_are(refused: Callable[..., str], tmp_path: Path) -> None:
+    """Neither as markup nor as an emoji, nor over several lines."""
+    assert "/[red]a:smile:b c: no such file" in refused("info", tmp_path / "[red]a:smile:b\nc")
+
+
+def test_image_cut_off(refused: Callable[..., str], capture_folder: Path, result: Path) -> None:
+    image = capture_folder / "images" / "0003.png"
+    image.write_bytes(image.read_bytes()[:3000])
+    assert "0003.png: cannot be decoded" in refused("train", capture_folder, "--output", result)
+    image.write_bytes(b"")
+    assert "0003.png: cannot be decoded" in refused("train", capture_folder, "--output", result)
+
+
+def test_cloud_that_is_none(refused: Callable[..., str], capture_folder: Path, result: Path) -> None:
+    (capture_folder / "cloud.ply").write_text("ply\n")
+    assert "cloud.ply: not a .ply" in refused("train", capture_folder, "--output", result)
+
+
+def test_mask_that_leaves_nothing_to_compare(refused: Callable[..., str], capture_folder: Path, result: Path) -> None:
+    Image.new("L", (96, 72), 0).save(capture_folder / "mask.png")
+    document = json.loads((capture_folder / "transforms.json").read_text())
+    document["frames"][0]["mask_path"] = "mask.png"
+    (capture_folder / "transforms.json").write_text(json.dumps(document))
+    message = refused("train", capture_folder, "--output", result)
+    assert "images/0000.png: the mask of a held-out view leaves nothing" in message
+
+
+def test_one_training_view_gives_the_reference_recipe_no_length(
+    refused: Callable[..., str], capture_folder: Path, result: Path
+) -> None:
+    document = json.loads((capture_folder / "transforms.json").read_text())
+    document["frames"] = document["frames"][:2]
+    (capture_folder / "transforms.json").write_text(json.dumps(document))
+    options = ["--output", result, "--iterations", "5", "--recipe", "reference"]
+    assert "stand in one place" in refused("train", capture_folder, *options)
+
+
+def test_output_that_cannot_be(refused: Callable[..., str], written_capture: Path, result: Path) -> None:
+    file = result / "scene.ply"
+    assert "File exists" in refused("train", written_capture, "--output", file)
+    assert "Not a directory" in refused("train", written_capture, "--output", file / "below")
+    for output in (file, file / "below", file / "below.mp4"):
+        refused("render", result, written_capture, "--output", output, "--frames", "2")
+    for option in (["--json", "."], ["--json", file / "a.json"], ["--json", result], ["--pictures", file]):
+        refused("eval", result, written_capture, *option)
+    assert "cannot be written to" in refused("eval", result, written_capture, "--pictures", file / "below")
+
+
+def test_no_scene(refused: Callable[..., str], written_capture: Path, tmp_path: Path) -> None:
+    for path, message in [(tmp_path / "a.ply", "a.ply: no such file"), (written_capture, "scene.ply: no such file")]:
+        assert message in refused("eval", path, written_capture)
+        assert message in refused("render", path, written_capture, "--output", tmp_path / "rendered")
+    assert "a.ply: no such file" in refused("info", tmp_path / "a.ply")
+    assert not (tmp_path / "rendered").exists()
+
+
+@pytest.mark.parametrize("content", [b"", b"hello", b"ply\nend_header\n", b"ply\nformat ascii 1.0\nelement vertex 9\n"])
+def test_broken_scene(refused: Callable[..., str], written_capture: Path, result: Path, content: bytes) -> None:
+    (result / "scene.ply").write_bytes(content)
+    assert "scene.ply: not a" in refused("info", result)
+    assert "scene.ply: not a" in refused("eval", result, written_capture)
+    assert "scene.ply: not a" in refused("render", result, written_capture, "--output", result / "rendered")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--frames", "0"], "frames: found 0, expected at least 1"),
+        (["--views", "held-out", "--hold-out", "0"], "no view is held out"),
+        (["--fps", "0"], "fps: found 0.0"),
+        (["--fps", "nan"], "fps: found nan"),
+        (["--fps", "inf"], "fps: found inf"),
+        (["--engine", "webgpu"], "engine 'webgpu' is not available"),
+    ],
+)
+def test_render(refused: Callable[..., str], written_capture: Path, result: Path, options: Any, message: str) -> None:
+    output = result.with_name("video.mp4")
+    assert message in refused("render", result, written_capture, "--output", output, *options)
+    assert not output.exists()
+
+
+def test_nothing_held_out(refused: Callable[..., str], written_capture: Path, result: Path) -> None:
+    assert "no view is held out" in refused("eval", result, written_capture, "--hold-out", "0")
+
+
+def test_resume(refused: Callable[..., str], written_capture: Path, result: Path, tmp_path: Path) -> None:
+    command = ["train", written_capture, "--resume", "--output"]
+    assert "40 iterations are done already" in refused(*command, result, "--iterations", "40")
+    assert "holds no unfinished.npz or checkpoint.npz" in refused(*command, tmp_path / "new")
+    for option in (["--seed", "1"], ["--recipe", "reference"], ["--sh-degree", "2"], ["--hold-out", "4"]):
+        assert "belongs to a run with" in refused(*command, result, *option)
+    (result / "checkpoint.npz").write_bytes(b"hello")
+    assert "checkpoint.npz: not a readable checkpoint" in refused(*command, result)
+
+
+def test_full_disk(
+    pocketgs_process: Callable[..., subprocess.Popen[str]],
+    written_capture: Path,
+    result: Path,
+    contents: Callable[[Path], dict[str, bytes]],
+) -> None:
+    """A limit on the size of files stops the writing of the result half-way, as a full disk does."""
+    pytest.importorskip("resource")
+    before = contents(result)
+    program = (
+        "import resource; from pocketgs.cli import main\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))\n"
+        "main()"
+    )
+    process = pocketgs_process("train", written_capture, "--output", result, "--iterations", 2, program=program)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert errors.startswith("pocketgs: ")
+    assert errors.count("\n") == 1
+    assert "File too large" in errors
+    assert contents(result) == before
+
+
+def test_in_a_process_of_its_own(pocketgs_process: Callable[..., subprocess.Popen[str]], tmp_path: Path) -> None:
+    output_folder = tmp_path / "output" / "deep"
+    command = ["train", tmp_path / "none", "--output", output_folder]
+    process = pocketgs_process(*command, program="import runpy; runpy.run_module('pocketgs')")
+    output, errors = process.communicate(timeout=60)
+    assert (process.returncode, output) == (2, "")
+    assert not output_folder.parent.exists()
+    assert errors == f"pocketgs: {tmp_path / 'none'}: no such file or folder, expected a capture\n"

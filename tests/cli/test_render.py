@@ -1,0 +1,136 @@
+"""`pocketgs render`: which views, what is shown, and in which files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from pocketgs import Capture, Gaussians
+from pocketgs.rendering import render, render_all
+
+
+def pictures_in(folder: Path) -> dict[str, np.ndarray]:
+    return {path.name: np.asarray(Image.open(path)) for path in sorted(folder.iterdir())}
+
+
+def psnr(one: np.ndarray, other: np.ndarray) -> float:
+    return float(-10 * np.log10(np.mean((one / 255.0 - other / 255.0) ** 2)))
+
+
+@pytest.fixture
+def rendered(
+    pocketgs: Callable[..., Any], result: Path, written_capture: Path, tmp_path: Path
+) -> Callable[..., dict[str, np.ndarray]]:
+    """A function that renders to pictures with some options, and gives them by name."""
+
+    def call(*options: object) -> dict[str, np.ndarray]:
+        output = tmp_path / "deep" / "rendered"
+        outcome = pocketgs("render", result, written_capture, "--output", output, *options)
+        assert (outcome.status, outcome.errors) == (0, "")
+        pictures = pictures_in(output)
+        assert outcome.output == f"{len(pictures)} views in {output}\n"
+        return pictures
+
+    return call
+
+
+def test_held_out_views_are_those_of_the_run(rendered: Callable[..., Any], result: Path) -> None:
+    pictures = rendered("--views", "held-out")
+    assert list(pictures) == ["images_0000.png"]
+    pair = np.asarray(Image.open(result / "held_out" / "images_0000.png"))
+    np.testing.assert_array_equal(pictures["images_0000.png"], pair[:, 96:])
+
+
+def test_training_views_look_like_their_photographs(rendered: Callable[..., Any], small_capture: Capture) -> None:
+    pictures = rendered("--views", "train")
+    assert list(pictures) == [f"images_{number:04d}.png" for number in range(1, 8)]
+    for frame, picture in zip(small_capture.train, pictures.values(), strict=True):
+        similar = [psnr(picture, other.image) for other in small_capture.train]
+        assert max(similar) == psnr(picture, frame.image) > 18
+
+
+@pytest.mark.parametrize("views", ["orbit", "path"])
+def test_paths(rendered: Callable[..., Any], small_capture: Capture, views: str) -> None:
+    pictures = rendered("--views", views, "--frames", 7)
+    assert list(pictures) == [f"{number:04d}.png" for number in range(7)]
+    assert all(picture.shape == (72, 96, 3) for picture in pictures.values())
+    values = list(pictures.values())
+    assert all((one != other).any() for one, other in pairwise(values))
+    if views == "path":
+        # An open path goes from the first training view to the last.
+        assert psnr(values[0], small_capture.train[0].image) > 18
+        assert psnr(values[-1], small_capture.train[-1].image) > 18
+
+
+def test_video(pocketgs: Callable[..., Any], result: Path, written_capture: Path, tmp_path: Path) -> None:
+    file = tmp_path / "deep" / "orbit.mp4"
+    command = ["render", result, written_capture, "--frames", 6, "--fps", 12, "--output"]
+    assert pocketgs(*command, file).status == 0
+    assert pocketgs(*command, tmp_path / "pictures").status == 0
+    assert [path.name for path in file.parent.iterdir()] == ["orbit.mp4"]
+    video = cv2.VideoCapture(str(file))
+    assert video.get(cv2.CAP_PROP_FPS) == 12
+    for picture in pictures_in(tmp_path / "pictures").values():
+        found, frame = video.read()
+        assert found
+        assert psnr(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB), picture) > 25
+    assert not video.read()[0]
+
+
+def test_depth_and_alpha_are_grey(rendered: Callable[..., Any], small_capture: Capture) -> None:
+    for show in ("depth", "alpha"):
+        (picture,) = rendered("--views", "held-out", "--show", show).values()
+        np.testing.assert_array_equal(picture, np.repeat(picture[:, :, :1], 3, axis=2))
+        if show == "alpha":
+            assert picture.mean() > 150
+        else:
+            # Near is bright.
+            depth = small_capture.held_out[0].depth
+            assert depth is not None
+            near = depth < np.quantile(depth, 0.2)
+            assert picture[near].mean() > 1.2 * picture[depth > np.quantile(depth, 0.8)].mean()
+
+
+def test_other_files_of_the_folder_stay(
+    pocketgs: Callable[..., Any], result: Path, written_capture: Path, contents: Callable[[Path], dict[str, bytes]]
+) -> None:
+    before = contents(result)
+    pocketgs("render", result, written_capture, "--frames", 2, "--output", result)
+    after = contents(result)
+    assert sorted(set(after) - set(before)) == ["0000.png", "0001.png"]
+    assert {name: after[name] for name in before} == before
+
+
+def test_empty_scene_shows_the_background(
+    pocketgs: Callable[..., Any], written_capture: Path, tmp_path: Path, small_capture: Capture
+) -> None:
+    empty = Gaussians(*(np.zeros((0, *tail)) for tail in [(3,), (3,), (4,), (), (1, 3)]))
+    empty.save(tmp_path / "empty.ply")
+    for show, value in [("colour", 255), ("depth", 0), ("alpha", 0)]:
+        options = ["--views", "held-out", "--show", show, "--background", 1, 1, 1]
+        outcome = pocketgs("render", tmp_path / "empty.ply", written_capture, "--output", tmp_path / show, *options)
+        assert (outcome.status, outcome.errors) == (0, "")
+        (picture,) = pictures_in(tmp_path / show).values()
+        # The capture has no alpha, so that a background means what is behind the Gaussians only.
+        assert np.all(picture == value)
+    rendering = render(empty, small_capture.held_out[0].camera, (0.0, 0.5, 1.0), depth=True)
+    assert np.all(rendering.image == np.float32([0.0, 0.5, 1.0]))
+    assert rendering.depth is not None
+    assert not rendering.depth.any()
+
+
+def test_render_all_is_render_for_each(result: Path, small_capture: Capture) -> None:
+    scene = Gaussians.load(result / "scene.ply")
+    cameras = [frame.camera for frame in small_capture.frames[:3]]
+    for camera, together in zip(cameras, render_all(scene, cameras, depth=True), strict=True):
+        alone = render(scene, camera, depth=True)
+        np.testing.assert_array_equal(together.image, alone.image)
+        np.testing.assert_array_equal(together.alpha, alone.alpha)
+        np.testing.assert_array_equal(together.depth, alone.depth)

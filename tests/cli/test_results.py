@@ -1,0 +1,200 @@
+"""What train, eval, info and demo leave behind and say."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pocketgs import Gaussians
+from pocketgs.capture import open_capture
+from pocketgs.capture.synthetic import demo_capture
+from pocketgs.run import Reporter, run
+from pocketgs.training import Progress, TrainingOptions
+
+
+def names_in(folder: Path) -> list[str]:
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*"))
+
+
+def record_of(folder: Path) -> dict[str, Any]:
+    def refuse(name: str) -> None:
+        raise ValueError(f"{name} is not JSON")
+
+    return dict(json.loads((folder / "run.json").read_text(), parse_constant=refuse))
+
+
+def test_result_folder(result: Path) -> None:
+    assert names_in(result) == ["checkpoint.npz", "held_out", "held_out/images_0000.png", "run.json", "scene.ply"]
+    scene, record = Gaussians.load(result / "scene.ply"), record_of(result)
+    assert record["gaussians"] == len(scene) == 2000
+    assert (record["iterations"], record["interrupted"]) == (40, False)
+    assert 15 < record["psnr"] < 60
+    assert 0.3 < record["ssim"] < 1
+    assert record["protocol"] == "96x72, held out every 8th by name"
+    assert 50 < record["peak_rss_mb"] < 2000
+    seconds = record["seconds"]
+    assert {"startup", "capture", "seeding", "compilation", "training", "evaluation", "writing", "total"} <= set(
+        seconds
+    )
+    assert all(value >= 0 for value in seconds.values())
+    stages = sum(value for stage, value in seconds.items() if stage != "total")
+    assert stages <= seconds["total"] * 1.01 + 0.01
+    assert record["options"]["iterations"] == 40
+    assert [sample["iteration"] for sample in record["progress"]] == [20, 40]
+    assert record["progress"][0]["loss"] > record["progress"][1]["loss"]
+    assert record["capture"]["training_views"] == 7
+    assert record["images"][0]["name"] == "images/0000.png"
+    assert record["versions"]["pocketgs"]
+
+
+def test_pictures_show_photograph_and_rendering(result: Path, written_capture: Path) -> None:
+    pair = np.asarray(Image.open(result / "held_out" / "images_0000.png"))
+    photo = np.asarray(Image.open(written_capture / "images" / "0000.png"))
+    assert pair.shape == (72, 192, 3)
+    np.testing.assert_array_equal(pair[:, :96], photo)
+    # PSNR of the picture's right half is the record's, but for rounding to 8 bits.
+    error = np.mean((pair[:, 96:] / 255.0 - photo / 255.0) ** 2)
+    assert -10 * np.log10(error) == pytest.approx(record_of(result)["psnr"], abs=0.05)
+
+
+def test_eval_gives_the_figures_of_the_run(
+    pocketgs: Callable[..., Any], result: Path, written_capture: Path, tmp_path: Path
+) -> None:
+    command = ["eval", result, written_capture, "--json", tmp_path / "a.json", "--pictures", tmp_path / "pictures"]
+    outcome = pocketgs(*command)
+    assert (outcome.status, outcome.errors) == (0, "")
+    found, expected = json.loads((tmp_path / "a.json").read_text()), record_of(result)
+    for key in ("psnr", "ssim"):
+        assert found[key] == pytest.approx(expected[key], abs=1e-6)
+        assert found["images"][0][key] == pytest.approx(expected["images"][0][key], abs=1e-6)
+    assert (found["protocol"], found["gaussians"]) == (expected["protocol"], expected["gaussians"])
+    assert f"{expected['psnr']:.2f}" in outcome.output
+    pictures = [folder / "images_0000.png" for folder in (tmp_path / "pictures", result / "held_out")]
+    assert pictures[0].read_bytes() == pictures[1].read_bytes()
+    assert names_in(tmp_path / "pictures") == ["images_0000.png"]
+
+
+def test_eval_of_other_pixels_gives_other_figures(
+    pocketgs: Callable[..., Any], result: Path, written_capture: Path, tmp_path: Path
+) -> None:
+    pocketgs("eval", result / "scene.ply", written_capture, "--json", tmp_path / "a.json", "--downscale", "2")
+    found = json.loads((tmp_path / "a.json").read_text())
+    assert found["protocol"] == "downscaled to 48x36, held out every 8th by name"
+    assert found["psnr"] != pytest.approx(record_of(result)["psnr"], abs=1e-3)
+
+
+def test_nothing_held_out(pocketgs: Callable[..., Any], result: Path, written_capture: Path) -> None:
+    """Nor do pictures of the earlier result stay, which show another scene."""
+    outcome = pocketgs("train", written_capture, "--output", result, "--hold-out", 0, "--iterations", 3)
+    assert (outcome.status, outcome.errors) == (0, "")
+    assert outcome.output.endswith(": scene.ply, run.json\n")
+    record = record_of(result)
+    assert record["psnr"] is None
+    assert record["ssim"] is None
+    assert record["images"] == record["progress"] == []
+    assert record["capture"]["training_views"] == 8
+    assert names_in(result) == ["checkpoint.npz", "run.json", "scene.ply"]
+
+
+def test_frames_of_one_name_get_a_picture_each(
+    pocketgs: Callable[..., Any], capture_folder: Path, tmp_path: Path
+) -> None:
+    document = json.loads((capture_folder / "transforms.json").read_text())
+    for frame, name in zip(document["frames"][:2], ["images/a.png", "images_a.png"], strict=True):
+        (capture_folder / frame["file_path"]).rename(capture_folder / name)
+        frame["file_path"] = name
+    document["test_filenames"] = ["images/a.png", "images_a.png"]
+    (capture_folder / "transforms.json").write_text(json.dumps(document))
+    assert pocketgs("train", capture_folder, "--output", tmp_path / "out", "--iterations", 1).status == 0
+    assert sorted(path.name for path in (tmp_path / "out" / "held_out").iterdir()) == ["images_a.png", "images_a_2.png"]
+
+
+@pytest.mark.parametrize("named", ["toys", "toys/transforms.json"])
+def test_default_folder(
+    pocketgs: Callable[..., Any], capture_folder: Path, monkeypatch: pytest.MonkeyPatch, named: str
+) -> None:
+    monkeypatch.chdir(capture_folder.parent)
+    assert pocketgs("train", named, "--iterations", 1).status == 0
+    assert (capture_folder.parent / "output" / "toys" / "scene.ply").is_file()
+
+
+def test_resumed_run_is_the_uninterrupted_one(
+    pocketgs: Callable[..., Any], written_capture: Path, tmp_path: Path
+) -> None:
+    """To the last bit, though Ctrl-C stopped it half-way."""
+    stopped, whole = tmp_path / "stopped", tmp_path / "whole"
+
+    def press_ctrl_c(progress: Progress) -> None:
+        if progress.iteration == 10:
+            signal.raise_signal(signal.SIGINT)
+
+    def load() -> Any:
+        return open_capture(written_capture)
+
+    first = run(load, stopped, TrainingOptions(iterations=20), reporter=Reporter(on_progress=press_ctrl_c))
+    assert (first.summary["iterations"], first.summary["interrupted"]) == (10, True)
+    assert record_of(stopped)["interrupted"] is True
+    half = (stopped / "scene.ply").read_bytes()
+    resumed = pocketgs("train", written_capture, "--output", stopped, "--iterations", 20, "--resume")
+    assert (resumed.status, resumed.errors) == (0, "")
+    assert pocketgs("train", written_capture, "--output", whole, "--iterations", 20).status == 0
+    assert (stopped / "scene.ply").read_bytes() == (whole / "scene.ply").read_bytes() != half
+    assert (record_of(stopped)["iterations"], record_of(stopped)["interrupted"]) == (20, False)
+    assert record_of(stopped)["psnr"] == record_of(whole)["psnr"]
+    with np.load(stopped / "checkpoint.npz") as one, np.load(whole / "checkpoint.npz") as other:
+        assert sorted(one) == sorted(other)
+        assert all(one[name].tobytes() == other[name].tobytes() for name in one)
+
+
+def test_second_ctrl_c_leaves_the_earlier_result(
+    written_capture: Path, result: Path, contents: Callable[[Path], dict[str, bytes]]
+) -> None:
+    before = contents(result)
+
+    def press_ctrl_c(progress: Progress) -> None:
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+
+    reporter = Reporter(on_progress=press_ctrl_c)
+    with pytest.raises(KeyboardInterrupt):
+        run(lambda: open_capture(written_capture), result, TrainingOptions(), reporter=reporter)
+    assert contents(result) == before
+
+
+def test_info(pocketgs: Callable[..., Any], result: Path, written_capture: Path) -> None:
+    of_capture, of_result = pocketgs("info", written_capture), pocketgs("info", result)
+    of_scene = pocketgs("info", result / "scene.ply")
+    assert of_capture.status == of_result.status == of_scene.status == 0
+    assert of_capture.errors == of_result.errors == ""
+    assert "toys (nerfstudio): 7 training views, 1 held out, 2,000 points, scene units" in of_capture.output
+    assert "images: 96x72" in of_capture.output
+    degree = Gaussians.load(result / "scene.ply").sh_degree
+    assert f"2,000 Gaussians, spherical harmonics of degree {degree}" in of_result.output
+    assert of_scene.output == of_result.output
+    assert "5 training views, 3 held out" in pocketgs("info", written_capture, "--hold-out", 3).output
+
+
+def test_info_of_an_empty_scene(pocketgs: Callable[..., Any], tmp_path: Path) -> None:
+    Gaussians(*(np.zeros((0, *tail)) for tail in [(3,), (3,), (4,), (), (1, 3)])).save(tmp_path / "empty.ply")
+    assert pocketgs("info", tmp_path / "empty.ply").output == "0 Gaussians\n"
+
+
+def test_demo(pocketgs: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    small = partial(demo_capture, width=96, height=72, frames=8, points=500)
+    monkeypatch.setattr(sys.modules["pocketgs.cli.demo"], "demo_capture", small)
+    outcome = pocketgs("demo", "--output", tmp_path / "demo", "--iterations", 100, "--sh-degree", 1)
+    assert (outcome.status, outcome.errors) == (0, "")
+    assert "iteration 100/100" in outcome.output
+    assert Gaussians.load(tmp_path / "demo" / "scene.ply").sh_degree == 1
+    record = record_of(tmp_path / "demo")
+    assert record["capture"]["metric"] is True
+    assert record["psnr"] > 18

@@ -1,0 +1,130 @@
+"""Ctrl-C, SIGTERM and kills, sent to processes that are really training."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pocketgs import Gaussians
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+
+# One thread, so that a busy machine does not make the threads wait for each other.
+ENDLESS = ["--iterations", 1_000_000, "--threads", 1]
+WITH_MANY_CHECKPOINTS = (
+    "import pocketgs.run; from pocketgs.cli import main\npocketgs.run.SECONDS_BETWEEN_CHECKPOINTS = 0.0\nmain()"
+)
+
+
+def wait_until_it_trains(process: subprocess.Popen[str]) -> None:
+    assert process.stdout
+    for line in process.stdout:
+        if line.startswith("iteration "):
+            return
+    pytest.fail(f"ended before it trained: {process.communicate()[1]}")
+
+
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_result_is_written(
+    pocketgs_process: Callable[..., subprocess.Popen[str]], written_capture: Path, tmp_path: Path, stop: signal.Signals
+) -> None:
+    output = tmp_path / "result"
+    # Ctrl-C goes to the demo, as a user would meet it first.
+    command = ["demo"] if stop == signal.SIGINT else ["train", written_capture]
+    process = pocketgs_process(*command, "--output", output, *ENDLESS)
+    wait_until_it_trains(process)
+    process.send_signal(stop)
+    printed, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (0, "")
+    assert "(stopped early)" in printed
+    record = json.loads((output / "run.json").read_text())
+    assert record["interrupted"] is True
+    assert 100 <= record["iterations"] < 1_000_000
+    assert record["psnr"] > 20
+    assert len(Gaussians.load(output / "scene.ply")) == record["gaussians"]
+    assert sorted(path.name for path in output.iterdir()) == ["checkpoint.npz", "held_out", "run.json", "scene.ply"]
+
+
+def test_ctrl_c_before_training_ends_it_at_once(
+    pocketgs_process: Callable[..., subprocess.Popen[str]], tmp_path: Path
+) -> None:
+    program = (
+        "import signal; import pocketgs.capture.synthetic as synthetic; from pocketgs.cli import main\n"
+        "synthetic._room = lambda: signal.raise_signal(signal.SIGINT)\n"
+        "main()"
+    )
+    process = pocketgs_process("demo", "--output", tmp_path / "result", program=program)
+    _, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (130, "pocketgs: stopped\n")
+    assert not (tmp_path / "result").exists()
+
+
+def test_kill_leaves_the_earlier_result(
+    pocketgs_process: Callable[..., subprocess.Popen[str]],
+    written_capture: Path,
+    result: Path,
+    contents: Callable[[Path], dict[str, bytes]],
+) -> None:
+    before = contents(result)
+    process = pocketgs_process("train", written_capture, "--output", result, *ENDLESS)
+    wait_until_it_trains(process)
+    process.kill()
+    process.communicate()
+    assert contents(result) == before
+
+
+def test_killed_run_goes_on_from_its_last_checkpoint(
+    pocketgs_process: Callable[..., subprocess.Popen[str]],
+    pocketgs: Callable[..., Any],
+    written_capture: Path,
+    result: Path,
+    contents: Callable[[Path], dict[str, bytes]],
+) -> None:
+    before = contents(result)
+    command = ["train", written_capture, "--output", result]
+    process = pocketgs_process(*command, "--iterations", 100_000, program=WITH_MANY_CHECKPOINTS)
+    unfinished, deadline = result / "unfinished.npz", time.monotonic() + 60
+    while not unfinished.exists() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    time.sleep(0.2)
+    process.kill()
+    process.communicate()
+    # What was being written when the kill came may lie beside the rest, but nothing of the earlier result changes.
+    assert before.items() <= contents(result).items()
+    leftover = result / ".unfinished.0123abcd.partial.npz"
+    leftover.touch()
+    assert pocketgs(*command, "--iterations", 100_000, "--resume", "--time-budget", 0.3).status == 0
+    record = json.loads((result / "run.json").read_text())
+    assert 1 < record["iterations"] < 100_000
+    assert sorted(path.name for path in result.iterdir()) == ["checkpoint.npz", "held_out", "run.json", "scene.ply"]
+
+
+def test_on_a_terminal(written_capture: Path, tmp_path: Path) -> None:
+    """Where the progress is drawn anew again and again."""
+    pty = pytest.importorskip("pty")
+    terminal, ours = pty.openpty()
+    command = ["train", written_capture, "--output", tmp_path / "result", "--iterations", 60, "--evaluate-every", 20]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pocketgs", *map(str, command)], stdin=ours, stdout=ours, stderr=ours
+    )
+    os.close(ours)
+    shown = b""
+    try:
+        while piece := os.read(terminal, 65536):
+            shown += piece
+    except OSError:  # Linux says so when the other end has been closed
+        pass
+    os.close(terminal)
+    text = shown.decode()
+    assert process.wait(60) == 0, text
+    assert "Traceback" not in text
+    assert "60 iterations, 2,000 Gaussians" in text

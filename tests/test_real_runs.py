@@ -1,0 +1,58 @@
+"""Whole runs on real captures, in processes of their own: quality that must not fall, within bounded memory."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def trained(data_folder: Path, tmp_path: Path) -> Callable[..., dict[str, Any]]:
+    """A function that trains on a capture with some options, and gives the run's record."""
+
+    def train(name: str, *options: object) -> dict[str, Any]:
+        command = ["train", data_folder / name, "--output", tmp_path / name, *options]
+        process = [sys.executable, "-m", "pocketgs", *map(str, command)]
+        result = subprocess.run(process, capture_output=True, text=True)
+        assert (result.returncode, result.stderr) == (0, "")
+        return dict(json.loads((tmp_path / name / "run.json").read_text()))
+
+    return train
+
+
+def test_fern(trained: Callable[..., dict[str, Any]]) -> None:
+    record = trained("fern", "--images", "images_8", "--iterations", 500)
+    assert record["protocol"] == "undistorted, cropped to 498x372, held out every 8th by name"
+    assert record["psnr"] >= 26.2
+    assert record["ssim"] >= 0.835
+    assert record["peak_rss_mb"] < 500
+
+
+def test_fern_with_the_reference_recipe(trained: Callable[..., dict[str, Any]]) -> None:
+    record = trained("fern", "--images", "images_8", "--iterations", 500, "--recipe", "reference")
+    assert record["psnr"] == pytest.approx(23.6, abs=0.3)
+    assert record["peak_rss_mb"] < 500
+
+
+def test_lego(trained: Callable[..., dict[str, Any]]) -> None:
+    """A capture without a cloud, with alpha, on white."""
+    record = trained("lego", "--downscale", 2, "--iterations", 100)
+    assert record["protocol"] == "downscaled to 400x400, on white, data set's own split"
+    assert record["capture"]["held_out_views"] == 25
+    assert record["psnr"] >= 26.4
+
+
+def test_fox(trained: Callable[..., dict[str, Any]]) -> None:
+    """A hand-held capture without a cloud, of which some frames are missing."""
+    record = trained("fox", "--downscale", 4, "--iterations", 100)
+    assert record["protocol"] == "undistorted, cropped, downscaled to 266x475, held out every 8th by name"
+    assert "17 of 67 listed frames have no image file" in record["capture"]["warnings"][0]
+    assert record["psnr"] >= 23.6

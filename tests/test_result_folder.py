@@ -1,0 +1,313 @@
+"""The result folder: published whole whatever happens, and checkpoints that are sound or refused."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from pocketgs.errors import PocketGSError
+from pocketgs.gaussians import PARAMETERS, SH_COEFFICIENTS, Gaussians
+from pocketgs.result_folder import (
+    CHECKPOINT,
+    UNFINISHED,
+    check_writable,
+    picture_names,
+    publishing,
+    read_checkpoint,
+    write_checkpoint,
+    write_json,
+    write_side_by_side,
+)
+from pocketgs.splat.engine import OptimiserState
+from pocketgs.training import Checkpoint
+
+RUN = {"capture": "toys", "seed": 3}
+
+KILLED_PUBLISHERS = """
+import json, os, random, signal, sys, time
+from pathlib import Path
+import numpy as np
+from pocketgs.gaussians import Gaussians
+from pocketgs.result_folder import publishing, write_json
+
+folder = Path(sys.argv[1])
+COUNT = 3000
+
+def publish(version):
+    with publishing(folder) as staging:
+        shapes = [(COUNT, 3), (COUNT, 3), (COUNT, 4), (COUNT,), (COUNT, 1, 3)]
+        Gaussians(*(np.full(shape, version) for shape in shapes)).save(staging / "scene.ply")
+        (staging / "held_out").mkdir()
+        (staging / "held_out" / "0000.png").write_text(str(version))
+        write_json(staging / "run.json", {"version": version})
+
+publish(1)
+seen, leftovers = set(), 0
+for round in range(60):
+    child = os.fork()
+    if child == 0:
+        while True:
+            publish(2)
+            publish(3)
+    time.sleep(random.uniform(0.0, 0.1))
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    scene = Gaussians.load(folder / "scene.ply")
+    values = set(np.unique(np.concatenate([scene.means.ravel(), scene.opacity_logits, scene.sh.ravel()])))
+    assert len(scene) == COUNT and len(values) == 1, "torn scene"
+    seen.add(int(values.pop()))
+    assert json.loads((folder / "run.json").read_text())["version"] in (1, 2, 3), "torn record"
+    leftovers += any(path.name.startswith(".") for path in folder.iterdir())
+publish(4)
+names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*"))
+print(json.dumps([sorted(seen), leftovers, names]))
+"""
+
+
+@pytest.fixture
+def checkpoint() -> Checkpoint:
+    return make_checkpoint(5, 1)
+
+
+def make_checkpoint(count: int, degree: int) -> Checkpoint:
+    rng = np.random.default_rng(count)
+    shapes = [(count, 3), (count, 3), (count, 4), (count,), (count, SH_COEFFICIENTS[degree], 3)]
+    scene = Gaussians(*(rng.normal(size=shape) for shape in shapes))
+    moments = rng.normal(size=(2, count, 10 + 3 * SH_COEFFICIENTS[degree])).astype(np.float32)
+    return Checkpoint(7, scene, OptimiserState(moments[0], moments[1], 9))
+
+
+def test_publishing_replaces_files_and_folders(tmp_path: Path, contents: Callable[[Path], dict[str, bytes]]) -> None:
+    for number in (b"1", b"2"):
+        with publishing(tmp_path / "deep" / "result") as staging:
+            (staging / "a.txt").write_bytes(number)
+            (staging / "held_out").mkdir()
+            (staging / "held_out" / number.decode()).touch()
+    assert contents(tmp_path / "deep" / "result") == {"a.txt": b"2", "held_out/2": b""}
+
+
+def test_files_and_folders_replace_each_other(tmp_path: Path, contents: Callable[[Path], dict[str, bytes]]) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "old").touch()
+    (tmp_path / "b").touch()
+    with publishing(tmp_path) as staging:
+        (staging / "a").write_bytes(b"file")
+        (staging / "b").mkdir()
+        (staging / "b" / "new").touch()
+    assert contents(tmp_path) == {"a": b"file", "b/new": b""}
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, OSError("disk full"), PocketGSError])
+def test_exception_leaves_the_earlier_result(
+    tmp_path: Path, contents: Callable[[Path], dict[str, bytes]], error: Any
+) -> None:
+    (tmp_path / "a.txt").write_text("old")
+
+    def publish() -> None:
+        with publishing(tmp_path) as staging:
+            (staging / "a.txt").write_text("new")
+            raise error
+
+    with pytest.raises(PocketGSError if isinstance(error, OSError) else error):
+        publish()
+    assert contents(tmp_path) == {"a.txt": b"old"}
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_folder_that_cannot_be(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("old")
+    for folder in (tmp_path / "file", tmp_path / "file" / "result", tmp_path / ("long" * 100)):
+        with pytest.raises(PocketGSError, match="cannot be written to"):
+            check_writable(folder)
+    assert (tmp_path / "file").read_text() == "old"
+
+
+def test_empty_folders_do_not_stay(tmp_path: Path) -> None:
+    check_writable(tmp_path / "deep" / "result")
+    with pytest.raises(ValueError, match="stop"), publishing(tmp_path / "deep" / "result"):
+        raise ValueError("stop")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "given").mkdir()
+    check_writable(tmp_path / "given" / "result")
+    check_writable(tmp_path / "given")
+    assert list(tmp_path.rglob("*")) == [tmp_path / "given"]
+
+
+def test_check_clears_away_what_was_left(tmp_path: Path) -> None:
+    (tmp_path / ".unpublished-0123abcd").mkdir()
+    (tmp_path / ".unpublished-0123abcd" / "scene.ply").touch()
+    (tmp_path / ".unfinished.0123abcd.partial.npz").touch()
+    (tmp_path / "scene.ply").touch()
+    (tmp_path / UNFINISHED).touch()
+    check_writable(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["scene.ply", UNFINISHED]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_kill_at_any_moment(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", KILLED_PUBLISHERS, str(tmp_path)]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert result.returncode == 0, result.stderr
+    seen, leftovers, names = json.loads(result.stdout)
+    # The kills must have met publishers that had finished, and publishers in the middle.
+    assert {2, 3} <= set(seen)
+    assert leftovers > 0
+    assert names == ["held_out", "held_out/0000.png", "run.json", "scene.ply"]
+
+
+def test_json_of_odd_numbers(tmp_path: Path) -> None:
+    numbers = {"nan": float("nan"), "inf": np.float64("inf"), "half": np.float32(0.5), "pair": (1, None), "yes": True}
+    write_json(tmp_path / "a.json", {**numbers, "nested": {3: [float("-inf")]}})
+    expected = {"nan": None, "inf": None, "half": 0.5, "pair": [1, None], "yes": True, "nested": {"3": [None]}}
+    assert json.loads((tmp_path / "a.json").read_text()) == expected
+
+
+def test_picture_names_are_plain_and_differ() -> None:
+    frames = [
+        "images/0001.jpg",
+        "images/0001.png",
+        "images_0001.jpeg",
+        "IMAGES/0001",
+        "../../etc/passwd",
+        "a b\n*?.png",
+    ]
+    names = picture_names(frames)
+    assert names == ["images_0001", "images_0001_2", "images_0001_3", "IMAGES_0001_4", "etc_passwd", "a_b"]
+    assert picture_names(["写真/一.jpg", "写真/二.jpg", "é.png"]) == ["写真_一", "写真_二", "é"]
+
+
+@given(st.lists(st.text(min_size=1, max_size=400).filter(lambda name: name.strip("/.")), max_size=8))
+@settings(deadline=None)
+def test_any_name_makes_a_file(frames: list[str]) -> None:
+    names = picture_names(frames)
+    assert len({name.casefold() for name in names}) == len(frames)
+    for name in names:
+        assert Path(f"{name}.png").name == f"{name}.png"
+        assert len(f"{name}.png".encode()) <= 255
+
+
+def test_side_by_side(tmp_path: Path) -> None:
+    photo = np.random.default_rng(0).integers(0, 256, (4, 6, 3), dtype=np.uint8)
+    write_side_by_side(tmp_path, "a", photo, photo / np.float32(255))
+    pair = np.asarray(Image.open(tmp_path / "a.png"))
+    np.testing.assert_array_equal(pair, np.concatenate([photo, photo], axis=1))
+
+
+@pytest.mark.parametrize(("count", "degree"), [(1, 0), (5, 1), (4, 3)])
+def test_checkpoint_round_trip(tmp_path: Path, count: int, degree: int) -> None:
+    written = make_checkpoint(count, degree)
+    write_checkpoint(tmp_path / CHECKPOINT, written, RUN)
+    read = read_checkpoint(tmp_path, RUN)
+    assert (read.iteration, read.state.steps) == (7, 9)
+    for name in PARAMETERS:
+        assert getattr(read.gaussians, name).tobytes() == getattr(written.gaussians, name).tobytes()
+    assert read.state.first_moments.tobytes() == written.state.first_moments.tobytes()
+    assert read.state.second_moments.tobytes() == written.state.second_moments.tobytes()
+    assert [path.name for path in tmp_path.iterdir()] == [CHECKPOINT]
+
+
+def test_unfinished_run_goes_first(tmp_path: Path, checkpoint: Checkpoint) -> None:
+    write_checkpoint(tmp_path / CHECKPOINT, checkpoint, RUN)
+    later = Checkpoint(8, checkpoint.gaussians, checkpoint.state)
+    write_checkpoint(tmp_path / UNFINISHED, later, RUN)
+    assert read_checkpoint(tmp_path, RUN).iteration == 8
+
+
+def test_no_checkpoint(tmp_path: Path) -> None:
+    with pytest.raises(PocketGSError, match=r"holds no unfinished\.npz or checkpoint\.npz"):
+        read_checkpoint(tmp_path, RUN)
+
+
+@pytest.mark.parametrize("run", [{**RUN, "seed": 4}, {**RUN, "recipe": "reference"}])
+def test_checkpoint_of_another_run(tmp_path: Path, checkpoint: Checkpoint, run: dict[str, Any]) -> None:
+    write_checkpoint(tmp_path / CHECKPOINT, checkpoint, RUN)
+    with pytest.raises(PocketGSError, match="belongs to a run with"):
+        read_checkpoint(tmp_path, run)
+
+
+def test_checkpoint_cut_off(tmp_path: Path, checkpoint: Checkpoint) -> None:
+    path = tmp_path / CHECKPOINT
+    write_checkpoint(path, checkpoint, RUN)
+    whole = path.read_bytes()
+    for length in [*range(0, len(whole), 37), len(whole) - 1]:
+        path.write_bytes(whole[:length])
+        with pytest.raises(PocketGSError, match="not a readable checkpoint"):
+            read_checkpoint(tmp_path, RUN)
+
+
+@given(data=st.data())
+@settings(deadline=None)
+def test_damaged_checkpoint(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
+    """Garbage, and a sound file with some bytes changed: it is refused, or what was damaged does not matter."""
+    folder = tmp_path_factory.mktemp("damaged")
+    path = folder / CHECKPOINT
+    path.write_bytes(data.draw(st.binary(max_size=100)))
+    with pytest.raises(PocketGSError):
+        read_checkpoint(folder, RUN)
+    write_checkpoint(path, make_checkpoint(2, 0), RUN)
+    raw = bytearray(path.read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
+    path.write_bytes(raw)
+    try:
+        read = read_checkpoint(folder, RUN)
+    except PocketGSError:
+        return
+    assert read.gaussians.means.tobytes() == make_checkpoint(2, 0).gaussians.means.tobytes()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"first_moments": np.zeros((5, 21), np.float32)},
+        {"second_moments": np.zeros((4, 22), np.float32)},
+        {"first_moments": np.zeros((5, 22), np.float64)},
+        {"second_moments": np.zeros(3, np.float32)},
+        {"means": np.zeros((4, 3), np.float32)},
+        {"sh": np.zeros((5, 2, 3), np.float32)},
+        {"means": np.array([None] * 5)},
+        {"iteration": -1},
+        {"steps": -3},
+        {"iteration": np.zeros(2)},
+        {"iteration": "soon"},
+        {"run": "[1, 2]"},
+        {"run": "7"},
+        {"run": "{"},
+    ],
+)
+def test_checkpoint_with_wrong_parts(tmp_path: Path, checkpoint: Checkpoint, change: dict[str, Any]) -> None:
+    path = tmp_path / CHECKPOINT
+    write_checkpoint(path, checkpoint, RUN)
+    parts = dict(np.load(path))
+    np.savez(path, **{**parts, **change})
+    with pytest.raises(PocketGSError, match=r"checkpoint\.npz"):
+        read_checkpoint(tmp_path, RUN)
+    for name in change:
+        np.savez(path, **{key: value for key, value in parts.items() if key != name})
+        with pytest.raises(PocketGSError, match="not a readable checkpoint"):
+            read_checkpoint(tmp_path, RUN)
+
+
+def test_checkpoint_that_states_a_huge_array(tmp_path: Path, checkpoint: Checkpoint) -> None:
+    path = tmp_path / CHECKPOINT
+    write_checkpoint(path, checkpoint, RUN)
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    members["means.npy"] = members["means.npy"].replace(b"(5, 3), }", b"(90000000000, 3), }")
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    with pytest.raises(PocketGSError, match="not a readable checkpoint"):
+        read_checkpoint(tmp_path, RUN)
