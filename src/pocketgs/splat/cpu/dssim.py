@@ -116,7 +116,6 @@ def _spread_row(derivatives: np.ndarray, weights: np.ndarray, stride: int, ring:
 def _gradient_row(
     ring: np.ndarray,
     row: int,
-    windows_down: int,
     x: np.ndarray,
     y: np.ndarray,
     weights: np.ndarray,
@@ -124,13 +123,12 @@ def _gradient_row(
     out: np.ndarray,
 ) -> None:
     """Vertical adjoint: the gradient of the sum of SSIM over all windows with respect to a row of x."""
-    first, last = max(0, row - WINDOW + 1), min(row, windows_down - 1)
     starts = np.empty(WINDOW, np.int64)
-    for window_row in range(first, last + 1):
-        starts[row - window_row] = window_row % WINDOW * 3 * stride
+    for tap in range(WINDOW):
+        starts[tap] = (row - tap + WINDOW) % WINDOW * 3 * stride
     for column in range(0, stride - LANES, LANES):
         d_mean = d_squares = d_product = broadcast(_ZERO)
-        for tap in range(row - last, row - first + 1):
+        for tap in range(WINDOW):
             weight, base = weights[tap], starts[tap] + column
             d_mean = d_mean + load(ring, base + _D_MEAN * stride) * weight
             d_squares = d_squares + load(ring, base + _D_SQUARES * stride) * weight
@@ -173,13 +171,15 @@ def _dssim_band(
             if first <= window_row:
                 row_losses[window_row] -= scale * row_sum(similarity)
                 read_row(rendered, photo, mask, window_row, x, y)
-                _gradient_row(spread, window_row, windows_down, x, y, weights, stride, out)
+                _gradient_row(spread, window_row, x, y, weights, stride, out)
                 for column in range(width):
                     gradient[window_row, column] -= scale * out[column]
-    # The last rows begin no window of their own.
+    # The last rows begin no window of their own, as the first had none before theirs: zeros stand for what is missing.
     for row in range(max(first, windows_down), end):
+        start = row % WINDOW * 3 * stride
+        spread[start : start + 3 * stride] = _ZERO
         read_row(rendered, photo, mask, row, x, y)
-        _gradient_row(spread, row, windows_down, x, y, weights, stride, out)
+        _gradient_row(spread, row, x, y, weights, stride, out)
         for column in range(width):
             gradient[row, column] -= scale * out[column]
 
