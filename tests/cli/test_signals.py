@@ -59,6 +59,8 @@ def test_ctrl_c_before_training_ends_it_at_once(
 ) -> None:
     program = (
         "import signal; import pocketgs.capture.synthetic as synthetic; from pocketgs.cli import main\n"
+        # A shell starts jobs in the background with Ctrl-C ignored.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "synthetic._room = lambda: signal.raise_signal(signal.SIGINT)\n"
         "main()"
     )
@@ -111,7 +113,10 @@ def test_killed_run_goes_on_from_its_last_checkpoint(
 def test_on_a_terminal(written_capture: Path, tmp_path: Path) -> None:
     """Where the progress is drawn anew again and again."""
     pty = pytest.importorskip("pty")
-    terminal, ours = pty.openpty()
+    try:
+        terminal, ours = pty.openpty()
+    except OSError as error:
+        pytest.skip(f"this system gives no pseudo-terminals: {error}")
     command = ["train", written_capture, "--output", tmp_path / "result", "--iterations", 60, "--evaluate-every", 20]
     process = subprocess.Popen(
         [sys.executable, "-m", "pocketgs", *map(str, command)], stdin=ours, stdout=ours, stderr=ours

@@ -12,7 +12,6 @@ from PIL import Image
 from rich.console import Console
 
 from pocketgs.camera import Camera
-from pocketgs.camera_path import orbit, path
 from pocketgs.capture import Capture
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.scene_file import load_scene
@@ -76,6 +75,9 @@ def _cameras(capture: Capture, views: Views, frames: int) -> list[tuple[str, Cam
             raise PocketGSError(f"{capture.path}: no view is held out, expected --hold-out of at least 2")
         names = picture_names(frame.name for frame in chosen)
         return [(name, frame.camera) for name, frame in zip(names, chosen, strict=True)]
+    # SciPy's splines take as long to load as a short training run's first steps: only this command needs them.
+    from pocketgs.camera_path import orbit, path
+
     if frames < 1:
         raise PocketGSError(f"frames: found {frames}, expected at least 1")
     given = [frame.camera for frame in capture.train]
