@@ -17,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
+from pocketgs.capture import Capture
 from pocketgs.errors import PocketGSError
 from pocketgs.gaussians import PARAMETERS, SH_COEFFICIENTS, Gaussians
 from pocketgs.result_folder import (
@@ -30,8 +31,9 @@ from pocketgs.result_folder import (
     write_json,
     write_side_by_side,
 )
+from pocketgs.run import Reporter, run
 from pocketgs.splat.engine import OptimiserState
-from pocketgs.training import Checkpoint
+from pocketgs.training import Checkpoint, TrainingOptions
 
 RUN = {"capture": "toys", "seed": 3}
 
@@ -311,3 +313,21 @@ def test_checkpoint_that_states_a_huge_array(tmp_path: Path, checkpoint: Checkpo
             archive.writestr(name, content)
     with pytest.raises(PocketGSError, match="not a readable checkpoint"):
         read_checkpoint(tmp_path, RUN)
+
+
+def test_a_checkpoint_that_cannot_be_written_does_not_end_the_run(
+    small_capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) -> None:
+        if path.name == UNFINISHED:
+            raise PocketGSError(f"{path}: cannot be written (No space left on device)")
+        write_checkpoint(path, checkpoint, run)
+
+    monkeypatch.setattr("pocketgs.run.SECONDS_BETWEEN_CHECKPOINTS", 0.0)
+    monkeypatch.setattr("pocketgs.result_folder.write_checkpoint", fail)
+    warnings: list[str] = []
+    reporter = Reporter(on_warning=warnings.append)
+    result = run(lambda: small_capture, tmp_path / "result", TrainingOptions(iterations=3), reporter=reporter)
+    assert result.summary["iterations"] == 3
+    assert len(warnings) == 3
+    assert "No space left" in warnings[0]

@@ -35,11 +35,13 @@ class Reporter:
         on_stage: called with a stage's name when it begins.
         on_capture: called with the capture once it is read.
         on_progress: called after every iteration.
+        on_warning: called with what the user should know, in words.
     """
 
     on_stage: Callable[[str], None] = lambda stage: None
     on_capture: Callable[[Capture], None] = lambda capture: None
     on_progress: Callable[[Progress], None] = lambda progress: None
+    on_warning: Callable[[str], None] = lambda warning: None
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ def run(
     if checkpoint and checkpoint.iteration >= options.iterations:
         found = f"{checkpoint.iteration} iterations are done already"
         raise PocketGSError(f"{folder}: {found}, expected --iterations to ask for more")
-    saver = _CheckpointSaver(folder, identity)
+    saver = _CheckpointSaver(folder, identity, reporter.on_warning)
 
     def observe(progress: Progress) -> None:
         reporter.on_progress(progress)
@@ -104,19 +106,24 @@ def run(
 
 
 class _CheckpointSaver:
-    """Writes a checkpoint now and then, so that a long run can go on after its process has died."""
+    """Writes a checkpoint now and then, so that a long run can go on after its process has died.
 
-    def __init__(self, folder: Path, identity: dict[str, Any]) -> None:
-        self._folder, self._identity = folder, identity
+    A checkpoint that cannot be written, say because the disk is full, is no reason to end the run.
+    """
+
+    def __init__(self, folder: Path, identity: dict[str, Any], on_warning: Callable[[str], None]) -> None:
+        self._folder, self._identity, self._on_warning = folder, identity, on_warning
         self._last = time.monotonic()
 
     def observe(self, progress: Progress) -> None:
         if time.monotonic() - self._last >= SECONDS_BETWEEN_CHECKPOINTS:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            result_folder.write_checkpoint(
-                self._folder / result_folder.UNFINISHED, progress.checkpoint(), self._identity
-            )
             self._last = time.monotonic()
+            try:
+                self._folder.mkdir(parents=True, exist_ok=True)
+                path = self._folder / result_folder.UNFINISHED
+                result_folder.write_checkpoint(path, progress.checkpoint(), self._identity)
+            except (PocketGSError, OSError) as error:
+                self._on_warning(f"training goes on without a checkpoint: {error}")
 
 
 def _identity(capture: Capture, options: TrainingOptions) -> dict[str, Any]:

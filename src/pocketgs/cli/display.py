@@ -45,7 +45,7 @@ class Display:
             yield self._reporter()
 
     def _reporter(self) -> Reporter:
-        return Reporter(self._show_stage, self._show_capture, self._show_progress)
+        return Reporter(self._show_stage, self._show_capture, self._show_progress, self._show_warning)
 
     def _show_stage(self, stage: str) -> None:
         if stage in STAGES and self._live:
@@ -55,8 +55,11 @@ class Display:
 
     def _show_capture(self, capture: Capture) -> None:
         for warning in capture.warnings:
-            self._console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+            self._show_warning(warning)
         self._console.print(*capture_lines(capture), sep="\n", markup=False, highlight=False, soft_wrap=True)
+
+    def _show_warning(self, warning: str) -> None:
+        self._console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
 
     def _show_progress(self, progress: Progress) -> None:
         if self._live:

@@ -14,7 +14,7 @@ from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.display import capture_lines
 from pocketgs.cli.scene_file import load_scene
 from pocketgs.gaussians import Gaussians
-from pocketgs.result_folder import SCENE
+from pocketgs.result_folder import RECORD, SCENE
 
 
 def info(
@@ -27,7 +27,7 @@ def info(
         path: A capture's folder or transforms.json, a .ply with Gaussians, or a result folder.
         reading: How to read a capture.
     """
-    is_scene = path.suffix.lower() == ".ply" or (path / SCENE).is_file()
+    is_scene = path.suffix.lower() == ".ply" or all((path / name).is_file() for name in (SCENE, RECORD))
     lines = _scene_lines(load_scene(path)) if is_scene else _capture_lines(reading.open(path))
     Console().print(*lines, sep="\n", markup=False, highlight=False, soft_wrap=True)
 
