@@ -73,15 +73,6 @@ class Gaussians:
         """Degree of the spherical harmonics, 0 to 3."""
         return SH_COEFFICIENTS.index(self.sh.shape[1])
 
-    def with_sh_degree(self, degree: int) -> Gaussians:
-        """The same Gaussians with coefficients cut off, or filled up with zeros, to `degree`."""
-        if degree not in range(4):
-            raise PocketGSError(f"Gaussians: spherical harmonics of degree {degree}, expected 0, 1, 2 or 3")
-        sh = np.zeros((len(self), SH_COEFFICIENTS[degree], 3), dtype=np.float32)
-        kept = min(sh.shape[1], self.sh.shape[1])
-        sh[:, :kept] = self.sh[:, :kept]
-        return Gaussians(self.means, self.log_scales, self.quaternions, self.opacity_logits, sh)
-
     def select(self, keep: np.ndarray) -> Gaussians:
         """The Gaussians that a boolean mask or an index array names."""
         return Gaussians(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import time
 from collections import defaultdict
@@ -55,6 +56,7 @@ class RunRecord:
     Attributes:
         engine, recipe: their names.
         iterations: iterations done, those before a resumption included.
+        resumed_from: iterations that an earlier run had done, or None; `seconds` and `losses` are of this run only.
         interrupted: whether Ctrl-C ended it.
         gaussians: number of Gaussians.
         seconds: wall time by stage.
@@ -67,6 +69,7 @@ class RunRecord:
     engine: str
     recipe: str
     iterations: int
+    resumed_from: int | None
     interrupted: bool
     gaussians: int
     seconds: dict[str, float]
@@ -78,16 +81,24 @@ class RunRecord:
 
 def peak_rss_mb() -> float:
     """Most resident memory that this process has held so far, in MB of 10^6 bytes."""
-    if sys.platform == "linux":
-        # Not getrusage: what that reports begins with the peak of the program that started this one.
-        status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
-        return int(status.split("VmHWM:")[1].split()[0]) * 1024 / 1e6
+    # On Linux, what getrusage reports begins with the peak of the program that started this one.
+    high_water = re.search(r"VmHWM:\s*(\d+) kB", _process_status())
+    if high_water:
+        return int(high_water[1]) * 1024 / 1e6
     if sys.platform == "win32":
         return float(psutil.Process().memory_info().peak_wset) / 1e6
     import resource
 
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / 1e6 if sys.platform == "darwin" else peak * 1024 / 1e6
+
+
+def _process_status() -> str:
+    """What Linux tells of this process; empty where it does not, as in some sandboxes and on other systems."""
+    try:
+        return Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return ""
 
 
 def seconds_since_start() -> float:

@@ -160,7 +160,7 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) ->
 
 
 def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
-    """Read the checkpoint of the run that was under way in a folder, or else of the one that ended there.
+    """Read a folder's newest checkpoint: of a run that was under way there, or of the one that ended there.
 
     Args:
         folder: a run's folder.
@@ -169,9 +169,10 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
     Raises:
         PocketGSError: there is none, it is broken, or it belongs to another run.
     """
-    path = folder / UNFINISHED if (folder / UNFINISHED).is_file() else folder / CHECKPOINT
-    if not path.is_file():
+    found = [path for path in (folder / UNFINISHED, folder / CHECKPOINT) if path.is_file()]
+    if not found:
         raise PocketGSError(f"{folder}: holds no {UNFINISHED} or {CHECKPOINT} to resume from")
+    path = max(found, key=lambda path: path.stat().st_mtime_ns)
     try:
         with np.load(path, allow_pickle=False) as data:
             written = dict(json.loads(str(data["run"])))

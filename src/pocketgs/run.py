@@ -224,6 +224,7 @@ def _summary(
         "lpips_note": evaluation.lpips_note if evaluation else None,
         "gaussians": record.gaussians,
         "iterations": record.iterations,
+        "resumed_from": record.resumed_from,
         "interrupted": record.interrupted,
         "peak_rss_mb": peak_rss_mb(),
         "seconds": {name: round(value, 3) for name, value in seconds.items()},

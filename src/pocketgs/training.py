@@ -30,7 +30,8 @@ class TrainingOptions:
 
     Attributes:
         iterations: number of training steps, one view each.
-        time_budget: seconds after which to stop, or None. Learning rates fall with whichever runs out first.
+        time_budget: seconds of training after which to stop, or None. Learning rates fall with whichever runs out
+            first.
         engine: what renders and differentiates.
         prior: what to start from: "none" is the capture's own points, or points drawn where it has none.
         recipe: name of a recipe, see `pocketgs.recipes`.
@@ -127,7 +128,8 @@ def train(
         >>> scene = train(open_capture("fern", images="images_8"), iterations=500)
         >>> scene.save("fern.ply")
 
-    Ctrl-C ends training after the step under way and returns what has been trained.
+    Ctrl-C ends training after the step under way and returns what has been trained; before the first step it raises
+    KeyboardInterrupt as usual.
 
     Args:
         capture: what to train on.
@@ -159,13 +161,16 @@ def train(
     with stopwatch.stage("upload"):
         engine.set_views(capture.train)
         engine.upload(start, resume.state if resume else None)
-    loop = _Loop(capture, options, recipe, unit, engine, stopwatch, resume.iteration if resume else 0)
+    loop = _Loop(capture, options, recipe, unit, engine, stopwatch, resume.iteration if resume else 0, len(start))
     loop.run(observer)
+    if loop.interrupted and loop.iteration == 0:
+        raise KeyboardInterrupt
     scene = engine.download()
     scene.record = RunRecord(
         engine=engine.name,
         recipe=recipe.name,
         iterations=loop.iteration,
+        resumed_from=resume.iteration if resume else None,
         interrupted=loop.interrupted,
         gaussians=len(scene),
         seconds=dict(stopwatch.seconds),
@@ -204,6 +209,7 @@ class _Loop:
         engine: Engine,
         stopwatch: Stopwatch,
         iteration: int,
+        gaussians: int,
     ) -> None:
         self.iteration = self._first_iteration = iteration
         self.interrupted = False
@@ -213,7 +219,7 @@ class _Loop:
         self._engine, self._stopwatch = engine, stopwatch
         self._recent_losses: deque[float] = deque(maxlen=len(capture.train))
         self._held_out_psnr: float | None = None
-        self._gaussians = len(engine.download())
+        self._gaussians = gaussians
 
     def run(self, observer: Observer | None) -> None:
         """Iterate until iterations or time run out, or Ctrl-C is pressed."""

@@ -13,8 +13,16 @@ from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.gaussians import PARAMETERS, Gaussians
+from pocketgs.splat.cpu.adam import adam, regularise
+from pocketgs.splat.cpu.dssim import dssim
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.cpu.layout import ENTRY_ROWS, ENTRY_SPLAT, TILE_HEIGHT, TILE_WIDTH, View, tiles_down
+from pocketgs.splat.cpu.loss import apply_mask, pointwise
+from pocketgs.splat.cpu.project import project
+from pocketgs.splat.cpu.project_backward import project_backward
+from pocketgs.splat.cpu.rasterize import rasterize
+from pocketgs.splat.cpu.rasterize_backward import rasterize_backward
+from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.splat.engine import create_engine
 from pocketgs.splat.settings import LearningRates, LossSettings, StepSettings
 
@@ -179,3 +187,40 @@ def test_tile_lists_hold_every_pixel_that_a_splat_colours(seed: int, width: int,
 def test_an_unknown_engine_is_refused() -> None:
     with pytest.raises(PocketGSError, match="webgpu"):
         create_engine("webgpu")
+
+
+@pytest.mark.parametrize("log_scale", [20.0, 40.0, 60.0, 88.0, 100.0])
+@pytest.mark.parametrize("axes", [1, 2, 3])
+def test_a_gaussian_that_has_diverged_is_not_drawn(
+    camera: Camera, make_gaussians: MakeGaussians, log_scale: float, axes: int
+) -> None:
+    gaussians = make_gaussians(count=5)
+    gaussians.log_scales[2, :axes] = log_scale
+    engine = CpuEngine()
+    engine.upload(gaussians)
+    rendering = engine.render(camera)
+    assert np.all(np.isfinite(rendering.image))
+    engine.upload(gaussians.select(np.array([0, 1, 3, 4])))
+    np.testing.assert_array_equal(engine.render(camera).image, rendering.image)
+
+
+def test_no_step_compiles_what_prepare_has_not() -> None:
+    kernels = [project, sort_by_depth, rasterize, rasterize_backward, project_backward, adam, regularise]
+    kernels += [pointwise, dssim, apply_mask]
+    CpuEngine().prepare()
+    before = [len(function.signatures) for function in kernels]  # type: ignore[attr-defined]
+    assert min(before) >= 1
+    camera = Camera(40, 30, 30.0, 30.0, 20.0, 15.0, np.array(look_from_front()))
+    mask = np.ones((30, 40), np.bool_)
+    mask.setflags(write=False)
+    rng = np.random.default_rng(3)
+    gaussians = Gaussians(rng.normal(size=(9, 3)), np.zeros((9, 3)), np.ones((9, 4)), np.zeros(9), np.zeros((9, 9, 3)))
+    engine = CpuEngine()
+    for photometric in ("l2", "l1-dssim"):
+        for frame_mask in (None, mask):
+            engine.set_views([Frame("photo", camera, np.zeros((30, 40, 3), np.uint8), mask=frame_mask)])
+            engine.upload(gaussians)
+            loss = LossSettings(photometric, scale_weight=1.0)  # type: ignore[arg-type]
+            engine.step(0, StepSettings(STEP.rates, loss))
+            engine.render(camera, depth=True)
+    assert [len(function.signatures) for function in kernels] == before  # type: ignore[attr-defined]

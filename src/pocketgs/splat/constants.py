@@ -10,6 +10,10 @@ LEAST_DETERMINANT = 1e-6
 """A projected Gaussian whose covariance has a determinant under this times the product of its variances is a needle
 thinner than float32 can hold, and is not drawn."""
 
+LARGEST_VARIANCE = 1e12
+"""A projected Gaussian with a larger variance, in pixels², has diverged and is not drawn: float32 could not hold its
+inverse covariance."""
+
 FRUSTUM_MARGIN = 0.15
 """Fraction of the image by which x/z and y/z may leave the image before the projection's Jacobian clamps them."""
 

@@ -42,7 +42,7 @@ class LossSettings:
     """The training loss.
 
     Attributes:
-        photometric: "l2", the mean squared error (PocketGS), or "l1-dssim",
+        photometric: "l2", the mean squared error (the PocketGS paper), or "l1-dssim",
             (1 - dssim_weight) · mean|x - y| + dssim_weight · (1 - SSIM) (3DGS, equation 7).
         dssim_weight: share of the structural term.
         scale_weight: weight of the mean over Gaussians of ‖log s‖².

@@ -115,13 +115,13 @@ def regularise(
 ) -> float:
     """Add the gradient of λ_s mean ‖log s‖² + λ_α mean α to `gradients`; return the value."""
     count = len(log_scales)
-    values = np.zeros(shares)
+    values = np.empty(count)
     for share in prange(shares):
         for i in range(share * count // shares, (share + 1) * count // shares):
             opacity = 1.0 / (1.0 + math.exp(-opacity_logits[i]))
             gradients[i, GRADIENT_OPACITY] += opacity_weight / count * opacity * (1.0 - opacity)
-            values[share] += opacity_weight * opacity
+            values[i] = opacity_weight * opacity
             for k in range(3):
                 gradients[i, GRADIENT_LOG_SCALE + k] += 2.0 * scale_weight / count * log_scales[i, k]
-                values[share] += scale_weight * log_scales[i, k] ** 2
+                values[i] += scale_weight * log_scales[i, k] ** 2
     return values.sum() / count

@@ -6,10 +6,12 @@ division.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
+from pathlib import Path
 from typing import Protocol, TypeVar
 
-from numba import njit
+import numba
 
 _Function = TypeVar("_Function", bound=Callable[..., object])
 
@@ -20,14 +22,45 @@ class _Decorator(Protocol):
     def __call__(self, function: _Function, /) -> _Function: ...
 
 
-kernel: _Decorator = njit(cache=True, error_model="numpy")
+def _digest_of_sources() -> str:
+    """What identifies the code that any kernel may be made of: all of `splat/`."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _cached(**options: bool) -> _Decorator:
+    """A decorator that keeps machine code on disk for as long as no source changes.
+
+    Numba itself looks only at the file of the kernel, and would run old code after a change to a part of it that stands
+    in another file. A folder for every state of the sources mends that.
+    """
+    base = Path(numba.config.CACHE_DIR or Path(__file__).parent / "__pycache__")
+    folder = str(base / f"kernels-{_DIGEST}")
+
+    def decorate(function: _Function) -> _Function:
+        before = numba.config.CACHE_DIR
+        # Numba reads it here, and falls back to a folder of the user's where this one cannot be written.
+        numba.config.CACHE_DIR = folder
+        try:
+            return numba.njit(cache=True, error_model="numpy", **options)(function)
+        finally:
+            numba.config.CACHE_DIR = before
+
+    return decorate
+
+
+_DIGEST = _digest_of_sources()
+
+kernel: _Decorator = _cached()
 """Called from Python on one thread; its machine code is kept on disk for the next process."""
 
-parallel_kernel: _Decorator = njit(parallel=True, cache=True, error_model="numpy")
+parallel_kernel: _Decorator = _cached(parallel=True)
 """A kernel whose `prange` loops run on all threads."""
 
-part: _Decorator = njit(error_model="numpy")
+part: _Decorator = numba.njit(error_model="numpy")
 """Called from kernels."""
 
-inlined: _Decorator = njit(forceinline=True, error_model="numpy")
+inlined: _Decorator = numba.njit(forceinline=True, error_model="numpy")
 """Called from kernels' inner loops, always inlined: vectors stay in registers."""

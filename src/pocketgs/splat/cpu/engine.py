@@ -79,8 +79,11 @@ class CpuEngine:
         scene = Gaussians(corner, np.zeros((4, 3)), np.ones((4, 4)), np.zeros(4), np.zeros((4, 1, 3)))
         pose = np.eye(4)
         pose[2, 3] = 4.0
-        frame = Frame("", Camera(16, 16, 16.0, 16.0, 8.0, 8.0, pose), np.zeros((16, 16, 3), np.uint8))
-        settings = StepSettings(LearningRates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        camera, image = Camera(16, 16, 16.0, 16.0, 8.0, 8.0, pose), np.zeros((16, 16, 3), np.uint8)
+        # With a mask and regularisers, so that every kernel is called.
+        frame = Frame("", camera, image, mask=np.ones((16, 16), np.bool_))
+        loss = LossSettings(scale_weight=1.0, opacity_weight=1.0)
+        settings = StepSettings(LearningRates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), loss)
         engine = CpuEngine(self.threads)
         engine.set_views([frame])
         engine.upload(scene)
@@ -92,7 +95,7 @@ class CpuEngine:
             _TrainingView(
                 View.of(frame.camera),
                 np.ascontiguousarray(np.moveaxis(frame.image, 2, 0)),
-                np.zeros((0, 0), np.bool_) if frame.mask is None else np.ascontiguousarray(frame.mask),
+                np.zeros((0, 0), np.bool_) if frame.mask is None else np.array(frame.mask, np.bool_, order="C"),
             )
             for frame in frames
         ]

@@ -18,7 +18,7 @@ TILE_PIXELS = TILE_WIDTH * TILE_HEIGHT
 # One projected splat: a row of float32. The exponent of its falloff is held to base 2, with the opacity inside:
 # log2 α(dx, dy) = LOG2_OPACITY + EXPONENT_XX dx² + EXPONENT_XY dx dy + EXPONENT_YY dy².
 MEAN_X, MEAN_Y, EXPONENT_XX, EXPONENT_XY, EXPONENT_YY, LOG2_OPACITY, RED, GREEN, BLUE, DEPTH = range(10)
-SPLAT_FIELDS = 12
+SPLAT_FIELDS = 10
 
 # One entry of a tile's list: a row of int32. ROWS holds the first and one past the last row of the tile that the splat
 # reaches, as first << 8 | end.

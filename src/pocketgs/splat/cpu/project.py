@@ -7,7 +7,15 @@ import math
 import numpy as np
 from numba import prange
 
-from pocketgs.splat.constants import ALPHA_MIN, BRIGHTEST, FRUSTUM_MARGIN, LEAST_DETERMINANT, LOW_PASS, NEAR
+from pocketgs.splat.constants import (
+    ALPHA_MIN,
+    BRIGHTEST,
+    FRUSTUM_MARGIN,
+    LARGEST_VARIANCE,
+    LEAST_DETERMINANT,
+    LOW_PASS,
+    NEAR,
+)
 from pocketgs.splat.cpu.compile import inlined, parallel_kernel, part
 from pocketgs.splat.cpu.layout import (
     DEPTH,
@@ -97,8 +105,8 @@ def _project_shape(
     reach = math.sqrt(max(0.0, 2.0 * (log2_opacity - LOG2_ALPHA_MIN) / LOG2_E))
     radius_x, radius_y = reach * math.sqrt(xx), reach * math.sqrt(yy)
     determinant = xx * yy - xy * xy
-    finite = math.isfinite(mean_x + mean_y) and math.isfinite(radius_x + radius_y)
-    if not (finite and determinant > LEAST_DETERMINANT * xx * yy):
+    sound = math.isfinite(mean_x + mean_y) and xx < LARGEST_VARIANCE and yy < LARGEST_VARIANCE
+    if not (sound and determinant > LEAST_DETERMINANT * xx * yy):
         return False
     if not (_reaches_a_pixel(mean_x, radius_x, view.width) and _reaches_a_pixel(mean_y, radius_y, view.height)):
         return False

@@ -1,6 +1,6 @@
 """The gradient of the image by replaying each tile front to back.
 
-The source caches {C_in, α} of every contribution. Here nothing is cached: with D_i = c_i · ∂L/∂C, what lies behind
+The paper caches {C_in, α} of every contribution. Here nothing is cached: with D_i = c_i · ∂L/∂C, what lies behind
 splat i enters its gradient only through the number H_i = Σ_{j>i} w_j D_j + T·background·∂L/∂C, which starts at
 C · ∂L/∂C and loses w_i D_i at every contribution. Recomputing α costs fewer cycles than fetching it would.
 """

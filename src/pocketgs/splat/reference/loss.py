@@ -87,9 +87,9 @@ def photometric_loss(
 
 
 def regularise(scene: Scene, settings: LossSettings, gradient: SceneGradient) -> float:
-    """Value of λ_s mean ‖log s‖² + λ_α mean α (PocketGS, equation of the total loss); adds its gradient in place.
+    """Value of λ_s mean ‖log s‖² + λ_α mean α (the PocketGS paper's total loss); adds its gradient in place.
 
-    The source sums over the Gaussians; the mean makes the weights independent of their number.
+    The paper sums over the Gaussians; the mean makes the weights independent of their number.
     """
     count = max(len(scene.means), 1)
     opacities = 1.0 / (1.0 + np.exp(-scene.opacity_logits))

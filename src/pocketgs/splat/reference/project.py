@@ -7,7 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from pocketgs.camera import Camera
-from pocketgs.splat.constants import ALPHA_MIN, BRIGHTEST, FRUSTUM_MARGIN, LEAST_DETERMINANT, LOW_PASS, NEAR
+from pocketgs.splat.constants import (
+    ALPHA_MIN,
+    BRIGHTEST,
+    FRUSTUM_MARGIN,
+    LARGEST_VARIANCE,
+    LEAST_DETERMINANT,
+    LOW_PASS,
+    NEAR,
+)
 from pocketgs.splat.reference.scene import Scene, SceneGradient
 from pocketgs.splat.reference.spherical_harmonics import basis, basis_gradient
 
@@ -103,6 +111,8 @@ def project(scene: Scene, camera: Camera) -> Projection:
         finite = np.all(np.isfinite(np.concatenate([means, radii], axis=1)), axis=1)
         sound_colour = np.all(np.abs(colours) < BRIGHTEST, axis=1)
         sound_shape = np.linalg.det(covariances) > LEAST_DETERMINANT * covariances[:, 0, 0] * covariances[:, 1, 1]
+        variances = np.stack([covariances[:, 0, 0], covariances[:, 1, 1]], axis=1)
+        sound_shape &= np.all(variances < LARGEST_VARIANCE, axis=1)
         visible = finite & sound_shape & sound_colour & on_screen & (local[:, 2] >= NEAR) & (opacities >= ALPHA_MIN)
         covariances[~visible] = np.eye(2)
     return Projection(means, np.linalg.inv(covariances), opacities, np.maximum(colours, 0.0), local[:, 2], visible)

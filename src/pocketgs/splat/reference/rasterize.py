@@ -75,8 +75,8 @@ def rasterize_backward(
     """Gradient of the loss with respect to the projected Gaussians.
 
     With C_in the colour composited behind a splat, C_out = C_in (1 - α) + α c gives ∂L/∂α = T ∂L/∂C · (c - C_in)
-    (PocketGS, section 4.1). What lies behind is the final colour less what the replay has added so far, divided by
-    the transmittance behind the splat, so nothing but the final colour need be kept.
+    (the PocketGS paper, on operator T). What lies behind is the final colour less what the replay has added so far,
+    divided by the transmittance behind the splat, so nothing but the final colour need be kept.
 
     Args:
         projection: as in the forward pass.
