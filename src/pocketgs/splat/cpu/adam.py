@@ -104,24 +104,19 @@ def adam(
                     sh[i, k, channel] -= step[GRADIENT_SH + 3 * k + channel]
 
 
-@parallel_kernel
 def regularise(
     log_scales: np.ndarray,
     opacity_logits: np.ndarray,
     scale_weight: float,
     opacity_weight: float,
-    shares: int,
     gradients: np.ndarray,
 ) -> float:
     """Add the gradient of λ_s mean ‖log s‖² + λ_α mean α to `gradients`; return the value."""
     count = len(log_scales)
-    values = np.empty(count)
-    for share in prange(shares):
-        for i in range(share * count // shares, (share + 1) * count // shares):
-            opacity = 1.0 / (1.0 + math.exp(-opacity_logits[i]))
-            gradients[i, GRADIENT_OPACITY] += opacity_weight / count * opacity * (1.0 - opacity)
-            values[i] = opacity_weight * opacity
-            for k in range(3):
-                gradients[i, GRADIENT_LOG_SCALE + k] += 2.0 * scale_weight / count * log_scales[i, k]
-                values[i] += scale_weight * log_scales[i, k] ** 2
-    return values.sum() / count
+    scales = slice(GRADIENT_LOG_SCALE, GRADIENT_LOG_SCALE + 3)
+    # What has diverged may overflow: it is not drawn, and must not be complained about at every step.
+    with np.errstate(over="ignore", invalid="ignore"):
+        opacities = 1.0 / (1.0 + np.exp(-opacity_logits))
+        gradients[:, scales] += 2.0 * scale_weight / count * log_scales
+        gradients[:, GRADIENT_OPACITY] += opacity_weight / count * opacities * (1.0 - opacities)
+        return float(scale_weight * np.sum(log_scales**2) + opacity_weight * np.sum(opacities)) / count

@@ -79,11 +79,8 @@ class CpuEngine:
         scene = Gaussians(corner, np.zeros((4, 3)), np.ones((4, 4)), np.zeros(4), np.zeros((4, 1, 3)))
         pose = np.eye(4)
         pose[2, 3] = 4.0
-        camera, image = Camera(16, 16, 16.0, 16.0, 8.0, 8.0, pose), np.zeros((16, 16, 3), np.uint8)
-        # With a mask and regularisers, so that every kernel is called.
-        frame = Frame("", camera, image, mask=np.ones((16, 16), np.bool_))
-        loss = LossSettings(scale_weight=1.0, opacity_weight=1.0)
-        settings = StepSettings(LearningRates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), loss)
+        frame = Frame("", Camera(16, 16, 16.0, 16.0, 8.0, 8.0, pose), np.zeros((16, 16, 3), np.uint8))
+        settings = StepSettings(LearningRates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
         engine = CpuEngine(self.threads)
         engine.set_views([frame])
         engine.upload(scene)
@@ -222,6 +219,7 @@ class CpuEngine:
             raster.canvas.d_image,
             self._entry_sums,
         )
+        self._gradients.fill(0.0)
         project_backward(
             scene.means,
             scene.log_scales,
@@ -246,7 +244,6 @@ class CpuEngine:
                 scene.opacity_logits,
                 weights.scale_weight,
                 weights.opacity_weight,
-                self.threads,
                 self._gradients,
             )
         self._steps += 1

@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import prange
 
 from pocketgs.splat.constants import SSIM_WINDOW
-from pocketgs.splat.cpu.compile import parallel_kernel
+from pocketgs.splat.cpu.compile import kernel
 from pocketgs.splat.cpu.dssim import dssim
 from pocketgs.splat.cpu.image_rows import read_row, row_sum
 from pocketgs.splat.cpu.lanes import LANES
 from pocketgs.splat.settings import LossSettings
 
 
-@parallel_kernel
+@kernel
 def pointwise(
     rendered: np.ndarray,
     photo: np.ndarray,
     mask: np.ndarray,
     absolute_weight: float,
     squared_weight: float,
-    shares: int,
     gradient: np.ndarray,
     row_losses: np.ndarray,
 ) -> None:
@@ -28,28 +26,17 @@ def pointwise(
     height, width = rendered.shape[1:]
     absolute = np.float32(absolute_weight / (3.0 * height * width))
     squared = np.float32(squared_weight / (3.0 * height * width))
-    for share in prange(shares):
-        size = (width + LANES - 1) // LANES * LANES
-        x, y, error = np.zeros(size, np.float32), np.zeros(size, np.float32), np.zeros(size, np.float32)
-        for row in range(share * height // shares, (share + 1) * height // shares):
-            for channel in range(3):
-                read_row(rendered[channel], photo[channel], mask, row, x, y)
-                for column in range(width):
-                    difference = x[column] - y[column]
-                    error[column] = absolute * abs(difference) + squared * difference * difference
-                    slope = absolute * np.sign(difference) + np.float32(2.0) * squared * difference
-                    gradient[channel, row, column] = slope
-                row_losses[channel, row] = row_sum(error)
-
-
-@parallel_kernel
-def apply_mask(mask: np.ndarray, shares: int, gradient: np.ndarray) -> None:
-    """Set the gradient (3, H, W) to 0 where the mask (H, W) does not hold."""
-    for share in prange(shares):
-        for row in range(share * len(mask) // shares, (share + 1) * len(mask) // shares):
-            for column in range(mask.shape[1]):
-                if not mask[row, column]:
-                    gradient[:, row, column] = 0.0
+    size = (width + LANES - 1) // LANES * LANES
+    x, y, error = np.zeros(size, np.float32), np.zeros(size, np.float32), np.zeros(size, np.float32)
+    for channel in range(3):
+        for row in range(height):
+            read_row(rendered[channel], photo[channel], mask, row, x, y)
+            for column in range(width):
+                difference = x[column] - y[column]
+                error[column] = absolute * abs(difference) + squared * difference * difference
+                slope = absolute * np.sign(difference) + np.float32(2.0) * squared * difference
+                gradient[channel, row, column] = slope
+            row_losses[channel, row] = row_sum(error)
 
 
 def photometric(
@@ -73,11 +60,11 @@ def photometric(
         row_losses: (3, H) float32, written: parts of the loss, to be summed.
     """
     if settings.photometric == "l2":
-        pointwise(rendered, photo, mask, 0.0, 1.0, shares, gradient, row_losses)
+        pointwise(rendered, photo, mask, 0.0, 1.0, gradient, row_losses)
     else:
         structural = settings.dssim_weight if min(rendered.shape[1:]) >= SSIM_WINDOW else 0.0
-        pointwise(rendered, photo, mask, 1.0 - structural, 0.0, shares, gradient, row_losses)
+        pointwise(rendered, photo, mask, 1.0 - structural, 0.0, gradient, row_losses)
         if structural > 0.0:
             dssim(rendered, photo, mask, structural, shares, gradient, row_losses)
     if mask.size:
-        apply_mask(mask, shares, gradient)
+        gradient[:, ~mask] = 0.0

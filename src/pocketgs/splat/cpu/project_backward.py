@@ -233,10 +233,8 @@ def project_backward(
         order: (V,) the visible Gaussians by depth: π.
         first_slots: (V + 1,) where each one's rows of `entry_sums` begin.
         entry_sums: what `rasterize_backward` wrote.
-        gradients: (N, GRADIENT_SH + 3 K) float32, written; zero where not visible.
+        gradients: (N, GRADIENT_SH + 3 K) float32, all 0; written where visible.
     """
-    for share in prange(shares):
-        gradients[share * len(means) // shares : (share + 1) * len(means) // shares] = 0.0
     for share in prange(shares):
         first, end = share * len(order) // shares, (share + 1) * len(order) // shares
         _project_range_backward(
