@@ -175,7 +175,7 @@ def any_lane(typing_context: Any, mask: Any) -> Any:
 def sums(typing_context: Any, vectors: Any) -> Any:
     """From a tuple of at most LANES vectors, the vector whose lane i is the sum of vector i's lanes; the rest 0.
 
-    Adding neighbours of two vectors into one, level by level, takes a quarter of the instructions of summing each.
+    Adding neighbours of two vectors into one, level by level, takes fewer instructions than summing each.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

@@ -2,7 +2,7 @@
 
 The paper caches {C_in, α} of every contribution. Here nothing is cached: with D_i = c_i · ∂L/∂C, what lies behind
 splat i enters its gradient only through the number H_i = Σ_{j>i} w_j D_j + T·background·∂L/∂C, which starts at
-C · ∂L/∂C and loses w_i D_i at every contribution. Recomputing α costs fewer cycles than fetching it would.
+C · ∂L/∂C and loses w_i D_i at every contribution. Recomputing α takes some twenty instructions a vector, and no memory.
 """
 
 from __future__ import annotations
@@ -38,7 +38,6 @@ from pocketgs.splat.cpu.tile import (
 # What a splat's replay in one tile leaves behind: sums over pixels of v = ∂L/∂(ln α) times 1, dx, dy, dx², dx dy, dy²,
 # and the gradient of its colour.
 SUM_EXPONENT, SUM_X, SUM_Y, SUM_XX, SUM_XY, SUM_YY, SUM_RED, SUM_GREEN, SUM_BLUE = range(9)
-SUMS = 9
 
 
 @inlined
@@ -53,7 +52,7 @@ def _replay(
     d_green: np.ndarray,
     d_blue: np.ndarray,
 ) -> Floats:
-    """One splat in one tile; returns the vector of its SUMS."""
+    """One splat in one tile; returns the vector of its sums."""
     dx = column_offsets(splat, left)
     terms = exponent_terms(splat, dx)
     v_sum = vy_sum = vyy_sum = red_sum = green_sum = blue_sum = broadcast(ZERO)
@@ -118,7 +117,7 @@ def rasterize_backward(
         shares: number of shares of the work.
         image: (3, H, W) float32 that `rasterize` wrote.
         d_image: (3, H, W) float32 gradient with respect to `image`.
-        entry_sums: (entries · LANES,) float32, written: a row of SUMS for each entry, at its slot.
+        entry_sums: (entries · LANES,) float32, written: a row of LANES for each entry, the sums first, at its slot.
     """
     height = image.shape[1]
     for share in prange(shares):
