@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import prange
 
-from pocketgs.splat.cpu.compile import parallel_kernel, part
+from pocketgs.compile import parallel_kernel, part
 from pocketgs.splat.cpu.layout import (
     GRADIENT_LOG_SCALE,
     GRADIENT_MEAN,

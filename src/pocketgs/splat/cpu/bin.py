@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from pocketgs.splat.cpu.compile import inlined, kernel, parallel_kernel, part
+from pocketgs.compile import inlined, kernel, parallel_kernel, part
 from pocketgs.splat.cpu.layout import (
     ENTRY_FIELDS,
     ENTRY_ROWS,

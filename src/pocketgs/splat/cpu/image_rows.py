@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.splat.cpu.compile import part
+from pocketgs.compile import part
 from pocketgs.splat.cpu.lanes import LANES, broadcast, load, store
 
 

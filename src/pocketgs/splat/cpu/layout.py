@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pocketgs.camera import Camera
+from pocketgs.compile import part
 from pocketgs.splat.constants import ALPHA_MIN
-from pocketgs.splat.cpu.compile import part
 
 TILE_WIDTH = 8
 TILE_HEIGHT = 16

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from pocketgs.compile import kernel
 from pocketgs.splat.constants import SSIM_WINDOW
-from pocketgs.splat.cpu.compile import kernel
 from pocketgs.splat.cpu.dssim import dssim
 from pocketgs.splat.cpu.image_rows import read_row, row_sum
 from pocketgs.splat.cpu.lanes import LANES

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numba import prange
 
+from pocketgs.compile import inlined, parallel_kernel, part
 from pocketgs.splat.constants import (
     ALPHA_MIN,
     BRIGHTEST,
@@ -16,7 +17,6 @@ from pocketgs.splat.constants import (
     LOW_PASS,
     NEAR,
 )
-from pocketgs.splat.cpu.compile import inlined, parallel_kernel, part
 from pocketgs.splat.cpu.layout import (
     DEPTH,
     EXPONENT_XX,

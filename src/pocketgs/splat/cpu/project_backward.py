@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import prange
 
-from pocketgs.splat.cpu.compile import inlined, parallel_kernel, part
+from pocketgs.compile import inlined, parallel_kernel, part
 from pocketgs.splat.cpu.lanes import LANES, broadcast, load, store
 from pocketgs.splat.cpu.layout import (
     EXPONENT_XX,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from pocketgs.splat.cpu.compile import inlined, parallel_kernel, part
+from pocketgs.compile import inlined, parallel_kernel, part
 from pocketgs.splat.cpu.lanes import LANES, load, store
 from pocketgs.splat.cpu.layout import (
     BLUE,

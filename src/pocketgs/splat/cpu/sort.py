@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.splat.cpu.compile import kernel
+from pocketgs.compile import kernel
 from pocketgs.splat.cpu.project import CULLED
 
 _DIGIT_BITS = 11

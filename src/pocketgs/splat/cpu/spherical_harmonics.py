@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.splat.cpu.compile import inlined, part
+from pocketgs.compile import inlined, part
 from pocketgs.splat.reference.spherical_harmonics import C0, C1, C2, C3
 
 

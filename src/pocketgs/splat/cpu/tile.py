@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from pocketgs.compile import inlined, part
 from pocketgs.splat.constants import ALPHA_MAX, TRANSMITTANCE_MIN
-from pocketgs.splat.cpu.compile import inlined, part
 from pocketgs.splat.cpu.exp2 import exp2_of_negative
 from pocketgs.splat.cpu.lanes import LANES, Floats, any_lane, broadcast, constant, load, select
 from pocketgs.splat.cpu.layout import (

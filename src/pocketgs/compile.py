@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 from typing import Protocol, TypeVar
 
@@ -22,27 +23,34 @@ class _Decorator(Protocol):
     def __call__(self, function: _Function, /) -> _Function: ...
 
 
-def _digest_of_sources() -> str:
-    """What identifies the code that any kernel may be made of: all of `splat/`."""
+def _folder_for(function: Callable[..., object]) -> Path:
+    """Where a kernel's machine code is kept: a folder for every state of the room (`splat`, `prior`...) it stands in.
+
+    Numba itself looks only at the file of the kernel, and would run old code after a change to a part of it that stands
+    in another file. Kernels are made of parts of their own room.
+    """
+    room = function.__module__.removeprefix(f"{__package__}.").split(".")[0]
+    base = Path(numba.config.CACHE_DIR or Path(__file__).parent / "__pycache__")
+    return base / f"{room}-{_digest_of(room)}"
+
+
+@lru_cache
+def _digest_of(room: str) -> str:
+    """What identifies the sources of a room, a package or a single module."""
+    home = Path(__file__).parent
     digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
+    for path in [Path(__file__), *sorted((home / room).rglob("*.py")), *home.glob(f"{room}.py")]:
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 
 def _cached(**options: bool) -> _Decorator:
-    """A decorator that keeps machine code on disk for as long as no source changes.
-
-    Numba itself looks only at the file of the kernel, and would run old code after a change to a part of it that stands
-    in another file. A folder for every state of the sources mends that.
-    """
-    base = Path(numba.config.CACHE_DIR or Path(__file__).parent / "__pycache__")
-    folder = str(base / f"kernels-{_DIGEST}")
+    """A decorator that keeps machine code on disk for as long as no source changes."""
 
     def decorate(function: _Function) -> _Function:
         before = numba.config.CACHE_DIR
         # Numba reads it here, and falls back to a folder of the user's where this one cannot be written.
-        numba.config.CACHE_DIR = folder
+        numba.config.CACHE_DIR = str(_folder_for(function))
         try:
             return numba.njit(cache=True, error_model="numpy", **options)(function)
         finally:
@@ -50,8 +58,6 @@ def _cached(**options: bool) -> _Decorator:
 
     return decorate
 
-
-_DIGEST = _digest_of_sources()
 
 kernel: _Decorator = _cached()
 """Called from Python on one thread; its machine code is kept on disk for the next process."""
