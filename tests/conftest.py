@@ -14,7 +14,7 @@ from PIL import Image
 from plyfile import PlyData, PlyElement
 
 from pocketgs.capture import Capture
-from pocketgs.capture.synthetic import demo_capture
+from pocketgs.capture.synthetic import true_capture
 
 
 @pytest.fixture(scope="session")
@@ -30,7 +30,7 @@ def data_folder() -> Path:
 @pytest.fixture(scope="session")
 def small_capture() -> Capture:
     """Eight views of the demo scene, 96 x 72, one of them held out."""
-    return demo_capture(width=96, height=72, frames=8, points=2000)
+    return true_capture(width=96, height=72, frames=8, points=2000)
 
 
 @pytest.fixture(scope="session")

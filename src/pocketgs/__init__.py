@@ -22,9 +22,11 @@ if TYPE_CHECKING:
     from pocketgs.evaluation import evaluate
     from pocketgs.gaussians import Gaussians
     from pocketgs.pointcloud import PointCloud
+    from pocketgs.preparation import prepare
     from pocketgs.rendering import render
     from pocketgs.splat.engine import Rendering
-    from pocketgs.training import TrainingOptions, train
+    from pocketgs.training import train
+    from pocketgs.training_options import TrainingOptions
 
 __all__ = [
     "Camera",
@@ -38,6 +40,7 @@ __all__ = [
     "demo_capture",
     "evaluate",
     "open_capture",
+    "prepare",
     "render",
     "train",
 ]
@@ -50,10 +53,11 @@ _HOMES = {
     "PocketGSError": "errors",
     "PointCloud": "pointcloud",
     "Rendering": "splat.engine",
-    "TrainingOptions": "training",
+    "TrainingOptions": "training_options",
     "demo_capture": "capture.synthetic",
     "evaluate": "evaluation",
     "open_capture": "capture.open",
+    "prepare": "preparation",
     "render": "rendering",
     "train": "training",
 }

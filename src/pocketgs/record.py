@@ -13,6 +13,7 @@ from pathlib import Path
 
 import psutil
 
+from pocketgs.prior.report import PriorReport
 from pocketgs.splat.engine import OptimiserState
 
 
@@ -64,6 +65,7 @@ class RunRecord:
         engine_bytes: what the engine held, by name.
         losses: samples over the run.
         optimiser_state: for going on later.
+        prior: what the geometry prior found, or None if there was none.
     """
 
     engine: str
@@ -77,6 +79,7 @@ class RunRecord:
     engine_bytes: dict[str, int]
     losses: list[LossSample]
     optimiser_state: OptimiserState
+    prior: PriorReport | None = None
 
 
 def peak_rss_mb() -> float:

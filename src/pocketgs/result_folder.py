@@ -1,4 +1,5 @@
-"""The folder that a run leaves behind: `scene.ply`, `run.json`, `checkpoint.npz` and pictures of the held-out views.
+"""The folder that a run leaves behind: `scene.ply`, `run.json`, `checkpoint.npz`, pictures of the held-out views,
+and `poses.json` where poses were refined.
 
 A run's files are gathered in a hidden folder and put in place together at its end: until then, and if the run fails or
 is killed, an earlier result stays as it was.
@@ -27,6 +28,9 @@ from pocketgs.splat.engine import OptimiserState
 from pocketgs.training import Checkpoint
 
 SCENE, RECORD, CHECKPOINT, PICTURES = "scene.ply", "run.json", "checkpoint.npz", "held_out"
+POSES = "poses.json"
+"""Only there if the poses that the scene was trained with are not the capture's own."""
+
 UNFINISHED = "unfinished.npz"
 """Checkpoint of a run under way; it goes when the run's result is in place."""
 
@@ -85,9 +89,11 @@ def check_writable(folder: Path) -> None:
         remove_leftovers(folder / UNFINISHED)
 
 
-def remove_outdated(folder: Path, keep_pictures: bool) -> None:
-    """Delete what a result that has just been published did not replace: an earlier run's checkpoint and pictures."""
+def remove_outdated(folder: Path, keep_pictures: bool, keep_poses: bool) -> None:
+    """Delete what a result that has just been published did not replace: an earlier run's checkpoint, pictures and poses."""
     (folder / UNFINISHED).unlink(missing_ok=True)
+    if not keep_poses:
+        (folder / POSES).unlink(missing_ok=True)
     if not keep_pictures:
         shutil.rmtree(folder / PICTURES, ignore_errors=True)
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import platform
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
-from importlib.metadata import PackageNotFoundError, version
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +16,17 @@ from pocketgs.errors import PocketGSError
 from pocketgs.evaluation import Evaluation, Pair, evaluate
 from pocketgs.gaussians import Gaussians
 from pocketgs.interrupt import deferred_interrupt
-from pocketgs.record import Stopwatch, peak_rss_mb, seconds_since_start
+from pocketgs.poses_file import write_poses
+from pocketgs.preparation import prepare
+from pocketgs.prior.report import PriorReport
+from pocketgs.record import Stopwatch, seconds_since_start
 from pocketgs.splat.constants import SSIM_WINDOW
 from pocketgs.splat.engine import Engine, create_engine
-from pocketgs.training import Checkpoint, Progress, TrainingOptions, render_frame, train
+from pocketgs.summary import summarise
+from pocketgs.training import Checkpoint, Progress, render_frame, train
+from pocketgs.training_options import TrainingOptions
 
 SECONDS_BETWEEN_CHECKPOINTS = 60.0
-DEPENDENCIES = ("numpy", "numba", "llvmlite", "opencv-python-headless", "scipy", "pillow")
 
 
 @dataclass(frozen=True)
@@ -34,12 +36,14 @@ class Reporter:
     Attributes:
         on_stage: called with a stage's name when it begins.
         on_capture: called with the capture once it is read.
+        on_prior: called with what the geometry prior found.
         on_progress: called after every iteration.
         on_warning: called with what the user should know, in words.
     """
 
     on_stage: Callable[[str], None] = lambda stage: None
     on_capture: Callable[[Capture], None] = lambda capture: None
+    on_prior: Callable[[PriorReport], None] = lambda report: None
     on_progress: Callable[[Progress], None] = lambda progress: None
     on_warning: Callable[[str], None] = lambda warning: None
 
@@ -100,9 +104,12 @@ def run(
         reporter.on_progress(progress)
         saver.observe(progress)
 
-    scene = train(capture, options, observer=observe, resume=checkpoint, stopwatch=stopwatch)
+    prior = prepare(capture, options, stopwatch)
+    if prior.report:
+        reporter.on_prior(prior.report)
+    scene = train(capture, options, observer=observe, resume=checkpoint, stopwatch=stopwatch, prior=prior)
     with deferred_interrupt():
-        return _publish(capture, folder, options, scene, identity, stopwatch)
+        return _publish(capture, prior.capture, folder, options, scene, identity, stopwatch)
 
 
 class _CheckpointSaver:
@@ -135,6 +142,11 @@ def _identity(capture: Capture, options: TrainingOptions) -> dict[str, Any]:
         "recipe": options.recipe,
         "seed": options.seed,
         "SH degree": options.sh_degree,
+        "prior": options.prior,
+        "bundle": options.bundle,
+        "references": options.references,
+        "max keyframes": options.max_keyframes,
+        "exposure": options.exposure,
         "max gaussians": options.max_gaussians,
     }
 
@@ -158,28 +170,32 @@ def _check_comparable(capture: Capture) -> None:
 
 def _publish(
     capture: Capture,
+    prepared: Capture,
     folder: Path,
     options: TrainingOptions,
     scene: Gaussians,
     identity: dict[str, Any],
     stopwatch: Stopwatch,
 ) -> RunResult:
-    """Evaluate the scene and put the result in place."""
+    """Evaluate the scene, at the poses that it was trained with, and put the result in place."""
     record = scene.record
     assert record is not None
+    refined = record.prior is not None and record.prior.poses_refined
     with result_folder.publishing(folder) as staging:
         with stopwatch.stage("writing"):
             scene.save(staging / result_folder.SCENE)
             checkpoint = Checkpoint(record.iterations, scene, record.optimiser_state)
             result_folder.write_checkpoint(staging / result_folder.CHECKPOINT, checkpoint, identity)
+            if refined:
+                write_poses(staging / result_folder.POSES, prepared.frames)
         with stopwatch.stage("evaluation"):
             engine = create_engine(options.engine, options.threads)
             engine.upload(scene)
-            evaluation = evaluate_held_out(engine, capture, staging / result_folder.PICTURES)
+            evaluation = evaluate_held_out(engine, prepared, staging / result_folder.PICTURES)
         stopwatch.seconds["total"] = seconds_since_start()
-        summary = _summary(capture, options, scene, evaluation, stopwatch.seconds)
+        summary = summarise(capture, options, scene, evaluation, stopwatch.seconds)
         result_folder.write_json(staging / result_folder.RECORD, summary)
-    result_folder.remove_outdated(folder, keep_pictures=evaluation is not None)
+    result_folder.remove_outdated(folder, keep_pictures=evaluation is not None, keep_poses=refined)
     return RunResult(folder, scene, evaluation, summary)
 
 
@@ -205,56 +221,3 @@ def evaluate_held_out(engine: Engine, capture: Capture, pictures: Path | None = 
             yield frame.name, rendered, (frame.image / np.float32(255.0)).astype(np.float32), frame.mask
 
     return evaluate(pairs())
-
-
-def _summary(
-    capture: Capture,
-    options: TrainingOptions,
-    scene: Gaussians,
-    evaluation: Evaluation | None,
-    seconds: dict[str, float],
-) -> dict[str, Any]:
-    """The content of `run.json`."""
-    record = scene.record
-    assert record is not None
-    return {
-        "psnr": evaluation.psnr if evaluation else None,
-        "ssim": evaluation.ssim if evaluation else None,
-        "lpips": evaluation.lpips if evaluation else None,
-        "lpips_note": evaluation.lpips_note if evaluation else None,
-        "gaussians": record.gaussians,
-        "iterations": record.iterations,
-        "resumed_from": record.resumed_from,
-        "interrupted": record.interrupted,
-        "peak_rss_mb": peak_rss_mb(),
-        "seconds": {name: round(value, 3) for name, value in seconds.items()},
-        "protocol": capture.protocol,
-        "engine": record.engine,
-        "engine_bytes": record.engine_bytes,
-        "capture": {
-            "name": capture.name,
-            "format": capture.format,
-            "training_views": len(capture.train),
-            "held_out_views": len(capture.held_out),
-            "points": len(capture.points) if capture.points else 0,
-            "image_bytes": capture.image_bytes,
-            "background": capture.background,
-            "metric": capture.metric,
-            "warnings": capture.warnings,
-        },
-        "options": asdict(options),
-        "images": [asdict(image) for image in evaluation.images] if evaluation else [],
-        "progress": [asdict(sample) for sample in record.losses],
-        "versions": versions(),
-    }
-
-
-def versions() -> dict[str, str]:
-    """Versions of this package, of Python, of the system and of what the numbers depend on."""
-    found = {"python": platform.python_version(), "system": platform.platform()}
-    for package in ("pocketgs", *DEPENDENCIES):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = "unknown"
-    return found

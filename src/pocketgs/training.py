@@ -6,7 +6,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -15,63 +14,14 @@ from pocketgs.errors import PocketGSError
 from pocketgs.evaluation import psnr
 from pocketgs.gaussians import Gaussians
 from pocketgs.interrupt import deferred_interrupt
-from pocketgs.pointcloud import PointCloud
+from pocketgs.preparation import prepare
+from pocketgs.prior.prior import Prior
 from pocketgs.recipes import Recipe, recipe_named
 from pocketgs.record import LossSample, RunRecord, Stopwatch, peak_rss_mb
-from pocketgs.seeding import seed_isotropic
-from pocketgs.splat.engine import Engine, EngineName, OptimiserState, create_engine
+from pocketgs.seeding import SEEDINGS
+from pocketgs.splat.engine import Engine, OptimiserState, create_engine
 from pocketgs.splat.settings import StepSettings
-from pocketgs.volume import draw_points
-
-
-@dataclass(frozen=True)
-class TrainingOptions:
-    """What a user may ask of a training run.
-
-    Attributes:
-        iterations: number of training steps, one view each.
-        time_budget: seconds of training after which to stop, or None. Learning rates fall with whichever runs out
-            first.
-        engine: what renders and differentiates.
-        prior: what to start from: "none" is the capture's own points, or points drawn where it has none.
-        recipe: name of a recipe, see `pocketgs.recipes`.
-        seed: of everything random.
-        max_gaussians: most Gaussians to start with.
-        sh_degree: degree of the spherical harmonics, or None for the recipe's.
-        threads: CPU threads, or None for all cores.
-        evaluate_every: iterations between looks at the held-out views; 0 for none until the end.
-    """
-
-    iterations: int = 500
-    time_budget: float | None = None
-    engine: EngineName = "auto"
-    prior: Literal["none", "dense"] = "none"
-    recipe: str = "pocketgs"
-    seed: int = 0
-    max_gaussians: int = 50_000
-    sh_degree: int | None = None
-    threads: int | None = None
-    evaluate_every: int = 100
-
-    def __post_init__(self) -> None:
-        recipe_named(self.recipe)
-        checks = {
-            "iterations": (self.iterations >= 1, "at least 1"),
-            "time budget": (self.time_budget is None or self.time_budget > 0, "a positive number of seconds"),
-            "max gaussians": (self.max_gaussians >= 4, "at least 4"),
-            "SH degree": (self.sh_degree in (None, 0, 1, 2, 3), "0, 1, 2 or 3"),
-            "threads": (self.threads is None or self.threads >= 1, "at least 1"),
-            "evaluate every": (self.evaluate_every >= 0, "at least 0"),
-            "seed": (self.seed >= 0, "at least 0"),
-            "prior": (self.prior in ("none", "dense"), "none or dense"),
-        }
-        for what, (sound, expected) in checks.items():
-            if not sound:
-                raise PocketGSError(
-                    f"{what}: found {getattr(self, what.lower().replace(' ', '_'))}, expected {expected}"
-                )
-        if self.prior == "dense":
-            raise PocketGSError("prior 'dense' is not available in this version, expected none")
+from pocketgs.training_options import TrainingOptions
 
 
 @dataclass(frozen=True)
@@ -120,9 +70,12 @@ def train(
     observer: Observer | None = None,
     resume: Checkpoint | None = None,
     stopwatch: Stopwatch | None = None,
+    prior: Prior | None = None,
     **changes: object,
 ) -> Gaussians:
     """Train a splat.
+
+    The scene lies in the world of the refined poses: `prepare` gives the capture with them.
 
     Example:
         >>> scene = train(open_capture("fern", images="images_8"), iterations=500)
@@ -137,6 +90,7 @@ def train(
         observer: called after every iteration.
         resume: where an earlier run with the same capture and options stopped.
         stopwatch: times the stages; a new one if None.
+        prior: what `pocketgs.preparation.prepare` made of the capture with these options, made here if None.
         **changes: single options by name, in place of those in `options`.
 
     Returns:
@@ -150,11 +104,14 @@ def train(
     recipe = recipe_named(options.recipe)
     if not capture.train:
         raise PocketGSError(f"{capture.path}: no training view, expected at least one")
+    prior = prior or prepare(capture, options, stopwatch)
+    capture = prior.capture
     with stopwatch.stage("seeding"):
-        points = starting_points(capture, options)
-        unit = recipe.length([frame.camera for frame in capture.train], points)
+        assert capture.points is not None
+        unit = recipe.length([frame.camera for frame in capture.train], capture.points)
         degree = recipe.sh_degree if options.sh_degree is None else options.sh_degree
-        start = resume.gaussians if resume else seed_isotropic(points, recipe.opacity, degree, recipe.seed_size)
+        seed = SEEDINGS[options.seeds]
+        start = resume.gaussians if resume else seed(capture.points, recipe.opacity, degree, recipe.seed_size)
     with stopwatch.stage("compilation"):
         engine = create_engine(options.engine, options.threads)
         engine.prepare()
@@ -178,18 +135,9 @@ def train(
         engine_bytes=engine.memory(),
         losses=loop.samples,
         optimiser_state=engine.optimiser_state(),
+        prior=prior.report,
     )
     return scene
-
-
-def starting_points(capture: Capture, options: TrainingOptions) -> PointCloud:
-    """The capture's own points, or points drawn where it has none; at most `max_gaussians` of them."""
-    if capture.points is None or len(capture.points) < 4:
-        return draw_points(capture.train, options.max_gaussians, options.seed)
-    if len(capture.points) <= options.max_gaussians:
-        return capture.points
-    chosen = np.random.default_rng(options.seed).permutation(len(capture.points))[: options.max_gaussians]
-    return capture.points.select(np.sort(chosen))
 
 
 def render_frame(engine: Engine, frame: Frame, background: tuple[float, float, float]) -> np.ndarray:

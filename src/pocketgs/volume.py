@@ -15,6 +15,7 @@ from pocketgs.camera_geometry import focus_point, looks_at
 from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.pointcloud import PointCloud
+from pocketgs.visual_hull import outside_hull
 
 NEAREST, FARTHEST, DEPTHS = 0.5, 3.0, 48
 """Depths that are tried, as multiples of the distance to where the cameras look, evenly spaced in inverse depth."""
@@ -58,7 +59,7 @@ def draw_points(frames: Sequence[Frame], count: int, seed: int = 0) -> PointClou
     rays = -(-int(count / KEPT) // len(frames))
     drawn = [_draw_from(frame, _neighbours(frame, frames, focus), focus, rays, rng) for frame in frames]
     positions, colours, rivals = (np.concatenate(arrays) for arrays in zip(*drawn, strict=True))
-    solid = np.flatnonzero(~_empty(positions, frames))
+    solid = np.flatnonzero(~outside_hull(positions, frames))
     if len(solid) < FEWEST_POINTS:
         raise PocketGSError(f"no volume is seen by several of the {len(frames)} cameras: are the poses right?")
     best = solid[np.argsort(rivals[solid], kind="stable")[:count]]
@@ -168,14 +169,3 @@ def _pixels_of(
     inside = in_front & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
     index = np.where(inside, row, 0).astype(np.int32) * camera.width + np.where(inside, column, 0).astype(np.int32)
     return inside, index
-
-
-def _empty(points: np.ndarray, frames: Sequence[Frame]) -> np.ndarray:
-    """(M,) whether an image with alpha shows nothing where a point falls: the point is outside the visual hull."""
-    empty = np.zeros(len(points), bool)
-    ones = np.ones((len(points), 1), np.float32)
-    for frame in frames:
-        if frame.alpha is not None:
-            inside, index = _pixels_of(frame.camera, np.zeros(3), points, ones)
-            empty |= inside[:, 0] & (frame.alpha.reshape(-1)[index[:, 0]] == 0)
-    return empty

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -14,7 +15,9 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from capture.phone_layouts import WRITERS
 from pocketgs.camera import Camera, look_at
+from pocketgs.capture import Capture
 
 WIDTH, HEIGHT, FOCAL = 16, 12, 20.0
 
@@ -134,3 +137,18 @@ def assert_same_cameras() -> Callable[[list[Camera], list[Camera]], None]:
             np.testing.assert_allclose(one.intrinsic_matrix, other.intrinsic_matrix, rtol=1e-9)
 
     return check
+
+
+@pytest.fixture(scope="session")
+def written_phones(small_capture: Capture, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """`small_capture` as every phone app writes it, to be read only, by format."""
+    folders = {name: tmp_path_factory.mktemp("phone") / name for name in WRITERS}
+    for name, write in WRITERS.items():
+        write(small_capture, folders[name])
+    return folders
+
+
+@pytest.fixture
+def copied_phone(written_phones: dict[str, Path], tmp_path: Path) -> Callable[[str], Path]:
+    """A function that copies one of `written_phones` for the test to do with as it likes."""
+    return lambda name: Path(shutil.copytree(written_phones[name], tmp_path / name))

@@ -28,19 +28,19 @@ def source(tmp_path: Path) -> FrameSource:
 
 
 def with_extras(source: FrameSource) -> FrameSource:
-    folder = source.image_path.parent
+    folder = source.image.parent
     mask = np.zeros((29, 38), dtype=np.uint8)
     mask[:6, :3] = 1
     Image.fromarray(mask).save(folder / "mask.png")
     np.save(folder / "depth.npy", np.arange(29 * 38, dtype=np.float32).reshape(29, 38))
     return FrameSource(
-        "a.png", source.image_path, source.camera, mask_path=folder / "mask.png", depth_path=folder / "depth.npy"
+        "a.png", source.image, source.camera, mask_path=folder / "mask.png", depth_path=folder / "depth.npy"
     )
 
 
 def test_downscaling_averages_whole_blocks(source):
     frame = load_frame(source, Preparation(downscale=4))
-    full = np.asarray(Image.open(source.image_path)).astype(float)
+    full = np.asarray(Image.open(source.image)).astype(float)
     blocks = full[:28, :36].reshape(7, 4, 9, 4, 3).mean(axis=(1, 3))
     assert np.abs(frame.image - blocks).max() <= 0.5
     camera = frame.camera
@@ -151,8 +151,8 @@ def test_truncated_images(tmp_path, suffix):
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(position=st.integers(0, 400), replacement=st.binary(min_size=1, max_size=8))
 def test_damaged_images_never_crash(source, position, replacement):
-    whole = source.image_path.read_bytes()
-    damaged = source.image_path.with_name("damaged.png")
+    whole = source.image.read_bytes()
+    damaged = source.image.with_name("damaged.png")
     damaged.write_bytes(whole[:position] + replacement + whole[position + len(replacement) :])
     with contextlib.suppress(PocketGSError):
         assert read_colour(damaged)[0].ndim == 3

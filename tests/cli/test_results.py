@@ -16,7 +16,7 @@ from PIL import Image
 
 from pocketgs import Gaussians
 from pocketgs.capture import open_capture
-from pocketgs.capture.synthetic import demo_capture
+from pocketgs.capture.synthetic import true_capture
 from pocketgs.run import Reporter, run
 from pocketgs.training import Progress, TrainingOptions
 
@@ -189,7 +189,7 @@ def test_info_of_an_empty_scene(pocketgs: Callable[..., Any], tmp_path: Path) ->
 
 
 def test_demo(pocketgs: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    small = partial(demo_capture, width=96, height=72, frames=8, points=500)
+    small = partial(true_capture, width=96, height=72, frames=8, points=500)
     monkeypatch.setattr(sys.modules["pocketgs.cli.demo"], "demo_capture", small)
     outcome = pocketgs("demo", "--output", tmp_path / "demo", "--iterations", 100, "--sh-degree", 1)
     assert (outcome.status, outcome.errors) == (0, "")

@@ -49,7 +49,8 @@ def test_result_is_written(
     record = json.loads((output / "run.json").read_text())
     assert record["interrupted"] is True
     assert 100 <= record["iterations"] < 1_000_000
-    assert record["psnr"] > 20
+    # The demo's poses drift, and it brings no points.
+    assert record["psnr"] > (12 if command == ["demo"] else 20)
     assert len(Gaussians.load(output / "scene.ply")) == record["gaussians"]
     assert sorted(path.name for path in output.iterdir()) == ["checkpoint.npz", "held_out", "run.json", "scene.ply"]
 
@@ -58,10 +59,10 @@ def test_ctrl_c_before_training_ends_it_at_once(
     pocketgs_process: Callable[..., subprocess.Popen[str]], tmp_path: Path
 ) -> None:
     program = (
-        "import signal; import pocketgs.capture.synthetic as synthetic; from pocketgs.cli import main\n"
+        "import signal; import pocketgs.capture.synthetic.recording as recording; from pocketgs.cli import main\n"
         # A shell starts jobs in the background with Ctrl-C ignored.
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "synthetic._room = lambda: signal.raise_signal(signal.SIGINT)\n"
+        "recording.room = lambda: signal.raise_signal(signal.SIGINT)\n"
         "main()"
     )
     process = pocketgs_process("demo", "--output", tmp_path / "result", program=program)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from pocketgs.capture import colmap_files
-from pocketgs.capture.colmap_model import ColmapCamera, ColmapImage, rotation_from_quaternion
+from pocketgs.capture.colmap_model import ColmapCamera, ColmapImage
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.paths import existing_file, inside, list_images, relative_name
-from pocketgs.capture.poses import camera_at, world_to_camera_of
+from pocketgs.capture.poses import camera_at, rotation_from_quaternion, world_to_camera_of
 from pocketgs.errors import PocketGSError
 
 FORMAT = "colmap"

@@ -95,23 +95,3 @@ def unknown_model(where: str, found: object) -> PocketGSError:
     """The error for a camera model that this reader cannot undo."""
     known = ", ".join(model.name for model in CAMERA_MODELS.values())
     return PocketGSError(f"{where}: camera model {found}, expected one of {known}; undistort with COLMAP first")
-
-
-def rotation_from_quaternion(quaternion: np.ndarray, where: str) -> np.ndarray:
-    """(3, 3) rotation of a (4,) quaternion w, x, y, z of any length.
-
-    Raises:
-        PocketGSError: the quaternion is zero or not finite.
-    """
-    largest = np.abs(quaternion).max()
-    if not np.isfinite(largest) or largest == 0:
-        raise PocketGSError(f"{where}: rotation quaternion {quaternion.tolist()}, expected finite and not zero")
-    scaled = quaternion / largest
-    w, x, y, z = scaled / np.linalg.norm(scaled)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )

@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 from PIL import Image
 
+from pocketgs.capture.paths import CaptureFile
 from pocketgs.errors import PocketGSError
 
 Result = TypeVar("Result")
@@ -16,7 +17,7 @@ Result = TypeVar("Result")
 SIXTEEN_BIT_MODES = ("I", "I;16", "I;16B", "I;16L", "I;16N")
 
 
-def read_size(path: Path) -> tuple[int, int]:
+def read_size(path: CaptureFile) -> tuple[int, int]:
     """Width and height of an image file, from its header alone.
 
     Raises:
@@ -25,7 +26,7 @@ def read_size(path: Path) -> tuple[int, int]:
     return _opened(path, lambda image: image.size)
 
 
-def read_colour(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
+def read_colour(path: CaptureFile) -> tuple[np.ndarray, np.ndarray | None]:
     """The colours of an image file, and its alpha where it has one.
 
     Returns:
@@ -37,7 +38,7 @@ def read_colour(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     return _opened(path, _colour_and_alpha)
 
 
-def read_mask(path: Path) -> np.ndarray:
+def read_mask(path: CaptureFile) -> np.ndarray:
     """(H, W) bool, True where an image file is not black.
 
     Raises:
@@ -46,19 +47,28 @@ def read_mask(path: Path) -> np.ndarray:
     return _opened(path, _grey) > 0
 
 
-def read_depth(path: Path, unit: float) -> np.ndarray:
-    """(H, W) float32 depth of an integer image or a .npy array, times `unit`; 0 where it is not known.
+def read_grey(path: CaptureFile, least_side: int) -> np.ndarray:
+    """(H, W) uint8 grey image, perhaps reduced, but to no less than `least_side` pixels a side if it has as many.
 
     Raises:
-        PocketGSError: the file is missing, damaged, or of another kind.
+        PocketGSError: as `read_colour`.
     """
-    raw = read_array(path) if path.suffix.lower() == ".npy" else _opened(path, _whole_numbers)
-    if raw.ndim == 3 and raw.shape[2] == 1:
-        raw = raw[:, :, 0]
-    if raw.ndim != 2 or raw.dtype.kind not in "uif":
-        raise PocketGSError(f"{path}: depth of shape {raw.shape}, type {raw.dtype}, expected (H, W) numbers")
-    depth = raw.astype(np.float32) * np.float32(unit)
-    return np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(0))
+
+    def reduced(image: Image.Image) -> np.ndarray:
+        # JPEG can be decoded at 1/2, 1/4 or 1/8 of its size in a fraction of the time; other formats ignore this.
+        image.draft("L", (least_side, least_side))
+        return np.asarray(image.convert("L"))
+
+    return _opened(path, reduced)
+
+
+def read_whole_numbers(path: CaptureFile) -> np.ndarray:
+    """The values of an 8- or 16-bit greyscale image, (H, W) of an integer type.
+
+    Raises:
+        PocketGSError: as `read_colour`, or the image has colours.
+    """
+    return _opened(path, _whole_numbers)
 
 
 def read_array(path: Path) -> np.ndarray:
@@ -75,11 +85,11 @@ def read_array(path: Path) -> np.ndarray:
         raise PocketGSError(f"{path}: not a readable .npy array ({error})") from error
 
 
-def _opened(path: Path, read: Callable[[Image.Image], Result]) -> Result:
+def _opened(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
     if not path.is_file():
         raise PocketGSError(f"{path}: no such file, expected an image")
     try:
-        with Image.open(path) as image:
+        with path.open("rb") as file, Image.open(file) as image:
             return read(image)
     except PocketGSError:
         raise

@@ -62,6 +62,13 @@ class Fields:
             raise self._wrong(name, value, "true or false")
         return bool(value)
 
+    def numbers(self, name: str, count: int) -> np.ndarray:
+        """(count,) float64 of finite numbers. Raises PocketGSError if it is absent or something else."""
+        value = self._required(name, f"{count} numbers")
+        if not isinstance(value, list) or len(value) != count or not all(map(_is_number, value)):
+            raise self._wrong(name, value, f"{count} finite numbers")
+        return np.array(value, dtype=np.float64)
+
     def matrix(self, name: str, columns: int) -> np.ndarray:
         """(rows, columns) float64 of finite numbers. Raises PocketGSError if it is absent or something else."""
         value = self._required(name, f"rows of {columns} numbers")
@@ -101,14 +108,29 @@ def read_json(path: Path) -> Fields:
         PocketGSError: the file cannot be read, is not UTF-8 or not JSON, or holds something else than an object.
     """
     try:
-        value = json.loads(path.read_bytes().decode("utf-8-sig"))
+        content = path.read_bytes()
     except OSError as error:
         raise PocketGSError(f"{path}: cannot be read ({error.strerror})") from error
+    return parse_json(content, str(path))
+
+
+def parse_json(content: bytes, where: str) -> Fields:
+    """The object that the content of a JSON file holds.
+
+    Args:
+        content: the bytes of the file.
+        where: the file, for error messages.
+
+    Raises:
+        PocketGSError: the content is not UTF-8 or not JSON, or is something else than an object.
+    """
+    try:
+        value = json.loads(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
-        raise PocketGSError(f"{path}: not valid JSON in UTF-8 ({error})") from error
+        raise PocketGSError(f"{where}: not valid JSON in UTF-8 ({error})") from error
     if not isinstance(value, dict):
-        raise PocketGSError(f"{path}: holds a JSON {type(value).__name__}, expected an object")
-    return Fields(value, str(path))
+        raise PocketGSError(f"{where}: holds a JSON {type(value).__name__}, expected an object")
+    return Fields(value, where)
 
 
 def _is_number(value: Any) -> bool:

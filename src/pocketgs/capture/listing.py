@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from pocketgs.camera import Camera
 from pocketgs.capture.lens import PINHOLE, Lens
+from pocketgs.capture.paths import CaptureFile
+from pocketgs.capture.video_file import VideoFrame
 from pocketgs.pointcloud import PointCloud
 
 
@@ -16,22 +17,29 @@ class FrameSource:
 
     Attributes:
         name: the image's name inside the capture.
-        image_path: file to decode.
+        image: file to decode, or frame of a video. Frames of one video stand together, their numbers ascending.
         camera: intrinsics in pixels of an image of `camera.width` x `camera.height`, and the pose. The file may hold
-            the image at another size of the same shape; the intrinsics then scale with it.
+            the image at another size of the same shape; the intrinsics then scale with it. Both refer to pixels as
+            stored, before any turn that the file asks for.
         lens: distortion that the image shows.
         mask_path: image whose non-zero pixels are to be used, or None.
         depth_path: depth map, or None.
-        depth_unit: length in the capture's units of one unit of an integer depth map.
+        depth_unit: length in the capture's units of one unit of the depth map.
+        depth_shape: rows and columns of a compressed depth map and its confidence, which do not state them.
+        confidence_path: ARKit's confidence in each depth, or None; depths of low confidence are dropped.
+        border: pixels to cut off at each side of the image.
     """
 
     name: str
-    image_path: Path
+    image: CaptureFile | VideoFrame
     camera: Camera
     lens: Lens = PINHOLE
-    mask_path: Path | None = None
-    depth_path: Path | None = None
+    mask_path: CaptureFile | None = None
+    depth_path: CaptureFile | None = None
     depth_unit: float = 0.001
+    depth_shape: tuple[int, int] | None = None
+    confidence_path: CaptureFile | None = None
+    border: int = 0
 
 
 @dataclass(frozen=True)

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import groupby, islice
+from pathlib import Path
 
 import cv2
 import numpy as np
 
 from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
-from pocketgs.capture.image_file import read_colour, read_depth, read_mask
+from pocketgs.capture.depth_file import read_depth, read_reliable
+from pocketgs.capture.image_file import read_colour, read_mask
 from pocketgs.capture.lens import forget_undistortions, undistortion
 from pocketgs.capture.listing import FrameSource
+from pocketgs.capture.video_file import VideoFrame, read_frames
 from pocketgs.errors import PocketGSError
 
 # Every worker holds a few full-size copies of one image; more workers decode little faster.
@@ -46,12 +50,32 @@ def load_frames(sources: Sequence[FrameSource], preparation: Preparation) -> lis
     Raises:
         PocketGSError: as `load_frame`, for the first frame that fails.
     """
-    workers = min(MOST_WORKERS, os.cpu_count() or 1)
+    frames: list[Frame] = []
     try:
-        with ThreadPoolExecutor(workers) as pool:
-            return list(pool.map(partial(load_frame, preparation=preparation), sources))
+        with ThreadPoolExecutor(min(MOST_WORKERS, os.cpu_count() or 1)) as pool:
+            for video, group in groupby(sources, key=_video_of):
+                if video is None:
+                    frames.extend(pool.map(partial(load_frame, preparation=preparation), group))
+                else:
+                    frames.extend(_load_from_video(video, list(group), preparation, pool))
+        return frames
     finally:
         forget_undistortions()
+
+
+def _video_of(source: FrameSource) -> Path | None:
+    return source.image.path if isinstance(source.image, VideoFrame) else None
+
+
+def _load_from_video(
+    video: Path, sources: list[FrameSource], preparation: Preparation, pool: ThreadPoolExecutor
+) -> Iterator[Frame]:
+    """Decode a video once, in order; a few frames at a time are then prepared in parallel."""
+    indices = [source.image.index for source in sources if isinstance(source.image, VideoFrame)]
+    images = (image for _, image in read_frames(video, indices, upright=False))
+    pairs = zip(sources, images, strict=True)
+    while batch := list(islice(pairs, MOST_WORKERS)):
+        yield from pool.map(lambda pair: prepared(pair[0], pair[1], None, preparation), batch)
 
 
 def load_frame(source: FrameSource, preparation: Preparation) -> Frame:
@@ -60,7 +84,24 @@ def load_frame(source: FrameSource, preparation: Preparation) -> Frame:
     Raises:
         PocketGSError: a file is missing or damaged, an image has another shape than its camera, or nothing is left.
     """
-    colours, alpha = read_colour(source.image_path)
+    if isinstance(source.image, VideoFrame):
+        [(_, image)] = read_frames(source.image.path, [source.image.index], upright=False)
+        return prepared(source, image, None, preparation)
+    return prepared(source, *read_colour(source.image), preparation)
+
+
+def prepared(source: FrameSource, colours: np.ndarray, alpha: np.ndarray | None, preparation: Preparation) -> Frame:
+    """A frame whose image is decoded, with its mask and depth, in its final form.
+
+    Args:
+        source: the frame as listed.
+        colours: (H, W, 3) uint8 RGB.
+        alpha: (H, W) uint8, or None.
+        preparation: what to do.
+
+    Raises:
+        PocketGSError: as `load_frame`.
+    """
     height, width = colours.shape[:2]
     frame = Frame(
         name=source.name,
@@ -68,16 +109,34 @@ def load_frame(source: FrameSource, preparation: Preparation) -> Frame:
         image=colours if alpha is None else composite(colours, alpha, preparation.background),
         alpha=alpha,
         mask=None if source.mask_path is None else _nearest(read_mask(source.mask_path), width, height),
-        depth=None
-        if source.depth_path is None
-        else _nearest(read_depth(source.depth_path, source.depth_unit), width, height),
+        depth=None if source.depth_path is None else _nearest(reliable_depth(source), width, height),
     )
     try:
         if preparation.undistort and source.lens.distorts:
             frame = undistorted(frame, source)
+        if source.border:
+            width, height = frame.camera.width - 2 * source.border, frame.camera.height - 2 * source.border
+            frame = cropped(frame, source.border, source.border, width, height)
         return downscaled(frame, preparation.downscale, preparation.max_size)
     except PocketGSError as error:
-        raise PocketGSError(f"{source.image_path}: {error}") from error
+        raise PocketGSError(f"{source.image}: {error}") from error
+
+
+def reliable_depth(source: FrameSource) -> np.ndarray:
+    """(H, W) float32 depth of a frame that has one, at the size it is stored at; 0 where unknown or not reliable.
+
+    Raises:
+        PocketGSError: a file is missing or damaged, or depth and confidence differ in size.
+    """
+    assert source.depth_path is not None
+    depth = read_depth(source.depth_path, source.depth_unit, source.depth_shape)
+    if source.confidence_path is None:
+        return depth
+    reliable = read_reliable(source.confidence_path, source.depth_shape)
+    if reliable.shape != depth.shape:
+        sizes = ["{1}x{0}".format(*array.shape) for array in (reliable, depth)]
+        raise PocketGSError(f"{source.confidence_path}: {sizes[0]} pixels, expected the depth map's {sizes[1]}")
+    return np.where(reliable, depth, np.float32(0))
 
 
 def camera_of_size(source: FrameSource, width: int, height: int) -> Camera:
@@ -90,7 +149,7 @@ def camera_of_size(source: FrameSource, width: int, height: int) -> Camera:
     stretch = (width / camera.width) / (height / camera.height)
     if abs(stretch - 1) > ASPECT_TOLERANCE:
         raise PocketGSError(
-            f"{source.image_path}: image of {width}x{height} pixels, expected the shape of its camera, "
+            f"{source.image}: image of {width}x{height} pixels, expected the shape of its camera, "
             f"{camera.width}x{camera.height}"
         )
     return camera if (width, height) == (camera.width, camera.height) else camera.resized(width, height)
@@ -169,13 +228,23 @@ def _cropped_to_multiple(frame: Frame, factor: int) -> Frame:
     height = frame.camera.height - frame.camera.height % factor
     if min(width, height) < 1 or (width, height) == (frame.camera.width, frame.camera.height):
         return frame
+    return cropped(frame, 0, 0, width, height)
+
+
+def cropped(frame: Frame, left: int, top: int, width: int, height: int) -> Frame:
+    """The part of a frame in the rectangle whose top left pixel is (left, top).
+
+    Raises:
+        PocketGSError: the rectangle is empty.
+    """
+    rows, columns = slice(top, top + height), slice(left, left + width)
     return replace(
         frame,
-        camera=frame.camera.cropped(0, 0, width, height),
-        image=frame.image[:height, :width],
-        alpha=None if frame.alpha is None else frame.alpha[:height, :width],
-        mask=None if frame.mask is None else frame.mask[:height, :width],
-        depth=None if frame.depth is None else frame.depth[:height, :width],
+        camera=frame.camera.cropped(left, top, width, height),
+        image=frame.image[rows, columns],
+        alpha=None if frame.alpha is None else frame.alpha[rows, columns],
+        mask=None if frame.mask is None else frame.mask[rows, columns],
+        depth=None if frame.depth is None else frame.depth[rows, columns],
     )
 
 

@@ -1,4 +1,4 @@
-"""Nerfstudio and instant-ngp: one transforms.json beside its images."""
+"""Nerfstudio, instant-ngp and the NeRFCapture app: one transforms.json beside its images."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pocketgs.capture.cloud_file import read_cloud
 from pocketgs.capture.json_fields import Fields, read_json
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.paths import existing_file
-from pocketgs.capture.transforms_file import absent_warning, read_frames
+from pocketgs.capture.transforms_file import absent_warning, depth_warning, read_frames
 from pocketgs.errors import PocketGSError
 from pocketgs.pointcloud import PointCloud
 
@@ -37,12 +37,15 @@ def read(path: Path, images: str | None = None) -> Listing:
     file = path if path.is_file() else path / "transforms.json"
     document = read_json(file)
     listed = read_frames(document, file.parent, images)
-    warnings = absent_warning(listed, document)
+    warnings = absent_warning(listed, document) + depth_warning(document)
     if listed and all(frame is None for frame in listed):
         raise PocketGSError(f"{file}: none of the {len(listed)} listed frames has an image file")
     frames, held_out = _split(document, listed)
     points, more_warnings = _cloud(document, file.parent)
-    return Listing(FORMAT, frames, held_out=held_out, points=points, warnings=warnings + more_warnings)
+    # Only the NeRFCapture app writes this field (Manifest.swift in jc211/NeRFCapture), with ARKit's poses, in metres.
+    # Other files may say so; nerfstudio's own do not.
+    metric = "depth_integer_scale" in document.values or document.flag("metric")
+    return Listing(FORMAT, frames, held_out=held_out, points=points, metric=metric, warnings=warnings + more_warnings)
 
 
 def _split(document: Fields, listed: list[FrameSource | None]) -> tuple[list[FrameSource], frozenset[str] | None]:

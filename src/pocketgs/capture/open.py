@@ -6,11 +6,12 @@ import math
 from pathlib import Path
 from typing import Protocol
 
-from pocketgs.capture import blender, colmap, llff, nerfstudio
+from pocketgs.capture import blender, colmap, llff, nerfstudio, polycam, record3d, stray_scanner
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.hold_out import choose_held_out
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.loading import Preparation, load_frames
+from pocketgs.capture.unposed import holds_photographs
 from pocketgs.errors import PocketGSError
 
 
@@ -27,9 +28,10 @@ class Reader(Protocol):
         """The capture's frames, not yet loaded."""
 
 
-# The first that recognises a folder reads it. A blender split says more than a single transforms.json, and COLMAP's
-# full calibration more than poses_bounds.npy, where a folder has both.
-READERS: tuple[Reader, ...] = (blender, nerfstudio, colmap, llff)
+# The first that recognises a folder reads it. A phone app's own data says more than what has been converted from it, a
+# blender split more than a single transforms.json, and COLMAP's full calibration more than poses_bounds.npy, where a
+# folder has both.
+READERS: tuple[Reader, ...] = (stray_scanner, record3d, polycam, blender, nerfstudio, colmap, llff)
 
 
 def open_capture(
@@ -50,7 +52,7 @@ def open_capture(
         (17, 3)
 
     Args:
-        path: the capture's folder, or its transforms.json.
+        path: the capture's folder, or its transforms.json or .r3d file.
         images: folder inside the capture to take the images from, for formats that keep several sizes.
         downscale: shrink images by this factor, at least 1, averaging areas.
         max_size: shrink images further where their longer side exceeds this many pixels.
@@ -104,12 +106,19 @@ def read_listing(path: Path, images: str | None = None) -> Listing:
     return listing
 
 
+def lacks_poses(path: Path) -> bool:
+    """Whether the path is a video or a folder of photographs, and no capture of a known format."""
+    return holds_photographs(path) and not any(reader.recognises(path) for reader in READERS)
+
+
 def _reader_for(path: Path) -> Reader:
     if not path.exists():
         raise PocketGSError(f"{path}: no such file or folder, expected a capture")
     for reader in READERS:
         if reader.recognises(path):
             return reader
+    if holds_photographs(path):
+        raise PocketGSError(f"{path}: photographs without poses, expected a capture; pocketgs pose makes one of them")
     looked_for = "; ".join(f"{reader.FORMAT}: {reader.LOOKED_FOR}" for reader in READERS)
     raise PocketGSError(f"{path}: no capture of a known format. Looked for {looked_for}")
 

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import os
+import zipfile
 from pathlib import Path
+from typing import TypeAlias
 
 from pocketgs.errors import PocketGSError
+
+CaptureFile: TypeAlias = Path | zipfile.Path
+"""A file of a capture: on disk, or inside an archive, which is then read without unpacking it."""
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp"})
 

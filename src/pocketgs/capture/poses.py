@@ -50,6 +50,26 @@ def world_to_camera_from_axes(axes: np.ndarray, centre: np.ndarray, where: str) 
     return world_to_camera_of(rotation, -rotation @ centre, where)
 
 
+def rotation_from_quaternion(quaternion: np.ndarray, where: str) -> np.ndarray:
+    """(3, 3) rotation of a (4,) quaternion w, x, y, z of any length.
+
+    Raises:
+        PocketGSError: the quaternion is zero or not finite.
+    """
+    largest = np.abs(quaternion).max()
+    if not np.isfinite(largest) or largest == 0:
+        raise PocketGSError(f"{where}: rotation quaternion {quaternion.tolist()}, expected finite and not zero")
+    scaled = quaternion / largest
+    w, x, y, z = scaled / np.linalg.norm(scaled)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
 def camera_at(
     where: str, size: tuple[float, float], focal: tuple[float, float], centre: tuple[float, float], pose: np.ndarray
 ) -> Camera:
@@ -71,4 +91,5 @@ def camera_at(
         raise PocketGSError(f"{where}: focal lengths {focal[0]:g}, {focal[1]:g}, expected positive numbers of pixels")
     if not all(abs(value) <= LARGEST_INTRINSIC for value in centre):
         raise PocketGSError(f"{where}: principal point {centre[0]:g}, {centre[1]:g}, expected pixels of the image")
-    return Camera(round(size[0]), round(size[1]), *focal, *centre, world_to_camera=pose)
+    (width, height), (fx, fy), (cx, cy) = size, focal, centre
+    return Camera(round(width), round(height), float(fx), float(fy), float(cx), float(cy), pose)

@@ -49,6 +49,18 @@ def absent_warning(frames: list[FrameSource | None], document: Fields) -> tuple[
     return (f"{document.where}: {len(absent)} of {len(frames)} listed frames have no image file, the first {first}",)
 
 
+def depth_warning(document: Fields) -> tuple[str, ...]:
+    """One warning if there are depth maps without a unit, or none.
+
+    The NeRFCapture app writes `depth_path` but no `integer_depth_scale` when it works offline; what it then writes are
+    8-bit pictures from which no depth can be had.
+    """
+    frames = [frame.over(document).values for frame in document.objects("frames")]
+    if not any("depth_path" in f and "depth_file_path" not in f and "integer_depth_scale" not in f for f in frames):
+        return ()
+    return (f"{document.where}: its depth maps are left out, as no 'integer_depth_scale' says what they mean",)
+
+
 def _read_frame(fields: Fields, folder: Path, images: str | None) -> FrameSource | None:
     named = fields.text("file_path")
     if images is not None:
@@ -56,17 +68,26 @@ def _read_frame(fields: Fields, folder: Path, images: str | None) -> FrameSource
     path = existing_file(folder, named, fields.where, EXTENSIONS_TRIED)
     if path is None:
         return None
-    mask, depth = fields.optional_text("mask_path"), fields.optional_text("depth_file_path")
-    unit = fields.optional_number("depth_unit_scale_factor")
+    mask = fields.optional_text("mask_path")
+    depth, depth_unit = _read_depth(fields)
     return FrameSource(
         name=relative_name(path, folder),
-        image_path=path,
+        image=path,
         camera=_read_camera(fields, path),
         lens=_read_lens(fields),
         mask_path=None if mask is None else inside(folder, mask, fields.where),
         depth_path=None if depth is None else inside(folder, depth, fields.where),
-        depth_unit=DEFAULT_DEPTH_UNIT if unit is None else unit,
+        depth_unit=depth_unit,
     )
+
+
+def _read_depth(fields: Fields) -> tuple[str | None, float]:
+    """The file of the depth map, or None, and its unit: nerfstudio's fields, or else instant-ngp's."""
+    depth, unit = fields.optional_text("depth_file_path"), fields.optional_number("depth_unit_scale_factor")
+    scale = fields.optional_number("integer_depth_scale")
+    if depth is None and scale is not None:
+        return fields.optional_text("depth_path"), scale
+    return depth, DEFAULT_DEPTH_UNIT if unit is None else unit
 
 
 def _read_camera(fields: Fields, image_path: Path) -> Camera:

@@ -11,6 +11,7 @@ from rich.console import Console
 from pocketgs.cli.demo import demo
 from pocketgs.cli.evaluate import evaluate
 from pocketgs.cli.info import info
+from pocketgs.cli.pose import pose
 from pocketgs.cli.render import render
 from pocketgs.cli.train import train
 from pocketgs.errors import PocketGSError
@@ -22,6 +23,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit: 0 on success, 2 for anything the user can put right, 130 for Ctrl-C."""
     subcommands: dict[str, Callable[..., None]] = {
         "train": train,
+        "pose": pose,
         "eval": evaluate,
         "render": render,
         "info": info,

@@ -6,25 +6,33 @@ from pathlib import Path
 
 from rich.console import Console
 
-from pocketgs.capture.synthetic import demo_capture
+from pocketgs.capture import Capture, open_capture
+from pocketgs.capture.synthetic import write_demo
 from pocketgs.cli.display import Display, print_result
 from pocketgs.run import run
-from pocketgs.training import TrainingOptions
+from pocketgs.training_options import TrainingOptions
 
 
 def demo(
     output: Path = Path("output/demo"),
+    capture: Path = Path("output/demo-capture"),
     training: TrainingOptions = TrainingOptions(),  # noqa: B008 - a frozen dataclass
 ) -> None:
-    """Train on a small built-in capture, to see that everything works.
+    """Film a built-in scene with all the faults of a phone, and train on that: to see that everything works.
 
     Args:
         output: Folder for the result.
+        capture: Folder for the capture, with the true poses and depths beside it; made once.
         training: How to train.
     """
     console = Console()
     display = Display(console)
+
+    def film() -> Capture:
+        write_demo(capture)
+        return open_capture(capture)
+
     with display.showing() as reporter:
-        result = run(demo_capture, output, training, reporter=reporter)
+        result = run(film, output, training, reporter=reporter)
     print_result(console, result)
     console.print("look at the pictures in held_out/ (photograph left, rendering right)", highlight=False)

@@ -12,12 +12,22 @@ from rich.text import Text
 
 from pocketgs.capture.capture import Capture
 from pocketgs.evaluation import Evaluation
+from pocketgs.prior.report import PriorReport
 from pocketgs.record import peak_rss_mb
 from pocketgs.run import Reporter, RunResult
 from pocketgs.training import Progress
 
 STAGES = {
+    "frames": "choosing frames",
+    "features": "finding features",
+    "matching": "matching features",
+    "mapping": "finding poses",
     "capture": "reading the capture",
+    "keyframes": "choosing keyframes",
+    "poses": "matching features and refining poses",
+    "depth": "computing depth (the first run compiles for it)",
+    "fusion": "fusing depths into a cloud",
+    "points": "looking for points to start from",
     "seeding": "seeding Gaussians",
     "compilation": "loading kernels (the first run compiles them: up to half a minute)",
     "upload": "preparing the engine",
@@ -45,7 +55,7 @@ class Display:
             yield self._reporter()
 
     def _reporter(self) -> Reporter:
-        return Reporter(self._show_stage, self._show_capture, self._show_progress, self._show_warning)
+        return Reporter(self._show_stage, self._show_capture, self._show_prior, self._show_progress, self._show_warning)
 
     def _show_stage(self, stage: str) -> None:
         if stage in STAGES and self._live:
@@ -57,6 +67,11 @@ class Display:
         for warning in capture.warnings:
             self._show_warning(warning)
         self._console.print(*capture_lines(capture), sep="\n", markup=False, highlight=False, soft_wrap=True)
+
+    def _show_prior(self, report: PriorReport) -> None:
+        for warning in report.warnings:
+            self._show_warning(warning)
+        self._console.print(prior_line(report), markup=False, highlight=False, soft_wrap=True)
 
     def _show_warning(self, warning: str) -> None:
         self._console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
@@ -77,6 +92,19 @@ def capture_lines(capture: Capture) -> list[str]:
         f"{capture.name} ({capture.format}): {views}, {points}, {units}, {capture.image_bytes / 1e6:.0f} MB of images",
         f"protocol: {capture.protocol}",
     ]
+
+
+def prior_line(report: PriorReport) -> str:
+    """What the geometry prior found, in one line."""
+    kept = sum(decision.kept for decision in report.decisions)
+    parts = [f"{kept} keyframes of {len(report.decisions)} frames"]
+    if report.rmse is not None and report.rmse_given is not None:
+        change = f"{report.rmse_given:.2f} -> {report.rmse:.2f} px" if report.poses_refined else f"{report.rmse:.2f} px"
+        parts.append(f"{report.sparse_points:,} sparse points")
+        parts.append(f"poses {'refined' if report.poses_refined else 'as given'} (reprojection {change})")
+    if report.gains:
+        parts.append("exposure from {:.0%} to {:.0%} evened out".format(*report.gains))
+    return "prior: " + ", ".join([*parts, f"cloud of {report.points:,} points"])
 
 
 def progress_line(progress: Progress) -> str:

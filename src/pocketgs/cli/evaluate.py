@@ -12,7 +12,7 @@ from rich.console import Console
 
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.display import capture_lines, print_evaluation
-from pocketgs.cli.scene_file import load_scene
+from pocketgs.cli.scene_file import in_world_of, load_scene
 from pocketgs.errors import PocketGSError
 from pocketgs.result_folder import publishing, write_json
 from pocketgs.run import evaluate_held_out
@@ -39,7 +39,7 @@ def evaluate(
     """
     console = Console()
     gaussians = load_scene(scene)
-    opened = reading.open(capture)
+    opened = in_world_of(scene, reading.open(capture))
     renderer = create_engine(engine)
     renderer.upload(gaussians)
     if not opened.held_out:

@@ -14,7 +14,7 @@ from rich.console import Console
 from pocketgs.camera import Camera
 from pocketgs.capture import Capture
 from pocketgs.cli.capture_options import CaptureOptions
-from pocketgs.cli.scene_file import load_scene
+from pocketgs.cli.scene_file import in_world_of, load_scene
 from pocketgs.errors import PocketGSError
 from pocketgs.rendering import render_all
 from pocketgs.result_folder import picture_names, publishing
@@ -51,7 +51,7 @@ def render(
         reading: How to read the capture.
     """
     gaussians = load_scene(scene)
-    opened = reading.open(capture)
+    opened = in_world_of(scene, reading.open(capture))
     named_cameras = _cameras(opened, views, frames)
     cameras = [camera for _, camera in named_cameras]
     renderings = render_all(gaussians, cameras, opened.background, depth=show == "depth", engine=engine)

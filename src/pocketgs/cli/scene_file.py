@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pocketgs.capture.capture import Capture
 from pocketgs.gaussians import Gaussians
-from pocketgs.result_folder import SCENE
+from pocketgs.poses_file import with_poses_of
+from pocketgs.result_folder import POSES, SCENE
 
 
 def load_scene(path: Path) -> Gaussians:
@@ -15,3 +17,13 @@ def load_scene(path: Path) -> Gaussians:
         PocketGSError: there is no readable scene.
     """
     return Gaussians.load(path / SCENE if path.is_dir() else path)
+
+
+def in_world_of(path: Path, capture: Capture) -> Capture:
+    """The capture with the poses that the scene was trained with, if they are not the capture's own.
+
+    Raises:
+        PocketGSError: they cannot be read.
+    """
+    poses = (path if path.is_dir() else path.parent) / POSES
+    return with_poses_of(capture, poses) if poses.is_file() else capture

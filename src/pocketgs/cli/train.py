@@ -9,10 +9,12 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
+from pocketgs.capture.open import lacks_poses
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.display import Display, print_result
 from pocketgs.run import run
-from pocketgs.training import TrainingOptions
+from pocketgs.structure_from_motion.pose import posed
+from pocketgs.training_options import TrainingOptions
 
 
 def train(
@@ -25,7 +27,7 @@ def train(
     """Train a splat from a capture.
 
     Args:
-        capture: A capture's folder, or its transforms.json.
+        capture: A capture's folder or its transforms.json; or photographs or a video, whose poses are found first.
         output: Folder for the result; by default output/NAME.
         resume: Go on from the checkpoint in the output folder.
         reading: How to read the capture.
@@ -33,9 +35,16 @@ def train(
     """
     console = Console()
     resolved = capture.resolve()
-    name = (resolved.parent if resolved.is_file() else resolved).name
-    folder = output or Path("output") / (name or "capture")
+    if resolved.is_file():
+        resolved = resolved.parent if resolved.suffix.lower() == ".json" else resolved.with_suffix("")
+    name = resolved.name or "capture"
+    folder = output or Path("output") / name
     display = Display(console)
     with display.showing() as reporter:
+        if lacks_poses(capture):
+            found = folder / "posed" / name
+            message = f"{capture} holds no poses: those that structure from motion finds are kept in {found}"
+            console.print(message, markup=False, highlight=False, soft_wrap=True)
+            capture = posed(capture, found, on_stage=reporter.on_stage, on_warning=reporter.on_warning)
         result = run(partial(reading.open, capture), folder, training, resume=resume, reporter=reporter)
     print_result(console, result)

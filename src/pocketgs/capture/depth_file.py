@@ -1,0 +1,75 @@
+"""Depth maps and how far they can be relied on, in the forms that captures store them in."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+
+from pocketgs.capture.image_file import read_array, read_whole_numbers
+from pocketgs.capture.paths import CaptureFile
+from pocketgs.errors import PocketGSError
+
+LZFSE_MODULE, LZFSE_PACKAGE = "liblzfse", "pyliblzfse"
+
+
+def read_depth(path: CaptureFile, unit: float, shape: tuple[int, int] | None = None) -> np.ndarray:
+    """(H, W) float32 depth times `unit`; 0 where it is not known.
+
+    Args:
+        path: an integer image or a .npy array; or, if there is a shape, float32 numbers compressed with LZFSE.
+        unit: length of one unit of the file.
+        shape: rows and columns of a compressed map, which does not state them.
+
+    Raises:
+        PocketGSError: the file is missing, damaged, or of another kind.
+    """
+    if shape is not None:
+        raw = _decompressed(path, shape, np.dtype("<f4"))
+    elif isinstance(path, Path) and path.suffix.lower() == ".npy":
+        raw = read_array(path)
+    else:
+        raw = read_whole_numbers(path)
+    if raw.ndim == 3 and raw.shape[2] == 1:
+        raw = raw[:, :, 0]
+    if raw.ndim != 2 or raw.dtype.kind not in "uif":
+        raise PocketGSError(f"{path}: depth of shape {raw.shape}, type {raw.dtype}, expected (H, W) numbers")
+    depth = raw.astype(np.float32) * np.float32(unit)
+    return np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(0))
+
+
+def read_reliable(path: CaptureFile, shape: tuple[int, int] | None = None) -> np.ndarray:
+    """(H, W) bool, True where ARKit's confidence in a depth is medium or high.
+
+    Apps store the three levels as 0, 1, 2 or spread them up to 255, but low is always 0.
+
+    Args:
+        path: an 8-bit image; or, if there is a shape, bytes compressed with LZFSE.
+        shape: rows and columns of a compressed map.
+
+    Raises:
+        PocketGSError: as `read_depth`.
+    """
+    raw = read_whole_numbers(path) if shape is None else _decompressed(path, shape, np.dtype(np.uint8))
+    return raw > 0
+
+
+def lzfse_is_installed() -> bool:
+    """Whether compressed maps can be read."""
+    return importlib.util.find_spec(LZFSE_MODULE) is not None
+
+
+def _decompressed(path: CaptureFile, shape: tuple[int, int], kind: np.dtype) -> np.ndarray:
+    if not lzfse_is_installed():
+        raise PocketGSError(f"{path}: compressed with LZFSE, which needs the package {LZFSE_PACKAGE}")
+    try:
+        content = importlib.import_module(LZFSE_MODULE).decompress(path.read_bytes())
+    except Exception as error:  # damaged archives and damaged LZFSE raise whatever they trip over
+        raise PocketGSError(f"{path}: cannot be decompressed with LZFSE ({error})") from error
+    rows, columns = shape
+    expected = rows * columns * kind.itemsize
+    if len(content) != expected:
+        raise PocketGSError(f"{path}: holds {len(content)} bytes, expected {expected} for {columns}x{rows} pixels")
+    return np.frombuffer(content, dtype=kind).reshape(shape)

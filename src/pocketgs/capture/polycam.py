@@ -1,0 +1,92 @@
+"""Polycam's raw data: keyframes of an iPhone with LiDAR, corrected by Polycam where it could.
+
+The layout is that of the README of PolyCam/polyform.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pocketgs.capture.json_fields import Fields, read_json
+from pocketgs.capture.listing import FrameSource, Listing
+from pocketgs.capture.paths import existing_file
+from pocketgs.capture.poses import camera_at, world_to_camera_from_axes
+from pocketgs.errors import PocketGSError
+
+FORMAT = "polycam"
+LOOKED_FOR = "keyframes/cameras or keyframes/corrected_cameras"
+KEYFRAMES = "keyframes"
+CAMERA_FILES = "[!.]*.json"  # without the hidden files that macOS puts beside them
+CORRECTED, UNCORRECTED = "corrected_", ""
+
+UNDISTORTION_BORDER = 15
+"""Pixels at each side of a corrected image that undistortion may have left black, as in nerfstudio's importer."""
+
+
+def recognises(path: Path) -> bool:
+    """Whether the folder holds Polycam's cameras."""
+    return any((path / KEYFRAMES / f"{kind}cameras").is_dir() for kind in (CORRECTED, UNCORRECTED))
+
+
+def read(path: Path, images: str | None = None) -> Listing:
+    """Read the keyframes: the corrected ones if there are any, else as ARKit tracked them.
+
+    Raises:
+        PocketGSError: a camera is malformed, no camera has an image, or `images` is given, for which the format has no
+            use.
+    """
+    if images is not None:
+        raise PocketGSError(f"{path}: images='{images}' given, but Polycam's captures keep theirs in {KEYFRAMES}")
+    kind = CORRECTED if _has_keyframes(path, CORRECTED) else UNCORRECTED
+    folder = path / KEYFRAMES / f"{kind}cameras"
+    cameras = sorted(folder.glob(CAMERA_FILES))
+    frames = [_frame(path, kind, file.stem) for file in cameras]
+    present = [frame for frame in frames if frame is not None]
+    if not present:
+        raise PocketGSError(f"{folder}: none of its {len(cameras)} cameras has an image in {KEYFRAMES}/{kind}images")
+    warnings: tuple[str, ...] = ()
+    if kind == UNCORRECTED:
+        warnings += (f"{path}: without corrected cameras, so ARKit's poses are used, which drift",)
+    if len(present) < len(cameras):
+        warnings += (f"{folder}: {len(cameras) - len(present)} of {len(cameras)} cameras have no image",)
+    return Listing(FORMAT, present, metric=True, warnings=warnings)
+
+
+def _has_keyframes(path: Path, kind: str) -> bool:
+    folder = path / KEYFRAMES
+    return (folder / f"{kind}images").is_dir() and any((folder / f"{kind}cameras").glob(CAMERA_FILES))
+
+
+def _frame(path: Path, kind: str, timestamp: str) -> FrameSource | None:
+    """The frame of a timestamp, or None if it has no image."""
+
+    def find(name: str) -> Path | None:
+        return existing_file(path, f"{KEYFRAMES}/{name}", str(path))
+
+    image, camera = find(f"{kind}images/{timestamp}.jpg"), find(f"{kind}cameras/{timestamp}.json")
+    if image is None or camera is None:
+        return None
+    fields = read_json(camera)
+    depth = find(f"depth/{timestamp}.png")
+    return FrameSource(
+        name=f"{KEYFRAMES}/{kind}images/{timestamp}.jpg",
+        image=image,
+        camera=camera_at(
+            fields.where,
+            (fields.number("width"), fields.number("height")),
+            (fields.number("fx"), fields.number("fy")),
+            (fields.number("cx"), fields.number("cy")),
+            _pose(fields),
+        ),
+        depth_path=depth,
+        confidence_path=None if depth is None else find(f"confidence/{timestamp}.png"),
+        border=UNDISTORTION_BORDER if kind == CORRECTED else 0,
+    )
+
+
+def _pose(fields: Fields) -> np.ndarray:
+    """World to camera from t_00 … t_23, the rows of camera to world in ARKit's axes (x right, y up, z back)."""
+    matrix = np.array([[fields.number(f"t_{row}{column}") for column in range(4)] for row in range(3)])
+    return world_to_camera_from_axes(matrix[:, :3] * np.array([1.0, -1.0, -1.0]), matrix[:, 3], fields.where)

@@ -1,0 +1,49 @@
+"""How sharp images are, and the choice of the sharpest of each stretch of a sequence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from pocketgs.errors import PocketGSError
+
+REDUCED_SIDE = 640
+"""The longer side at which sharpness is measured: sensor noise averages out, the blur of a moving hand does not."""
+
+MOST_FRAMES = 150
+"""Frames taken from a recording at most: it holds up to 60 a second, and more views of a place add time, not detail."""
+
+
+def sharpness(grey: np.ndarray) -> float:
+    """Mean absolute difference of neighbouring pixels of the reduced image; comparable between similar views only.
+
+    Args:
+        grey: (H, W) uint8.
+    """
+    height, width = grey.shape
+    reduction = max(1.0, max(height, width) / REDUCED_SIDE)
+    size = (max(2, round(width / reduction)), max(2, round(height / reduction)))
+    reduced = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.int16)
+    return float(np.abs(np.diff(reduced, axis=0)).mean() + np.abs(np.diff(reduced, axis=1)).mean())
+
+
+def sharpest_in_windows(values: Sequence[float], count: int) -> list[int]:
+    """The index of the largest value in each of `count` equal windows, ascending; every index if there are no more.
+
+    Raises:
+        PocketGSError: `count` is below 1.
+    """
+    if count < 1:
+        raise PocketGSError(f"{count} frames to choose, expected at least 1")
+    windows = np.array_split(np.asarray(values, dtype=np.float64), min(count, max(1, len(values))))
+    starts = np.cumsum([0, *map(len, windows[:-1])])
+    return [int(start + window.argmax()) for start, window in zip(starts, windows, strict=True) if window.size]
+
+
+def thinning_warning(where: str, chosen: int, available: int) -> tuple[str, ...]:
+    """One warning that says how many frames of a recording are used, or none where all are."""
+    if chosen == available:
+        return ()
+    return (f"{where}: {chosen} of {available} frames are used, the sharpest of each stretch of the recording",)

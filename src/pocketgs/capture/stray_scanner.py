@@ -1,0 +1,133 @@
+"""Stray Scanner: an iPhone's video with a pose and, from a LiDAR, a depth map for every frame.
+
+The layout is that of docs/format.md in the app's repository, strayrobots/scanner.
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from pocketgs.capture.listing import FrameSource, Listing
+from pocketgs.capture.paths import existing_file
+from pocketgs.capture.poses import camera_at, rotation_from_quaternion, world_to_camera_from_axes
+from pocketgs.capture.sharpness import MOST_FRAMES, sharpest_in_windows, thinning_warning
+from pocketgs.capture.video_file import VideoFrame, sharpness_of_frames, video_info
+from pocketgs.errors import PocketGSError
+
+FORMAT = "stray-scanner"
+LOOKED_FOR = "odometry.csv and camera_matrix.csv"
+VIDEO, ODOMETRY, CAMERA_MATRIX = "rgb.mp4", "odometry.csv", "camera_matrix.csv"
+POSE_COLUMNS = ("frame", "x", "y", "z", "qx", "qy", "qz", "qw")
+
+
+def recognises(path: Path) -> bool:
+    """Whether the folder holds the two tables that Stray Scanner writes."""
+    return (path / ODOMETRY).is_file() and (path / CAMERA_MATRIX).is_file()
+
+
+def read(path: Path, images: str | None = None) -> Listing:
+    """Choose the sharpest frames of the video and read their poses.
+
+    Raises:
+        PocketGSError: the video or a table is missing or malformed, no frame of the video has a pose, or `images` is
+            given, for which the format has no use.
+    """
+    if images is not None:
+        raise PocketGSError(
+            f"{path}: images='{images}' given, but Stray Scanner's captures keep their images in a video"
+        )
+    video = existing_file(path, VIDEO, str(path))
+    if video is None:
+        raise PocketGSError(f"{path}: no {VIDEO}, expected the video that {ODOMETRY} belongs to")
+    matrix = _read_camera_matrix(path / CAMERA_MATRIX)
+    poses = _read_poses(path / ODOMETRY)
+    sharpness = sharpness_of_frames(video)
+    posed = [index for index in poses if index < len(sharpness)]
+    if not posed:
+        raise PocketGSError(f"{path / ODOMETRY}: no pose belongs to one of the {len(sharpness)} frames of {VIDEO}")
+    chosen = [posed[place] for place in sharpest_in_windows([sharpness[index] for index in posed], MOST_FRAMES)]
+    # Poses and intrinsics refer to the sensor's pixels, so the video is read as stored.
+    info = video_info(video, upright=False)
+    frames = [_frame(path, video, index, matrix, (info.width, info.height), poses[index]) for index in chosen]
+    warnings = _mismatch_warning(path, len(posed), len(poses), len(sharpness))
+    warnings += thinning_warning(str(video), len(chosen), len(posed))
+    return Listing(FORMAT, frames, metric=True, warnings=warnings)
+
+
+def _frame(
+    path: Path, video: Path, index: int, matrix: np.ndarray, size: tuple[int, int], pose: np.ndarray
+) -> FrameSource:
+    where = str(path / CAMERA_MATRIX)
+    depth = existing_file(path, f"depth/{index:06d}", str(path), (".png", ".npy"))
+    return FrameSource(
+        name=f"{VIDEO}/{index:06d}",
+        image=VideoFrame(video, index),
+        # ARKit counts the principal point from the corner of the top left pixel, as we do (ARCamera.intrinsics).
+        camera=camera_at(where, size, (matrix[0, 0], matrix[1, 1]), (matrix[0, 2], matrix[1, 2]), pose),
+        depth_path=depth,
+        confidence_path=None if depth is None else existing_file(path, f"confidence/{index:06d}.png", str(path)),
+    )
+
+
+def _mismatch_warning(path: Path, posed: int, poses: int, frames: int) -> tuple[str, ...]:
+    if posed == poses == frames:
+        return ()
+    return (f"{path}: {VIDEO} has {frames} frames and {ODOMETRY} {poses} poses, the {posed} that match are used",)
+
+
+def _read_camera_matrix(path: Path) -> np.ndarray:
+    """(3, 3) intrinsic matrix, its rows in lines."""
+    rows = _read_rows(path)
+    try:
+        matrix = np.array([[float(value) for value in row] for _, row in rows])
+    except ValueError as error:
+        raise PocketGSError(f"{path}: not a table of numbers ({error}), expected a 3x3 intrinsic matrix") from error
+    if matrix.shape != (3, 3) or not np.all(np.isfinite(matrix)):
+        raise PocketGSError(f"{path}: holds an array of shape {matrix.shape}, expected 3x3 finite numbers")
+    return matrix
+
+
+def _read_poses(path: Path) -> dict[int, np.ndarray]:
+    """World to camera by number of the video frame, ascending."""
+    rows = _read_rows(path)
+    header = [name.lower() for name in rows[0][1]] if rows else []
+    if not set(POSE_COLUMNS) <= set(header):
+        raise PocketGSError(f"{path}: its first line is not a header with the columns {', '.join(POSE_COLUMNS)}")
+    poses: dict[int, np.ndarray] = {}
+    for line, row in rows[1:]:
+        where = f"{path}, line {line}"
+        if len(row) != len(header):
+            raise PocketGSError(f"{where}: holds {len(row)} values, expected {len(header)} as in the header")
+        index, pose = _pose(dict(zip(header, row, strict=True)), where)
+        if index in poses:
+            raise PocketGSError(f"{where}: a second pose of frame {index}, expected one")
+        poses[index] = pose
+    return dict(sorted(poses.items()))
+
+
+def _pose(row: dict[str, str], where: str) -> tuple[int, np.ndarray]:
+    """Number of the frame, and world to camera."""
+    try:
+        index = int(row["frame"])
+        x, y, z, qx, qy, qz, qw = (float(row[name]) for name in POSE_COLUMNS[1:])
+    except ValueError as error:
+        raise PocketGSError(f"{where}: not a number where one is expected ({error})") from error
+    if index < 0:
+        raise PocketGSError(f"{where}: frame {index}, expected a number from 0")
+    # The app turns ARKit's camera by 180 degrees about x before it writes the rotation from camera to world
+    # (OdometryEncoder.swift, q_AC): the axes are OpenCV's already.
+    axes = rotation_from_quaternion(np.array([qw, qx, qy, qz]), where)
+    return index, world_to_camera_from_axes(axes, np.array([x, y, z]), where)
+
+
+def _read_rows(path: Path) -> list[tuple[int, list[str]]]:
+    """The lines of a CSV file that are not empty, each with its number from 1."""
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        rows = [(number, next(csv.reader([line]))) for number, line in enumerate(lines, 1) if line.strip()]
+    except (OSError, ValueError, csv.Error) as error:
+        raise PocketGSError(f"{path}: not a readable CSV file in UTF-8 ({error})") from error
+    return [(number, [value.strip() for value in row]) for number, row in rows]

@@ -1,0 +1,163 @@
+"""The demo capture as a folder in nerfstudio's layout, with the ground truth beside it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from glob import escape
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from pocketgs.camera import Camera
+from pocketgs.capture.loading import reliable_depth
+from pocketgs.capture.open import read_listing
+from pocketgs.capture.synthetic.phone import Shot
+from pocketgs.capture.synthetic.recording import GroundTruth, check_sizes, frame_name, record
+from pocketgs.errors import PocketGSError
+
+GENERATED, MADE_BY = "generated.json", "pocketgs demo"
+"""What marks a folder as the demo's, and says what made it."""
+
+GROUND_TRUTH = "ground_truth"
+DEPTH_UNIT = 0.0002  # metres a unit: 16 bits reach 13 m
+
+OPENGL_AXES = np.array([1.0, -1.0, -1.0, 1.0])
+
+
+def write_demo(folder: Path, width: int = 480, height: int = 360, frames: int = 120) -> None:
+    """Write `demo_capture` for `open_capture`, and `demo_ground_truth` for `read_ground_truth`.
+
+    A folder that holds just that already is left as it is; one that holds an earlier demo is replaced. The folder
+    appears when it is complete: an interruption leaves what was there before.
+
+    Args:
+        folder: where to; its parents are made.
+        width: as in `demo_capture`.
+        height: as in `demo_capture`.
+        frames: as in `demo_capture`.
+
+    Raises:
+        PocketGSError: the folder holds anything else than a demo, it cannot be written, or as `demo_capture`.
+    """
+    check_sizes(width, height, frames)
+    stamp = {"made_by": MADE_BY, "generator": _digest(), "width": width, "height": height, "frames": frames}
+    try:
+        if _read_stamp(folder) == stamp and _is_whole(folder, frames):
+            return
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        # What killed processes have left behind.
+        for leftover in folder.parent.glob(f".{escape(folder.name)}.*.partial"):
+            shutil.rmtree(leftover, ignore_errors=True)
+        with TemporaryDirectory(".partial", f".{folder.name}.", folder.parent, ignore_cleanup_errors=True) as staging:
+            _write(Path(staging) / "new", width, height, frames)
+            _write_json(Path(staging) / "new" / GENERATED, stamp)
+            if folder.exists():
+                os.replace(folder, Path(staging) / "old")
+            os.replace(Path(staging) / "new", folder)
+    except OSError as error:
+        raise PocketGSError(f"{folder}: the demo cannot be written ({error.strerror or error})") from error
+
+
+def read_ground_truth(folder: Path) -> GroundTruth:
+    """The ground truth that `write_demo` left in a folder, depths rounded to 0.2 mm.
+
+    Raises:
+        PocketGSError: it is missing or damaged.
+    """
+    sources = {f"images/{Path(source.name).name}": source for source in read_listing(folder / GROUND_TRUTH).frames}
+    return GroundTruth(
+        cameras={name: source.camera for name, source in sources.items()},
+        depths={name: reliable_depth(source) for name, source in sources.items()},
+    )
+
+
+def _write(folder: Path, width: int, height: int, frames: int) -> None:
+    (folder / "images").mkdir(parents=True)
+    (folder / GROUND_TRUTH / "depth").mkdir(parents=True)
+    shots = []
+    for shot, image, depth in record(width, height, frames):
+        _write_png(folder / frame_name(shot), image)
+        _write_png(folder / GROUND_TRUTH / _depth_name(shot), np.round(depth / DEPTH_UNIT).astype(np.uint16))
+        shots.append(shot)
+    split = {
+        "train_filenames": [frame_name(shot) for shot in shots if not shot.held_out],
+        "test_filenames": [frame_name(shot) for shot in shots if shot.held_out],
+    }
+    sensed = _transforms([shot.sensed for shot in shots], [frame_name(shot) for shot in shots])
+    # Its images are the depth maps themselves: a reader's paths may not climb out of its folder.
+    true = _transforms([shot.camera for shot in shots], [_depth_name(shot) for shot in shots])
+    for fields in true["frames"]:
+        fields["depth_file_path"] = fields["file_path"]
+    _write_json(folder / "transforms.json", {**sensed, **split})
+    _write_json(folder / GROUND_TRUTH / "transforms.json", {**true, "depth_unit_scale_factor": DEPTH_UNIT})
+
+
+def _depth_name(shot: Shot) -> str:
+    return f"depth/{Path(frame_name(shot)).name}"
+
+
+def _transforms(cameras: Sequence[Camera], names: Sequence[str]) -> dict[str, Any]:
+    """What nerfstudio's transforms.json holds: poses are camera to world, in OpenGL's axes."""
+    first = cameras[0]
+    return {
+        "camera_model": "PINHOLE",
+        "metric": True,
+        "w": first.width,
+        "h": first.height,
+        "fl_x": first.fx,
+        "fl_y": first.fy,
+        "cx": first.cx,
+        "cy": first.cy,
+        "frames": [
+            {"file_path": name, "transform_matrix": (camera.camera_to_world * OPENGL_AXES).tolist()}
+            for camera, name in zip(cameras, names, strict=True)
+        ],
+    }
+
+
+def _write_png(path: Path, pixels: np.ndarray) -> None:
+    # Noise hardly compresses, however long one tries.
+    Image.fromarray(pixels).save(path, compress_level=1)
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def _read_stamp(folder: Path) -> dict[str, Any] | None:
+    """What the demo in a folder was made by, or None where there is nothing to lose.
+
+    Raises:
+        PocketGSError: the folder is a file, or was not made by `write_demo`.
+    """
+    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+        return None
+    try:
+        stamp = json.loads((folder / GENERATED).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        stamp = None
+    if not isinstance(stamp, dict) or stamp.get("made_by") != MADE_BY:
+        raise PocketGSError(f"{folder}: holds no {GENERATED} of a demo, expected a demo's folder or an empty one")
+    return stamp
+
+
+def _is_whole(folder: Path, frames: int) -> bool:
+    """Whether nobody has taken anything out of a demo's folder."""
+    parts = (folder / "images", folder / GROUND_TRUTH / "depth")
+    pictures = all(len(list(part.glob("*.png"))) == frames for part in parts)
+    return pictures and all((part / "transforms.json").is_file() for part in (folder, folder / GROUND_TRUTH))
+
+
+def _digest() -> str:
+    """What identifies the sources that the demo's pictures follow from."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]

@@ -1,0 +1,90 @@
+"""What a ray meets first in the demo scene."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from pocketgs.capture.synthetic.shapes import Vector, dot, hit
+from pocketgs.compile import part
+
+TOWARDS_SUN = (0.48, -0.60, 0.64)
+SUN_SPREAD = 0.03  # of the sun's disc, as the difference of two directions across it
+
+# Across the sun's rays lies a grid of square cells, which knows the few parts that can shade a point in each.
+SUN_ACROSS, SUN_UP = (
+    (0.7808688094430304, 0.6246950475544243, 0.0),
+    (-0.3998048304348315, 0.4997560380435394, 0.7683749084919418),
+)
+SUN_CELL, SUN_CELLS = 0.05, 128
+SUN_REACH = 0.5 * SUN_CELL * SUN_CELLS
+
+
+class Scene(NamedTuple):
+    """P parts, and B balls that dim the skylight, as arrays for the kernel.
+
+    Attributes:
+        shapes: (P,) int64, of `shapes.py`.
+        tapers: (P,) of frustums.
+        world_to_unit: (P, 3, 4) affine maps into the unit shapes' spaces.
+        half_sizes: (P, 3) metres from a unit of those spaces.
+        materials: (P,) int64, of `materials.py`.
+        paints: (P, 2, 3) light and dark colour, display-referred RGB in [0, 1].
+        gloss: (P,) part of the light that is mirrored head-on; 0 is matt.
+        bounds: (P, 4) centre and radius of a ball around each part.
+        dimming: (B, 4) centres and radii.
+        everything: (P,) int64, all parts.
+        casts: int64, the parts that cast shadows, cell by cell of the sun's grid.
+        cast_ends: (SUN_CELLS² + 1,) int64, where a cell's parts begin in `casts`; they end where the next one's begin.
+    """
+
+    shapes: np.ndarray
+    tapers: np.ndarray
+    world_to_unit: np.ndarray
+    half_sizes: np.ndarray
+    materials: np.ndarray
+    paints: np.ndarray
+    gloss: np.ndarray
+    bounds: np.ndarray
+    dimming: np.ndarray
+    everything: np.ndarray
+    casts: np.ndarray
+    cast_ends: np.ndarray
+
+
+@part
+def into(scene: Scene, index: int, point: Vector, weight: float) -> Vector:
+    """A point (weight 1) or a direction (weight 0) in the space of a part's unit shape."""
+    matrix = scene.world_to_unit
+    x, y, z = point
+    return (
+        matrix[index, 0, 0] * x + matrix[index, 0, 1] * y + matrix[index, 0, 2] * z + weight * matrix[index, 0, 3],
+        matrix[index, 1, 0] * x + matrix[index, 1, 1] * y + matrix[index, 1, 2] * z + weight * matrix[index, 1, 3],
+        matrix[index, 2, 0] * x + matrix[index, 2, 1] * y + matrix[index, 2, 2] * z + weight * matrix[index, 2, 3],
+    )
+
+
+@part
+def nearest(
+    scene: Scene, candidates: np.ndarray, begin: int, end: int, origin: Vector, direction: Vector
+) -> tuple[float, int]:
+    """Where (t) the first hit among candidates begin…end - 1 is, and the part that is hit; infinity and -1 for none."""
+    closest, index = math.inf, -1
+    for number in range(begin, end):
+        candidate = candidates[number]
+        start, heading = into(scene, candidate, origin, 1.0), into(scene, candidate, direction, 0.0)
+        distance = hit(scene.shapes[candidate], scene.tapers[candidate], start, heading)
+        if distance < closest:
+            closest, index = distance, candidate
+    return closest, index
+
+
+@part
+def sun_cell(point: Vector) -> int:
+    """The cell of the sun's grid that a point's shadow ray runs along; rays outside the grid share a corner cell."""
+    column = (dot(point, SUN_ACROSS) + SUN_REACH) / SUN_CELL
+    row = (dot(point, SUN_UP) + SUN_REACH) / SUN_CELL
+    inside = 0 <= column < SUN_CELLS and 0 <= row < SUN_CELLS
+    return int(row) * SUN_CELLS + int(column) if inside else 0

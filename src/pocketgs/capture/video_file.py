@@ -1,0 +1,148 @@
+"""Videos as sequences of frames, always decoded in order: seeking to a frame is not reliable in every codec."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from pocketgs.capture.sharpness import sharpest_in_windows, sharpness
+from pocketgs.errors import PocketGSError
+
+VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".3gp"})
+FFMPEG_QUIET = -8  # AV_LOG_QUIET
+
+
+@dataclass(frozen=True)
+class VideoInfo:
+    """What a video's header states.
+
+    Attributes:
+        frames: their number; some containers state a duration only, from which it is estimated.
+        width, height: of a frame in pixels.
+        frames_per_second: the average rate, 0 where it is not stated.
+    """
+
+    frames: int
+    width: int
+    height: int
+    frames_per_second: float
+
+
+@dataclass(frozen=True)
+class VideoFrame:
+    """One frame of a video, counted from 0."""
+
+    path: Path
+    index: int
+
+    def __str__(self) -> str:
+        return f"{self.path}, frame {self.index}"
+
+
+def video_info(path: Path, *, upright: bool = True) -> VideoInfo:
+    """The size and length of a video whose first frame can be decoded.
+
+    Args:
+        path: the video.
+        upright: whether frames are to be turned as the file asks for; otherwise they are as stored.
+
+    Raises:
+        PocketGSError: the file is missing or no readable video.
+    """
+    with _opened(path, upright) as video:
+        decoded, frame = video.read()
+        if not decoded:
+            raise PocketGSError(f"{path}: no frame can be decoded, expected a video")
+        height, width = frame.shape[:2]
+        frames, rate = video.get(cv2.CAP_PROP_FRAME_COUNT), video.get(cv2.CAP_PROP_FPS)
+        return VideoInfo(
+            frames=max(1, int(frames)) if math.isfinite(frames) else 1,
+            width=width,
+            height=height,
+            frames_per_second=float(rate) if math.isfinite(rate) and rate > 0 else 0.0,
+        )
+
+
+def read_frames(path: Path, indices: Sequence[int], *, upright: bool = True) -> Iterator[tuple[int, np.ndarray]]:
+    """Decode some frames of a video, one at a time.
+
+    Args:
+        path: the video.
+        indices: numbers of frames from 0, in any order.
+        upright: whether frames are to be turned as the file asks for; otherwise they are as stored.
+
+    Yields:
+        Each index once, ascending, and its frame: (H, W, 3) uint8 RGB.
+
+    Raises:
+        PocketGSError: the file is no readable video, or it ends or is damaged before a frame that is asked for.
+    """
+    wanted = sorted(set(indices))
+    with _opened(path, upright) as video:
+        position = 0
+        for index in wanted:
+            while position < index and video.grab():
+                position += 1
+            decoded, frame = video.read() if position == index else (False, None)
+            if not decoded or frame is None:
+                raise PocketGSError(f"{path}: frame {index} cannot be decoded, the video ends after {position} frames")
+            position += 1
+            yield index, cv2.cvtColor(frame, cv2.COLOR_BGR2RGB)
+
+
+def sharpest_frames(path: Path, count: int) -> list[int]:
+    """Cut a video into `count` equal windows and choose the sharpest frame of each.
+
+    Returns:
+        Numbers of frames, ascending; all of them where the video has no more than `count`.
+
+    Raises:
+        PocketGSError: the file is no readable video, or `count` is below 1.
+    """
+    return sharpest_in_windows(sharpness_of_frames(path), count)
+
+
+def sharpness_of_frames(path: Path) -> list[float]:
+    """The sharpness of every frame. All are decoded, so their number is exact, which a header's is not.
+
+    Raises:
+        PocketGSError: the file is no readable video.
+    """
+    values = []
+    with _opened(path, upright=False) as video:
+        while True:
+            decoded, frame = video.read()
+            if not decoded:
+                break
+            values.append(sharpness(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)))
+    if not values:
+        raise PocketGSError(f"{path}: no frame can be decoded, expected a video")
+    return values
+
+
+@contextmanager
+def _opened(path: Path, upright: bool) -> Iterator[cv2.VideoCapture]:
+    if not path.is_file():
+        raise PocketGSError(f"{path}: no such file, expected a video")
+    # FFmpeg and OpenCV would print lines of their own on a file that is no video, before ours.
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", str(FFMPEG_QUIET))
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
+    try:
+        # An absolute path, since FFmpeg takes what stands before a colon for a protocol.
+        video = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG)
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+    try:
+        if not video.isOpened():
+            raise PocketGSError(f"{path}: cannot be opened as a video")
+        video.set(cv2.CAP_PROP_ORIENTATION_AUTO, float(upright))
+        yield video
+    finally:
+        video.release()

@@ -1,0 +1,36 @@
+"""`pocketgs pose`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+
+from pocketgs.cli.display import Display
+from pocketgs.structure_from_motion.options import PoseOptions
+from pocketgs.structure_from_motion.pose import pose as find_poses
+
+
+def pose(
+    images_or_video: Annotated[Path, tyro.conf.Positional],
+    output: Path,
+    options: PoseOptions = PoseOptions(),  # noqa: B008 - a frozen dataclass
+) -> None:
+    """Make a capture of photographs or a video by finding their poses.
+
+    Args:
+        images_or_video: A folder with photographs, or a video.
+        output: Folder for the capture, which train and the others take.
+        options: How to find poses.
+    """
+    console = Console()
+    with Display(console).showing() as reporter:
+        found = find_poses(images_or_video, output, options, on_stage=reporter.on_stage, on_warning=reporter.on_warning)
+    lines = [
+        f"{found.registered} of {found.frames} images posed, {found.points:,} points, "
+        f"mean reprojection error {found.reprojection_error:.2f} pixels",
+        f"capture in {found.folder}",
+    ]
+    console.print(*lines, sep="\n", markup=False, highlight=False, soft_wrap=True)

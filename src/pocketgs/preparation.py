@@ -1,0 +1,65 @@
+"""Before training: the capture with the poses, photographs and points to train on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pocketgs.capture.capture import Capture
+from pocketgs.pointcloud import PointCloud
+from pocketgs.prior.gate import GateSettings
+from pocketgs.prior.prior import Prior, PriorSettings, build_prior
+from pocketgs.prior.structure import StructureSettings
+from pocketgs.prior.sweep import SweepSettings
+from pocketgs.record import Stopwatch
+from pocketgs.training_options import TrainingOptions
+from pocketgs.volume import draw_points
+
+FEWEST_POINTS = 500
+"""A prior with fewer points is not worth starting from."""
+
+
+def prepare(capture: Capture, options: TrainingOptions, stopwatch: Stopwatch | None = None) -> Prior:
+    """Build the prior that the options ask for.
+
+    Where it finds hardly a point, and where none is asked for, the capture's own points are taken, or points drawn
+    where the photographs agree.
+
+    Args:
+        capture: what to train on.
+        options: of the run.
+        stopwatch: times the stages; a new one if None.
+
+    Raises:
+        PocketGSError: there is nothing to start from.
+    """
+    stopwatch = stopwatch or Stopwatch()
+    prior = Prior(capture, None)
+    if options.prior != "none":
+        prior = build_prior(capture, options.max_gaussians, _settings(options), stopwatch)
+        if prior.capture.points is not None and len(prior.capture.points) >= FEWEST_POINTS:
+            return prior
+    with stopwatch.stage("points"):
+        points = starting_points(replace(prior.capture, points=capture.points), options)
+    return replace(prior, capture=replace(prior.capture, points=points))
+
+
+def starting_points(capture: Capture, options: TrainingOptions) -> PointCloud:
+    """The capture's own points, or points drawn where it has none; at most `max_gaussians` of them."""
+    if capture.points is None or len(capture.points) < 4:
+        return draw_points(capture.train, options.max_gaussians, options.seed)
+    if len(capture.points) <= options.max_gaussians:
+        return capture.points
+    chosen = np.random.default_rng(options.seed).permutation(len(capture.points))[: options.max_gaussians]
+    return capture.points.select(np.sort(chosen))
+
+
+def _settings(options: TrainingOptions) -> PriorSettings:
+    return PriorSettings(
+        gate=GateSettings(max_keyframes=options.max_keyframes),
+        structure=StructureSettings(bundle=options.bundle),
+        sweep=SweepSettings(references=options.references),
+        dense=options.prior == "dense",
+        exposure=options.exposure,
+    )

@@ -1,0 +1,1 @@
+"""Operator G: refined poses and a dense coloured cloud from posed frames."""

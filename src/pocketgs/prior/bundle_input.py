@@ -1,0 +1,81 @@
+"""What a bundle adjustment is given: checked, and put in the order that it works in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pocketgs.camera import Camera
+from pocketgs.errors import PocketGSError
+from pocketgs.prior.observations import Observations
+from pocketgs.prior.reprojection import Estimate, Sightings
+
+FEWEST_POINTS = 3
+"""Points that determine a pose."""
+
+
+def check(
+    cameras: Sequence[Camera],
+    points: np.ndarray,
+    observations: Observations,
+    fewest_views: int,
+    poses_known: bool,
+) -> None:
+    """Make sure that the numbers fit together and determine what is sought.
+
+    Args:
+        cameras: F of them.
+        points: (N, 3).
+        observations: where points were seen.
+        fewest_views: cameras that each point must be seen from.
+        poses_known: whether a prior determines every pose.
+
+    Raises:
+        PocketGSError: they do not.
+    """
+    frame, point, pixels = observations.frame, observations.point, observations.pixels
+    count = len(frame)
+    if points.ndim != 2 or points.shape[1:] != (3,) or not np.all(np.isfinite(points)):
+        raise PocketGSError(f"bundle: points of shape {points.shape}, expected (N, 3) finite numbers")
+    if frame.shape != (count,) or point.shape != (count,) or pixels.shape != (count, 2):
+        shapes = f"{frame.shape}, {point.shape}, {pixels.shape}"
+        raise PocketGSError(f"bundle: frame, point, pixels of shapes {shapes}, expected (M,), (M,), (M, 2)")
+    if count == 0:
+        raise PocketGSError("bundle: no observations")
+    if not np.all(np.isfinite(pixels)):
+        raise PocketGSError(f"bundle: {np.sum(~np.isfinite(pixels).all(axis=1))} observed pixels are not finite")
+    for name, indices, end in (("frame", frame, len(cameras)), ("point", point, len(points))):
+        if indices.min() < 0 or indices.max() >= end:
+            raise PocketGSError(f"bundle: {name} from {indices.min()} to {indices.max()}, expected 0 to {end - 1}")
+    pairs = np.unique(np.stack([point, frame]), axis=1)
+    views = np.bincount(pairs[0], minlength=len(points))
+    if views.min() < fewest_views:
+        lonely = np.flatnonzero(views < fewest_views)
+        listed = ", ".join(map(str, lonely[:10])) + (", ..." if len(lonely) > 10 else "")
+        raise PocketGSError(f"bundle: {len(lonely)} points seen by fewer than {fewest_views} cameras: {listed}")
+    seen = np.bincount(pairs[1], minlength=len(cameras))
+    if not poses_known and seen.min() < FEWEST_POINTS:
+        raise PocketGSError(
+            f"bundle: camera {seen.argmin()} sees {seen.min()} points, expected {FEWEST_POINTS} or a prior on its pose"
+        )
+
+
+def by_point(cameras: Sequence[Camera], points: int, observations: Observations, order: np.ndarray) -> Sightings:
+    """What was seen, in an order by point."""
+    point = np.asarray(observations.point, np.int64)[order]
+    return Sightings(
+        intrinsics=np.array([[camera.fx, camera.fy, camera.cx, camera.cy] for camera in cameras], np.float64),
+        frame=np.asarray(observations.frame, np.int64)[order],
+        point=point,
+        starts=np.searchsorted(point, np.arange(points + 1)).astype(np.int64),
+        pixels=np.asarray(observations.pixels, np.float64)[order],
+    )
+
+
+def first_estimate(cameras: Sequence[Camera], points: np.ndarray, radial: float) -> Estimate:
+    """Where to start. A pose read from a file is a rotation only up to its digits: here it becomes one."""
+    rotations = Rotation.from_matrix(np.array([camera.world_to_camera[:3, :3] for camera in cameras])).as_matrix()
+    centres = np.array([camera.centre for camera in cameras])
+    return Estimate(rotations, centres, 1.0, float(radial), np.array(points, np.float64))

@@ -1,0 +1,115 @@
+"""Exposure: the gains between photographs of the same surfaces, and photographs brought to their mean."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from pocketgs.capture.capture import Frame
+from pocketgs.prior.scale import Scale
+from pocketgs.prior.structure import Structure
+from pocketgs.prior.tracks import view_distances
+
+DARKEST, BRIGHTEST = 8.0, 247.0
+"""Grey levels between which a pixel tells of its exposure: noise lies below, and above what a sensor cuts off."""
+
+SMOOTHING = 1.5
+"""Standard deviation in pixels of the blur under which colours are compared: poses and noise then matter little."""
+
+ALTERNATIONS = 20
+FEWEST_POINTS = 50
+
+NEIGHBOURS = 3
+"""Keyframes, those with the most similar views, whose points a frame is taken to see."""
+
+LEAST_VARIATION = 0.02
+"""Exposures that vary by less are left as they are."""
+
+PREDICTABLE = 0.7
+"""Exposures are left as they are where similar views tell a view's exposure to within this share of its variation.
+
+A scene takes slow changes in: what is rendered for a view looks like the photographs taken near it.
+"""
+
+
+def exposure_gains(
+    frames: Sequence[Frame], keyframes: Sequence[Frame], structure: Structure, scale: Scale
+) -> np.ndarray:
+    """How bright each photograph is, measured on points that several of them see.
+
+    The logarithm of a colour is taken as that of the point plus that of the photograph's gain; medians, taken in turns,
+    separate the two.
+
+    Args:
+        frames: F photographs with poses.
+        keyframes: K of them.
+        structure: the points that the keyframes see.
+        scale: of the scene.
+
+    Returns:
+        (F, 3) factor on red, green and blue of each, with a geometric mean of 1; 1 for all where too few points are
+        seen.
+    """
+    distances = view_distances([f.camera for f in frames], [f.camera for f in keyframes], scale.distance)
+    colours = np.full((len(frames), len(structure.points), 3), np.nan)
+    for own, frame, order in zip(colours, frames, np.argsort(distances, axis=1, kind="stable"), strict=True):
+        visible = np.unique(np.concatenate([structure.landmarks[view][1] for view in order[:NEIGHBOURS]]))
+        own[visible] = np.log(_colours_at(frame, structure.points[visible]))
+    counted = np.isfinite(colours).all(axis=2)
+    colours = colours[:, counted.sum(axis=0) >= 2]
+    if np.isfinite(colours).all(axis=2).sum(axis=1).min() < FEWEST_POINTS:
+        return np.ones((len(frames), 3))
+    gains = np.zeros((len(frames), 3))
+    for _ in range(ALTERNATIONS):
+        of_points = np.nanmedian(colours - gains[:, None], axis=0)
+        gains = np.nanmedian(colours - of_points, axis=1)
+        gains -= gains.mean(axis=0)
+    return np.exp(gains)
+
+
+def needs_compensation(frames: Sequence[Frame], gains: np.ndarray, scale: Scale) -> bool:
+    """Whether photographs with similar views differ in exposure so much that one scene cannot look like all of them.
+
+    Args:
+        frames: F photographs with poses.
+        gains: (F, 3) of each.
+        scale: of the scene.
+    """
+    cameras = [frame.camera for frame in frames]
+    apart = view_distances(cameras, cameras, scale.distance)
+    np.fill_diagonal(apart, np.inf)
+    brightness = np.log(gains).mean(axis=1)
+    predicted = brightness[np.argsort(apart, axis=1, kind="stable")[:, :NEIGHBOURS]].mean(axis=1)
+    variation = float(np.abs(brightness).mean())
+    return variation >= LEAST_VARIATION and float(np.abs(brightness - predicted).mean()) > PREDICTABLE * variation
+
+
+def compensated(frames: Sequence[Frame], gains: np.ndarray) -> list[Frame]:
+    """The photographs as they would have been taken at the mean exposure.
+
+    Args:
+        frames: F photographs.
+        gains: (F, 3) of each.
+    """
+    return [
+        replace(frame, image=np.clip(np.rint(frame.image / gain), 0, 255).astype(np.uint8))
+        for frame, gain in zip(frames, gains, strict=True)
+    ]
+
+
+def _colours_at(frame: Frame, points: np.ndarray) -> np.ndarray:
+    """(N, 3) colours where points fall in a photograph, NaN where it does not see them well."""
+    pixels, depth = frame.camera.project(points)
+    height, width = frame.image.shape[:2]
+    seen = (depth > 0) & np.all((pixels >= 0) & (pixels < (width, height)), axis=1)
+    columns, rows = np.where(seen[:, None], pixels, 0).astype(np.int64).T
+    colours = cv2.GaussianBlur(frame.image, (0, 0), SMOOTHING)[rows, columns].astype(np.float64)
+    seen &= np.all((colours >= DARKEST) & (colours <= BRIGHTEST), axis=1)
+    if frame.alpha is not None:
+        seen &= frame.alpha[rows, columns] == 255
+    if frame.mask is not None:
+        seen &= frame.mask[rows, columns]
+    return np.where(seen[:, None], colours, np.nan)

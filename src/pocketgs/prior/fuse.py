@@ -1,0 +1,180 @@
+"""Fusion: from the depth maps of the keyframes to one clean, coloured cloud."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pocketgs.capture.capture import Frame
+from pocketgs.pointcloud import PointCloud
+from pocketgs.prior.consistency import Views, compare_depths
+from pocketgs.prior.sweep import DepthMap
+from pocketgs.visual_hull import outside_hull
+
+CLEAR_MARGIN = 0.1
+"""Share by which a depth must be cheaper than its rivals for full confidence."""
+
+MERGING_ROUNDS = 8
+MERGING_TOLERANCE = 0.01
+MOST_CANDIDATES = 2_000_000
+"""Pixels that are merged, of all keyframes together: it bounds memory."""
+
+
+@dataclass(frozen=True)
+class FusionSettings:
+    """What enters the cloud.
+
+    Attributes:
+        confidence: least confidence of a pixel.
+        tolerance: relative difference up to which the depths of two views agree.
+    """
+
+    confidence: float = 0.4
+    tolerance: float = 0.01
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Pixels that may become points.
+
+    Attributes:
+        positions: (M, 3) in the world.
+        colours: (M, 3) RGB in [0, 1].
+        directions: (M, 3) unit vectors towards the camera.
+        footprints: (M,) length that a pixel covers there, in the nearest view that sees the point.
+        confidences: (M,) in [0, 1].
+    """
+
+    positions: np.ndarray
+    colours: np.ndarray
+    directions: np.ndarray
+    footprints: np.ndarray
+    confidences: np.ndarray
+
+    def select(self, keep: np.ndarray) -> Candidates:
+        """Those that a boolean mask names."""
+        return Candidates(
+            self.positions[keep],
+            self.colours[keep],
+            self.directions[keep],
+            self.footprints[keep],
+            self.confidences[keep],
+        )
+
+
+def fuse(
+    keyframes: Sequence[Frame],
+    maps: Sequence[DepthMap],
+    frames: Sequence[Frame],
+    count: int,
+    settings: FusionSettings,
+) -> PointCloud:
+    """Keep the pixels that other keyframes confirm, and merge them into about `count` points.
+
+    Args:
+        keyframes: K frames.
+        maps: their depth maps.
+        frames: training frames, whose alpha bounds the cloud.
+        count: most points to give.
+        settings: what is kept.
+
+    Returns:
+        At most `count` points, with the directions they were seen from. Points are as dense on the surface as the
+        pixels that see them: each stands for about the same number of pixels.
+    """
+    views = _views(keyframes, maps)
+    stride = max(1, int(np.ceil(sum(map_.depth.size for map_ in maps) / MOST_CANDIDATES)))
+    found = [
+        _candidates(keyframe, map_, views, index, stride, settings)
+        for index, (keyframe, map_) in enumerate(zip(keyframes, maps, strict=True))
+    ]
+    names = Candidates.__dataclass_fields__
+    together = Candidates(**{name: np.concatenate([getattr(some, name) for some in found]) for name in names})
+    return _merged(together.select(~outside_hull(together.positions, frames)), count)
+
+
+def confidence(agreeing: np.ndarray, contradicting: np.ndarray, margin: np.ndarray) -> np.ndarray:
+    """Confidence in [0, 1] of depths.
+
+    Every view that agrees halves the doubt; views that look through the point divide what is left; a depth that is
+    hardly cheaper than another is hardly believed.
+
+    Args:
+        agreeing: number of other views that agree.
+        contradicting: number of other views that see something behind the point.
+        margin: by what share the depth is cheaper than its best rival.
+    """
+    votes = agreeing.astype(np.float32)
+    support = (1 - np.float32(0.5) ** votes) * votes / np.maximum(votes + contradicting, 1)
+    return support * np.minimum(margin / np.float32(CLEAR_MARGIN), 1)
+
+
+def _views(keyframes: Sequence[Frame], maps: Sequence[DepthMap]) -> Views:
+    sizes = np.array([map_.depth.shape for map_ in maps], np.int64)
+    depths = np.zeros((len(maps), *sizes.max(axis=0)), np.float32)
+    for padded, map_ in zip(depths, maps, strict=True):
+        padded[: map_.depth.shape[0], : map_.depth.shape[1]] = map_.depth
+    cameras = [keyframe.camera for keyframe in keyframes]
+    return Views(
+        depths,
+        np.array([(camera.fx, camera.fy, camera.cx, camera.cy) for camera in cameras]),
+        sizes,
+        np.array([camera.world_to_camera[:3, :3] for camera in cameras]),
+        np.array([camera.world_to_camera[:3, 3] for camera in cameras]),
+    )
+
+
+def _candidates(
+    keyframe: Frame, map_: DepthMap, views: Views, index: int, stride: int, settings: FusionSettings
+) -> Candidates:
+    """The pixels of a keyframe that are confident enough."""
+    agreeing, contradicting, footprints = compare_depths(views, index, settings.tolerance)
+    confidences = confidence(agreeing, contradicting, map_.margin)
+    rows, columns = (places[::stride] for places in np.nonzero(confidences >= settings.confidence))
+    camera = keyframe.camera
+    x = (columns + 0.5 - camera.cx) / camera.fx
+    y = (rows + 0.5 - camera.cy) / camera.fy
+    rays = np.column_stack([x, y, np.ones(len(x))]) @ camera.world_to_camera[:3, :3]
+    return Candidates(
+        positions=camera.centre + rays * map_.depth[rows, columns, None],
+        colours=keyframe.image[rows, columns] / np.float32(255),
+        directions=-rays / np.linalg.norm(rays, axis=1, keepdims=True),
+        footprints=footprints[rows, columns],
+        confidences=confidences[rows, columns],
+    )
+
+
+def _merged(candidates: Candidates, count: int) -> PointCloud:
+    """Average the candidates of each voxel; voxels are so large that about `count` are filled.
+
+    A voxel's side is a multiple of the footprints of the pixels in it, rounded to a power of two.
+    """
+    if len(candidates.positions) == 0:
+        return PointCloud(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
+    level = np.round(np.log2(candidates.footprints)).astype(np.int64)
+    size = 2.0
+    for _ in range(MERGING_ROUNDS):
+        _, voxel = np.unique(_voxels(candidates.positions, level, size), return_inverse=True)
+        filled = int(voxel.max()) + 1
+        if filled <= count and (filled >= (1 - MERGING_TOLERANCE) * count or filled == len(voxel)):
+            break
+        # Surfaces fill voxels with the square of their number along a side; aim a little low, to end below the bound.
+        size *= np.sqrt(filled / ((1 - MERGING_TOLERANCE / 2) * count))
+    weight = np.bincount(voxel, candidates.confidences)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        weighted = values * candidates.confidences[:, None]
+        return np.stack([np.bincount(voxel, column) for column in weighted.T], axis=1) / weight[:, None]
+
+    directions = mean(candidates.directions)
+    directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-9)
+    cloud = PointCloud(mean(candidates.positions), mean(candidates.colours), directions)
+    return cloud if len(cloud) <= count else cloud.select(np.sort(np.argsort(-weight, kind="stable")[:count]))
+
+
+def _voxels(positions: np.ndarray, level: np.ndarray, size: float) -> np.ndarray:
+    """(M,) int64 one number a voxel; two voxels that share one by chance are too rare to matter."""
+    cells = np.floor(positions / (size * np.exp2(level))[:, None]).astype(np.int64)
+    return (cells[:, 0] * 73856093 ^ cells[:, 1] * 19349663 ^ cells[:, 2] * 83492791) * 64 + level

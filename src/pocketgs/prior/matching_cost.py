@@ -1,0 +1,166 @@
+"""Matching costs of a plane sweep: in how many bits the census of a view and of its warped references differ.
+
+The census transform (Zabih and Woodfill 1994) turns a pixel's surroundings into bits: which neighbours are darker than
+it. Gains, offsets and vignetting leave them as they are.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import prange
+
+from pocketgs.compile import parallel_kernel, part
+
+RADIUS = 3
+NEIGHBOURS = np.array(
+    [(y, x) for y in range(-RADIUS, RADIUS + 1) for x in range(-RADIUS, RADIUS + 1) if (y, x) != (0, 0)], np.int64
+)
+"""(row, column) offsets of the pixels that each pixel is compared with."""
+
+BITS = len(NEIGHBOURS)
+UNSEEN = np.uint8(255)
+
+ROWS_AT_ONCE = 8
+"""Rows that a thread works on: their costs for all hypotheses stay in its cache."""
+
+
+class References(NamedTuple):
+    """The images that a view is compared with, and where its pixels fall in them.
+
+    A pixel (x, y, 1) of the view, at inverse depth i, falls at (u/w, v/w) of a reference, where
+    (u, v, w) = turn · (x, y, 1) + i · shift.
+
+    Attributes:
+        images: (R, h, w) uint8 grey, padded to one size.
+        sizes: (R, 2) float32 their true heights and widths.
+        turns: (R, 3, 3) float32.
+        shifts: (R, 3) float32.
+    """
+
+    images: np.ndarray
+    sizes: np.ndarray
+    turns: np.ndarray
+    shifts: np.ndarray
+
+
+@parallel_kernel
+def matching_costs(view: np.ndarray, references: References, inverse_depths: np.ndarray) -> np.ndarray:
+    """Compare a view with its references, warped by every hypothesis.
+
+    With several references a hypothesis costs the mean of the two that agree best: few surfaces are hidden in all but
+    one.
+
+    Args:
+        view: (H, W) uint8 grey image.
+        references: what to compare it with.
+        inverse_depths: (D,) float32 hypotheses.
+
+    Returns:
+        (H, W, D) uint8 number of differing bits, at most BITS; BITS / 2 where no reference sees the hypothesis.
+    """
+    height, width = view.shape
+    costs = np.empty((height, width, len(inverse_depths)), np.uint8)
+    for band in prange((height + ROWS_AT_ONCE - 1) // ROWS_AT_ONCE):
+        top = band * ROWS_AT_ONCE
+        rows = min(ROWS_AT_ONCE, height - top)
+        darker = census(view, top, rows)
+        warped = np.empty((rows + 2 * RADIUS, width + 2 * RADIUS), np.uint8)
+        visible = np.empty(warped.shape, np.bool_)
+        least, next_least = np.empty((2, rows, width), np.uint8)
+        for hypothesis in range(len(inverse_depths)):
+            least[:], next_least[:] = UNSEEN, UNSEEN
+            for reference in range(len(references.images)):
+                warp(references, reference, inverse_depths[hypothesis], top, warped, visible)
+                compare(darker, warped, visible, least, next_least)
+            write_costs(least, next_least, costs[top : top + rows], hypothesis)
+    return costs
+
+
+@part
+def census(view: np.ndarray, top: int, rows: int) -> np.ndarray:
+    """(BITS, rows, W) uint8: 1 where a neighbour is darker. The image's border is continued outwards."""
+    height, width = view.shape
+    darker = np.empty((BITS, rows, width), np.uint8)
+    for bit in range(BITS):
+        for row in range(rows):
+            neighbour_row = min(max(top + row + NEIGHBOURS[bit, 0], 0), height - 1)
+            for column in range(width):
+                neighbour = view[neighbour_row, min(max(column + NEIGHBOURS[bit, 1], 0), width - 1)]
+                darker[bit, row, column] = neighbour < view[top + row, column]
+    return darker
+
+
+@part
+def warp(
+    references: References, reference: int, inverse_depth: np.float32, top: int, warped: np.ndarray, visible: np.ndarray
+) -> None:
+    """Sample a reference, bilinearly, where the rows of the view from `top` on fall, with a margin of RADIUS."""
+    half, one = np.float32(0.5), np.float32(1.0)
+    pixels = references.images[reference].reshape(-1)
+    stride = np.uint32(references.images.shape[2])
+    turn, shift = references.turns[reference], references.shifts[reference] * inverse_depth
+    height, width = references.sizes[reference]
+    # Just short of the last row and column, so that the neighbours that are read exist.
+    last_row, last_column = height - np.float32(1.001), width - np.float32(1.001)
+    for row in range(len(warped)):
+        y = np.float32(top + row - RADIUS) + half
+        start_u = turn[0, 1] * y + turn[0, 2] + shift[0]
+        start_v = turn[1, 1] * y + turn[1, 2] + shift[1]
+        start_w = turn[2, 1] * y + turn[2, 2] + shift[2]
+        samples, seen = warped[row], visible[row]
+        for column in range(len(samples)):
+            x = np.float32(column - RADIUS) + half
+            w = turn[2, 0] * x + start_w
+            across = (turn[0, 0] * x + start_u) / w
+            down = (turn[1, 0] * x + start_v) / w
+            seen[column] = (w > 0) & (across >= 0) & (across < width) & (down >= 0) & (down < height)
+            across = min(max(across - half, np.float32(0.0)), last_column)
+            down = min(max(down - half, np.float32(0.0)), last_row)
+            left, above = np.uint32(across), np.uint32(down)
+            right_share, below_share = across - np.float32(left), down - np.float32(above)
+            index = above * stride + left
+            below = index + stride
+            upper = pixels[index] * (one - right_share) + pixels[index + np.uint32(1)] * right_share
+            lower = pixels[below] * (one - right_share) + pixels[below + np.uint32(1)] * right_share
+            samples[column] = np.uint8(upper + (lower - upper) * below_share + half)
+
+
+@part
+def compare(
+    darker: np.ndarray, warped: np.ndarray, visible: np.ndarray, least: np.ndarray, next_least: np.ndarray
+) -> None:
+    """Count the bits that differ, and keep the two least counts of every pixel."""
+    rows, width = least.shape
+    count = np.empty(width, np.uint8)
+    for row in range(rows):
+        count[:] = 0
+        centre = warped[row + RADIUS, RADIUS : RADIUS + width]
+        for bit in range(BITS):
+            start = RADIUS + NEIGHBOURS[bit, 1]
+            neighbour = warped[row + RADIUS + NEIGHBOURS[bit, 0], start : start + width]
+            own = darker[bit, row]
+            for column in range(width):
+                count[column] += np.uint8(neighbour[column] < centre[column]) ^ own[column]
+        first, second = least[row], next_least[row]
+        seen = visible[row + RADIUS, RADIUS : RADIUS + width]
+        for column in range(width):
+            value = count[column] if seen[column] else UNSEEN
+            second[column] = min(second[column], max(first[column], value))
+            first[column] = min(first[column], value)
+
+
+@part
+def write_costs(least: np.ndarray, next_least: np.ndarray, costs: np.ndarray, hypothesis: int) -> None:
+    """Put the costs of one hypothesis in their place."""
+    rows, width = least.shape
+    for row in range(rows):
+        for column in range(width):
+            first, second = least[row, column], next_least[row, column]
+            if first == UNSEEN:
+                costs[row, column, hypothesis] = np.uint8(BITS // 2)
+            elif second == UNSEEN:
+                costs[row, column, hypothesis] = first
+            else:
+                costs[row, column, hypothesis] = np.uint8((np.int64(first) + np.int64(second)) >> 1)

@@ -1,0 +1,137 @@
+"""Where points should be seen, how far that is from where they were, and how both change with poses and points."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from pocketgs.compile import kernel, part
+
+CAMERA_UNKNOWNS = 6
+"""Per camera: a rotation vector ω, then the centre c. They change to exp(ω)·R and c + δ."""
+
+SHARED_UNKNOWNS = 2
+"""Of all cameras together: the logarithm of the factor on the focal lengths, and the radial coefficient k1."""
+
+POINT_COLUMN = CAMERA_UNKNOWNS + SHARED_UNKNOWNS
+"""Columns of a Jacobian: the camera's unknowns, the shared ones, the point's three coordinates."""
+
+COLUMNS = POINT_COLUMN + 3
+
+BEHIND = 1e4
+"""How many pixels off a point counts that is not in front of its camera: more than it could be within an image."""
+
+GRAZING = 1e-6
+"""Cosine of the angle to the optical axis from which on a point counts as in front."""
+
+
+class Sightings(NamedTuple):
+    """What was seen, ordered by point.
+
+    Attributes:
+        intrinsics: (F, 4) float64 fx, fy, cx, cy of each camera.
+        frame: (M,) int64 camera that saw.
+        point: (M,) int64 point that was seen.
+        starts: (N + 1,) int64: sightings of point p are starts[p] to starts[p + 1].
+        pixels: (M, 2) float64 where.
+    """
+
+    intrinsics: np.ndarray
+    frame: np.ndarray
+    point: np.ndarray
+    starts: np.ndarray
+    pixels: np.ndarray
+
+
+class Estimate(NamedTuple):
+    """What is adjusted.
+
+    Attributes:
+        rotations: (F, 3, 3) float64 from the world's axes to the cameras'.
+        centres: (F, 3) float64 of the cameras, in the world.
+        focal_scale: factor on the focal lengths of all cameras.
+        radial: k1; a ray at normalised coordinates x, of length r, is seen at x·(1 + k1·r²).
+        points: (N, 3) float64 in the world.
+    """
+
+    rotations: np.ndarray
+    centres: np.ndarray
+    focal_scale: float
+    radial: float
+    points: np.ndarray
+
+
+@kernel
+def distances(sightings: Sightings, estimate: Estimate) -> np.ndarray:
+    """(M,) float64: pixels between where points should be seen and where they were, `BEHIND` for those not in front."""
+    count = len(sightings.frame)
+    lengths = np.empty(count)
+    residual, jacobian = np.empty(2), np.empty((2, COLUMNS))
+    for k in range(count):
+        if linearise(sightings, estimate, k, residual, jacobian):
+            lengths[k] = math.sqrt(residual[0] ** 2 + residual[1] ** 2)
+        else:
+            lengths[k] = BEHIND
+    return lengths
+
+
+@part
+def linearise(sightings: Sightings, estimate: Estimate, k: int, residual: np.ndarray, jacobian: np.ndarray) -> bool:
+    """Write the residual of sighting k, predicted minus seen, and its derivatives.
+
+    A point that is not in front of the camera gives False: it has no residual, and nothing pulls at it.
+
+    Args:
+        sightings: what was seen.
+        estimate: where to linearise.
+        k: which sighting.
+        residual: (2,) written, in pixels.
+        jacobian: (2, COLUMNS) written: rotation, centre, focal, radial, point.
+    """
+    frame, point = sightings.frame[k], sightings.point[k]
+    rotation, centre, position = estimate.rotations[frame], estimate.centres[frame], estimate.points[point]
+    dx, dy, dz = position[0] - centre[0], position[1] - centre[1], position[2] - centre[2]
+    x = rotation[0, 0] * dx + rotation[0, 1] * dy + rotation[0, 2] * dz
+    y = rotation[1, 0] * dx + rotation[1, 1] * dy + rotation[1, 2] * dz
+    z = rotation[2, 0] * dx + rotation[2, 1] * dy + rotation[2, 2] * dz
+    if not z > GRAZING * math.sqrt(x * x + y * y + z * z):
+        return False
+    u, v = x / z, y / z
+    squared, radial = u * u + v * v, estimate.radial
+    swell = 1.0 + radial * squared
+    for axis in range(2):
+        focal = sightings.intrinsics[frame, axis] * estimate.focal_scale
+        own = u if axis == 0 else v
+        residual[axis] = focal * own * swell + sightings.intrinsics[frame, 2 + axis] - sightings.pixels[k, axis]
+        # The gradient by (x, y, z), the point in the camera's axes. A turn ω moves it by ω × (x, y, z), and
+        # g · (ω × x) = ω · (x × g).
+        across, down = 2.0 * focal * radial * own * u / z, 2.0 * focal * radial * own * v / z
+        if axis == 0:
+            across += focal * swell / z
+        else:
+            down += focal * swell / z
+        inward = -focal * own * (swell + 2.0 * radial * squared) / z
+        row = jacobian[axis]
+        row[0], row[1], row[2] = y * inward - z * down, z * across - x * inward, x * down - y * across
+        row[6], row[7] = focal * own * swell, focal * own * squared
+        for column in range(3):
+            slope = across * rotation[0, column] + down * rotation[1, column] + inward * rotation[2, column]
+            row[3 + column], row[POINT_COLUMN + column] = -slope, slope
+    return True
+
+
+@part
+def weigh(residual: np.ndarray, jacobian: np.ndarray, huber: float) -> None:
+    """Multiply both by √w, so that least squares has the slope of the Huber cost: w = min(1, huber / |r|).
+
+    Iteratively reweighted least squares: Zhang, "Parameter estimation techniques" (1997), section 9.
+    """
+    length = math.sqrt(residual[0] ** 2 + residual[1] ** 2)
+    if length > huber:
+        root = math.sqrt(huber / length)
+        for row in range(2):
+            residual[row] *= root
+            for column in range(COLUMNS):
+                jacobian[row, column] *= root

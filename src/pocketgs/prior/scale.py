@@ -1,0 +1,44 @@
+"""How large the scene is, before anything is known of it but where the cameras are and look."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pocketgs.camera_geometry import GUESSED_DISTANCE, focus_point, looks_at
+from pocketgs.capture.capture import Capture
+
+METRIC_DISTANCE = 2.0
+"""Metres from a phone to what it looks at, where its poses do not tell."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Lengths of a capture.
+
+    Attributes:
+        distance: typical distance from the cameras to what they see.
+        unit: what thresholds given in metres are multiplied with: 1 in metric captures, otherwise `distance`.
+    """
+
+    distance: float
+    unit: float
+
+
+def estimate_scale(capture: Capture) -> Scale:
+    """The median distance from the training cameras to where their optical axes meet.
+
+    Where they look apart: 2 m, or if the capture is not metric a multiple of how far the cameras are spread.
+    """
+    cameras = [frame.camera for frame in capture.train]
+    centres = np.array([camera.centre for camera in cameras])
+    focus = focus_point(cameras)
+    if looks_at(cameras, focus):
+        distance = float(np.median(np.linalg.norm(centres - focus, axis=1)))
+    elif capture.metric:
+        distance = METRIC_DISTANCE
+    else:
+        distance = GUESSED_DISTANCE * float(np.sqrt(centres.var(axis=0).sum()))
+    distance = max(distance, np.finfo(np.float32).tiny)
+    return Scale(distance, 1.0 if capture.metric else distance)

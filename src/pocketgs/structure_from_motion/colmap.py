@@ -1,0 +1,116 @@
+"""COLMAP's pipeline, run as `python -m pocketgs.structure_from_motion.colmap` in a process of its own.
+
+Reads a job as JSON from stdin and writes JSON to stdout, a line for each stage that begins and one for the outcome.
+Why a process: pycolmap brings copies of libraries such as zlib, which crash Pillow when both are loaded; its memory is
+given back before training begins; and whatever stops it cannot stop the program that asked.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import pycolmap
+
+# A phone's main camera without EXIF data: focal length over the longer side. COLMAP's own 1.2 is that of a short
+# telephoto lens. Bundle adjustment refines it.
+PHONE_FOCAL_LENGTH = 0.8
+SMALLEST_MODEL = 3
+
+
+def run(job: dict[str, Any]) -> dict[str, Any]:
+    """Find the poses of some images and write the largest model that comes of it.
+
+    Args:
+        job: `images` and `model`, folders; `database`, a file to be made; `groups`, lists of image names, each taken
+            by one camera; `ordered`, whether neighbours by name overlap; `camera_model`, `max_size`, `seed`, `threads`
+            as in COLMAP.
+
+    Returns:
+        What was found: images `registered`, `points`, mean `reprojection_error` in pixels, and by how much of the
+        images: `features`, `matched_pairs`.
+    """
+    database = Path(job["database"])
+    pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
+    pycolmap.set_random_seed(job["seed"])
+    announce("features")
+    _extract(job, database)
+    announce("matching")
+    _match(job, database)
+    announce("mapping")
+    models = _map(job, database)
+    with pycolmap.Database.open(database) as found:
+        _, inliers = found.read_two_view_geometry_num_inliers()
+        matched_pairs = sum(count > 0 for count in inliers)
+        outcome = {"features": found.num_keypoints(), "matched_pairs": matched_pairs}
+    if not models:
+        return {**outcome, "registered": 0}
+    largest = max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()))
+    largest.write_binary(job["model"])
+    return {
+        **outcome,
+        "registered": largest.num_reg_images(),
+        "points": largest.num_points3D(),
+        "reprojection_error": largest.compute_mean_reprojection_error(),
+    }
+
+
+def announce(stage: str) -> None:
+    """Tell the parent process that a stage begins."""
+    print(json.dumps({"stage": stage}), flush=True)
+
+
+def _extract(job: dict[str, Any], database: Path) -> None:
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model = job["camera_model"]
+    reader.default_focal_length_factor = PHONE_FOCAL_LENGTH
+    extraction = pycolmap.FeatureExtractionOptions()
+    extraction.max_image_size = job["max_size"]
+    extraction.num_threads = job["threads"]
+    pycolmap.Database.open(database).close()
+    # Listed before the extraction, whose threads would number the images in the order in which they finish.
+    for names in job["groups"]:
+        pycolmap.import_images(database, job["images"], pycolmap.CameraMode.SINGLE, names, reader)
+    for names in job["groups"]:
+        pycolmap.extract_features(
+            database,
+            job["images"],
+            names,
+            pycolmap.CameraMode.SINGLE,
+            reader_options=reader,
+            extraction_options=extraction,
+            device=pycolmap.Device.cpu,
+        )
+
+
+def _match(job: dict[str, Any], database: Path) -> None:
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = job["seed"]
+    # In sequence an image meets its 10 neighbours, and ever fewer at 16, 32, ... to 512, which closes loops.
+    match = pycolmap.match_sequential if job["ordered"] else pycolmap.match_exhaustive
+    match(database, verification_options=verification, device=pycolmap.Device.cpu)
+
+
+def _map(job: dict[str, Any], database: Path) -> list[pycolmap.Reconstruction]:
+    options = pycolmap.IncrementalPipelineOptions()
+    options.random_seed = job["seed"]
+    # The sums of several threads come in any order, and bundle adjustment makes their last bits visible.
+    options.num_threads = 1
+    options.min_model_size = SMALLEST_MODEL
+    working = database.with_name("models")
+    working.mkdir()
+    return list(pycolmap.incremental_mapping(database, job["images"], working, options).values())
+
+
+def main() -> None:
+    """Run the job that stdin states."""
+    # Ctrl-C reaches both processes of a terminal: the parent decides.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    print(json.dumps({"outcome": run(json.load(sys.stdin))}), flush=True)
+
+
+if __name__ == "__main__":
+    main()

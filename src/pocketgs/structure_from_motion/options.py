@@ -1,0 +1,42 @@
+"""What a user may ask of structure from motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from pocketgs.errors import PocketGSError
+
+CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
+
+
+@dataclass(frozen=True)
+class PoseOptions:
+    """How to find poses.
+
+    Attributes:
+        most_frames: Most frames to take from a video, the sharpest of as many equal windows. Photographs are all taken.
+        max_size: Features are sought in images shrunk so that their longer side has at most this many pixels.
+        camera_model: COLMAP's name for the lens; images of one size share one camera.
+        seed: Of everything random.
+    """
+
+    most_frames: int = 150
+    max_size: int = 1600
+    camera_model: CameraModel = "OPENCV"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        checks = {
+            "most frames": (self.most_frames, self.most_frames >= 3, "at least 3"),
+            "max size": (self.max_size, self.max_size >= 64, "at least 64 pixels"),
+            "camera model": (
+                self.camera_model,
+                self.camera_model in get_args(CameraModel),
+                f"one of {', '.join(get_args(CameraModel))}",
+            ),
+            "seed": (self.seed, 0 <= self.seed < 2**31, "from 0 to 2147483647"),
+        }
+        for what, (found, sound, expected) in checks.items():
+            if not sound:
+                raise PocketGSError(f"{what}: found {found}, expected {expected}")

@@ -1,0 +1,80 @@
+"""Running COLMAP in a process of its own; see `pocketgs.structure_from_motion.colmap` for why."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from pocketgs.errors import PocketGSError
+
+# Measured for SIFT, which begins with the image at twice its size.
+BYTES_PER_PIXEL_AND_THREAD = 300
+
+
+def check_installed() -> None:
+    """Find out whether pycolmap is there, without loading it.
+
+    Raises:
+        PocketGSError: it is not.
+    """
+    if find_spec("pycolmap") is None:
+        raise PocketGSError("finding poses needs the package pycolmap: pip install 'pocketgs[pose]'")
+
+
+def threads_that_fit(pixels: int) -> int:
+    """How many threads may extract features from images of so many pixels within half of the free memory."""
+    fitting = psutil.virtual_memory().available // 2 // (BYTES_PER_PIXEL_AND_THREAD * max(1, pixels))
+    return max(1, min(os.cpu_count() or 1, int(fitting)))
+
+
+def run_colmap(job: dict[str, Any], log: Path, on_stage: Callable[[str], None]) -> dict[str, Any]:
+    """Run a job, see `colmap.run`, and give its outcome.
+
+    Args:
+        job: what to do.
+        log: file for what COLMAP says on stderr, in a folder of this program's own.
+        on_stage: called with a stage's name when it begins.
+
+    Raises:
+        PocketGSError: COLMAP failed or was killed.
+    """
+    command = [sys.executable, "-m", "pocketgs.structure_from_motion.colmap"]
+    outcome = None
+    with (
+        log.open("w", encoding="utf-8") as errors,
+        # Python imports from the working folder first, and that may be somebody else's download.
+        subprocess.Popen(
+            command,
+            cwd=log.parent,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            encoding="utf-8",
+        ) as process,
+    ):
+        assert process.stdin
+        assert process.stdout
+        try:
+            with process.stdin:
+                json.dump(job, process.stdin)
+            for line in process.stdout:
+                message = json.loads(line)
+                if "stage" in message:
+                    on_stage(message["stage"])
+                outcome = message.get("outcome")
+        except BaseException:
+            process.kill()
+            raise
+    if process.returncode != 0 or outcome is None:
+        said = log.read_text(encoding="utf-8", errors="replace").split("\n")
+        reason = next((line for line in reversed(said) if line.strip()), f"status {process.returncode}")
+        raise PocketGSError(f"{job['images']}: COLMAP failed ({reason.strip()})")
+    return dict(outcome)

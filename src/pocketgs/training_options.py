@@ -1,0 +1,73 @@
+"""What a user may ask of a training run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from pocketgs.errors import PocketGSError
+from pocketgs.recipes import recipe_named
+from pocketgs.splat.engine import EngineName
+
+
+@dataclass(frozen=True)
+class TrainingOptions:
+    """What a user may ask of a training run.
+
+    Attributes:
+        iterations: number of training steps, one view each.
+        time_budget: seconds of training after which to stop, or None. Learning rates fall with whichever runs out
+            first.
+        engine: what renders and differentiates.
+        prior: what to start from: "dense" matches the photographs pixel by pixel; "sparse" takes the points of
+            matched features; "none" the capture as it is, with its own points, or points drawn where it has none.
+        bundle: refine poses where the photographs contradict them.
+        seeds: discs on the surface, or balls.
+        references: frames that each keyframe's pixels are matched in.
+        max_keyframes: most frames that depth is computed for.
+        exposure: bring the training photographs to one exposure: "auto" does so where similar views differ.
+        recipe: name of a recipe, see `pocketgs.recipes`.
+        seed: of everything random.
+        max_gaussians: most Gaussians to start with.
+        sh_degree: degree of the spherical harmonics, or None for the recipe's.
+        threads: CPU threads, or None for all cores.
+        evaluate_every: iterations between looks at the held-out views; 0 for none until the end.
+    """
+
+    iterations: int = 500
+    time_budget: float | None = None
+    engine: EngineName = "auto"
+    prior: Literal["dense", "sparse", "none"] = "dense"
+    bundle: bool = True
+    seeds: Literal["discs", "balls"] = "discs"
+    references: int = 4
+    max_keyframes: int = 15
+    exposure: Literal["auto", "on", "off"] = "auto"
+    recipe: str = "pocketgs"
+    seed: int = 0
+    max_gaussians: int = 50_000
+    sh_degree: int | None = None
+    threads: int | None = None
+    evaluate_every: int = 100
+
+    def __post_init__(self) -> None:
+        recipe_named(self.recipe)
+        checks = {
+            "iterations": (self.iterations >= 1, "at least 1"),
+            "time budget": (self.time_budget is None or self.time_budget > 0, "a positive number of seconds"),
+            "prior": (self.prior in ("dense", "sparse", "none"), "dense, sparse or none"),
+            "seeds": (self.seeds in ("discs", "balls"), "discs or balls"),
+            "references": (self.references >= 1, "at least 1"),
+            "max keyframes": (self.max_keyframes >= 2, "at least 2"),
+            "exposure": (self.exposure in ("auto", "on", "off"), "auto, on or off"),
+            "max gaussians": (self.max_gaussians >= 4, "at least 4"),
+            "SH degree": (self.sh_degree in (None, 0, 1, 2, 3), "0, 1, 2 or 3"),
+            "threads": (self.threads is None or self.threads >= 1, "at least 1"),
+            "evaluate every": (self.evaluate_every >= 0, "at least 0"),
+            "seed": (self.seed >= 0, "at least 0"),
+        }
+        for what, (sound, expected) in checks.items():
+            if not sound:
+                raise PocketGSError(
+                    f"{what}: found {getattr(self, what.lower().replace(' ', '_'))}, expected {expected}"
+                )

@@ -1,0 +1,117 @@
+"""Reading videos: frames by number, rotation, and the choice of the sharpest."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from capture.phone_layouts import with_quarter_turn
+from pocketgs.capture.sharpness import sharpest_in_windows, sharpness
+from pocketgs.capture.video_file import VideoInfo, read_frames, sharpest_frames, video_info
+from pocketgs.errors import PocketGSError
+from pocketgs.video import write_video
+
+COUNT, HEIGHT, WIDTH = 12, 48, 64
+SHARP = (2, 4, 9)
+
+
+def textured(number: int) -> np.ndarray:
+    """A frame whose top left shows its number as a grey level, above a texture that is sharp in SHARP's frames only."""
+    texture = np.random.default_rng(0).integers(0, 256, (HEIGHT // 4, WIDTH // 4, 3), dtype=np.uint8)
+    frame = cv2.resize(texture, (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST)
+    if number not in SHARP:
+        frame = cv2.GaussianBlur(frame, (0, 0), 3)
+    frame[:16, :16] = 20 * number
+    return frame
+
+
+def number_of(frame: np.ndarray) -> int:
+    return round(float(frame[4:12, 4:12].mean()) / 20)
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("video") / "a: walk.mp4"
+    write_video(path, map(textured, range(COUNT)), fps=24)
+    return path
+
+
+def test_header(video):
+    assert video_info(video) == VideoInfo(frames=COUNT, width=WIDTH, height=HEIGHT, frames_per_second=24.0)
+
+
+@pytest.mark.parametrize("indices", [[0], [3, 4, 11], [7, 2, 7], range(COUNT), []])
+def test_frames_come_by_number_in_ascending_order(video, indices):
+    found = list(read_frames(video, indices))
+    assert [index for index, _ in found] == sorted(set(indices))
+    for index, frame in found:
+        assert number_of(frame) == index
+        assert frame.shape == (HEIGHT, WIDTH, 3)
+        assert frame.dtype == np.uint8
+
+
+def test_colours_are_rgb(tmp_path):
+    red = np.zeros((32, 32, 3), np.uint8) + np.array([230, 20, 20], np.uint8)
+    write_video(tmp_path / "red.mp4", [red])
+    [(_, frame)] = read_frames(tmp_path / "red.mp4", [0])
+    np.testing.assert_allclose(frame.mean(axis=(0, 1)), [230, 20, 20], atol=8)
+
+
+def test_a_video_that_asks_to_be_turned_is(video, tmp_path):
+    turned = tmp_path / "portrait.mp4"
+    turned.write_bytes(with_quarter_turn(video.read_bytes(), HEIGHT))
+    assert (video_info(turned).width, video_info(turned).height) == (HEIGHT, WIDTH)
+    [(_, stored)], [(_, upright)] = read_frames(video, [5]), read_frames(turned, [5])
+    np.testing.assert_array_equal(upright, np.rot90(stored, -1))
+    [(_, unturned)] = read_frames(turned, [5], upright=False)
+    np.testing.assert_array_equal(unturned, stored)
+    assert video_info(turned, upright=False).width == WIDTH
+
+
+def test_the_sharpest_of_each_window(video):
+    assert sharpest_frames(video, 3) == list(SHARP)
+    assert set(SHARP[1:]) <= set(sharpest_frames(video, 6))
+    assert sharpest_frames(video, COUNT) == sharpest_frames(video, 1000) == list(range(COUNT))
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=50), st.integers(1, 60))
+def test_one_of_each_window(values, count):
+    chosen = sharpest_in_windows(values, count)
+    assert len(chosen) == min(count, len(values))
+    assert chosen == sorted(set(chosen))
+    assert max(values) in [values[index] for index in chosen]
+    longest = -(-len(values) // len(chosen))
+    assert np.diff([-1, *chosen, len(values)]).max() < 2 * longest + 1
+
+
+def test_blur_lowers_sharpness():
+    assert sharpness(textured(SHARP[0])[:, :, 1]) > sharpness(textured(0)[:, :, 1])
+    assert sharpness(np.full((1, 3000), 7, np.uint8)) == 0
+
+
+@pytest.mark.parametrize(
+    "read", [video_info, lambda path: list(read_frames(path, [0])), lambda path: sharpest_frames(path, 3)]
+)
+@pytest.mark.parametrize("content", [None, b"", b"no video at all", b"\0\0\0\x18ftypmp42\0\0\0\0mp42isom"])
+def test_what_is_no_video_is_named(tmp_path, read, content):
+    path = tmp_path / "walk.mp4"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(PocketGSError, match=r"walk\.mp4"):
+        read(path)
+
+
+@pytest.mark.parametrize("indices", [[COUNT], [0, 5, 1000], [-1]])
+def test_frames_that_do_not_exist(video, indices):
+    with pytest.raises(PocketGSError, match=rf"walk\.mp4: frame {max(indices, key=abs)} cannot be decoded"):
+        list(read_frames(video, indices))
+
+
+def test_a_count_of_none(video):
+    with pytest.raises(PocketGSError, match="expected at least 1"):
+        sharpest_frames(video, 0)
