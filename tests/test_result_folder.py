@@ -33,7 +33,8 @@ from pocketgs.result_folder import (
 )
 from pocketgs.run import Reporter, run
 from pocketgs.splat.engine import OptimiserState
-from pocketgs.training import Checkpoint, TrainingOptions
+from pocketgs.training import Checkpoint
+from pocketgs.training_options import TrainingOptions
 
 RUN = {"capture": "toys", "seed": 3}
 
@@ -327,7 +328,8 @@ def test_a_checkpoint_that_cannot_be_written_does_not_end_the_run(
     monkeypatch.setattr("pocketgs.result_folder.write_checkpoint", fail)
     warnings: list[str] = []
     reporter = Reporter(on_warning=warnings.append)
-    result = run(lambda: small_capture, tmp_path / "result", TrainingOptions(iterations=3), reporter=reporter)
+    options = TrainingOptions(iterations=3, prior="none")
+    result = run(lambda: small_capture, tmp_path / "result", options, reporter=reporter)
     assert result.summary["iterations"] == 3
     assert len(warnings) == 3
     assert "No space left" in warnings[0]

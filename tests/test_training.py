@@ -1,4 +1,7 @@
-"""Training: reproducible, within its budgets, better with every iteration, and to be stopped and resumed."""
+"""Training: reproducible, within its budgets, better with every iteration, and to be stopped and resumed.
+
+From the capture's own points: what else training may start from has tests of its own.
+"""
 
 from __future__ import annotations
 
@@ -6,21 +9,26 @@ import signal
 import threading
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 
-from pocketgs import Capture, Gaussians, PocketGSError
+from pocketgs import Capture, Gaussians, PocketGSError, training
 from pocketgs.capture.capture import Frame
 from pocketgs.evaluation import psnr
 from pocketgs.gaussians import PARAMETERS
+from pocketgs.prior.prior import Prior
 from pocketgs.recipes import RECIPES
 from pocketgs.rendering import render
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.settings import StepSettings
-from pocketgs.training import Checkpoint, Progress, TrainingOptions, starting_points, train
+from pocketgs.training import Checkpoint, Progress
+from pocketgs.training_options import TrainingOptions
+
+train = partial(training.train, prior="none")
 
 
 def bits(scene: Gaussians) -> list[bytes]:
@@ -121,23 +129,32 @@ def test_capture_without_points(small_capture: Capture) -> None:
     assert 4 <= len(scene) <= 1500
     assert quality(scene, bare.held_out) > 16
     assert bits(scene) == bits(train(bare, iterations=60, max_gaussians=1500))
-    few = replace(small_capture, points=small_capture.points.select(np.arange(3)) if small_capture.points else None)
-    assert len(starting_points(few, TrainingOptions(max_gaussians=100))) == 100
 
 
 def test_max_gaussians(small_capture: Capture) -> None:
     scene = train(small_capture, iterations=2, max_gaussians=321)
     assert len(scene) == 321
-    points = small_capture.points
-    assert points is not None
-    options = TrainingOptions(max_gaussians=321)
-    chosen = starting_points(small_capture, options)
-    rows = {row.tobytes() for row in points.positions}
-    assert all(row.tobytes() in rows for row in chosen.positions)
-    assert len({row.tobytes() for row in chosen.positions}) == 321
-    other = starting_points(small_capture, replace(options, seed=1))
-    assert chosen.positions.tobytes() != other.positions.tobytes()
-    assert starting_points(small_capture, TrainingOptions(max_gaussians=2000)) is points
+
+
+def test_prior_by_name(small_capture: Capture) -> None:
+    plain, matched = (training.train(small_capture, prior=prior, iterations=1) for prior in ("none", "sparse"))
+    assert plain.record is not None
+    assert matched.record is not None
+    assert plain.record.prior is None
+    assert matched.record.prior is not None
+
+
+def test_seeds_by_name(small_capture: Capture) -> None:
+    discs, balls = (train(small_capture, iterations=1, time_budget=1e-9, seeds=seeds) for seeds in ("discs", "balls"))
+    assert np.allclose(balls.scales, balls.scales[:, :1])
+    assert np.all(discs.scales[:, 2] < 0.5 * discs.scales[:, 0])
+
+
+def test_what_is_prepared_is_not_prepared_again(small_capture: Capture) -> None:
+    assert small_capture.points is not None
+    fewer = replace(small_capture, points=small_capture.points.select(np.arange(150)))
+    scene = training.train(small_capture, iterations=1, prepared=Prior(fewer, None))
+    assert len(scene) == 150
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
@@ -160,8 +177,11 @@ def test_sh_degree(small_capture: Capture, degree: int) -> None:
         ({"evaluate_every": -1}, "evaluate every: found -1, expected at least 0"),
         ({"seed": -1}, "seed: found -1, expected at least 0"),
         ({"recipe": "fast"}, "recipe 'fast': not known, expected one of pocketgs, reference"),
-        ({"prior": "dense"}, "prior 'dense' is not available"),
-        ({"prior": "sparse"}, "prior: found sparse, expected none or dense"),
+        ({"prior": "best"}, "prior: found best, expected dense, sparse or none"),
+        ({"seeds": "cubes"}, "seeds: found cubes, expected discs or balls"),
+        ({"references": 0}, "references: found 0, expected at least 1"),
+        ({"max_keyframes": 1}, "max keyframes: found 1, expected at least 2"),
+        ({"exposure": "maybe"}, "exposure: found maybe, expected auto, on or off"),
         ({"engine": "webgpu"}, "engine 'webgpu' is not available"),
         ({"engine": "gpu"}, "engine 'gpu' is not available"),
     ],

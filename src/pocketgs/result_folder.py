@@ -90,7 +90,7 @@ def check_writable(folder: Path) -> None:
 
 
 def remove_outdated(folder: Path, keep_pictures: bool, keep_poses: bool) -> None:
-    """Delete what a result that has just been published did not replace: an earlier run's checkpoint, pictures and poses."""
+    """Delete what a new result did not replace: an earlier run's checkpoint, pictures and poses."""
     (folder / UNFINISHED).unlink(missing_ok=True)
     if not keep_poses:
         (folder / POSES).unlink(missing_ok=True)

@@ -107,7 +107,7 @@ def run(
     prior = prepare(capture, options, stopwatch)
     if prior.report:
         reporter.on_prior(prior.report)
-    scene = train(capture, options, observer=observe, resume=checkpoint, stopwatch=stopwatch, prior=prior)
+    scene = train(capture, options, observer=observe, resume=checkpoint, stopwatch=stopwatch, prepared=prior)
     with deferred_interrupt():
         return _publish(capture, prior.capture, folder, options, scene, identity, stopwatch)
 

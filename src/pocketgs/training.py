@@ -70,7 +70,7 @@ def train(
     observer: Observer | None = None,
     resume: Checkpoint | None = None,
     stopwatch: Stopwatch | None = None,
-    prior: Prior | None = None,
+    prepared: Prior | None = None,
     **changes: object,
 ) -> Gaussians:
     """Train a splat.
@@ -90,7 +90,7 @@ def train(
         observer: called after every iteration.
         resume: where an earlier run with the same capture and options stopped.
         stopwatch: times the stages; a new one if None.
-        prior: what `pocketgs.preparation.prepare` made of the capture with these options, made here if None.
+        prepared: what `pocketgs.preparation.prepare` made of the capture with these options, made here if None.
         **changes: single options by name, in place of those in `options`.
 
     Returns:
@@ -104,8 +104,8 @@ def train(
     recipe = recipe_named(options.recipe)
     if not capture.train:
         raise PocketGSError(f"{capture.path}: no training view, expected at least one")
-    prior = prior or prepare(capture, options, stopwatch)
-    capture = prior.capture
+    prepared = prepared or prepare(capture, options, stopwatch)
+    capture = prepared.capture
     with stopwatch.stage("seeding"):
         assert capture.points is not None
         unit = recipe.length([frame.camera for frame in capture.train], capture.points)
@@ -135,7 +135,7 @@ def train(
         engine_bytes=engine.memory(),
         losses=loop.samples,
         optimiser_state=engine.optimiser_state(),
-        prior=prior.report,
+        prior=prepared.report,
     )
     return scene
 

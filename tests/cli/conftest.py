@@ -7,10 +7,12 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+from pocketgs.capture.synthetic import write_demo
 from pocketgs.cli import main
 
 
@@ -52,11 +54,29 @@ def pocketgs_process() -> Callable[..., subprocess.Popen[str]]:
 @pytest.fixture(scope="session")
 def _trained(written_capture: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("trained") / "result"
-    main(["train", str(written_capture), "--output", str(folder), "--iterations", "40", "--evaluate-every", "20"])
+    options = ["--prior", "none", "--iterations", "40", "--evaluate-every", "20"]
+    main(["train", str(written_capture), "--output", str(folder), *options])
     return folder
 
 
 @pytest.fixture
 def result(_trained: Path, tmp_path: Path) -> Path:
-    """The result of 40 iterations on the written capture, for the test to do with as it likes."""
+    """The result of 40 iterations from the written capture's own points, for the test to do with as it likes."""
     return Path(shutil.copytree(_trained, tmp_path / "result"))
+
+
+@pytest.fixture(scope="session")
+def _small_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("demo")
+    with pytest.MonkeyPatch.context() as patch:
+        small = partial(write_demo, width=160, height=120, frames=20)
+        patch.setattr(sys.modules["pocketgs.cli.demo"], "write_demo", small)
+        options = ["--iterations", "100", "--sh-degree", "1", "--max-gaussians", "3000"]
+        main(["demo", "--output", str(folder / "result"), "--capture", str(folder / "capture"), *options])
+    return folder
+
+
+@pytest.fixture
+def small_demo(_small_demo: Path, tmp_path: Path) -> Path:
+    """A folder with `capture` and `result` that `pocketgs demo` has left, of a small demo."""
+    return Path(shutil.copytree(_small_demo, tmp_path / "demo"))

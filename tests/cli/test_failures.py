@@ -35,8 +35,9 @@ def refused(
     ("options", "message"),
     [
         (["--recipe", "fast"], "recipe 'fast': not known, expected one of pocketgs, reference"),
-        (["--engine", "webgpu"], "engine 'webgpu' is not available"),
-        (["--prior", "dense"], "prior 'dense' is not available"),
+        (["--engine", "webgpu", "--prior", "none"], "engine 'webgpu' is not available"),
+        (["--references", "0"], "references: found 0, expected at least 1"),
+        (["--max-keyframes", "1"], "max keyframes: found 1, expected at least 2"),
         (["--iterations", "0"], "iterations: found 0, expected at least 1"),
         (["--iterations", "-5"], "iterations: found -5"),
         (["--time-budget", "0"], "time budget: found 0.0, expected a positive number"),
@@ -61,7 +62,17 @@ def test_options(refused: Callable[..., str], written_capture: Path, result: Pat
     assert message in refused("train", written_capture, "--output", result, *options)
 
 
-@pytest.mark.parametrize("options", [["--iterations", "many"], ["--engine", "gpu"], ["--no-such-option"]])
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--iterations", "many"],
+        ["--engine", "gpu"],
+        ["--prior", "best"],
+        ["--seeds", "cubes"],
+        ["--exposure", "maybe"],
+        ["--no-such-option"],
+    ],
+)
 def test_command_line_that_cannot_be_parsed(
     pocketgs: Callable[..., Any], written_capture: Path, result: Path, options: list[str]
 ) -> None:
@@ -114,7 +125,7 @@ def test_one_training_view_gives_the_reference_recipe_no_length(
     document = json.loads((capture_folder / "transforms.json").read_text())
     document["frames"] = document["frames"][:2]
     (capture_folder / "transforms.json").write_text(json.dumps(document))
-    options = ["--output", result, "--iterations", "5", "--recipe", "reference"]
+    options = ["--output", result, "--iterations", "5", "--recipe", "reference", "--prior", "none"]
     assert "stand in one place" in refused("train", capture_folder, *options)
 
 
@@ -167,10 +178,12 @@ def test_nothing_held_out(refused: Callable[..., str], written_capture: Path, re
 
 
 def test_resume(refused: Callable[..., str], written_capture: Path, result: Path, tmp_path: Path) -> None:
-    command = ["train", written_capture, "--resume", "--output"]
+    command = ["train", written_capture, "--resume", "--prior", "none", "--output"]
     assert "40 iterations are done already" in refused(*command, result, "--iterations", "40")
     assert "holds no unfinished.npz or checkpoint.npz" in refused(*command, tmp_path / "new")
-    for option in (["--seed", "1"], ["--recipe", "reference"], ["--sh-degree", "2"], ["--hold-out", "4"]):
+    others = [["--seed", "1"], ["--recipe", "reference"], ["--sh-degree", "2"], ["--hold-out", "4"]]
+    others += [["--prior", "sparse"], ["--no-bundle"], ["--references", "2"], ["--max-keyframes", "5"]]
+    for option in [*others, ["--exposure", "off"], ["--max-gaussians", "100"]]:
         assert "belongs to a run with" in refused(*command, result, *option)
     (result / "checkpoint.npz").write_bytes(b"hello")
     assert "checkpoint.npz: not a readable checkpoint" in refused(*command, result)

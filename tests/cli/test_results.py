@@ -1,12 +1,10 @@
-"""What train, eval, info and demo leave behind and say."""
+"""What train, eval and info leave behind and say."""
 
 from __future__ import annotations
 
 import json
 import signal
-import sys
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +14,12 @@ from PIL import Image
 
 from pocketgs import Gaussians
 from pocketgs.capture import open_capture
-from pocketgs.capture.synthetic import true_capture
 from pocketgs.run import Reporter, run
-from pocketgs.training import Progress, TrainingOptions
+from pocketgs.training import Progress
+from pocketgs.training_options import TrainingOptions
+
+PLAIN = ["--prior", "none"]
+"""Options of runs that start from the capture's own points, where what they start from makes no difference."""
 
 
 def names_in(folder: Path) -> list[str]:
@@ -94,7 +95,7 @@ def test_eval_of_other_pixels_gives_other_figures(
 
 def test_nothing_held_out(pocketgs: Callable[..., Any], result: Path, written_capture: Path) -> None:
     """Nor do pictures of the earlier result stay, which show another scene."""
-    outcome = pocketgs("train", written_capture, "--output", result, "--hold-out", 0, "--iterations", 3)
+    outcome = pocketgs("train", written_capture, "--output", result, "--hold-out", 0, "--iterations", 3, *PLAIN)
     assert (outcome.status, outcome.errors) == (0, "")
     assert outcome.output.endswith(": scene.ply, run.json\n")
     record = record_of(result)
@@ -114,7 +115,7 @@ def test_frames_of_one_name_get_a_picture_each(
         frame["file_path"] = name
     document["test_filenames"] = ["images/a.png", "images_a.png"]
     (capture_folder / "transforms.json").write_text(json.dumps(document))
-    assert pocketgs("train", capture_folder, "--output", tmp_path / "out", "--iterations", 1).status == 0
+    assert pocketgs("train", capture_folder, "--output", tmp_path / "out", "--iterations", 1, *PLAIN).status == 0
     assert sorted(path.name for path in (tmp_path / "out" / "held_out").iterdir()) == ["images_a.png", "images_a_2.png"]
 
 
@@ -123,7 +124,7 @@ def test_default_folder(
     pocketgs: Callable[..., Any], capture_folder: Path, monkeypatch: pytest.MonkeyPatch, named: str
 ) -> None:
     monkeypatch.chdir(capture_folder.parent)
-    assert pocketgs("train", named, "--iterations", 1).status == 0
+    assert pocketgs("train", named, "--iterations", 1, *PLAIN).status == 0
     assert (capture_folder.parent / "output" / "toys" / "scene.ply").is_file()
 
 
@@ -140,13 +141,15 @@ def test_resumed_run_is_the_uninterrupted_one(
     def load() -> Any:
         return open_capture(written_capture)
 
-    first = run(load, stopped, TrainingOptions(iterations=20), reporter=Reporter(on_progress=press_ctrl_c))
+    first = run(
+        load, stopped, TrainingOptions(iterations=20, prior="none"), reporter=Reporter(on_progress=press_ctrl_c)
+    )
     assert (first.summary["iterations"], first.summary["interrupted"]) == (10, True)
     assert record_of(stopped)["interrupted"] is True
     half = (stopped / "scene.ply").read_bytes()
-    resumed = pocketgs("train", written_capture, "--output", stopped, "--iterations", 20, "--resume")
+    resumed = pocketgs("train", written_capture, "--output", stopped, "--iterations", 20, "--resume", *PLAIN)
     assert (resumed.status, resumed.errors) == (0, "")
-    assert pocketgs("train", written_capture, "--output", whole, "--iterations", 20).status == 0
+    assert pocketgs("train", written_capture, "--output", whole, "--iterations", 20, *PLAIN).status == 0
     assert (stopped / "scene.ply").read_bytes() == (whole / "scene.ply").read_bytes() != half
     assert (record_of(stopped)["iterations"], record_of(stopped)["interrupted"]) == (20, False)
     assert record_of(stopped)["psnr"] == record_of(whole)["psnr"]
@@ -166,7 +169,22 @@ def test_second_ctrl_c_leaves_the_earlier_result(
 
     reporter = Reporter(on_progress=press_ctrl_c)
     with pytest.raises(KeyboardInterrupt):
-        run(lambda: open_capture(written_capture), result, TrainingOptions(), reporter=reporter)
+        run(lambda: open_capture(written_capture), result, TrainingOptions(prior="none"), reporter=reporter)
+    assert contents(result) == before
+
+
+@pytest.mark.parametrize("stage", ["keyframes", "poses", "depth", "fusion", "seeding"])
+def test_ctrl_c_before_training_leaves_the_earlier_result(
+    written_capture: Path, result: Path, contents: Callable[[Path], dict[str, bytes]], stage: str
+) -> None:
+    before = contents(result)
+
+    def press_ctrl_c(name: str) -> None:
+        if name == stage:
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        run(lambda: open_capture(written_capture), result, TrainingOptions(), reporter=Reporter(press_ctrl_c))
     assert contents(result) == before
 
 
@@ -186,15 +204,3 @@ def test_info(pocketgs: Callable[..., Any], result: Path, written_capture: Path)
 def test_info_of_an_empty_scene(pocketgs: Callable[..., Any], tmp_path: Path) -> None:
     Gaussians(*(np.zeros((0, *tail)) for tail in [(3,), (3,), (4,), (), (1, 3)])).save(tmp_path / "empty.ply")
     assert pocketgs("info", tmp_path / "empty.ply").output == "0 Gaussians\n"
-
-
-def test_demo(pocketgs: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    small = partial(true_capture, width=96, height=72, frames=8, points=500)
-    monkeypatch.setattr(sys.modules["pocketgs.cli.demo"], "demo_capture", small)
-    outcome = pocketgs("demo", "--output", tmp_path / "demo", "--iterations", 100, "--sh-degree", 1)
-    assert (outcome.status, outcome.errors) == (0, "")
-    assert "iteration 100/100" in outcome.output
-    assert Gaussians.load(tmp_path / "demo" / "scene.ply").sh_degree == 1
-    record = record_of(tmp_path / "demo")
-    assert record["capture"]["metric"] is True
-    assert record["psnr"] > 18

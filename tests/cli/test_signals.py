@@ -19,7 +19,12 @@ from pocketgs import Gaussians
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
 
 # One thread, so that a busy machine does not make the threads wait for each other.
-ENDLESS = ["--iterations", 1_000_000, "--threads", 1]
+ENDLESS = ["--prior", "none", "--iterations", 1_000_000, "--threads", 1]
+WITH_THE_DEMO_THAT_IS_THERE = (
+    "import sys; from pocketgs.cli import main\n"
+    "sys.modules['pocketgs.cli.demo'].write_demo = lambda folder: None\n"
+    "main()"
+)
 WITH_MANY_CHECKPOINTS = (
     "import pocketgs.run; from pocketgs.cli import main\npocketgs.run.SECONDS_BETWEEN_CHECKPOINTS = 0.0\nmain()"
 )
@@ -35,12 +40,17 @@ def wait_until_it_trains(process: subprocess.Popen[str]) -> None:
 
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
 def test_result_is_written(
-    pocketgs_process: Callable[..., subprocess.Popen[str]], written_capture: Path, tmp_path: Path, stop: signal.Signals
+    pocketgs_process: Callable[..., subprocess.Popen[str]],
+    written_capture: Path,
+    small_demo: Path,
+    tmp_path: Path,
+    stop: signal.Signals,
 ) -> None:
     output = tmp_path / "result"
     # Ctrl-C goes to the demo, as a user would meet it first.
-    command = ["demo"] if stop == signal.SIGINT else ["train", written_capture]
-    process = pocketgs_process(*command, "--output", output, *ENDLESS)
+    demo = stop == signal.SIGINT
+    command = ["demo", "--capture", small_demo / "capture"] if demo else ["train", written_capture]
+    process = pocketgs_process(*command, "--output", output, *ENDLESS, program=WITH_THE_DEMO_THAT_IS_THERE)
     wait_until_it_trains(process)
     process.send_signal(stop)
     printed, errors = process.communicate(timeout=60)
@@ -50,7 +60,7 @@ def test_result_is_written(
     assert record["interrupted"] is True
     assert 100 <= record["iterations"] < 1_000_000
     # The demo's poses drift, and it brings no points.
-    assert record["psnr"] > (12 if command == ["demo"] else 20)
+    assert record["psnr"] > (12 if demo else 20)
     assert len(Gaussians.load(output / "scene.ply")) == record["gaussians"]
     assert sorted(path.name for path in output.iterdir()) == ["checkpoint.npz", "held_out", "run.json", "scene.ply"]
 
@@ -65,10 +75,11 @@ def test_ctrl_c_before_training_ends_it_at_once(
         "recording.room = lambda: signal.raise_signal(signal.SIGINT)\n"
         "main()"
     )
-    process = pocketgs_process("demo", "--output", tmp_path / "result", program=program)
+    command = ["demo", "--output", tmp_path / "result", "--capture", tmp_path / "capture"]
+    process = pocketgs_process(*command, program=program)
     _, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (130, "pocketgs: stopped\n")
-    assert not (tmp_path / "result").exists()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_kill_leaves_the_earlier_result(
@@ -93,7 +104,7 @@ def test_killed_run_goes_on_from_its_last_checkpoint(
     contents: Callable[[Path], dict[str, bytes]],
 ) -> None:
     before = contents(result)
-    command = ["train", written_capture, "--output", result]
+    command = ["train", written_capture, "--prior", "none", "--output", result]
     process = pocketgs_process(*command, "--iterations", 100_000, program=WITH_MANY_CHECKPOINTS)
     unfinished, deadline = result / "unfinished.npz", time.monotonic() + 60
     while not unfinished.exists() and time.monotonic() < deadline:
@@ -118,7 +129,8 @@ def test_on_a_terminal(written_capture: Path, tmp_path: Path) -> None:
         terminal, ours = pty.openpty()
     except OSError as error:
         pytest.skip(f"this system gives no pseudo-terminals: {error}")
-    command = ["train", written_capture, "--output", tmp_path / "result", "--iterations", 60, "--evaluate-every", 20]
+    options = ["--max-gaussians", 2000, "--iterations", 60, "--evaluate-every", 20]
+    command = ["train", written_capture, "--output", tmp_path / "result", *options]
     process = subprocess.Popen(
         [sys.executable, "-m", "pocketgs", *map(str, command)], stdin=ours, stdout=ours, stderr=ours
     )
@@ -133,4 +145,7 @@ def test_on_a_terminal(written_capture: Path, tmp_path: Path) -> None:
     text = shown.decode()
     assert process.wait(60) == 0, text
     assert "Traceback" not in text
-    assert "60 iterations, 2,000 Gaussians" in text
+    assert "prior: " in text
+    assert " keyframes of 7 frames" in text
+    record = json.loads((tmp_path / "result" / "run.json").read_text())
+    assert f"60 iterations, {record['gaussians']:,} Gaussians" in text

@@ -107,6 +107,12 @@ def similarity(source: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarra
     return scale, rotation, target_mean - scale * rotation @ source_mean
 
 
+def position_errors(cameras: Sequence[Camera], true_cameras: Sequence[Camera]) -> np.ndarray:
+    """(F,) distances of centres from the true ones once a similarity has aligned all of them."""
+    scale, rotation, offset = similarity(centres(cameras), centres(true_cameras))
+    return np.linalg.norm(scale * centres(cameras) @ rotation.T + offset - centres(true_cameras), axis=1)
+
+
 def pose_errors(
     cameras: Sequence[Camera], points: np.ndarray, true_cameras: Sequence[Camera], true_points: np.ndarray
 ) -> tuple[float, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from pocketgs.capture.capture import Frame
@@ -15,6 +16,15 @@ from pocketgs.visual_hull import outside_hull
 
 CLEAR_MARGIN = 0.1
 """Share by which a depth must be cheaper than its rivals for full confidence."""
+
+HOLE, HOLE_SHARE = 15, 0.1
+"""A hole is where less than this share of the pixels in a square of this side is believed."""
+
+FILLER_MARGIN, FILLER_CONFIDENCE = 0.02, 0.1
+"""Holes are filled with depths that no view confirms but none contradicts either, if they win by this margin.
+
+Where a scene has no points at all, a few Gaussians have to grow over it, and do so badly.
+"""
 
 MERGING_ROUNDS = 8
 MERGING_TOLERANCE = 0.01
@@ -132,7 +142,10 @@ def _candidates(
     """The pixels of a keyframe that are confident enough."""
     agreeing, contradicting, footprints = compare_depths(views, index, settings.tolerance)
     confidences = confidence(agreeing, contradicting, map_.margin)
-    rows, columns = (places[::stride] for places in np.nonzero(confidences >= settings.confidence))
+    believed = confidences >= settings.confidence
+    fillers = _holes(believed) & (map_.depth > 0) & (contradicting == 0) & (map_.margin >= FILLER_MARGIN)
+    confidences[fillers] = FILLER_CONFIDENCE
+    rows, columns = (places[::stride] for places in np.nonzero(believed | fillers))
     camera = keyframe.camera
     x = (columns + 0.5 - camera.cx) / camera.fx
     y = (rows + 0.5 - camera.cy) / camera.fy
@@ -144,6 +157,11 @@ def _candidates(
         footprints=footprints[rows, columns],
         confidences=confidences[rows, columns],
     )
+
+
+def _holes(believed: np.ndarray) -> np.ndarray:
+    """(H, W) bool: pixels with hardly a believed depth around them."""
+    return cv2.boxFilter(believed.astype(np.float32), -1, (HOLE, HOLE), borderType=cv2.BORDER_REFLECT) < HOLE_SHARE
 
 
 def _merged(candidates: Candidates, count: int) -> PointCloud:

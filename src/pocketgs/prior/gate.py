@@ -98,16 +98,20 @@ def _distance(camera: Camera, last: Camera | None) -> float:
 
 
 def _thinned(decisions: list[Decision], frames: Sequence[Frame], distance: float, most: int) -> list[Decision]:
-    """Drop keyframes until `most` are left: the less sharp of the two views that are most alike, again and again."""
+    """Drop keyframes until `most` are left: again and again the one whose views a sharper one stands for best."""
     kept = [index for index, decision in enumerate(decisions) if decision.kept]
     cameras = [frames[index].camera for index in kept]
-    apart = view_distances(cameras, cameras, distance)
-    np.fill_diagonal(apart, np.inf)
+    sharpnesses = np.array([decisions[index].sharpness for index in kept])
+    # How far, from the view of each column, lie those that the view of each row stands for: itself, and what was
+    # dropped in its favour. Without these the neighbours of a gap would be the next to go.
+    reach = view_distances(cameras, cameras, distance)
+    reach[sharpnesses[:, None] > sharpnesses] = np.inf
+    np.fill_diagonal(reach, np.inf)
     result = list(decisions)
     for _ in range(len(kept) - most):
-        pair = np.unravel_index(np.argmin(apart), apart.shape)
-        blurred, other = sorted((int(place) for place in pair), key=lambda place: decisions[kept[place]].sharpness)
+        dropped, other = np.unravel_index(np.argmin(reach), reach.shape)
         reason = f"the view is covered by {decisions[kept[other]].name}"
-        result[kept[blurred]] = replace(decisions[kept[blurred]], kept=False, reason=reason)
-        apart[blurred, :] = apart[:, blurred] = np.inf
+        result[kept[dropped]] = replace(decisions[kept[dropped]], kept=False, reason=reason)
+        reach[other] = np.maximum(reach[other], reach[dropped])
+        reach[dropped, :] = reach[:, dropped] = np.inf
     return [replace(decision, reason="new view") if decision.kept else decision for decision in result]

@@ -116,8 +116,9 @@ def warp(
             across = (turn[0, 0] * x + start_u) / w
             down = (turn[1, 0] * x + start_v) / w
             seen[column] = (w > 0) & (across >= 0) & (across < width) & (down >= 0) & (down < height)
-            across = min(max(across - half, np.float32(0.0)), last_column)
-            down = min(max(down - half, np.float32(0.0)), last_row)
+            # In this order of arguments, 0 / 0 becomes 0 and no read goes astray.
+            across = min(max(np.float32(0.0), across - half), last_column)
+            down = min(max(np.float32(0.0), down - half), last_row)
             left, above = np.uint32(across), np.uint32(down)
             right_share, below_share = across - np.float32(left), down - np.float32(above)
             index = above * stride + left

@@ -17,6 +17,7 @@ from pocketgs.prior.gate import GateSettings, choose_keyframes
 from pocketgs.prior.relocalise import relocalise
 from pocketgs.prior.report import PriorReport
 from pocketgs.prior.scale import Scale, estimate_scale
+from pocketgs.prior.sensor_depth import completed
 from pocketgs.prior.structure import Structure, StructureSettings, build_structure
 from pocketgs.prior.sweep import DepthMap, SweepSettings, at_sweep_size, choose_references, sweep
 from pocketgs.record import Stopwatch
@@ -145,7 +146,8 @@ def _depth_maps(
         nearest, farthest = depth_range(keyframe.camera, points, scale.distance)
         middle = 2 / (1 / nearest + 1 / farthest)
         references = choose_references(keyframe, frames, middle, settings)
-        maps.append(sweep(keyframe, references, nearest, farthest, settings))
+        found = sweep(keyframe, references, nearest, farthest, settings)
+        maps.append(completed(found, keyframe.depth))
     return maps
 
 

@@ -92,5 +92,5 @@ def _placed(
         near = reprojection_errors([camera], points, Observations(np.zeros_like(each), each, pixels)) < threshold
         if np.count_nonzero(near) < FEWEST_SIGHTINGS:
             return None
-        camera = adjust_pose(camera, points[near], pixels[near], settings.bundle_settings(scale)).camera
+        camera = adjust_pose(start, points[near], pixels[near], settings.bundle_settings(scale)).camera
     return camera

@@ -121,8 +121,8 @@ def build_structure(keyframes: Sequence[Frame], scale: Scale, settings: Structur
         if len(numbers) < settings.fewest_points:
             return None
         if settings.bundle:
-            result = adjust_bundle(cameras, points[numbers], seen, settings.bundle_settings(scale))
-            cameras = result.cameras
+            # Every round starts from the given poses: from the last round's, the prior would let them wander off.
+            cameras = adjust_bundle(given, points[numbers], seen, settings.bundle_settings(scale)).cameras
             points = triangulate(cameras, tracks)
     refined = settings.bundle and _generalises(given, tracks, trusted, settings, scale)
     cameras = cameras if refined else given

@@ -17,6 +17,10 @@ from pocketgs.prior.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winne
 
 FEWEST_HYPOTHESES = 8
 
+SMOOTHING_WINDOW, SMOOTHING_WIDTH, SMOOTHING_STEPS = 9, 4.0, 3.0
+"""Side and standard deviation in pixels of the window in which depths are smoothed, and, in hypotheses, that of what
+counts as the same surface."""
+
 MOST_PIXELS = 400_000
 """Larger frames are searched at a smaller size: it bounds the memory and the time of a sweep."""
 
@@ -40,9 +44,9 @@ class SweepSettings:
     references: int = 4
     hypotheses: int = 128
     paths: int = 8
-    small_step: int = 4
-    large_step: int = 40
-    angle: float = np.radians(8)
+    small_step: int = 12
+    large_step: int = 90
+    angle: float = np.radians(12)
     least_angle: float = np.radians(4)
 
     def __post_init__(self) -> None:
@@ -114,22 +118,37 @@ def sweep(
 
     Args:
         keyframe: the frame whose depth is sought.
-        references: at least one frame to compare it with.
+        references: frames to compare it with; without any, no depth is known.
         nearest: least depth to try.
         farthest: greatest depth to try.
         settings: how.
     """
     view = _grey(keyframe)
+    if not references:
+        return DepthMap(*np.zeros((2, *view.shape), np.float32))
     inverse_depths = np.linspace(1 / farthest, 1 / nearest, settings.hypotheses, dtype=np.float32)
     costs = matching_costs(view, _references(keyframe.camera, references), inverse_depths)
     paths = EIGHT_PATHS if settings.paths == 8 else FOUR_PATHS
     total = aggregate(costs, view, paths, settings.small_step, settings.large_step)
     depth, margin = winners(total, inverse_depths)
+    depth = _smoothed(depth, float(inverse_depths[1] - inverse_depths[0]))
     if keyframe.mask is not None:
         depth[~keyframe.mask] = 0
     if keyframe.alpha is not None:
         depth[keyframe.alpha < 128] = 0
     return DepthMap(depth, margin)
+
+
+def _smoothed(depth: np.ndarray, spacing: float) -> np.ndarray:
+    """Depths without the steps that hypotheses leave on slanted surfaces.
+
+    A bilateral filter on inverse depth, which is linear in pixels on a plane, whatever its slant: the mean over a
+    symmetric window is unbiased there, and edges of more than a few hypotheses stay.
+    """
+    known = depth > 0
+    inverse = np.divide(1.0, depth, out=np.zeros_like(depth), where=known)
+    smooth = cv2.bilateralFilter(inverse, SMOOTHING_WINDOW, SMOOTHING_STEPS * spacing, SMOOTHING_WIDTH)
+    return np.divide(1.0, smooth, out=np.zeros_like(depth), where=known)
 
 
 def _grey(frame: Frame) -> np.ndarray:

@@ -104,7 +104,7 @@ def link(
         The observations, sorted by point and frame, and (M,) int64 the feature behind each in its frame.
     """
     starts = np.concatenate([[0], np.cumsum([len(view.pixels) for view in features])])
-    edges = [pairs + (starts[first], starts[second]) for (first, second), pairs in matches.items()]
+    edges = [np.add(pairs, (starts[first], starts[second])) for (first, second), pairs in matches.items()]
     joined = np.concatenate([np.zeros((0, 2), np.int64), *edges])
     graph = coo_matrix((np.ones(len(joined), bool), (joined[:, 0], joined[:, 1])), shape=(starts[-1], starts[-1]))
     _, label = connected_components(graph, directed=False)
@@ -173,7 +173,7 @@ def reprojection_errors(cameras: Sequence[Camera], points: np.ndarray, observati
 
 
 def triangulation_angles(cameras: Sequence[Camera], points: np.ndarray, observations: Observations) -> np.ndarray:
-    """(N,) angle in radians that the outermost of a point's rays span, approximately: twice the largest from the mean."""
+    """(N,) angle in radians that a point's rays span: twice the largest from their mean, which is nearly that."""
     count = len(points)
     offsets = points[observations.point] - np.array([camera.centre for camera in cameras])[observations.frame]
     directions = offsets / np.maximum(np.linalg.norm(offsets, axis=1, keepdims=True), 1e-12)

@@ -1,0 +1,83 @@
+"""What each part of the method is worth on a capture: quality on held-out views with parts left out, one at a time.
+
+    python bench/ablations.py                            # the built-in demo
+    python bench/ablations.py ../data/fox --downscale 4
+
+Every row is trained on the same photographs for the same number of iterations with the same recipe.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from pocketgs.capture.synthetic import write_demo
+from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.preparation import prepare
+from pocketgs.run import evaluate_held_out
+from pocketgs.splat.engine import create_engine
+from pocketgs.training import train
+from pocketgs.training_options import TrainingOptions
+
+VARIANTS: dict[str, dict[str, object]] = {
+    "pocketgs": {},
+    "without seeding: balls": {"seeds": "balls"},
+    "without bundle adjustment": {"bundle": False},
+    "without the dense cloud": {"prior": "sparse"},
+    "without evening out exposure": {"exposure": "off"},
+    "one reference a keyframe": {"references": 1},
+    "twice the keyframes": {"max_keyframes": 30},
+}
+
+
+def main(
+    capture: Annotated[Path | None, tyro.conf.Positional] = None,
+    demo_folder: Path = Path("output/demo-capture"),
+    training: TrainingOptions = TrainingOptions(evaluate_every=0),  # noqa: B008 - a frozen dataclass
+    reading: CaptureOptions = CaptureOptions(),  # noqa: B008
+) -> None:
+    """Print the table.
+
+    Args:
+        capture: A capture's folder; the built-in demo if none is named.
+        demo_folder: Where the built-in demo is kept.
+        training: How to train.
+        reading: How to read the capture.
+    """
+    if capture is None:
+        write_demo(demo_folder)
+    opened = reading.open(capture or demo_folder)
+    table = Table("variant", "PSNR (dB)", "", "SSIM", "Gaussians", "prior (s)", "training (s)", title=opened.protocol)
+    whole: float | None = None
+    for name, changes in VARIANTS.items():
+        options = replace(training, **changes)  # type: ignore[arg-type]
+        started = time.perf_counter()
+        prepared = prepare(opened, options)
+        seconds = time.perf_counter() - started
+        scene = train(opened, options, prepared=prepared)
+        engine = create_engine(options.engine, options.threads)
+        engine.upload(scene)
+        evaluation = evaluate_held_out(engine, prepared.capture)
+        assert evaluation is not None
+        assert scene.record is not None
+        whole = evaluation.psnr if whole is None else whole
+        table.add_row(
+            name,
+            f"{evaluation.psnr:.2f}",
+            f"{evaluation.psnr - whole:+.2f}",
+            f"{evaluation.ssim:.4f}",
+            f"{len(scene):,}",
+            f"{seconds:.1f}",
+            f"{scene.record.seconds['training']:.1f}",
+        )
+    Console(width=120).print(table)
+
+
+if __name__ == "__main__":
+    tyro.cli(main, config=(tyro.conf.OmitArgPrefixes,))

@@ -1,0 +1,124 @@
+"""The demo, whose poses are refined: a scene lies in a world that its result folder remembers."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pocketgs import Gaussians
+from pocketgs.capture import open_capture
+
+
+def record_of(folder: Path) -> dict[str, Any]:
+    return dict(json.loads((folder / "run.json").read_text()))
+
+
+def names_in(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def figures(pocketgs: Callable[..., Any], *arguments: Path) -> dict[str, Any]:
+    """What `pocketgs eval` says."""
+    file = arguments[-1].parent / "figures.json"
+    outcome = pocketgs("eval", *arguments, "--json", file)
+    assert (outcome.status, outcome.errors) == (0, "")
+    found = dict(json.loads(file.read_text()))
+    assert f"{found['psnr']:.2f}" in outcome.output
+    return found
+
+
+def test_demo(small_demo: Path) -> None:
+    result, record = small_demo / "result", record_of(small_demo / "result")
+    assert names_in(result) == ["checkpoint.npz", "held_out", "poses.json", "run.json", "scene.ply"]
+    scene = Gaussians.load(result / "scene.ply")
+    assert scene.sh_degree == 1
+    assert record["capture"]["metric"] is True
+    assert record["capture"]["points"] == 0
+    assert (record["iterations"], record["gaussians"]) == (100, len(scene))
+    assert record["psnr"] > 16
+
+
+def test_record_of_the_prior(small_demo: Path) -> None:
+    record = record_of(small_demo / "result")
+    prior, capture = record["prior"], open_capture(small_demo / "capture")
+    assert prior["poses_refined"] is True
+    assert prior["rmse"] < 0.8 * prior["rmse_given"]
+    assert prior["points"] == record["gaussians"] <= 3000
+    assert [decision["name"] for decision in prior["decisions"]] == [frame.name for frame in capture.train]
+    assert 2 <= sum(decision["kept"] for decision in prior["decisions"]) <= record["options"]["max_keyframes"]
+    assert {"keyframes", "poses", "depth", "fusion", "training"} <= set(record["seconds"])
+    assert (record["options"]["prior"], record["options"]["seeds"]) == ("dense", "discs")
+    poses = json.loads((small_demo / "result" / "poses.json").read_text())["world_to_camera"]
+    assert set(poses) == {frame.name for frame in capture.frames}
+
+
+def test_eval_gives_the_figures_of_the_run(pocketgs: Callable[..., Any], small_demo: Path) -> None:
+    result, capture, expected = small_demo / "result", small_demo / "capture", record_of(small_demo / "result")
+    for scene in (result, result / "scene.ply"):
+        found = figures(pocketgs, scene, capture)
+        assert found["psnr"] == pytest.approx(expected["psnr"], abs=1e-6)
+        assert found["ssim"] == pytest.approx(expected["ssim"], abs=1e-6)
+
+
+def test_at_the_captures_own_poses_the_scene_is_seen_from_elsewhere(
+    pocketgs: Callable[..., Any], small_demo: Path
+) -> None:
+    (small_demo / "result" / "poses.json").unlink()
+    found = figures(pocketgs, small_demo / "result", small_demo / "capture")
+    assert found["psnr"] < record_of(small_demo / "result")["psnr"] - 0.5
+
+
+def test_rendered_views_are_those_of_the_run(pocketgs: Callable[..., Any], small_demo: Path) -> None:
+    result, rendered = small_demo / "result", small_demo / "rendered"
+    command = ["render", result, small_demo / "capture", "--output", rendered, "--views", "held-out"]
+    assert pocketgs(*command).status == 0
+    assert names_in(rendered) == names_in(result / "held_out")
+    for path in rendered.iterdir():
+        pair = np.asarray(Image.open(result / "held_out" / path.name))
+        np.testing.assert_array_equal(np.asarray(Image.open(path)), pair[:, 160:])
+
+
+def test_broken_or_foreign_poses_are_refused(pocketgs: Callable[..., Any], small_demo: Path, tmp_path: Path) -> None:
+    result = small_demo / "result"
+    poses = (result / "poses.json").read_text()
+    commands = [["eval", result, small_demo / "capture"]]
+    commands += [["render", result, small_demo / "capture", "--output", tmp_path / "out"]]
+    for content, message in [
+        ('{"world_to_camera": ', "poses.json: not a readable file of poses"),
+        (poses.replace("images/", "photos/"), "poses.json: names no frame of"),
+        (poses.replace("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 1.0]"), "poses.json: holds what is no pose"),
+    ]:
+        (result / "poses.json").write_text(content)
+        for command in commands:
+            outcome = pocketgs(*command)
+            assert outcome.status == 2
+            assert outcome.errors.count("\n") == 1
+            assert message in outcome.errors
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_run_with_poses_as_given_takes_the_earlier_runs_away(pocketgs: Callable[..., Any], small_demo: Path) -> None:
+    options = ["--output", small_demo / "result", "--prior", "sparse", "--no-bundle", "--iterations", 3]
+    outcome = pocketgs("train", small_demo / "capture", *options)
+    assert (outcome.status, outcome.errors) == (0, "")
+    assert "poses as given" in outcome.output
+    assert names_in(small_demo / "result") == ["checkpoint.npz", "held_out", "run.json", "scene.ply"]
+
+
+def test_demo_folder_of_someone_elses(pocketgs: Callable[..., Any], small_demo: Path) -> None:
+    """Neither overwritten nor trained on."""
+    other = small_demo / "photos"
+    shutil.copytree(small_demo / "capture" / "images", other)
+    before = names_in(other)
+    outcome = pocketgs("demo", "--output", small_demo / "new", "--capture", other)
+    assert outcome.status == 2
+    assert "expected a demo's folder or an empty one" in outcome.errors
+    assert names_in(other) == before
+    assert not (small_demo / "new").exists()

@@ -1,0 +1,131 @@
+"""Exposure: gains found in photographs, undone, and left alone where a scene can take them in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pocketgs.capture.capture import Capture, Frame
+from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
+from pocketgs.prior.features import Features
+from pocketgs.prior.scale import Scale, estimate_scale
+from pocketgs.prior.structure import Structure
+
+
+def exposed(frames: Sequence[Frame], gains: np.ndarray) -> list[Frame]:
+    """The photographs as a camera takes them whose exposure and white balance differ by (F, 3) gains."""
+    return [
+        replace(frame, image=np.rint(np.clip(frame.image * gain, 0, 255)).astype(np.uint8))
+        for frame, gain in zip(frames, gains, strict=True)
+    ]
+
+
+def random_gains(count: int, seed: int = 0) -> np.ndarray:
+    """(F, 3) gains of up to 20 %, with a geometric mean of 1."""
+    logarithms = np.random.default_rng(seed).uniform(-0.2, 0.2, (count, 3))
+    return np.exp(logarithms - logarithms.mean(axis=0))
+
+
+@pytest.fixture
+def scale(clean_walk: Capture) -> Scale:
+    return estimate_scale(clean_walk)
+
+
+@pytest.mark.parametrize("keyframes", [slice(None), slice(0, None, 2)], ids=["all keyframes", "every other"])
+def test_gains_are_found(clean_walk: Capture, clean_structure: Structure, scale: Scale, keyframes: slice) -> None:
+    structure = replace(clean_structure, landmarks=clean_structure.landmarks[keyframes])
+    gains = random_gains(len(clean_walk.train))
+    found = exposure_gains(exposed(clean_walk.train, gains), clean_walk.train[keyframes], structure, scale)
+    assert np.abs(found / gains - 1).mean() < 0.01
+    np.testing.assert_allclose(found, gains, rtol=0.02)
+    np.testing.assert_allclose(np.log(found).mean(axis=0), 0.0, atol=1e-9)
+
+
+def test_equal_exposures_give_ones(clean_walk: Capture, clean_structure: Structure, scale: Scale) -> None:
+    gains = exposure_gains(clean_walk.train, clean_walk.train, clean_structure, scale)
+    np.testing.assert_allclose(gains, 1.0, atol=0.01)
+    assert not needs_compensation(clean_walk.train, gains, scale)
+
+
+def test_compensation_undoes_exposure(clean_walk: Capture, clean_structure: Structure, scale: Scale) -> None:
+    photographs = exposed(clean_walk.train, random_gains(len(clean_walk.train)))
+    gains = exposure_gains(photographs, clean_walk.train, clean_structure, scale)
+    for before, photograph, after in zip(clean_walk.train, photographs, compensated(photographs, gains), strict=True):
+        assert after.image.dtype == np.uint8
+        assert replace(after, image=photograph.image) == photograph
+        unclipped = photograph.image < 255
+        difference = np.abs(after.image.astype(int) - before.image)[unclipped]
+        assert difference.mean() < 1.0
+        assert difference.max() <= 4
+
+
+def test_gains_of_one_change_nothing(clean_walk: Capture) -> None:
+    for before, after in zip(clean_walk.train, compensated(clean_walk.train, np.ones((10, 3))), strict=True):
+        np.testing.assert_array_equal(after.image, before.image)
+
+
+@pytest.mark.parametrize("gain", [0.01, 100.0])
+def test_compensated_levels_stay_in_range(clean_walk: Capture, gain: float) -> None:
+    (frame,) = compensated(clean_walk.train[:1], np.full((1, 3), gain))
+    expected = 0 if gain > 1 else 255
+    assert np.all(frame.image[clean_walk.train[0].image > 5] <= expected + 3)
+    assert np.all(frame.image[clean_walk.train[0].image > 5] >= expected - 3)
+
+
+@pytest.mark.parametrize("by", ["alpha", "mask"])
+def test_what_is_masked_does_not_count(clean_walk: Capture, clean_structure: Structure, scale: Scale, by: str) -> None:
+    left, edge = np.zeros((180, 240), bool), np.zeros((180, 240), bool)
+    left[:, :150], edge[:, :156] = True, True  # the blur under which colours are compared reaches past the edge
+    spoilt, dark = list(clean_walk.train), clean_walk.train[4].image.copy()
+    dark[left] //= 3
+    spoilt[4] = replace(spoilt[4], image=dark)
+    seen = exposure_gains(spoilt, clean_walk.train, clean_structure, scale)
+    assert seen[4].max() < 0.6
+    alpha = np.where(edge, 0, 255).astype(np.uint8)
+    spoilt[4] = replace(spoilt[4], alpha=alpha) if by == "alpha" else replace(spoilt[4], mask=~edge)
+    gains = exposure_gains(spoilt, clean_walk.train, clean_structure, scale)
+    np.testing.assert_allclose(gains, 1.0, atol=0.02)
+
+
+def test_too_few_points_leave_gains_at_one(clean_walk: Capture, clean_structure: Structure, scale: Scale) -> None:
+    photographs = exposed(clean_walk.train, random_gains(len(clean_walk.train)))
+    landmarks = [(Features(f.pixels[:9], f.descriptors[:9]), point[:9]) for f, point in clean_structure.landmarks]
+    few = replace(clean_structure, landmarks=landmarks)
+    np.testing.assert_array_equal(exposure_gains(photographs, clean_walk.train, few, scale), np.ones((10, 3)))
+
+
+@pytest.mark.parametrize("level", [0, 255])
+def test_a_photograph_that_shows_nothing_leaves_gains_at_one(
+    clean_walk: Capture, clean_structure: Structure, scale: Scale, level: int
+) -> None:
+    photographs = exposed(clean_walk.train, random_gains(len(clean_walk.train)))
+    photographs[3] = replace(photographs[3], image=np.full_like(photographs[3].image, level))
+    gains = exposure_gains(photographs, clean_walk.train, clean_structure, scale)
+    np.testing.assert_array_equal(gains, np.ones((10, 3)))
+
+
+STEPS = np.linspace(-1.0, 1.0, 10)
+JUMPS = np.array([1.0, -1.0] * 5)
+
+
+@pytest.mark.parametrize(
+    ("logarithms", "needed"),
+    [
+        (0.0 * STEPS, False),
+        (0.2 * STEPS, False),
+        (0.2 * np.sin(2 * STEPS), False),
+        (0.001 * JUMPS, False),
+        (0.1 * JUMPS, True),
+        (0.1 * JUMPS + 0.05 * STEPS, True),
+    ],
+    ids=["constant", "rising", "swinging", "hardly jumping", "jumping", "jumping and rising"],
+)
+def test_only_jumps_need_compensation(clean_walk: Capture, scale: Scale, logarithms: np.ndarray, needed: bool) -> None:
+    gains = np.exp(np.repeat(logarithms[:, None], 3, axis=1))
+    assert needs_compensation(clean_walk.train, gains, scale) == needed
+    # It is the views that tell what is near, not the order of frames.
+    order = np.random.default_rng(0).permutation(10)
+    assert needs_compensation([clean_walk.train[index] for index in order], gains[order], scale) == needed

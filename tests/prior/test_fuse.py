@@ -1,0 +1,234 @@
+"""Fusion: what views say of each other's depths, and the cloud that comes of depths known to be exact."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from pocketgs import Camera, PointCloud
+from pocketgs.camera import look_at
+from pocketgs.capture.capture import Capture, Frame
+from pocketgs.capture.synthetic import true_capture
+from pocketgs.prior.consistency import Views, compare_depths
+from pocketgs.prior.fuse import FusionSettings, confidence, fuse
+from pocketgs.prior.sweep import DepthMap
+
+SETTINGS = FusionSettings()
+
+
+@pytest.fixture(scope="module")
+def table() -> Capture:
+    """Seven training views of the demo scene, with exact poses and depths."""
+    return true_capture(160, 120, frames=8, points=10)
+
+
+@pytest.fixture(scope="module")
+def exact(table: Capture) -> list[DepthMap]:
+    return [certain(frame.depth) for frame in table.train if frame.depth is not None]
+
+
+def certain(depth: np.ndarray) -> DepthMap:
+    return DepthMap(depth, np.ones(depth.shape, np.float32))
+
+
+def random_views(seed: int) -> Views:
+    """Three views from around of something at a distance of 4, of different sizes, some of whose depths are unknown."""
+    rng = np.random.default_rng(seed)
+    sizes = np.array([[9, 13], [11, 8], [7, 15]])
+    depths = rng.choice([0.0, 3.9, 4.0, 4.03, 6.0], (3, 11, 15)).astype(np.float32)
+    poses = [look_at(rng.normal(0, 0.7, 3) - [0, 0, 4], rng.normal(0, 0.2, 3), rng.normal(size=3)) for _ in sizes]
+    for depth, (height, width) in zip(depths, sizes, strict=True):
+        depth[height:], depth[:, width:] = 4.0, 4.0  # never to be looked at
+    intrinsics = np.array([(12.0, 13.0, width / 2, height / 2 + 1) for height, width in sizes])
+    return Views(depths, intrinsics, sizes, np.array([p[:3, :3] for p in poses]), np.array([p[:3, 3] for p in poses]))
+
+
+def cameras_of(views: Views) -> list[Camera]:
+    poses = np.tile(np.eye(4), (len(views.depths), 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = views.rotations, views.translations
+    return [
+        Camera(int(size[1]), int(size[0]), *map(float, intrinsics), pose)
+        for size, intrinsics, pose in zip(views.sizes, views.intrinsics, poses, strict=True)
+    ]
+
+
+def unprojected(camera: Camera, row: int, column: int, depth: float) -> np.ndarray:
+    local = [(column + 0.5 - camera.cx) / camera.fx, (row + 0.5 - camera.cy) / camera.fy, 1.0]
+    return camera.centre + depth * np.array(local) @ camera.world_to_camera[:3, :3]
+
+
+def twin(views: Views, view: int, tolerance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What `compare_depths` promises, pixel by pixel."""
+    cameras = cameras_of(views)
+    height, width = views.sizes[view]
+    agreeing, contradicting, footprints = np.zeros((3, height, width))
+    for row, column in np.ndindex(height, width):
+        depth = float(views.depths[view, row, column])
+        if depth == 0:
+            continue
+        point = unprojected(cameras[view], row, column, depth)
+        covered = [depth / cameras[view].fx]
+        for other, camera in enumerate(cameras):
+            (pixel,), (distance,) = camera.project(point[None])
+            if other == view or distance <= 0 or np.any(pixel < 0) or np.any(pixel >= views.sizes[other][::-1]):
+                continue
+            theirs = views.depths[other, int(pixel[1]), int(pixel[0])]
+            if theirs > 0 and abs(distance - theirs) < tolerance * distance:
+                agreeing[row, column] += 1
+                covered.append(distance / camera.fx)
+            elif theirs > distance:
+                contradicting[row, column] += 1
+        footprints[row, column] = min(covered)
+    return agreeing, contradicting, footprints
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("tolerance", [0.01, 0.2])
+def test_comparison_is_that_of_the_twin(seed: int, tolerance: float) -> None:
+    views = random_views(seed)
+    for view in range(3):
+        found, expected = compare_depths(views, view, tolerance), twin(views, view, tolerance)
+        np.testing.assert_array_equal(found[0], expected[0])
+        np.testing.assert_array_equal(found[1], expected[1])
+        np.testing.assert_allclose(found[2], expected[2], rtol=1e-6)
+    if tolerance > 0.1:
+        assert all(twin(views, view, tolerance)[part].any() for view in range(3) for part in range(2))
+
+
+def test_confidence() -> None:
+    def of(agreeing: int, contradicting: int, margin: float) -> float:
+        return float(confidence(np.array([agreeing]), np.array([contradicting]), np.float32([margin]))[0])
+
+    assert of(0, 0, 1) == 0
+    assert 0 < of(1, 0, 1) < of(2, 0, 1) < of(5, 0, 1) <= 1
+    assert of(3, 0, 1) > of(3, 1, 1) > of(3, 3, 1) > 0
+    assert of(3, 0, 1) > of(3, 0, 0.05) > of(3, 0, 0.01) > of(3, 0, 0) == 0
+
+
+def test_depths_that_others_contradict_are_left_out(table: Capture, exact: list[DepthMap]) -> None:
+    """One view claims to see something half-way to everything; the others look through it."""
+    wrong = [certain(exact[0].depth * np.float32(0.5)), *exact[1:]]
+    cloud = fuse(table.train, wrong, table.train, 5000, SETTINGS)
+    assert np.mean(on_surface(cloud, table.train)) > 0.97
+
+
+def on_surface(cloud: PointCloud, frames: list[Frame]) -> np.ndarray:
+    """(N,) bool: a frame's true depth at the point is its distance to within 1 %."""
+    positions = cloud.positions.astype(np.float64)
+    found = np.zeros(len(cloud), bool)
+    for frame in frames:
+        assert frame.depth is not None
+        seen, columns, rows, depth = projected(frame, positions)
+        found[seen] |= np.abs(frame.depth[rows, columns] / depth - 1) < 0.01
+    return found
+
+
+def projected(frame: Frame, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Which points a frame has in view, and their columns, rows and depths."""
+    pixels, depth = frame.camera.project(positions)
+    seen = (depth > 0) & np.all((pixels >= 0) & (pixels < frame.image.shape[1::-1]), axis=1)
+    columns, rows = pixels[seen].astype(int).T
+    return seen, columns, rows, depth[seen]
+
+
+@pytest.mark.parametrize("count", [200, 1000, 6000, 30_000])
+def test_exact_depths_give_nearly_the_count_and_never_more(table: Capture, exact: list[DepthMap], count: int) -> None:
+    cloud = fuse(table.train, exact, table.train, count, SETTINGS)
+    assert 0.9 * count <= len(cloud) <= count
+    assert np.isfinite(cloud.positions).all()
+
+
+def test_points_lie_on_the_surface_with_its_colour(table: Capture, exact: list[DepthMap]) -> None:
+    cloud = fuse(table.train, exact, table.train, 20_000, SETTINGS)
+    assert np.mean(on_surface(cloud, table.train)) > 0.98
+    differences = []
+    for frame in table.train:
+        assert frame.depth is not None
+        seen, columns, rows, depth = projected(frame, cloud.positions.astype(np.float64))
+        visible = np.abs(frame.depth[rows, columns] / depth - 1) < 0.01
+        shown = frame.image[rows, columns] / 255
+        differences.append(np.abs(shown - cloud.colours[seen]).max(axis=1)[visible])
+    assert np.median(np.concatenate(differences)) < 0.05
+
+
+def test_directions_lead_to_the_cameras(table: Capture, exact: list[DepthMap]) -> None:
+    cloud = fuse(table.train, exact, table.train, 3000, SETTINGS)
+    assert cloud.directions is not None
+    np.testing.assert_allclose(np.linalg.norm(cloud.directions, axis=1), 1, atol=1e-5)
+    offsets = np.array([frame.camera.centre for frame in table.train])[:, None] - cloud.positions
+    towards = offsets / np.linalg.norm(offsets, axis=2, keepdims=True)
+    # Between the directions to the cameras: no farther from any than they are from each other, which is 45 degrees.
+    assert np.min(np.sum(towards * cloud.directions, axis=2)) > np.cos(np.radians(50))
+    assert np.max(np.sum(towards * cloud.directions, axis=2), axis=0).min() > np.cos(np.radians(25))
+
+
+def test_points_are_denser_where_pixels_are() -> None:
+    """A wall seen from far and, in its left half, from near: there it has more points."""
+    far = [wall_frame(f"far{x}", np.array([x, 0, -4.0]), 64) for x in (-0.2, 0.0, 0.2)]
+    near = [wall_frame(f"near{x}", np.array([-0.6 + x, 0, -1.0]), 64) for x in (-0.05, 0.0, 0.05)]
+    frames = far + near
+    maps = [certain(frame.depth) for frame in frames if frame.depth is not None]
+    cloud = fuse(frames, maps, frames, 2000, SETTINGS)
+    nearest, _ = cKDTree(cloud.positions).query(cloud.positions, k=2)
+    spacing = nearest[:, 1]
+    left = (np.abs(cloud.positions[:, 0] + 0.6) < 0.2) & (np.abs(cloud.positions[:, 1]) < 0.2)
+    right = cloud.positions[:, 0] > 0.4
+    assert np.median(spacing[right]) > 2 * np.median(spacing[left])
+
+
+def wall_frame(name: str, eye: np.ndarray, size: int) -> Frame:
+    """A camera that looks along z at the wall z = 0."""
+    pose = np.eye(4)
+    pose[:3, 3] = -eye
+    camera = Camera(size, size, float(size), float(size), size / 2, size / 2, pose)
+    grey = np.full((size, size, 3), 128, np.uint8)
+    return Frame(name, camera, grey, depth=np.full((size, size), -eye[2], np.float32))
+
+
+def test_no_depths_give_no_points(table: Capture, exact: list[DepthMap]) -> None:
+    unknown = [certain(np.zeros_like(map_.depth)) for map_ in exact]
+    cloud = fuse(table.train, unknown, table.train, 100, SETTINGS)
+    assert len(cloud) == 0
+    assert cloud.directions is not None
+    assert cloud.directions.shape == (0, 3)
+
+
+def test_one_keyframe_gives_none_but_its_own_points(table: Capture, exact: list[DepthMap]) -> None:
+    """Nothing confirms them, and nothing speaks against them."""
+    cloud = fuse(table.train[:1], exact[:1], table.train, 5000, SETTINGS)
+    assert len(cloud) <= 5000
+    assert np.count_nonzero(~on_surface(cloud, table.train[:1])) <= 0.03 * len(cloud)
+
+
+def test_an_unclear_margin_keeps_a_depth_out(table: Capture, exact: list[DepthMap]) -> None:
+    unclear = [replace(map_, margin=np.zeros_like(map_.margin)) for map_ in exact]
+    assert len(fuse(table.train, unclear, table.train, 100, SETTINGS)) == 0
+
+
+def test_maps_of_different_sizes(table: Capture, exact: list[DepthMap]) -> None:
+    frames, maps = list(table.train), list(exact)
+    # Every second pixel of every second view.
+    for index in range(0, len(frames), 2):
+        camera = frames[index].camera.resized(80, 60)
+        frames[index] = replace(frames[index], camera=camera, image=frames[index].image[::2, ::2])
+        maps[index] = certain(np.ascontiguousarray(exact[index].depth[::2, ::2]))
+    cloud = fuse(frames, maps, table.train, 3000, SETTINGS)
+    assert 0.9 * 3000 <= len(cloud) <= 3000
+    assert np.mean(on_surface(cloud, table.train)) > 0.95
+
+
+def test_alpha_of_any_training_frame_bounds_the_cloud(table: Capture, exact: list[DepthMap]) -> None:
+    """Of one that is no keyframe, too."""
+    left = np.tile(np.where(np.arange(160) < 80, 255, 0).astype(np.uint8), (120, 1))
+    judge = replace(table.train[3], alpha=left)
+    others = [index for index in range(len(table.train)) if index != 3]
+    keyframes, maps = [table.train[index] for index in others], [exact[index] for index in others]
+    cloud = fuse(keyframes, maps, [*keyframes, judge], 2000, SETTINGS)
+    assert len(cloud) > 1500
+    _, columns, _, _ = projected(judge, cloud.positions.astype(np.float64))
+    assert len(columns) > 500
+    # Points are means of several: those on a border may lie a little off.
+    assert np.mean(columns <= 81) > 0.99

@@ -1,0 +1,233 @@
+"""The geometry prior from end to end: from a phone's walk to refined poses and a cloud on the surface."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from pocketgs import Capture
+from pocketgs.capture import open_capture
+from pocketgs.capture.capture import Frame
+from pocketgs.capture.synthetic import (
+    GroundTruth,
+    demo_capture,
+    demo_ground_truth,
+    read_ground_truth,
+    true_capture,
+    write_demo,
+)
+from pocketgs.cli.display import prior_line
+from pocketgs.preparation import prepare
+from pocketgs.prior.prior import Prior, PriorSettings, build_prior
+from pocketgs.prior.structure import StructureSettings
+from pocketgs.training_options import TrainingOptions
+from prior.bundle_problem import centres, similarity
+
+SIZES = 200, 150, 20
+SETTINGS = PriorSettings()
+
+
+@pytest.fixture(scope="module")
+def walk() -> Capture:
+    return demo_capture(*SIZES)
+
+
+@pytest.fixture(scope="module")
+def truth() -> GroundTruth:
+    return demo_ground_truth(*SIZES)
+
+
+@pytest.fixture(scope="module")
+def prior(walk: Capture) -> Prior:
+    return build_prior(walk, 5000, SETTINGS)
+
+
+def camera_errors(frames: list[Frame], truth: GroundTruth) -> np.ndarray:
+    """(F,) distances in metres of the cameras from where they truly are, after a similarity."""
+    cameras = [frame.camera for frame in frames]
+    true_centres = centres([truth.cameras[frame.name] for frame in frames])
+    scale, rotation, offset = similarity(centres(cameras), true_centres)
+    return np.linalg.norm(scale * centres(cameras) @ rotation.T + offset - true_centres, axis=1)
+
+
+def true_positions(prior: Prior, truth: GroundTruth) -> np.ndarray:
+    """(N, 3) the cloud in the true world: moved by the similarity that takes the cameras nearest to the true ones."""
+    assert prior.capture.points is not None
+    cameras = [frame.camera for frame in prior.capture.frames]
+    true_centres = centres([truth.cameras[frame.name] for frame in prior.capture.frames])
+    scale, rotation, offset = similarity(centres(cameras), true_centres)
+    return np.asarray(scale * prior.capture.points.positions.astype(np.float64) @ rotation.T + offset)
+
+
+def distances_along_rays(positions: np.ndarray, truth: GroundTruth, names: list[str]) -> np.ndarray:
+    """(N,) of each point's relative distances |z / true depth - 1| in the true frames that have it in view, the least.
+
+    The true depth is that of the pixel that the point falls in. Infinite for points that no frame has in view.
+    """
+    least = np.full(len(positions), np.inf)
+    for name in names:
+        camera, true_depth = truth.cameras[name], truth.depths[name]
+        pixels, depth = camera.project(positions)
+        seen = (depth > 0) & np.all((pixels >= 0) & (pixels < (camera.width, camera.height)), axis=1)
+        columns, rows = pixels[seen].astype(int).T
+        error = np.abs(depth[seen] / true_depth[rows, columns] - 1)
+        least[seen] = np.minimum(least[seen], error)
+    return least
+
+
+def surface(truth: GroundTruth, names: list[str], step: int) -> np.ndarray:
+    """(M, 3) what the frames truly see, one point for every `step` x `step` pixels."""
+    points = []
+    for name in names:
+        camera, depth = truth.cameras[name], truth.depths[name]
+        rows, columns = (
+            grid.ravel() for grid in np.mgrid[step // 2 : camera.height : step, step // 2 : camera.width : step]
+        )
+        local = [(columns + 0.5 - camera.cx) / camera.fx, (rows + 0.5 - camera.cy) / camera.fy, np.ones(rows.size)]
+        points.append(
+            camera.centre + np.stack(local, axis=1) * depth[rows, columns, None] @ camera.world_to_camera[:3, :3]
+        )
+    return np.concatenate(points)
+
+
+def test_poses_and_cloud_of_a_walk(walk: Capture, prior: Prior, truth: GroundTruth) -> None:
+    before, after = camera_errors(walk.frames, truth), camera_errors(prior.capture.frames, truth)
+    assert after.mean() < 0.4 * before.mean()
+    errors = distances_along_rays(true_positions(prior, truth), truth, [frame.name for frame in walk.train])
+    # The images are small: what one pixel covers is 1 % of the distance.
+    assert np.mean(errors < 0.03) > 0.75
+    assert np.median(errors) < 0.01
+
+
+def test_frames_stay_what_they_were(walk: Capture, prior: Prior) -> None:
+    assert [frame.name for frame in prior.capture.frames] == [frame.name for frame in walk.frames]
+    for frame, before in zip(prior.capture.held_out, walk.held_out, strict=True):
+        assert frame.image is before.image
+    for frame, before in zip(prior.capture.frames, walk.frames, strict=True):
+        assert frame.camera.fx == before.camera.fx
+        assert frame.image.shape == before.image.shape
+    assert walk.points is None
+
+
+def test_report_is_of_what_was_done(walk: Capture, prior: Prior) -> None:
+    report = prior.report
+    assert report is not None
+    assert [decision.name for decision in report.decisions] == [frame.name for frame in walk.train]
+    assert 2 <= sum(decision.kept for decision in report.decisions) <= 15
+    assert all(decision.reason for decision in report.decisions)
+    assert report.poses_refined
+    assert report.rmse is not None
+    assert report.rmse_given is not None
+    assert report.rmse < 0.7 < report.rmse_given
+    assert report.sparse_points > 50
+    assert prior.capture.points is not None
+    assert 4000 < report.points == len(prior.capture.points) <= 5000
+    assert json.loads(json.dumps(asdict(report)))["decisions"][0]["name"] == walk.train[0].name
+    assert "poses refined" in prior_line(report)
+    assert f"cloud of {report.points:,} points" in prior_line(report)
+
+
+def test_sparse_cloud(walk: Capture) -> None:
+    found = build_prior(walk, 5000, replace(SETTINGS, dense=False))
+    cloud = found.capture.points
+    assert found.report is not None
+    assert cloud is not None
+    assert len(cloud) == found.report.points == found.report.sparse_points > 50
+    assert cloud.colours.min() >= 0
+    assert cloud.colours.max() <= 1
+    # Each has the colour of a pixel near where some frame sees it.
+    best = np.full(len(cloud), np.inf)
+    for frame in found.capture.train:
+        pixels, depth = frame.camera.project(cloud.positions.astype(np.float64))
+        seen = (depth > 0) & np.all((pixels >= 0) & (pixels < frame.image.shape[1::-1]), axis=1)
+        columns, rows = pixels[seen].astype(int).T
+        shown = frame.image[rows, columns] / 255
+        best[seen] = np.minimum(best[seen], np.abs(shown - cloud.colours[seen]).max(axis=1))
+    assert np.median(best) < 0.05
+
+
+def test_poses_stay_where_asked(walk: Capture) -> None:
+    settings = replace(SETTINGS, dense=False, structure=StructureSettings(bundle=False), exposure="off")
+    found = build_prior(walk, 5000, settings)
+    assert found.report is not None
+    assert not found.report.poses_refined
+    assert found.report.gains is None
+    for frame, before in zip(found.capture.frames, walk.frames, strict=True):
+        assert frame.camera is before.camera
+        assert frame.image is before.image
+
+
+def test_true_poses_are_kept() -> None:
+    capture = true_capture(200, 150, frames=6, points=10)
+    found = build_prior(capture, 4000, SETTINGS)
+    assert found.report is not None
+    assert found.capture.points is not None
+    assert not found.report.poses_refined
+    assert found.report.gains is None
+    assert found.capture.frames == capture.frames
+    cameras = {frame.name: frame.camera for frame in capture.train}
+    depths = {frame.name: frame.depth for frame in capture.train if frame.depth is not None}
+    positions = found.capture.points.positions.astype(np.float64)
+    errors = distances_along_rays(positions, GroundTruth(cameras, depths), list(cameras))
+    assert np.mean(errors < 0.03) > 0.8
+
+
+def test_a_capture_without_texture_goes_on_with_a_warning(walk: Capture) -> None:
+    grey = [replace(frame, image=np.full_like(frame.image, 90)) for frame in walk.train[:5]]
+    found = build_prior(replace(walk, train=grey), 5000, SETTINGS)
+    assert found.report is not None
+    assert found.capture.points is not None
+    assert len(found.capture.points) == found.report.points <= 5000
+    assert np.isfinite(found.capture.points.positions).all()
+    assert (found.report.rmse, found.report.sparse_points, found.report.poses_refined) == (None, 0, False)
+    assert any("too little texture" in warning for warning in found.report.warnings)
+    assert json.dumps(asdict(found.report))
+    assert "sparse points" not in prior_line(found.report)
+    for frame, before in zip(found.capture.train, walk.train, strict=False):
+        assert frame.camera is before.camera
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_hardly_any_frames(walk: Capture, count: int) -> None:
+    found = build_prior(replace(walk, train=walk.train[:count], held_out=[]), 5000, SETTINGS)
+    assert found.report is not None
+    assert [decision.kept for decision in found.report.decisions] == [True] * count
+    assert len(found.capture.train) == count
+    assert found.report.points == 0 or count == 2
+
+
+@pytest.mark.slow
+def test_default_demo(tmp_path: Path) -> None:
+    """The default options on the default demo: the cloud is right, and complete.
+
+    The cloud is first moved by the similarity that takes the centres of all its cameras nearest to the true ones.
+    The true surface is what the keyframes' true depth maps show at their true poses.
+
+    Right: at least 90 % of the points have the surface, one point a pixel, within 1 % of their distance to the nearest
+    keyframe.
+
+    Complete: at least 70 % of the surface that two keyframes or more see has a point of the cloud within 2.5 cm. The
+    surface is sampled once in every 8 x 8 pixels; a keyframe sees a sample if its depth there differs by less than
+    1 % from the true depth of the pixel that it falls in.
+    """
+    write_demo(tmp_path / "demo")
+    prior = prepare(open_capture(tmp_path / "demo"), TrainingOptions())
+    truth = read_ground_truth(tmp_path / "demo")
+    assert prior.report is not None
+    keyframes = [decision.name for decision in prior.report.decisions if decision.kept]
+    positions = true_positions(prior, truth)
+    eyes = centres([truth.cameras[name] for name in keyframes])
+    allowed = 0.01 * np.linalg.norm(positions[:, None] - eyes, axis=2).min(axis=1)
+    right = np.mean(cKDTree(surface(truth, keyframes, 1)).query(positions)[0] < allowed)
+    samples = surface(truth, keyframes, 8)
+    views = np.sum([distances_along_rays(samples, truth, [name]) < 0.01 for name in keyframes], axis=0)
+    complete = np.mean(cKDTree(positions).query(samples[views >= 2])[0] < 0.025)
+    print(f"right {right:.3f}, complete {complete:.3f}, {len(positions)} points")
+    assert right >= 0.9
+    assert complete >= 0.7
+    assert camera_errors(prior.capture.frames, truth).mean() < 0.005

@@ -1,0 +1,121 @@
+"""How large a scene is, and between which depths it lies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pocketgs.camera import Camera, look_at
+from pocketgs.capture.capture import Capture, Frame
+from pocketgs.errors import PocketGSError
+from pocketgs.prior.depth_range import depth_range
+from pocketgs.prior.scale import METRIC_DISTANCE, estimate_scale
+
+FOCUS = np.array([1.0, 2.0, 3.0])
+
+
+def camera_at(eye: np.ndarray, target: np.ndarray) -> Camera:
+    return Camera(64, 48, 60.0, 60.0, 32.0, 24.0, look_at(eye, target, np.array([0.0, 0.0, 1.0])))
+
+
+def ring(radius: float, outwards: bool = False) -> list[Camera]:
+    """Cameras around `FOCUS` that look at it, or away from it."""
+    angles = np.arange(8) * np.pi / 4
+    offsets = radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+    return [camera_at(FOCUS + offset, FOCUS + (2 if outwards else 0) * offset) for offset in offsets]
+
+
+def capture_of(train: Sequence[Camera], held_out: Sequence[Camera] = (), metric: bool = False) -> Capture:
+    image = np.zeros((48, 64, 3), np.uint8)
+
+    def frames(cameras: Sequence[Camera]) -> list[Frame]:
+        return [Frame(f"{index}.png", camera, image) for index, camera in enumerate(cameras)]
+
+    return Capture("views", Path("views"), "test", frames(train), frames(held_out), metric=metric)
+
+
+def test_cameras_around_a_thing_tell_how_far_it_is() -> None:
+    scale = estimate_scale(capture_of(ring(3.0)))
+    assert scale.distance == pytest.approx(3.0)
+    assert scale.unit == scale.distance
+
+
+def test_metres_stay_metres() -> None:
+    scale = estimate_scale(capture_of(ring(3.0), metric=True))
+    assert scale.distance == pytest.approx(3.0)
+    assert scale.unit == 1.0
+
+
+def test_held_out_cameras_do_not_count() -> None:
+    assert estimate_scale(capture_of(ring(3.0), ring(300.0))).distance == pytest.approx(3.0)
+
+
+@settings(max_examples=30, deadline=None)
+@given(factor=st.floats(1e-3, 1e3), outwards=st.booleans())
+def test_distance_grows_with_the_scene(factor: float, outwards: bool) -> None:
+    once, grown = (estimate_scale(capture_of(ring(radius, outwards))) for radius in (1.0, factor))
+    assert grown.distance == pytest.approx(factor * once.distance, rel=1e-6)
+
+
+def test_cameras_that_look_apart_are_given_a_room_in_metres() -> None:
+    assert estimate_scale(capture_of(ring(3.0, outwards=True), metric=True)).distance == METRIC_DISTANCE
+
+
+@pytest.mark.parametrize("metric", [False, True])
+@pytest.mark.parametrize(
+    "cameras",
+    [
+        ring(3.0)[:1],
+        [camera_at(np.array([x, 0.0, 0.0]), np.array([x, 5.0, 0.0])) for x in (0.0, 1.0, 2.0)],
+        [camera_at(FOCUS, FOCUS + offset) for offset in np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])],
+    ],
+    ids=["one camera", "parallel axes", "one place"],
+)
+def test_what_tells_nothing_still_gives_a_positive_scale(cameras: list[Camera], metric: bool) -> None:
+    scale = estimate_scale(capture_of(cameras, metric=metric))
+    assert np.isfinite([scale.distance, scale.unit]).all()
+    assert scale.distance > 0
+    assert scale.unit > 0
+
+
+def test_no_cameras_are_refused() -> None:
+    with pytest.raises(PocketGSError, match="no cameras"):
+        estimate_scale(capture_of([], ring(3.0)))
+
+
+def before(depths: np.ndarray) -> tuple[Camera, np.ndarray]:
+    """A camera at `FOCUS`, and points at these depths before it."""
+    camera = camera_at(FOCUS, FOCUS + np.array([1.0, 1.0, 0.0]))
+    sideways = np.random.default_rng(0).normal(size=(len(depths), 3))
+    sideways -= sideways @ camera.forward[:, None] * camera.forward
+    return camera, FOCUS + np.asarray(depths)[:, None] * camera.forward + sideways
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 1000), nearest=st.floats(0.01, 100), ratio=st.floats(1.0, 30), count=st.integers(20, 300))
+def test_range_holds_nearly_all_points(seed: int, nearest: float, ratio: float, count: int) -> None:
+    depths = np.random.default_rng(seed).uniform(nearest, ratio * nearest, count)
+    near, far = depth_range(*before(depths), distance=1.0)
+    assert 0 < near < far
+    assert np.mean((near <= depths) & (depths <= far)) >= 0.9
+    assert near >= 0.5 * nearest
+    assert far <= 2 * ratio * nearest
+
+
+def test_stray_points_do_not_widen_the_range() -> None:
+    depths = np.random.default_rng(0).uniform(2.0, 3.0, 200)
+    strays = np.array([1e-3, 1e4, -5.0, -1e4])
+    expected = depth_range(*before(depths), distance=1.0)
+    assert depth_range(*before(np.append(depths, strays)), distance=1.0) == pytest.approx(expected, rel=0.05)
+
+
+@pytest.mark.parametrize("depths", [[], [2.0], [-2.0] * 100])
+def test_too_few_points_leave_it_to_the_cameras(depths: list[float]) -> None:
+    near, far = depth_range(*before(np.array(depths)), distance=3.0)
+    assert 0 < near < 3.0 < far
+    assert depth_range(*before(np.array(depths)), distance=30.0) == pytest.approx((10 * near, 10 * far))
