@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -17,6 +17,7 @@ class PointCloud:
         positions: (N, 3) float32, in the world.
         colours: (N, 3) float32 RGB in [0, 1], display-referred.
         directions: (N, 3) float32 unit vectors towards the cameras that saw the points, or None.
+        confidences: (N,) float32 in [0, 1], or None.
 
     Raises:
         PocketGSError: the shapes disagree.
@@ -25,15 +26,16 @@ class PointCloud:
     positions: np.ndarray
     colours: np.ndarray
     directions: np.ndarray | None = None
+    confidences: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        for name in ("positions", "colours", "directions"):
-            if getattr(self, name) is None:
-                continue
-            array = np.ascontiguousarray(getattr(self, name), dtype=np.float32)
+        for name, array in self._arrays().items():
+            array = np.ascontiguousarray(array, dtype=np.float32)
             object.__setattr__(self, name, array)
-            if array.ndim != 2 or array.shape[1] != 3:
-                raise PocketGSError(f"point cloud: {name} has shape {array.shape}, expected (N, 3)")
+            columns = () if name == "confidences" else (3,)
+            if array.ndim != 1 + len(columns) or array.shape[1:] != columns:
+                expected = f"(N{', 3' if columns else ','})"
+                raise PocketGSError(f"point cloud: {name} has shape {array.shape}, expected {expected}")
             if len(array) != len(self.positions):
                 raise PocketGSError(f"point cloud: {len(self.positions)} positions but {len(array)} {name}")
 
@@ -42,5 +44,9 @@ class PointCloud:
 
     def select(self, keep: np.ndarray) -> PointCloud:
         """The points that a boolean mask or an index array names."""
-        directions = None if self.directions is None else self.directions[keep]
-        return PointCloud(self.positions[keep], self.colours[keep], directions)
+        return PointCloud(**{name: array[keep] for name, array in self._arrays().items()})
+
+    def _arrays(self) -> dict[str, np.ndarray]:
+        """The arrays that there are, by name."""
+        found = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: array for name, array in found.items() if array is not None}

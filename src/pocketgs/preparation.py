@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numba
 import numpy as np
 
 from pocketgs.capture.capture import Capture
 from pocketgs.pointcloud import PointCloud
+from pocketgs.prior.fuse import FusionSettings
 from pocketgs.prior.gate import GateSettings
 from pocketgs.prior.prior import Prior, PriorSettings, build_prior
 from pocketgs.prior.structure import StructureSettings
@@ -17,7 +19,7 @@ from pocketgs.training_options import TrainingOptions
 from pocketgs.volume import draw_points
 
 FEWEST_POINTS = 500
-"""A prior with fewer points is not worth starting from."""
+"""A prior with fewer points that several views confirm is not worth starting from."""
 
 
 def prepare(capture: Capture, options: TrainingOptions, stopwatch: Stopwatch | None = None) -> Prior:
@@ -37,8 +39,10 @@ def prepare(capture: Capture, options: TrainingOptions, stopwatch: Stopwatch | N
     stopwatch = stopwatch or Stopwatch()
     prior = Prior(capture, None)
     if options.prior != "none":
+        if options.threads is not None:
+            numba.set_num_threads(min(options.threads, numba.config.NUMBA_NUM_THREADS))
         prior = build_prior(capture, options.max_gaussians, _settings(options), stopwatch)
-        if prior.capture.points is not None and len(prior.capture.points) >= FEWEST_POINTS:
+        if _confirmed_points(prior.capture.points) >= FEWEST_POINTS:
             return prior
     with stopwatch.stage("points"):
         points = starting_points(replace(prior.capture, points=capture.points), options)
@@ -53,6 +57,12 @@ def starting_points(capture: Capture, options: TrainingOptions) -> PointCloud:
         return capture.points
     chosen = np.random.default_rng(options.seed).permutation(len(capture.points))[: options.max_gaussians]
     return capture.points.select(np.sort(chosen))
+
+
+def _confirmed_points(cloud: PointCloud | None) -> int:
+    if cloud is None or cloud.confidences is None:
+        return len(cloud or ())
+    return int(np.count_nonzero(cloud.confidences >= FusionSettings.confidence))
 
 
 def _settings(options: TrainingOptions) -> PriorSettings:

@@ -88,6 +88,7 @@ def run(
     reporter = reporter or Reporter()
     stopwatch = Stopwatch(reporter.on_stage)
     stopwatch.seconds["startup"] = seconds_since_start()
+    create_engine(options.engine, options.threads)  # one that is not there is found out before the work starts
     result_folder.check_writable(folder)
     with stopwatch.stage("capture"):
         capture = load_capture()

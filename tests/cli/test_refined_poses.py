@@ -112,6 +112,17 @@ def test_a_run_with_poses_as_given_takes_the_earlier_runs_away(pocketgs: Callabl
     assert names_in(small_demo / "result") == ["checkpoint.npz", "held_out", "run.json", "scene.ply"]
 
 
+def test_resumed_run_goes_on_in_the_same_world(pocketgs: Callable[..., Any], small_demo: Path) -> None:
+    before, poses = record_of(small_demo / "result"), (small_demo / "result" / "poses.json").read_bytes()
+    options = ["--output", small_demo / "result", "--sh-degree", 1, "--max-gaussians", 3000]
+    outcome = pocketgs("train", small_demo / "capture", *options, "--resume", "--iterations", 105)
+    assert (outcome.status, outcome.errors) == (0, "")
+    after = record_of(small_demo / "result")
+    assert (after["resumed_from"], after["iterations"]) == (100, 105)
+    assert (small_demo / "result" / "poses.json").read_bytes() == poses
+    assert after["psnr"] > before["psnr"] - 0.5
+
+
 def test_demo_folder_of_someone_elses(pocketgs: Callable[..., Any], small_demo: Path) -> None:
     """Neither overwritten nor trained on."""
     other = small_demo / "photos"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pocketgs.prior.matching_cost import BITS, RADIUS, References, matching_costs
+from pocketgs.prior.matching_cost import BITS, RADIUS, References, matching_costs, squares_of
 
 HEIGHT, WIDTH = 19, 23
 INVERSE_DEPTHS = np.linspace(0.2, 1.0, 9, dtype=np.float32)
@@ -20,10 +20,10 @@ def noise(*shape: int, seed: int = 0, most: int = 256) -> np.ndarray:
 def references(*images: np.ndarray, turns: list[np.ndarray], shifts: list[list[float]]) -> References:
     """Padded with noise, which no cost may depend on."""
     sizes = np.array([image.shape for image in images])
-    padded = noise(len(images), *sizes.max(axis=0), seed=99)
-    for place, image in zip(padded, images, strict=True):
-        place[: image.shape[0], : image.shape[1]] = image
-    return References(padded, sizes.astype(np.float32), np.array(turns, np.float32), np.array(shifts, np.float32))
+    squares = noise(len(images), *sizes.max(axis=0), seed=99).astype(np.uint32)
+    for place, image in zip(squares, images, strict=True):
+        place[: image.shape[0], : image.shape[1]] = squares_of(image)
+    return References(squares, sizes.astype(np.float32), np.array(turns, np.float32), np.array(shifts, np.float32))
 
 
 def turned(degrees: list[float], width: int = WIDTH, height: int = HEIGHT) -> np.ndarray:
@@ -41,8 +41,9 @@ def twin(view: np.ndarray, among: References, inverse_depths: np.ndarray) -> np.
     costs = np.empty((height, width, len(inverse_depths)), np.uint8)
     for hypothesis, inverse_depth in enumerate(inverse_depths):
         counts = []
-        for image, size, turn, shift in zip(*among, strict=True):
-            warped, visible = warp(image[: int(size[0]), : int(size[1])], turn, shift * inverse_depth, height, width)
+        for squares, size, turn, shift in zip(*among, strict=True):
+            image = (squares[: int(size[0]), : int(size[1])] & 255).astype(np.float32)
+            warped, visible = warp(image, turn, shift * inverse_depth, height, width)
             count = np.sum(census(warped) != own, axis=0).astype(float)
             counts.append(np.where(visible[RADIUS:-RADIUS, RADIUS:-RADIUS], count, np.nan))
         best = np.sort(counts, axis=0)[:2]
@@ -72,13 +73,15 @@ def warp(
         across, down = u / w, v / w
     visible = (w > 0) & (across >= 0) & (across < image.shape[1]) & (down >= 0) & (down < image.shape[0])
     # What falls outside is a neighbour at most: the border is continued.
-    column = np.clip(np.nan_to_num(across - half), 0, np.float32(image.shape[1] - np.float32(1.001)))
-    row = np.clip(np.nan_to_num(down - half), 0, np.float32(image.shape[0] - np.float32(1.001)))
+    column = np.clip(np.nan_to_num(across - half), 0, np.float32(image.shape[1] - 1))
+    row = np.clip(np.nan_to_num(down - half), 0, np.float32(image.shape[0] - 1))
+    continued = np.pad(image, (0, 1), mode="edge")
     left, above = column.astype(int), row.astype(int)
     right_share, below_share = column - left.astype(np.float32), row - above.astype(np.float32)
 
     def between(rows: np.ndarray) -> np.ndarray:
-        return np.asarray(image[rows, left] * (1 - right_share) + image[rows, left + 1] * right_share)
+        first, second = continued[rows, left], continued[rows, left + 1]
+        return np.asarray(first + (second - first) * right_share)
 
     upper, lower = between(above), between(above + 1)
     return np.floor(upper + (lower - upper) * below_share + half).astype(np.uint8), visible

@@ -97,14 +97,14 @@ def test_vertex_of_a_parabola_is_found(steps: int, vertex: float, lift: int) -> 
     numerator = round(vertex * steps)
     total = ((steps * np.arange(16) - numerator) ** 2 + lift).astype(np.uint16).reshape(1, 1, 16)
     inverse_depths = np.linspace(0.2, 1.7, 16, dtype=np.float32)
-    depths, _ = winners(total, inverse_depths)
+    depths, _ = winners(total, inverse_depths, 8)
     assert 1 / depths[0, 0] == pytest.approx(0.2 + 0.1 * numerator / steps, rel=1e-5)
 
 
 @pytest.mark.parametrize("end", [0, 15])
 def test_a_winner_at_the_end_of_the_range_is_none(end: int) -> None:
     total = (10 * np.abs(np.arange(16) - end) + 3).astype(np.uint16).reshape(1, 1, 16)
-    depths, margins = winners(total, np.linspace(0.2, 1.7, 16, dtype=np.float32))
+    depths, margins = winners(total, np.linspace(0.2, 1.7, 16, dtype=np.float32), 8)
     assert (depths[0, 0], margins[0, 0]) == (0, 0)
 
 
@@ -114,11 +114,11 @@ def test_margin_is_the_share_by_which_the_winner_is_cheaper_than_its_best_rival(
     total[0, 1, [3, 9]] = 200, 200
     # Nearly as cheap, but as near as what belongs to the same valley.
     total[0, 2, [3, 3 + RIVAL_DISTANCE]] = 200, 210
-    _, margins = winners(total, np.linspace(0.2, 1.7, 16, dtype=np.float32))
+    _, margins = winners(total, np.linspace(0.2, 1.7, 16, dtype=np.float32), 8)
     np.testing.assert_allclose(margins[0], [0.2, 0.0, 0.5], atol=1e-6)
 
 
 def test_costs_that_are_all_alike_have_no_winner() -> None:
-    depths, margins = winners(np.full((2, 3, 8), 7, np.uint16), np.linspace(0.2, 0.9, 8, dtype=np.float32))
+    depths, margins = winners(np.full((2, 3, 8), 7, np.uint16), np.linspace(0.2, 0.9, 8, dtype=np.float32), 8)
     assert not depths.any()
     assert not margins.any()

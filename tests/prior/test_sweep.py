@@ -73,7 +73,7 @@ def test_slanted_plane(plane: list[Frame], paths: int) -> None:
     errors = relative_errors(found, plane[0])
     assert len(errors) > 0.99 * found.depth.size
     assert np.median(errors) < 0.004
-    assert np.mean(errors < 0.01) > 0.9
+    assert np.mean(errors < 0.01) > 0.85
 
 
 def test_one_reference_is_enough_where_it_sees(plane: list[Frame]) -> None:
@@ -144,12 +144,12 @@ def test_references_are_those_of_the_best_baselines() -> None:
     # Too near, too far, without parallax, and with its back to the scene.
     poor = [frame_at("near", 0.05, 0, 0), frame_at("far", 4, 0, 0), frame_at("ahead", 0, 0, 0.7)]
     poor.append(frame_at("back", 0.7, 0, 0, towards=(0, 0, -5)))
-    settings = replace(SETTINGS, references=2)
+    settings = SweepSettings(references=2, angle=np.radians(8), least_angle=np.radians(4))
     for order in ([keyframe, *poor, *good], [*good[::-1], *poor, keyframe]):
         chosen = choose_references(keyframe, order, 5.0, settings)
         assert [frame.name for frame in chosen] == ["right", "up"]
-    assert choose_references(keyframe, [keyframe, *good], 5.0, replace(SETTINGS, references=1)) == good[:1]
-    assert len(choose_references(keyframe, [keyframe, *poor, *good], 5.0, replace(SETTINGS, references=9))) == 6
+    assert choose_references(keyframe, [keyframe, *good], 5.0, replace(settings, references=1)) == good[:1]
+    assert len(choose_references(keyframe, [keyframe, *poor, *good], 5.0, replace(settings, references=9))) == 6
 
 
 def test_the_farther_the_scene_the_wider_the_baseline() -> None:

@@ -20,14 +20,16 @@ CLEAR_MARGIN = 0.1
 HOLE, HOLE_SHARE = 15, 0.1
 """A hole is where less than this share of the pixels in a square of this side is believed."""
 
-FILLER_MARGIN, FILLER_CONFIDENCE = 0.02, 0.1
+FILLER_MARGIN, FILLER_CONFIDENCE = 0.05, 0.1
 """Holes are filled with depths that no view confirms but none contradicts either, if they win by this margin.
 
 Where a scene has no points at all, a few Gaussians have to grow over it, and do so badly.
 """
 
 MERGING_ROUNDS = 8
-MERGING_TOLERANCE = 0.01
+OVERFULL = 1.05
+"""Voxels filled for each point asked for, at most: the lightest are left out."""
+
 MOST_CANDIDATES = 2_000_000
 """Pixels that are merged, of all keyframes together: it bounds memory."""
 
@@ -42,7 +44,7 @@ class FusionSettings:
     """
 
     confidence: float = 0.4
-    tolerance: float = 0.01
+    tolerance: float = 0.005
 
 
 @dataclass(frozen=True)
@@ -91,8 +93,8 @@ def fuse(
         settings: what is kept.
 
     Returns:
-        At most `count` points, with the directions they were seen from. Points are as dense on the surface as the
-        pixels that see them: each stands for about the same number of pixels.
+        At most `count` points, with the directions they were seen from and the mean confidence of their pixels. They
+        are as dense on the surface as the pixels that see them: each stands for about the same number.
     """
     views = _views(keyframes, maps)
     stride = max(1, int(np.ceil(sum(map_.depth.size for map_ in maps) / MOST_CANDIDATES)))
@@ -170,16 +172,16 @@ def _merged(candidates: Candidates, count: int) -> PointCloud:
     A voxel's side is a multiple of the footprints of the pixels in it, rounded to a power of two.
     """
     if len(candidates.positions) == 0:
-        return PointCloud(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
+        return PointCloud(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
     level = np.round(np.log2(candidates.footprints)).astype(np.int64)
     size = 2.0
     for _ in range(MERGING_ROUNDS):
         _, voxel = np.unique(_voxels(candidates.positions, level, size), return_inverse=True)
         filled = int(voxel.max()) + 1
-        if filled <= count and (filled >= (1 - MERGING_TOLERANCE) * count or filled == len(voxel)):
+        if count <= filled <= OVERFULL * count or (filled < count and filled == len(voxel)):
             break
-        # Surfaces fill voxels with the square of their number along a side; aim a little low, to end below the bound.
-        size *= np.sqrt(filled / ((1 - MERGING_TOLERANCE / 2) * count))
+        # Surfaces fill voxels with the square of their number along a side.
+        size *= np.sqrt(filled / ((1 + OVERFULL) / 2 * count))
     weight = np.bincount(voxel, candidates.confidences)
 
     def mean(values: np.ndarray) -> np.ndarray:
@@ -188,7 +190,8 @@ def _merged(candidates: Candidates, count: int) -> PointCloud:
 
     directions = mean(candidates.directions)
     directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-9)
-    cloud = PointCloud(mean(candidates.positions), mean(candidates.colours), directions)
+    confidences = weight / np.bincount(voxel)
+    cloud = PointCloud(mean(candidates.positions), mean(candidates.colours), directions, confidences)
     return cloud if len(cloud) <= count else cloud.select(np.sort(np.argsort(-weight, kind="stable")[:count]))
 
 

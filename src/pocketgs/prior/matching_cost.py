@@ -22,7 +22,7 @@ NEIGHBOURS = np.array(
 BITS = len(NEIGHBOURS)
 UNSEEN = np.uint8(255)
 
-ROWS_AT_ONCE = 8
+ROWS_AT_ONCE = 32
 """Rows that a thread works on: their costs for all hypotheses stay in its cache."""
 
 
@@ -33,16 +33,23 @@ class References(NamedTuple):
     (u, v, w) = turn · (x, y, 1) + i · shift.
 
     Attributes:
-        images: (R, h, w) uint8 grey, padded to one size.
+        squares: (R, h, w) uint32: each pixel's grey level, that of its right neighbour, and those below the two, one
+            byte each from the lowest. One read gives all that is interpolated. Padded to one size.
         sizes: (R, 2) float32 their true heights and widths.
         turns: (R, 3, 3) float32.
         shifts: (R, 3) float32.
     """
 
-    images: np.ndarray
+    squares: np.ndarray
     sizes: np.ndarray
     turns: np.ndarray
     shifts: np.ndarray
+
+
+def squares_of(image: np.ndarray) -> np.ndarray:
+    """(H, W) uint32 squares, as in `References`, of an (H, W) uint8 image whose border is continued outwards."""
+    wide = np.pad(image, ((0, 1), (0, 1)), mode="edge").astype(np.uint32)
+    return wide[:-1, :-1] | wide[:-1, 1:] << 8 | wide[1:, :-1] << 16 | wide[1:, 1:] << 24
 
 
 @parallel_kernel
@@ -68,10 +75,10 @@ def matching_costs(view: np.ndarray, references: References, inverse_depths: np.
         darker = census(view, top, rows)
         warped = np.empty((rows + 2 * RADIUS, width + 2 * RADIUS), np.uint8)
         visible = np.empty(warped.shape, np.bool_)
-        least, next_least = np.empty((2, rows, width), np.uint8)
+        least, next_least = np.empty((rows, width), np.uint8), np.empty((rows, width), np.uint8)
         for hypothesis in range(len(inverse_depths)):
             least[:], next_least[:] = UNSEEN, UNSEEN
-            for reference in range(len(references.images)):
+            for reference in range(len(references.squares)):
                 warp(references, reference, inverse_depths[hypothesis], top, warped, visible)
                 compare(darker, warped, visible, least, next_least)
             write_costs(least, next_least, costs[top : top + rows], hypothesis)
@@ -96,36 +103,69 @@ def census(view: np.ndarray, top: int, rows: int) -> np.ndarray:
 def warp(
     references: References, reference: int, inverse_depth: np.float32, top: int, warped: np.ndarray, visible: np.ndarray
 ) -> None:
-    """Sample a reference, bilinearly, where the rows of the view from `top` on fall, with a margin of RADIUS."""
-    half, one = np.float32(0.5), np.float32(1.0)
-    pixels = references.images[reference].reshape(-1)
-    stride = np.uint32(references.images.shape[2])
+    """Sample a reference, bilinearly, where the rows of the view from `top` on fall, with a margin of RADIUS.
+
+    A row takes three passes, of which the first and the last run on vectors; the second only reads.
+    """
+    squares = references.squares[reference].reshape(-1)
     turn, shift = references.turns[reference], references.shifts[reference] * inverse_depth
-    height, width = references.sizes[reference]
-    # Just short of the last row and column, so that the neighbours that are read exist.
-    last_row, last_column = height - np.float32(1.001), width - np.float32(1.001)
+    size, stride = references.sizes[reference], references.squares.shape[2]
+    columns = warped.shape[1]
+    # Arrays of their own: of rows of one array Numba does not know that they are contiguous, and uses no vectors.
+    places, read = np.empty(columns, np.uint32), np.empty(columns, np.uint32)
+    right_shares, below_shares = np.empty(columns, np.float32), np.empty(columns, np.float32)
     for row in range(len(warped)):
-        y = np.float32(top + row - RADIUS) + half
-        start_u = turn[0, 1] * y + turn[0, 2] + shift[0]
-        start_v = turn[1, 1] * y + turn[1, 2] + shift[1]
-        start_w = turn[2, 1] * y + turn[2, 2] + shift[2]
-        samples, seen = warped[row], visible[row]
-        for column in range(len(samples)):
-            x = np.float32(column - RADIUS) + half
-            w = turn[2, 0] * x + start_w
-            across = (turn[0, 0] * x + start_u) / w
-            down = (turn[1, 0] * x + start_v) / w
-            seen[column] = (w > 0) & (across >= 0) & (across < width) & (down >= 0) & (down < height)
-            # In this order of arguments, 0 / 0 becomes 0 and no read goes astray.
-            across = min(max(np.float32(0.0), across - half), last_column)
-            down = min(max(np.float32(0.0), down - half), last_row)
-            left, above = np.uint32(across), np.uint32(down)
-            right_share, below_share = across - np.float32(left), down - np.float32(above)
-            index = above * stride + left
-            below = index + stride
-            upper = pixels[index] * (one - right_share) + pixels[index + np.uint32(1)] * right_share
-            lower = pixels[below] * (one - right_share) + pixels[below + np.uint32(1)] * right_share
-            samples[column] = np.uint8(upper + (lower - upper) * below_share + half)
+        y = np.float32(top + row - RADIUS) + np.float32(0.5)
+        find(turn, shift, y, size, stride, places, right_shares, below_shares, visible[row])
+        for column in range(columns):
+            read[column] = squares[places[column]]
+        interpolate(read, right_shares, below_shares, warped[row])
+
+
+@part
+def find(
+    turn: np.ndarray,
+    shift: np.ndarray,
+    y: np.float32,
+    size: np.ndarray,
+    stride: int,
+    places: np.ndarray,
+    right_shares: np.ndarray,
+    below_shares: np.ndarray,
+    visible: np.ndarray,
+) -> None:
+    """Where the pixels of a row fall: the index of the square, the shares of its right and lower pixels, if at all."""
+    half, zero = np.float32(0.5), np.float32(0.0)
+    height, width = size
+    along_u, along_v, along_w = turn[0, 0], turn[1, 0], turn[2, 0]
+    start_u = turn[0, 1] * y + turn[0, 2] + shift[0]
+    start_v = turn[1, 1] * y + turn[1, 2] + shift[1]
+    start_w = turn[2, 1] * y + turn[2, 2] + shift[2]
+    pitch = np.uint32(stride)
+    for column in range(len(places)):
+        x = np.float32(column - RADIUS) + half
+        w = along_w * x + start_w
+        across, down = (along_u * x + start_u) / w, (along_v * x + start_v) / w
+        visible[column] = (w > zero) & (across >= zero) & (across < width) & (down >= zero) & (down < height)
+        # In this order of arguments, 0 / 0 becomes 0 and no read goes astray.
+        across = min(max(zero, across - half), width - np.float32(1.0))
+        down = min(max(zero, down - half), height - np.float32(1.0))
+        left, above = np.int32(across), np.int32(down)
+        right_shares[column], below_shares[column] = across - np.float32(left), down - np.float32(above)
+        places[column] = np.uint32(above) * pitch + np.uint32(left)
+
+
+@part
+def interpolate(squares: np.ndarray, right_shares: np.ndarray, below_shares: np.ndarray, samples: np.ndarray) -> None:
+    """The grey levels between the four pixels of each square."""
+    byte, half = np.uint32(255), np.float32(0.5)
+    for column in range(len(samples)):
+        square = squares[column]
+        top_left, top_right = np.float32(square & byte), np.float32((square >> np.uint32(8)) & byte)
+        low_left, low_right = np.float32((square >> np.uint32(16)) & byte), np.float32(square >> np.uint32(24))
+        upper = top_left + (top_right - top_left) * right_shares[column]
+        lower = low_left + (low_right - low_left) * right_shares[column]
+        samples[column] = np.uint8(np.int32(upper + (lower - upper) * below_shares[column] + half))
 
 
 @part

@@ -17,6 +17,9 @@ STRIPS = 64
 EDGE = 16
 """Difference in grey level that halves the penalty of a large step."""
 
+NOISE = 8
+"""Bits for each path in which nothing but noise may differ: margins are not measured in less."""
+
 RIVAL_DISTANCE = 2
 """Hypotheses as near to the winner as this are not its rivals."""
 
@@ -129,7 +132,7 @@ def extend(
 
 
 @parallel_kernel
-def winners(total: np.ndarray, inverse_depths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def winners(total: np.ndarray, inverse_depths: np.ndarray, paths: int) -> tuple[np.ndarray, np.ndarray]:
     """The cheapest hypothesis of every pixel, to a fraction of a step, and how clearly it wins.
 
     A parabola through the winner and its neighbours gives the fraction. A winner at either end of the range is none:
@@ -138,6 +141,7 @@ def winners(total: np.ndarray, inverse_depths: np.ndarray) -> tuple[np.ndarray, 
     Args:
         total: (H, W, D) uint16 aggregated costs.
         inverse_depths: (D,) float32 hypotheses, evenly spaced.
+        paths: number of paths that costs were summed over.
 
     Returns:
         (H, W) float32 depths, 0 where there is no winner, and (H, W) float32 margins in [0, 1]: by what share the
@@ -163,5 +167,5 @@ def winners(total: np.ndarray, inverse_depths: np.ndarray) -> tuple[np.ndarray, 
             curvature = low - 2 * least + high
             fraction = np.float32(0.5) * (low - high) / curvature if curvature > 0 else np.float32(0.0)
             depths[row, column] = 1 / (inverse_depths[best] + fraction * spacing)
-            margins[row, column] = 1 - least / max(np.float32(rival), np.float32(1.0))
+            margins[row, column] = (np.float32(rival) - least) / max(np.float32(rival), np.float32(NOISE * paths))
     return depths, margins

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
+import numba
 import numpy as np
 
 from pocketgs.camera import Camera
@@ -95,7 +95,7 @@ class Structure:
 
 def detect_all(frames: Sequence[Frame], most: int) -> list[Features]:
     """Features of every frame, found on all cores."""
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
         return list(pool.map(partial(detect, most=most), frames))
 
 

@@ -12,7 +12,7 @@ from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
 from pocketgs.capture.loading import downscaled
 from pocketgs.errors import PocketGSError
-from pocketgs.prior.matching_cost import References, matching_costs
+from pocketgs.prior.matching_cost import References, matching_costs, squares_of
 from pocketgs.prior.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners
 
 FEWEST_HYPOTHESES = 8
@@ -44,9 +44,9 @@ class SweepSettings:
     references: int = 4
     hypotheses: int = 128
     paths: int = 8
-    small_step: int = 12
-    large_step: int = 90
-    angle: float = np.radians(12)
+    small_step: int = 8
+    large_step: int = 60
+    angle: float = np.radians(8)
     least_angle: float = np.radians(4)
 
     def __post_init__(self) -> None:
@@ -130,7 +130,7 @@ def sweep(
     costs = matching_costs(view, _references(keyframe.camera, references), inverse_depths)
     paths = EIGHT_PATHS if settings.paths == 8 else FOUR_PATHS
     total = aggregate(costs, view, paths, settings.small_step, settings.large_step)
-    depth, margin = winners(total, inverse_depths)
+    depth, margin = winners(total, inverse_depths, len(paths))
     depth = _smoothed(depth, float(inverse_depths[1] - inverse_depths[0]))
     if keyframe.mask is not None:
         depth[~keyframe.mask] = 0
@@ -159,11 +159,11 @@ def _references(view: Camera, frames: Sequence[Frame]) -> References:
     """The references' images, and how pixels of the view fall into them: K_r (R K⁻¹ (x, y, 1) + i t)."""
     images = [_grey(frame) for frame in frames]
     sizes = np.array([image.shape for image in images])
-    padded = np.zeros((len(images), *sizes.max(axis=0)), np.uint8)
+    squares = np.zeros((len(images), *sizes.max(axis=0)), np.uint32)
     turns, shifts = np.empty((len(images), 3, 3), np.float32), np.empty((len(images), 3), np.float32)
     for index, (image, frame) in enumerate(zip(images, frames, strict=True)):
-        padded[index, : image.shape[0], : image.shape[1]] = image
+        squares[index, : image.shape[0], : image.shape[1]] = squares_of(image)
         relative = frame.camera.world_to_camera @ view.camera_to_world
         turns[index] = frame.camera.intrinsic_matrix @ relative[:3, :3] @ np.linalg.inv(view.intrinsic_matrix)
         shifts[index] = frame.camera.intrinsic_matrix @ relative[:3, 3]
-    return References(padded, sizes.astype(np.float32), turns, shifts)
+    return References(squares, sizes.astype(np.float32), turns, shifts)
