@@ -17,7 +17,8 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from pocketgs.capture.synthetic import write_demo
+from pocketgs.capture import Capture, Frame
+from pocketgs.capture.synthetic import read_ground_truth, write_demo
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.preparation import prepare
 from pocketgs.run import evaluate_held_out
@@ -53,30 +54,41 @@ def main(
     if capture is None:
         write_demo(demo_folder)
     opened = reading.open(capture or demo_folder)
+    rows = [(name, opened, replace(training, **changes)) for name, changes in VARIANTS.items()]  # type: ignore[arg-type]
+    if capture is None:
+        rows.append(("with the true poses", with_true_poses(opened, demo_folder), training))
     table = Table("variant", "PSNR (dB)", "", "SSIM", "Gaussians", "prior (s)", "training (s)", title=opened.protocol)
     whole: float | None = None
-    for name, changes in VARIANTS.items():
-        options = replace(training, **changes)  # type: ignore[arg-type]
-        started = time.perf_counter()
-        prepared = prepare(opened, options)
-        seconds = time.perf_counter() - started
-        scene = train(opened, options, prepared=prepared)
-        engine = create_engine(options.engine, options.threads)
-        engine.upload(scene)
-        evaluation = evaluate_held_out(engine, prepared.capture)
-        assert evaluation is not None
-        assert scene.record is not None
-        whole = evaluation.psnr if whole is None else whole
-        table.add_row(
-            name,
-            f"{evaluation.psnr:.2f}",
-            f"{evaluation.psnr - whole:+.2f}",
-            f"{evaluation.ssim:.4f}",
-            f"{len(scene):,}",
-            f"{seconds:.1f}",
-            f"{scene.record.seconds['training']:.1f}",
-        )
+    for name, photographs, options in rows:
+        psnr, cells = measured(photographs, options)
+        whole = psnr if whole is None else whole
+        table.add_row(name, f"{psnr:.2f}", f"{psnr - whole:+.2f}", *cells)
     Console(width=120).print(table)
+
+
+def measured(capture: Capture, options: TrainingOptions) -> tuple[float, list[str]]:
+    """PSNR of a run, and the cells of the table that follow it."""
+    started = time.perf_counter()
+    prepared = prepare(capture, options)
+    seconds = time.perf_counter() - started
+    scene = train(capture, options, prepared=prepared)
+    engine = create_engine(options.engine, options.threads)
+    engine.upload(scene)
+    evaluation = evaluate_held_out(engine, prepared.capture)
+    assert evaluation is not None
+    assert scene.record is not None
+    training = scene.record.seconds["training"]
+    return evaluation.psnr, [f"{evaluation.ssim:.4f}", f"{len(scene):,}", f"{seconds:.1f}", f"{training:.1f}"]
+
+
+def with_true_poses(capture: Capture, folder: Path) -> Capture:
+    """The demo with the poses that its phone truly had."""
+    true = read_ground_truth(folder).cameras
+
+    def posed(frames: list[Frame]) -> list[Frame]:
+        return [replace(frame, camera=true[frame.name]) for frame in frames]
+
+    return replace(capture, train=posed(capture.train), held_out=posed(capture.held_out))
 
 
 if __name__ == "__main__":

@@ -35,11 +35,8 @@ def with_poses_of(capture: Capture, path: Path) -> Capture:
         raise PocketGSError(f"{path}: not a readable file of poses ({error})") from error
     if not any(frame.name in poses for frame in capture.frames):
         raise PocketGSError(f"{path}: names no frame of {capture.path}, expected the capture that it was written for")
-
-    def posed(frames: Sequence[Frame]) -> list[Frame]:
-        return [replace(f, camera=_posed(f.camera, poses[f.name], path)) if f.name in poses else f for f in frames]
-
-    return replace(capture, train=posed(capture.train), held_out=posed(capture.held_out))
+    cameras = {f.name: _posed(f.camera, poses[f.name], path) for f in capture.frames if f.name in poses}
+    return capture.with_refined_poses(cameras)
 
 
 def _posed(camera: Camera, pose: Any, path: Path) -> Camera:

@@ -8,6 +8,7 @@ import numba
 import numpy as np
 
 from pocketgs.capture.capture import Capture
+from pocketgs.errors import PocketGSError
 from pocketgs.pointcloud import PointCloud
 from pocketgs.prior.fuse import FusionSettings
 from pocketgs.prior.gate import GateSettings
@@ -22,7 +23,7 @@ FEWEST_POINTS = 500
 """A prior with fewer points that several views confirm is not worth starting from."""
 
 
-def prepare(capture: Capture, options: TrainingOptions, stopwatch: Stopwatch | None = None) -> Prior:
+def prepare(capture: Capture, options: TrainingOptions | None = None, stopwatch: Stopwatch | None = None) -> Prior:
     """Build the prior that the options ask for.
 
     Where it finds hardly a point, and where none is asked for, the capture's own points are taken, or points drawn
@@ -30,23 +31,30 @@ def prepare(capture: Capture, options: TrainingOptions, stopwatch: Stopwatch | N
 
     Args:
         capture: what to train on.
-        options: of the run.
+        options: of the run; all at their defaults if None.
         stopwatch: times the stages; a new one if None.
 
     Raises:
-        PocketGSError: there is nothing to start from.
+        PocketGSError: there is no training view, or nothing to start from.
     """
+    if not capture.train:
+        raise PocketGSError(f"{capture.path}: no training view, expected at least one")
+    options = options or TrainingOptions()
     stopwatch = stopwatch or Stopwatch()
     prior = Prior(capture, None)
     if options.prior != "none":
-        if options.threads is not None:
-            numba.set_num_threads(min(options.threads, numba.config.NUMBA_NUM_THREADS))
+        most = numba.config.NUMBA_NUM_THREADS
+        numba.set_num_threads(min(options.threads or most, most))
         prior = build_prior(capture, options.max_gaussians, _settings(options), stopwatch)
-        if _confirmed_points(prior.capture.points) >= FEWEST_POINTS:
+        if _confirmed_points(prior.capture.points) >= min(FEWEST_POINTS, options.max_gaussians // 2):
             return prior
     with stopwatch.stage("points"):
         points = starting_points(replace(prior.capture, points=capture.points), options)
-    return replace(prior, capture=replace(prior.capture, points=points))
+    report = prior.report
+    if report is not None:
+        found = f"depth was found for too few points ({report.points}): training starts from others"
+        report = replace(report, warnings=(*report.warnings, found))
+    return Prior(replace(prior.capture, points=points), report)
 
 
 def starting_points(capture: Capture, options: TrainingOptions) -> PointCloud:

@@ -194,7 +194,7 @@ def _publish(
             engine.upload(scene)
             evaluation = evaluate_held_out(engine, prepared, staging / result_folder.PICTURES)
         stopwatch.seconds["total"] = seconds_since_start()
-        summary = summarise(capture, options, scene, evaluation, stopwatch.seconds)
+        summary = summarise(capture, prepared.protocol, options, scene, evaluation, stopwatch.seconds)
         result_folder.write_json(staging / result_folder.RECORD, summary)
     result_folder.remove_outdated(folder, keep_pictures=evaluation is not None, keep_poses=refined)
     return RunResult(folder, scene, evaluation, summary)

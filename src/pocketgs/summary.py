@@ -18,6 +18,7 @@ DEPENDENCIES = ("numpy", "numba", "llvmlite", "opencv-python-headless", "scipy",
 
 def summarise(
     capture: Capture,
+    protocol: str,
     options: TrainingOptions,
     scene: Gaussians,
     evaluation: Evaluation | None,
@@ -37,7 +38,7 @@ def summarise(
         "interrupted": record.interrupted,
         "peak_rss_mb": peak_rss_mb(),
         "seconds": {name: round(value, 3) for name, value in seconds.items()},
-        "protocol": capture.protocol,
+        "protocol": protocol,
         "engine": record.engine,
         "engine_bytes": record.engine_bytes,
         "capture": {

@@ -102,12 +102,11 @@ def train(
     options = replace(options or TrainingOptions(), **changes)  # type: ignore[arg-type]
     stopwatch = stopwatch or Stopwatch()
     recipe = recipe_named(options.recipe)
-    if not capture.train:
-        raise PocketGSError(f"{capture.path}: no training view, expected at least one")
     prepared = prepared or prepare(capture, options, stopwatch)
     capture = prepared.capture
     with stopwatch.stage("seeding"):
-        assert capture.points is not None
+        if capture.points is None:
+            raise PocketGSError(f"{capture.path}: no points to start from, expected what `prepare` gives")
         unit = recipe.length([frame.camera for frame in capture.train], capture.points)
         degree = recipe.sh_degree if options.sh_degree is None else options.sh_degree
         seed = SEEDINGS[options.seeds]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pocketgs.camera import Camera
+from pocketgs.capture.capture import Frame
 from pocketgs.prior.sensor_depth import completed
 from pocketgs.prior.sweep import DepthMap
 
@@ -26,9 +28,20 @@ def matched(truth: np.ndarray) -> DepthMap:
     return DepthMap(depth, margin)
 
 
+def frame(depth: np.ndarray | None, mask: np.ndarray | None = None) -> Frame:
+    camera = Camera(SHAPE[1], SHAPE[0], 30.0, 30.0, 15.0, 10.0, np.eye(4))
+    return Frame("0.png", camera, np.zeros((*SHAPE, 3), np.uint8), mask=mask, depth=depth)
+
+
+def test_what_a_mask_leaves_out_has_no_depth(truth: np.ndarray, matched: DepthMap) -> None:
+    mask = np.ones(SHAPE, bool)
+    mask[UNKNOWN] = False
+    assert not completed(matched, frame(truth, mask)).depth[UNKNOWN].any()
+
+
 def test_without_a_sensor_nothing_changes(matched: DepthMap) -> None:
-    assert completed(matched, None) is matched
-    found = completed(matched, np.zeros(SHAPE, np.float32))
+    assert completed(matched, frame(None)) is matched
+    found = completed(matched, frame(np.zeros(SHAPE, np.float32)))
     np.testing.assert_array_equal(found.depth, matched.depth)
     np.testing.assert_array_equal(found.margin, matched.margin)
 
@@ -38,7 +51,7 @@ def test_measured_depth_where_matching_is_unsure(truth: np.ndarray, matched: Dep
     """However long the sensor's metre is."""
     measured = (truth / scale).astype(np.float32)
     measured[UNMEASURED] = 0
-    found = completed(matched, measured)
+    found = completed(matched, frame(measured))
     assert found.depth.dtype == found.margin.dtype == np.float32
     expected = truth.copy()
     expected[UNMEASURED] = matched.depth[UNMEASURED]
@@ -51,10 +64,10 @@ def test_measured_depth_where_matching_is_unsure(truth: np.ndarray, matched: Dep
 def test_some_wrong_measurements_do_not_change_the_scale(truth: np.ndarray, matched: DepthMap) -> None:
     measured = truth.copy()
     measured[15:] *= 3
-    found = completed(matched, measured)
+    found = completed(matched, frame(measured))
     np.testing.assert_allclose(found.depth[UNSURE], truth[UNSURE], rtol=1e-5)
 
 
 def test_where_matching_is_sure_of_nothing_measured_depths_stay(truth: np.ndarray) -> None:
     nothing = DepthMap(*np.zeros((2, *SHAPE), np.float32))
-    np.testing.assert_array_equal(completed(nothing, truth).depth, truth)
+    np.testing.assert_array_equal(completed(nothing, frame(truth)).depth, truth)

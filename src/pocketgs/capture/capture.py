@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,12 @@ class Frame:
     alpha: np.ndarray | None = None
     mask: np.ndarray | None = None
     depth: np.ndarray | None = None
+
+    @property
+    def usable(self) -> np.ndarray | None:
+        """(H, W) bool: pixels that neither a mask nor alpha below one half leaves out, or None for all."""
+        parts = [part for part in (self.mask, None if self.alpha is None else self.alpha >= 128) if part is not None]
+        return np.logical_and.reduce(parts) if parts else None
 
 
 @dataclass(frozen=True)
@@ -64,6 +71,15 @@ class Capture:
     def frames(self) -> list[Frame]:
         """Training frames, then held-out ones."""
         return self.train + self.held_out
+
+    def with_refined_poses(self, cameras: Mapping[str, Camera]) -> Capture:
+        """The capture with other cameras for the frames that are named; the protocol says so."""
+
+        def posed(frames: list[Frame]) -> list[Frame]:
+            return [replace(frame, camera=cameras.get(frame.name, frame.camera)) for frame in frames]
+
+        protocol = f"{self.protocol}, poses refined"
+        return replace(self, train=posed(self.train), held_out=posed(self.held_out), protocol=protocol)
 
     @property
     def image_bytes(self) -> int:

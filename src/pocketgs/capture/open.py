@@ -148,8 +148,10 @@ def _colour_name(colour: tuple[float, float, float]) -> str:
 
 
 def _name(path: Path) -> str:
-    folder = path.resolve() if path.is_dir() else path.resolve().parent
-    return folder.name or "capture"
+    resolved = path.resolve()
+    if resolved.is_file() and resolved.suffix.lower() != ".json":
+        return resolved.stem
+    return (resolved.parent if resolved.is_file() else resolved).name or "capture"
 
 
 def _check_options(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 from rich.console import Console
 
+from pocketgs.capture import Capture
 from pocketgs.capture.open import lacks_poses
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.display import Display, print_result
@@ -41,10 +41,14 @@ def train(
     folder = output or Path("output") / name
     display = Display(console)
     with display.showing() as reporter:
-        if lacks_poses(capture):
+
+        def load() -> Capture:
+            if not lacks_poses(capture):
+                return reading.open(capture)
             found = folder / "posed" / name
             message = f"{capture} holds no poses: those that structure from motion finds are kept in {found}"
             console.print(message, markup=False, highlight=False, soft_wrap=True)
-            capture = posed(capture, found, on_stage=reporter.on_stage, on_warning=reporter.on_warning)
-        result = run(partial(reading.open, capture), folder, training, resume=resume, reporter=reporter)
+            return reading.open(posed(capture, found, on_stage=reporter.on_stage, on_warning=reporter.on_warning))
+
+        result = run(load, folder, training, resume=resume, reporter=reporter)
     print_result(console, result)

@@ -50,8 +50,8 @@ def exposure_gains(
         scale: of the scene.
 
     Returns:
-        (F, 3) factor on red, green and blue of each, with a geometric mean of 1; 1 for all where too few points are
-        seen.
+        (F, 3) factor on red, green and blue of each, with a geometric mean of 1; 1 for all where one
+        of them sees too few points.
     """
     distances = view_distances([f.camera for f in frames], [f.camera for f in keyframes], scale.distance)
     colours = np.full((len(frames), len(structure.points), 3), np.nan)
@@ -90,12 +90,16 @@ def needs_compensation(frames: Sequence[Frame], gains: np.ndarray, scale: Scale)
 def compensated(frames: Sequence[Frame], gains: np.ndarray) -> list[Frame]:
     """The photographs as they would have been taken at the mean exposure.
 
+    Those with alpha stay as they are: they were cut out and laid on a background, which has no exposure.
+
     Args:
         frames: F photographs.
         gains: (F, 3) of each.
     """
     return [
         replace(frame, image=np.clip(np.rint(frame.image / gain), 0, 255).astype(np.uint8))
+        if frame.alpha is None
+        else frame
         for frame, gain in zip(frames, gains, strict=True)
     ]
 

@@ -47,24 +47,13 @@ def detect(frame: Frame, most: int) -> Features:
     grey = cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY)
     # Without precise upscaling features lie a quarter of a pixel off, and refined poses with them.
     detector = cv2.SIFT.create(nfeatures=most, contrastThreshold=CONTRAST, enable_precise_upscale=True)
-    keypoints, descriptors = detector.detectAndCompute(grey, _usable(frame))
+    usable = None if frame.usable is None else frame.usable.astype(np.uint8)
+    keypoints, descriptors = detector.detectAndCompute(grey, usable)
     if descriptors is None:
         return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32))
     shares = descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-9)
     pixels = np.array([keypoint.pt for keypoint in keypoints]) + 0.5
     return Features(pixels, np.sqrt(shares).astype(np.float32))
-
-
-def _usable(frame: Frame) -> np.ndarray | None:
-    """(H, W) uint8 mask for OpenCV, or None if every pixel may be used."""
-    if frame.mask is None and frame.alpha is None:
-        return None
-    usable = np.full(frame.image.shape[:2], 255, np.uint8)
-    if frame.mask is not None:
-        usable[~frame.mask] = 0
-    if frame.alpha is not None:
-        usable[frame.alpha < 128] = 0
-    return usable
 
 
 def match(first: Features, second: Features) -> np.ndarray:

@@ -50,7 +50,7 @@ class Decision:
         kept: whether it is a keyframe.
         reason: in words.
         sharpness: mean absolute difference of neighbouring grey levels, see `pocketgs.capture.sharpness`.
-        displacement: distance from the keyframe before it.
+        displacement: distance from the keyframe before it, infinite for the first.
     """
 
     name: str

@@ -81,6 +81,7 @@ def build_prior(
         capture, carried = _with_refined_poses(capture, keyframes, structure, scale, settings)
         keyframes = [frame for frame in capture.train if frame.name in kept]
         capture, gains = _with_one_exposure(capture, keyframes, structure, scale, settings)
+        keyframes = [frame for frame in capture.train if frame.name in kept]
     if settings.dense:
         with stopwatch.stage("depth"):
             frames = [at_sweep_size(frame) for frame in capture.train]
@@ -89,7 +90,7 @@ def build_prior(
         with stopwatch.stage("fusion"):
             cloud = fuse(keyframes, maps, capture.train, max_points, settings.fusion)
     else:
-        cloud = _sparse_cloud(keyframes, structure)
+        cloud = _sparse_cloud(keyframes, structure, max_points)
     report = PriorReport(
         decisions=decisions,
         sparse_points=len(structure.points) if structure else 0,
@@ -114,11 +115,7 @@ def _with_refined_poses(
     others = [frame for frame in capture.frames if frame.name not in cameras]
     found = relocalise(others, keyframes, structure, scale, settings.structure)
     cameras |= {frame.name: camera for frame, camera in zip(others, found.cameras, strict=True)}
-
-    def posed(frames: Sequence[Frame]) -> list[Frame]:
-        return [replace(frame, camera=cameras[frame.name]) for frame in frames]
-
-    return replace(capture, train=posed(capture.train), held_out=posed(capture.held_out)), found.carried
+    return capture.with_refined_poses(cameras), found.carried
 
 
 def _with_one_exposure(
@@ -147,19 +144,21 @@ def _depth_maps(
         middle = 2 / (1 / nearest + 1 / farthest)
         references = choose_references(keyframe, frames, middle, settings)
         found = sweep(keyframe, references, nearest, farthest, settings)
-        maps.append(completed(found, keyframe.depth))
+        maps.append(completed(found, keyframe))
     return maps
 
 
-def _sparse_cloud(keyframes: Sequence[Frame], structure: Structure | None) -> PointCloud:
-    """The triangulated points, each with the colour of a feature that it was seen as."""
+def _sparse_cloud(keyframes: Sequence[Frame], structure: Structure | None, most: int) -> PointCloud:
+    """The triangulated points, `most` of them, each with the colour of a feature that it was seen as."""
     if structure is None:
         return PointCloud(np.zeros((0, 3)), np.zeros((0, 3)))
     colours = np.zeros((len(structure.points), 3), np.float32)
     for keyframe, (features, point) in zip(keyframes, structure.landmarks, strict=True):
         columns, rows = features.pixels.astype(np.int64).T
         colours[point] = keyframe.image[rows, columns] / np.float32(255)
-    return PointCloud(structure.points, colours)
+    finite = np.flatnonzero(np.isfinite(structure.points).all(axis=1))
+    chosen = finite[np.linspace(0, len(finite) - 1, min(most, len(finite))).astype(np.int64)]
+    return PointCloud(structure.points, colours).select(chosen)
 
 
 def _warnings(structure: Structure | None, carried: tuple[str, ...]) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pocketgs.capture.capture import Frame
 from pocketgs.prior.sweep import DepthMap
 
 WEAK_MARGIN = 0.04
@@ -13,7 +14,7 @@ SURE_MARGIN = 0.1
 FEWEST_PIXELS = 100
 
 
-def completed(found: DepthMap, measured: np.ndarray | None) -> DepthMap:
+def completed(found: DepthMap, keyframe: Frame) -> DepthMap:
     """The depth map with measured depths where matching is unsure.
 
     Measured depths are first scaled to those that matching is sure of: refined poses may have changed the scene's scale
@@ -21,10 +22,11 @@ def completed(found: DepthMap, measured: np.ndarray | None) -> DepthMap:
 
     Args:
         found: by matching.
-        measured: (H, W) float32 by a sensor, 0 where unknown, or None.
+        keyframe: the frame, with the sensor's depth or without.
     """
-    if measured is None:
+    if keyframe.depth is None:
         return found
+    measured = keyframe.depth if keyframe.usable is None else np.where(keyframe.usable, keyframe.depth, 0)
     sure = (found.depth > 0) & (measured > 0) & (found.margin >= SURE_MARGIN)
     scale = np.median(found.depth[sure] / measured[sure]) if np.count_nonzero(sure) >= FEWEST_PIXELS else 1.0
     unsure = (measured > 0) & ((found.depth == 0) | (found.margin < WEAK_MARGIN))

@@ -141,10 +141,14 @@ def _generalises(
     the poses that they were chosen with. Hence medians.
     """
     checked = tracks.point % CHECKED_SHARE == 0
-    _, fitted = _renumbered(tracks.select(trusted & ~checked))
-    adjusted = adjust_bundle(given, triangulate(given, fitted), fitted, settings.bundle_settings(scale)).cameras
-    plausible = _trusted(given, triangulate(given, tracks), tracks, settings.rounds[0], settings.least_angle)
-    _, unseen = _renumbered(tracks.select(plausible & checked))
+    points = triangulate(given, tracks)
+    finite = np.isfinite(points).all(axis=1)[tracks.point]
+    numbers, fitted = _renumbered(tracks.select(trusted & ~checked & finite))
+    plausible = _trusted(given, points, tracks, settings.rounds[0], settings.least_angle)
+    others, unseen = _renumbered(tracks.select(plausible & checked))
+    if min(len(numbers), len(others)) < settings.fewest_points // CHECKED_SHARE:
+        return False
+    adjusted = adjust_bundle(given, points[numbers], fitted, settings.bundle_settings(scale)).cameras
     before, after = (
         np.median(reprojection_errors(cameras, triangulate(cameras, unseen), unseen)) for cameras in (given, adjusted)
     )

@@ -132,10 +132,8 @@ def sweep(
     total = aggregate(costs, view, paths, settings.small_step, settings.large_step)
     depth, margin = winners(total, inverse_depths, len(paths))
     depth = _smoothed(depth, float(inverse_depths[1] - inverse_depths[0]))
-    if keyframe.mask is not None:
-        depth[~keyframe.mask] = 0
-    if keyframe.alpha is not None:
-        depth[keyframe.alpha < 128] = 0
+    if keyframe.usable is not None:
+        depth[~keyframe.usable] = 0
     return DepthMap(depth, margin)
 
 
@@ -146,7 +144,9 @@ def _smoothed(depth: np.ndarray, spacing: float) -> np.ndarray:
     symmetric window is unbiased there, and edges of more than a few hypotheses stay.
     """
     known = depth > 0
-    inverse = np.divide(1.0, depth, out=np.zeros_like(depth), where=known)
+    # Unknown depths lie so far from all others that none takes part in a mean.
+    elsewhere = np.full_like(depth, -10 * SMOOTHING_STEPS * spacing)
+    inverse = np.divide(1.0, depth, out=elsewhere, where=known)
     smooth = cv2.bilateralFilter(inverse, SMOOTHING_WINDOW, SMOOTHING_STEPS * spacing, SMOOTHING_WIDTH)
     return np.divide(1.0, smooth, out=np.zeros_like(depth), where=known)
 

@@ -130,7 +130,7 @@ def _poses(time: float, shutter: float) -> np.ndarray:
 
 
 def _gains(times: np.ndarray) -> np.ndarray:
-    """(T, 3) gains of automatic exposure, which holds for a second at most and then jumps, and of white balance."""
+    """(T, 3) gains of automatic exposure, which holds for 1.2 s at most and then jumps, and of white balance."""
     generator = np.random.default_rng(EXPOSURE_SEED)
     jumps = np.cumsum(generator.uniform(*EXPOSURE_HELD, int(DURATION / EXPOSURE_HELD[0])))
     metered = generator.uniform(-MOST_EXPOSURE, MOST_EXPOSURE, len(jumps) + 1)
