@@ -104,6 +104,12 @@ class Camera:
         pixels = np.stack([self.fx * local[:, 0] / safe + self.cx, self.fy * local[:, 1] / safe + self.cy], axis=1)
         return pixels, depth
 
+    def rays(self, pixels: np.ndarray) -> np.ndarray:
+        """(N, 3) directions in the world through (N, 2) pixel coordinates, of length 1 along the optical axis."""
+        x = (pixels[:, 0] - self.cx) / self.fx
+        y = (pixels[:, 1] - self.cy) / self.fy
+        return np.stack([x, y, np.ones(len(pixels))], axis=1) @ self.world_to_camera[:3, :3]
+
 
 def look_at(eye: np.ndarray, target: np.ndarray, up: np.ndarray) -> np.ndarray:
     """(4, 4) world_to_camera of a camera at `eye` that looks at `target` with `up` pointing up in the image."""

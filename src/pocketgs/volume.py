@@ -123,15 +123,8 @@ def _random_pixels(frame: Frame, count: int, rng: np.random.Generator) -> np.nda
     return np.stack([columns, rows], axis=1)
 
 
-def _directions(camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """(M, 3) rays through the centres of pixels in the world, with a depth of 1."""
-    x = (pixels[:, 0] + 0.5 - camera.cx) / camera.fx
-    y = (pixels[:, 1] + 0.5 - camera.cy) / camera.fy
-    return np.stack([x, y, np.ones(len(pixels))], axis=1) @ camera.world_to_camera[:3, :3]
-
-
 def _unproject(camera: Camera, pixels: np.ndarray, depths: np.ndarray) -> np.ndarray:
-    return _directions(camera, pixels) * depths[:, None] + camera.centre
+    return camera.rays(pixels + 0.5) * depths[:, None] + camera.centre
 
 
 def _costs(frame: Frame, neighbours: list[Frame], pixels: np.ndarray, depths: np.ndarray) -> np.ndarray:
@@ -144,7 +137,7 @@ def _costs(frame: Frame, neighbours: list[Frame], pixels: np.ndarray, depths: np
     for offset in PATCH:
         around = np.clip(pixels + offset, 0, last)
         own = frame.image[around[:, 1], around[:, 0]].astype(np.int16)
-        directions = _directions(frame.camera, around)
+        directions = frame.camera.rays(around + 0.5)
         for other in neighbours:
             inside, index = _pixels_of(other.camera, frame.camera.centre, directions, depths)
             theirs = other.image.reshape(-1, 3).take(index, axis=0)

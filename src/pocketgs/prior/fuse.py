@@ -149,9 +149,7 @@ def _candidates(
     confidences[fillers] = FILLER_CONFIDENCE
     rows, columns = (places[::stride] for places in np.nonzero(believed | fillers))
     camera = keyframe.camera
-    x = (columns + 0.5 - camera.cx) / camera.fx
-    y = (rows + 0.5 - camera.cy) / camera.fy
-    rays = np.column_stack([x, y, np.ones(len(x))]) @ camera.world_to_camera[:3, :3]
+    rays = camera.rays(np.column_stack([columns, rows]) + 0.5)
     return Candidates(
         positions=camera.centre + rays * map_.depth[rows, columns, None],
         colours=keyframe.image[rows, columns] / np.float32(255),

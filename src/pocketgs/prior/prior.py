@@ -74,23 +74,24 @@ def build_prior(
     with stopwatch.stage("keyframes"):
         scale = estimate_scale(capture)
         decisions = choose_keyframes(capture.train, scale, settings.gate)
-        kept = {decision.name for decision in decisions if decision.kept}
+
+    def keyframes_of(frames: Sequence[Frame]) -> list[Frame]:
+        return [frame for frame, decision in zip(frames, decisions, strict=True) if decision.kept]
+
     with stopwatch.stage("poses"):
-        keyframes = [frame for frame in capture.train if frame.name in kept]
-        structure = build_structure(keyframes, scale, settings.structure)
-        capture, carried = _with_refined_poses(capture, keyframes, structure, scale, settings)
-        keyframes = [frame for frame in capture.train if frame.name in kept]
-        capture, gains = _with_one_exposure(capture, keyframes, structure, scale, settings)
-        keyframes = [frame for frame in capture.train if frame.name in kept]
+        given = keyframes_of(capture.train)
+        structure = build_structure(given, scale, settings.structure)
+        capture, carried = _with_refined_poses(capture, given, structure, scale, settings)
+        capture, gains = _with_one_exposure(capture, keyframes_of(capture.train), structure, scale, settings)
     if settings.dense:
         with stopwatch.stage("depth"):
             frames = [at_sweep_size(frame) for frame in capture.train]
-            keyframes = [frame for frame in frames if frame.name in kept]
+            keyframes = keyframes_of(frames)
             maps = _depth_maps(keyframes, frames, structure, scale, settings.sweep)
         with stopwatch.stage("fusion"):
             cloud = fuse(keyframes, maps, capture.train, max_points, settings.fusion)
     else:
-        cloud = _sparse_cloud(keyframes, structure, max_points)
+        cloud = _sparse_cloud(keyframes_of(capture.train), structure, max_points)
     report = PriorReport(
         decisions=decisions,
         sparse_points=len(structure.points) if structure else 0,

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from pocketgs.atomic_folder import replacing_folder
 from pocketgs.capture.image_file import read_size
 from pocketgs.capture.unposed import is_video
 from pocketgs.errors import PocketGSError
@@ -17,7 +18,6 @@ from pocketgs.structure_from_motion.folder import (
     RECORD,
     check_replaceable,
     read_record,
-    replacing_folder,
 )
 from pocketgs.structure_from_motion.images import gather, names_by_size, source_files
 from pocketgs.structure_from_motion.options import PoseOptions
@@ -75,17 +75,20 @@ def pose(
     check_installed()
     made_from = _made_from(source, options)
     check_replaceable(output)
-    with replacing_folder(output) as (staging, workspace):
-        on_stage("frames")
-        gather(source, staging / IMAGES, options.most_frames)
-        groups = names_by_size(staging / IMAGES)
-        job = _job(staging, workspace, groups, is_video(source), options)
-        outcome = run_colmap(job, workspace / "log.txt", on_stage)
-        frames, registered = sum(map(len, groups)), int(outcome["registered"])
-        if registered == 0:
-            raise PocketGSError(_nothing_registered(source, frames, outcome))
-        record = {**made_from, "frames": frames, **outcome}
-        (staging / RECORD).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    try:
+        with replacing_folder(output) as (staging, workspace):
+            on_stage("frames")
+            gather(source, staging / IMAGES, options.most_frames)
+            groups = names_by_size(staging / IMAGES)
+            job = _job(staging, workspace, groups, is_video(source), options)
+            outcome = run_colmap(job, workspace / "log.txt", on_stage)
+            frames, registered = sum(map(len, groups)), int(outcome["registered"])
+            if registered == 0:
+                raise PocketGSError(_nothing_registered(source, frames, outcome))
+            record = {**made_from, "frames": frames, **outcome}
+            (staging / RECORD).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise PocketGSError(f"{output.resolve()}: cannot be written ({error.strerror or error})") from error
     if registered < frames:
         on_warning(f"poses of {registered} of {frames} images were found; the others are left out")
     return Posed(output, frames, registered, int(outcome["points"]), float(outcome["reprojection_error"]))

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import shutil
 from collections.abc import Sequence
-from glob import escape
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from PIL import Image
 
+from pocketgs.atomic_folder import replacing_folder
 from pocketgs.camera import Camera
 from pocketgs.capture.loading import reliable_depth
 from pocketgs.capture.open import read_listing
@@ -51,16 +48,9 @@ def write_demo(folder: Path, width: int = 480, height: int = 360, frames: int = 
     try:
         if _read_stamp(folder) == stamp and _is_whole(folder, frames):
             return
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        # What killed processes have left behind.
-        for leftover in folder.parent.glob(f".{escape(folder.name)}.*.partial"):
-            shutil.rmtree(leftover, ignore_errors=True)
-        with TemporaryDirectory(".partial", f".{folder.name}.", folder.parent, ignore_cleanup_errors=True) as staging:
-            _write(Path(staging) / "new", width, height, frames)
-            _write_json(Path(staging) / "new" / GENERATED, stamp)
-            if folder.exists():
-                os.replace(folder, Path(staging) / "old")
-            os.replace(Path(staging) / "new", folder)
+        with replacing_folder(folder) as (staging, _):
+            _write(staging, width, height, frames)
+            _write_json(staging / GENERATED, stamp)
     except OSError as error:
         raise PocketGSError(f"{folder}: the demo cannot be written ({error.strerror or error})") from error
 
@@ -79,7 +69,7 @@ def read_ground_truth(folder: Path) -> GroundTruth:
 
 
 def _write(folder: Path, width: int, height: int, frames: int) -> None:
-    (folder / "images").mkdir(parents=True)
+    (folder / "images").mkdir()
     (folder / GROUND_TRUTH / "depth").mkdir(parents=True)
     shots = []
     for shot, image, depth in record(width, height, frames):

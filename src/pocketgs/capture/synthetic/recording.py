@@ -152,10 +152,8 @@ def _scan(frames: list[Frame], count: int) -> PointCloud:
         assert frame.depth is not None
         share = count * (number + 1) // len(frames) - count * number // len(frames)
         row, column = np.unravel_index(generator.integers(0, frame.depth.size, share), frame.depth.shape)
-        camera = frame.camera
-        x, y = (column + 0.5 - camera.cx) / camera.fx, (row + 0.5 - camera.cy) / camera.fy
-        local = np.stack([x, y, np.ones(share)], axis=1) * frame.depth[row, column, None]
-        positions.append(camera.centre + local @ camera.world_to_camera[:3, :3])
+        rays = frame.camera.rays(np.column_stack([column, row]) + 0.5)
+        positions.append(frame.camera.centre + rays * frame.depth[row, column, None])
         colours.append(frame.image[row, column] / 255)
     noise = generator.normal(0, POINT_NOISE, (count, 3))
     return PointCloud(np.concatenate(positions) + noise, np.concatenate(colours))
