@@ -72,7 +72,7 @@ def measured(capture: Capture, options: TrainingOptions) -> tuple[float, list[st
     prepared = prepare(capture, options)
     seconds = time.perf_counter() - started
     scene = train(capture, options, prepared=prepared)
-    engine = create_engine(options.engine, options.threads)
+    engine = create_engine(options.engine_options)
     engine.upload(scene)
     evaluation = evaluate_held_out(engine, prepared.capture)
     assert evaluation is not None

@@ -51,7 +51,7 @@ def steps(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, StepSettings]]:
             taken.append((view, settings))
             super().step(view, settings)
 
-    monkeypatch.setattr("pocketgs.training.create_engine", lambda name, threads: ListeningEngine(threads))
+    monkeypatch.setattr("pocketgs.training.create_engine", lambda options: ListeningEngine(options.threads))
     return taken
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from pocketgs.camera import Camera
 from pocketgs.gaussians import Gaussians
-from pocketgs.splat.engine import EngineName, Rendering, create_engine
+from pocketgs.splat.engine import EngineName, EngineOptions, Rendering, create_engine
 
 BLACK = (0.0, 0.0, 0.0)
 
@@ -40,7 +40,7 @@ def render_all(
     engine: EngineName = "auto",
 ) -> Iterator[Rendering]:
     """Render views one after the other; see `render`."""
-    renderer = create_engine(engine)
+    renderer = create_engine(EngineOptions(engine))
     renderer.upload(scene)
     for camera in cameras:
         yield renderer.render(camera, background, depth)

@@ -88,7 +88,7 @@ def run(
     reporter = reporter or Reporter()
     stopwatch = Stopwatch(reporter.on_stage)
     stopwatch.seconds["startup"] = seconds_since_start()
-    create_engine(options.engine, options.threads)  # one that is not there is found out before the work starts
+    create_engine(options.engine_options)  # one that is not there is found out before the work starts
     result_folder.check_writable(folder)
     with stopwatch.stage("capture"):
         capture = load_capture()
@@ -190,7 +190,7 @@ def _publish(
             if refined:
                 write_poses(staging / result_folder.POSES, prepared.frames)
         with stopwatch.stage("evaluation"):
-            engine = create_engine(options.engine, options.threads)
+            engine = create_engine(options.engine_options)
             engine.upload(scene)
             evaluation = evaluate_held_out(engine, prepared, staging / result_folder.PICTURES)
         stopwatch.seconds["total"] = seconds_since_start()

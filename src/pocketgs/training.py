@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -41,7 +40,7 @@ class Progress:
         iteration: iterations done.
         iterations: iterations asked for.
         fraction: how much of the run is over, by iterations or by time.
-        loss: mean of the training loss over the last epoch.
+        loss: mean of the training loss over the last epoch, as of a moment ago.
         held_out_psnr: when the held-out views were last looked at, or None.
         iteration_rate: iterations per second.
         seconds_left: estimate of the time until iterations or the time budget run out.
@@ -59,6 +58,8 @@ class Progress:
     gaussians: int
     checkpoint: Callable[[], Checkpoint]
 
+
+SECONDS_BETWEEN_LOSSES = 0.5
 
 Observer = Callable[[Progress], None]
 
@@ -112,7 +113,7 @@ def train(
         seed = SEEDINGS[options.seeds]
         start = resume.gaussians if resume else seed(capture.points, recipe.opacity, degree, recipe.seed_size)
     with stopwatch.stage("compilation"):
-        engine = create_engine(options.engine, options.threads)
+        engine = create_engine(options.engine_options)
         engine.prepare()
     with stopwatch.stage("upload"):
         engine.set_views(capture.train)
@@ -164,7 +165,7 @@ class _Loop:
         self._capture, self._options, self._recipe = capture, options, recipe
         self._rates = replace(recipe.rates, means=recipe.rates.means * unit)
         self._engine, self._stopwatch = engine, stopwatch
-        self._recent_losses: deque[float] = deque(maxlen=len(capture.train))
+        self._loss, self._loss_asked = float("nan"), float("-inf")
         self._held_out_psnr: float | None = None
         self._gaussians = gaussians
 
@@ -197,7 +198,6 @@ class _Loop:
         settings = StepSettings(rates, self._recipe.loss, background=self._capture.background)
         self._engine.step(self._next_view(), settings)
         self.iteration += 1
-        self._recent_losses.append(self._engine.loss())
 
     def _next_view(self) -> int:
         """Every view once an epoch, in an order that depends on the seed and the epoch only."""
@@ -219,7 +219,15 @@ class _Loop:
         self.samples.append(LossSample(self.iteration, seconds, self._mean_loss(), self._held_out_psnr))
 
     def _mean_loss(self) -> float:
-        return float(np.mean(self._recent_losses))
+        """Of the last epoch."""
+        return self._engine.loss(min(len(self._capture.train), self.iteration - self._first_iteration))
+
+    def _recent_loss(self) -> float:
+        """The same, some time ago: asking an engine for it makes it finish what it has been given."""
+        if time.monotonic() - self._loss_asked > SECONDS_BETWEEN_LOSSES:
+            self._loss = self._mean_loss()
+            self._loss_asked = time.monotonic()
+        return self._loss
 
     def _progress(self, started: float) -> Progress:
         elapsed = time.monotonic() - started
@@ -231,7 +239,7 @@ class _Loop:
             iteration=self.iteration,
             iterations=self._options.iterations,
             fraction=self._fraction(started),
-            loss=self._mean_loss(),
+            loss=self._recent_loss(),
             held_out_psnr=self._held_out_psnr,
             iteration_rate=rate,
             seconds_left=left,

@@ -7,7 +7,7 @@ from typing import Literal
 
 from pocketgs.errors import PocketGSError
 from pocketgs.recipes import recipe_named
-from pocketgs.splat.engine import EngineName
+from pocketgs.splat.engine import EngineName, EngineOptions, Precision, Replay
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,8 @@ class TrainingOptions:
         iterations: number of training steps, one view each.
         time_budget: seconds of training after which to stop, or None. Learning rates fall with whichever runs out
             first.
-        engine: what renders and differentiates.
+        engine: what renders and differentiates: "auto" takes a GPU where there is one, else the CPU; "webgpu" takes
+            software adapters too.
         prior: what to start from: "dense" matches the photographs pixel by pixel; "sparse" takes the points of
             matched features; "none" the capture as it is, with its own points, or points drawn where it has none.
         bundle: refine poses where the photographs contradict them.
@@ -31,6 +32,10 @@ class TrainingOptions:
         max_gaussians: most Gaussians to start with.
         sh_degree: degree of the spherical harmonics, or None for the recipe's.
         threads: CPU threads, or None for all cores.
+        gpu: part of the name of the GPU to use, or None for the best.
+        precision: of projected splats on the GPU.
+        replay: whether the GPU's backward pass recomputes what the forward pass did, or reads it from a cache.
+        max_memory: megabytes of GPU memory that training may take.
         evaluate_every: iterations between looks at the held-out views; 0 for none until the end.
     """
 
@@ -48,6 +53,10 @@ class TrainingOptions:
     max_gaussians: int = 50_000
     sh_degree: int | None = None
     threads: int | None = None
+    gpu: str | None = None
+    precision: Precision = "f32"
+    replay: Replay = "recompute"
+    max_memory: int = 3000
     evaluate_every: int = 100
 
     def __post_init__(self) -> None:
@@ -63,6 +72,9 @@ class TrainingOptions:
             "max gaussians": (self.max_gaussians >= 4, "at least 4"),
             "SH degree": (self.sh_degree in (None, 0, 1, 2, 3), "0, 1, 2 or 3"),
             "threads": (self.threads is None or self.threads >= 1, "at least 1"),
+            "precision": (self.precision in ("f32", "f16"), "f32 or f16"),
+            "replay": (self.replay in ("recompute", "cache"), "recompute or cache"),
+            "max memory": (self.max_memory >= 1, "at least 1"),
             "evaluate every": (self.evaluate_every >= 0, "at least 0"),
             "seed": (self.seed >= 0, "at least 0"),
         }
@@ -71,3 +83,8 @@ class TrainingOptions:
                 raise PocketGSError(
                     f"{what}: found {getattr(self, what.lower().replace(' ', '_'))}, expected {expected}"
                 )
+
+    @property
+    def engine_options(self) -> EngineOptions:
+        """Those that concern the engine."""
+        return EngineOptions(self.engine, self.threads, self.gpu, self.precision, self.replay, self.max_memory)

@@ -16,7 +16,7 @@ from pocketgs.cli.scene_file import in_world_of, load_scene
 from pocketgs.errors import PocketGSError
 from pocketgs.result_folder import publishing, write_json
 from pocketgs.run import evaluate_held_out
-from pocketgs.splat.engine import EngineName, create_engine
+from pocketgs.splat.engine import EngineName, EngineOptions, create_engine
 
 
 def evaluate(
@@ -40,7 +40,7 @@ def evaluate(
     console = Console()
     gaussians = load_scene(scene)
     opened = in_world_of(scene, reading.open(capture))
-    renderer = create_engine(engine)
+    renderer = create_engine(EngineOptions(engine))
     renderer.upload(gaussians)
     if not opened.held_out:
         raise PocketGSError(f"{capture}: no view is held out, expected --hold-out of at least 2")

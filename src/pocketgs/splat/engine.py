@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 
@@ -15,6 +15,13 @@ from pocketgs.gaussians import Gaussians
 from pocketgs.splat.settings import StepSettings
 
 EngineName = Literal["auto", "cpu", "webgpu"]
+Precision = Literal["f32", "f16"]
+Replay = Literal["recompute", "cache"]
+
+ENGINES = get_args(EngineName)
+
+KEPT_LOSSES = 4096
+"""An engine remembers the losses of so many of the latest steps."""
 
 
 @dataclass(frozen=True)
@@ -66,10 +73,10 @@ class Engine(Protocol):
         """Take a copy of the scene, and of the optimiser's state or start it anew."""
 
     def step(self, view: int, settings: StepSettings) -> None:
-        """Train on one view: render, compare, differentiate, update. Returns without waiting for the result."""
+        """Train on one view: render, compare, differentiate, update. May return before it is done."""
 
-    def loss(self) -> float:
-        """The loss of the last step, measured before its update."""
+    def loss(self, steps: int = 1) -> float:
+        """Mean loss of the last `steps` steps, at most KEPT_LOSSES, measured before their updates. Waits for them."""
 
     def render(
         self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False
@@ -86,18 +93,50 @@ class Engine(Protocol):
         """Bytes that the engine holds, by the name of what they are for."""
 
 
-def create_engine(name: EngineName = "auto", threads: int | None = None) -> Engine:
-    """Make an engine; `auto` takes the best that this device has.
+@dataclass(frozen=True)
+class EngineOptions:
+    """Which engine, and how it works.
+
+    Attributes:
+        engine: "auto" takes a GPU where there is one, else the CPU; "webgpu" takes software adapters too.
+        threads: CPU threads that it may use, or None for one a core.
+        gpu: part of the name of the GPU to use, or None for the best.
+        precision: of projected splats on the GPU: "f32" or, in about two thirds of the memory, "f16".
+        replay: how the GPU's backward pass comes by what the forward pass computed: it recomputes it, or keeps it in a
+            cache.
+        max_memory: megabytes of GPU memory that the engine may take.
+    """
+
+    engine: EngineName = "auto"
+    threads: int | None = None
+    gpu: str | None = None
+    precision: Precision = "f32"
+    replay: Replay = "recompute"
+    max_memory: int = 3000
+
+
+def create_engine(options: EngineOptions | None = None) -> Engine:
+    """Make an engine.
 
     Args:
-        name: which.
-        threads: CPU threads that it may use, or None for one a core.
+        options: which; all at their defaults if None.
 
     Raises:
         PocketGSError: the engine is not available here.
     """
-    if name in ("auto", "cpu"):
-        from pocketgs.splat.cpu.engine import CpuEngine
+    options = options or EngineOptions()
+    if options.engine not in ENGINES:
+        raise PocketGSError(f"engine {options.engine!r}: not known, expected one of {', '.join(ENGINES)}")
+    if options.engine == "webgpu" or (options.engine == "auto" and _has_gpu()):
+        from pocketgs.splat.webgpu.engine import WebGpuEngine
 
-        return CpuEngine(threads)
-    raise PocketGSError(f"engine {name!r} is not available in this version, expected auto or cpu")
+        return WebGpuEngine(options)
+    from pocketgs.splat.cpu.engine import CpuEngine
+
+    return CpuEngine(options.threads)
+
+
+def _has_gpu() -> bool:
+    from pocketgs.splat.webgpu.adapters import has_gpu
+
+    return has_gpu()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,7 +23,7 @@ from pocketgs.splat.cpu.project_backward import project_backward
 from pocketgs.splat.cpu.rasterize import rasterize
 from pocketgs.splat.cpu.rasterize_backward import rasterize_backward
 from pocketgs.splat.cpu.sort import sort_by_depth
-from pocketgs.splat.engine import OptimiserState, Rendering
+from pocketgs.splat.engine import KEPT_LOSSES, OptimiserState, Rendering
 from pocketgs.splat.settings import LearningRates, LossSettings, StepSettings
 
 
@@ -71,7 +72,7 @@ class CpuEngine:
         self._binner = Binner(self.threads)
         self._canvas: _Canvas | None = None
         self._entry_sums = np.empty(0, np.float32)
-        self._loss = 0.0
+        self._losses: deque[float] = deque(maxlen=KEPT_LOSSES)
 
     def prepare(self) -> None:
         """Compile the kernels, or load what an earlier process compiled, by training a throw-away scene."""
@@ -121,11 +122,11 @@ class CpuEngine:
         raster = self._forward(training_view.view, np.array(settings.background, np.float32))
         loss = self._photometric(training_view, raster, settings.loss)
         self._backward(training_view.view, raster)
-        self._loss = loss + self._update(settings)
+        self._losses.append(loss + self._update(settings))
 
-    def loss(self) -> float:
-        """The loss of the last step, measured before its update."""
-        return self._loss
+    def loss(self, steps: int = 1) -> float:
+        """Mean loss of the last `steps` steps, measured before their updates."""
+        return float(np.mean([self._losses[-step] for step in range(1, min(steps, len(self._losses)) + 1)]))
 
     def render(
         self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False

@@ -1,0 +1,137 @@
+"""Which GPUs there are, and how one is opened."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from pocketgs.errors import PocketGSError
+
+_PREFERENCE = {"DiscreteGPU": 0, "IntegratedGPU": 1, "VirtualGPU": 2, "Unknown": 3, "CPU": 4}
+_SOFTWARE = ("llvmpipe", "swiftshader", "lavapipe", "basic render driver")
+_BUFFER_LIMITS = ("max-buffer-size", "max-storage-buffer-binding-size")
+NEEDED = {
+    "max-storage-buffers-per-shader-stage": 8,
+    "max-compute-invocations-per-workgroup": 256,
+    "max-compute-workgroup-storage-size": 16384,
+    "max-compute-workgroup-size-x": 256,
+    "max-compute-workgroups-per-dimension": 65535,
+}
+"""What the passes need of a device: no more than every WebGPU device must offer."""
+
+
+@dataclass(frozen=True)
+class Adapter:
+    """A device that WebGPU can open.
+
+    Attributes:
+        name: of the device.
+        kind: "DiscreteGPU", "IntegratedGPU", "VirtualGPU", "CPU" or "Unknown".
+        backend: "Vulkan", "Metal" or "D3D12".
+        driver: its version, in the driver's words.
+        features: names of optional features.
+        limits: by name.
+        handle: wgpu's object.
+    """
+
+    name: str
+    kind: str
+    backend: str
+    driver: str
+    features: frozenset[str]
+    limits: dict[str, int]
+    handle: Any
+
+    @property
+    def is_software(self) -> bool:
+        """Whether the CPU does the work."""
+        return self.kind == "CPU" or any(name in self.name.lower() for name in _SOFTWARE)
+
+    def lacks(self) -> list[str]:
+        """What it lacks of what the passes need, in words."""
+        found = {name: self.limits.get(name, 0) for name in NEEDED}
+        return [f"{name} {found[name]} (expected {least})" for name, least in NEEDED.items() if found[name] < least]
+
+
+@cache
+def adapters() -> tuple[Adapter, ...]:
+    """All devices, the best first; none where there is no driver or wgpu cannot be loaded."""
+    try:
+        import wgpu
+        from wgpu.backends.wgpu_native.extras import set_instance_extras
+    except (ImportError, OSError):
+        return ()
+    # OpenGL's compute shaders lack what the passes need, and looking for them writes to the terminal.
+    set_instance_extras(backends=["Vulkan", "Metal", "DX12"])
+    try:
+        with _without_complaints_about_displays():
+            found = [_adapter(handle) for handle in wgpu.gpu.enumerate_adapters_sync()]
+    except RuntimeError:
+        return ()
+    return tuple(sorted(found, key=lambda adapter: (adapter.is_software, _PREFERENCE.get(adapter.kind, 5))))
+
+
+@contextmanager
+def _without_complaints_about_displays() -> Iterator[None]:
+    """On machines without a screen, Wayland's library writes to the terminal that this variable is not set."""
+    name = "XDG_RUNTIME_DIR"
+    if name in os.environ:
+        yield
+        return
+    os.environ[name] = tempfile.gettempdir()
+    try:
+        yield
+    finally:
+        del os.environ[name]
+
+
+def _adapter(handle: Any) -> Adapter:
+    info = handle.info
+    return Adapter(
+        name=info["device"] or info["vendor"] or "unnamed",
+        kind=info["adapter_type"],
+        backend=info["backend_type"],
+        driver=info["description"],
+        features=frozenset(handle.features),
+        limits={name: int(value) for name, value in handle.limits.items()},
+        handle=handle,
+    )
+
+
+def has_gpu() -> bool:
+    """Whether there is a GPU, software adapters aside, that the passes can run on."""
+    return any(not adapter.is_software and not adapter.lacks() for adapter in adapters())
+
+
+def choose_adapter(name: str | None = None) -> Adapter:
+    """The best adapter, or the first whose name contains `name`.
+
+    Raises:
+        PocketGSError: there is none, or it lacks something.
+    """
+    wanted = [adapter for adapter in adapters() if name is None or name.lower() in adapter.name.lower()]
+    if not wanted:
+        found = ", ".join(adapter.name for adapter in adapters()) or "none"
+        what = "a GPU with a Vulkan, Metal or DX12 driver" if name is None else f"one named like {name!r}"
+        raise PocketGSError(f"engine webgpu: found these devices: {found}; expected {what}, or --engine cpu")
+    if missing := wanted[0].lacks():
+        raise PocketGSError(f"{wanted[0].name}: {'; '.join(missing)}; --engine cpu does without it")
+    return wanted[0]
+
+
+def open_device(adapter: Adapter, features: frozenset[str] = frozenset()) -> Any:
+    """Open an adapter, with the limits of WebGPU's core but for the size of buffers, which are the adapter's.
+
+    Raises:
+        PocketGSError: the driver refuses.
+    """
+    limits = {name: adapter.limits[name] for name in _BUFFER_LIMITS}
+    try:
+        return adapter.handle.request_device_sync(required_features=sorted(features), required_limits=limits)
+    except RuntimeError as error:
+        raise PocketGSError(f"{adapter.name}: the device cannot be opened: {error}; expected --engine cpu") from error

@@ -1,0 +1,114 @@
+"""The passes of a step as data: what a host needs to run them, and nothing that depends on this one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from pocketgs.splat.webgpu.composition import Shader
+from pocketgs.splat.webgpu.sizes import Symbols, evaluate
+from pocketgs.splat.webgpu.uniforms import UniformLayout
+
+VERSION = 1
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One dispatch of a shader.
+
+    Attributes:
+        name: for people; several passes may run one shader.
+        shader: which.
+        groups: number of workgroups, an expression; a host folds it into rows of at most 65,535. None where the GPU
+            counts them: then `indirect` says where.
+        indirect: a buffer and the offset in bytes at which it holds the three sizes of the dispatch.
+        buffers: from the shader's names to the buffers they stand for, where those are not the same.
+        constants: values of the shader's overrides.
+        when: an expression; at 0 the pass is left out.
+    """
+
+    name: str
+    shader: str
+    groups: str | None = None
+    indirect: tuple[str, int] | None = None
+    buffers: Mapping[str, str] = field(default_factory=dict)
+    constants: Mapping[str, int] = field(default_factory=dict)
+    when: str = "1"
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """Passes in their order.
+
+    Attributes:
+        cleared: buffers filled with zeros before the first pass.
+        passes: the passes.
+    """
+
+    cleared: tuple[str, ...]
+    passes: tuple[Pass, ...]
+
+
+@dataclass(frozen=True)
+class Description:
+    """Everything a host with WebGPU needs to render and to train.
+
+    Attributes:
+        variants: which implementation each of the shaders' interfaces has.
+        definitions: numbers that follow from the given ones, as expressions; later ones may use earlier ones.
+        buffers: sizes in bytes, as expressions.
+        uniforms: the layouts of the uniform buffers.
+        shaders: by name.
+        sequences: by name: "render" and "step".
+    """
+
+    variants: Mapping[str, str]
+    definitions: Mapping[str, str]
+    buffers: Mapping[str, str]
+    uniforms: Mapping[str, UniformLayout]
+    shaders: Mapping[str, Shader]
+    sequences: Mapping[str, Sequence]
+
+    def symbols(self, given: Symbols) -> dict[str, int]:
+        """The given numbers and all that follow from them."""
+        symbols = dict(given)
+        for name, expression in self.definitions.items():
+            symbols[name] = evaluate(expression, symbols)
+        return symbols
+
+    def sizes(self, symbols: Symbols) -> dict[str, int]:
+        """Bytes of every buffer, a multiple of 4 and never 0, which WebGPU does not allow."""
+        return {name: max(evaluate(size, symbols), 16) for name, size in self.buffers.items()}
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain lists and dictionaries: `json.dumps` makes a file of it that `replay.js` can load."""
+        return {
+            "version": VERSION,
+            "definitions": dict(self.definitions),
+            "buffers": dict(self.buffers),
+            "uniforms": {name: layout.to_json() for name, layout in self.uniforms.items()},
+            "shaders": {
+                name: {
+                    "source": shader.source,
+                    "bindings": [{"name": binding.name, "access": binding.access} for binding in shader.bindings],
+                }
+                for name, shader in self.shaders.items()
+            },
+            "sequences": {
+                name: {"cleared": list(sequence.cleared), "passes": [_pass_to_json(one) for one in sequence.passes]}
+                for name, sequence in self.sequences.items()
+            },
+        }
+
+
+def _pass_to_json(one: Pass) -> dict[str, Any]:
+    return {
+        "name": one.name,
+        "shader": one.shader,
+        "groups": one.groups,
+        "indirect": list(one.indirect) if one.indirect else None,
+        "buffers": dict(one.buffers),
+        "constants": dict(one.constants),
+        "when": one.when,
+    }

@@ -1,0 +1,224 @@
+"""The WebGPU engine: keeps a run's state on the GPU, and submits a step's passes without waiting for them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pocketgs.camera import Camera
+from pocketgs.capture.capture import Frame
+from pocketgs.gaussians import Gaussians
+from pocketgs.splat.engine import KEPT_LOSSES, EngineOptions, OptimiserState, Rendering
+from pocketgs.splat.settings import StepSettings
+from pocketgs.splat.webgpu.adapters import choose_adapter, open_device
+from pocketgs.splat.webgpu.frame_values import update_values, view_values
+from pocketgs.splat.webgpu.passes import Variant, describe
+from pocketgs.splat.webgpu.photographs import Shelf, packed
+from pocketgs.splat.webgpu.replay import Replayer
+from pocketgs.splat.webgpu.scene_columns import SHAPE_COLUMNS, from_columns, to_columns
+
+ENTRIES_PER_GAUSSIAN = 8
+LEAST_ENTRIES = 1 << 16
+"""Room for entries of tiles' lists to begin with; it grows where that is too little."""
+
+GROWTH = 1.25
+
+REPLAY_DEPTH = 32
+"""Contributions of each pixel that a replay cache has room for; those after them are recomputed."""
+
+MOST_PENDING = 64
+SECONDS_BETWEEN_LOOKS = 0.2
+"""The host looks whether steps were completed after so many, or so much time: the GPU has work queued until then."""
+
+STEPS, HALTED, NEEDED = range(3)
+"""Words of the buffer `status`; see `shaders/common/status.wgsl`."""
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A step that the GPU may still have before it."""
+
+    view: int
+    settings: StepSettings
+
+
+class WebGpuEngine:
+    """Operator T in compute shaders; see `pocketgs.splat.engine.Engine`.
+
+    Steps are submitted and not waited for. A step that needs more room for tiles' lists than there is changes nothing,
+    and neither do those after it: when the host next looks, it makes room and submits them again. So a run gives the
+    same result however often that happens.
+
+    Args:
+        options: which device, and how it works; all at their defaults if None.
+
+    Raises:
+        PocketGSError: there is no such device, or it lacks something.
+    """
+
+    name = "webgpu"
+
+    def __init__(self, options: EngineOptions | None = None) -> None:
+        options = options or EngineOptions()
+        self.adapter = choose_adapter(options.gpu)
+        self._device = open_device(self.adapter)
+        self._replayer = Replayer(self._device, describe(Variant(options.precision, options.replay)))
+        self._frames: list[Frame] = []
+        self._shelf = Shelf([], 0)
+        self._gaussians = self._coefficients = self._entries = 0
+        self._pending: list[_Step] = []
+        self._completed = 0
+        self._looked = 0.0
+
+    def prepare(self) -> None:
+        """Compile all pipelines."""
+        self._replayer.prepare()
+
+    def set_views(self, frames: Sequence[Frame]) -> None:
+        """Take the photographs that `step` refers to by index."""
+        self._settle()
+        self._frames = list(frames)
+        self._shelf = Shelf(self._frames, self._device.limits["max-storage-buffer-binding-size"] // 4)
+        self._replayer.reserve({"photographs": max(4 * self._shelf.pixels, 16)})
+        for view, frame in enumerate(self._frames):
+            if self._shelf.is_resident(view):
+                self._replayer.write("photographs", packed(frame), 4 * self._shelf.place(view))
+
+    def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
+        """Take a copy of the scene, and of the optimiser's state or start it anew."""
+        self._pending.clear()
+        self._gaussians, self._coefficients = len(gaussians), gaussians.sh.shape[1]
+        self._entries = max(self._entries, LEAST_ENTRIES, ENTRIES_PER_GAUSSIAN * self._gaussians)
+        self._completed = state.steps if state else 0
+        self._reserve(1, 1)
+        for frame in self._frames:
+            self._reserve(frame.camera.width, frame.camera.height)
+        shape, sh = to_columns(gaussians)
+        zeros = np.zeros((self._columns, self._gaussians), np.float32)
+        for name, values in (
+            ("shape", shape),
+            ("sh", sh),
+            ("first_moments", zeros if state is None else np.ascontiguousarray(state.first_moments.T)),
+            ("second_moments", zeros if state is None else np.ascontiguousarray(state.second_moments.T)),
+        ):
+            self._replayer.write(name, values.reshape(-1))
+        self._replayer.write("status", np.array([self._completed, 0, 0], np.uint32))
+
+    def step(self, view: int, settings: StepSettings) -> None:
+        """Train on one view. Returns before it is done."""
+        self._submit(_Step(view, settings))
+        if len(self._pending) >= MOST_PENDING or time.monotonic() - self._looked > SECONDS_BETWEEN_LOOKS:
+            self._settle()
+
+    def loss(self, steps: int = 1) -> float:
+        """Mean loss of the last `steps` steps, measured before their updates."""
+        self._settle()
+        ring = self._replayer.read("losses", np.float32, KEPT_LOSSES)
+        latest = np.arange(self._completed - min(steps, KEPT_LOSSES), self._completed)
+        return float(ring[latest % KEPT_LOSSES].mean(dtype=np.float64))
+
+    def render(
+        self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False
+    ) -> Rendering:
+        """Render the scene as it stands."""
+        image = self._draw("render", camera, background)
+        alpha = 1.0 - image[..., 3]
+        expected_depth = None
+        if depth:
+            total = self._draw("render depth", camera, (0.0, 0.0, 0.0))[..., 0]
+            expected_depth = np.divide(total, alpha, out=np.zeros_like(alpha), where=alpha > 0.0)
+        return Rendering(np.ascontiguousarray(image[..., :3]), alpha, expected_depth)
+
+    def download(self) -> Gaussians:
+        """A copy of the scene as it stands."""
+        self._settle()
+        count = self._gaussians
+        shape = self._replayer.read("shape", np.float32, SHAPE_COLUMNS * count)
+        sh = self._replayer.read("sh", np.float32, 3 * self._coefficients * count)
+        return from_columns(shape.reshape(-1, count), sh.reshape(-1, count))
+
+    def optimiser_state(self) -> OptimiserState:
+        """A copy of the optimiser's state."""
+        self._settle()
+        first, second = (
+            self._replayer.read(name, np.float32, self._columns * self._gaussians).reshape(self._columns, -1).T.copy()
+            for name in ("first_moments", "second_moments")
+        )
+        return OptimiserState(first, second, self._completed)
+
+    def memory(self) -> dict[str, int]:
+        """Bytes of every buffer on the GPU, by its name in the passes."""
+        return self._replayer.sizes()
+
+    @property
+    def _columns(self) -> int:
+        return 10 + 3 * self._coefficients
+
+    def _symbols(self, width: int, height: int, settings: StepSettings | None = None) -> dict[str, int]:
+        """The numbers that sizes are computed from."""
+        loss = settings.loss if settings else None
+        return self._replayer.description.symbols(
+            {
+                "gaussians": self._gaussians,
+                "coefficients": self._coefficients,
+                "width": width,
+                "height": height,
+                "entries": self._entries,
+                "photograph_pixels": self._shelf.pixels,
+                "replay_depth": REPLAY_DEPTH,
+                "regularised": int(loss is not None and (loss.scale_weight > 0.0 or loss.opacity_weight > 0.0)),
+                "structural": int(loss is not None and loss.photometric == "l1-dssim" and min(width, height) > 10),
+            }
+        )
+
+    def _reserve(self, width: int, height: int) -> None:
+        """Make room for images of a size."""
+        symbols = self._symbols(width, height)
+        self._replayer.reserve(self._replayer.description.sizes(symbols))
+
+    def _submit(self, step: _Step) -> None:
+        frame = self._frames[step.view]
+        camera, place = frame.camera, self._shelf.place(step.view)
+        if not self._shelf.is_resident(step.view):
+            self._replayer.write("photographs", packed(frame), 4 * place)
+        symbols = self._symbols(camera.width, camera.height, step.settings)
+        number = self._completed + len(self._pending) + 1
+        self._replayer.write_uniform("view", view_values(camera, step.settings.background, symbols, place))
+        self._replayer.write_uniform("update", update_values(step.settings, camera, self._gaussians, number))
+        self._replayer.submit("step", symbols)
+        self._pending.append(step)
+
+    def _settle(self) -> None:
+        """Wait until all steps are completed; make room and submit again those that found too little."""
+        while self._pending:
+            completed, halted, needed = self._replayer.read("status", np.uint32, 3)
+            waiting = self._pending[int(completed) - self._completed :]
+            self._completed, self._pending = int(completed), []
+            if halted:
+                self._make_room(int(needed))
+            for step in waiting:
+                self._submit(step)
+        self._looked = time.monotonic()
+
+    def _make_room(self, needed: int) -> None:
+        """Let the lists of tiles hold `needed` entries and some more, and let the run go on."""
+        self._entries = int(needed * GROWTH)
+        self._reserve(1, 1)
+        self._replayer.write("status", np.array([self._completed, 0, 0], np.uint32))
+
+    def _draw(self, sequence: str, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:
+        """(H, W, 4) float32: colour and transmittance."""
+        self._settle()
+        self._reserve(camera.width, camera.height)
+        while True:
+            symbols = self._symbols(camera.width, camera.height)
+            self._replayer.write_uniform("view", view_values(camera, background, symbols))
+            self._replayer.submit(sequence, symbols)
+            pixels = self._replayer.read("image", np.float32, 4 * symbols["pixels"])
+            _, halted, needed = self._replayer.read("status", np.uint32, 3)
+            if not halted:
+                return pixels.reshape(camera.height, camera.width, 4)
+            self._make_room(int(needed))

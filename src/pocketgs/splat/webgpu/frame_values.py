@@ -1,0 +1,93 @@
+"""What a host writes into the uniform buffers before every image and every step."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pocketgs.camera import Camera
+from pocketgs.splat.constants import FRUSTUM_MARGIN, SSIM_WINDOW
+from pocketgs.splat.engine import KEPT_LOSSES
+from pocketgs.splat.settings import StepSettings
+from pocketgs.splat.webgpu.passes import TILE
+from pocketgs.splat.webgpu.sizes import Symbols, ceil_div
+
+
+def view_values(
+    camera: Camera, background: tuple[float, float, float], symbols: Symbols, photograph: int = 0
+) -> dict[str, ArrayLike]:
+    """Fields of the struct `View`.
+
+    Args:
+        camera: from where.
+        background: RGB.
+        symbols: gives gaussians, coefficients and entries.
+        photograph: where it begins, in pixels.
+    """
+    pose, size = camera.world_to_camera, np.array([camera.width, camera.height])
+    focal, principal = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
+    margin = FRUSTUM_MARGIN * size
+    return {
+        "to_camera_x": pose[0],
+        "to_camera_y": pose[1],
+        "to_camera_z": pose[2],
+        "centre": (*camera.centre, 1.0),
+        "background": (*background, 1.0),
+        "focal": focal,
+        "principal": principal,
+        "slopes_low": -(principal + margin) / focal,
+        "slopes_high": (size - principal + margin) / focal,
+        "width": camera.width,
+        "height": camera.height,
+        "tiles_across": ceil_div(camera.width, TILE),
+        "tiles_down": ceil_div(camera.height, TILE),
+        "gaussians": symbols["gaussians"],
+        "coefficients": symbols["coefficients"],
+        "entry_capacity": symbols["entries"],
+        "photograph": photograph,
+    }
+
+
+def structural_share(settings: StepSettings, camera: Camera) -> float:
+    """Weight of 1 - SSIM; 0 for images too small for a window."""
+    fits = min(camera.width, camera.height) >= SSIM_WINDOW
+    return settings.loss.dssim_weight if settings.loss.photometric == "l1-dssim" and fits else 0.0
+
+
+def update_values(settings: StepSettings, camera: Camera, gaussians: int, step: int) -> dict[str, ArrayLike]:
+    """Fields of the struct `Update`.
+
+    Args:
+        settings: the loss, the rates and Adam's constants.
+        camera: gives the image's size.
+        gaussians: their number.
+        step: number of steps including this one.
+    """
+    loss, rates, adam = settings.loss, settings.rates, settings.adam
+    structural = structural_share(settings, camera)
+    border = SSIM_WINDOW - 1
+    channels = 3 * camera.width * camera.height
+    windows = 3 * max((camera.width - border) * (camera.height - border), 1)
+    squared = loss.photometric == "l2"
+    return {
+        "absolute_weight": 0.0 if squared else (1.0 - structural) / channels,
+        "squared_weight": 1.0 / channels if squared else 0.0,
+        "structural_weight": structural / windows,
+        "structural_share": structural,
+        "scale_weight": loss.scale_weight / max(gaussians, 1),
+        "opacity_weight": loss.opacity_weight / max(gaussians, 1),
+        "mean_rate": rates.means,
+        "log_scale_rate": rates.log_scales,
+        "rotation_rate": rates.rotations,
+        "opacity_rate": rates.opacity_logits,
+        "sh_dc_rate": rates.sh_dc,
+        "sh_rest_rate": rates.sh_rest,
+        "decay1": adam.beta1,
+        "decay2": adam.beta2,
+        "unbias1": 1.0 / -math.expm1(step * math.log(adam.beta1)) if adam.beta1 > 0.0 else 1.0,
+        "unbias2": 1.0 / -math.expm1(step * math.log(adam.beta2)) if adam.beta2 > 0.0 else 1.0,
+        "epsilon": adam.epsilon,
+        "loss_slot": (step - 1) % KEPT_LOSSES,
+    }

@@ -1,0 +1,211 @@
+"""The passes of rendering and of a training step, in their order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+
+from pocketgs.splat.engine import KEPT_LOSSES, Precision, Replay
+from pocketgs.splat.webgpu.composition import Shader, compose
+from pocketgs.splat.webgpu.description import Description, Pass, Sequence
+from pocketgs.splat.webgpu.uniforms import UniformLayout
+
+TILE = 8
+PATCH = 16
+BLOCK = 2048
+THREADS = 256
+DIGIT_BITS = 4
+
+DEFINITIONS = {
+    "pixels": "width * height",
+    "tiles": f"ceil_div(width, {TILE}) * ceil_div(height, {TILE})",
+    "patches": f"ceil_div(width, {PATCH}) * ceil_div(height, {PATCH})",
+    "columns": "10 + 3 * coefficients",
+    "groups": f"ceil_div(gaussians, {THREADS})",
+    "blocks": f"ceil_div(gaussians, {BLOCK})",
+    "entry_blocks": f"ceil_div(entries, {BLOCK})",
+}
+
+
+@dataclass(frozen=True)
+class Variant:
+    """Which of several ways the passes go.
+
+    Attributes:
+        precision: of splats and of the replay cache.
+        replay: how the backward pass comes by α: "recompute", or from a "cache" that the forward pass fills.
+        subgroups: whether threads of a subgroup add up without workgroup memory.
+    """
+
+    precision: Precision = "f32"
+    replay: Replay = "recompute"
+    subgroups: bool = False
+
+    @property
+    def files(self) -> dict[str, str]:
+        """From the shaders' interfaces to the files that implement them."""
+        cached = self.replay == "cache"
+        return {
+            "splat_words": f"splat_words_{self.precision}",
+            "scan": "scan_subgroup" if self.subgroups else "scan_shared",
+            "replay": f"replay_cache_{self.precision}" if cached else "replay_none",
+            "replay_record": f"replay_record_{self.precision}" if cached else "replay_record_none",
+        }
+
+
+SPLAT_BYTES = {"f32": 40, "f16": 28}
+RECORD_BYTES = {"f32": 20, "f16": 12}
+
+
+def _buffers(variant: Variant) -> dict[str, str]:
+    """Sizes in bytes of the buffers that rendering needs."""
+    cache_bytes = f"pixels * (4 + {RECORD_BYTES[variant.precision]} * replay_depth)"
+    return {
+        "shape": "44 * gaussians",
+        "sh": "12 * coefficients * gaussians",
+        "splats": f"{SPLAT_BYTES[variant.precision]} * gaussians",
+        "depth_keys": "4 * gaussians",
+        "depth_keys_spare": "4 * gaussians",
+        "order": "4 * gaussians",
+        "order_spare": "4 * gaussians",
+        "tile_counts": "4 * gaussians",
+        "block_sums": "4 * blocks",
+        "first_slots": "4 * gaussians + 4",
+        "digit_counts": f"{4 << DIGIT_BITS} * max(blocks, entry_blocks)",
+        "entry_count": "4",
+        "entry_dispatches": "24",
+        "status": "12",
+        "tile_keys": "4 * entries",
+        "tile_keys_spare": "4 * entries",
+        "slots": "4 * entries",
+        "slots_spare": "4 * entries",
+        "slot_splats": "4 * entries",
+        "tile_starts": "4 * tiles + 8",
+        "drawn_ranges": "8 * tiles",
+        "image": "16 * pixels",
+        "replay_cache": cache_bytes if variant.replay == "cache" else "0",
+    }
+
+
+_TRAINING_BUFFERS = {
+    "gradients": "4 * columns * gaussians",
+    "first_moments": "4 * columns * gaussians",
+    "second_moments": "4 * columns * gaussians",
+    "entry_gradients": "36 * entries",
+    "photographs": "4 * photograph_pixels",
+    "ssim_derivatives": "36 * pixels",
+    "d_image": "16 * pixels",
+    "loss_parts": "8 * patches",
+    "regulariser_parts": "4 * groups",
+    "losses": f"{4 * KEPT_LOSSES}",
+}
+
+
+@dataclass(frozen=True)
+class _List:
+    """What is sorted: how its blocks are dispatched, and whether it has an item for every Gaussian or entry."""
+
+    over_gaussians: bool
+    groups: str | None = None
+    indirect: tuple[str, int] | None = None
+
+
+_GAUSSIANS = _List(True, groups="blocks")
+_ENTRIES = _List(False, indirect=("entry_dispatches", 0))
+
+
+def _radix_sort(keys: str, values: str, bits: int, over: _List, when: Callable[[int], str]) -> list[Pass]:
+    """Sort by the lowest bits of the keys.
+
+    Args:
+        keys: buffer; like that of the values it has a spare one. The digits are even in number, so that the result lies
+            in these and not in the spare ones.
+        values: buffer.
+        bits: how many.
+        over: which list.
+        when: from a digit's lowest bit to the condition on which it is sorted by.
+    """
+    source, target = (keys, values), (f"{keys}_spare", f"{values}_spare")
+    passes = []
+    for shift in range(0, bits, DIGIT_BITS):
+        moved = {"keys": source[0], "values": source[1], "sorted_keys": target[0], "sorted_values": target[1]}
+        length = {"over_gaussians": int(over.over_gaussians)}
+        digit = {**length, "shift": shift}
+        counted = {**length, "counts_per_block": 1 << DIGIT_BITS}
+        blocks, condition = (over.groups, over.indirect), when(shift)
+        passes += [
+            Pass(f"count digits of {keys}", "radix_count", *blocks, {"keys": source[0]}, digit, condition),
+            Pass(f"place {keys}", "scan_blocks", "1", None, {"counts": "digit_counts"}, counted, condition),
+            Pass(f"scatter {keys}", "radix_scatter", *blocks, moved, digit, condition),
+        ]
+        source, target = target, source
+    return passes
+
+
+def _tiles_have_digit(shift: int) -> str:
+    """Whether the tiles' numbers, and one more that stands for no tile, reach a digit or its neighbour in the pair."""
+    return f"tiles + 1 > {1 << (shift - shift % (2 * DIGIT_BITS))}"
+
+
+def _bin_passes() -> list[Pass]:
+    """Everything before rasterizing: tiles' lists of splats, nearest first."""
+    tile_counts = {"over_gaussians": 1, "counts_per_block": 1}
+    return [
+        Pass("project", "project", "groups"),
+        *_radix_sort("depth_keys", "order", 32, _GAUSSIANS, lambda _: "1"),
+        Pass("sum tile counts", "scan_sums", "blocks"),
+        Pass("place blocks", "scan_blocks", "1", buffers={"counts": "block_sums"}, constants=tile_counts),
+        Pass("place entries", "scan_within", "blocks"),
+        Pass("plan", "plan", "1"),
+        Pass("emit", "emit", "groups"),
+        *_radix_sort("tile_keys", "slots", 24, _ENTRIES, _tiles_have_digit),
+        Pass("tile ranges", "tile_ranges", indirect=("entry_dispatches", 12)),
+    ]
+
+
+_SORTED = {"sorted_slots": "slots"}
+_RASTERIZE = Pass("rasterize", "rasterize", "tiles", buffers=_SORTED)
+_RASTERIZE_DEPTH = Pass("rasterize", "rasterize", "tiles", buffers=_SORTED, constants={"draw_depth": 1})
+_TRAINING = (
+    Pass("rasterize", "rasterize_for_replay", "tiles", buffers=_SORTED),
+    Pass("dssim", "dssim", "patches", when="structural"),
+    Pass("loss", "loss", "patches"),
+    Pass("rasterize backward", "rasterize_backward", "tiles", buffers=_SORTED),
+    Pass("project backward", "project_backward", "groups"),
+    Pass("regularise", "regularise", "groups", when="regularised"),
+    Pass("adam", "adam", "groups"),
+    Pass("sum loss", "sum_loss", "1"),
+)
+
+
+@cache
+def describe(variant: Variant, training: bool = True) -> Description:
+    """Describe rendering, and training if asked for.
+
+    The numbers that the expressions are computed from: gaussians, coefficients, width, height, entries (room for them),
+    photograph_pixels, replay_depth, structural and regularised (0 or 1).
+    """
+    bins = _bin_passes()
+    sequences = {
+        "render": Sequence(("tile_starts",), (*bins, _RASTERIZE)),
+        "render depth": Sequence(("tile_starts",), (*bins, _RASTERIZE_DEPTH)),
+    }
+    buffers = _buffers(variant)
+    if training:
+        cleared = ("tile_starts", "gradients", "entry_gradients")
+        sequences["step"] = Sequence(cleared, (*bins, *_TRAINING))
+        buffers |= _TRAINING_BUFFERS
+    names = dict.fromkeys(one.shader for sequence in sequences.values() for one in sequence.passes)
+    shaders = {name: _shader(name, variant) for name in names}
+    uniforms = {"view": UniformLayout.of("View", shaders["project"].source)}
+    if training:
+        uniforms["update"] = UniformLayout.of("Update", shaders["adam"].source)
+    return Description(variant.files, DEFINITIONS, buffers, uniforms, shaders, sequences)
+
+
+def _shader(name: str, variant: Variant) -> Shader:
+    """Only a rasterization that is replayed later fills a cache."""
+    if name == "rasterize_for_replay":
+        return replace(compose("rasterize", variant.files), name=name)
+    return compose(name, {**variant.files, "replay_record": "replay_record_none"})

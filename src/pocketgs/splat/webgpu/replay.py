@@ -1,0 +1,181 @@
+"""Run a description's passes on a device: `replay.js` does the same in a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import wgpu
+from numpy.typing import ArrayLike
+
+from pocketgs.errors import PocketGSError
+from pocketgs.splat.webgpu.description import Description, Pass, Sequence
+from pocketgs.splat.webgpu.sizes import Symbols, evaluate
+
+LONGEST_ROW = 65_535
+"""No dimension of a dispatch may be longer."""
+
+_LAYOUT_TYPES = {
+    "uniform": wgpu.BufferBindingType.uniform,
+    "read": wgpu.BufferBindingType.read_only_storage,
+    "read_write": wgpu.BufferBindingType.storage,
+}
+_STORAGE = wgpu.BufferUsage.STORAGE | wgpu.BufferUsage.COPY_DST | wgpu.BufferUsage.COPY_SRC | wgpu.BufferUsage.INDIRECT
+_UNIFORM = wgpu.BufferUsage.UNIFORM | wgpu.BufferUsage.COPY_DST
+
+
+class Replayer:
+    """Holds a description's pipelines and buffers on a device.
+
+    Args:
+        device: from `open_device`.
+        description: what to run.
+    """
+
+    def __init__(self, device: Any, description: Description) -> None:
+        self.description = description
+        self._device = device
+        self._limit = min(
+            device.limits["max-buffer-size"],
+            device.limits["max-storage-buffer-binding-size"],
+        )
+        self._buffers = {
+            name: device.create_buffer(label=name, size=layout.size, usage=_UNIFORM)
+            for name, layout in description.uniforms.items()
+        }
+        self._layouts: dict[str, Any] = {}
+        self._modules: dict[str, Any] = {}
+        self._pipelines: dict[tuple[str, tuple[tuple[str, int], ...]], Any] = {}
+        self._recordings: dict[tuple[str, tuple[tuple[str, int], ...]], list[_Recorded]] = {}
+
+    def prepare(self) -> None:
+        """Compile every pipeline."""
+        for sequence in self.description.sequences.values():
+            for one in sequence.passes:
+                self._pipeline(one)
+
+    def reserve(self, sizes: Mapping[str, int]) -> None:
+        """Make buffers of at least these sizes in bytes. A buffer that has to grow loses its content.
+
+        Raises:
+            PocketGSError: a buffer is larger than the device allows.
+        """
+        for name, size in sizes.items():
+            if size > self._limit:
+                raise PocketGSError(
+                    f"the GPU's buffer {name!r} would need {size / 1e6:.0f} MB, the device allows "
+                    f"{self._limit / 1e6:.0f} MB: expected fewer Gaussians or smaller images"
+                )
+        for name, size in sizes.items():
+            if name not in self._buffers or self._buffers[name].size < size:
+                if name in self._buffers:
+                    self._buffers[name].destroy()
+                self._buffers[name] = self._device.create_buffer(label=name, size=size, usage=_STORAGE)
+                self._recordings.clear()
+
+    def sizes(self) -> dict[str, int]:
+        """Bytes of every buffer that there is."""
+        return {name: buffer.size for name, buffer in self._buffers.items()}
+
+    def write(self, name: str, content: np.ndarray | bytes, offset: int = 0) -> None:
+        """Write to a buffer, in order with the sequences submitted."""
+        if len(content):
+            self._device.queue.write_buffer(self._buffers[name], offset, content)
+
+    def write_uniform(self, name: str, values: Mapping[str, ArrayLike]) -> None:
+        """Fill in a uniform buffer."""
+        self.write(name, self.description.uniforms[name].pack(values))
+
+    def read(self, name: str, dtype: type[np.generic], count: int, offset: int = 0) -> np.ndarray:
+        """Read `count` numbers from `offset` (in numbers) on. Waits until all that was submitted is done."""
+        if count == 0:
+            return np.empty(0, dtype)
+        size = np.dtype(dtype).itemsize
+        content = self._device.queue.read_buffer(self._buffers[name], offset * size, count * size)
+        return np.frombuffer(content, dtype).copy()
+
+    def submit(self, sequence: str, symbols: Symbols) -> None:
+        """Run a sequence, without waiting for it.
+
+        Args:
+            sequence: its name.
+            symbols: from `Description.symbols`.
+        """
+        key = (sequence, tuple(symbols.items()))
+        if key not in self._recordings:
+            self._recordings[key] = self._record(self.description.sequences[sequence], symbols)
+        encoder = self._device.create_command_encoder()
+        for name in self.description.sequences[sequence].cleared:
+            encoder.clear_buffer(self._buffers[name])
+        compute = encoder.begin_compute_pass()
+        for recorded in self._recordings[key]:
+            recorded.dispatch(compute)
+        compute.end()
+        self._device.queue.submit([encoder.finish()])
+
+    def _record(self, sequence: Sequence, symbols: Symbols) -> list[_Recorded]:
+        """Resolve names and sizes once, for all later submissions at this size."""
+        recordings = []
+        for one in sequence.passes:
+            if not evaluate(one.when, symbols):
+                continue
+            groups = evaluate(one.groups, symbols) if one.groups else None
+            if groups == 0:
+                continue
+            indirect = (self._buffers[one.indirect[0]], one.indirect[1]) if one.indirect else None
+            recordings.append(_Recorded(one.name, self._pipeline(one), self._bind_group(one), groups, indirect))
+        return recordings
+
+    def _pipeline(self, one: Pass) -> Any:
+        key = (one.shader, tuple(sorted(one.constants.items())))
+        if key not in self._pipelines:
+            shader = self.description.shaders[one.shader]
+            if one.shader not in self._modules:
+                self._modules[one.shader] = self._device.create_shader_module(label=one.shader, code=shader.source)
+            stage = {"module": self._modules[one.shader], "entry_point": "main", "constants": dict(one.constants)}
+            layout = self._device.create_pipeline_layout(bind_group_layouts=[self._layout(one.shader)])
+            self._pipelines[key] = self._device.create_compute_pipeline(label=one.name, layout=layout, compute=stage)
+        return self._pipelines[key]
+
+    def _layout(self, shader: str) -> Any:
+        if shader not in self._layouts:
+            entries = [
+                {
+                    "binding": number,
+                    "visibility": wgpu.ShaderStage.COMPUTE,
+                    "buffer": {"type": _LAYOUT_TYPES[binding.access]},
+                }
+                for number, binding in enumerate(self.description.shaders[shader].bindings)
+            ]
+            self._layouts[shader] = self._device.create_bind_group_layout(label=shader, entries=entries)
+        return self._layouts[shader]
+
+    def _bind_group(self, one: Pass) -> Any:
+        bindings = self.description.shaders[one.shader].bindings
+        buffers = [self._buffers[one.buffers.get(binding.name, binding.name)] for binding in bindings]
+        entries = [
+            {"binding": number, "resource": {"buffer": buffer, "offset": 0, "size": buffer.size}}
+            for number, buffer in enumerate(buffers)
+        ]
+        return self._device.create_bind_group(label=one.name, layout=self._layout(one.shader), entries=entries)
+
+
+class _Recorded:
+    """A pass with everything looked up."""
+
+    def __init__(
+        self, name: str, pipeline: Any, bind_group: Any, groups: int | None, indirect: tuple[Any, int] | None
+    ) -> None:
+        self.name = name
+        self._pipeline, self._bind_group, self._indirect = pipeline, bind_group, indirect
+        self._size = (min(groups, LONGEST_ROW), -(-groups // LONGEST_ROW)) if groups else (0, 0)
+
+    def dispatch(self, compute: Any) -> None:
+        """Add the pass to a compute pass under way."""
+        compute.set_pipeline(self._pipeline)
+        compute.set_bind_group(0, self._bind_group)
+        if self._indirect:
+            compute.dispatch_workgroups_indirect(*self._indirect)
+        else:
+            compute.dispatch_workgroups(*self._size)

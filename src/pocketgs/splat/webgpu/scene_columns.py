@@ -1,0 +1,32 @@
+"""The scene's parameters as the shaders hold them: column by column, see `shaders/common/gaussians.wgsl`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pocketgs.gaussians import Gaussians
+
+SHAPE_COLUMNS = 11
+
+
+def to_columns(scene: Gaussians) -> tuple[np.ndarray, np.ndarray]:
+    """Pack a scene.
+
+    Returns:
+        `shape`, (11, N) float32: mean 3, log scale 3, quaternion of unit length 4, opacity logit 1; and `sh`,
+        (3 K, N) float32.
+    """
+    with np.errstate(all="ignore"):
+        lengths = np.linalg.norm(scene.quaternions, axis=1, keepdims=True)
+        # Dividing a unit quaternion by its length can change its last bit, and a resumed run must not differ.
+        quaternions = np.where(np.abs(lengths - 1.0) > 1e-6, scene.quaternions / lengths, scene.quaternions)
+    parts = [scene.means, scene.log_scales, quaternions, scene.opacity_logits[:, None]]
+    shape = np.concatenate([part.T for part in parts]).astype(np.float32)
+    return np.ascontiguousarray(shape), np.ascontiguousarray(scene.sh.reshape(len(scene), -1).T, np.float32)
+
+
+def from_columns(shape: np.ndarray, sh: np.ndarray) -> Gaussians:
+    """Unpack what `to_columns` packs."""
+    rows = np.ascontiguousarray(shape.T)
+    count = len(rows)
+    return Gaussians(rows[:, :3], rows[:, 3:6], rows[:, 6:10], rows[:, 10], sh.T.reshape(count, -1, 3))

@@ -1,0 +1,70 @@
+// One step of Adam (Kingma and Ba 2015, algorithm 1) on all parameters, each group in its own space and with its own
+// rate. Nothing happens while the run is halted. One thread a Gaussian.
+import view, update, folding, gaussians, status
+
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<uniform> update: Update;
+@group(0) @binding(2) var<storage, read> status: array<u32>;
+@group(0) @binding(3) var<storage, read> gradients: array<f32>;
+@group(0) @binding(4) var<storage, read_write> first_moments: array<f32>;
+@group(0) @binding(5) var<storage, read_write> second_moments: array<f32>;
+@group(0) @binding(6) var<storage, read_write> shape: array<f32>;
+@group(0) @binding(7) var<storage, read_write> sh: array<f32>;
+
+// Update the moments of one column; returns the step to take, before its rate.
+fn direction(column: u32, i: u32) -> f32 {
+    let place = column * view.gaussians + i;
+    let gradient = gradients[place];
+    let first = update.decay1 * first_moments[place] + (1.0 - update.decay1) * gradient;
+    let second = update.decay2 * second_moments[place] + (1.0 - update.decay2) * gradient * gradient;
+    first_moments[place] = first;
+    second_moments[place] = second;
+    return first * update.unbias1 / (sqrt(second * update.unbias2) + update.epsilon);
+}
+
+fn direction3(column: u32, i: u32) -> vec3f {
+    return vec3f(direction(column, i), direction(column + 1u, i), direction(column + 2u, i));
+}
+
+fn move_shape(column: u32, i: u32, step: vec3f) {
+    for (var axis = 0u; axis < 3u; axis++) {
+        shape[(column + axis) * view.gaussians + i] -= step[axis];
+    }
+}
+
+// Q ⊗ exp(½ δ), normalised.
+fn turned(q: vec4f, delta: vec3f) -> vec4f {
+    let half_angle = 0.5 * length(delta);
+    // sin(θ/2)/θ without dividing by zero.
+    let v = select(0.5, 0.5 * sin(half_angle) / half_angle, half_angle > 1e-8) * delta;
+    let c = cos(half_angle);
+    return normalize(vec4f(q.x * c - dot(q.yzw, v), q.x * v + c * q.yzw + cross(q.yzw, v)));
+}
+
+@compute @workgroup_size(256)
+fn main(
+    @builtin(workgroup_id) workgroup: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let i = folded(workgroup, groups) * 256u + thread;
+    let n = view.gaussians;
+    if (i >= n || status[HALTED] != 0u) {
+        return;
+    }
+    move_shape(MEAN, i, update.mean_rate * direction3(GRADIENT_MEAN, i));
+    move_shape(LOG_SCALE, i, update.log_scale_rate * direction3(GRADIENT_LOG_SCALE, i));
+    var q: vec4f;
+    for (var k = 0u; k < 4u; k++) {
+        q[k] = shape[(QUATERNION + k) * n + i];
+    }
+    q = turned(q, -update.rotation_rate * direction3(GRADIENT_ROTATION, i));
+    for (var k = 0u; k < 4u; k++) {
+        shape[(QUATERNION + k) * n + i] = q[k];
+    }
+    shape[OPACITY_LOGIT * n + i] -= update.opacity_rate * direction(GRADIENT_OPACITY, i);
+    for (var column = 0u; column < 3u * view.coefficients; column++) {
+        let rate = select(update.sh_rest_rate, update.sh_dc_rate, column < 3u);
+        sh[column * n + i] -= rate * direction(GRADIENT_SH + column, i);
+    }
+}

@@ -1,0 +1,34 @@
+// The scene's parameters lie column by column, so that neighbouring threads read neighbouring words. `shape` holds the
+// columns below, `sh` coefficient after coefficient, RGB each.
+const MEAN: u32 = 0u;
+const LOG_SCALE: u32 = 3u;
+const QUATERNION: u32 = 6u;
+const OPACITY_LOGIT: u32 = 10u;
+
+// Columns of gradients and moments; the columns of SH follow.
+const GRADIENT_MEAN: u32 = 0u;
+const GRADIENT_LOG_SCALE: u32 = 3u;
+const GRADIENT_ROTATION: u32 = 6u;
+const GRADIENT_OPACITY: u32 = 9u;
+const GRADIENT_SH: u32 = 10u;
+
+// A Gaussian without its colour. The quaternion is of unit length: w, x, y, z.
+struct Gaussian {
+    mean: vec3f,
+    log_scale: vec3f,
+    quaternion: vec4f,
+    opacity_logit: f32,
+}
+
+// The Gaussian's three axes in the world: the columns of the quaternion's rotation.
+fn axes_of(q: vec4f) -> mat3x3f {
+    let w = q.x;
+    let x = q.y;
+    let y = q.z;
+    let z = q.w;
+    return mat3x3f(
+        vec3f(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
+        vec3f(2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
+        vec3f(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)),
+    );
+}

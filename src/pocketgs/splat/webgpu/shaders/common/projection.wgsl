@@ -1,0 +1,33 @@
+// The projection of a Gaussian and its linearisation (EWA splatting, Zwicker et al. 2002, section 6). Other camera
+// models would replace this file.
+
+// The derivative of a pinhole projection: rows (xx, 0, xz) and (0, yy, yz).
+struct Jacobian {
+    xx: f32,
+    xz: f32,
+    yy: f32,
+    yz: f32,
+}
+
+// x/z and y/z, clamped to the image and a margin: far outside it the linearisation explodes.
+fn clamped_slopes(view: View, local: vec3f) -> vec2f {
+    return clamp(local.xy / local.z, view.slopes_low, view.slopes_high);
+}
+
+fn jacobian_at(view: View, local: vec3f) -> Jacobian {
+    let slopes = clamped_slopes(view, local);
+    return Jacobian(
+        view.focal.x / local.z,
+        -view.focal.x * slopes.x / local.z,
+        view.focal.y / local.z,
+        -view.focal.y * slopes.y / local.z,
+    );
+}
+
+fn project_vector(jacobian: Jacobian, a: vec3f) -> vec2f {
+    return vec2f(jacobian.xx * a.x + jacobian.xz * a.z, jacobian.yy * a.y + jacobian.yz * a.z);
+}
+
+fn project_point(view: View, local: vec3f) -> vec2f {
+    return view.focal * local.xy / local.z + view.principal;
+}

@@ -1,0 +1,27 @@
+// One update of the scene: the loss's weights, Adam's constants, and the rates of this iteration.
+struct Update {
+    // Weights of a pixel channel's |x - y| and (x - y)², divided by the number of channels of the image.
+    absolute_weight: f32,
+    squared_weight: f32,
+    // Weight of 1 - SSIM, divided by the number of whole windows and channels; 0 for an image too small for a window.
+    structural_weight: f32,
+    // The structural term's constant: its weight, undivided.
+    structural_share: f32,
+    // Weights of a Gaussian's ‖log s‖² and of its opacity, divided by the number of Gaussians.
+    scale_weight: f32,
+    opacity_weight: f32,
+    mean_rate: f32,
+    log_scale_rate: f32,
+    rotation_rate: f32,
+    opacity_rate: f32,
+    sh_dc_rate: f32,
+    sh_rest_rate: f32,
+    decay1: f32,
+    decay2: f32,
+    // 1 / (1 - β^t) of either moment.
+    unbias1: f32,
+    unbias2: f32,
+    epsilon: f32,
+    // Where in `losses` this step's loss goes.
+    loss_slot: u32,
+}

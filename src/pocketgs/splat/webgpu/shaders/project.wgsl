@@ -1,0 +1,119 @@
+// Project every Gaussian into the image: Σ' = J W Σ Wᵀ Jᵀ + 0.3 I (3DGS, equation 5). Writes its splat, the bits of its
+// depth, which sort as the depth does, and in how many tiles' lists it will stand. One thread a Gaussian.
+import view, folding, finite, gaussians, read_gaussian, read_sh, projection, spherical_harmonics, splat, splat_words, tiles
+import cluster_culling
+
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> shape: array<f32>;
+@group(0) @binding(2) var<storage, read> sh: array<f32>;
+@group(0) @binding(3) var<storage, read_write> splats: array<u32>;
+@group(0) @binding(4) var<storage, read_write> depth_keys: array<u32>;
+@group(0) @binding(5) var<storage, read_write> order: array<u32>;
+@group(0) @binding(6) var<storage, read_write> tile_counts: array<u32>;
+
+// The key of what is not drawn: greater than any depth's.
+const CULLED: u32 = 0xffffffffu;
+
+struct Projected {
+    splat: Splat,
+    visible: bool,
+}
+
+// Where, how large and how opaque the Gaussian appears, without its colour.
+fn project_shape(gaussian: Gaussian) -> Projected {
+    var result = Projected(Splat(), false);
+    let local = to_camera(view, gaussian.mean);
+    let logit = gaussian.opacity_logit;
+    // log2 of the logistic function: of either sign of the logit, what is exponentiated is at most 0.
+    let log2_opacity = min(logit, 0.0) * LOG2_E - log2(1.0 + exp2(-abs(logit) * LOG2_E));
+    let sound = all_finite(vec4f(gaussian.mean, logit)) && all_finite(gaussian.quaternion)
+        && all_finite(vec4f(gaussian.log_scale, 0.0)) && all(gaussian.log_scale < vec3f(LARGEST_LOG_SCALE));
+    if (!(sound && local.z >= NEAR && log2_opacity >= LOG2_ALPHA_MIN)) {
+        return result;
+    }
+    let jacobian = jacobian_at(view, local);
+    let axes = axes_of(gaussian.quaternion);
+    let scale = exp(gaussian.log_scale);
+    let p = project_vector(jacobian, rotate_to_camera(view, scale.x * axes[0]));
+    let q = project_vector(jacobian, rotate_to_camera(view, scale.y * axes[1]));
+    let r = project_vector(jacobian, rotate_to_camera(view, scale.z * axes[2]));
+    let xx = p.x * p.x + q.x * q.x + r.x * r.x + LOW_PASS;
+    let xy = p.x * p.y + q.x * q.y + r.x * r.y;
+    let yy = p.y * p.y + q.y * q.y + r.y * r.y + LOW_PASS;
+    if (!(xx < LARGEST_VARIANCE && yy < LARGEST_VARIANCE)) {
+        return result;
+    }
+    // xx yy - xy² as a sum of squares (Cauchy and Binet), which float32 can hold for needles too.
+    let minors = vec3f(p.x * q.y - p.y * q.x, p.x * r.y - p.y * r.x, q.x * r.y - q.y * r.x);
+    let determinant = dot(minors, minors) + LOW_PASS * (xx + yy - LOW_PASS);
+    let mean = project_point(view, local);
+    let reach = sqrt(max(0.0, 2.0 * (log2_opacity - LOG2_ALPHA_MIN) / LOG2_E));
+    let radii = reach * vec2f(sqrt(xx), sqrt(yy));
+    if (!(all_finite(vec4f(mean, radii)) && determinant > LEAST_DETERMINANT * xx * yy)) {
+        return result;
+    }
+    let columns = tiles_between(mean.x - radii.x, mean.x + radii.x, view.width);
+    let rows = tiles_between(mean.y - radii.y, mean.y + radii.y, view.height);
+    result.visible = columns.x < columns.y && rows.x < rows.y;
+    result.splat.mean = mean;
+    result.splat.depth = local.z;
+    result.splat.log2_opacity = log2_opacity;
+    result.splat.exponents = LOG2_E * vec3f(-0.5 * yy, xy, -0.5 * xx) / determinant;
+    return result;
+}
+
+fn colour_of(mean: vec3f, i: u32) -> vec3f {
+    let direction = normalize(mean - view.centre.xyz);
+    var colour = vec3f(0.5);
+    for (var k = 0u; k < view.coefficients; k++) {
+        colour += harmonic(k, direction) * read_coefficient(k, i);
+    }
+    return colour;
+}
+
+fn count_tiles(splat: Splat) -> u32 {
+    let ellipse = ellipse_of(splat);
+    let rows = tile_rows(view, ellipse);
+    var count = 0u;
+    for (var row = rows.x; row < rows.y; row++) {
+        let columns = tile_columns(view, ellipse, row);
+        count += columns.y - columns.x;
+    }
+    return count;
+}
+
+@compute @workgroup_size(256)
+fn main(
+    @builtin(workgroup_id) workgroup: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let cluster = folded(workgroup, groups);
+    let i = cluster * 256u + thread;
+    if (i >= view.gaussians) {
+        return;
+    }
+    order[i] = i;
+    depth_keys[i] = CULLED;
+    tile_counts[i] = 0u;
+    if (!cluster_in_view(cluster)) {
+        return;
+    }
+    let gaussian = read_gaussian(i);
+    var projected = project_shape(gaussian);
+    if (!projected.visible) {
+        return;
+    }
+    let colour = colour_of(gaussian.mean, i);
+    if (!(all_finite(vec4f(colour, 0.0)) && all(abs(colour) < vec3f(BRIGHTEST)))) {
+        return;
+    }
+    projected.splat.colour = max(colour, vec3f());
+    let words = pack_splat(projected.splat);
+    for (var w = 0u; w < SPLAT_WORDS; w++) {
+        splats[i * SPLAT_WORDS + w] = words[w];
+    }
+    depth_keys[i] = bitcast<u32>(projected.splat.depth);
+    // As the lists will see it: stored precision included.
+    tile_counts[i] = count_tiles(unpack_splat(words));
+}

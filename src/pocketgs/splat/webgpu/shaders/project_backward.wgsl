@@ -1,0 +1,138 @@
+// Gradients from the image back to the Gaussians, through the sort permutation: ∇θ[π(i)] += g_i. `gradients` is all 0
+// before. One thread a Gaussian, in order of depth.
+import view, folding, gaussians, read_gaussian, read_sh, projection, spherical_harmonics, spherical_harmonics_gradient, splat
+import splat_words, read_splat, entry_gradients
+
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> shape: array<f32>;
+@group(0) @binding(2) var<storage, read> sh: array<f32>;
+@group(0) @binding(3) var<storage, read> splats: array<u32>;
+@group(0) @binding(4) var<storage, read> order: array<u32>;
+@group(0) @binding(5) var<storage, read> first_slots: array<u32>;
+@group(0) @binding(6) var<storage, read> entry_gradients: array<f32>;
+@group(0) @binding(7) var<storage, read_write> gradients: array<f32>;
+@group(0) @binding(8) var<storage, read> entry_count: array<u32>;
+
+fn write_gradient(column: u32, i: u32, value: f32) {
+    gradients[column * view.gaussians + i] = value;
+}
+
+fn write_gradient3(column: u32, i: u32, value: vec3f) {
+    write_gradient(column, i, value.x);
+    write_gradient(column + 1u, i, value.y);
+    write_gradient(column + 2u, i, value.z);
+}
+
+// The sum of a splat's rows, one per tile that it entered.
+fn add_up(first: u32, end: u32) -> SplatSums {
+    var sums = SplatSums();
+    for (var slot = first; slot < end; slot++) {
+        let row = slot * SUM_WORDS;
+        sums.exponent += entry_gradients[row];
+        sums.offset += vec2f(entry_gradients[row + 1u], entry_gradients[row + 2u]);
+        sums.square += vec3f(entry_gradients[row + 3u], entry_gradients[row + 4u], entry_gradients[row + 5u]);
+        sums.colour += vec3f(entry_gradients[row + 6u], entry_gradients[row + 7u], entry_gradients[row + 8u]);
+    }
+    return sums;
+}
+
+// With Q = Σ'⁻¹ and v the gradient of each pixel's exponent, ∂L/∂μ = Q Σ v d and ∂L/∂Q = -½ Σ v d dᵀ, and
+// ∂L/∂Σ' = -Q ∂L/∂Q Q.
+fn inverse_covariance(splat: Splat) -> mat2x2f {
+    let e = splat.exponents / LOG2_E;
+    return mat2x2f(-2.0 * e.x, -e.y, -e.y, -2.0 * e.z);
+}
+
+fn covariance_gradient(inverse: mat2x2f, sums: SplatSums) -> mat2x2f {
+    let moments = mat2x2f(sums.square.x, sums.square.y, sums.square.y, sums.square.z);
+    return 0.5 * (inverse * moments * inverse);
+}
+
+// Write the gradients of scales and rotation; return that of the Jacobian's four entries.
+fn shape_backward(gaussian: Gaussian, jacobian: Jacobian, d_covariance: mat2x2f, i: u32) -> Jacobian {
+    let axes = axes_of(gaussian.quaternion);
+    let scale = exp(gaussian.log_scale);
+    var d_jacobian = Jacobian();
+    // Row k of `skew` is axis k's part of Rᵀ ∂L/∂R, transposed.
+    var skew: mat3x3f;
+    var d_log_scale = vec3f();
+    for (var k = 0u; k < 3u; k++) {
+        let a = rotate_to_camera(view, scale[k] * axes[k]);
+        let du = 2.0 * (d_covariance * project_vector(jacobian, a));
+        d_jacobian.xx += du.x * a.x;
+        d_jacobian.xz += du.x * a.z;
+        d_jacobian.yy += du.y * a.y;
+        d_jacobian.yz += du.y * a.z;
+        let d_a = vec3f(jacobian.xx * du.x, jacobian.yy * du.y, jacobian.xz * du.x + jacobian.yz * du.y);
+        let d_axis = scale[k] * to_world(view, d_a);
+        d_log_scale[k] = dot(axes[k], d_axis);
+        skew[k] = vec3f(dot(axes[0], d_axis), dot(axes[1], d_axis), dot(axes[2], d_axis));
+    }
+    write_gradient3(GRADIENT_LOG_SCALE, i, d_log_scale);
+    // q ← q ⊗ exp(½δ) turns R into R exp([δ]×).
+    let d_rotation = vec3f(skew[1].z - skew[2].y, skew[2].x - skew[0].z, skew[0].y - skew[1].x);
+    write_gradient3(GRADIENT_ROTATION, i, d_rotation);
+    return d_jacobian;
+}
+
+// Gradient with respect to the camera-space position, from the projected centre and from the Jacobian.
+fn position_backward(local: vec3f, jacobian: Jacobian, d_mean: vec2f, d_jacobian: Jacobian) -> vec3f {
+    let z = local.z;
+    let free = clamped_slopes(view, local) == local.xy / z;
+    var d = vec3f(d_mean * view.focal / z, 0.0);
+    d.z = -(dot(d.xy, local.xy) + jacobian.xx * d_jacobian.xx + jacobian.yy * d_jacobian.yy) / z;
+    // xx = fx/z and xz = -fx x/z², or -fx · limit/z where clamped.
+    d.x -= select(0.0, jacobian.xx / z * d_jacobian.xz, free.x);
+    d.y -= select(0.0, jacobian.yy / z * d_jacobian.yz, free.y);
+    d.z -= select(1.0, 2.0, free.x) * jacobian.xz / z * d_jacobian.xz;
+    d.z -= select(1.0, 2.0, free.y) * jacobian.yz / z * d_jacobian.yz;
+    return d;
+}
+
+// Write the gradient of the SH coefficients; return that of the world position through the viewing direction.
+fn colour_backward(mean: vec3f, d_colour: vec3f, i: u32) -> vec3f {
+    let offset = mean - view.centre.xyz;
+    let distance = length(offset);
+    let direction = offset / distance;
+    var colour = vec3f(0.5);
+    for (var k = 0u; k < view.coefficients; k++) {
+        colour += harmonic(k, direction) * read_coefficient(k, i);
+    }
+    // Negative colours are cut to 0.
+    let lit = select(vec3f(), d_colour, colour > vec3f());
+    var d_direction = vec3f();
+    for (var k = 0u; k < view.coefficients; k++) {
+        write_gradient3(GRADIENT_SH + 3u * k, i, harmonic(k, direction) * lit);
+        d_direction += dot(read_coefficient(k, i), lit) * harmonic_gradient(k, direction);
+    }
+    // A unit vector's derivative keeps only what is across it.
+    return (d_direction - dot(direction, d_direction) * direction) / distance;
+}
+
+@compute @workgroup_size(256)
+fn main(
+    @builtin(workgroup_id) workgroup: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let rank = folded(workgroup, groups) * 256u + thread;
+    if (rank >= view.gaussians || entry_count[0] == 0u) {
+        return;
+    }
+    let first = first_slots[rank];
+    let end = first_slots[rank + 1u];
+    if (first == end) {
+        return;
+    }
+    let i = order[rank];
+    let splat = read_splat(i);
+    let sums = add_up(first, end);
+    let inverse = inverse_covariance(splat);
+    let gaussian = read_gaussian(i);
+    let local = to_camera(view, gaussian.mean);
+    let jacobian = jacobian_at(view, local);
+    let d_jacobian = shape_backward(gaussian, jacobian, covariance_gradient(inverse, sums), i);
+    let d_local = position_backward(local, jacobian, inverse * sums.offset, d_jacobian);
+    write_gradient3(GRADIENT_MEAN, i, to_world(view, d_local) + colour_backward(gaussian.mean, sums.colour, i));
+    write_gradient(GRADIENT_OPACITY, i, sums.exponent * (1.0 - exp2(splat.log2_opacity)));
+}

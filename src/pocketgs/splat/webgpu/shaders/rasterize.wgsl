@@ -1,0 +1,86 @@
+// Composite each tile's splats front to back: C = Σ c_i α_i T_i + T background (3DGS, equation 3). One workgroup a tile,
+// one thread a pixel.
+import view, folding, splat, splat_words, read_splat, tiles, compositing, replay_record
+
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> tile_starts: array<u32>;
+@group(0) @binding(2) var<storage, read> sorted_slots: array<u32>;
+@group(0) @binding(3) var<storage, read> slot_splats: array<u32>;
+@group(0) @binding(4) var<storage, read> splats: array<u32>;
+@group(0) @binding(5) var<storage, read_write> image: array<vec4f>;
+@group(0) @binding(6) var<storage, read_write> drawn_ranges: array<vec2u>;
+@group(0) @binding(7) var<storage, read_write> replay_cache: array<u32>;
+
+// Draw depths in place of colours.
+override draw_depth: bool = false;
+
+var<workgroup> batch: array<Splat, TILE_PIXELS>;
+var<workgroup> drawn_end: atomic<u32>;
+var<workgroup> clear_pixels: atomic<u32>;
+
+@compute @workgroup_size(8, 8)
+fn main(
+    @builtin(workgroup_id) workgroup: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_id) place: vec3u,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let tile = folded(workgroup, groups);
+    if (tile >= view.tiles_across * view.tiles_down) {
+        return;
+    }
+    let pixel = tile_origin(view, tile) + place.xy;
+    let inside = pixel.x < view.width && pixel.y < view.height;
+    let index = pixel.y * view.width + pixel.x;
+    let centre = vec2f(pixel) + 0.5;
+    let first = tile_starts[tile];
+    let end = tile_starts[tile + 1u];
+
+    // WGSL has workgroup memory begin at 0, but not every driver keeps to it.
+    if (thread == 0u) {
+        atomicStore(&drawn_end, 0u);
+        atomicStore(&clear_pixels, 0u);
+    }
+    workgroupBarrier();
+    var colour = vec3f();
+    var transmittance = select(0.0, 1.0, inside);
+    var contributions = 0u;
+    var last = first;
+    for (var start = first; start < end; start += TILE_PIXELS) {
+        if (start + thread < end) {
+            batch[thread] = read_splat(slot_splats[sorted_slots[start + thread]]);
+        }
+        workgroupBarrier();
+        for (var k = 0u; k < min(TILE_PIXELS, end - start); k++) {
+            let splat = batch[k];
+            let alpha = alpha_at(exponent_at(splat, centre - splat.mean), transmittance);
+            if (alpha > 0.0) {
+                colour += alpha * transmittance * select(splat.colour, vec3f(splat.depth), draw_depth);
+                transmittance -= alpha * transmittance;
+                last = start + k + 1u;
+                remember(index, contributions, start + k, alpha, colour);
+                contributions++;
+            }
+        }
+        // The tile is finished once no pixel takes any more.
+        if (transmittance >= TRANSMITTANCE_MIN) {
+            atomicAdd(&clear_pixels, 1u);
+        }
+        let any_clear = workgroupUniformLoad(&clear_pixels) > 0u;
+        if (thread == 0u) {
+            atomicStore(&clear_pixels, 0u);
+        }
+        if (!any_clear) {
+            break;
+        }
+    }
+    atomicMax(&drawn_end, last);
+    workgroupBarrier();
+    if (thread == 0u) {
+        drawn_ranges[tile] = vec2u(first, max(first, atomicLoad(&drawn_end)));
+    }
+    if (inside) {
+        image[index] = vec4f(colour + transmittance * view.background.rgb, transmittance);
+        remember_count(index, contributions);
+    }
+}

@@ -1,0 +1,37 @@
+// Add the gradient of λ_s mean ‖log s‖² + λ_α mean α (the PocketGS paper's total loss), and write its parts of the loss.
+// One thread a Gaussian.
+import view, update, folding, gaussians, read_gaussian, workgroup_sum
+
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<uniform> update: Update;
+@group(0) @binding(2) var<storage, read> shape: array<f32>;
+@group(0) @binding(3) var<storage, read_write> gradients: array<f32>;
+@group(0) @binding(4) var<storage, read_write> regulariser_parts: array<f32>;
+
+@compute @workgroup_size(256)
+fn main(
+    @builtin(workgroup_id) workgroup: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let group = folded(workgroup, groups);
+    if (group * 256u >= view.gaussians) {
+        return;
+    }
+    let i = group * 256u + thread;
+    var value = 0.0;
+    if (i < view.gaussians) {
+        for (var axis = 0u; axis < 3u; axis++) {
+            let log_scale = shape_at(LOG_SCALE + axis, i);
+            value += update.scale_weight * log_scale * log_scale;
+            gradients[(GRADIENT_LOG_SCALE + axis) * view.gaussians + i] += 2.0 * update.scale_weight * log_scale;
+        }
+        let opacity = 1.0 / (1.0 + exp(-shape_at(OPACITY_LOGIT, i)));
+        value += update.opacity_weight * opacity;
+        gradients[GRADIENT_OPACITY * view.gaussians + i] += update.opacity_weight * opacity * (1.0 - opacity);
+    }
+    let sum = workgroup_sum(value, thread);
+    if (thread == 0u) {
+        regulariser_parts[group] = sum;
+    }
+}
