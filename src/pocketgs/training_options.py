@@ -7,7 +7,7 @@ from typing import Literal
 
 from pocketgs.errors import PocketGSError
 from pocketgs.recipes import recipe_named
-from pocketgs.splat.engine import EngineName, EngineOptions, Precision, Replay
+from pocketgs.splat.engine import Accumulation, EngineName, EngineOptions, Precision, Replay
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,7 @@ class TrainingOptions:
         gpu: part of the name of the GPU to use, or None for the best.
         precision: of projected splats on the GPU.
         replay: whether the GPU's backward pass recomputes what the forward pass did, or reads it from a cache.
+        accumulation: whether the gradients of a GPU's tiles are added up in order, or atomically in less memory.
         max_memory: megabytes of GPU memory that training may take.
         evaluate_every: iterations between looks at the held-out views; 0 for none until the end.
     """
@@ -56,6 +57,7 @@ class TrainingOptions:
     gpu: str | None = None
     precision: Precision = "f32"
     replay: Replay = "recompute"
+    accumulation: Accumulation = "ordered"
     max_memory: int = 3000
     evaluate_every: int = 100
 
@@ -74,6 +76,7 @@ class TrainingOptions:
             "threads": (self.threads is None or self.threads >= 1, "at least 1"),
             "precision": (self.precision in ("f32", "f16"), "f32 or f16"),
             "replay": (self.replay in ("recompute", "cache"), "recompute or cache"),
+            "accumulation": (self.accumulation in ("ordered", "atomic"), "ordered or atomic"),
             "max memory": (self.max_memory >= 1, "at least 1"),
             "evaluate every": (self.evaluate_every >= 0, "at least 0"),
             "seed": (self.seed >= 0, "at least 0"),
@@ -87,4 +90,12 @@ class TrainingOptions:
     @property
     def engine_options(self) -> EngineOptions:
         """Those that concern the engine."""
-        return EngineOptions(self.engine, self.threads, self.gpu, self.precision, self.replay, self.max_memory)
+        return EngineOptions(
+            self.engine,
+            self.threads,
+            self.gpu,
+            self.precision,
+            self.replay,
+            self.accumulation,
+            max_memory=self.max_memory,
+        )

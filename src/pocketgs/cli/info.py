@@ -11,25 +11,47 @@ from rich.console import Console
 
 from pocketgs.capture import Capture
 from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.cli.devices import device_lines
 from pocketgs.cli.display import capture_lines
 from pocketgs.cli.scene_file import load_scene
+from pocketgs.errors import PocketGSError
 from pocketgs.gaussians import Gaussians
 from pocketgs.result_folder import RECORD, SCENE
 
 
 def info(
-    path: Annotated[Path, tyro.conf.Positional],
+    path: Annotated[Path | None, tyro.conf.Positional] = None,
+    devices: bool = False,
     reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
 ) -> None:
-    """Say what a capture or a scene holds.
+    """Say what a capture or a scene holds, or which devices there are to compute on.
 
     Args:
         path: A capture's folder or transforms.json, a .ply with Gaussians, or a result folder.
+        devices: List the GPUs and what the engines make of them.
         reading: How to read a capture.
     """
-    is_scene = path.suffix.lower() == ".ply" or all((path / name).is_file() for name in (SCENE, RECORD))
-    lines = _scene_lines(load_scene(path)) if is_scene else _capture_lines(reading.open(path))
+    lines = []
+    if path is not None:
+        lines += _path_lines(path, reading)
+    if devices:
+        lines += _device_lines()
+    if not lines:
+        raise PocketGSError("info: found neither a path nor --devices, expected one of them")
     Console().print(*lines, sep="\n", markup=False, highlight=False, soft_wrap=True)
+
+
+def _path_lines(path: Path, reading: CaptureOptions) -> list[str]:
+    is_scene = path.suffix.lower() == ".ply" or all((path / name).is_file() for name in (SCENE, RECORD))
+    return _scene_lines(load_scene(path)) if is_scene else _capture_lines(reading.open(path))
+
+
+def _device_lines() -> list[str]:
+    # Loading the engines takes longer than all else that this command does.
+    from pocketgs.splat.cpu.engine import CpuEngine
+    from pocketgs.splat.webgpu.adapters import adapters
+
+    return device_lines(adapters(), CpuEngine().threads)
 
 
 def _capture_lines(capture: Capture) -> list[str]:

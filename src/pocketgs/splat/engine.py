@@ -17,6 +17,7 @@ from pocketgs.splat.settings import StepSettings
 EngineName = Literal["auto", "cpu", "webgpu"]
 Precision = Literal["f32", "f16"]
 Replay = Literal["recompute", "cache"]
+Accumulation = Literal["ordered", "atomic"]
 
 ENGINES = get_args(EngineName)
 
@@ -104,6 +105,9 @@ class EngineOptions:
         precision: of projected splats on the GPU: "f32" or, in about two thirds of the memory, "f16".
         replay: how the GPU's backward pass comes by what the forward pass computed: it recomputes it, or keeps it in a
             cache.
+        accumulation: how the gradients of a GPU's tiles come together: "ordered" gives the same bits every time;
+            "atomic" takes less memory, on GPUs that can add floats atomically.
+        portable: use only what every GPU with WebGPU has.
         max_memory: megabytes of GPU memory that the engine may take.
     """
 
@@ -112,6 +116,8 @@ class EngineOptions:
     gpu: str | None = None
     precision: Precision = "f32"
     replay: Replay = "recompute"
+    accumulation: Accumulation = "ordered"
+    portable: bool = False
     max_memory: int = 3000
 
 

@@ -14,7 +14,7 @@ from pocketgs.errors import PocketGSError
 
 _PREFERENCE = {"DiscreteGPU": 0, "IntegratedGPU": 1, "VirtualGPU": 2, "Unknown": 3, "CPU": 4}
 _SOFTWARE = ("llvmpipe", "swiftshader", "lavapipe", "basic render driver")
-_BUFFER_LIMITS = ("max-buffer-size", "max-storage-buffer-binding-size")
+BUFFER_LIMITS = ("max-buffer-size", "max-storage-buffer-binding-size")
 NEEDED = {
     "max-storage-buffers-per-shader-stage": 8,
     "max-compute-invocations-per-workgroup": 256,
@@ -128,9 +128,11 @@ def open_device(adapter: Adapter, features: frozenset[str] = frozenset()) -> Any
     """Open an adapter, with the limits of WebGPU's core but for the size of buffers, which are the adapter's.
 
     Raises:
-        PocketGSError: the driver refuses.
+        PocketGSError: the adapter lacks a feature, or the driver refuses.
     """
-    limits = {name: adapter.limits[name] for name in _BUFFER_LIMITS}
+    if missing := features - adapter.features:
+        raise PocketGSError(f"{adapter.name}: lacks {', '.join(sorted(missing))}, expected options that do without")
+    limits = {name: adapter.limits[name] for name in BUFFER_LIMITS}
     try:
         return adapter.handle.request_device_sync(required_features=sorted(features), required_limits=limits)
     except RuntimeError as error:

@@ -21,6 +21,7 @@ from pocketgs.splat.reference.loss import ssim_window
 Access = Literal["uniform", "read", "read_write"]
 
 _IMPORT = re.compile(r"^import (.+)$", re.MULTILINE)
+_ENABLE = re.compile(r"^enable (\w+);$", re.MULTILINE)
 _BINDING = re.compile(
     r"^@group\(0\) @binding\((?P<number>\d+)\) var<(?:(?P<uniform>uniform)|storage, (?P<access>\w+))> (?P<name>\w+):",
     re.MULTILINE,
@@ -44,12 +45,15 @@ class Shader:
 
     Attributes:
         name: of its file.
-        source: WGSL.
+        source: WGSL without enable directives.
+        extensions: of WGSL that it needs. Browsers want them enabled by name; wgpu offers them unasked, and refuses the
+            directives.
         bindings: by their numbers in group 0.
     """
 
     name: str
     source: str
+    extensions: tuple[str, ...]
     bindings: tuple[Binding, ...]
 
 
@@ -62,10 +66,10 @@ def compose(name: str, variants: Mapping[str, str]) -> Shader:
     """
     parts: dict[str, str] = {}
     _collect(_read(name), variants, parts)
-    enabling = [line for part in parts.values() for line in part.splitlines() if line.startswith("enable ")]
-    body = "\n".join(_without_directives(part) for part in [*parts.values(), _read(name)])
-    source = "\n".join([*dict.fromkeys(enabling), _constants(), body])
-    return Shader(name, source, _bindings(name, body))
+    files = [*parts.values(), _read(name)]
+    extensions = dict.fromkeys(extension for text in files for extension in _ENABLE.findall(text))
+    body = "\n".join(_without_directives(text) for text in files)
+    return Shader(name, f"{_constants()}\n{body}", tuple(extensions), _bindings(name, body))
 
 
 def _collect(text: str, variants: Mapping[str, str], parts: dict[str, str]) -> None:

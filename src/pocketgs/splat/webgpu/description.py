@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,6 +11,9 @@ from pocketgs.splat.webgpu.sizes import Symbols, evaluate
 from pocketgs.splat.webgpu.uniforms import UniformLayout
 
 VERSION = 1
+
+LEAST_BUFFER = 16
+"""Bytes of a buffer that nothing is kept in: WebGPU allows no empty ones."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +80,20 @@ class Description:
             symbols[name] = evaluate(expression, symbols)
         return symbols
 
-    def sizes(self, symbols: Symbols) -> dict[str, int]:
-        """Bytes of every buffer, a multiple of 4 and never 0, which WebGPU does not allow."""
-        return {name: max(evaluate(size, symbols), 16) for name, size in self.buffers.items()}
+    def buffers_of(self, sequences: Iterable[str]) -> list[str]:
+        """Names of the buffers that some of the sequences need, the uniform ones aside."""
+        named: dict[str, None] = {}
+        for sequence in (self.sequences[name] for name in sequences):
+            named |= dict.fromkeys(sequence.cleared)
+            for one in sequence.passes:
+                bindings = self.shaders[one.shader].bindings
+                named |= dict.fromkeys(one.buffers.get(binding.name, binding.name) for binding in bindings)
+                named |= dict.fromkeys([one.indirect[0]] if one.indirect else [])
+        return [name for name in named if name not in self.uniforms]
+
+    def sizes(self, symbols: Symbols, buffers: Iterable[str]) -> dict[str, int]:
+        """Bytes of buffers, never 0, which WebGPU does not allow."""
+        return {name: max(evaluate(self.buffers[name], symbols), LEAST_BUFFER) for name in buffers}
 
     def to_json(self) -> dict[str, Any]:
         """As plain lists and dictionaries: `json.dumps` makes a file of it that `replay.js` can load."""
@@ -89,11 +103,11 @@ class Description:
             "buffers": dict(self.buffers),
             "uniforms": {name: layout.to_json() for name, layout in self.uniforms.items()},
             "shaders": {
-                name: {
-                    "source": shader.source,
+                file: {
+                    "source": "".join(f"enable {name};\n" for name in shader.extensions) + shader.source,
                     "bindings": [{"name": binding.name, "access": binding.access} for binding in shader.bindings],
                 }
-                for name, shader in self.shaders.items()
+                for file, shader in self.shaders.items()
             },
             "sequences": {
                 name: {"cleared": list(sequence.cleared), "passes": [_pass_to_json(one) for one in sequence.passes]}

@@ -13,12 +13,13 @@ from pocketgs.capture.capture import Frame
 from pocketgs.gaussians import Gaussians
 from pocketgs.splat.engine import KEPT_LOSSES, EngineOptions, OptimiserState, Rendering
 from pocketgs.splat.settings import StepSettings
-from pocketgs.splat.webgpu.adapters import choose_adapter, open_device
-from pocketgs.splat.webgpu.frame_values import update_values, view_values
+from pocketgs.splat.webgpu.adapters import BUFFER_LIMITS, choose_adapter, open_device
+from pocketgs.splat.webgpu.frame_values import is_regularised, structural_share, update_values, view_values
+from pocketgs.splat.webgpu.memory import Limits, MemoryPlan, plan_memory
 from pocketgs.splat.webgpu.passes import Variant, describe
-from pocketgs.splat.webgpu.photographs import Shelf, packed
+from pocketgs.splat.webgpu.photographs import PIXEL_BYTES, packed
 from pocketgs.splat.webgpu.replay import Replayer
-from pocketgs.splat.webgpu.scene_columns import SHAPE_COLUMNS, from_columns, to_columns
+from pocketgs.splat.webgpu.scene_columns import SHAPE_COLUMNS, from_columns, to_columns, transposed
 
 ENTRIES_PER_GAUSSIAN = 8
 LEAST_ENTRIES = 1 << 16
@@ -26,8 +27,7 @@ LEAST_ENTRIES = 1 << 16
 
 GROWTH = 1.25
 
-REPLAY_DEPTH = 32
-"""Contributions of each pixel that a replay cache has room for; those after them are recomputed."""
+RENDERING = ("render", "render depth")
 
 MOST_PENDING = 64
 SECONDS_BETWEEN_LOOKS = 0.2
@@ -64,11 +64,17 @@ class WebGpuEngine:
     def __init__(self, options: EngineOptions | None = None) -> None:
         options = options or EngineOptions()
         self.adapter = choose_adapter(options.gpu)
-        self._device = open_device(self.adapter)
-        self._replayer = Replayer(self._device, describe(Variant(options.precision, options.replay)))
+        subgroups = "subgroup" in self.adapter.features and not options.portable
+        variant = Variant(options.precision, options.replay, options.accumulation, subgroups)
+        self._device = open_device(self.adapter, variant.features)
+        self._replayer = Replayer(self._device, describe(variant))
+        largest = min(self._device.limits[name] for name in BUFFER_LIMITS)
+        self._limits = Limits(options.max_memory * 1_000_000, largest)
         self._frames: list[Frame] = []
-        self._shelf = Shelf([], 0)
+        self._image_sizes: set[tuple[int, int]] = {(1, 1)}
         self._gaussians = self._coefficients = self._entries = 0
+        self._trains = False
+        self._plan = self._allocate()
         self._pending: list[_Step] = []
         self._completed = 0
         self._looked = 0.0
@@ -78,34 +84,36 @@ class WebGpuEngine:
         self._replayer.prepare()
 
     def set_views(self, frames: Sequence[Frame]) -> None:
-        """Take the photographs that `step` refers to by index."""
+        """Take the photographs that `step` refers to by index.
+
+        Raises:
+            PocketGSError: the GPU's memory does not hold what training on them takes.
+        """
         self._settle()
         self._frames = list(frames)
-        self._shelf = Shelf(self._frames, self._device.limits["max-storage-buffer-binding-size"] // 4)
-        self._replayer.reserve({"photographs": max(4 * self._shelf.pixels, 16)})
-        for view, frame in enumerate(self._frames):
-            if self._shelf.is_resident(view):
-                self._replayer.write("photographs", packed(frame), 4 * self._shelf.place(view))
+        self._trains = True
+        self._image_sizes |= {(frame.camera.width, frame.camera.height) for frame in frames}
+        self._plan = self._allocate()
+        self._write_photographs()
 
     def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
-        """Take a copy of the scene, and of the optimiser's state or start it anew."""
+        """Take a copy of the scene, and of the optimiser's state or start it anew.
+
+        Raises:
+            PocketGSError: the GPU's memory does not hold it.
+        """
         self._pending.clear()
         self._gaussians, self._coefficients = len(gaussians), gaussians.sh.shape[1]
         self._entries = max(self._entries, LEAST_ENTRIES, ENTRIES_PER_GAUSSIAN * self._gaussians)
         self._completed = state.steps if state else 0
-        self._reserve(1, 1)
-        for frame in self._frames:
-            self._reserve(frame.camera.width, frame.camera.height)
-        shape, sh = to_columns(gaussians)
-        zeros = np.zeros((self._columns, self._gaussians), np.float32)
-        for name, values in (
-            ("shape", shape),
-            ("sh", sh),
-            ("first_moments", zeros if state is None else np.ascontiguousarray(state.first_moments.T)),
-            ("second_moments", zeros if state is None else np.ascontiguousarray(state.second_moments.T)),
-        ):
-            self._replayer.write(name, values.reshape(-1))
-        self._replayer.write("status", np.array([self._completed, 0, 0], np.uint32))
+        self._trains |= state is not None
+        self._make_room(0)
+        for name, values in zip(("shape", "sh"), to_columns(gaussians), strict=True):
+            self._replayer.write(name, values)
+        if self._trains:
+            zeros = np.zeros((self._gaussians, self._columns), np.float32)
+            self._replayer.write("first_moments", transposed(state.first_moments if state else zeros))
+            self._replayer.write("second_moments", transposed(state.second_moments if state else zeros))
 
     def step(self, view: int, settings: StepSettings) -> None:
         """Train on one view. Returns before it is done."""
@@ -143,8 +151,13 @@ class WebGpuEngine:
     def optimiser_state(self) -> OptimiserState:
         """A copy of the optimiser's state."""
         self._settle()
+        if not self._trains:
+            zeros = np.zeros((self._gaussians, self._columns), np.float32)
+            return OptimiserState(zeros, zeros.copy(), self._completed)
         first, second = (
-            self._replayer.read(name, np.float32, self._columns * self._gaussians).reshape(self._columns, -1).T.copy()
+            transposed(
+                self._replayer.read(name, np.float32, self._columns * self._gaussians).reshape(self._columns, -1)
+            )
             for name in ("first_moments", "second_moments")
         )
         return OptimiserState(first, second, self._completed)
@@ -157,34 +170,45 @@ class WebGpuEngine:
     def _columns(self) -> int:
         return 10 + 3 * self._coefficients
 
-    def _symbols(self, width: int, height: int, settings: StepSettings | None = None) -> dict[str, int]:
-        """The numbers that sizes are computed from."""
-        loss = settings.loss if settings else None
+    @property
+    def _sizes(self) -> dict[str, int]:
+        """The numbers that stay the same from image to image."""
+        return {"gaussians": self._gaussians, "coefficients": self._coefficients, "entries": self._entries}
+
+    def _symbols(self, camera: Camera, settings: StepSettings | None = None) -> dict[str, int]:
+        """The numbers that the passes of one image follow from."""
         return self._replayer.description.symbols(
             {
-                "gaussians": self._gaussians,
-                "coefficients": self._coefficients,
-                "width": width,
-                "height": height,
-                "entries": self._entries,
-                "photograph_pixels": self._shelf.pixels,
-                "replay_depth": REPLAY_DEPTH,
-                "regularised": int(loss is not None and (loss.scale_weight > 0.0 or loss.opacity_weight > 0.0)),
-                "structural": int(loss is not None and loss.photometric == "l1-dssim" and min(width, height) > 10),
+                **self._sizes,
+                "replay_depth": self._plan.replay_depth,
+                "width": camera.width,
+                "height": camera.height,
+                "structural": int(settings is not None and structural_share(settings, camera) > 0.0),
+                "regularised": int(settings is not None and is_regularised(settings)),
             }
         )
 
-    def _reserve(self, width: int, height: int) -> None:
-        """Make room for images of a size."""
-        symbols = self._symbols(width, height)
-        self._replayer.reserve(self._replayer.description.sizes(symbols))
+    def _allocate(self) -> MemoryPlan:
+        """Make the buffers for the scene, the views and the images as they are now."""
+        description = self._replayer.description
+        sequences = (*RENDERING, "step") if self._trains else RENDERING
+        photographs = [frame.camera.width * frame.camera.height for frame in self._frames]
+        plan = plan_memory(description, sequences, self._sizes, self._image_sizes, photographs, self._limits)
+        self._replayer.reserve(plan.sizes)
+        return plan
+
+    def _write_photographs(self) -> None:
+        """Upload those that have a place of their own."""
+        for view, frame in enumerate(self._frames):
+            if self._plan.shelf.is_resident(view):
+                self._replayer.write("photographs", packed(frame), PIXEL_BYTES * self._plan.shelf.place(view))
 
     def _submit(self, step: _Step) -> None:
-        frame = self._frames[step.view]
-        camera, place = frame.camera, self._shelf.place(step.view)
-        if not self._shelf.is_resident(step.view):
-            self._replayer.write("photographs", packed(frame), 4 * place)
-        symbols = self._symbols(camera.width, camera.height, step.settings)
+        frame, shelf = self._frames[step.view], self._plan.shelf
+        camera, place = frame.camera, shelf.place(step.view)
+        if not shelf.is_resident(step.view):
+            self._replayer.write("photographs", packed(frame), PIXEL_BYTES * place)
+        symbols = self._symbols(camera, step.settings)
         number = self._completed + len(self._pending) + 1
         self._replayer.write_uniform("view", view_values(camera, step.settings.background, symbols, place))
         self._replayer.write_uniform("update", update_values(step.settings, camera, self._gaussians, number))
@@ -205,16 +229,19 @@ class WebGpuEngine:
 
     def _make_room(self, needed: int) -> None:
         """Let the lists of tiles hold `needed` entries and some more, and let the run go on."""
-        self._entries = int(needed * GROWTH)
-        self._reserve(1, 1)
+        self._entries = max(self._entries, int(needed * GROWTH))
+        self._plan = self._allocate()
+        self._write_photographs()
         self._replayer.write("status", np.array([self._completed, 0, 0], np.uint32))
 
     def _draw(self, sequence: str, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:
         """(H, W, 4) float32: colour and transmittance."""
         self._settle()
-        self._reserve(camera.width, camera.height)
+        if (camera.width, camera.height) not in self._image_sizes:
+            self._image_sizes.add((camera.width, camera.height))
+            self._make_room(0)
         while True:
-            symbols = self._symbols(camera.width, camera.height)
+            symbols = self._symbols(camera)
             self._replayer.write_uniform("view", view_values(camera, background, symbols))
             self._replayer.submit(sequence, symbols)
             pixels = self._replayer.read("image", np.float32, 4 * symbols["pixels"])

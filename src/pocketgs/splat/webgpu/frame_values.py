@@ -23,7 +23,7 @@ def view_values(
     Args:
         camera: from where.
         background: RGB.
-        symbols: gives gaussians, coefficients and entries.
+        symbols: gives gaussians, coefficients, entries and replay_depth.
         photograph: where it begins, in pixels.
     """
     pose, size = camera.world_to_camera, np.array([camera.width, camera.height])
@@ -47,6 +47,7 @@ def view_values(
         "coefficients": symbols["coefficients"],
         "entry_capacity": symbols["entries"],
         "photograph": photograph,
+        "replay_depth": symbols["replay_depth"],
     }
 
 
@@ -54,6 +55,11 @@ def structural_share(settings: StepSettings, camera: Camera) -> float:
     """Weight of 1 - SSIM; 0 for images too small for a window."""
     fits = min(camera.width, camera.height) >= SSIM_WINDOW
     return settings.loss.dssim_weight if settings.loss.photometric == "l1-dssim" and fits else 0.0
+
+
+def is_regularised(settings: StepSettings) -> bool:
+    """Whether the loss has terms of the Gaussians themselves."""
+    return settings.loss.scale_weight > 0.0 or settings.loss.opacity_weight > 0.0
 
 
 def update_values(settings: StepSettings, camera: Camera, gaussians: int, step: int) -> dict[str, ArrayLike]:

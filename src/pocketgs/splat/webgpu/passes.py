@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 
-from pocketgs.splat.engine import KEPT_LOSSES, Precision, Replay
+from pocketgs.splat.engine import KEPT_LOSSES, Accumulation, Precision, Replay
 from pocketgs.splat.webgpu.composition import Shader, compose
 from pocketgs.splat.webgpu.description import Description, Pass, Sequence
 from pocketgs.splat.webgpu.uniforms import UniformLayout
@@ -35,11 +35,13 @@ class Variant:
     Attributes:
         precision: of splats and of the replay cache.
         replay: how the backward pass comes by α: "recompute", or from a "cache" that the forward pass fills.
+        accumulation: how tiles' gradients come together: "ordered" in rows that are added up later, or "atomic".
         subgroups: whether threads of a subgroup add up without workgroup memory.
     """
 
     precision: Precision = "f32"
     replay: Replay = "recompute"
+    accumulation: Accumulation = "ordered"
     subgroups: bool = False
 
     @property
@@ -48,10 +50,19 @@ class Variant:
         cached = self.replay == "cache"
         return {
             "splat_words": f"splat_words_{self.precision}",
+            "replay_words": f"replay_words_{self.precision}",
+            "replay": "replay_from_cache" if cached else "replay_by_recomputing",
+            "record": "record_in_cache" if cached else "record_nothing",
+            "accumulation": f"accumulation_{self.accumulation}",
+            "gathering": f"gathering_{self.accumulation}",
             "scan": "scan_subgroup" if self.subgroups else "scan_shared",
-            "replay": f"replay_cache_{self.precision}" if cached else "replay_none",
-            "replay_record": f"replay_record_{self.precision}" if cached else "replay_record_none",
         }
+
+    @property
+    def features(self) -> frozenset[str]:
+        """Optional features that a device must have."""
+        needed = {"subgroup": self.subgroups, "shader-float32-atomic": self.accumulation == "atomic"}
+        return frozenset(feature for feature, is_needed in needed.items() if is_needed)
 
 
 SPLAT_BYTES = {"f32": 40, "f16": 28}
@@ -60,7 +71,6 @@ RECORD_BYTES = {"f32": 20, "f16": 12}
 
 def _buffers(variant: Variant) -> dict[str, str]:
     """Sizes in bytes of the buffers that rendering needs."""
-    cache_bytes = f"pixels * (4 + {RECORD_BYTES[variant.precision]} * replay_depth)"
     return {
         "shape": "44 * gaussians",
         "sh": "12 * coefficients * gaussians",
@@ -84,7 +94,7 @@ def _buffers(variant: Variant) -> dict[str, str]:
         "tile_starts": "4 * tiles + 8",
         "drawn_ranges": "8 * tiles",
         "image": "16 * pixels",
-        "replay_cache": cache_bytes if variant.replay == "cache" else "0",
+        "replay_cache": "0",
     }
 
 
@@ -92,7 +102,6 @@ _TRAINING_BUFFERS = {
     "gradients": "4 * columns * gaussians",
     "first_moments": "4 * columns * gaussians",
     "second_moments": "4 * columns * gaussians",
-    "entry_gradients": "36 * entries",
     "photographs": "4 * photograph_pixels",
     "ssim_derivatives": "36 * pixels",
     "d_image": "16 * pixels",
@@ -193,9 +202,12 @@ def describe(variant: Variant, training: bool = True) -> Description:
     }
     buffers = _buffers(variant)
     if training:
-        cleared = ("tile_starts", "gradients", "entry_gradients")
+        cleared = ("tile_starts", "gradients", "gradient_rows")
         sequences["step"] = Sequence(cleared, (*bins, *_TRAINING))
         buffers |= _TRAINING_BUFFERS
+        if variant.replay == "cache":
+            buffers["replay_cache"] = f"pixels * (4 + {RECORD_BYTES[variant.precision]} * replay_depth)"
+        buffers["gradient_rows"] = f"36 * {'entries' if variant.accumulation == 'ordered' else 'gaussians'}"
     names = dict.fromkeys(one.shader for sequence in sequences.values() for one in sequence.passes)
     shaders = {name: _shader(name, variant) for name in names}
     uniforms = {"view": UniformLayout.of("View", shaders["project"].source)}
@@ -208,4 +220,4 @@ def _shader(name: str, variant: Variant) -> Shader:
     """Only a rasterization that is replayed later fills a cache."""
     if name == "rasterize_for_replay":
         return replace(compose("rasterize", variant.files), name=name)
-    return compose(name, {**variant.files, "replay_record": "replay_record_none"})
+    return compose(name, {**variant.files, "record": "record_nothing"})

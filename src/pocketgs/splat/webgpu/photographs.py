@@ -8,6 +8,8 @@ import numpy as np
 
 from pocketgs.capture.capture import Frame
 
+PIXEL_BYTES = 4
+
 
 def packed(frame: Frame) -> np.ndarray:
     """(H·W,) uint32 of one photograph."""
@@ -22,30 +24,30 @@ def packed(frame: Frame) -> np.ndarray:
 class Shelf:
     """Which photograph lies where in the buffer.
 
-    As many as the budget allows have a place of their own and are uploaded once. The others share one place, and are
+    As many as there is room for have a place of their own and are uploaded once. The others share one place, and are
     written there before the step that needs them.
 
     Args:
-        frames: the photographs.
-        budget: pixels that the buffer may hold; at least the largest photograph is held whatever it says.
+        sizes: pixels of every photograph.
+        room: pixels that the buffer may hold, at least as many as the largest photograph has.
     """
 
-    def __init__(self, frames: Sequence[Frame], budget: int) -> None:
-        sizes = [frame.camera.width * frame.camera.height for frame in frames]
-        shared = 0 if sum(sizes) <= budget else max(sizes)
-        self.places, place = [], 0
+    def __init__(self, sizes: Sequence[int], room: int) -> None:
+        shared = 0 if sum(sizes) <= room else max(sizes)
+        self._places: list[int | None] = []
+        place = 0
         for size in sizes:
-            fits = place + size + shared <= budget or not shared
-            self.places.append(place if fits else None)
+            fits = place + size + shared <= room
+            self._places.append(place if fits else None)
             place += size if fits else 0
-        self.shared_place = place
+        self._shared_place = place
         self.pixels = place + shared
 
     def place(self, view: int) -> int:
         """Where a photograph begins, in pixels."""
-        own = self.places[view]
-        return self.shared_place if own is None else own
+        own = self._places[view]
+        return self._shared_place if own is None else own
 
     def is_resident(self, view: int) -> bool:
         """Whether the photograph has a place of its own."""
-        return self.places[view] is not None
+        return self._places[view] is not None

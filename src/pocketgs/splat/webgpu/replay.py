@@ -9,7 +9,6 @@ import numpy as np
 import wgpu
 from numpy.typing import ArrayLike
 
-from pocketgs.errors import PocketGSError
 from pocketgs.splat.webgpu.description import Description, Pass, Sequence
 from pocketgs.splat.webgpu.sizes import Symbols, evaluate
 
@@ -36,10 +35,6 @@ class Replayer:
     def __init__(self, device: Any, description: Description) -> None:
         self.description = description
         self._device = device
-        self._limit = min(
-            device.limits["max-buffer-size"],
-            device.limits["max-storage-buffer-binding-size"],
-        )
         self._buffers = {
             name: device.create_buffer(label=name, size=layout.size, usage=_UNIFORM)
             for name, layout in description.uniforms.items()
@@ -56,17 +51,7 @@ class Replayer:
                 self._pipeline(one)
 
     def reserve(self, sizes: Mapping[str, int]) -> None:
-        """Make buffers of at least these sizes in bytes. A buffer that has to grow loses its content.
-
-        Raises:
-            PocketGSError: a buffer is larger than the device allows.
-        """
-        for name, size in sizes.items():
-            if size > self._limit:
-                raise PocketGSError(
-                    f"the GPU's buffer {name!r} would need {size / 1e6:.0f} MB, the device allows "
-                    f"{self._limit / 1e6:.0f} MB: expected fewer Gaussians or smaller images"
-                )
+        """Make buffers of at least these sizes in bytes. A buffer that has to grow loses its content."""
         for name, size in sizes.items():
             if name not in self._buffers or self._buffers[name].size < size:
                 if name in self._buffers:
@@ -78,10 +63,10 @@ class Replayer:
         """Bytes of every buffer that there is."""
         return {name: buffer.size for name, buffer in self._buffers.items()}
 
-    def write(self, name: str, content: np.ndarray | bytes, offset: int = 0) -> None:
-        """Write to a buffer, in order with the sequences submitted."""
-        if len(content):
-            self._device.queue.write_buffer(self._buffers[name], offset, content)
+    def write(self, name: str, content: np.ndarray, offset: int = 0) -> None:
+        """Write to a buffer from a byte on, in order with the sequences submitted."""
+        if content.size:
+            self._device.queue.write_buffer(self._buffers[name], offset, content.reshape(-1))
 
     def write_uniform(self, name: str, values: Mapping[str, ArrayLike]) -> None:
         """Fill in a uniform buffer."""

@@ -9,6 +9,11 @@ from pocketgs.gaussians import Gaussians
 SHAPE_COLUMNS = 11
 
 
+def transposed(rows: np.ndarray) -> np.ndarray:
+    """Columns for rows, and the other way round, contiguous."""
+    return np.ascontiguousarray(rows.T, np.float32)
+
+
 def to_columns(scene: Gaussians) -> tuple[np.ndarray, np.ndarray]:
     """Pack a scene.
 
@@ -22,11 +27,10 @@ def to_columns(scene: Gaussians) -> tuple[np.ndarray, np.ndarray]:
         quaternions = np.where(np.abs(lengths - 1.0) > 1e-6, scene.quaternions / lengths, scene.quaternions)
     parts = [scene.means, scene.log_scales, quaternions, scene.opacity_logits[:, None]]
     shape = np.concatenate([part.T for part in parts]).astype(np.float32)
-    return np.ascontiguousarray(shape), np.ascontiguousarray(scene.sh.reshape(len(scene), -1).T, np.float32)
+    return shape, transposed(scene.sh.reshape(len(scene), 3 * scene.sh.shape[1]))
 
 
 def from_columns(shape: np.ndarray, sh: np.ndarray) -> Gaussians:
     """Unpack what `to_columns` packs."""
-    rows = np.ascontiguousarray(shape.T)
-    count = len(rows)
-    return Gaussians(rows[:, :3], rows[:, 3:6], rows[:, 6:10], rows[:, 10], sh.T.reshape(count, -1, 3))
+    rows = transposed(shape)
+    return Gaussians(rows[:, :3], rows[:, 3:6], rows[:, 6:10], rows[:, 10], transposed(sh).reshape(len(rows), -1, 3))

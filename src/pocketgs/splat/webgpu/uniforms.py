@@ -40,8 +40,8 @@ class UniformLayout:
             widest = max(widest, size)
         return UniformLayout(-(-offset // widest) * widest, fields)
 
-    def pack(self, values: Mapping[str, ArrayLike]) -> bytes:
-        """The buffer's content.
+    def pack(self, values: Mapping[str, ArrayLike]) -> np.ndarray:
+        """The buffer's content, (size,) uint8.
 
         Args:
             values: a number or a sequence of numbers for every field.
@@ -51,7 +51,7 @@ class UniformLayout:
         for name, (kind, offset) in self.fields.items():
             dtype, count = _TYPES[kind]
             content[offset : offset + 4 * count].view(dtype)[:] = values[name]
-        return content.tobytes()
+        return content
 
     def to_json(self) -> dict[str, object]:
         """As plain lists and dictionaries."""

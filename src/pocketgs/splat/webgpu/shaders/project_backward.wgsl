@@ -1,7 +1,7 @@
 // Gradients from the image back to the Gaussians, through the sort permutation: ∇θ[π(i)] += g_i. `gradients` is all 0
 // before. One thread a Gaussian, in order of depth.
 import view, folding, gaussians, read_gaussian, read_sh, projection, spherical_harmonics, spherical_harmonics_gradient, splat
-import splat_words, read_splat, entry_gradients
+import splat_words, read_splat, gradient_rows, read_row, gathering
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> shape: array<f32>;
@@ -9,7 +9,7 @@ import splat_words, read_splat, entry_gradients
 @group(0) @binding(3) var<storage, read> splats: array<u32>;
 @group(0) @binding(4) var<storage, read> order: array<u32>;
 @group(0) @binding(5) var<storage, read> first_slots: array<u32>;
-@group(0) @binding(6) var<storage, read> entry_gradients: array<f32>;
+@group(0) @binding(6) var<storage, read> gradient_rows: array<f32>;
 @group(0) @binding(7) var<storage, read_write> gradients: array<f32>;
 @group(0) @binding(8) var<storage, read> entry_count: array<u32>;
 
@@ -21,19 +21,6 @@ fn write_gradient3(column: u32, i: u32, value: vec3f) {
     write_gradient(column, i, value.x);
     write_gradient(column + 1u, i, value.y);
     write_gradient(column + 2u, i, value.z);
-}
-
-// The sum of a splat's rows, one per tile that it entered.
-fn add_up(first: u32, end: u32) -> SplatSums {
-    var sums = SplatSums();
-    for (var slot = first; slot < end; slot++) {
-        let row = slot * SUM_WORDS;
-        sums.exponent += entry_gradients[row];
-        sums.offset += vec2f(entry_gradients[row + 1u], entry_gradients[row + 2u]);
-        sums.square += vec3f(entry_gradients[row + 3u], entry_gradients[row + 4u], entry_gradients[row + 5u]);
-        sums.colour += vec3f(entry_gradients[row + 6u], entry_gradients[row + 7u], entry_gradients[row + 8u]);
-    }
-    return sums;
 }
 
 // With Q = Σ'⁻¹ and v the gradient of each pixel's exponent, ∂L/∂μ = Q Σ v d and ∂L/∂Q = -½ Σ v d dᵀ, and
@@ -126,7 +113,7 @@ fn main(
     }
     let i = order[rank];
     let splat = read_splat(i);
-    let sums = add_up(first, end);
+    let sums = gather(i, first, end);
     let inverse = inverse_covariance(splat);
     let gaussian = read_gaussian(i);
     let local = to_camera(view, gaussian.mean);

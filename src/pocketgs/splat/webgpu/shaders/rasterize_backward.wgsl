@@ -5,9 +5,9 @@
 // H_i = Σ_{j>i} w_j D_j + T background · ∂L/∂C, which starts at C · ∂L/∂C and loses w_i D_i at every contribution. A
 // pixel's T and H are all that a replay carries from one splat to the next. So thread t takes its splat to pixel p at
 // step t + p, just after thread t - 1 has taken its own there; after 64 pixels it takes up the splat 64 places on. A
-// splat's sums over the pixels stay in its thread's registers: no thread adds to another's, so nothing is atomic and
-// the result is the same every time.
-import view, folding, splat, splat_words, read_splat, tiles, compositing, replay, entry_gradients, write_sums
+// splat's sums over the pixels stay in its thread's registers, and no thread adds to another's.
+import view, folding, splat, splat_words, read_splat, tiles, compositing, replay, gradient_rows
+import accumulation
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> drawn_ranges: array<vec2u>;
@@ -16,7 +16,7 @@ import view, folding, splat, splat_words, read_splat, tiles, compositing, replay
 @group(0) @binding(4) var<storage, read> splats: array<u32>;
 @group(0) @binding(5) var<storage, read> image: array<vec4f>;
 @group(0) @binding(6) var<storage, read> d_image: array<vec4f>;
-@group(0) @binding(7) var<storage, read_write> entry_gradients: array<f32>;
+@group(0) @binding(7) var<storage, read_write> gradient_rows: array<GradientWord>;
 @group(0) @binding(8) var<storage, read> replay_cache: array<u32>;
 
 // The pixels of the tile: T, H, and the gradient of their colours.
@@ -28,29 +28,38 @@ fn load_pixel(tile: u32, thread: u32) {
     let pixel = tile_origin(view, tile) + vec2u(thread % TILE, thread / TILE);
     var colour = vec3f();
     var d_colour = vec3f();
-    if (pixel.x < view.width && pixel.y < view.height) {
-        let index = pixel.y * view.width + pixel.x;
+    let inside = pixel.x < view.width && pixel.y < view.height;
+    let index = pixel.y * view.width + pixel.x;
+    if (inside) {
         colour = image[index].rgb;
         d_colour = d_image[index].rgb;
         begin_replay(thread, index);
     }
-    transmittances[thread] = 1.0;
+    // A pixel outside the image takes no contribution.
+    transmittances[thread] = select(0.0, 1.0, inside);
     behind[thread] = dot(colour, d_colour);
     d_colours[thread] = d_colour;
+}
+
+// A splat's α at a pixel, and H behind it; see the file that implements `replay`.
+struct Contribution {
+    alpha: f32,
+    rest: f32,
 }
 
 // Take a splat to a pixel of the tile.
 fn visit(splat: Splat, entry: u32, pixel: u32, centre: vec2f, sums: ptr<function, SplatSums>) {
     let offset = centre - splat.mean;
     let transmittance = transmittances[pixel];
-    let alpha = replayed_alpha(pixel, entry, exponent_at(splat, offset), transmittance);
+    let d_colour = d_colours[pixel];
+    let contribution = replay(splat, entry, pixel, offset, transmittance, d_colour);
+    let alpha = contribution.alpha;
     if (alpha == 0.0) {
         return;
     }
-    let d_colour = d_colours[pixel];
     let weight = alpha * transmittance;
     let gain = weight * dot(splat.colour, d_colour);
-    let rest = behind[pixel] - gain;
+    let rest = contribution.rest;
     transmittances[pixel] = transmittance - weight;
     behind[pixel] = rest;
     // ∂L/∂(ln α) = α ∂L/∂α = α (T D - H / (1 - α)); α is flat where it is clamped.
@@ -102,7 +111,8 @@ fn main(
         if (step >= thread && entry < end) {
             visit(splat, entry, pixel, origin + vec2f(f32(pixel % TILE), f32(pixel / TILE)), &sums);
             if (pixel == TILE_PIXELS - 1u) {
-                write_sums(sorted_slots[entry], sums);
+                let slot = sorted_slots[entry];
+                accumulate(slot, slot_splats[slot], sums);
             }
         }
         workgroupBarrier();

@@ -1,24 +1,7 @@
-// Running sums over the 256 threads of a workgroup, through workgroup memory: Hillis and Steele 1986.
-var<workgroup> running_sums: array<vec4u, 256>;
+// Running sums on any device.
+import scan_shared_memory
 
 // The sum over the threads before this one. Every thread of the workgroup must call it.
 fn exclusive_scan(value: vec4u, thread: u32) -> vec4u {
-    workgroupBarrier();
-    running_sums[thread] = value;
-    workgroupBarrier();
-    var sum = value;
-    for (var reach = 1u; reach < 256u; reach = 2u * reach) {
-        if (thread >= reach) {
-            sum += running_sums[thread - reach];
-        }
-        workgroupBarrier();
-        running_sums[thread] = sum;
-        workgroupBarrier();
-    }
-    return sum - value;
-}
-
-// The sum over all threads, after `exclusive_scan`.
-fn scan_total() -> vec4u {
-    return running_sums[255];
+    return shared_scan(value, thread);
 }

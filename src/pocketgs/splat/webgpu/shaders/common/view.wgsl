@@ -23,6 +23,8 @@ struct View {
     entry_capacity: u32,
     // Where the photograph begins in `photographs`, in pixels.
     photograph: u32,
+    // Contributions of each pixel that the replay cache has room for.
+    replay_depth: u32,
 }
 
 fn to_camera(view: View, point: vec3f) -> vec3f {
