@@ -182,8 +182,12 @@ def test_sh_degree(small_capture: Capture, degree: int) -> None:
         ({"references": 0}, "references: found 0, expected at least 1"),
         ({"max_keyframes": 1}, "max keyframes: found 1, expected at least 2"),
         ({"exposure": "maybe"}, "exposure: found maybe, expected auto, on or off"),
-        ({"engine": "webgpu"}, "engine 'webgpu' is not available"),
-        ({"engine": "gpu"}, "engine 'gpu' is not available"),
+        ({"engine": "gpu"}, "engine 'gpu': not known, expected one of auto, cpu, webgpu"),
+        ({"gpu": "voodoo", "engine": "webgpu"}, "expected one named like 'voodoo', or --engine cpu"),
+        ({"precision": "f64"}, "precision: found f64, expected f32 or f16"),
+        ({"replay": "never"}, "replay: found never, expected recompute or cache"),
+        ({"accumulation": "none"}, "accumulation: found none, expected ordered or atomic"),
+        ({"max_memory": 0}, "max memory: found 0, expected at least 1"),
     ],
 )
 def test_bad_options_are_named(small_capture: Capture, change: dict[str, Any], message: str) -> None:

@@ -24,13 +24,14 @@ if TYPE_CHECKING:
     from pocketgs.pointcloud import PointCloud
     from pocketgs.preparation import prepare
     from pocketgs.rendering import render
-    from pocketgs.splat.engine import Rendering
+    from pocketgs.splat.engine import EngineOptions, Rendering
     from pocketgs.training import train
     from pocketgs.training_options import TrainingOptions
 
 __all__ = [
     "Camera",
     "Capture",
+    "EngineOptions",
     "Frame",
     "Gaussians",
     "PocketGSError",
@@ -48,6 +49,7 @@ __all__ = [
 _HOMES = {
     "Camera": "camera",
     "Capture": "capture.capture",
+    "EngineOptions": "splat.engine",
     "Frame": "capture.capture",
     "Gaussians": "gaussians",
     "PocketGSError": "errors",

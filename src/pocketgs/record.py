@@ -56,6 +56,7 @@ class RunRecord:
 
     Attributes:
         engine, recipe: their names.
+        device: what the engine computed on.
         iterations: iterations done, those before a resumption included.
         resumed_from: iterations that an earlier run had done, or None; `seconds` and `losses` are of this run only.
         interrupted: whether Ctrl-C ended it.
@@ -69,6 +70,7 @@ class RunRecord:
     """
 
     engine: str
+    device: str
     recipe: str
     iterations: int
     resumed_from: int | None

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from pocketgs.camera import Camera
 from pocketgs.gaussians import Gaussians
-from pocketgs.splat.engine import EngineName, EngineOptions, Rendering, create_engine
+from pocketgs.splat.engine import EngineOptions, Rendering, create_engine
 
 BLACK = (0.0, 0.0, 0.0)
 
@@ -17,7 +17,7 @@ def render(
     background: tuple[float, float, float] = BLACK,
     *,
     depth: bool = False,
-    engine: EngineName = "auto",
+    engine: EngineOptions | None = None,
 ) -> Rendering:
     """Render one view; for many, `render_all` uploads the scene once.
 
@@ -26,7 +26,7 @@ def render(
         camera: from where.
         background: RGB in [0, 1] behind the scene.
         depth: whether to add the expected depth.
-        engine: what renders.
+        engine: what renders, and how; the best engine of this device if None.
     """
     return next(render_all(scene, [camera], background, depth=depth, engine=engine))
 
@@ -37,10 +37,10 @@ def render_all(
     background: tuple[float, float, float] = BLACK,
     *,
     depth: bool = False,
-    engine: EngineName = "auto",
+    engine: EngineOptions | None = None,
 ) -> Iterator[Rendering]:
     """Render views one after the other; see `render`."""
-    renderer = create_engine(EngineOptions(engine))
+    renderer = create_engine(engine)
     renderer.upload(scene)
     for camera in cameras:
         yield renderer.render(camera, background, depth)

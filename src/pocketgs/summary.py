@@ -13,7 +13,7 @@ from pocketgs.gaussians import Gaussians
 from pocketgs.record import peak_rss_mb
 from pocketgs.training_options import TrainingOptions
 
-DEPENDENCIES = ("numpy", "numba", "llvmlite", "opencv-python-headless", "scipy", "pillow")
+DEPENDENCIES = ("numpy", "numba", "llvmlite", "opencv-python-headless", "scipy", "pillow", "wgpu")
 
 
 def summarise(
@@ -40,6 +40,7 @@ def summarise(
         "seconds": {name: round(value, 3) for name, value in seconds.items()},
         "protocol": protocol,
         "engine": record.engine,
+        "device": record.device,
         "engine_bytes": record.engine_bytes,
         "capture": {
             "name": capture.name,

@@ -125,6 +125,7 @@ def train(
     scene = engine.download()
     scene.record = RunRecord(
         engine=engine.name,
+        device=engine.device,
         recipe=recipe.name,
         iterations=loop.iteration,
         resumed_from=resume.iteration if resume else None,
@@ -176,12 +177,14 @@ class _Loop:
             while self.iteration < self._options.iterations and not self._is_over(started):
                 if interrupt.requested:
                     self.interrupted = True
-                    return
+                    break
                 with self._stopwatch.stage("training"):
                     self._step(started)
                 self._look_at_held_out_views()
                 if observer:
                     observer(self._progress(started))
+        if self.iteration > self._first_iteration:
+            self._finish_steps()
 
     def _is_over(self, started: float) -> bool:
         budget = self._options.time_budget
@@ -209,6 +212,7 @@ class _Loop:
         every = self._options.evaluate_every
         if not every or self.iteration % every or not self._capture.held_out:
             return
+        self._finish_steps()
         with self._stopwatch.stage("evaluation"):
             values = [
                 psnr(render_frame(self._engine, frame, self._capture.background), frame.image / 255.0, frame.mask)
@@ -216,20 +220,17 @@ class _Loop:
             ]
         self._held_out_psnr = float(np.mean(values))
         seconds = self._stopwatch.seconds["training"]
-        self.samples.append(LossSample(self.iteration, seconds, self._mean_loss(), self._held_out_psnr))
+        self.samples.append(LossSample(self.iteration, seconds, self._loss, self._held_out_psnr))
 
-    def _mean_loss(self) -> float:
-        """Of the last epoch."""
-        return self._engine.loss(min(len(self._capture.train), self.iteration - self._first_iteration))
-
-    def _recent_loss(self) -> float:
-        """The same, some time ago: asking an engine for it makes it finish what it has been given."""
-        if time.monotonic() - self._loss_asked > SECONDS_BETWEEN_LOSSES:
-            self._loss = self._mean_loss()
-            self._loss_asked = time.monotonic()
-        return self._loss
+    def _finish_steps(self) -> None:
+        """Ask for the mean loss over the last epoch, for which the engine finishes what it has been given."""
+        with self._stopwatch.stage("training"):
+            self._loss = self._engine.loss(min(len(self._capture.train), self.iteration - self._first_iteration))
+        self._loss_asked = time.monotonic()
 
     def _progress(self, started: float) -> Progress:
+        if time.monotonic() - self._loss_asked > SECONDS_BETWEEN_LOSSES:
+            self._finish_steps()
         elapsed = time.monotonic() - started
         rate = (self.iteration - self._first_iteration) / max(elapsed, 1e-9)
         left = (self._options.iterations - self.iteration) / rate
@@ -239,7 +240,7 @@ class _Loop:
             iteration=self.iteration,
             iterations=self._options.iterations,
             fraction=self._fraction(started),
-            loss=self._recent_loss(),
+            loss=self._loss,
             held_out_psnr=self._held_out_psnr,
             iteration_rate=rate,
             seconds_left=left,

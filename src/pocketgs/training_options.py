@@ -36,6 +36,7 @@ class TrainingOptions:
         precision: of projected splats on the GPU.
         replay: whether the GPU's backward pass recomputes what the forward pass did, or reads it from a cache.
         accumulation: whether the gradients of a GPU's tiles are added up in order, or atomically in less memory.
+        portable: use only what every GPU with WebGPU has.
         max_memory: megabytes of GPU memory that training may take.
         evaluate_every: iterations between looks at the held-out views; 0 for none until the end.
     """
@@ -58,6 +59,7 @@ class TrainingOptions:
     precision: Precision = "f32"
     replay: Replay = "recompute"
     accumulation: Accumulation = "ordered"
+    portable: bool = False
     max_memory: int = 3000
     evaluate_every: int = 100
 
@@ -97,5 +99,6 @@ class TrainingOptions:
             self.precision,
             self.replay,
             self.accumulation,
-            max_memory=self.max_memory,
+            self.portable,
+            self.max_memory,
         )

@@ -35,7 +35,7 @@ def refused(
     ("options", "message"),
     [
         (["--recipe", "fast"], "recipe 'fast': not known, expected one of pocketgs, reference"),
-        (["--engine", "webgpu", "--prior", "none"], "engine 'webgpu' is not available"),
+        (["--engine", "webgpu", "--gpu", "voodoo", "--prior", "none"], "expected one named like 'voodoo'"),
         (["--references", "0"], "references: found 0, expected at least 1"),
         (["--max-keyframes", "1"], "max keyframes: found 1, expected at least 2"),
         (["--iterations", "0"], "iterations: found 0, expected at least 1"),
@@ -164,7 +164,7 @@ def test_broken_scene(refused: Callable[..., str], written_capture: Path, result
         (["--fps", "0"], "fps: found 0.0"),
         (["--fps", "nan"], "fps: found nan"),
         (["--fps", "inf"], "fps: found inf"),
-        (["--engine", "webgpu"], "engine 'webgpu' is not available"),
+        (["--engine", "webgpu", "--gpu", "voodoo"], "expected one named like 'voodoo'"),
     ],
 )
 def test_render(refused: Callable[..., str], written_capture: Path, result: Path, options: Any, message: str) -> None:

@@ -131,8 +131,10 @@ def print_result(console: Console, result: RunResult) -> None:
     seconds = summary["seconds"]
     stages = ", ".join(f"{name} {value:.1f}" for name, value in seconds.items() if name != "total" and value >= 0.05)
     stopped = " (stopped early)" if summary["interrupted"] else ""
+    buffers = sum(summary["engine_bytes"].values()) / 1e6
+    engine = f"engine {summary['engine']} ({summary['device']}), its buffers {buffers:.0f} MB"
     lines = [
-        f"{summary['iterations']} iterations{stopped}, {summary['gaussians']:,} Gaussians, engine {summary['engine']}",
+        f"{summary['iterations']} iterations{stopped}, {summary['gaussians']:,} Gaussians, {engine}",
         f"{seconds['total']:.1f} s in all ({stages}), peak memory {summary['peak_rss_mb']:.0f} MB",
         f"result in {result.folder}: scene.ply, run.json{', held_out/' if result.evaluation else ''}",
     ]

@@ -16,7 +16,7 @@ from pocketgs.cli.scene_file import in_world_of, load_scene
 from pocketgs.errors import PocketGSError
 from pocketgs.result_folder import publishing, write_json
 from pocketgs.run import evaluate_held_out
-from pocketgs.splat.engine import EngineName, EngineOptions, create_engine
+from pocketgs.splat.engine import EngineOptions, create_engine
 
 
 def evaluate(
@@ -24,7 +24,7 @@ def evaluate(
     capture: Annotated[Path, tyro.conf.Positional],
     pictures: Path | None = None,
     json: Path | None = None,
-    engine: EngineName = "auto",
+    engine: EngineOptions = EngineOptions(),  # noqa: B008 - a frozen dataclass
     reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
 ) -> None:
     """Compare a scene with a capture's held-out views: PSNR, SSIM, LPIPS.
@@ -34,13 +34,13 @@ def evaluate(
         capture: The capture's folder, or its transforms.json.
         pictures: Folder for pictures of photograph and rendering side by side.
         json: File for the figures.
-        engine: What renders.
+        engine: What renders, and how.
         reading: How to read the capture.
     """
     console = Console()
     gaussians = load_scene(scene)
     opened = in_world_of(scene, reading.open(capture))
-    renderer = create_engine(EngineOptions(engine))
+    renderer = create_engine(engine)
     renderer.upload(gaussians)
     if not opened.held_out:
         raise PocketGSError(f"{capture}: no view is held out, expected --hold-out of at least 2")

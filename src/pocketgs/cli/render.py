@@ -18,7 +18,7 @@ from pocketgs.cli.scene_file import in_world_of, load_scene
 from pocketgs.errors import PocketGSError
 from pocketgs.rendering import render_all
 from pocketgs.result_folder import picture_names, publishing
-from pocketgs.splat.engine import EngineName, Rendering
+from pocketgs.splat.engine import EngineOptions, Rendering
 from pocketgs.video import write_video
 
 Views = Literal["held-out", "train", "orbit", "path"]
@@ -33,7 +33,7 @@ def render(
     show: Show = "colour",
     frames: int = 120,
     fps: float = 30.0,
-    engine: EngineName = "auto",
+    engine: EngineOptions = EngineOptions(),  # noqa: B008 - a frozen dataclass
     reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
 ) -> None:
     """Render a scene to pictures or a video.
@@ -47,7 +47,7 @@ def render(
         show: Colour, expected depth (near is bright) or alpha.
         frames: Number of views of an orbit or path.
         fps: Frames per second of a video.
-        engine: What renders.
+        engine: What renders, and how.
         reading: How to read the capture.
     """
     gaussians = load_scene(scene)

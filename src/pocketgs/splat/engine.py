@@ -63,6 +63,8 @@ class Engine(Protocol):
     """
 
     name: str
+    device: str
+    """What it computes on, in words."""
 
     def prepare(self) -> None:
         """Compile whatever has to be compiled, so that no step has to."""

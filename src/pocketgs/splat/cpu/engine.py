@@ -68,6 +68,7 @@ class CpuEngine:
 
     def __init__(self, threads: int | None = None) -> None:
         self.threads = min(threads or _usable_cores(), numba.config.NUMBA_NUM_THREADS)
+        self.device = f"CPU, {self.threads} threads"
         self._views: list[_TrainingView] = []
         self._binner = Binner(self.threads)
         self._canvas: _Canvas | None = None

@@ -63,10 +63,11 @@ class WebGpuEngine:
 
     def __init__(self, options: EngineOptions | None = None) -> None:
         options = options or EngineOptions()
-        self.adapter = choose_adapter(options.gpu)
-        subgroups = "subgroup" in self.adapter.features and not options.portable
+        adapter = choose_adapter(options.gpu)
+        self.device = f"{adapter.name}, {adapter.backend}"
+        subgroups = "subgroup" in adapter.features and not options.portable
         variant = Variant(options.precision, options.replay, options.accumulation, subgroups)
-        self._device = open_device(self.adapter, variant.features)
+        self._device = open_device(adapter, variant.features)
         self._replayer = Replayer(self._device, describe(variant))
         largest = min(self._device.limits[name] for name in BUFFER_LIMITS)
         self._limits = Limits(options.max_memory * 1_000_000, largest)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import wgpu
 from numpy.typing import ArrayLike
 
+from pocketgs.errors import PocketGSError
 from pocketgs.splat.webgpu.description import Description, Pass, Sequence
 from pocketgs.splat.webgpu.sizes import Symbols, evaluate
 
@@ -22,6 +24,20 @@ _LAYOUT_TYPES = {
 }
 _STORAGE = wgpu.BufferUsage.STORAGE | wgpu.BufferUsage.COPY_DST | wgpu.BufferUsage.COPY_SRC | wgpu.BufferUsage.INDIRECT
 _UNIFORM = wgpu.BufferUsage.UNIFORM | wgpu.BufferUsage.COPY_DST
+
+
+@contextmanager
+def _device_errors_in_one_line() -> Iterator[None]:
+    """Turn what a user can meet with, a lost device or a full one, into errors of ours; the rest are our mistakes."""
+    try:
+        yield
+    except wgpu.GPUOutOfMemoryError as error:
+        raise PocketGSError(f"the GPU is out of memory: expected a smaller --max-memory ({error})") from error
+    except wgpu.GPUError as error:
+        if "lost" not in str(error).lower():
+            raise
+        expected = "a driver that keeps running (it resets where a step takes too long), or --engine cpu"
+        raise PocketGSError(f"the GPU was lost while working: expected {expected}") from error
 
 
 class Replayer:
@@ -50,6 +66,7 @@ class Replayer:
             for one in sequence.passes:
                 self._pipeline(one)
 
+    @_device_errors_in_one_line()
     def reserve(self, sizes: Mapping[str, int]) -> None:
         """Make buffers of at least these sizes in bytes. A buffer that has to grow loses its content."""
         for name, size in sizes.items():
@@ -63,6 +80,7 @@ class Replayer:
         """Bytes of every buffer that there is."""
         return {name: buffer.size for name, buffer in self._buffers.items()}
 
+    @_device_errors_in_one_line()
     def write(self, name: str, content: np.ndarray, offset: int = 0) -> None:
         """Write to a buffer from a byte on, in order with the sequences submitted."""
         if content.size:
@@ -72,6 +90,7 @@ class Replayer:
         """Fill in a uniform buffer."""
         self.write(name, self.description.uniforms[name].pack(values))
 
+    @_device_errors_in_one_line()
     def read(self, name: str, dtype: type[np.generic], count: int, offset: int = 0) -> np.ndarray:
         """Read `count` numbers from `offset` (in numbers) on. Waits until all that was submitted is done."""
         if count == 0:
@@ -80,6 +99,7 @@ class Replayer:
         content = self._device.queue.read_buffer(self._buffers[name], offset * size, count * size)
         return np.frombuffer(content, dtype).copy()
 
+    @_device_errors_in_one_line()
     def submit(self, sequence: str, symbols: Symbols) -> None:
         """Run a sequence, without waiting for it.
 
