@@ -1,0 +1,180 @@
+"""One training step of the WebGPU engine: time by pass, pairs per second, shares of what the device can do, memory.
+
+    python bench/webgpu_step.py                             # random scenes of several sizes
+    python bench/webgpu_step.py --small --replay both       # small ones, and what a replay cache changes
+    python bench/webgpu_step.py ../data/fern --images images_8     # a capture, after 100 iterations
+
+Passes are timed by the device's timestamps, a compute pass each; without them, each is submitted alone and waited for.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from rich.console import Console
+
+from cpu_step import random_scene
+from pocketgs.capture import Frame
+from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.gaussians import Gaussians
+from pocketgs.preparation import prepare
+from pocketgs.recipes import recipe_named
+from pocketgs.splat.engine import Accumulation, EngineOptions, Precision, Replay
+from pocketgs.splat.settings import StepSettings
+from pocketgs.splat.webgpu.adapters import choose_adapter, open_device
+from pocketgs.splat.webgpu.engine import WebGpuEngine
+from pocketgs.training import train
+from pocketgs.training_options import TrainingOptions
+from webgpu_passes import (
+    TIMESTAMPS,
+    engine_to_time,
+    is_timed_by_device,
+    milliseconds_of_waiting,
+    timed_passes,
+)
+from webgpu_roofline import measure_roofline
+from webgpu_tables import (
+    CHOICES,
+    Measurement,
+    memory_table,
+    pairs_table,
+    passes_table,
+    ratios_table,
+    steps_table,
+)
+from webgpu_work import Work, count_work
+
+SIZES = ((50_000, 504, 378), (50_000, 1008, 756), (170_000, 1008, 756), (1_000_000, 1920, 1080))
+SMALL_SIZES = ((2_000, 128, 96), (10_000, 252, 189))
+
+COUNTED_VIEWS = 5
+
+Scene = tuple[Gaussians, Sequence[Frame]]
+
+
+def main(
+    capture: Annotated[Path | None, tyro.conf.Positional] = None,
+    gpu: str | None = None,
+    precision: Precision | Literal["both"] = "f32",
+    replay: Replay | Literal["both"] = "recompute",
+    accumulation: Accumulation | Literal["both"] = "ordered",
+    steps: int = 30,
+    iterations: int = 100,
+    small: bool = False,
+    max_memory: int = 8000,
+    reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
+) -> None:
+    """Print the tables.
+
+    Args:
+        capture: A capture to train on first; random scenes if none is given.
+        gpu: Part of the GPU's name; by default the best.
+        precision: Of projected splats, or both.
+        replay: How the backward pass comes by what the forward pass computed, or both ways.
+        accumulation: How tiles' gradients come together, or both ways.
+        steps: Steps timed of each kind, with and without the times of their passes.
+        iterations: How long to train on the capture.
+        small: Small random scenes, for a quick run.
+        max_memory: Megabytes of GPU memory that the engine may take.
+        reading: How to read the capture.
+    """
+    console = Console(width=180, highlight=False)
+    adapter = choose_adapter(gpu)
+    roofline = measure_roofline(open_device(adapter), adapter.is_software)
+    console.print(
+        f"{adapter.name}, {adapter.backend}, {adapter.driver}{' (software)' if adapter.is_software else ''}: "
+        f"copies at {roofline.bytes_per_second / 1e9:,.1f} GB/s, {roofline.flops_per_second / 1e9:,.0f} GFLOP/s",
+        f"passes timed by {'timestamps' if TIMESTAMPS in adapter.features else 'waiting for each'}; "
+        f"medians of {steps} steps",
+        sep="\n",
+    )
+    options = EngineOptions("webgpu", gpu=gpu, max_memory=max_memory)
+    variants = list(_variants(options, {"precision": precision, "replay": replay, "accumulation": accumulation}))
+    for scene in [scene_of(capture, reading, iterations, options)] if capture else random_scenes(small):
+        gaussians, frames = scene
+        camera = frames[0].camera
+        console.rule(f"{len(gaussians):,} Gaussians, {camera.width} x {camera.height}, views: {len(frames)}")
+        work = work_of(scene, options)
+        measurements = [measure(scene, variant, work, steps, console) for variant in variants]
+        for measurement in measurements:
+            console.print(passes_table(measurement, roofline))
+        console.print(steps_table(measurements), pairs_table(measurements, roofline), sep="\n")
+        if len(measurements) > 1:
+            console.print(ratios_table(measurements))
+        console.print(memory_table(measurements))
+
+
+def _variants(options: EngineOptions, asked: dict[str, str]) -> Iterator[EngineOptions]:
+    """Every combination of what was asked for."""
+    ways = [CHOICES[name] if value == "both" else (value,) for name, value in asked.items()]
+    for combination in itertools.product(*ways):
+        yield replace(options, **dict(zip(asked, combination, strict=True)))
+
+
+def random_scenes(small: bool) -> Iterator[Scene]:
+    """Scenes as `bench/cpu_step.py` has them."""
+    for count, width, height in SMALL_SIZES if small else SIZES:
+        yield random_scene(count, width, height)
+
+
+def scene_of(path: Path, reading: CaptureOptions, iterations: int, options: EngineOptions) -> Scene:
+    """A scene trained on a capture, with the views that it was trained on."""
+    training = TrainingOptions(
+        iterations=iterations,
+        evaluate_every=0,
+        max_gaussians=1_000_000,
+        engine="webgpu",
+        gpu=options.gpu,
+        max_memory=options.max_memory,
+    )
+    prepared = prepare(reading.open(path), training)
+    return train(prepared.capture, training, prepared=prepared), prepared.capture.train
+
+
+def _settings() -> StepSettings:
+    """The default recipe's, with rates of 0: every step is the same."""
+    recipe = recipe_named("pocketgs")
+    return StepSettings(recipe.rates.scaled(0.0), recipe.loss)
+
+
+def work_of(scene: Scene, options: EngineOptions) -> Work:
+    """Count what a step on the scene has to do."""
+    gaussians, frames = scene
+    engine = WebGpuEngine(options)
+    engine.set_views(frames)
+    engine.upload(gaussians)
+    return count_work(engine, frames[:COUNTED_VIEWS], _settings())
+
+
+def measure(scene: Scene, options: EngineOptions, work: Work, steps: int, console: Console) -> Measurement:
+    """Time steps on a scene."""
+    gaussians, frames = scene
+    engine = engine_to_time(options)
+    engine.prepare()
+    engine.set_views(frames)
+    engine.upload(gaussians)
+    for view in range(len(frames)):
+        engine.step(view, _settings())
+    engine.loss()
+    started = time.perf_counter()
+    for step in range(steps):
+        engine.step(step % len(frames), _settings())
+    engine.loss()
+    milliseconds = 1e3 * (time.perf_counter() - started) / steps
+    with timed_passes(engine) as passes:
+        for step in range(steps):
+            engine.step(step % len(frames), _settings())
+        engine.loss()
+    if not is_timed_by_device(engine):
+        console.print(f"waiting for nothing takes {milliseconds_of_waiting(engine):.3f} ms, included in every pass")
+    return Measurement(options, passes, milliseconds, engine.memory(), work)
+
+
+if __name__ == "__main__":
+    tyro.cli(main, config=(tyro.conf.OmitArgPrefixes,))
