@@ -33,7 +33,7 @@ class TrainingOptions:
         sh_degree: degree of the spherical harmonics, or None for the recipe's.
         threads: CPU threads, or None for all cores.
         gpu: part of the name of the GPU to use, or None for the best.
-        precision: of projected splats on the GPU.
+        precision: of projected splats and of the replay cache on the GPU.
         replay: whether the GPU's backward pass recomputes what the forward pass did, or reads it from a cache.
         accumulation: whether the gradients of a GPU's tiles are added up in order, or atomically in less memory.
         portable: use only what every GPU with WebGPU has.

@@ -104,7 +104,7 @@ class EngineOptions:
         engine: "auto" takes a GPU where there is one, else the CPU; "webgpu" takes software adapters too.
         threads: CPU threads that it may use, or None for one a core.
         gpu: part of the name of the GPU to use, or None for the best.
-        precision: of projected splats on the GPU: "f32" or, in about two thirds of the memory, "f16".
+        precision: of projected splats and of the replay cache on the GPU.
         replay: how the GPU's backward pass comes by what the forward pass computed: it recomputes it, or keeps it in a
             cache.
         accumulation: how the gradients of a GPU's tiles come together: "ordered" gives the same bits every time;

@@ -117,7 +117,7 @@ def _may_have_gpu() -> bool:
 
 
 def choose_adapter(name: str | None = None) -> Adapter:
-    """The best adapter, or the first whose name contains `name`.
+    """The best adapter that has what the passes need, or the best whose name contains `name`.
 
     Raises:
         PocketGSError: there is none, or it lacks something.
@@ -127,9 +127,10 @@ def choose_adapter(name: str | None = None) -> Adapter:
         found = ", ".join(adapter.name for adapter in adapters()) or "none"
         what = "a GPU with a Vulkan, Metal or DX12 driver" if name is None else f"one named like {name!r}"
         raise PocketGSError(f"engine webgpu: found these devices: {found}; expected {what}, or --engine cpu")
-    if missing := wanted[0].lacks():
-        raise PocketGSError(f"{wanted[0].name}: {'; '.join(missing)}; --engine cpu does without it")
-    return wanted[0]
+    chosen = next((adapter for adapter in wanted if not adapter.lacks()), wanted[0])
+    if missing := chosen.lacks():
+        raise PocketGSError(f"{chosen.name}: {'; '.join(missing)}; --engine cpu does without it")
+    return chosen
 
 
 def open_device(adapter: Adapter, features: frozenset[str] = frozenset()) -> Any:

@@ -33,9 +33,6 @@ MOST_PENDING = 64
 SECONDS_BETWEEN_LOOKS = 0.2
 """The host looks whether steps were completed after so many, or so much time: the GPU has work queued until then."""
 
-STEPS, HALTED, NEEDED = range(3)
-"""Words of the buffer `status`; see `shaders/common/status.wgsl`."""
-
 
 @dataclass(frozen=True)
 class _Step:
@@ -77,7 +74,7 @@ class WebGpuEngine:
         self._trains = False
         self._plan = self._allocate()
         self._pending: list[_Step] = []
-        self._completed = 0
+        self._completed = self._completed_before = 0
         self._looked = 0.0
 
     def prepare(self) -> None:
@@ -106,7 +103,7 @@ class WebGpuEngine:
         self._pending.clear()
         self._gaussians, self._coefficients = len(gaussians), gaussians.sh.shape[1]
         self._entries = max(self._entries, LEAST_ENTRIES, ENTRIES_PER_GAUSSIAN * self._gaussians)
-        self._completed = state.steps if state else 0
+        self._completed = self._completed_before = state.steps if state else 0
         self._trains |= state is not None
         self._make_room(0)
         for name, values in zip(("shape", "sh"), to_columns(gaussians), strict=True):
@@ -126,7 +123,8 @@ class WebGpuEngine:
         """Mean loss of the last `steps` steps, measured before their updates."""
         self._settle()
         ring = self._replayer.read("losses", np.float32, KEPT_LOSSES)
-        latest = np.arange(self._completed - min(steps, KEPT_LOSSES), self._completed)
+        first = max(self._completed - min(steps, KEPT_LOSSES), self._completed_before)
+        latest = np.arange(first, self._completed)
         return float(ring[latest % KEPT_LOSSES].mean(dtype=np.float64))
 
     def render(

@@ -58,7 +58,7 @@ class Replayer:
         self._layouts: dict[str, Any] = {}
         self._modules: dict[str, Any] = {}
         self._pipelines: dict[tuple[str, tuple[tuple[str, int], ...]], Any] = {}
-        self._recordings: dict[tuple[str, tuple[tuple[str, int], ...]], list[_Recorded]] = {}
+        self._recordings: dict[tuple[str, tuple[tuple[str, int], ...]], list[Recorded]] = {}
 
     def prepare(self) -> None:
         """Compile every pipeline."""
@@ -107,20 +107,23 @@ class Replayer:
             sequence: its name.
             symbols: from `Description.symbols`.
         """
-        key = (sequence, tuple(symbols.items()))
-        if key not in self._recordings:
-            self._recordings[key] = self._record(self.description.sequences[sequence], symbols)
         encoder = self._device.create_command_encoder()
         for name in self.description.sequences[sequence].cleared:
             encoder.clear_buffer(self._buffers[name])
         compute = encoder.begin_compute_pass()
-        for recorded in self._recordings[key]:
+        for recorded in self.recorded(sequence, symbols):
             recorded.dispatch(compute)
         compute.end()
         self._device.queue.submit([encoder.finish()])
 
-    def _record(self, sequence: Sequence, symbols: Symbols) -> list[_Recorded]:
-        """Resolve names and sizes once, for all later submissions at this size."""
+    def recorded(self, sequence: str, symbols: Symbols) -> list[Recorded]:
+        """A sequence's passes with names and sizes resolved: once, for all later submissions at this size."""
+        key = (sequence, tuple(symbols.items()))
+        if key not in self._recordings:
+            self._recordings[key] = self._record(self.description.sequences[sequence], symbols)
+        return self._recordings[key]
+
+    def _record(self, sequence: Sequence, symbols: Symbols) -> list[Recorded]:
         recordings = []
         for one in sequence.passes:
             if not evaluate(one.when, symbols):
@@ -129,7 +132,7 @@ class Replayer:
             if groups == 0:
                 continue
             indirect = (self._buffers[one.indirect[0]], one.indirect[1]) if one.indirect else None
-            recordings.append(_Recorded(one.name, self._pipeline(one), self._bind_group(one), groups, indirect))
+            recordings.append(Recorded(one.name, self._pipeline(one), self._bind_group(one), groups, indirect))
         return recordings
 
     def _pipeline(self, one: Pass) -> Any:
@@ -166,7 +169,7 @@ class Replayer:
         return self._device.create_bind_group(label=one.name, layout=self._layout(one.shader), entries=entries)
 
 
-class _Recorded:
+class Recorded:
     """A pass with everything looked up."""
 
     def __init__(

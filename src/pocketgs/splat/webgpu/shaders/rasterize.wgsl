@@ -17,6 +17,7 @@ override draw_depth: bool = false;
 var<workgroup> batch: array<Splat, TILE_PIXELS>;
 var<workgroup> drawn_end: atomic<u32>;
 var<workgroup> clear_pixels: atomic<u32>;
+var<workgroup> finished: u32;
 
 @compute @workgroup_size(8, 8)
 fn main(
@@ -66,11 +67,11 @@ fn main(
         if (transmittance >= TRANSMITTANCE_MIN) {
             atomicAdd(&clear_pixels, 1u);
         }
-        let any_clear = workgroupUniformLoad(&clear_pixels) > 0u;
+        workgroupBarrier();
         if (thread == 0u) {
-            atomicStore(&clear_pixels, 0u);
+            finished = u32(atomicExchange(&clear_pixels, 0u) == 0u);
         }
-        if (!any_clear) {
+        if (workgroupUniformLoad(&finished) == 1u) {
             break;
         }
     }
