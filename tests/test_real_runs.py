@@ -72,3 +72,14 @@ def test_fox(trained: Callable[..., dict[str, Any]]) -> None:
     assert record["protocol"] == "undistorted, cropped, downscaled to 266x475, held out every 8th by name"
     assert "17 of 67 listed frames have no image file" in record["capture"]["warnings"][0]
     check(record, psnr=29.3, ssim=0.90)
+
+
+def test_fern_on_the_gpu_engine(trained: Callable[..., dict[str, Any]]) -> None:
+    """A short run follows the CPU engine's: on any adapter, software ones included."""
+    options = ["--downscale", 3, "--max-gaussians", 6000, "--iterations", 60, "--evaluate-every", 15]
+    cpu, gpu = (trained("fern", "--images", "images_8", *options, "--engine", name) for name in ("cpu", "webgpu"))
+    assert gpu["engine"] == "webgpu"
+    for one, other in zip(cpu["progress"], gpu["progress"], strict=True):
+        assert other["loss"] == pytest.approx(one["loss"], rel=0.01)
+        assert other["held_out_psnr"] == pytest.approx(one["held_out_psnr"], abs=0.1)
+    assert gpu["psnr"] == pytest.approx(cpu["psnr"], abs=0.05)

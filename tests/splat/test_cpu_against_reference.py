@@ -8,48 +8,17 @@ import numpy as np
 import pytest
 
 from pocketgs.camera import Camera
-from pocketgs.capture.capture import Frame
 from pocketgs.gaussians import Gaussians
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.cpu.loss import photometric
-from pocketgs.splat.reference.adam import Moments, adam
-from pocketgs.splat.reference.loss import photometric_loss, regularise
-from pocketgs.splat.reference.project import project, project_backward
-from pocketgs.splat.reference.rasterize import rasterize, rasterize_backward
-from pocketgs.splat.reference.scene import Scene, SceneGradient
-from pocketgs.splat.settings import LearningRates, LossSettings, StepSettings
-
-BACKGROUND = (0.2, 0.5, 0.8)
-RATES = LearningRates(2e-3, 5e-3, 4e-3, 1e-2, 1e-2, 1e-3)
+from pocketgs.splat.reference.loss import photometric_loss
+from pocketgs.splat.reference.project import project
+from pocketgs.splat.reference.rasterize import rasterize
+from pocketgs.splat.reference.scene import Scene
+from pocketgs.splat.settings import LossSettings, StepSettings
+from splat.training_step import BACKGROUND, RATES, columns, photograph, reference_step
 
 MakeGaussians = Callable[..., Gaussians]
-
-
-def photograph(camera: Camera, masked: bool = False) -> Frame:
-    rng = np.random.default_rng(11)
-    image = rng.integers(0, 256, (camera.height, camera.width, 3)).astype(np.uint8)
-    mask = rng.uniform(size=image.shape[:2]) > 0.25 if masked else None
-    return Frame("photo", camera, image, mask=mask)
-
-
-def reference_step(
-    scene: Scene, frame: Frame, settings: StepSettings, moments: Moments | None = None
-) -> tuple[float, SceneGradient, Moments]:
-    camera, background = frame.camera, np.array(settings.background)
-    projection = project(scene, camera)
-    raster = rasterize(projection, camera, background)
-    loss, d_image = photometric_loss(raster.image, frame.image / 255.0, settings.loss, frame.mask)
-    gradient = project_backward(scene, camera, projection, rasterize_backward(projection, camera, raster, d_image))
-    loss += regularise(scene, settings.loss, gradient)
-    moments = moments or Moments.zeros_for(gradient)
-    adam(scene, gradient, moments, settings.rates, settings.adam)
-    return loss, gradient, moments
-
-
-def columns(gradient: SceneGradient) -> np.ndarray:
-    count = len(gradient.means)
-    parts = [gradient.means, gradient.log_scales, gradient.rotations, gradient.opacity_logits[:, None], gradient.sh]
-    return np.concatenate([part.reshape(count, -1) for part in parts], axis=1)
 
 
 @pytest.mark.parametrize(("count", "size"), [(1, 0.3), (12, 0.2), (300, 0.08), (2000, 0.03), (40, 2.0)])

@@ -25,6 +25,7 @@ from pocketgs.splat.cpu.rasterize_backward import rasterize_backward
 from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.splat.engine import EngineOptions, create_engine
 from pocketgs.splat.settings import LearningRates, LossSettings, StepSettings
+from splat.training_step import assert_identical, camera_in_front
 
 STEP = StepSettings(LearningRates(1e-3, 5e-3, 4e-3, 1e-2, 1e-2, 1e-3), LossSettings(scale_weight=1e-3))
 
@@ -42,21 +43,12 @@ def train(gaussians: Gaussians, camera: Camera, steps: int, threads: int) -> Gau
     return engine.download()
 
 
-def assert_identical(one: Gaussians, other: Gaussians) -> None:
-    for name in PARAMETERS:
-        assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
-
-
 def test_same_bits_every_time_and_on_any_number_of_threads(make_gaussians: MakeGaussians) -> None:
-    camera = Camera(150, 110, 150.0, 150.0, 75.0, 55.0, np.array(look_from_front()))
+    camera = camera_in_front(150, 110, 150.0)
     gaussians = make_gaussians(count=3000, sh_degree=1, size=0.05)
     first = train(gaussians, camera, 5, threads=2)
     assert_identical(first, train(gaussians, camera, 5, threads=2))
     assert_identical(first, train(gaussians, camera, 5, threads=1))
-
-
-def look_from_front() -> list[list[float]]:
-    return [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 4.0], [0.0, 0.0, 0.0, 1.0]]
 
 
 def test_state_restores_training(camera: Camera, make_gaussians: MakeGaussians) -> None:
@@ -95,7 +87,7 @@ def test_training_brings_the_loss_down(camera: Camera, make_gaussians: MakeGauss
 @pytest.mark.parametrize("count", [0, 1])
 @pytest.mark.parametrize("size", [(1, 1), (9, 3), (17, 33)])
 def test_few_gaussians_and_small_images(make_gaussians: MakeGaussians, count: int, size: tuple[int, int]) -> None:
-    camera = Camera(*size, 20.0, 20.0, size[0] / 2, size[1] / 2, np.array(look_from_front()))
+    camera = camera_in_front(*size, 20.0)
     result = train(make_gaussians(count=count), camera, 3, threads=2)
     assert len(result) == count
     assert all(np.all(np.isfinite(getattr(result, name))) for name in PARAMETERS)
@@ -119,7 +111,7 @@ def test_hostile_numbers_leave_the_image_finite(edits: list[tuple[int, float]]) 
         array = parameters[place % 5].reshape(-1)
         array[(place * 7919) % array.size] = value
     gaussians = Gaussians(*(array.astype(np.float32) for array in parameters))
-    camera = Camera(33, 21, 30.0, 30.0, 16.0, 10.0, np.array(look_from_front()))
+    camera = camera_in_front(33, 21, 30.0)
     engine = CpuEngine()
     engine.set_views([Frame("photo", camera, np.full((21, 33, 3), 128, np.uint8))])
     engine.upload(gaussians)
@@ -141,7 +133,7 @@ def test_a_million_gaussians_off_screen() -> None:
     gaussians = Gaussians(
         means, np.full((count, 3), -5.0), np.eye(4)[np.zeros(count, int)], np.zeros(count), np.zeros((count, 1, 3))
     )
-    camera = Camera(40, 30, 40.0, 40.0, 20.0, 15.0, np.array(look_from_front()))
+    camera = camera_in_front(40, 30, 40.0)
     engine = CpuEngine()
     engine.upload(gaussians)
     assert engine.render(camera, (0.1, 0.2, 0.3)).alpha.max() == 0.0
@@ -160,7 +152,7 @@ def test_tile_lists_hold_every_pixel_that_a_splat_colours(seed: int, width: int,
         rng.uniform(-5, 5, count),
         np.zeros((count, 1, 3)),
     )
-    camera = Camera(width, height, 30.0, 30.0, width / 2, height / 2, np.array(look_from_front()))
+    camera = camera_in_front(width, height, 30.0)
     engine = CpuEngine(2)
     engine.upload(gaussians)
     view = View.of(camera)
@@ -210,7 +202,7 @@ def test_no_step_compiles_what_prepare_has_not() -> None:
     CpuEngine().prepare()
     before = [len(function.signatures) for function in kernels]  # type: ignore[attr-defined]
     assert min(before) >= 1
-    camera = Camera(40, 30, 30.0, 30.0, 20.0, 15.0, np.array(look_from_front()))
+    camera = camera_in_front(40, 30, 30.0)
     mask = np.ones((30, 40), np.bool_)
     mask.setflags(write=False)
     rng = np.random.default_rng(3)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TypeVar
+
 import numpy as np
 
 from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
 from pocketgs.gaussians import PARAMETERS, Gaussians
+from pocketgs.splat.engine import Engine
 from pocketgs.splat.reference.adam import Moments, adam
 from pocketgs.splat.reference.loss import photometric_loss, regularise
 from pocketgs.splat.reference.project import project, project_backward
@@ -16,6 +20,16 @@ from pocketgs.splat.settings import LearningRates, StepSettings
 
 BACKGROUND = (0.2, 0.5, 0.8)
 RATES = LearningRates(2e-3, 5e-3, 4e-3, 1e-2, 1e-2, 1e-3)
+
+AnyEngine = TypeVar("AnyEngine", bound=Engine)
+
+
+def begin(engine: AnyEngine, gaussians: Gaussians, frames: Sequence[Frame] = ()) -> AnyEngine:
+    """The engine, with a scene and, if it is to train, the photographs."""
+    if frames:
+        engine.set_views(frames)
+    engine.upload(gaussians)
+    return engine
 
 
 def camera_in_front(width: int, height: int, focal: float, distance: float = 4.0) -> Camera:

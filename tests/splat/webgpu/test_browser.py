@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import shutil
 import threading
@@ -15,21 +14,22 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Error, Page, sync_playwright
 
 import pocketgs.splat.webgpu
 from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
-from pocketgs.errors import PocketGSError
 from pocketgs.gaussians import SH_DC, Gaussians
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.settings import AdamSettings, LearningRates, LossSettings, StepSettings
-from pocketgs.splat.webgpu.engine import LEAST_ENTRIES, REPLAY_DEPTH, WebGpuEngine
+from pocketgs.splat.webgpu.adapters import Adapter
+from pocketgs.splat.webgpu.engine import WebGpuEngine
 from pocketgs.splat.webgpu.frame_values import update_values, view_values
 from pocketgs.splat.webgpu.passes import Variant, describe
 from pocketgs.splat.webgpu.photographs import packed
 from pocketgs.splat.webgpu.scene_columns import to_columns
 from pocketgs.splat.webgpu.sizes import evaluate
+from splat.webgpu.variants import shared_engine
 
 BROWSERS = ("chromium", "google-chrome", "chromium-browser")
 FLAGS = (
@@ -41,11 +41,18 @@ FLAGS = (
     "--no-first-run",
 )
 VARIANTS = [
-    Variant(precision, replay) for precision, replay in itertools.product(("f32", "f16"), ("recompute", "cache"))
+    pytest.param(Variant("f32", "recompute"), id="f32-recompute"),
+    pytest.param(Variant("f16", "cache"), id="f16-cache"),
+    pytest.param(Variant("f32", "cache"), id="f32-cache", marks=pytest.mark.slow),
+    pytest.param(Variant("f16", "recompute"), id="f16-recompute", marks=pytest.mark.slow),
 ]
+"""Two of them cover what the others combine: a GPU in software takes its time to compile them."""
+
+TOLERANCES = {"f32": 1e-4, "f16": 1e-3}
+"""Of parameters after the steps, in which some move by 3e-2."""
+
 STEPS = 3
-# Adam divides gradients by their own size. Where rounding alone makes them up, as it does where true gradients cancel,
-# the default epsilon would blow them up to whole steps.
+# Adam divides gradients by their own size: with its usual epsilon, one that is nothing but rounding gives a whole step.
 SETTINGS = StepSettings(
     LearningRates(1e-3, 5e-3, 4e-3, 1e-2, 1e-2, 1e-3),
     LossSettings(scale_weight=1e-3, opacity_weight=1e-3),
@@ -125,9 +132,39 @@ def photograph(camera: Camera) -> Frame:
     return Frame("photo", camera, image)
 
 
-@pytest.fixture(params=VARIANTS, ids=lambda variant: f"{variant.precision}-{variant.replay}")
+@pytest.fixture(scope="module", params=VARIANTS)
 def variant(request: pytest.FixtureRequest) -> Variant:
     return request.param
+
+
+@pytest.fixture(scope="module")
+def replayed(page: Page, variant: Variant, scene: Gaussians, photograph: Frame) -> dict[str, Any]:
+    """What the page makes of the scene: its image, then its parameters and losses after training."""
+    description, camera = describe(variant), photograph.camera
+    given = given_numbers(scene, camera)
+    shape, sh = to_columns(scene)
+    moments = np.zeros(10 * len(scene) + sh.size)
+    floats = {"shape": shape, "sh": sh, "first_moments": moments, "second_moments": moments}
+    updates = [update_values(SETTINGS, camera, len(scene), step) for step in range(1, STEPS + 1)]
+    job = {
+        "description": description.to_json(),
+        "given": given,
+        "floats": plain({name: values.reshape(-1) for name, values in floats.items()}),
+        "words": plain({"photographs": packed(photograph), "status": [0, 0, 0]}),
+        "view": plain(view_values(camera, SETTINGS.background, description.symbols(given))),
+        "updates": [plain(update) for update in updates],
+        "results": {"shape": shape.size, "sh": sh.size, "losses": STEPS},
+    }
+    return page.evaluate("job => replay(job)", job)
+
+
+@pytest.fixture
+def engine(adapter: Adapter, variant: Variant, scene: Gaussians, photograph: Frame) -> WebGpuEngine:
+    """The native engine with the same passes and the same scene."""
+    engine = shared_engine(EngineOptions("webgpu", precision=variant.precision, replay=variant.replay))
+    engine.set_views([photograph])
+    engine.upload(scene)
+    return engine
 
 
 def given_numbers(scene: Gaussians, camera: Camera) -> dict[str, int]:
@@ -136,9 +173,9 @@ def given_numbers(scene: Gaussians, camera: Camera) -> dict[str, int]:
         "coefficients": scene.sh.shape[1],
         "width": camera.width,
         "height": camera.height,
-        "entries": LEAST_ENTRIES,
+        "entries": 20_000,
         "photograph_pixels": camera.width * camera.height,
-        "replay_depth": REPLAY_DEPTH,
+        "replay_depth": 32,
         "regularised": 1,
         "structural": 1,
     }
@@ -148,65 +185,54 @@ def plain(values: Mapping[str, ArrayLike]) -> dict[str, Any]:
     return {name: np.asarray(value).tolist() for name, value in values.items()}
 
 
-def train_in_page(page: Page, variant: Variant, scene: Gaussians, photograph: Frame) -> dict[str, Any]:
-    """The image of the scene before training, and the parameters after it, as the page finds them."""
-    description, camera = describe(variant), photograph.camera
-    given = given_numbers(scene, camera)
-    shape, sh = to_columns(scene)
-    moments = np.zeros((10 * len(scene)) + sh.size).tolist()
-    updates = [update_values(SETTINGS, camera, len(scene), step) for step in range(1, STEPS + 1)]
-    job = {
-        "description": description.to_json(),
-        "given": given,
-        "floats": {
-            "shape": shape.reshape(-1).tolist(),
-            "sh": sh.reshape(-1).tolist(),
-            "first_moments": moments,
-            "second_moments": moments,
-        },
-        "words": {"photographs": packed(photograph).tolist(), "status": [0, 0, 0]},
-        "view": plain(view_values(camera, SETTINGS.background, description.symbols(given))),
-        "updates": [plain(update) for update in updates],
-        "results": {"shape": shape.size, "sh": sh.size, "first_moments": len(moments), "losses": STEPS},
-    }
-    return page.evaluate("job => train(job)", job)
+def test_browser_takes_every_shader(replayed: dict[str, Any]) -> None:
+    assert replayed["complaints"] == []
 
 
-@pytest.fixture
-def engine(variant: Variant, scene: Gaussians, photograph: Frame) -> WebGpuEngine:
-    """The native engine with the same passes."""
-    try:
-        engine = WebGpuEngine(EngineOptions(precision=variant.precision, replay=variant.replay, portable=True))
-    except PocketGSError as error:
-        unavailable(str(error))
-    engine.set_views([photograph])
-    engine.upload(scene)
-    return engine
+def test_same_image(replayed: dict[str, Any], engine: WebGpuEngine, camera: Camera) -> None:
+    expected = engine.render(camera, SETTINGS.background).image
+    assert np.ptp(expected) > 0.5
+    image = np.reshape(replayed["image"], (camera.height, camera.width, 4))[..., :3]
+    np.testing.assert_allclose(image, expected, rtol=0, atol=1e-3)
 
 
-def test_browser_takes_every_shader(page: Page, variant: Variant) -> None:
-    found = page.evaluate("json => compile(json)", describe(variant).to_json())
-    assert found == {"messages": [], "errors": []}
-
-
-def test_same_image_and_same_steps(
-    page: Page, variant: Variant, engine: WebGpuEngine, scene: Gaussians, photograph: Frame
-) -> None:
-    camera = photograph.camera
-    found = train_in_page(page, variant, scene, photograph)
-    assert found["errors"] == []
-    assert found["status"][:2] == [STEPS, 0]
-
-    rendering = engine.render(camera, SETTINGS.background)
-    image = np.reshape(found["image"], (camera.height, camera.width, 4))
-    assert np.ptp(rendering.image) > 0.5
-    print('image', np.abs(image[..., :3]-rendering.image).max())
+def test_same_steps(replayed: dict[str, Any], variant: Variant, engine: WebGpuEngine, scene: Gaussians) -> None:
     for _ in range(STEPS):
         engine.step(0, SETTINGS)
-    shape, sh = to_columns(engine.download())
-    before = to_columns(scene)
-    print('moved', np.abs(shape-before[0]).max(), np.abs(sh-before[1]).max())
-    print('shape', np.sort(np.abs(np.ravel(shape)-found["shape"]))[-5:], np.sort(np.abs(np.ravel(sh)-found["sh"]))[-5:])
-    state = engine.optimiser_state()
-    print('moments', np.abs(np.ravel(state.first_moments.T)-found["first_moments"]).max(), np.abs(state.first_moments).max())
-    print('loss', found["losses"], engine.loss(3), np.mean(found["losses"]))
+    assert replayed["status"][:2] == [STEPS, 0]
+    np.testing.assert_allclose(np.mean(replayed["losses"]), engine.loss(STEPS), rtol=1e-5)
+    for name, before, after in zip(("shape", "sh"), to_columns(scene), to_columns(engine.download()), strict=True):
+        assert np.abs(after - before).max() > 0.02, name
+        error = np.abs(np.reshape(replayed[name], after.shape) - after).max()
+        assert error < TOLERANCES[variant.precision], name
+
+
+def test_same_sizes(page: Page, scene: Gaussians, camera: Camera) -> None:
+    description = describe(Variant("f16", "cache"))
+    symbols = description.symbols(given_numbers(scene, camera))
+    passes = [one for sequence in description.sequences.values() for one in sequence.passes]
+    expressions = [*description.definitions.values(), *description.buffers.values(), *(one.when for one in passes)]
+    expressions += [one.groups for one in passes if one.groups]
+    expressions += ["12 - 3 - 4", "2 * (3 + 4) > 13 + 1", "1 + 2 < 4", "max(ceil_div(7, 2), 3 * 1)"]
+    found = page.evaluate("([expressions, symbols]) => evaluateAll(expressions, symbols)", [expressions, symbols])
+    assert found == [evaluate(expression, symbols) for expression in expressions]
+
+
+@pytest.mark.parametrize("expression", ["", "1 +", "1 2", "(1", "max(1)", "width", "alert(1)", "1; 2", "constructor"])
+def test_what_is_no_size_is_refused(page: Page, expression: str) -> None:
+    with pytest.raises(Error, match="expected"):
+        page.evaluate("expression => evaluateAll([expression], {})", expression)
+
+
+def test_too_large_a_buffer_is_refused(page: Page) -> None:
+    with pytest.raises(Error, match=r"buffer 'image' would need 1000000 MB, the device allows \d+ MB"):
+        page.evaluate("json => reserve(json, {image: 1e12})", describe(Variant()).to_json())
+
+
+def test_browser_without_webgpu_is_told_so(browser: Browser, address: str) -> None:
+    with browser.new_context() as context:
+        page = context.new_page()
+        page.add_init_script("delete Navigator.prototype.gpu")
+        page.goto(address)
+        with pytest.raises(Error, match="no WebGPU"):
+            page.evaluate("json => reserve(json, {})", describe(Variant()).to_json())

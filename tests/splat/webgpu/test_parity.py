@@ -16,7 +16,7 @@ from pocketgs.splat.reference.project import project
 from pocketgs.splat.reference.rasterize import rasterize
 from pocketgs.splat.reference.scene import Scene
 from pocketgs.splat.settings import LossSettings, StepSettings
-from splat.training_step import BACKGROUND, RATES, camera_in_front, columns, photograph, reference_step
+from splat.training_step import BACKGROUND, RATES, begin, camera_in_front, columns, photograph, reference_step
 from splat.webgpu.variants import EXACT, every_variant, shared_engine
 
 pytestmark = pytest.mark.usefixtures("adapter")
@@ -38,13 +38,7 @@ def assert_gradients_agree(measured: np.ndarray, expected: np.ndarray, tolerance
         scale = np.abs(expected[:, start:end]).max()
         error = np.abs(measured[:, start:end] - expected[:, start:end])
         assert np.quantile(error, 0.99) < tolerance * scale, name
-        assert error.max() < 20 * tolerance * scale, name
-
-
-def start(engine: Engine, gaussians: Gaussians, frames: list[Frame]) -> Engine:
-    engine.set_views(frames)
-    engine.upload(gaussians)
-    return engine
+        assert error.max() < max(2e-2, 5 * tolerance) * scale, name
 
 
 @every_variant
@@ -53,7 +47,7 @@ def test_renderings_agree(
     camera: Camera, make_gaussians: MakeGaussians, options: EngineOptions, count: int, size: float
 ) -> None:
     gaussians = make_gaussians(count=count, size=size, seed=count)
-    engine = start(shared_engine(options), gaussians, [])
+    engine = begin(shared_engine(options), gaussians)
     rendering = engine.render(camera, BACKGROUND, depth=True)
     raster = rasterize(project(Scene.of(gaussians), camera), camera, np.array(BACKGROUND))
     exact = EXACT[options.precision]
@@ -74,8 +68,8 @@ def test_renderings_agree_with_the_cpu_engine(
 ) -> None:
     camera = camera_in_front(*size, focal=max(size))
     gaussians = make_gaussians(count=3000, sh_degree=1, size=0.05)
-    rendering = start(shared_engine(options), gaussians, []).render(camera, BACKGROUND, depth=True)
-    expected = start(CpuEngine(), gaussians, []).render(camera, BACKGROUND, depth=True)
+    rendering = begin(shared_engine(options), gaussians).render(camera, BACKGROUND, depth=True)
+    expected = begin(CpuEngine(1), gaussians).render(camera, BACKGROUND, depth=True)
     exact = EXACT[options.precision]
     assert_alike(rendering.image, expected.image, exact.image)
     assert_alike(rendering.alpha, expected.alpha, exact.image)
@@ -101,7 +95,7 @@ def test_gradients_agree(
     frame = photograph(camera, masked)
     loss_settings = LossSettings(photometric, 0.2, scale_weight=0.01, opacity_weight=0.02)  # type: ignore[arg-type]
     settings = StepSettings(RATES, loss_settings, background=BACKGROUND)
-    engine, cpu = (start(one, gaussians, [frame]) for one in (shared_engine(options), CpuEngine()))
+    engine, cpu = (begin(one, gaussians, [frame]) for one in (shared_engine(options), CpuEngine(1)))
     engine.step(0, settings)
     cpu.step(0, settings)
     exact = EXACT[options.precision]
@@ -115,6 +109,43 @@ def test_gradients_agree(
 
 
 @every_variant
+def test_gradients_agree_through_many_layers(
+    camera: Camera, make_gaussians: MakeGaussians, options: EngineOptions
+) -> None:
+    """More contributions to a pixel than a replay cache has room for, and tiles of several batches."""
+    gaussians = make_gaussians(count=300, sh_degree=1, size=0.8)
+    gaussians.opacity_logits -= 2.0
+    frame = photograph(camera, masked=True)
+    settings = StepSettings(RATES, background=BACKGROUND)
+    engine = begin(shared_engine(options), gaussians, [frame])
+    engine.step(0, settings)
+    _, gradient, _ = reference_step(Scene.of(gaussians), frame, settings)
+    measured = engine.optimiser_state().first_moments / (1.0 - settings.adam.beta1)
+    assert_gradients_agree(measured, columns(gradient), EXACT[options.precision].gradient)
+
+
+@every_variant
+@pytest.mark.parametrize("side", [(1.0, 0.0), (-1.0, 0.0), (0.0, 0.8), (0.0, -0.8), (-0.8, 0.7)])
+def test_gradients_agree_beside_the_image(
+    make_gaussians: MakeGaussians, options: EngineOptions, side: tuple[float, float]
+) -> None:
+    """Large Gaussians whose centres lie so far outside that their Jacobians are clamped."""
+    gaussians = make_gaussians(count=40, sh_degree=1, size=0.8)
+    depths = 4.0 + gaussians.means[:, 2]
+    gaussians.means[:, :2] = 0.2 * gaussians.means[:, :2] + np.outer(depths, side)
+    gaussians.log_scales = np.minimum(gaussians.log_scales, 0.5)
+    frame = photograph(camera_in_front(37, 29, 40.0))
+    settings = StepSettings(RATES, background=BACKGROUND)
+    engine = begin(shared_engine(options), gaussians, [frame])
+    engine.step(0, settings)
+    _, gradient, _ = reference_step(Scene.of(gaussians), frame, settings)
+    expected = columns(gradient)
+    assert np.count_nonzero(expected[:, 9]) >= 10
+    measured = engine.optimiser_state().first_moments / (1.0 - settings.adam.beta1)
+    assert_gradients_agree(measured, expected, 2 * EXACT[options.precision].gradient)
+
+
+@every_variant
 @pytest.mark.parametrize("size", [(29, 37), (11, 11), (12, 40), (64, 17), (10, 30), (1, 1)])
 def test_losses_agree_at_every_size(
     make_gaussians: MakeGaussians, options: EngineOptions, size: tuple[int, int]
@@ -122,7 +153,7 @@ def test_losses_agree_at_every_size(
     gaussians = make_gaussians(count=40, sh_degree=0, size=0.3)
     frame = photograph(camera_in_front(*size, focal=20.0), masked=True)
     settings = StepSettings(RATES, LossSettings("l1-dssim", 0.4), background=BACKGROUND)
-    engine = start(shared_engine(options), gaussians, [frame])
+    engine = begin(shared_engine(options), gaussians, [frame])
     engine.step(0, settings)
     exact = EXACT[options.precision]
     loss, gradient, _ = reference_step(Scene.of(gaussians), frame, settings)
@@ -140,7 +171,7 @@ def squared_error(engine: Engine, frames: list[Frame]) -> float:
 @pytest.mark.parametrize("photometric", ["l2", "l1-dssim"])
 def test_fifty_steps_end_as_on_the_cpu(make_gaussians: MakeGaussians, options: EngineOptions, photometric: str) -> None:
     cameras = [camera_in_front(64, 48, 60.0, distance) for distance in (4.0, 5.0)]
-    painter = start(CpuEngine(), make_gaussians(count=100, sh_degree=1, seed=1), [])
+    painter = begin(CpuEngine(1), make_gaussians(count=100, sh_degree=1, seed=1))
     photos = [np.clip(painter.render(camera, BACKGROUND).image, 0.0, 1.0) for camera in cameras]
     frames = [
         Frame("photo", camera, np.round(255 * photo).astype(np.uint8))
@@ -148,7 +179,7 @@ def test_fifty_steps_end_as_on_the_cpu(make_gaussians: MakeGaussians, options: E
     ]
     gaussians = make_gaussians(count=100, sh_degree=1, seed=2)
     settings = StepSettings(RATES, LossSettings(photometric), background=BACKGROUND)  # type: ignore[arg-type]
-    engine, cpu = (start(one, gaussians, frames) for one in (shared_engine(options), CpuEngine()))
+    engine, cpu = (begin(one, gaussians, frames) for one in (shared_engine(options), CpuEngine(1)))
     before = squared_error(cpu, frames)
     losses = []
     for iteration in range(50):
@@ -169,7 +200,7 @@ def test_thirty_steps_agree_with_the_reference(
     gaussians = make_gaussians(count=80, sh_degree=1, size=0.12)
     frame = photograph(camera)
     settings = StepSettings(RATES, LossSettings(), background=BACKGROUND)
-    engine = start(shared_engine(options), gaussians, [frame])
+    engine = begin(shared_engine(options), gaussians, [frame])
     scene, moments = Scene.of(gaussians), None
     for _ in range(30):
         engine.step(0, settings)

@@ -136,7 +136,7 @@ class CpuEngine:
         numba.set_num_threads(self.threads)
         view = View.of(camera)
         raster = self._forward(view, np.array(background, np.float32))
-        image = np.ascontiguousarray(np.moveaxis(raster.canvas.image, 0, 2))
+        image = np.moveaxis(raster.canvas.image, 0, 2).copy()
         alpha = 1.0 - raster.canvas.transmittance
         expected_depth = None
         if depth:

@@ -141,7 +141,8 @@ def open_device(adapter: Adapter, features: frozenset[str] = frozenset()) -> Any
     """
     if missing := features - adapter.features:
         raise PocketGSError(f"{adapter.name}: lacks {', '.join(sorted(missing))}, expected options that do without")
-    limits = {name: adapter.limits[name] for name in BUFFER_LIMITS}
+    # What is not asked for by name would be the adapter's own, and passes that need more would go unnoticed.
+    limits = {**NEEDED, **{name: adapter.limits[name] for name in BUFFER_LIMITS}}
     try:
         return adapter.handle.request_device_sync(required_features=sorted(features), required_limits=limits)
     except RuntimeError as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from pocketgs.splat.engine import KEPT_LOSSES, EngineOptions, OptimiserState, Re
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.adapters import BUFFER_LIMITS, choose_adapter, open_device
 from pocketgs.splat.webgpu.frame_values import is_regularised, structural_share, update_values, view_values
-from pocketgs.splat.webgpu.memory import Limits, MemoryPlan, plan_memory
+from pocketgs.splat.webgpu.memory import Extent, Limits, plan_memory
 from pocketgs.splat.webgpu.passes import Variant, describe
 from pocketgs.splat.webgpu.photographs import PIXEL_BYTES, packed
 from pocketgs.splat.webgpu.replay import Replayer
@@ -26,6 +26,9 @@ LEAST_ENTRIES = 1 << 16
 """Room for entries of tiles' lists to begin with; it grows where that is too little."""
 
 GROWTH = 1.25
+
+ENTRY_BYTES = 36
+"""The largest buffer with something for every entry holds so many bytes of each."""
 
 RENDERING = ("render", "render depth")
 
@@ -69,13 +72,10 @@ class WebGpuEngine:
         largest = min(self._device.limits[name] for name in BUFFER_LIMITS)
         self._limits = Limits(options.max_memory * 1_000_000, largest)
         self._frames: list[Frame] = []
-        self._image_sizes: set[tuple[int, int]] = {(1, 1)}
-        self._gaussians = self._coefficients = self._entries = 0
-        self._trains = False
-        self._plan = self._allocate()
         self._pending: list[_Step] = []
         self._completed = self._completed_before = 0
         self._looked = 0.0
+        self._fit(Extent())
 
     def prepare(self) -> None:
         """Compile all pipelines."""
@@ -88,11 +88,9 @@ class WebGpuEngine:
             PocketGSError: the GPU's memory does not hold what training on them takes.
         """
         self._settle()
-        self._frames = list(frames)
-        self._trains = True
-        self._image_sizes |= {(frame.camera.width, frame.camera.height) for frame in frames}
-        self._plan = self._allocate()
-        self._write_photographs()
+        sizes = self._extent.image_sizes | {(frame.camera.width, frame.camera.height) for frame in frames}
+        photographs = tuple(frame.camera.width * frame.camera.height for frame in frames)
+        self._fit(replace(self._extent, image_sizes=sizes, photographs=photographs, trains=True), frames)
 
     def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
         """Take a copy of the scene, and of the optimiser's state or start it anew.
@@ -101,15 +99,19 @@ class WebGpuEngine:
             PocketGSError: the GPU's memory does not hold it.
         """
         self._pending.clear()
-        self._gaussians, self._coefficients = len(gaussians), gaussians.sh.shape[1]
-        self._entries = max(self._entries, LEAST_ENTRIES, ENTRIES_PER_GAUSSIAN * self._gaussians)
+        count, coefficients = len(gaussians), gaussians.sh.shape[1]
+        entries = min(max(LEAST_ENTRIES, ENTRIES_PER_GAUSSIAN * count), self._most_entries)
+        trains = self._extent.trains or state is not None
+        self._fit(
+            replace(self._extent, gaussians=count, coefficients=coefficients, entries=entries, trains=trains),
+            self._frames,
+        )
         self._completed = self._completed_before = state.steps if state else 0
-        self._trains |= state is not None
-        self._make_room(0)
+        self._write_status()
         for name, values in zip(("shape", "sh"), to_columns(gaussians), strict=True):
             self._replayer.write(name, values)
-        if self._trains:
-            zeros = np.zeros((self._gaussians, self._columns), np.float32)
+        if trains:
+            zeros = np.zeros((count, self._columns), np.float32)
             self._replayer.write("first_moments", transposed(state.first_moments if state else zeros))
             self._replayer.write("second_moments", transposed(state.second_moments if state else zeros))
 
@@ -142,24 +144,17 @@ class WebGpuEngine:
     def download(self) -> Gaussians:
         """A copy of the scene as it stands."""
         self._settle()
-        count = self._gaussians
-        shape = self._replayer.read("shape", np.float32, SHAPE_COLUMNS * count)
-        sh = self._replayer.read("sh", np.float32, 3 * self._coefficients * count)
-        return from_columns(shape.reshape(-1, count), sh.reshape(-1, count))
+        shape = self._read_columns("shape", SHAPE_COLUMNS)
+        return from_columns(shape, self._read_columns("sh", 3 * self._extent.coefficients))
 
     def optimiser_state(self) -> OptimiserState:
         """A copy of the optimiser's state."""
         self._settle()
-        if not self._trains:
-            zeros = np.zeros((self._gaussians, self._columns), np.float32)
+        if not self._extent.trains:
+            zeros = np.zeros((self._extent.gaussians, self._columns), np.float32)
             return OptimiserState(zeros, zeros.copy(), self._completed)
-        first, second = (
-            transposed(
-                self._replayer.read(name, np.float32, self._columns * self._gaussians).reshape(self._columns, -1)
-            )
-            for name in ("first_moments", "second_moments")
-        )
-        return OptimiserState(first, second, self._completed)
+        first, second = (self._read_columns(name, self._columns) for name in ("first_moments", "second_moments"))
+        return OptimiserState(transposed(first), transposed(second), self._completed)
 
     def memory(self) -> dict[str, int]:
         """Bytes of every buffer on the GPU, by its name in the passes."""
@@ -167,18 +162,23 @@ class WebGpuEngine:
 
     @property
     def _columns(self) -> int:
-        return 10 + 3 * self._coefficients
+        return 10 + 3 * self._extent.coefficients
 
     @property
-    def _sizes(self) -> dict[str, int]:
-        """The numbers that stay the same from image to image."""
-        return {"gaussians": self._gaussians, "coefficients": self._coefficients, "entries": self._entries}
+    def _most_entries(self) -> int:
+        """More of them would need a larger buffer than the device allows."""
+        return self._limits.buffer // ENTRY_BYTES
+
+    def _read_columns(self, name: str, columns: int) -> np.ndarray:
+        """(columns, N) float32."""
+        count = self._extent.gaussians
+        return self._replayer.read(name, np.float32, columns * count).reshape(columns, count)
 
     def _symbols(self, camera: Camera, settings: StepSettings | None = None) -> dict[str, int]:
         """The numbers that the passes of one image follow from."""
         return self._replayer.description.symbols(
             {
-                **self._sizes,
+                **self._extent.symbols,
                 "replay_depth": self._plan.replay_depth,
                 "width": camera.width,
                 "height": camera.height,
@@ -187,17 +187,12 @@ class WebGpuEngine:
             }
         )
 
-    def _allocate(self) -> MemoryPlan:
-        """Make the buffers for the scene, the views and the images as they are now."""
-        description = self._replayer.description
-        sequences = (*RENDERING, "step") if self._trains else RENDERING
-        photographs = [frame.camera.width * frame.camera.height for frame in self._frames]
-        plan = plan_memory(description, sequences, self._sizes, self._image_sizes, photographs, self._limits)
-        self._replayer.reserve(plan.sizes)
-        return plan
-
-    def _write_photographs(self) -> None:
-        """Upload those that have a place of their own."""
+    def _fit(self, extent: Extent, frames: Sequence[Frame] = ()) -> None:
+        """Make the buffers for what is to be held, with these photographs; or change nothing, if it is too much."""
+        sequences = (*RENDERING, "step") if extent.trains else RENDERING
+        self._plan = plan_memory(self._replayer.description, sequences, extent, self._limits)
+        self._extent, self._frames = extent, list(frames)
+        self._replayer.reserve(self._plan.sizes)
         for view, frame in enumerate(self._frames):
             if self._plan.shelf.is_resident(view):
                 self._replayer.write("photographs", packed(frame), PIXEL_BYTES * self._plan.shelf.place(view))
@@ -210,7 +205,7 @@ class WebGpuEngine:
         symbols = self._symbols(camera, step.settings)
         number = self._completed + len(self._pending) + 1
         self._replayer.write_uniform("view", view_values(camera, step.settings.background, symbols, place))
-        self._replayer.write_uniform("update", update_values(step.settings, camera, self._gaussians, number))
+        self._replayer.write_uniform("update", update_values(step.settings, camera, symbols["gaussians"], number))
         self._replayer.submit("step", symbols)
         self._pending.append(step)
 
@@ -228,17 +223,20 @@ class WebGpuEngine:
 
     def _make_room(self, needed: int) -> None:
         """Let the lists of tiles hold `needed` entries and some more, and let the run go on."""
-        self._entries = max(self._entries, int(needed * GROWTH))
-        self._plan = self._allocate()
-        self._write_photographs()
+        entries = max(needed, min(int(needed * GROWTH), self._most_entries))
+        self._fit(replace(self._extent, entries=entries), self._frames)
+        self._write_status()
+
+    def _write_status(self) -> None:
+        """Let the GPU know how many steps are completed, and that nothing stands in the way of the next."""
         self._replayer.write("status", np.array([self._completed, 0, 0], np.uint32))
 
     def _draw(self, sequence: str, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:
         """(H, W, 4) float32: colour and transmittance."""
         self._settle()
-        if (camera.width, camera.height) not in self._image_sizes:
-            self._image_sizes.add((camera.width, camera.height))
-            self._make_room(0)
+        size = (camera.width, camera.height)
+        if size not in self._extent.image_sizes:
+            self._fit(replace(self._extent, image_sizes=self._extent.image_sizes | {size}), self._frames)
         while True:
             symbols = self._symbols(camera)
             self._replayer.write_uniform("view", view_values(camera, background, symbols))

@@ -22,6 +22,32 @@ class Limits:
 
 
 @dataclass(frozen=True)
+class Extent:
+    """What the engine is to hold: what the sizes of its buffers follow from.
+
+    Attributes:
+        gaussians: their number.
+        coefficients: of spherical harmonics a channel.
+        entries: of tiles' lists, that there is to be room for.
+        image_sizes: width and height of every image that is drawn.
+        photographs: pixels of each.
+        trains: whether it is to train, or only to render.
+    """
+
+    gaussians: int = 0
+    coefficients: int = 1
+    entries: int = 0
+    image_sizes: frozenset[tuple[int, int]] = frozenset({(1, 1)})
+    photographs: tuple[int, ...] = ()
+    trains: bool = False
+
+    @property
+    def symbols(self) -> dict[str, int]:
+        """The numbers that stay the same from image to image."""
+        return {"gaussians": self.gaussians, "coefficients": self.coefficients, "entries": self.entries}
+
+
+@dataclass(frozen=True)
 class MemoryPlan:
     """What will be allocated.
 
@@ -44,9 +70,7 @@ class MemoryPlan:
 def plan_memory(
     description: Description,
     sequences: Iterable[str],
-    symbols: Mapping[str, int],
-    image_sizes: Iterable[tuple[int, int]],
-    photographs: Sequence[int],
+    extent: Extent,
     limits: Limits,
 ) -> MemoryPlan:
     """Fit a run into memory: a replay cache as deep as there is room for, and as many photographs as then fit.
@@ -54,18 +78,16 @@ def plan_memory(
     Args:
         description: says how large each buffer is.
         sequences: those that will be run.
-        symbols: gaussians, coefficients and entries.
-        image_sizes: width and height of every image that will be drawn.
-        photographs: pixels of every photograph.
+        extent: what is to be held.
         limits: how much there is.
 
     Raises:
         PocketGSError: not even without a cache, and with one photograph at a time.
     """
     buffers = [name for name in description.buffers_of(sequences) if name != "photographs"]
-    least_shelf = PIXEL_BYTES * max(photographs, default=0)
+    least_shelf = PIXEL_BYTES * max(extent.photographs, default=0)
     for depth in range(DEEPEST_REPLAY, -1, -1):
-        sizes = _sizes(description, buffers, {**symbols, "replay_depth": depth}, image_sizes)
+        sizes = _sizes(description, buffers, {**extent.symbols, "replay_depth": depth}, extent.image_sizes)
         total = sum(sizes.values()) + least_shelf
         if total <= limits.total and sizes.get("replay_cache", 0) <= limits.buffer:
             break
@@ -81,7 +103,7 @@ def plan_memory(
                 f"{limits.buffer / 1e6:.0f} MB: expected fewer --max-gaussians or smaller images (--downscale)"
             )
     room = min(limits.total - sum(sizes.values()), limits.buffer)
-    shelf = Shelf(photographs, room // PIXEL_BYTES)
+    shelf = Shelf(extent.photographs, room // PIXEL_BYTES)
     return MemoryPlan({**sizes, "photographs": max(PIXEL_BYTES * shelf.pixels, LEAST_BUFFER)}, depth, shelf)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Literal
 
 from pocketgs.splat.engine import KEPT_LOSSES, Accumulation, Precision, Replay
 from pocketgs.splat.webgpu.composition import Shader, compose
@@ -28,6 +29,9 @@ DEFINITIONS = {
 }
 
 
+Appearance = Literal["splats", "points", "discs"]
+
+
 @dataclass(frozen=True)
 class Variant:
     """Which of several ways the passes go.
@@ -37,12 +41,14 @@ class Variant:
         replay: how the backward pass comes by α: "recompute", or from a "cache" that the forward pass fills.
         accumulation: how tiles' gradients come together: "ordered" in rows that are added up later, or "atomic".
         subgroups: whether threads of a subgroup add up without workgroup memory.
+        appearance: what Gaussians are drawn as; training is always of splats.
     """
 
     precision: Precision = "f32"
     replay: Replay = "recompute"
     accumulation: Accumulation = "ordered"
     subgroups: bool = False
+    appearance: Appearance = "splats"
 
     @property
     def files(self) -> dict[str, str]:
@@ -55,6 +61,7 @@ class Variant:
             "record": "record_in_cache" if cached else "record_nothing",
             "accumulation": f"accumulation_{self.accumulation}",
             "gathering": f"gathering_{self.accumulation}",
+            "appearance": f"appearance_{self.appearance}",
             "scan": "scan_subgroup" if self.subgroups else "scan_shared",
         }
 
@@ -195,6 +202,7 @@ def describe(variant: Variant, training: bool = True) -> Description:
     The numbers that the expressions are computed from: gaussians, coefficients, width, height, entries (room for them),
     photograph_pixels, replay_depth, structural and regularised (0 or 1).
     """
+    assert not training or variant.appearance == "splats", variant.appearance
     bins = _bin_passes()
     sequences = {
         "render": Sequence(("tile_starts",), (*bins, _RASTERIZE)),

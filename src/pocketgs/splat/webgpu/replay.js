@@ -79,6 +79,21 @@ export class Replayer {
     }
 
     /**
+     * A buffer, for passes that are not part of the description. It is another one after it had to grow.
+     *
+     * @param {string} name
+     * @returns {GPUBuffer}
+     */
+    buffer(name) {
+        return this.#buffers.get(name);
+    }
+
+    /** Free the GPU's memory; nothing can be run afterwards. */
+    destroy() {
+        this.#buffers.forEach((buffer) => buffer.destroy());
+    }
+
+    /**
      * Write to a buffer, in order with the sequences submitted.
      *
      * @param {string} name

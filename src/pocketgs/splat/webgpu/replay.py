@@ -68,9 +68,9 @@ class Replayer:
 
     @_device_errors_in_one_line()
     def reserve(self, sizes: Mapping[str, int]) -> None:
-        """Make buffers of at least these sizes in bytes. A buffer that has to grow loses its content."""
+        """Make buffers of these sizes in bytes. A buffer whose size changes loses its content."""
         for name, size in sizes.items():
-            if name not in self._buffers or self._buffers[name].size < size:
+            if name not in self._buffers or self._buffers[name].size != size:
                 if name in self._buffers:
                     self._buffers[name].destroy()
                 self._buffers[name] = self._device.create_buffer(label=name, size=size, usage=_STORAGE)

@@ -33,4 +33,6 @@ def to_columns(scene: Gaussians) -> tuple[np.ndarray, np.ndarray]:
 def from_columns(shape: np.ndarray, sh: np.ndarray) -> Gaussians:
     """Unpack what `to_columns` packs."""
     rows = transposed(shape)
-    return Gaussians(rows[:, :3], rows[:, 3:6], rows[:, 6:10], rows[:, 10], transposed(sh).reshape(len(rows), -1, 3))
+    return Gaussians(
+        rows[:, :3], rows[:, 3:6], rows[:, 6:10], rows[:, 10], transposed(sh).reshape(len(rows), len(sh) // 3, 3)
+    )

@@ -20,6 +20,10 @@ def ceil_div(a: int, b: int) -> int:
     return -(-a // b)
 
 
+class _NoExpression(Exception):  # noqa: N818 - never leaves this file
+    """Something else than an expression, or an unknown name."""
+
+
 _OPERATORS: dict[type, Callable[[int, int], int]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -36,7 +40,11 @@ def evaluate(expression: str, symbols: Symbols) -> int:
     Raises:
         ValueError: it is not an expression, or names something unknown.
     """
-    return int(_value(_parse(expression), symbols))
+    try:
+        return int(_value(_parse(expression), symbols))
+    except (SyntaxError, _NoExpression) as error:
+        expected = f"expected a number, one of {', '.join(symbols)}, or a sum of such"
+        raise ValueError(f"{expression!r}: {expected}") from error
 
 
 @cache
@@ -56,4 +64,4 @@ def _value(node: ast.expr, symbols: Symbols) -> int:
             return _OPERATORS[type(op)](_value(left, symbols), _value(right, symbols))
         case ast.Call(func=ast.Name(id=name), args=[left, right]) if name in _FUNCTIONS:
             return _FUNCTIONS[name](_value(left, symbols), _value(right, symbols))
-    raise ValueError(f"{ast.unparse(node)!r}: expected a number, one of {', '.join(symbols)}, or a sum of such")
+    raise _NoExpression

@@ -1,7 +1,7 @@
 // Project every Gaussian into the image: Σ' = J W Σ Wᵀ Jᵀ + 0.3 I (3DGS, equation 5). Writes its splat, the bits of its
 // depth, which sort as the depth does, and in how many tiles' lists it will stand. One thread a Gaussian.
 import view, folding, finite, gaussians, read_gaussian, read_sh, projection, spherical_harmonics, splat, splat_words, tiles
-import cluster_culling
+import cluster_culling, appearance
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> shape: array<f32>;
@@ -109,7 +109,7 @@ fn main(
         return;
     }
     projected.splat.colour = max(colour, vec3f());
-    let words = pack_splat(projected.splat);
+    let words = pack_splat(appear(projected.splat));
     for (var w = 0u; w < SPLAT_WORDS; w++) {
         splats[i * SPLAT_WORDS + w] = words[w];
     }

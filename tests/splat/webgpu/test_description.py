@@ -1,0 +1,257 @@
+"""The passes as data: expressions, uniform layouts, shaders within WebGPU's limits, and no name that nobody knows."""
+
+from __future__ import annotations
+
+import json
+import re
+from importlib.resources import files
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pocketgs.splat.webgpu.description import Description, Pass
+from pocketgs.splat.webgpu.passes import Variant, describe
+from pocketgs.splat.webgpu.sizes import ceil_div, evaluate
+from pocketgs.splat.webgpu.uniforms import UniformLayout
+from splat.webgpu.wgsl_layout import workgroup_bytes
+
+TRAINING = [
+    Variant(precision, replay, accumulation, subgroups)  # type: ignore[arg-type]
+    for precision, replay, accumulation, subgroups in product(
+        ("f32", "f16"), ("recompute", "cache"), ("ordered", "atomic"), (False, True)
+    )
+]
+RENDERING = [Variant(appearance="points"), Variant(appearance="discs")]
+DESCRIPTIONS = {str(variant): describe(variant) for variant in TRAINING}
+DESCRIPTIONS |= {str(variant): describe(variant, training=False) for variant in RENDERING}
+CASE = {
+    "gaussians": 1000,
+    "coefficients": 4,
+    "width": 650,
+    "height": 480,
+    "entries": 65_536,
+    "photograph_pixels": 312_000,
+    "replay_depth": 24,
+    "structural": 1,
+    "regularised": 0,
+}
+
+
+@pytest.fixture(params=DESCRIPTIONS)
+def description(request: pytest.FixtureRequest) -> Description:
+    return DESCRIPTIONS[request.param]
+
+
+def passes_of(description: Description) -> list[Pass]:
+    return [one for sequence in description.sequences.values() for one in sequence.passes]
+
+
+def bound(description: Description, one: Pass) -> list[tuple[str, str]]:
+    """Buffer and access of each of a pass's bindings."""
+    bindings = description.shaders[one.shader].bindings
+    return [(one.buffers.get(binding.name, binding.name), binding.access) for binding in bindings]
+
+
+@given(st.integers(0, 10**7), st.integers(1, 10**4))
+def test_expressions_have_their_values(a: int, b: int) -> None:
+    symbols = {"a": a, "b": b}
+    assert evaluate("a", symbols) == a
+    assert evaluate("36 * a - 2 * (b + 1)", symbols) == 36 * a - 2 * (b + 1)
+    assert evaluate("max(a, b) + 0", symbols) == max(a, b)
+    assert evaluate("ceil_div(a, b)", symbols) == (a // b if a % b == 0 else a // b + 1)
+    assert evaluate("a > b", symbols) == int(a > b)
+    assert evaluate("a * 2 < b", symbols) == int(a * 2 < b)
+    assert evaluate("ceil_div(a, 8) * ceil_div(b, 8)", symbols) == ceil_div(a, 8) * ceil_div(b, 8)
+
+
+@pytest.mark.parametrize(
+    "expression",
+    ["c", "a / 2", "1.5 * a", "-a", "min(a, a)", "max(a)", "a.b", "a if a else 1", "'a'", "a > 1 > 0", "1 +"],
+)
+def test_what_is_not_such_an_expression_is_refused(expression: str) -> None:
+    with pytest.raises(ValueError, match=r"expected a number, one of a"):
+        evaluate(expression, {"a": 3})
+
+
+def test_fields_of_a_uniform_are_aligned() -> None:
+    """Scalars to 4, pairs to 8, fours to 16 bytes, and the whole to its widest field (WGSL, section 14.4.1)."""
+    source = """
+struct Other {
+    a: vec4f,
+}
+struct Mixed {
+    a: f32,
+    // A pair begins at a multiple of 8.
+    b: vec2f,
+    c: u32,
+    d: vec4f,
+    e: f32,
+}
+"""
+    layout = UniformLayout.of("Mixed", source)
+    places = {"a": ("f32", 0), "b": ("vec2f", 8), "c": ("u32", 16), "d": ("vec4f", 32), "e": ("f32", 48)}
+    assert dict(layout.fields) == places
+    assert layout.size == 64
+    assert UniformLayout.of("Other", source).size == 16
+    packed = bytes(layout.pack({"a": 1.5, "b": (2.0, 3.0), "c": 2**32 - 1, "d": (4, 5, 6, 7), "e": -1.0}))
+    words = np.frombuffer(packed, np.float32)
+    np.testing.assert_array_equal(words[[0, 2, 3, 8, 9, 10, 11, 12]], [1.5, 2, 3, 4, 5, 6, 7, -1])
+    assert np.frombuffer(packed, np.uint32)[4] == 2**32 - 1
+    with pytest.raises(AssertionError, match="'e'"):
+        layout.pack({"a": 1.5, "b": (2.0, 3.0), "c": 1, "d": (4, 5, 6, 7)})
+
+
+def test_uniforms_lie_where_the_shaders_read_them() -> None:
+    view, update = (describe(Variant()).uniforms[name] for name in ("view", "update"))
+    vectors = ["to_camera_x", "to_camera_y", "to_camera_z", "centre", "background"]
+    assert [view.fields[name] for name in vectors] == [("vec4f", 16 * i) for i in range(5)]
+    pairs = ["focal", "principal", "slopes_low", "slopes_high"]
+    assert [view.fields[name] for name in pairs] == [("vec2f", 80 + 8 * i) for i in range(4)]
+    assert view.fields["width"] == ("u32", 112)
+    assert view.fields["height"] == ("u32", 116)
+    offsets = [offset for kind, offset in view.fields.values() if kind == "u32"]
+    assert offsets == list(range(112, 112 + 4 * len(offsets), 4))
+    assert view.size == 16 * ceil_div(112 + 4 * len(offsets), 16)
+    assert [offset for _, offset in update.fields.values()] == list(range(0, update.size, 4))
+
+
+def test_shaders_keep_to_the_limits_of_every_device(description: Description) -> None:
+    for name, shader in description.shaders.items():
+        numbers = [int(number) for number in re.findall(r"@binding\((\d+)\)", shader.source)]
+        assert sorted(numbers) == list(range(len(shader.bindings))), name
+        storage = [binding for binding in shader.bindings if binding.access != "uniform"]
+        assert len(storage) <= 8, name
+        assert workgroup_bytes(shader.source) <= 16_384, name
+        (size,) = re.findall(r"@workgroup_size\((\d+)(?:, (\d+))?\)", shader.source)
+        assert int(size[0]) * int(size[1] or 1) <= 256, name
+        assert "import " not in re.sub(r"//.*", "", shader.source), name
+
+
+def test_every_name_in_a_pass_is_known(description: Description) -> None:
+    for one in passes_of(description):
+        shader = description.shaders[one.shader]
+        bindings = {binding.name: binding.access for binding in shader.bindings}
+        assert one.buffers.keys() <= bindings.keys(), one.name
+        assert one.constants.keys() <= set(re.findall(r"^override (\w+)", shader.source, re.MULTILINE)), one.name
+        for buffer, access in bound(description, one):
+            assert buffer in (description.uniforms if access == "uniform" else description.buffers), one.name
+        assert (one.groups is None) != (one.indirect is None), one.name
+        if one.indirect:
+            buffer, offset = one.indirect
+            assert evaluate(description.buffers[buffer], {}) >= offset + 12, one.name
+    for sequence in description.sequences.values():
+        assert set(sequence.cleared) <= description.buffers.keys()
+
+
+def test_no_pass_writes_what_it_also_reads_by_another_name(description: Description) -> None:
+    """WebGPU forbids it, dispatches that a buffer sizes included."""
+    for one in passes_of(description):
+        names = [name for name, _ in bound(description, one)]
+        written = [name for name, access in bound(description, one) if access == "read_write"]
+        assert all(names.count(name) == 1 for name in written), one.name
+        assert not one.indirect or one.indirect[0] not in written, one.name
+
+
+def test_every_expression_has_a_value(description: Description) -> None:
+    symbols = description.symbols(CASE)
+    for one in passes_of(description):
+        assert evaluate(one.when, symbols) in (0, 1)
+        assert one.groups is None or evaluate(one.groups, symbols) >= 1
+    assert all(size > 0 for size in description.sizes(symbols, description.buffers).values())
+
+
+def test_every_buffer_is_bound_by_some_pass(description: Description) -> None:
+    assert set(description.buffers_of(description.sequences)) == set(description.buffers)
+
+
+def test_rendering_needs_fewer_buffers_than_training() -> None:
+    description = describe(Variant())
+    assert "photographs" not in description.buffers_of(["render", "render depth"])
+    assert {"image", "splats", "tile_starts", "shape", "sh", "status"} <= set(description.buffers_of(["render"]))
+
+
+def test_every_shader_file_is_of_use() -> None:
+    folder = files("pocketgs.splat.webgpu") / "shaders"
+    texts = [shader.source for description in DESCRIPTIONS.values() for shader in description.shaders.values()]
+    named = {name for description in DESCRIPTIONS.values() for name in description.shaders}
+    for path in folder.iterdir():
+        if path.name.endswith(".wgsl"):
+            assert path.name.removesuffix(".wgsl") in named, path.name
+    for path in (folder / "common").iterdir():
+        lines = path.read_text(encoding="utf-8").splitlines()
+        body = "\n".join(line for line in lines if not line.startswith(("import ", "enable ")))
+        assert any(body in text for text in texts), path.name
+
+
+@pytest.mark.parametrize("tiles", [1, 2, 255, 256, 257, 65_535, 65_536, 70_000])
+def test_the_sort_by_tile_takes_as_many_digits_as_tiles_have(tiles: int) -> None:
+    """And an even number of them, so that the result is not left in the spare buffers."""
+    description = describe(Variant())
+    symbols = description.symbols({**CASE, "width": 8 * tiles, "height": 8})
+    assert symbols["tiles"] == tiles
+    moves = [
+        one
+        for one in description.sequences["step"].passes
+        if one.shader == "radix_scatter" and not one.constants["over_gaussians"] and evaluate(one.when, symbols)
+    ]
+    assert len(moves) % 2 == 0
+    assert [one.constants["shift"] for one in moves] == list(range(0, 4 * len(moves), 4))
+    # The number after the last tile's stands for none.
+    assert tiles < 1 << 4 * len(moves)
+    targets = [one.buffers["sorted_keys"] for one in moves]
+    assert targets[-1] == "tile_keys"
+    assert all(one.buffers["keys"] == target for one, target in zip(moves[1:], targets[:-1], strict=True))
+
+
+def test_a_description_survives_json(description: Description) -> None:
+    document = description.to_json()
+    restored = json.loads(json.dumps(document))
+    assert restored == document
+    assert restored["sequences"].keys() == description.sequences.keys() >= {"render", "render depth"}
+    for name, sequence in description.sequences.items():
+        found = restored["sequences"][name]["passes"]
+        assert [one["name"] for one in found] == [one.name for one in sequence.passes]
+        assert [one["constants"] for one in found] == [dict(one.constants) for one in sequence.passes]
+    for name, shader in description.shaders.items():
+        assert restored["shaders"][name]["source"].endswith(shader.source)
+        assert [one["name"] for one in restored["shaders"][name]["bindings"]] == [one.name for one in shader.bindings]
+    assert restored["uniforms"]["view"]["fields"]["focal"] == {"type": "vec2f", "offset": 80}
+
+
+def test_sizes_are_those_worked_out_by_hand() -> None:
+    """1,000 Gaussians of SH degree 1 and room for 65,536 entries, at 650 x 480: 82 x 60 tiles, 41 x 30 patches."""
+    description = describe(Variant("f32", "cache"))
+    sizes = description.sizes(description.symbols(CASE), description.buffers)
+    half = describe(Variant("f16", "cache", "atomic"))
+    pixels, tiles, patches, entries = 312_000, 4_920, 1_230, 65_536
+    by_gaussian = {"shape": 44, "sh": 48, "splats": 40, "depth_keys": 4, "order": 4, "tile_counts": 4}
+    by_gaussian |= {"depth_keys_spare": 4, "order_spare": 4}
+    by_gaussian |= dict.fromkeys(("gradients", "first_moments", "second_moments"), 88)
+    expected = {name: 1000 * size for name, size in by_gaussian.items()}
+    expected |= {name: 4 * entries for name in ("tile_keys", "tile_keys_spare", "slots", "slots_spare", "slot_splats")}
+    expected |= {
+        "gradient_rows": 36 * entries,
+        "first_slots": 4_004,
+        "block_sums": 16,
+        "digit_counts": 16 * 4 * 32,
+        "entry_count": 16,
+        "entry_dispatches": 24,
+        "status": 16,
+        "tile_starts": 4 * tiles + 8,
+        "drawn_ranges": 8 * tiles,
+        "image": 16 * pixels,
+        "d_image": 16 * pixels,
+        "ssim_derivatives": 36 * pixels,
+        "photographs": 4 * pixels,
+        "replay_cache": pixels * (4 + 24 * 20),
+        "loss_parts": 8 * patches,
+        "regulariser_parts": 16,
+        "losses": 4 * 4096,
+    }
+    assert sizes == expected
+    in_half = half.sizes(half.symbols(CASE), half.buffers)
+    different = {"splats": 28_000, "replay_cache": pixels * (4 + 24 * 12), "gradient_rows": 36_000}
+    assert in_half == {**expected, **different}

@@ -1,0 +1,163 @@
+"""Room in the GPU's memory: lists that outgrow theirs, photographs that do not all fit, limits that are kept."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pocketgs.capture.capture import Frame
+from pocketgs.errors import PocketGSError
+from pocketgs.gaussians import Gaussians
+from pocketgs.splat.engine import EngineOptions
+from pocketgs.splat.settings import LossSettings, StepSettings
+from pocketgs.splat.webgpu import engine as engine_module
+from pocketgs.splat.webgpu.engine import WebGpuEngine
+from splat.training_step import BACKGROUND, RATES, assert_identical, begin, camera_in_front, photograph
+from splat.webgpu.variants import every_ordered_variant, shared_engine
+
+pytestmark = pytest.mark.usefixtures("adapter")
+
+STEP = StepSettings(RATES, LossSettings(), background=BACKGROUND)
+
+MakeGaussians = Callable[..., Gaussians]
+
+
+@pytest.fixture
+def cramped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Engines begin with next to no room for entries."""
+    monkeypatch.setattr(engine_module, "ENTRIES_PER_GAUSSIAN", 0)
+    monkeypatch.setattr(engine_module, "LEAST_ENTRIES", 20)
+
+
+@pytest.fixture
+def frames() -> list[Frame]:
+    """From far away, where a Gaussian reaches few tiles, and from near."""
+    return [photograph(camera_in_front(72, 56, 72.0, distance)) for distance in (60.0, 8.0, 3.0)]
+
+
+def room(engine: WebGpuEngine) -> int:
+    """Entries that the lists of tiles have room for."""
+    return engine.memory()["tile_keys"] // 4
+
+
+def approach(engine: WebGpuEngine, look_every_step: bool) -> list[int]:
+    """Train from nearer and nearer; the room there was for entries at each distance."""
+    rooms = [room(engine)]
+    for view in (0, 1, 2, 0):
+        for _ in range(4):
+            engine.step(view, STEP)
+            if look_every_step:
+                engine.loss()
+        rooms.append(room(engine))
+    return rooms
+
+
+@every_ordered_variant
+@pytest.mark.parametrize("look_every_step", [True, False])
+@pytest.mark.usefixtures("cramped")
+def test_lists_that_outgrow_their_room_in_the_middle_of_a_run(
+    monkeypatch: pytest.MonkeyPatch,
+    frames: list[Frame],
+    make_gaussians: MakeGaussians,
+    options: EngineOptions,
+    look_every_step: bool,
+) -> None:
+    gaussians = make_gaussians(count=300, sh_degree=1)
+    engine = WebGpuEngine(options)
+    # Left alone, the host looks only at the end: all steps after the first one that found too little are repeated.
+    monkeypatch.setattr(engine_module, "SECONDS_BETWEEN_LOOKS", math.inf)
+    rooms = approach(begin(engine, gaussians, frames), look_every_step)
+    losses = [engine.loss(steps) for steps in range(1, 17)]
+    assert room(engine) > 2 * rooms[0]
+    if look_every_step:
+        assert rooms[0] < rooms[1] < rooms[2] < rooms[3] == rooms[4]
+    monkeypatch.undo()
+    spacious = begin(shared_engine(options), gaussians, frames)
+    approach(spacious, look_every_step)
+    assert room(spacious) >= engine_module.LEAST_ENTRIES
+    assert_identical(spacious.download(), engine.download())
+    assert losses == [spacious.loss(steps) for steps in range(1, 17)]
+    states = [one.optimiser_state() for one in (spacious, engine)]
+    assert states[0].steps == states[1].steps == 16
+    assert states[0].second_moments.tobytes() == states[1].second_moments.tobytes()
+
+
+@every_ordered_variant
+@pytest.mark.usefixtures("cramped")
+def test_lists_that_outgrow_their_room_while_rendering(make_gaussians: MakeGaussians, options: EngineOptions) -> None:
+    gaussians = make_gaussians(count=300, sh_degree=1)
+    engine = begin(WebGpuEngine(options), gaussians)
+    before = room(engine)
+    camera = camera_in_front(72, 56, 72.0)
+    rendering = engine.render(camera, BACKGROUND, depth=True)
+    assert room(engine) > before
+    expected = begin(shared_engine(options), gaussians).render(camera, BACKGROUND, depth=True)
+    for name in ("image", "alpha", "depth"):
+        np.testing.assert_array_equal(getattr(rendering, name), getattr(expected, name))
+
+
+@pytest.mark.usefixtures("cramped")
+def test_a_rendering_that_needs_more_room_leaves_the_run_alone(
+    frames: list[Frame], make_gaussians: MakeGaussians
+) -> None:
+    far, _, near = frames
+    gaussians = make_gaussians(count=300, sh_degree=0)
+    engine, undisturbed = (begin(WebGpuEngine(), gaussians, [far]) for _ in range(2))
+    for iteration in range(6):
+        engine.step(0, STEP)
+        undisturbed.step(0, STEP)
+        if iteration == 2:
+            engine.render(near.camera)
+    assert room(engine) > room(undisturbed)
+    assert_identical(undisturbed.download(), engine.download())
+
+
+def test_photographs_that_do_not_fit_are_streamed(make_gaussians: MakeGaussians) -> None:
+    gaussians = make_gaussians(count=50, sh_degree=0)
+    frames = [photograph(camera_in_front(200 + 5 * i, 150, 20.0), masked=i % 2 == 0, seed=i) for i in range(20)]
+    resident = begin(WebGpuEngine(), gaussians, frames)
+    sizes = resident.memory()
+    assert sizes["photographs"] == 4 * sum(frame.image[..., 0].size for frame in frames)
+    without = sum(sizes.values()) - sizes["photographs"]
+    options = EngineOptions("webgpu", max_memory=without // 1_000_000 + 2)
+    streaming = begin(WebGpuEngine(options), gaussians, frames)
+    assert {streaming._plan.shelf.is_resident(view) for view in range(20)} == {True, False}
+    order = np.random.default_rng(0).permutation(np.repeat(np.arange(20), 2))
+    for engine in (resident, streaming):
+        for view in order:
+            engine.step(int(view), STEP)
+    assert streaming.loss(40) == resident.loss(40)
+    assert_identical(resident.download(), streaming.download())
+
+
+def test_memory_stays_within_its_limit(make_gaussians: MakeGaussians) -> None:
+    frames = [photograph(camera_in_front(300, 200, 20.0), seed=i) for i in range(10)]
+    for max_memory in (20, 30, 60):
+        options = EngineOptions("webgpu", replay="cache", max_memory=max_memory)
+        engine = begin(WebGpuEngine(options), make_gaussians(count=500), frames)
+        for view in range(10):
+            engine.step(view, STEP)
+        assert np.isfinite(engine.loss(10))
+        assert sum(engine.memory().values()) <= 1_000_000 * max_memory + 1000
+
+
+@pytest.mark.parametrize("what", ["scene", "images"])
+def test_more_than_the_limit_is_refused(make_gaussians: MakeGaussians, what: str) -> None:
+    engine = WebGpuEngine(EngineOptions("webgpu", max_memory=20))
+    gaussians = make_gaussians(count=50_000 if what == "scene" else 10)
+    size = (1500, 1500) if what == "images" else (30, 20)
+    with pytest.raises(PocketGSError, match="limit is 20 MB"):
+        begin(engine, gaussians, [photograph(camera_in_front(*size, 9.0))])
+
+
+def test_more_than_the_device_can_hold_is_refused(make_gaussians: MakeGaussians) -> None:
+    engine = begin(WebGpuEngine(EngineOptions("webgpu", max_memory=10**9)), make_gaussians())
+    wide = camera_in_front(8, 8, 8.0)
+    with pytest.raises(PocketGSError, match="the device allows"):
+        engine.render(replace(wide, width=10**6, height=10**6))
+    # And the engine goes on.
+    assert np.all(np.isfinite(engine.render(wide).image))

@@ -1,0 +1,60 @@
+"""The host and the GPU: steps that wait for nothing, and a device that goes away."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pocketgs.errors import PocketGSError
+from pocketgs.gaussians import Gaussians
+from pocketgs.splat.settings import LossSettings, StepSettings
+from pocketgs.splat.webgpu import engine as engine_module
+from pocketgs.splat.webgpu.engine import WebGpuEngine
+from splat.training_step import RATES, begin, camera_in_front, photograph
+
+pytestmark = pytest.mark.usefixtures("adapter")
+
+STEP = StepSettings(RATES, LossSettings())
+
+MakeGaussians = Callable[..., Gaussians]
+
+
+@pytest.fixture
+def engine(make_gaussians: MakeGaussians) -> WebGpuEngine:
+    """One of its own, about to train."""
+    return begin(WebGpuEngine(), make_gaussians(count=50), [photograph(camera_in_front(40, 30, 40.0))])
+
+
+def test_steps_read_nothing_back(engine: WebGpuEngine, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engine_module, "SECONDS_BETWEEN_LOOKS", float("inf"))
+    read: list[str] = []
+    reading = engine._replayer.read
+
+    def listen(name: str, *arguments: Any) -> np.ndarray:
+        read.append(name)
+        return reading(name, *arguments)
+
+    monkeypatch.setattr(engine._replayer, "read", listen)
+    for _ in range(engine_module.MOST_PENDING - 1):
+        engine.step(0, STEP)
+    assert read == []
+    assert np.isfinite(engine.loss(engine_module.MOST_PENDING - 1))
+    assert engine.optimiser_state().steps == engine_module.MOST_PENDING - 1
+
+
+def test_the_host_runs_ahead_by_so_many_steps_only(engine: WebGpuEngine) -> None:
+    for _ in range(3 * engine_module.MOST_PENDING):
+        engine.step(0, STEP)
+        assert len(engine._pending) < engine_module.MOST_PENDING
+
+
+def test_a_lost_device_ends_in_one_line(engine: WebGpuEngine) -> None:
+    engine.step(0, STEP)
+    engine._device.destroy()
+    for attempt in (engine.loss, engine.download, lambda: engine.step(0, STEP)):
+        with pytest.raises(PocketGSError, match="the GPU was lost while working") as caught:
+            attempt()
+        assert "\n" not in str(caught.value)

@@ -1,0 +1,54 @@
+"""How much workgroup memory a shader declares: sizes of WGSL's types (WGSL, section 14.4.1)."""
+
+from __future__ import annotations
+
+import re
+
+_SCALARS = {"f32": 4, "u32": 4, "i32": 4, "bool": 4}
+_STRUCT = re.compile(r"^struct (\w+) \{(.*?)^\}", re.MULTILINE | re.DOTALL)
+_FIELD = re.compile(r"^ +\w+: (.+),$", re.MULTILINE)
+_CONSTANT = re.compile(r"^const (\w+): u32 = (\w+);", re.MULTILINE)
+_ALIAS = re.compile(r"^alias (\w+) = (.+);", re.MULTILINE)
+_WORKGROUP = re.compile(r"^var<workgroup> \w+: (.+);", re.MULTILINE)
+
+
+def workgroup_bytes(source: str) -> int:
+    """Bytes of all `var<workgroup>` of a shader."""
+    return sum(_up(_Types(source).layout(kind)[1], 16) for kind in _WORKGROUP.findall(source))
+
+
+class _Types:
+    """The types that a shader defines."""
+
+    def __init__(self, source: str) -> None:
+        self._structs = {name: _FIELD.findall(body) for name, body in _STRUCT.findall(source)}
+        self._constants = dict(_CONSTANT.findall(source))
+        self._aliases = dict(_ALIAS.findall(source))
+
+    def layout(self, kind: str) -> tuple[int, int]:
+        """Alignment and size in bytes."""
+        if kind in _SCALARS:
+            return 4, 4
+        if match := re.fullmatch(r"vec([234])[fui]", kind):
+            length = int(match[1])
+            return 4 * (2 if length == 2 else 4), 4 * length
+        if match := re.fullmatch(r"atomic<(\w+)>", kind):
+            return self.layout(match[1])
+        if match := re.fullmatch(r"array<(.+), (\w+)>", kind):
+            alignment, size = self.layout(match[1])
+            return alignment, self._number(match[2]) * _up(size, alignment)
+        if kind in self._aliases:
+            return self.layout(self._aliases[kind])
+        widest, end = 4, 0
+        for field in self._structs[kind]:
+            alignment, size = self.layout(field)
+            widest, end = max(widest, alignment), _up(end, alignment) + size
+        return widest, _up(end, widest)
+
+    def _number(self, text: str) -> int:
+        """A literal, or a constant by name."""
+        return int(text.removesuffix("u")) if text[0].isdigit() else self._number(self._constants[text])
+
+
+def _up(size: int, multiple: int) -> int:
+    return -(-size // multiple) * multiple
