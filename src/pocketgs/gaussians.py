@@ -69,6 +69,14 @@ class Gaussians:
         return 1.0 / (1.0 + np.exp(-self.opacity_logits))
 
     @property
+    def unit_quaternions(self) -> np.ndarray:
+        """(N, 4) quaternions of length 1; NaN where they cannot be."""
+        with np.errstate(all="ignore"):
+            lengths = np.linalg.norm(self.quaternions, axis=1, keepdims=True)
+            # Dividing a unit quaternion by its length can change its last bit, and a resumed run must not differ.
+            return np.where(np.abs(lengths - 1.0) > 1e-6, self.quaternions / lengths, self.quaternions)
+
+    @property
     def sh_degree(self) -> int:
         """Degree of the spherical harmonics, 0 to 3."""
         return SH_COEFFICIENTS.index(self.sh.shape[1])
@@ -80,21 +88,25 @@ class Gaussians:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the scene atomically as a reference 3DGS `.ply`."""
-        from pocketgs.formats.ply import write_gaussians
+        """Write the scene atomically; the name's suffix chooses the format, of which `.ply` keeps every bit.
 
-        write_gaussians(Path(path), self)
+        Raises:
+            PocketGSError: the suffix is of no format, the format cannot hold the scene, or it cannot be written.
+        """
+        from pocketgs.formats import write_scene
+
+        write_scene(Path(path), self)
 
     @staticmethod
     def load(path: str | Path) -> Gaussians:
-        """Read a reference 3DGS `.ply`.
+        """Read a scene of any format: `.ply`, `.compressed.ply`, `.spz`, `.splat`, `.glb` or `.gltf`.
 
         Raises:
-            PocketGSError: the file is missing, broken, or holds no Gaussians.
+            PocketGSError: the suffix is of no format, or the file is missing, broken, or holds no Gaussians.
         """
-        from pocketgs.formats.ply import read_gaussians
+        from pocketgs.formats import read_scene
 
-        return read_gaussians(Path(path))
+        return read_scene(Path(path))
 
 
 PARAMETERS = tuple(field.name for field in fields(Gaussians) if field.name != "record")

@@ -1,4 +1,4 @@
-"""Reading the vertices of a .ply file, whatever they stand for."""
+"""Reading the elements of a .ply file, whatever they stand for."""
 
 from __future__ import annotations
 
@@ -19,15 +19,27 @@ def read_vertices(path: Path) -> np.ndarray:
     Raises:
         PocketGSError: the file is missing, broken, or has no vertices.
     """
+    elements = read_elements(path)
+    if "vertex" not in elements:
+        raise PocketGSError(f"{path}: not a readable .ply with vertices: holds {', '.join(elements) or 'nothing'}")
+    return elements["vertex"]
+
+
+def read_elements(path: Path) -> dict[str, np.ndarray]:
+    """A .ply file's elements by name, each an (N,) structured array of its properties; lists stand in it as objects.
+
+    Raises:
+        PocketGSError: the file is missing or broken.
+    """
     try:
         if not path.is_file():
             raise PocketGSError(f"{path}: no such file, expected a .ply")
         _check_size(path)
-        return PlyData.read(str(path))["vertex"].data
+        return {element.name: element.data for element in PlyData.read(str(path)).elements}
     except PocketGSError:
         raise
     except Exception as error:  # plyfile raises whatever its parser stumbles over
-        raise PocketGSError(f"{path}: not a readable .ply with vertices ({error})") from error
+        raise PocketGSError(f"{path}: not a readable .ply ({error})") from error
 
 
 def _check_size(path: Path) -> None:

@@ -8,8 +8,10 @@ from collections.abc import Callable, Sequence
 import tyro
 from rich.console import Console
 
+from pocketgs.cli.convert import convert
 from pocketgs.cli.demo import demo
 from pocketgs.cli.evaluate import evaluate
+from pocketgs.cli.export_colmap import export_colmap
 from pocketgs.cli.info import info
 from pocketgs.cli.pose import pose
 from pocketgs.cli.render import render
@@ -27,6 +29,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "eval": evaluate,
         "render": render,
         "info": info,
+        "convert": convert,
+        "export-colmap": export_colmap,
         "demo": demo,
     }
     errors = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)

@@ -30,7 +30,7 @@ def evaluate(
     """Compare a scene with a capture's held-out views: PSNR, SSIM, LPIPS.
 
     Args:
-        scene: A .ply with Gaussians, or a result folder.
+        scene: A scene file (.ply, .spz, .splat, .glb …), or a result folder.
         capture: The capture's folder, or its transforms.json.
         pictures: Folder for pictures of photograph and rendering side by side.
         json: File for the figures.

@@ -13,10 +13,9 @@ from pocketgs.capture import Capture
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.devices import device_lines
 from pocketgs.cli.display import capture_lines
-from pocketgs.cli.scene_file import load_scene
+from pocketgs.cli.scene_file import load_scene, names_scene
 from pocketgs.errors import PocketGSError
 from pocketgs.gaussians import Gaussians
-from pocketgs.result_folder import RECORD, SCENE
 
 
 def info(
@@ -27,7 +26,7 @@ def info(
     """Say what a capture or a scene holds, or which devices there are to compute on.
 
     Args:
-        path: A capture's folder or transforms.json, a .ply with Gaussians, or a result folder.
+        path: A capture's folder or transforms.json, a scene file (.ply, .spz, .splat, .glb …), or a result folder.
         devices: List the GPUs and what the engines make of them.
         reading: How to read a capture.
     """
@@ -42,8 +41,7 @@ def info(
 
 
 def _path_lines(path: Path, reading: CaptureOptions) -> list[str]:
-    is_scene = path.suffix.lower() == ".ply" or all((path / name).is_file() for name in (SCENE, RECORD))
-    return _scene_lines(load_scene(path)) if is_scene else _capture_lines(reading.open(path))
+    return _scene_lines(load_scene(path)) if names_scene(path) else _capture_lines(reading.open(path))
 
 
 def _device_lines() -> list[str]:

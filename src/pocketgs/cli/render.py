@@ -39,7 +39,7 @@ def render(
     """Render a scene to pictures or a video.
 
     Args:
-        scene: A .ply with Gaussians, or a result folder.
+        scene: A scene file (.ply, .spz, .splat, .glb …), or a result folder.
         capture: The capture that gives the cameras: its folder, or its transforms.json.
         output: A folder for numbered PNGs, or a video if it ends in .mp4.
         views: The capture's held-out or training views, an orbit around what it looks at, or a smooth path through

@@ -5,18 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 
 from pocketgs.capture.capture import Capture
+from pocketgs.formats import is_scene_name, read_scene
 from pocketgs.gaussians import Gaussians
 from pocketgs.poses_file import with_poses_of
-from pocketgs.result_folder import POSES, SCENE
+from pocketgs.result_folder import POSES, RECORD, SCENE
+
+
+def names_scene(path: Path) -> bool:
+    """Whether a path is that of a scene file or a result folder, and not of a capture."""
+    return is_scene_name(path) or all((path / name).is_file() for name in (SCENE, RECORD))
 
 
 def load_scene(path: Path) -> Gaussians:
-    """Read a .ply, or the scene of a result folder.
+    """Read a scene file of any format, or the scene of a result folder.
 
     Raises:
         PocketGSError: there is no readable scene.
     """
-    return Gaussians.load(path / SCENE if path.is_dir() else path)
+    return read_scene(path / SCENE if path.is_dir() else path)
 
 
 def in_world_of(path: Path, capture: Capture) -> Capture:

@@ -1,0 +1,82 @@
+"""`pocketgs convert`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, TypeAlias
+
+import numpy as np
+import tyro
+from rich.console import Console
+
+from pocketgs.cli.scene_file import load_scene
+from pocketgs.errors import PocketGSError
+from pocketgs.formats import format_of, spz
+from pocketgs.gaussians import Gaussians
+from pocketgs.scene_edits import cropped, rotated, scaled, translated, with_sh_degree, without_faint
+
+Triple: TypeAlias = tuple[float, float, float]
+Box: TypeAlias = tuple[float, float, float, float, float, float]
+
+
+def convert(
+    scene: Annotated[Path, tyro.conf.Positional],
+    output: Annotated[Path, tyro.conf.Positional],
+    crop_box: Box | None = None,
+    min_opacity: float = 0.0,
+    sh_degree: Literal[0, 1, 2, 3] | None = None,
+    scale: float = 1.0,
+    rotate: Triple | None = None,
+    translate: Triple | None = None,
+    spz_version: spz.Version = spz.CURRENT,
+) -> None:
+    """Write a scene in another format, cut, thinned out or moved on the way.
+
+    The options take effect in the order in which they stand here, whatever order they are given in.
+
+    Args:
+        scene: A .ply, .compressed.ply, .spz, .splat, .glb or .gltf, or a result folder.
+        output: The file to write; its suffix chooses the format.
+        crop_box: Keep the Gaussians whose centres lie between xmin ymin zmin and xmax ymax zmax.
+        min_opacity: Drop Gaussians of less opacity.
+        sh_degree: Degree of the spherical harmonics; higher ones are dropped.
+        scale: Enlarge by this factor about the origin.
+        rotate: Turn about the axes x, y and z, in this order, by these degrees.
+        translate: Move along x, y and z, in scene units.
+        spz_version: Of a .spz; older viewers read 3 only.
+    """
+    chosen = format_of(output)
+    original = load_scene(scene)
+    edited = original
+    if crop_box is not None:
+        edited = cropped(edited, np.array(crop_box[:3]), np.array(crop_box[3:]))
+    if min_opacity:
+        edited = without_faint(edited, min_opacity)
+    if sh_degree is not None:
+        edited = with_sh_degree(edited, min(sh_degree, edited.sh_degree))
+    if len(edited) == 0:
+        raise PocketGSError(f"{output}: none of {len(original):,} Gaussians are left, nothing was written")
+    edited = _moved(edited, scale, rotate, translate)
+    if chosen.write is spz.write_gaussians:
+        spz.write_gaussians(output, edited, spz_version)
+    else:
+        chosen.write(output, edited)
+    lines = [f"{len(edited):,} Gaussians in {output}, {output.stat().st_size:,} bytes"]
+    lines += [f"{chosen.name} drops {chosen.drops}"] if chosen.drops else []
+    lines += [f"{chosen.name} rounds {chosen.rounds}"] if chosen.rounds else []
+    Console().print(*lines, sep="\n", markup=False, highlight=False, soft_wrap=True)
+
+
+def _moved(gaussians: Gaussians, scale: float, rotate: Triple | None, translate: Triple | None) -> Gaussians:
+    if scale != 1.0:
+        gaussians = scaled(gaussians, scale)
+    if rotate is not None:
+        if not np.all(np.isfinite(rotate)):
+            raise PocketGSError(f"rotate: found {rotate}, expected degrees")
+        # SciPy takes long to load: only this needs it.
+        from scipy.spatial.transform import Rotation
+
+        gaussians = rotated(gaussians, Rotation.from_euler("xyz", rotate, degrees=True).as_matrix())
+    if translate is not None:
+        gaussians = translated(gaussians, np.array(translate))
+    return gaussians

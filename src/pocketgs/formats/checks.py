@@ -1,0 +1,44 @@
+"""What every format that stores Gaussians in fewer bits asks of a file and of a scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pocketgs.errors import PocketGSError
+from pocketgs.gaussians import Gaussians
+
+
+def read_contents(path: Path) -> bytes:
+    """The bytes of a scene file.
+
+    Raises:
+        PocketGSError: there is no such file, or it cannot be read.
+    """
+    try:
+        if not path.is_file():
+            raise PocketGSError(f"{path}: no such file, expected a scene")
+        return path.read_bytes()
+    except OSError as error:
+        raise PocketGSError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+
+def require_sound(path: Path, gaussians: Gaussians) -> None:
+    """Refuse a scene without Gaussians, or with numbers that stand for nothing.
+
+    An infinite opacity logit stands for an opacity of exactly 0 or 1, and some programs write it.
+
+    Raises:
+        PocketGSError: the scene is empty, or a Gaussian holds NaN or infinity.
+    """
+    if len(gaussians) == 0:
+        raise PocketGSError(f"{path}: 0 Gaussians, expected at least one")
+    sound = np.isfinite(gaussians.means).all(axis=1)
+    sound &= np.isfinite(gaussians.log_scales).all(axis=1)
+    sound &= np.isfinite(gaussians.quaternions).all(axis=1)
+    sound &= np.isfinite(gaussians.sh).all(axis=(1, 2))
+    sound &= ~np.isnan(gaussians.opacity_logits)
+    broken = len(sound) - int(np.count_nonzero(sound))
+    if broken:
+        raise PocketGSError(f"{path}: {broken} of {len(sound)} Gaussians hold NaN or infinity, expected finite numbers")

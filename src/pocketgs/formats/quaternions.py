@@ -1,0 +1,45 @@
+"""Unit quaternions, and the packing that leaves out the largest of their four components."""
+
+from __future__ import annotations
+
+import numpy as np
+
+LARGEST_OTHER = np.sqrt(0.5)
+"""No component but the largest of a unit quaternion can exceed this."""
+
+
+def unit(quaternions: np.ndarray) -> np.ndarray:
+    """(N, 4) float64 quaternions of length 1; those of length 0 become no rotation at all, (1, 0, 0, 0)."""
+    largest = np.abs(quaternions).max(axis=1, keepdims=True).astype(np.float64)
+    whole = np.where(largest > 0, quaternions, np.eye(4)[0])
+    scaled = whole / np.where(largest > 0, largest, 1.0)
+    return scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
+
+
+def drop_largest(quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Leave out each quaternion's largest component, having made it positive: the length of 1 gives it back.
+
+    Args:
+        quaternions: (N, 4) of length 1, in any order of components.
+
+    Returns:
+        (N,) which component was left out, and (N, 3) the others in their order.
+    """
+    largest = np.abs(quaternions).argmax(axis=1)
+    signs = np.where(np.take_along_axis(quaternions, largest[:, None], axis=1) < 0, -1.0, 1.0)
+    return largest, np.take_along_axis(quaternions * signs, _others(largest), axis=1)
+
+
+def restore_largest(largest: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(N, 4) the quaternions of which `drop_largest` gave these parts."""
+    quaternions = np.empty((len(others), 4))
+    np.put_along_axis(quaternions, _others(largest), others, axis=1)
+    left = np.sqrt(np.clip(1.0 - np.sum(others**2, axis=1), 0.0, None))
+    np.put_along_axis(quaternions, largest[:, None], left[:, None], axis=1)
+    return quaternions
+
+
+def _others(largest: np.ndarray) -> np.ndarray:
+    """(N, 3) the three indices out of 0 to 3 that are not `largest`, in order."""
+    table = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
+    return table[largest]

@@ -1,0 +1,159 @@
+"""`pocketgs convert` and `pocketgs export-colmap`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from formats.scenes import random_scene
+from pocketgs.capture import open_capture
+from pocketgs.formats import read_scene
+from pocketgs.gaussians import Gaussians
+from pocketgs.poses_file import write_poses
+from pocketgs.scene_edits import rotated, scaled, translated
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Gaussians:
+    """A scene that lies in scene.ply, too."""
+    made = random_scene(300, 2)
+    made.save(tmp_path / "scene.ply")
+    return made
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".compressed.ply", ".spz", ".splat", ".glb"])
+def test_every_format(tmp_path: Path, pocketgs: Callable[..., Any], scene: Gaussians, suffix: str) -> None:
+    target = tmp_path / f"out{suffix}"
+    outcome = pocketgs("convert", tmp_path / "scene.ply", target)
+    assert (outcome.status, outcome.errors) == (0, "")
+    assert f"300 Gaussians in {target}, {target.stat().st_size:,} bytes" in outcome.output
+    assert ("drops the order, spherical harmonics above degree 0" in outcome.output) == (suffix == ".splat")
+    assert ("rounds" in outcome.output) == (suffix != ".ply")
+    # And back, through the other commands' way in.
+    assert pocketgs("convert", target, tmp_path / "back.ply").status == 0
+    assert len(read_scene(tmp_path / "back.ply")) == 300
+    assert "300 Gaussians, spherical harmonics of degree" in pocketgs("info", target).output
+
+
+def test_same_file(tmp_path: Path, pocketgs: Callable[..., Any], scene: Gaussians) -> None:
+    path = tmp_path / "scene.ply"
+    assert pocketgs("convert", path, path, "--sh-degree", 0).status == 0
+    assert read_scene(path).means.tolist() == scene.means.tolist()
+
+
+def test_edits_in_their_order(tmp_path: Path, pocketgs: Callable[..., Any], scene: Gaussians) -> None:
+    options = ["--translate", -1, 2, 3, "--rotate", 10, -20, 30, "--scale", 2, "--sh-degree", 1]
+    options += ["--min-opacity", 0.25, "--crop-box", -2, -2, -2, 2.5, 2.5, 2.5]
+    outcome = pocketgs("convert", tmp_path / "scene.ply", tmp_path / "out.ply", *options)
+    assert (outcome.status, outcome.errors) == (0, "")
+    found = read_scene(tmp_path / "out.ply")
+    inside = ((scene.means >= -2) & (scene.means <= 2.5)).all(axis=1) & (scene.opacities >= 0.25)
+    assert 0 < len(found) == np.count_nonzero(inside) < 300
+    expected = scene.select(inside)
+    expected.sh = np.ascontiguousarray(expected.sh[:, :4])
+    rotation = Rotation.from_euler("xyz", [10, -20, 30], degrees=True).as_matrix()
+    expected = translated(rotated(scaled(expected, 2.0), rotation), np.array([-1, 2, 3]))
+    for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-6, atol=1e-6)
+
+
+def test_turns_are_about_x_then_y_then_z(tmp_path: Path, pocketgs: Callable[..., Any]) -> None:
+    scene = random_scene(1, 0)
+    scene.means[:] = [[0, 1, 0]]
+    scene.save(tmp_path / "scene.ply")
+    pocketgs("convert", tmp_path / "scene.ply", tmp_path / "out.ply", "--rotate", 90, 90, 0)
+    # y goes to z, and z to x.
+    np.testing.assert_allclose(read_scene(tmp_path / "out.ply").means, [[1, 0, 0]], atol=1e-6)
+
+
+def test_degree_is_not_raised(tmp_path: Path, pocketgs: Callable[..., Any], scene: Gaussians) -> None:
+    pocketgs("convert", tmp_path / "scene.ply", tmp_path / "out.ply", "--sh-degree", 3)
+    assert read_scene(tmp_path / "out.ply").sh_degree == 2
+
+
+@pytest.mark.parametrize(("version", "magic"), [(3, b"\x1f\x8b"), (4, b"NGSP")])
+def test_spz_version(
+    tmp_path: Path, pocketgs: Callable[..., Any], scene: Gaussians, version: int, magic: bytes
+) -> None:
+    pocketgs("convert", tmp_path / "scene.ply", tmp_path / "out.spz", "--spz-version", version)
+    assert (tmp_path / "out.spz").read_bytes().startswith(magic)
+
+
+@pytest.mark.parametrize(
+    ("target", "options", "message"),
+    [
+        ("out.obj", [], "out.obj: not the name of a scene"),
+        ("out.gltf", [], "expected a name that ends in .glb"),
+        ("none/out.ply", [], "cannot be written"),
+        ("out.ply", ["--crop-box", 90, 90, 90, 91, 91, 91], "out.ply: none of 300 Gaussians are left"),
+        ("out.ply", ["--min-opacity", 1], "none of 300 Gaussians are left"),
+        ("out.ply", ["--min-opacity", 2], "least opacity 2.0, expected 0 to 1"),
+        ("out.ply", ["--crop-box", 1, 0, 0, 0, 1, 1], "expected each minimum at most its maximum"),
+        ("out.ply", ["--scale", 0], "scale 0.0, expected a positive number"),
+        ("out.ply", ["--rotate", "nan", 0, 0], "expected degrees"),
+        ("out.ply", ["--translate", "inf", 0, 0], "expected finite numbers"),
+    ],
+)
+def test_refusals(
+    tmp_path: Path, pocketgs: Callable[..., Any], scene: Gaussians, target: str, options: list[object], message: str
+) -> None:
+    outcome = pocketgs("convert", tmp_path / "scene.ply", tmp_path / target, *options)
+    assert outcome.status == 2
+    assert message in outcome.errors
+    assert outcome.errors.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.ply"]
+
+
+def test_missing_scene(tmp_path: Path, pocketgs: Callable[..., Any]) -> None:
+    outcome = pocketgs("convert", tmp_path / "scene.spz", tmp_path / "out.ply")
+    assert outcome.status == 2
+    assert "scene.spz: no such file" in outcome.errors
+
+
+def test_result_folder(tmp_path: Path, pocketgs: Callable[..., Any], scene: Gaussians) -> None:
+    (tmp_path / "result").mkdir()
+    scene.save(tmp_path / "result" / "scene.ply")
+    assert pocketgs("convert", tmp_path / "result", tmp_path / "out.glb").status == 0
+    assert len(read_scene(tmp_path / "out.glb")) == 300
+
+
+def test_export_colmap(tmp_path: Path, pocketgs: Callable[..., Any], capture_folder: Path) -> None:
+    outcome = pocketgs("export-colmap", capture_folder, tmp_path / "model", "--downscale", 2)
+    assert (outcome.status, outcome.errors) == (0, "")
+    assert f"8 images and cameras, 2,000 points in {tmp_path / 'model'}" in outcome.output
+    found = open_capture(tmp_path / "model")
+    assert (found.format, len(found.frames), found.frames[0].image.shape) == ("colmap", 8, (36, 48, 3))
+    again = pocketgs("export-colmap", capture_folder, tmp_path / "model")
+    assert again.status == 2
+    assert "expected a new or empty folder" in again.errors
+
+
+def test_export_colmap_with_the_poses_of_a_result(
+    tmp_path: Path, pocketgs: Callable[..., Any], capture_folder: Path
+) -> None:
+    outcome = pocketgs("export-colmap", capture_folder, tmp_path / "model", "--poses-of", tmp_path)
+    assert outcome.status == 2
+    assert "expected a result folder" in outcome.errors
+    result = tmp_path / "result"
+    result.mkdir()
+    random_scene(3, 0).save(result / "scene.ply")
+    (result / "run.json").write_text("{}")
+    capture = open_capture(capture_folder)
+    moved = np.eye(4)
+    moved[:3, 3] = [1, 2, 3]
+    frames = [
+        replace(frame, camera=replace(frame.camera, world_to_camera=frame.camera.world_to_camera @ moved))
+        for frame in capture.frames
+    ]
+    write_poses(result / "poses.json", frames)
+    outcome = pocketgs("export-colmap", capture_folder, tmp_path / "model", "--poses-of", result)
+    assert (outcome.status, outcome.errors) == (0, "")
+    found = sorted(open_capture(tmp_path / "model").frames, key=lambda frame: frame.name)
+    for one, other in zip(found, sorted(frames, key=lambda frame: frame.name), strict=True):
+        np.testing.assert_allclose(one.camera.world_to_camera, other.camera.world_to_camera, atol=1e-9)
