@@ -45,7 +45,8 @@ class Progress:
         iteration_rate: iterations per second.
         seconds_left: estimate of the time until iterations or the time budget run out.
         gaussians: their number.
-        checkpoint: gives the run as it stands; costs a copy.
+        scene: gives the Gaussians as they stand; costs a copy.
+        checkpoint: gives the run as it stands; costs a larger copy.
     """
 
     iteration: int
@@ -56,6 +57,7 @@ class Progress:
     iteration_rate: float
     seconds_left: float
     gaussians: int
+    scene: Callable[[], Gaussians]
     checkpoint: Callable[[], Checkpoint]
 
 
@@ -182,9 +184,11 @@ class _Loop:
                     self._step(started)
                 self._look_at_held_out_views()
                 if observer:
+                    before = time.monotonic()
                     observer(self._progress(started))
-        if self.iteration > self._first_iteration:
-            self._finish_steps()
+                    started += time.monotonic() - before  # an observer's pauses are no time of the run's
+            if self.iteration > self._first_iteration:
+                self._finish_steps()
 
     def _is_over(self, started: float) -> bool:
         budget = self._options.time_budget
@@ -245,5 +249,6 @@ class _Loop:
             iteration_rate=rate,
             seconds_left=left,
             gaussians=self._gaussians,
+            scene=self._engine.download,
             checkpoint=lambda: Checkpoint(self.iteration, self._engine.download(), self._engine.optimiser_state()),
         )

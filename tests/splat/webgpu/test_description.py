@@ -16,7 +16,7 @@ from pocketgs.splat.webgpu.description import Description, Pass
 from pocketgs.splat.webgpu.passes import Variant, describe
 from pocketgs.splat.webgpu.sizes import ceil_div, evaluate
 from pocketgs.splat.webgpu.uniforms import UniformLayout
-from splat.webgpu.wgsl_layout import workgroup_bytes
+from splat.webgpu.wgsl_layout import constant, workgroup_bytes, workgroup_size
 
 TRAINING = [
     Variant(precision, replay, accumulation, subgroups)  # type: ignore[arg-type]
@@ -125,8 +125,7 @@ def test_shaders_keep_to_the_limits_of_every_device(description: Description) ->
         storage = [binding for binding in shader.bindings if binding.access != "uniform"]
         assert len(storage) <= 8, name
         assert workgroup_bytes(shader.source) <= 16_384, name
-        (size,) = re.findall(r"@workgroup_size\((\d+)(?:, (\d+))?\)", shader.source)
-        assert int(size[0]) * int(size[1] or 1) <= 256, name
+        assert workgroup_size(shader.source) <= 256, name
         assert "import " not in re.sub(r"//.*", "", shader.source), name
 
 
@@ -255,3 +254,18 @@ def test_sizes_are_those_worked_out_by_hand() -> None:
     in_half = half.sizes(half.symbols(CASE), half.buffers)
     different = {"splats": 28_000, "replay_cache": pixels * (4 + 24 * 12), "gradient_rows": 36_000}
     assert in_half == {**expected, **different}
+
+
+def test_words_of_the_shaders_are_the_bytes_of_the_buffers() -> None:
+    """What the host reserves for a splat, a record of the replay cache and a row of sums."""
+    for precision in ("f32", "f16"):
+        for replay in ("recompute", "cache"):
+            description = describe(Variant(precision, replay))  # type: ignore[arg-type]
+            symbols = {"gaussians": 1, "entries": 1, "pixels": 1, "replay_depth": 1}
+            backward = description.shaders["rasterize_backward"].source
+            splat = 4 * constant("SPLAT_WORDS", backward)
+            assert evaluate(description.buffers["splats"], symbols) == splat
+            assert evaluate(description.buffers["gradient_rows"], symbols) == 4 * constant("SUM_WORDS", backward)
+            if replay == "cache":
+                record = 4 * constant("RECORD_WORDS", backward)
+                assert evaluate(description.buffers["replay_cache"], symbols) == 4 + record

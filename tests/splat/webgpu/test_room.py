@@ -44,6 +44,12 @@ def room(engine: WebGpuEngine) -> int:
     return engine.memory()["tile_keys"] // 4
 
 
+def step_and_look(engine: WebGpuEngine, view: int) -> float:
+    """Train on a view, and wait for it."""
+    engine.step(view, STEP)
+    return engine.loss()
+
+
 def approach(engine: WebGpuEngine, look_every_step: bool) -> list[int]:
     """Train from nearer and nearer; the room there was for entries at each distance."""
     rooms = [room(engine)]
@@ -69,7 +75,8 @@ def test_lists_that_outgrow_their_room_in_the_middle_of_a_run(
     gaussians = make_gaussians(count=300, sh_degree=1)
     engine = WebGpuEngine(options)
     # Left alone, the host looks only at the end: all steps after the first one that found too little are repeated.
-    monkeypatch.setattr(engine_module, "SECONDS_BETWEEN_LOOKS", math.inf)
+    monkeypatch.setattr(engine_module, "SECONDS_AHEAD", math.inf)
+    monkeypatch.setattr(engine, "_most_pending", engine_module.MOST_PENDING)
     rooms = approach(begin(engine, gaussians, frames), look_every_step)
     losses = [engine.loss(steps) for steps in range(1, 17)]
     assert room(engine) > 2 * rooms[0]
@@ -98,6 +105,25 @@ def test_lists_that_outgrow_their_room_while_rendering(make_gaussians: MakeGauss
     expected = begin(shared_engine(options), gaussians).render(camera, BACKGROUND, depth=True)
     for name in ("image", "alpha", "depth"):
         np.testing.assert_array_equal(getattr(rendering, name), getattr(expected, name))
+
+
+@pytest.mark.usefixtures("cramped")
+def test_room_that_is_refused_leaves_the_engine_usable(
+    monkeypatch: pytest.MonkeyPatch, frames: list[Frame], make_gaussians: MakeGaussians
+) -> None:
+    far, near = 0, 2
+    engine = begin(WebGpuEngine(), make_gaussians(count=300), frames)
+    step_and_look(engine, far)
+    taken = sum(engine.memory().values())
+    monkeypatch.setattr(engine, "_limits", replace(engine._limits, total=taken))
+    with pytest.raises(PocketGSError, match="of GPU memory, the limit is"):
+        engine.render(frames[near].camera)
+    with pytest.raises(PocketGSError, match="of GPU memory, the limit is"):
+        step_and_look(engine, near)
+    assert engine.render(frames[far].camera).alpha.max() > 0.0
+    assert np.isfinite(step_and_look(engine, far))
+    assert engine.optimiser_state().steps == 2
+    assert sum(engine.memory().values()) == taken
 
 
 @pytest.mark.usefixtures("cramped")

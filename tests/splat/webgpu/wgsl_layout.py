@@ -1,13 +1,16 @@
-"""How much workgroup memory a shader declares: sizes of WGSL's types (WGSL, section 14.4.1)."""
+"""What a shader declares: its constants, its threads, and its workgroup memory (WGSL, section 14.4.1)."""
 
 from __future__ import annotations
 
+import math
 import re
 
 _SCALARS = {"f32": 4, "u32": 4, "i32": 4, "bool": 4}
 _STRUCT = re.compile(r"^struct (\w+) \{(.*?)^\}", re.MULTILINE | re.DOTALL)
 _FIELD = re.compile(r"^ +\w+: (.+),$", re.MULTILINE)
-_CONSTANT = re.compile(r"^const (\w+): u32 = (\w+);", re.MULTILINE)
+_CONSTANT = re.compile(r"^const (\w+): u32 = (.+);", re.MULTILINE)
+_WORKGROUP_SIZE = re.compile(r"@workgroup_size\(([^)]+)\)")
+_NAME = re.compile(r"[A-Z][A-Z0-9_]*")
 _ALIAS = re.compile(r"^alias (\w+) = (.+);", re.MULTILINE)
 _WORKGROUP = re.compile(r"^var<workgroup> \w+: (.+);", re.MULTILINE)
 
@@ -15,6 +18,17 @@ _WORKGROUP = re.compile(r"^var<workgroup> \w+: (.+);", re.MULTILINE)
 def workgroup_bytes(source: str) -> int:
     """Bytes of all `var<workgroup>` of a shader."""
     return sum(_up(_Types(source).layout(kind)[1], 16) for kind in _WORKGROUP.findall(source))
+
+
+def workgroup_size(source: str) -> int:
+    """Threads of a shader's workgroup."""
+    (size,) = _WORKGROUP_SIZE.findall(source)
+    return math.prod(_Types(source).number(side) for side in size.split(", "))
+
+
+def constant(name: str, source: str) -> int:
+    """Value of one of a shader's u32 constants."""
+    return _Types(source).number(name)
 
 
 class _Types:
@@ -36,7 +50,7 @@ class _Types:
             return self.layout(match[1])
         if match := re.fullmatch(r"array<(.+), (\w+)>", kind):
             alignment, size = self.layout(match[1])
-            return alignment, self._number(match[2]) * _up(size, alignment)
+            return alignment, self.number(match[2]) * _up(size, alignment)
         if kind in self._aliases:
             return self.layout(self._aliases[kind])
         widest, end = 4, 0
@@ -45,9 +59,10 @@ class _Types:
             widest, end = max(widest, alignment), _up(end, alignment) + size
         return widest, _up(end, widest)
 
-    def _number(self, text: str) -> int:
-        """A literal, or a constant by name."""
-        return int(text.removesuffix("u")) if text[0].isdigit() else self._number(self._constants[text])
+    def number(self, text: str) -> int:
+        """A literal, a constant by name, or what is computed from such."""
+        numbers = _NAME.sub(lambda name: f"({self.number(self._constants[name[0]])})", text)
+        return int(eval(re.sub(r"(\d)u\b", r"\1", numbers).replace("/", "//")))
 
 
 def _up(size: int, multiple: int) -> int:

@@ -102,11 +102,7 @@ class CpuEngine:
     def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
         """Take a copy of the scene, and of the optimiser's state or start it anew."""
         self._scene = Gaussians(*(getattr(gaussians, name).copy() for name in PARAMETERS))
-        with np.errstate(all="ignore"):
-            lengths = np.linalg.norm(self._scene.quaternions, axis=1)
-            # Dividing a unit quaternion by its length can change its last bit, and a resumed run must not differ.
-            scaled = np.abs(lengths - 1.0) > 1e-6
-            self._scene.quaternions[scaled] /= lengths[scaled, None]
+        self._scene.quaternions = gaussians.unit_quaternions
         count, columns = len(gaussians), GRADIENT_SH + 3 * gaussians.sh.shape[1]
         self._first_moments = np.zeros((count, columns), np.float32) if state is None else state.first_moments.copy()
         self._second_moments = np.zeros((count, columns), np.float32) if state is None else state.second_moments.copy()

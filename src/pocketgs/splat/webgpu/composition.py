@@ -2,7 +2,8 @@
 
 A shader's file begins with lines `import name, name …`, which stand for the files of those names in `shaders/common`.
 An imported name may be an interface with several implementations, such as `splat_words`: then the variant chosen says
-which file stands for it. The numbers that all engines share are written out at the top of every shader.
+which file stands for it. Numbers of the image formation, and sizes that the host must know too, are written out at the
+top of every shader.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import Literal
 
 from pocketgs.splat import constants
 from pocketgs.splat.reference.loss import ssim_window
+from pocketgs.splat.webgpu.layout import SHARED
 
 Access = Literal["uniform", "read", "read_write"]
 
@@ -26,9 +28,20 @@ _BINDING = re.compile(
     r"^@group\(0\) @binding\((?P<number>\d+)\) var<(?:(?P<uniform>uniform)|storage, (?P<access>\w+))> (?P<name>\w+):",
     re.MULTILINE,
 )
-_SHARED = ("NEAR", "LOW_PASS", "LEAST_DETERMINANT", "LARGEST_VARIANCE", "BRIGHTEST", "ALPHA_MAX", "TRANSMITTANCE_MIN")
+_IMAGE_FORMATION = (
+    "NEAR",
+    "LOW_PASS",
+    "LEAST_DETERMINANT",
+    "LARGEST_VARIANCE",
+    "BRIGHTEST",
+    "ALPHA_MAX",
+    "TRANSMITTANCE_MIN",
+    "SSIM_C1",
+    "SSIM_C2",
+)
 _LARGEST_LOG_SCALE = 40.0
-"""A larger one would overflow when its exponential is squared; nothing that large has a variance to be drawn with."""
+"""In float32 the square of a larger one's exponential overflows. The other engines, in float64, leave that to
+LARGEST_VARIANCE, under which nothing so large can be drawn."""
 
 
 @dataclass(frozen=True)
@@ -105,10 +118,11 @@ def _bindings(name: str, source: str) -> tuple[Binding, ...]:
 @cache
 def _constants() -> str:
     """Numbers of the image formation as WGSL."""
-    values = {name: getattr(constants, name) for name in (*_SHARED, "SSIM_C1", "SSIM_C2")}
+    values = {name: getattr(constants, name) for name in _IMAGE_FORMATION}
     values |= {"LOG2_ALPHA_MIN": math.log2(constants.ALPHA_MIN), "LOG2_E": math.log2(math.e)}
     values["LARGEST_LOG_SCALE"] = _LARGEST_LOG_SCALE
     lines = [f"const {name}: f32 = {value!r};" for name, value in values.items()]
+    lines += [f"const {name}: u32 = {value}u;" for name, value in SHARED.items()]
     weights = ", ".join(repr(float(weight)) for weight in ssim_window())
     count = constants.SSIM_WINDOW
     return "\n".join([*lines, f"const SSIM_WEIGHTS: array<f32, {count}> = array<f32, {count}>({weights});", ""])

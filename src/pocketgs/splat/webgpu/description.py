@@ -63,7 +63,7 @@ class Description:
         buffers: sizes in bytes, as expressions.
         uniforms: the layouts of the uniform buffers.
         shaders: by name.
-        sequences: by name: "render" and "step".
+        sequences: by name: "render", "render depth" and, for training, "step".
     """
 
     variants: Mapping[str, str]

@@ -10,12 +10,13 @@ import numpy as np
 
 from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
+from pocketgs.errors import PocketGSError
 from pocketgs.gaussians import Gaussians
 from pocketgs.splat.engine import KEPT_LOSSES, EngineOptions, OptimiserState, Rendering
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.adapters import BUFFER_LIMITS, choose_adapter, open_device
 from pocketgs.splat.webgpu.frame_values import is_regularised, structural_share, update_values, view_values
-from pocketgs.splat.webgpu.memory import Extent, Limits, plan_memory
+from pocketgs.splat.webgpu.memory import Extent, Limits, MemoryPlan, plan_memory
 from pocketgs.splat.webgpu.passes import Variant, describe
 from pocketgs.splat.webgpu.photographs import PIXEL_BYTES, packed
 from pocketgs.splat.webgpu.replay import Replayer
@@ -27,14 +28,14 @@ LEAST_ENTRIES = 1 << 16
 
 GROWTH = 1.25
 
-ENTRY_BYTES = 36
-"""The largest buffer with something for every entry holds so many bytes of each."""
-
-RENDERING = ("render", "render depth")
+ENTRY_BYTES = {"ordered": 36, "atomic": 4}
+"""What the largest of the buffers with something for every entry holds of each."""
 
 MOST_PENDING = 64
-SECONDS_BETWEEN_LOOKS = 0.2
-"""The host looks whether steps were completed after so many, or so much time: the GPU has work queued until then."""
+MOST_STREAMED = 4
+SECONDS_AHEAD = 0.2
+"""The GPU has at most so many steps, or so much work, before it: then the host looks whether they were completed. Of
+steps whose photographs are streamed there are fewer, since each holds a copy of its own."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,8 @@ class WebGpuEngine:
     """Operator T in compute shaders; see `pocketgs.splat.engine.Engine`.
 
     Steps are submitted and not waited for. A step that needs more room for tiles' lists than there is changes nothing,
-    and neither do those after it: when the host next looks, it makes room and submits them again. So a run gives the
-    same result however often that happens.
+    and neither do those after it: when the host next looks, it makes room and submits them again. A run gives the same
+    result however often that happens.
 
     Args:
         options: which device, and how it works; all at their defaults if None.
@@ -60,6 +61,8 @@ class WebGpuEngine:
     """
 
     name = "webgpu"
+    _extent: Extent
+    _plan: MemoryPlan
 
     def __init__(self, options: EngineOptions | None = None) -> None:
         options = options or EngineOptions()
@@ -74,8 +77,11 @@ class WebGpuEngine:
         self._frames: list[Frame] = []
         self._pending: list[_Step] = []
         self._completed = self._completed_before = 0
-        self._looked = 0.0
-        self._fit(Extent())
+        # Until it is known how long a step takes, the host looks after each.
+        self._most_pending = 1
+        self._first_pending = 0.0
+        self._most_entries = largest // ENTRY_BYTES[options.accumulation]
+        self._fit(Extent(), [])
 
     def prepare(self) -> None:
         """Compile all pipelines."""
@@ -88,9 +94,8 @@ class WebGpuEngine:
             PocketGSError: the GPU's memory does not hold what training on them takes.
         """
         self._settle()
-        sizes = self._extent.image_sizes | {(frame.camera.width, frame.camera.height) for frame in frames}
-        photographs = tuple(frame.camera.width * frame.camera.height for frame in frames)
-        self._fit(replace(self._extent, image_sizes=sizes, photographs=photographs, trains=True), frames)
+        sizes = tuple((frame.camera.width, frame.camera.height) for frame in frames)
+        self._fit(replace(self._extent, photographs=sizes, drawn_sizes=frozenset(), trains=True), frames)
 
     def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
         """Take a copy of the scene, and of the optimiser's state or start it anew.
@@ -98,14 +103,11 @@ class WebGpuEngine:
         Raises:
             PocketGSError: the GPU's memory does not hold it.
         """
-        self._pending.clear()
         count, coefficients = len(gaussians), gaussians.sh.shape[1]
-        entries = min(max(LEAST_ENTRIES, ENTRIES_PER_GAUSSIAN * count), self._most_entries)
         trains = self._extent.trains or state is not None
-        self._fit(
-            replace(self._extent, gaussians=count, coefficients=coefficients, entries=entries, trains=trains),
-            self._frames,
-        )
+        extent = replace(self._extent, gaussians=count, coefficients=coefficients, trains=trains)
+        self._fit_entries(extent, ENTRIES_PER_GAUSSIAN * count, LEAST_ENTRIES)
+        self._pending.clear()
         self._completed = self._completed_before = state.steps if state else 0
         self._write_status()
         for name, values in zip(("shape", "sh"), to_columns(gaussians), strict=True):
@@ -117,8 +119,11 @@ class WebGpuEngine:
 
     def step(self, view: int, settings: StepSettings) -> None:
         """Train on one view. Returns before it is done."""
+        if not self._pending:
+            self._first_pending = time.monotonic()
         self._submit(_Step(view, settings))
-        if len(self._pending) >= MOST_PENDING or time.monotonic() - self._looked > SECONDS_BETWEEN_LOOKS:
+        most = self._most_pending if self._plan.shelf.is_resident(view) else min(self._most_pending, MOST_STREAMED)
+        if len(self._pending) >= most:
             self._settle()
 
     def loss(self, steps: int = 1) -> float:
@@ -164,11 +169,6 @@ class WebGpuEngine:
     def _columns(self) -> int:
         return 10 + 3 * self._extent.coefficients
 
-    @property
-    def _most_entries(self) -> int:
-        """More of them would need a larger buffer than the device allows."""
-        return self._limits.buffer // ENTRY_BYTES
-
     def _read_columns(self, name: str, columns: int) -> np.ndarray:
         """(columns, N) float32."""
         count = self._extent.gaussians
@@ -187,15 +187,23 @@ class WebGpuEngine:
             }
         )
 
-    def _fit(self, extent: Extent, frames: Sequence[Frame] = ()) -> None:
-        """Make the buffers for what is to be held, with these photographs; or change nothing, if it is too much."""
-        sequences = (*RENDERING, "step") if extent.trains else RENDERING
-        self._plan = plan_memory(self._replayer.description, sequences, extent, self._limits)
-        self._extent, self._frames = extent, list(frames)
-        self._replayer.reserve(self._plan.sizes)
+    def _fit(self, extent: Extent, frames: Sequence[Frame] | None = None) -> None:
+        """Make the buffers for what is to be held. What does not fit is refused before anything is changed."""
+        plan = plan_memory(self._replayer.description, extent, self._limits)
+        self._replayer.reserve(plan.sizes)
+        shelved = frames is None and plan.shelf == self._plan.shelf
+        self._extent, self._plan = extent, plan
+        self._frames = self._frames if frames is None else list(frames)
         for view, frame in enumerate(self._frames):
-            if self._plan.shelf.is_resident(view):
-                self._replayer.write("photographs", packed(frame), PIXEL_BYTES * self._plan.shelf.place(view))
+            if plan.shelf.is_resident(view) and not shelved:
+                self._replayer.write("photographs", packed(frame), PIXEL_BYTES * plan.shelf.place(view))
+
+    def _fit_entries(self, extent: Extent, wanted: int, needed: int) -> None:
+        """`_fit`, with room for as many entries as are wanted, or at least for those that are needed."""
+        try:
+            self._fit(replace(extent, entries=max(needed, min(wanted, self._most_entries))))
+        except PocketGSError:
+            self._fit(replace(extent, entries=needed))
 
     def _submit(self, step: _Step) -> None:
         frame, shelf = self._frames[step.view], self._plan.shelf
@@ -211,6 +219,9 @@ class WebGpuEngine:
 
     def _settle(self) -> None:
         """Wait until all steps are completed; make room and submit again those that found too little."""
+        if not self._pending:
+            return
+        taken = len(self._pending)
         while self._pending:
             completed, halted, needed = self._replayer.read("status", np.uint32, 3)
             waiting = self._pending[int(completed) - self._completed :]
@@ -219,13 +230,15 @@ class WebGpuEngine:
                 self._make_room(int(needed))
             for step in waiting:
                 self._submit(step)
-        self._looked = time.monotonic()
+        seconds = (time.monotonic() - self._first_pending) / taken
+        self._most_pending = int(np.clip(SECONDS_AHEAD / seconds, 1, MOST_PENDING))
 
     def _make_room(self, needed: int) -> None:
         """Let the lists of tiles hold `needed` entries and some more, and let the run go on."""
-        entries = max(needed, min(int(needed * GROWTH), self._most_entries))
-        self._fit(replace(self._extent, entries=entries), self._frames)
-        self._write_status()
+        try:
+            self._fit_entries(self._extent, int(needed * GROWTH), needed)
+        finally:
+            self._write_status()
 
     def _write_status(self) -> None:
         """Let the GPU know how many steps are completed, and that nothing stands in the way of the next."""
@@ -235,8 +248,8 @@ class WebGpuEngine:
         """(H, W, 4) float32: colour and transmittance."""
         self._settle()
         size = (camera.width, camera.height)
-        if size not in self._extent.image_sizes:
-            self._fit(replace(self._extent, image_sizes=self._extent.image_sizes | {size}), self._frames)
+        if size not in self._extent.drawn_sizes:
+            self._fit(replace(self._extent, drawn_sizes=self._extent.drawn_sizes | {size}))
         while True:
             symbols = self._symbols(camera)
             self._replayer.write_uniform("view", view_values(camera, background, symbols))

@@ -11,7 +11,7 @@ from pocketgs.camera import Camera
 from pocketgs.splat.constants import FRUSTUM_MARGIN, SSIM_WINDOW
 from pocketgs.splat.engine import KEPT_LOSSES
 from pocketgs.splat.settings import StepSettings
-from pocketgs.splat.webgpu.passes import TILE
+from pocketgs.splat.webgpu.layout import TILE
 from pocketgs.splat.webgpu.sizes import Symbols, ceil_div
 
 
@@ -59,7 +59,7 @@ def structural_share(settings: StepSettings, camera: Camera) -> float:
 
 def is_regularised(settings: StepSettings) -> bool:
     """Whether the loss has terms of the Gaussians themselves."""
-    return settings.loss.scale_weight > 0.0 or settings.loss.opacity_weight > 0.0
+    return settings.loss.scale_weight != 0.0 or settings.loss.opacity_weight != 0.0
 
 
 def update_values(settings: StepSettings, camera: Camera, gaussians: int, step: int) -> dict[str, ArrayLike]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.webgpu.description import LEAST_BUFFER, Description
 from pocketgs.splat.webgpu.photographs import PIXEL_BYTES, Shelf
+
+RENDERING = ("render", "render depth")
 
 DEEPEST_REPLAY = 24
 """Contributions of each pixel that a replay cache has room for, memory permitting; those after them are recomputed."""
@@ -29,16 +31,16 @@ class Extent:
         gaussians: their number.
         coefficients: of spherical harmonics a channel.
         entries: of tiles' lists, that there is to be room for.
-        image_sizes: width and height of every image that is drawn.
-        photographs: pixels of each.
+        photographs: width and height of each.
+        drawn_sizes: width and height of other images that are drawn.
         trains: whether it is to train, or only to render.
     """
 
     gaussians: int = 0
     coefficients: int = 1
     entries: int = 0
-    image_sizes: frozenset[tuple[int, int]] = frozenset({(1, 1)})
-    photographs: tuple[int, ...] = ()
+    photographs: tuple[tuple[int, int], ...] = ()
+    drawn_sizes: frozenset[tuple[int, int]] = frozenset()
     trains: bool = False
 
     @property
@@ -67,27 +69,21 @@ class MemoryPlan:
         return sum(self.sizes.values())
 
 
-def plan_memory(
-    description: Description,
-    sequences: Iterable[str],
-    extent: Extent,
-    limits: Limits,
-) -> MemoryPlan:
+def plan_memory(description: Description, extent: Extent, limits: Limits) -> MemoryPlan:
     """Fit a run into memory: a replay cache as deep as there is room for, and as many photographs as then fit.
 
     Args:
         description: says how large each buffer is.
-        sequences: those that will be run.
         extent: what is to be held.
         limits: how much there is.
 
     Raises:
         PocketGSError: not even without a cache, and with one photograph at a time.
     """
-    buffers = [name for name in description.buffers_of(sequences) if name != "photographs"]
-    least_shelf = PIXEL_BYTES * max(extent.photographs, default=0)
+    photographs = [width * height for width, height in extent.photographs]
+    least_shelf = PIXEL_BYTES * max(photographs, default=0)
     for depth in range(DEEPEST_REPLAY, -1, -1):
-        sizes = _sizes(description, buffers, {**extent.symbols, "replay_depth": depth}, extent.image_sizes)
+        sizes = _sizes(description, extent, depth)
         total = sum(sizes.values()) + least_shelf
         if total <= limits.total and sizes.get("replay_cache", 0) <= limits.buffer:
             break
@@ -103,20 +99,19 @@ def plan_memory(
                 f"{limits.buffer / 1e6:.0f} MB: expected fewer --max-gaussians or smaller images (--downscale)"
             )
     room = min(limits.total - sum(sizes.values()), limits.buffer)
-    shelf = Shelf(extent.photographs, room // PIXEL_BYTES)
+    shelf = Shelf(photographs, room // PIXEL_BYTES)
     return MemoryPlan({**sizes, "photographs": max(PIXEL_BYTES * shelf.pixels, LEAST_BUFFER)}, depth, shelf)
 
 
-def _sizes(
-    description: Description,
-    buffers: Sequence[str],
-    symbols: Mapping[str, int],
-    image_sizes: Iterable[tuple[int, int]],
-) -> dict[str, int]:
-    """Bytes of every buffer, enough for each of the images."""
-    largest = dict.fromkeys(buffers, LEAST_BUFFER)
-    for width, height in image_sizes:
-        given = {**symbols, "width": width, "height": height}
-        sizes = description.sizes(description.symbols(given), buffers)
-        largest = {name: max(size, largest[name]) for name, size in sizes.items()}
+def _sizes(description: Description, extent: Extent, replay_depth: int) -> dict[str, int]:
+    """Bytes of every buffer but that of the photographs, enough for each of the images."""
+    training = (*RENDERING, "step") if extent.trains else RENDERING
+    uses = ((RENDERING, extent.drawn_sizes), (training, {(1, 1), *extent.photographs}))
+    largest: dict[str, int] = {}
+    for sequences, image_sizes in uses:
+        buffers = [name for name in description.buffers_of(sequences) if name != "photographs"]
+        for width, height in image_sizes:
+            given = {**extent.symbols, "replay_depth": replay_depth, "width": width, "height": height}
+            for name, size in description.sizes(description.symbols(given), buffers).items():
+                largest[name] = max(size, largest.get(name, 0))
     return largest

@@ -10,13 +10,8 @@ from typing import Literal
 from pocketgs.splat.engine import KEPT_LOSSES, Accumulation, Precision, Replay
 from pocketgs.splat.webgpu.composition import Shader, compose
 from pocketgs.splat.webgpu.description import Description, Pass, Sequence
+from pocketgs.splat.webgpu.layout import BLOCK, DIGIT_BITS, PATCH, THREADS, TILE
 from pocketgs.splat.webgpu.uniforms import UniformLayout
-
-TILE = 8
-PATCH = 16
-BLOCK = 2048
-THREADS = 256
-DIGIT_BITS = 4
 
 DEFINITIONS = {
     "pixels": "width * height",
@@ -101,7 +96,6 @@ def _buffers(variant: Variant) -> dict[str, str]:
         "tile_starts": "4 * tiles + 8",
         "drawn_ranges": "8 * tiles",
         "image": "16 * pixels",
-        "replay_cache": "0",
     }
 
 

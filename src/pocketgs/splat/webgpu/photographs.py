@@ -43,6 +43,9 @@ class Shelf:
         self._shared_place = place
         self.pixels = place + shared
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Shelf) and (self._places, self.pixels) == (other._places, other.pixels)
+
     def place(self, view: int) -> int:
         """Where a photograph begins, in pixels."""
         own = self._places[view]

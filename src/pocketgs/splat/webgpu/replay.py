@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.webgpu.description import Description, Pass, Sequence
+from pocketgs.splat.webgpu.layout import LONGEST_ROW
 from pocketgs.splat.webgpu.sizes import Symbols, evaluate
 
-LONGEST_ROW = 65_535
-"""No dimension of a dispatch may be longer."""
+LARGE_WRITE = 1 << 20
 
 _LAYOUT_TYPES = {
     "uniform": wgpu.BufferBindingType.uniform,
@@ -85,6 +85,8 @@ class Replayer:
         """Write to a buffer from a byte on, in order with the sequences submitted."""
         if content.size:
             self._device.queue.write_buffer(self._buffers[name], offset, content.reshape(-1))
+            if content.nbytes > LARGE_WRITE:
+                self._device.queue.submit([])  # lets go of the copy that waits for the GPU
 
     def write_uniform(self, name: str, values: Mapping[str, ArrayLike]) -> None:
         """Fill in a uniform buffer."""

@@ -21,11 +21,7 @@ def to_columns(scene: Gaussians) -> tuple[np.ndarray, np.ndarray]:
         `shape`, (11, N) float32: mean 3, log scale 3, quaternion of unit length 4, opacity logit 1; and `sh`,
         (3 K, N) float32.
     """
-    with np.errstate(all="ignore"):
-        lengths = np.linalg.norm(scene.quaternions, axis=1, keepdims=True)
-        # Dividing a unit quaternion by its length can change its last bit, and a resumed run must not differ.
-        quaternions = np.where(np.abs(lengths - 1.0) > 1e-6, scene.quaternions / lengths, scene.quaternions)
-    parts = [scene.means, scene.log_scales, quaternions, scene.opacity_logits[:, None]]
+    parts = [scene.means, scene.log_scales, scene.unit_quaternions, scene.opacity_logits[:, None]]
     shape = np.concatenate([part.T for part in parts]).astype(np.float32)
     return shape, transposed(scene.sh.reshape(len(scene), 3 * scene.sh.shape[1]))
 

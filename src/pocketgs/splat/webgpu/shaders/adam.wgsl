@@ -41,13 +41,12 @@ fn turned(q: vec4f, delta: vec3f) -> vec4f {
     return normalize(vec4f(q.x * c - dot(q.yzw, v), q.x * v + c * q.yzw + cross(q.yzw, v)));
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) thread: u32,
 ) {
-    let i = folded(workgroup, groups) * 256u + thread;
+    let i = folded(workgroup) * THREADS + thread;
     let n = view.gaussians;
     if (i >= n || status[HALTED] != 0u) {
         return;

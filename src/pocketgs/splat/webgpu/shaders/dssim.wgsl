@@ -10,11 +10,11 @@ import view, update, folding, photograph, ssim_window, workgroup_sum
 @group(0) @binding(5) var<storage, read_write> loss_parts: array<vec2f>;
 
 // Rendered and photographed value of one channel; and the windowed means of x, y, x² + y² and xy along the rows.
-var<workgroup> values: array<vec2f, PATCH_PIXELS>;
+var<workgroup> values: array<vec2f, PADDED_PIXELS>;
 var<workgroup> strip: array<vec4f, STRIP_PIXELS>;
 
 fn load_patch(corner: vec2u, channel: u32, thread: u32) {
-    for (var place = thread; place < PATCH_PIXELS; place += 256u) {
+    for (var place = thread; place < PADDED_PIXELS; place += THREADS) {
         let pixel = patch_pixel(view, corner, place);
         var pair = vec2f();
         if (pixel.inside) {
@@ -27,28 +27,27 @@ fn load_patch(corner: vec2u, channel: u32, thread: u32) {
 }
 
 fn filter_rows(thread: u32) {
-    for (var place = thread; place < STRIP_PIXELS; place += 256u) {
+    for (var place = thread; place < STRIP_PIXELS; place += THREADS) {
         var sums = vec4f();
-        for (var k = 0u; k < 2u * MARGIN + 1u; k++) {
-            let v = values[place / SIDE * PATCH + place % SIDE + k];
+        for (var k = 0u; k < WINDOW; k++) {
+            let v = values[place / PATCH * PADDED + place % PATCH + k];
             sums += SSIM_WEIGHTS[k] * vec4f(v, dot(v, v), v.x * v.y);
         }
         strip[place] = sums;
     }
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) thread: u32,
 ) {
-    let group = folded(workgroup, groups);
+    let group = folded(workgroup);
     if (group >= patches(view)) {
         return;
     }
     let corner = patch_corner(view, group);
-    let centre = corner + vec2u(thread % SIDE, thread / SIDE);
+    let centre = corner + vec2u(thread % PATCH, thread / PATCH);
     let inside = centre.x < view.width && centre.y < view.height;
     let whole = all(centre >= vec2u(MARGIN)) && all(centre + MARGIN < vec2u(view.width, view.height));
     let pixels = view.width * view.height;
@@ -60,15 +59,15 @@ fn main(
         filter_rows(thread);
         workgroupBarrier();
         var means = vec4f();
-        for (var k = 0u; k < 2u * MARGIN + 1u; k++) {
-            means += SSIM_WEIGHTS[k] * strip[thread + k * SIDE];
+        for (var k = 0u; k < WINDOW; k++) {
+            means += SSIM_WEIGHTS[k] * strip[thread + k * PATCH];
         }
         let x = means.x;
         let y = means.y;
         let luminance = 2.0 * x * y + SSIM_C1;
         let luminance_bound = x * x + y * y + SSIM_C1;
         let structure = 2.0 * (means.w - x * y) + SSIM_C2;
-        let structure_bound = means.z - x * x - y * y + SSIM_C2;
+        let structure_bound = max(means.z - x * x - y * y, 0.0) + SSIM_C2;
         let similarity = luminance * structure / (luminance_bound * structure_bound);
         let d_square = -similarity / structure_bound;
         let d_product = 2.0 * luminance / (luminance_bound * structure_bound);

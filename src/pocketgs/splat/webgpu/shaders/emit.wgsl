@@ -11,13 +11,12 @@ import view, folding, splat, splat_words, read_splat, tiles
 @group(0) @binding(6) var<storage, read_write> slots: array<u32>;
 @group(0) @binding(7) var<storage, read_write> slot_splats: array<u32>;
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) thread: u32,
 ) {
-    let rank = folded(workgroup, groups) * 256u + thread;
+    let rank = folded(workgroup) * THREADS + thread;
     if (rank >= view.gaussians || entry_count[0] == 0u) {
         return;
     }

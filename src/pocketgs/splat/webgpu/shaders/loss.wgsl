@@ -11,7 +11,7 @@ import view, update, folding, photograph, ssim_window, workgroup_sum
 @group(0) @binding(6) var<storage, read_write> loss_parts: array<vec2f>;
 
 // One channel's three derivatives on the patch; and filtered along the rows. (A vec3f would take the room of four.)
-var<workgroup> values: array<array<f32, 3>, PATCH_PIXELS>;
+var<workgroup> values: array<array<f32, 3>, PADDED_PIXELS>;
 var<workgroup> strip: array<array<f32, 3>, STRIP_PIXELS>;
 
 fn as_vector(values: array<f32, 3>) -> vec3f {
@@ -22,7 +22,7 @@ fn as_vector(values: array<f32, 3>) -> vec3f {
 fn spread(corner: vec2u, channel: u32, thread: u32) -> vec3f {
     let pixels = view.width * view.height;
     workgroupBarrier();
-    for (var place = thread; place < PATCH_PIXELS; place += 256u) {
+    for (var place = thread; place < PADDED_PIXELS; place += THREADS) {
         let pixel = patch_pixel(view, corner, place);
         var derivatives = array<f32, 3>();
         if (pixel.inside) {
@@ -36,33 +36,32 @@ fn spread(corner: vec2u, channel: u32, thread: u32) -> vec3f {
         values[place] = derivatives;
     }
     workgroupBarrier();
-    for (var place = thread; place < STRIP_PIXELS; place += 256u) {
+    for (var place = thread; place < STRIP_PIXELS; place += THREADS) {
         var sums = vec3f();
-        for (var k = 0u; k < 2u * MARGIN + 1u; k++) {
-            sums += SSIM_WEIGHTS[k] * as_vector(values[place / SIDE * PATCH + place % SIDE + k]);
+        for (var k = 0u; k < WINDOW; k++) {
+            sums += SSIM_WEIGHTS[k] * as_vector(values[place / PATCH * PADDED + place % PATCH + k]);
         }
         strip[place] = array<f32, 3>(sums.x, sums.y, sums.z);
     }
     workgroupBarrier();
     var sums = vec3f();
-    for (var k = 0u; k < 2u * MARGIN + 1u; k++) {
-        sums += SSIM_WEIGHTS[k] * as_vector(strip[thread + k * SIDE]);
+    for (var k = 0u; k < WINDOW; k++) {
+        sums += SSIM_WEIGHTS[k] * as_vector(strip[thread + k * PATCH]);
     }
     return sums;
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) thread: u32,
 ) {
-    let group = folded(workgroup, groups);
+    let group = folded(workgroup);
     if (group >= patches(view)) {
         return;
     }
     let corner = patch_corner(view, group);
-    let place = corner + vec2u(thread % SIDE, thread / SIDE);
+    let place = corner + vec2u(thread % PATCH, thread / PATCH);
     let inside = place.x < view.width && place.y < view.height;
     let pixel = place.y * view.width + place.x;
     var x = vec3f();

@@ -82,14 +82,13 @@ fn count_tiles(splat: Splat) -> u32 {
     return count;
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) thread: u32,
 ) {
-    let cluster = folded(workgroup, groups);
-    let i = cluster * 256u + thread;
+    let cluster = folded(workgroup);
+    let i = cluster * THREADS + thread;
     if (i >= view.gaussians) {
         return;
     }

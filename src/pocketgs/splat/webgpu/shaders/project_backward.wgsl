@@ -65,7 +65,8 @@ fn shape_backward(gaussian: Gaussian, jacobian: Jacobian, d_covariance: mat2x2f,
 // Gradient with respect to the camera-space position, from the projected centre and from the Jacobian.
 fn position_backward(local: vec3f, jacobian: Jacobian, d_mean: vec2f, d_jacobian: Jacobian) -> vec3f {
     let z = local.z;
-    let free = clamped_slopes(view, local) == local.xy / z;
+    let slopes = local.xy / z;
+    let free = (slopes >= view.slopes_low) & (slopes <= view.slopes_high);
     var d = vec3f(d_mean * view.focal / z, 0.0);
     d.z = -(dot(d.xy, local.xy) + jacobian.xx * d_jacobian.xx + jacobian.yy * d_jacobian.yy) / z;
     // xx = fx/z and xz = -fx x/z², or -fx · limit/z where clamped.
@@ -96,13 +97,12 @@ fn colour_backward(mean: vec3f, d_colour: vec3f, i: u32) -> vec3f {
     return (d_direction - dot(direction, d_direction) * direction) / distance;
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) thread: u32,
 ) {
-    let rank = folded(workgroup, groups) * 256u + thread;
+    let rank = folded(workgroup) * THREADS + thread;
     if (rank >= view.gaussians || entry_count[0] == 0u) {
         return;
     }
@@ -121,5 +121,5 @@ fn main(
     let d_jacobian = shape_backward(gaussian, jacobian, covariance_gradient(inverse, sums), i);
     let d_local = position_backward(local, jacobian, inverse * sums.offset, d_jacobian);
     write_gradient3(GRADIENT_MEAN, i, to_world(view, d_local) + colour_backward(gaussian.mean, sums.colour, i));
-    write_gradient(GRADIENT_OPACITY, i, sums.exponent * (1.0 - exp2(splat.log2_opacity)));
+    write_gradient(GRADIENT_OPACITY, i, sums.exponent / (1.0 + exp(gaussian.opacity_logit)));
 }

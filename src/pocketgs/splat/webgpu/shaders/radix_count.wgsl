@@ -10,15 +10,14 @@ override shift: u32 = 0u;
 
 var<workgroup> counts: array<atomic<u32>, DIGITS>;
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) thread: u32,
 ) {
     let length = list_length(view, entry_count[0]);
     let blocks = (length + BLOCK - 1u) / BLOCK;
-    let block = folded(workgroup, groups);
+    let block = folded(workgroup);
     if (block >= blocks) {
         return;
     }

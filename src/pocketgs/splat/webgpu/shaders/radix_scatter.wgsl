@@ -17,15 +17,14 @@ var<workgroup> places: array<u32, DIGITS>;
 // stands in the upper or lower half of word d / 2.
 var<private> counters: array<u32, 8>;
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) thread: u32,
 ) {
     let length = list_length(view, entry_count[0]);
     let blocks = (length + BLOCK - 1u) / BLOCK;
-    let block = folded(workgroup, groups);
+    let block = folded(workgroup);
     if (block >= blocks) {
         return;
     }

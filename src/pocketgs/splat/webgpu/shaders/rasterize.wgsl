@@ -9,7 +9,6 @@ import view, folding, splat, splat_words, read_splat, tiles, compositing, record
 @group(0) @binding(4) var<storage, read> splats: array<u32>;
 @group(0) @binding(5) var<storage, read_write> image: array<vec4f>;
 @group(0) @binding(6) var<storage, read_write> drawn_ranges: array<vec2u>;
-@group(0) @binding(7) var<storage, read_write> replay_cache: array<u32>;
 
 // Draw depths in place of colours.
 override draw_depth: bool = false;
@@ -19,14 +18,13 @@ var<workgroup> drawn_end: atomic<u32>;
 var<workgroup> clear_pixels: atomic<u32>;
 var<workgroup> finished: u32;
 
-@compute @workgroup_size(8, 8)
+@compute @workgroup_size(TILE, TILE)
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_id) place: vec3u,
     @builtin(local_invocation_index) thread: u32,
 ) {
-    let tile = folded(workgroup, groups);
+    let tile = folded(workgroup);
     if (tile >= view.tiles_across * view.tiles_down) {
         return;
     }

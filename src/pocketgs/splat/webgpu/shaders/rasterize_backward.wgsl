@@ -17,7 +17,6 @@ import accumulation
 @group(0) @binding(5) var<storage, read> image: array<vec4f>;
 @group(0) @binding(6) var<storage, read> d_image: array<vec4f>;
 @group(0) @binding(7) var<storage, read_write> gradient_rows: array<GradientWord>;
-@group(0) @binding(8) var<storage, read> replay_cache: array<u32>;
 
 // The pixels of the tile: T, H, and the gradient of their colours.
 var<workgroup> transmittances: array<f32, TILE_PIXELS>;
@@ -70,13 +69,12 @@ fn visit(splat: Splat, entry: u32, pixel: u32, centre: vec2f, sums: ptr<function
     (*sums).colour += weight * d_colour;
 }
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(TILE_PIXELS)
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) thread: u32,
 ) {
-    let tile = folded(workgroup, groups);
+    let tile = folded(workgroup);
     if (tile >= view.tiles_across * view.tiles_down) {
         return;
     }

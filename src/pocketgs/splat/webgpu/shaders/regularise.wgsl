@@ -8,17 +8,16 @@ import view, update, folding, gaussians, read_gaussian, workgroup_sum
 @group(0) @binding(3) var<storage, read_write> gradients: array<f32>;
 @group(0) @binding(4) var<storage, read_write> regulariser_parts: array<f32>;
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) thread: u32,
 ) {
-    let group = folded(workgroup, groups);
-    if (group * 256u >= view.gaussians) {
+    let group = folded(workgroup);
+    if (group * THREADS >= view.gaussians) {
         return;
     }
-    let i = group * 256u + thread;
+    let i = group * THREADS + thread;
     var value = 0.0;
     if (i < view.gaussians) {
         for (var axis = 0u; axis < 3u; axis++) {

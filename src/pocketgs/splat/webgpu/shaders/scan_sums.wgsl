@@ -6,13 +6,12 @@ import view, folding, radix, scan
 @group(0) @binding(2) var<storage, read> tile_counts: array<u32>;
 @group(0) @binding(3) var<storage, read_write> block_sums: array<u32>;
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) thread: u32,
 ) {
-    let block = folded(workgroup, groups);
+    let block = folded(workgroup);
     if (block * BLOCK >= view.gaussians) {
         return;
     }

@@ -7,13 +7,12 @@ import view, folding, radix, scan
 @group(0) @binding(3) var<storage, read> block_sums: array<u32>;
 @group(0) @binding(4) var<storage, read_write> first_slots: array<u32>;
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) thread: u32,
 ) {
-    let block = folded(workgroup, groups);
+    let block = folded(workgroup);
     if (block * BLOCK >= view.gaussians) {
         return;
     }

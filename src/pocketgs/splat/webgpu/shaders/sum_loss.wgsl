@@ -8,15 +8,15 @@ import view, update, ssim_window, status, workgroup_sum
 @group(0) @binding(4) var<storage, read_write> losses: array<f32>;
 @group(0) @binding(5) var<storage, read_write> status: array<u32>;
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn main(@builtin(local_invocation_index) thread: u32) {
     var sum = 0.0;
-    for (var part = thread; part < patches(view); part += 256u) {
+    for (var part = thread; part < patches(view); part += THREADS) {
         let parts = loss_parts[part];
         sum += parts.x - select(0.0, update.structural_weight * parts.y, update.structural_weight > 0.0);
     }
-    if (update.scale_weight > 0.0 || update.opacity_weight > 0.0) {
-        for (var part = thread; part * 256u < view.gaussians; part += 256u) {
+    if (update.scale_weight != 0.0 || update.opacity_weight != 0.0) {
+        for (var part = thread; part * THREADS < view.gaussians; part += THREADS) {
             sum += regulariser_parts[part];
         }
     }

@@ -6,13 +6,12 @@ import view, folding
 @group(0) @binding(2) var<storage, read> tile_keys: array<u32>;
 @group(0) @binding(3) var<storage, read_write> tile_starts: array<u32>;
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(THREADS)
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) thread: u32,
 ) {
-    let entry = folded(workgroup, groups) * 256u + thread;
+    let entry = folded(workgroup) * THREADS + thread;
     let entries = entry_count[0];
     if (entry >= entries) {
         return;

@@ -1,6 +1,4 @@
-// No dimension of a dispatch may exceed 65,535 workgroups, so long ones are folded into rows of equal length.
-const LONGEST_ROW: u32 = 65535u;
-
-fn folded(workgroup: vec3u, groups: vec3u) -> u32 {
-    return workgroup.y * groups.x + workgroup.x;
+// No dimension of a dispatch may exceed LONGEST_ROW workgroups, so long ones are folded into rows of that length.
+fn folded(workgroup: vec3u) -> u32 {
+    return workgroup.y * LONGEST_ROW + workgroup.x;
 }

@@ -1,6 +1,8 @@
 // The forward pass's side of the replay cache.
 import replay_layout, replay_words
 
+@group(0) @binding(7) var<storage, read_write> replay_cache: array<u32>;
+
 fn remember(pixel: u32, contribution: u32, entry: u32, alpha: f32, colour: vec3f) {
     if (contribution < view.replay_depth) {
         let place = record_place(cache_place(pixel), contribution);

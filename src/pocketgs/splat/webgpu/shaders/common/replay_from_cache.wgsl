@@ -1,6 +1,8 @@
 // Replay from what the forward pass kept; contributions beyond the cache's depth are recomputed.
 import replay_layout, replay_words
 
+@group(0) @binding(8) var<storage, read> replay_cache: array<u32>;
+
 // Of each pixel of the tile: where its part of the cache begins, how many contributions it had, how many of those have
 // been replayed, and C · ∂L/∂C.
 var<workgroup> cache_places: array<u32, TILE_PIXELS>;

@@ -1,12 +1,12 @@
 // Running sums over the 256 threads of a workgroup through workgroup memory (Hillis and Steele 1986).
-var<workgroup> running_sums: array<vec4u, 256>;
+var<workgroup> running_sums: array<vec4u, THREADS>;
 
 fn shared_scan(value: vec4u, thread: u32) -> vec4u {
     workgroupBarrier();
     running_sums[thread] = value;
     workgroupBarrier();
     var sum = value;
-    for (var reach = 1u; reach < 256u; reach = 2u * reach) {
+    for (var reach = 1u; reach < THREADS; reach = 2u * reach) {
         if (thread >= reach) {
             sum += running_sums[thread - reach];
         }
@@ -19,5 +19,5 @@ fn shared_scan(value: vec4u, thread: u32) -> vec4u {
 
 // The sum over all threads, after a scan.
 fn scan_total() -> vec4u {
-    return running_sums[255];
+    return running_sums[THREADS - 1u];
 }

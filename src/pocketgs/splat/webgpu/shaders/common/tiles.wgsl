@@ -1,6 +1,5 @@
 // A tile is a square of TILE x TILE pixels; tiles are numbered along the rows.
-const TILE: u32 = 8u;
-const TILE_PIXELS: u32 = 64u;
+const TILE_PIXELS: u32 = TILE * TILE;
 
 // Top left pixel of a tile.
 fn tile_origin(view: View, tile: u32) -> vec2u {

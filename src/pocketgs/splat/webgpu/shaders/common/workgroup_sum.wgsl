@@ -1,15 +1,16 @@
 // The sum of a number over the 256 threads of a workgroup, always in the same order.
-var<workgroup> partial_sums: array<f32, 256>;
+var<workgroup> partial_sums: array<f32, THREADS>;
 
 // Every thread of the workgroup must call it; thread 0 gets the sum.
 fn workgroup_sum(value: f32, thread: u32) -> f32 {
     workgroupBarrier();
     partial_sums[thread] = value;
-    for (var reach = 128u; reach > 0u; reach = reach / 2u) {
+    for (var reach = THREADS / 2u; reach > 0u; reach = reach / 2u) {
         workgroupBarrier();
         if (thread < reach) {
             partial_sums[thread] += partial_sums[thread + reach];
         }
     }
+    workgroupBarrier();
     return partial_sums[0];
 }
