@@ -155,7 +155,7 @@ def count_work(engine: WebGpuEngine, frames: Sequence[Frame], settings: StepSett
 def _count_view(engine: WebGpuEngine, view: int, frame: Frame, settings: StepSettings) -> Work:
     engine.step(view, settings)
     engine.loss()
-    read, camera, count = engine._replayer.read, frame.camera, engine._gaussians
+    read, camera, count = engine._replayer.read, frame.camera, engine._extent.gaussians
     tiles = ceil_div(camera.width, TILE) * ceil_div(camera.height, TILE)
     starts = read("tile_starts", np.uint32, tiles + 1)
     listed = int(read("entry_count", np.uint32, 1)[0])
