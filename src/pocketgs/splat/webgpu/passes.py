@@ -85,6 +85,8 @@ def _buffers(variant: Variant) -> dict[str, str]:
         "block_sums": "4 * blocks",
         "first_slots": "4 * gaussians + 4",
         "digit_counts": f"{4 << DIGIT_BITS} * max(blocks, entry_blocks)",
+        "depth_digit": "8",
+        "tile_digit": "8",
         "entry_count": "4",
         "entry_dispatches": "24",
         "status": "12",
@@ -125,13 +127,14 @@ _GAUSSIANS = _List(True, groups="blocks")
 _ENTRIES = _List(False, indirect=("entry_dispatches", 0))
 
 
-def _radix_sort(keys: str, values: str, bits: int, over: _List, when: Callable[[int], str]) -> list[Pass]:
+def _radix_sort(keys: str, values: str, digit: str, bits: int, over: _List, when: Callable[[int], str]) -> list[Pass]:
     """Sort by the lowest bits of the keys.
 
     Args:
         keys: buffer; like that of the values it has a spare one. The digits are even in number, so that the result lies
             in these and not in the spare ones.
         values: buffer.
+        digit: buffer that says which digit's turn it is; all 0 before.
         bits: how many.
         over: which list.
         when: from a digit's lowest bit to the condition on which it is sorted by.
@@ -139,15 +142,15 @@ def _radix_sort(keys: str, values: str, bits: int, over: _List, when: Callable[[
     source, target = (keys, values), (f"{keys}_spare", f"{values}_spare")
     passes = []
     for shift in range(0, bits, DIGIT_BITS):
-        moved = {"keys": source[0], "values": source[1], "sorted_keys": target[0], "sorted_values": target[1]}
+        counted = {"keys": source[0], "digit": digit}
+        placed = {"counts": "digit_counts", "digit": digit}
+        moved = {**counted, "values": source[1], "sorted_keys": target[0], "sorted_values": target[1]}
         length = {"over_gaussians": int(over.over_gaussians)}
-        digit = {**length, "shift": shift}
-        counted = {**length, "counts_per_block": 1 << DIGIT_BITS}
         blocks, condition = (over.groups, over.indirect), when(shift)
         passes += [
-            Pass(f"count digits of {keys}", "radix_count", *blocks, {"keys": source[0]}, digit, condition),
-            Pass(f"place {keys}", "scan_blocks", "1", None, {"counts": "digit_counts"}, counted, condition),
-            Pass(f"scatter {keys}", "radix_scatter", *blocks, moved, digit, condition),
+            Pass(f"count digits of {keys}", "radix_count", *blocks, counted, length, condition),
+            Pass(f"place {keys}", "radix_place", "1", None, placed, length, condition),
+            Pass(f"scatter {keys}", "radix_scatter", *blocks, moved, length, condition),
         ]
         source, target = target, source
     return passes
@@ -160,20 +163,20 @@ def _tiles_have_digit(shift: int) -> str:
 
 def _bin_passes() -> list[Pass]:
     """Everything before rasterizing: tiles' lists of splats, nearest first."""
-    tile_counts = {"over_gaussians": 1, "counts_per_block": 1}
     return [
         Pass("project", "project", "groups"),
-        *_radix_sort("depth_keys", "order", 32, _GAUSSIANS, lambda _: "1"),
+        *_radix_sort("depth_keys", "order", "depth_digit", 32, _GAUSSIANS, lambda _: "1"),
         Pass("sum tile counts", "scan_sums", "blocks"),
-        Pass("place blocks", "scan_blocks", "1", buffers={"counts": "block_sums"}, constants=tile_counts),
+        Pass("place blocks", "scan_blocks", "1", buffers={"counts": "block_sums"}),
         Pass("place entries", "scan_within", "blocks"),
         Pass("plan", "plan", "1"),
         Pass("emit", "emit", "groups"),
-        *_radix_sort("tile_keys", "slots", 24, _ENTRIES, _tiles_have_digit),
+        *_radix_sort("tile_keys", "slots", "tile_digit", 24, _ENTRIES, _tiles_have_digit),
         Pass("tile ranges", "tile_ranges", indirect=("entry_dispatches", 12)),
     ]
 
 
+_CLEARED = ("depth_digit", "tile_digit", "tile_starts")
 _SORTED = {"sorted_slots": "slots"}
 _RASTERIZE = Pass("rasterize", "rasterize", "tiles", buffers=_SORTED)
 _RASTERIZE_DEPTH = Pass("rasterize", "rasterize", "tiles", buffers=_SORTED, constants={"draw_depth": 1})
@@ -199,12 +202,12 @@ def describe(variant: Variant, training: bool = True) -> Description:
     assert not training or variant.appearance == "splats", variant.appearance
     bins = _bin_passes()
     sequences = {
-        "render": Sequence(("tile_starts",), (*bins, _RASTERIZE)),
-        "render depth": Sequence(("tile_starts",), (*bins, _RASTERIZE_DEPTH)),
+        "render": Sequence(_CLEARED, (*bins, _RASTERIZE)),
+        "render depth": Sequence(_CLEARED, (*bins, _RASTERIZE_DEPTH)),
     }
     buffers = _buffers(variant)
     if training:
-        cleared = ("tile_starts", "gradients", "gradient_rows")
+        cleared = (*_CLEARED, "gradients", "gradient_rows")
         sequences["step"] = Sequence(cleared, (*bins, *_TRAINING))
         buffers |= _TRAINING_BUFFERS
         if variant.replay == "cache":

@@ -1,12 +1,11 @@
 // Count the digits of each block of keys. One workgroup a block.
-import view, folding, radix, lengths
+import view, folding, radix, lengths, digit
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> entry_count: array<u32>;
 @group(0) @binding(2) var<storage, read> keys: array<u32>;
 @group(0) @binding(3) var<storage, read_write> digit_counts: array<u32>;
-
-override shift: u32 = 0u;
+@group(0) @binding(4) var<storage, read> digit: array<u32>;
 
 var<workgroup> counts: array<atomic<u32>, DIGITS>;
 
@@ -29,7 +28,7 @@ fn main(
     for (var item = thread; item < BLOCK; item += THREADS) {
         let index = block * BLOCK + item;
         if (index < length) {
-            atomicAdd(&counts[digit_of(keys[index], shift)], 1u);
+            atomicAdd(&counts[digit_of(keys[index], digit[COUNTED])], 1u);
         }
     }
     workgroupBarrier();

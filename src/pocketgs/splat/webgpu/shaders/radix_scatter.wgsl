@@ -1,5 +1,5 @@
 // Move each block's keys and values to their digits' places, equal digits in their order. One workgroup a block.
-import view, folding, radix, lengths, scan
+import view, folding, radix, lengths, scan, digit
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> entry_count: array<u32>;
@@ -8,8 +8,7 @@ import view, folding, radix, lengths, scan
 @group(0) @binding(4) var<storage, read> values: array<u32>;
 @group(0) @binding(5) var<storage, read_write> sorted_keys: array<u32>;
 @group(0) @binding(6) var<storage, read_write> sorted_values: array<u32>;
-
-override shift: u32 = 0u;
+@group(0) @binding(7) var<storage, read> digit: array<u32>;
 
 var<workgroup> places: array<u32, DIGITS>;
 
@@ -35,8 +34,8 @@ fn main(
     let first = block * BLOCK + thread * KEYS_PER_THREAD;
     let end = min(first + KEYS_PER_THREAD, length);
     for (var index = first; index < end; index++) {
-        let digit = digit_of(keys[index], shift);
-        counters[digit / 2u] += 1u << (16u * (digit % 2u));
+        let value = digit_of(keys[index], digit[PLACED]);
+        counters[value / 2u] += 1u << (16u * (value % 2u));
     }
     let low = exclusive_scan(vec4u(counters[0], counters[1], counters[2], counters[3]), thread);
     let high = exclusive_scan(vec4u(counters[4], counters[5], counters[6], counters[7]), thread);
@@ -46,10 +45,10 @@ fn main(
     }
     for (var index = first; index < end; index++) {
         let key = keys[index];
-        let digit = digit_of(key, shift);
-        let half = 16u * (digit % 2u);
-        let place = places[digit] + ((counters[digit / 2u] >> half) & 0xffffu);
-        counters[digit / 2u] += 1u << half;
+        let value = digit_of(key, digit[PLACED]);
+        let half = 16u * (value % 2u);
+        let place = places[value] + ((counters[value / 2u] >> half) & 0xffffu);
+        counters[value / 2u] += 1u << half;
         sorted_keys[place] = key;
         sorted_values[place] = values[index];
     }
