@@ -39,6 +39,7 @@ class Reporter:
         on_prior: called with what the geometry prior found.
         on_progress: called after every iteration.
         on_warning: called with what the user should know, in words.
+        on_prepared: called with the capture as training sees it: its poses may have been refined.
     """
 
     on_stage: Callable[[str], None] = lambda stage: None
@@ -46,6 +47,7 @@ class Reporter:
     on_prior: Callable[[PriorReport], None] = lambda report: None
     on_progress: Callable[[Progress], None] = lambda progress: None
     on_warning: Callable[[str], None] = lambda warning: None
+    on_prepared: Callable[[Capture], None] = lambda capture: None
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,7 @@ def run(
     prior = prepare(capture, options, stopwatch)
     if prior.report:
         reporter.on_prior(prior.report)
+    reporter.on_prepared(prior.capture)
     scene = train(capture, options, observer=observe, resume=checkpoint, stopwatch=stopwatch, prepared=prior)
     with deferred_interrupt():
         return _publish(capture, prior.capture, folder, options, scene, identity, stopwatch)

@@ -16,6 +16,7 @@ from pocketgs.cli.info import info
 from pocketgs.cli.pose import pose
 from pocketgs.cli.render import render
 from pocketgs.cli.train import train
+from pocketgs.cli.view import view
 from pocketgs.errors import PocketGSError
 
 USER_ERROR, INTERRUPTED = 2, 130
@@ -28,6 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "pose": pose,
         "eval": evaluate,
         "render": render,
+        "view": view,
         "info": info,
         "convert": convert,
         "export-colmap": export_colmap,

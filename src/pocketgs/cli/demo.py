@@ -9,6 +9,7 @@ from rich.console import Console
 from pocketgs.capture import Capture, open_capture
 from pocketgs.capture.synthetic import write_demo
 from pocketgs.cli.display import Display, print_result
+from pocketgs.cli.view import FollowOptions, following
 from pocketgs.run import run
 from pocketgs.training_options import TrainingOptions
 
@@ -17,6 +18,7 @@ def demo(
     output: Path = Path("output/demo"),
     capture: Path = Path("output/demo-capture"),
     training: TrainingOptions = TrainingOptions(),  # noqa: B008 - a frozen dataclass
+    page: FollowOptions = FollowOptions(),  # noqa: B008 - a frozen dataclass
 ) -> None:
     """Film a built-in scene with all the faults of a phone, and train on that: to see that everything works.
 
@@ -24,6 +26,7 @@ def demo(
         output: Folder for the result.
         capture: Folder for the capture, with the true poses and depths beside it; made once.
         training: How to train.
+        page: Whether and where a page follows the run.
     """
     console = Console()
     display = Display(console)
@@ -32,7 +35,11 @@ def demo(
         write_demo(capture)
         return open_capture(capture)
 
-    with display.showing() as reporter:
-        result = run(film, output, training, reporter=reporter)
-    print_result(console, result)
-    console.print("look at the pictures in held_out/ (photograph left, rendering right)", highlight=False)
+    with following(page, "demo", training.iterations) as followed:
+        with display.showing() as shown:
+            reporter = followed.reporter(shown) if followed else shown
+            result = run(film, output, training, reporter=reporter)
+        if followed:
+            followed.finish(result)
+        print_result(console, result)
+        console.print("look at the pictures in held_out/ (photograph left, rendering right)", highlight=False)

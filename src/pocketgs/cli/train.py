@@ -12,6 +12,7 @@ from pocketgs.capture import Capture
 from pocketgs.capture.open import lacks_poses
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.display import Display, print_result
+from pocketgs.cli.view import FollowOptions, following
 from pocketgs.run import run
 from pocketgs.structure_from_motion.pose import posed
 from pocketgs.training_options import TrainingOptions
@@ -23,6 +24,7 @@ def train(
     resume: bool = False,
     reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
     training: TrainingOptions = TrainingOptions(),  # noqa: B008
+    page: FollowOptions = FollowOptions(),  # noqa: B008 - a frozen dataclass
 ) -> None:
     """Train a splat from a capture.
 
@@ -32,6 +34,7 @@ def train(
         resume: Go on from the checkpoint in the output folder.
         reading: How to read the capture.
         training: How to train.
+        page: Whether and where a page follows the run.
     """
     console = Console()
     resolved = capture.resolve()
@@ -40,15 +43,19 @@ def train(
     name = resolved.name or "capture"
     folder = output or Path("output") / name
     display = Display(console)
-    with display.showing() as reporter:
+    with following(page, name, training.iterations) as followed:
+        with display.showing() as shown:
+            reporter = followed.reporter(shown) if followed else shown
 
-        def load() -> Capture:
-            if not lacks_poses(capture):
-                return reading.open(capture)
-            found = folder / "posed" / name
-            message = f"{capture} holds no poses: those that structure from motion finds are kept in {found}"
-            console.print(message, markup=False, highlight=False, soft_wrap=True)
-            return reading.open(posed(capture, found, on_stage=reporter.on_stage, on_warning=reporter.on_warning))
+            def load() -> Capture:
+                if not lacks_poses(capture):
+                    return reading.open(capture)
+                found = folder / "posed" / name
+                message = f"{capture} holds no poses: those that structure from motion finds are kept in {found}"
+                console.print(message, markup=False, highlight=False, soft_wrap=True)
+                return reading.open(posed(capture, found, on_stage=reporter.on_stage, on_warning=reporter.on_warning))
 
-        result = run(load, folder, training, resume=resume, reporter=reporter)
-    print_result(console, result)
+            result = run(load, folder, training, resume=resume, reporter=reporter)
+        if followed:
+            followed.finish(result)
+        print_result(console, result)

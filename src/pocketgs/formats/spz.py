@@ -55,15 +55,29 @@ def write_gaussians(path: Path, gaussians: Gaussians, version: Version = CURRENT
     Raises:
         PocketGSError: the scene is empty, holds NaN or infinity or lies too far out, or the file cannot be written.
     """
+    contents = encode(gaussians, version, path)
+    with replacing(path) as partial:
+        partial.write_bytes(contents)
+
+
+def encode(gaussians: Gaussians, version: Version = CURRENT, path: Path = Path("scene.spz")) -> bytes:
+    """The content of a scene's file.
+
+    Args:
+        gaussians: the scene.
+        version: of the format.
+        path: named in errors.
+
+    Raises:
+        PocketGSError: the scene is empty, holds NaN or infinity, or lies too far out.
+    """
     require_sound(path, gaussians)
     bits = fractional_bits_for(gaussians.means)
     if bits is None:
         raise PocketGSError(f"{path}: a coordinate exceeds {LARGEST_FIXED}, the most that .spz can hold")
     layout = Layout(version, len(gaussians), gaussians.sh_degree, bits)
     streams = pack(half_turn(gaussians, RIGHT_UP_BACK), layout)
-    contents = _bundle(layout, streams) if version == 4 else _gzip(layout, streams)
-    with replacing(path) as partial:
-        partial.write_bytes(contents)
+    return _bundle(layout, streams) if version == 4 else _gzip(layout, streams)
 
 
 def read_gaussians(path: Path) -> Gaussians:

@@ -1,0 +1,128 @@
+"""What the page shows, and what it is told of it."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+from PIL import Image
+
+from pocketgs.camera import Camera
+from pocketgs.camera_geometry import focus_point, looks_at, mean_up
+from pocketgs.capture.capture import Capture
+
+UP = (0.0, -1.0, 0.0)
+"""Up in a world of which nothing is known: structure from motion takes the first camera's axes, in which y is down."""
+
+JPEG_QUALITY = 95
+
+
+@dataclass(frozen=True)
+class View:
+    """One of the capture's cameras.
+
+    Attributes:
+        name: the photograph's.
+        camera: where it was taken.
+        held_out: whether it is kept for evaluation.
+        photo: (H, W, 3) uint8, or None.
+    """
+
+    name: str
+    camera: Camera
+    held_out: bool
+    photo: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Content:
+    """What the page shows.
+
+    Attributes:
+        title: a short name.
+        scene: the file with the Gaussians, or None where they come over the WebSocket.
+        live: whether the page follows a run.
+        background: RGB in [0, 1].
+        views: the capture's cameras, by name.
+        up: (3,) the world's direction.
+        target: (3,) the point to turn about.
+        previews: pictures for browsers that cannot render, by file name.
+    """
+
+    title: str
+    scene: Path | None = None
+    live: bool = False
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    views: tuple[View, ...] = ()
+    up: Sequence[float] = UP
+    target: Sequence[float] = (0.0, 0.0, 0.0)
+    previews: Mapping[str, Path] = field(default_factory=dict)
+
+    @property
+    def scene_files(self) -> dict[str, Path]:
+        """The scene's file, if there is one, by what it is called on the page."""
+        return {f"scene{self.scene.suffix.lower()}": self.scene} if self.scene else {}
+
+    def to_json(self) -> dict[str, Any]:
+        """The content of `viewer.json`.
+
+        Raises:
+            OSError: the scene's file is gone.
+        """
+        scenes = [{"url": name, "bytes": path.stat().st_size} for name, path in self.scene_files.items()]
+        return {
+            "title": self.title,
+            "scene": scenes[0] if scenes else None,
+            "live": self.live,
+            "background": list(self.background),
+            "up": list(self.up),
+            "target": list(self.target),
+            "cameras": [_view_to_json(number, view) for number, view in enumerate(self.views)],
+            "previews": [f"previews/{quote(name)}" for name in self.previews],
+        }
+
+
+def _view_to_json(number: int, view: View) -> dict[str, Any]:
+    camera = view.camera
+    return {
+        "name": view.name,
+        "width": camera.width,
+        "height": camera.height,
+        "fx": camera.fx,
+        "fy": camera.fy,
+        "cx": camera.cx,
+        "cy": camera.cy,
+        "world_to_camera": camera.world_to_camera.reshape(-1).tolist(),
+        "held_out": view.held_out,
+        "photo": None if view.photo is None else f"photos/{number}.jpg",
+    }
+
+
+def capture_views(capture: Capture) -> tuple[View, ...]:
+    """A capture's cameras with their photographs, by name."""
+    views = [View(frame.name, frame.camera, False, frame.image) for frame in capture.train]
+    views += [View(frame.name, frame.camera, True, frame.image) for frame in capture.held_out]
+    return tuple(sorted(views, key=lambda view: view.name))
+
+
+def looked_at(views: Sequence[View]) -> tuple[list[float], list[float]]:
+    """The direction that is up and the point to turn about, (3,) each, as at least one camera tells them."""
+    cameras = [view.camera for view in views]
+    target = focus_point(cameras)
+    if not looks_at(cameras, target):
+        # From cameras that look outwards there is nothing to go around: the first one's view will do.
+        centres = np.array([camera.centre for camera in cameras])
+        target = cameras[0].centre + cameras[0].forward * (float(np.ptp(centres, axis=0).max()) or 1.0)
+    return mean_up(cameras).tolist(), target.tolist()
+
+
+def jpeg(photo: np.ndarray) -> bytes:
+    """A (H, W, 3) uint8 photograph as a JPEG file, hues as sharp as lightness: it is there to compare with."""
+    content = io.BytesIO()
+    Image.fromarray(photo).save(content, "JPEG", quality=JPEG_QUALITY, subsampling=0)
+    return content.getvalue()

@@ -1,0 +1,189 @@
+"""A training run that pages follow, pause, resume and stop."""
+
+from __future__ import annotations
+
+import math
+import signal
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from typing import Final, Literal, TypeVar
+
+from pocketgs.capture.capture import Capture
+from pocketgs.errors import PocketGSError
+from pocketgs.formats import spz
+from pocketgs.gaussians import Gaussians
+from pocketgs.interrupt import deferred_interrupt
+from pocketgs.record import peak_rss_mb
+from pocketgs.result_folder import PICTURES
+from pocketgs.run import Reporter, RunResult
+from pocketgs.training import Progress
+from pocketgs.viewer.content import Content, capture_views, looked_at
+from pocketgs.viewer.news import News
+from pocketgs.viewer.scene_content import previews_in
+
+Command = Literal["pause", "resume", "stop"]
+_Fact = TypeVar("_Fact")
+
+SECONDS_BETWEEN_MESSAGES = 0.25
+SECONDS_BETWEEN_SCENES = 2.0
+SECONDS_BETWEEN_GLANCES = 0.1
+"""How often a paused run looks whether it may go on, whether Ctrl-C was pressed, and who has come to see."""
+
+SPZ_VERSION: Final = 3
+"""The last whose packing browsers undo by themselves."""
+
+MOST_SAMPLES = 1000
+"""Points of the curves, spread over the run."""
+
+
+class LiveRun:
+    """Tells pages of a run, and does what they ask.
+
+    The training thread calls the reporter and `finish`; the server's thread reads `news` and calls `obey`. Whatever
+    pages do, training waits for none of them, unless it is paused.
+
+    Args:
+        title: a short name.
+        iterations: that the run is to take.
+        stages: what to call stages, by name; those that are not in it keep their name.
+    """
+
+    def __init__(self, title: str, iterations: int, stages: dict[str, str] | None = None) -> None:
+        self.news = News(Content(title, live=True))
+        self.news.post_progress(iterations=iterations)
+        self._stages, self._stage = stages or {}, ""
+        self._changed = threading.Condition()
+        self._paused = self._stop_asked = self._stopped = self._over = False
+        self._told = self._scene_taken = float("-inf")
+        self._sampled_fraction = -1.0
+        self._warn: Callable[[str], None] = lambda warning: None
+        self._encoder = ThreadPoolExecutor(1, "pocketgs-snapshot")
+        self._encoding: Future[None] | None = None
+        self._scene_iteration = 0
+
+    def reporter(self, shown: Reporter) -> Reporter:
+        """A reporter that tells another one, and then the pages."""
+        self._warn = shown.on_warning
+        return replace(
+            shown,
+            on_stage=_both(shown.on_stage, self._show_stage),
+            on_capture=_both(shown.on_capture, self._show_capture),
+            on_prepared=_both(shown.on_prepared, self._show_capture),
+            on_progress=_both(shown.on_progress, self._observe),
+        )
+
+    def obey(self, command: Command) -> None:
+        """Do what a page asks: of no consequence once the run has ended.
+
+        "stop" is what Ctrl-C is: the run ends after the step under way and keeps what it has. Like Ctrl-C it reaches
+        training on the main thread only, and not before its first step.
+        """
+        with self._changed:
+            if self._over:
+                return
+            self._stop_asked |= command == "stop"
+            self._paused = command == "pause" and not self._stop_asked
+            self.news.post_progress(paused=self._paused)
+            self._changed.notify_all()
+
+    def finish(self, result: RunResult) -> None:
+        """Show what came of the run."""
+        with self._changed:
+            self._over = True
+        self.news.post_content(replace(self.news.content, previews=previews_in(result.folder / PICTURES)))
+        iteration = int(result.summary["iterations"])
+        self._encoder.submit(self._encode, iteration, result.scene).result()
+        self._encoder.shutdown()
+        count = len(result.scene)
+        end = {"stage": "finished", "paused": False, "finished": True}
+        self.news.post_progress(iteration=iteration, seconds_left=0.0, gaussians=count, **end)
+
+    def _show_stage(self, stage: str) -> None:
+        # Every step of training is one.
+        if stage != self._stage:
+            self._stage = stage
+            self.news.post_progress(stage=self._stages.get(stage, stage), memory_mb=peak_rss_mb())
+
+    def _show_capture(self, capture: Capture) -> None:
+        self.news.post_content(_with_cameras(self.news.content, capture))
+
+    def _observe(self, progress: Progress) -> None:
+        is_last = progress.iteration >= progress.iterations
+        if is_last or time.monotonic() - self._told >= SECONDS_BETWEEN_MESSAGES:
+            self._told = time.monotonic()
+            self._show_progress(progress)
+        self._offer_scene(progress)
+        if self._paused:
+            self._wait(progress)
+        if self._stop_asked and not self._stopped:
+            self._stopped = True  # a second Ctrl-C would end the process
+            _press_ctrl_c()
+
+    def _show_progress(self, progress: Progress) -> None:
+        loss, held_out_psnr = _finite(progress.loss), _finite(progress.held_out_psnr)
+        self.news.post_progress(
+            iteration=progress.iteration,
+            iterations=progress.iterations,
+            loss=loss,
+            held_out_psnr=held_out_psnr,
+            seconds_left=_finite(progress.seconds_left),
+            gaussians=progress.gaussians,
+            memory_mb=peak_rss_mb(),
+        )
+        if progress.fraction - self._sampled_fraction >= 1 / MOST_SAMPLES:
+            self._sampled_fraction = progress.fraction
+            self.news.post_sample(progress.iteration, loss, held_out_psnr)
+
+    def _offer_scene(self, progress: Progress) -> None:
+        """Have the scene shown as it stands, if anybody is there to see, and it has not just been shown."""
+        if not self.news.readers or progress.iteration == self._scene_iteration:
+            return
+        is_busy = self._encoding is not None and not self._encoding.done()
+        if is_busy or time.monotonic() - self._scene_taken < SECONDS_BETWEEN_SCENES:
+            return
+        scene = progress.scene()
+        self._scene_taken, self._scene_iteration = time.monotonic(), progress.iteration
+        self._encoding = self._encoder.submit(self._encode, progress.iteration, scene)
+
+    def _encode(self, iteration: int, scene: Gaussians) -> None:
+        try:
+            self.news.post_scene(iteration, spz.encode(scene, SPZ_VERSION))
+        except PocketGSError as error:  # such as a scene that has gone to infinity
+            self._warn(f"the page is not shown iteration {iteration}: {error}")
+
+    def _wait(self, progress: Progress) -> None:
+        """Until a page lets the run go on, or Ctrl-C is pressed."""
+        with deferred_interrupt() as interrupt:
+            while self._paused and not interrupt.requested:
+                self._offer_scene(progress)
+                with self._changed:
+                    self._changed.wait_for(lambda: not self._paused, SECONDS_BETWEEN_GLANCES)
+        if interrupt.requested:
+            self.obey("stop")
+
+
+def _press_ctrl_c() -> None:
+    if threading.current_thread() is threading.main_thread():
+        signal.raise_signal(signal.SIGINT)
+
+
+def _both(first: Callable[[_Fact], None], second: Callable[[_Fact], None]) -> Callable[[_Fact], None]:
+    def tell(fact: _Fact) -> None:
+        first(fact)
+        second(fact)
+
+    return tell
+
+
+def _with_cameras(content: Content, capture: Capture) -> Content:
+    views = capture_views(capture)
+    up, target = looked_at(views)
+    return replace(content, background=capture.background, views=views, up=up, target=target)
+
+
+def _finite(value: float | None) -> float | None:
+    """JSON knows no NaN, which is what a loss is before it is first asked for."""
+    return value if value is not None and math.isfinite(value) else None

@@ -1,0 +1,119 @@
+"""The latest of everything that pages are told of a run.
+
+What is posted takes the place of what was posted before, so that a page that reads slowly misses moments and nothing
+piles up, and one that comes late is told all that counts.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from pocketgs.viewer.content import Content
+
+FIRST_PROGRESS: dict[str, Any] = {
+    "stage": "starting",
+    "iteration": 0,
+    "iterations": 0,
+    "loss": None,
+    "held_out_psnr": None,
+    "seconds_left": None,
+    "gaussians": 0,
+    "memory_mb": 0.0,
+    "paused": False,
+    "finished": False,
+}
+
+
+@dataclass(frozen=True)
+class Read:
+    """How far a page has read: how often each thing had been posted when it was last told of it."""
+
+    content: int = 0
+    progress: int = 0
+    samples: int = 0
+    scene: int = 0
+
+
+class News:
+    """Any thread may post and read.
+
+    Args:
+        content: what the page shows at first.
+    """
+
+    def __init__(self, content: Content) -> None:
+        self._lock = threading.Lock()
+        self._content, self._contents = content, 0
+        self._progress, self._progresses = dict(FIRST_PROGRESS), 1
+        self._samples: list[dict[str, Any]] = []
+        self._scene, self._scene_iteration, self._scenes = b"", 0, 0
+        self._readers = 0
+
+    @property
+    def content(self) -> Content:
+        """What the page shows now."""
+        return self._content
+
+    @property
+    def readers(self) -> int:
+        """How many pages are there to be told."""
+        return self._readers
+
+    @contextmanager
+    def reading(self) -> Iterator[None]:
+        """Count a reader for as long as the block runs."""
+        with self._lock:
+            self._readers += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._readers -= 1
+
+    def post_content(self, content: Content) -> None:
+        """Show other cameras, photographs or previews."""
+        with self._lock:
+            self._content = content
+            self._contents += 1
+
+    def post_progress(self, **changes: Any) -> None:
+        """Say how the run stands, in the fields of FIRST_PROGRESS; those not named stay as they are."""
+        with self._lock:
+            self._progress |= changes
+            self._progresses += 1
+
+    def post_sample(self, iteration: int, loss: float | None, held_out_psnr: float | None) -> None:
+        """Add a point to the curves."""
+        with self._lock:
+            self._samples.append({"iteration": iteration, "loss": loss, "held_out_psnr": held_out_psnr})
+
+    def post_scene(self, iteration: int, encoded: bytes) -> None:
+        """Show the scene as it was after an iteration.
+
+        Args:
+            iteration: which.
+            encoded: the scene as an .spz file.
+        """
+        with self._lock:
+            self._scene, self._scene_iteration = encoded, iteration
+            self._scenes += 1
+
+    def since(self, read: Read) -> tuple[list[str | bytes], Read]:
+        """The messages that a page has not had, and how far it has read with them."""
+        messages: list[str | bytes] = []
+        with self._lock:
+            now = Read(self._contents, self._progresses, len(self._samples), self._scenes)
+            if now.content > read.content:
+                messages.append(json.dumps({"type": "cameras", "viewer": self._content.to_json()}))
+            if now.progress > read.progress or now.samples > read.samples:
+                progress = {"type": "progress", **self._progress, "samples": self._samples[read.samples :]}
+                messages.append(json.dumps(progress))
+            if now.scene > read.scene:
+                about = {"iteration": self._scene_iteration, "format": "spz", "bytes": len(self._scene)}
+                messages += [json.dumps({"type": "scene", **about}), self._scene]
+        return messages, now

@@ -1,0 +1,25 @@
+/**
+ * Where to look from at a scene that brings no cameras.
+ *
+ * @module
+ */
+
+import { MEAN } from "./gaussian_columns.js";
+
+const SAMPLES = 4096;
+
+/**
+ * The middle of the scene and how far most of it reaches from there, from a sample of its Gaussians.
+ *
+ * @param {import("./gaussian_columns.js").GaussianColumns} scene
+ * @returns {{middle: [number, number, number], radius: number}}
+ */
+export function extentOf(scene) {
+    const step = Math.max(1, Math.floor(scene.count / SAMPLES));
+    const quantiles = [0, 1, 2].map((axis) => {
+        const sample = scene.column(MEAN + axis).filter((value, i) => i % step === 0 && Number.isFinite(value)).sort();
+        return [0.1, 0.5, 0.9].map((share) => sample[Math.floor(share * sample.length)] ?? 0);
+    });
+    const radius = Math.max(...quantiles.map(([low, , high]) => (high - low) / 2));
+    return { middle: quantiles.map(([, median]) => median), radius: radius || 1 };
+}

@@ -1,0 +1,67 @@
+/**
+ * A scene as the shaders hold it: column by column; the twin of `scene_columns.py`.
+ *
+ * @module
+ */
+
+/** First of the columns of `shape`, as in `shaders/common/gaussians.wgsl`. */
+export const MEAN = 0;
+export const LOG_SCALE = 3;
+export const QUATERNION = 6;
+export const OPACITY_LOGIT = 10;
+const SHAPE_COLUMNS = 11;
+
+const SH_DC = 0.28209479177387814;
+
+/** The coefficient of degree 0 of a colour in [0, 1]. @type {(colour: number) => number} */
+export const dcOf = (colour) => (colour - 0.5) / SH_DC;
+
+/** N Gaussians with K spherical-harmonics coefficients a channel. */
+export class GaussianColumns {
+    /**
+     * @param {number} count
+     * @param {number} coefficients 1, 4, 9 or 16
+     */
+    constructor(count, coefficients) {
+        this.count = count;
+        this.coefficients = coefficients;
+        /** (11, N): mean, log scale, quaternion of unit length, opacity logit. */
+        this.shape = new Float32Array(SHAPE_COLUMNS * count);
+        /** (3 K, N): coefficient after coefficient, RGB each. */
+        this.sh = new Float32Array(3 * coefficients * count);
+    }
+
+    /**
+     * @param {number} column of `shape`
+     * @returns {Float32Array} a view of its N numbers
+     */
+    column(column) {
+        return this.shape.subarray(column * this.count, (column + 1) * this.count);
+    }
+
+    /**
+     * @param {number} coefficient
+     * @param {number} channel
+     * @returns {Float32Array} a view of N numbers
+     */
+    harmonics(coefficient, channel) {
+        const column = 3 * coefficient + channel;
+        return this.sh.subarray(column * this.count, (column + 1) * this.count);
+    }
+
+    /** Make quaternions of any length but 0 ones of length 1; what has no length turns nothing. */
+    normaliseQuaternions() {
+        const [w, x, y, z] = [0, 1, 2, 3].map((part) => this.column(QUATERNION + part));
+        for (let i = 0; i < this.count; i++) {
+            const length = Math.hypot(w[i], x[i], y[i], z[i]);
+            if (length === 0) {
+                w[i] = 1;
+            } else if (Math.abs(length - 1) > 1e-6) {
+                w[i] /= length;
+                x[i] /= length;
+                y[i] /= length;
+                z[i] /= length;
+            }
+        }
+    }
+}

@@ -1,0 +1,63 @@
+/**
+ * What goes wrong, in words; and pictures in place of the scene where there is no WebGPU.
+ *
+ * @module
+ */
+
+const BROWSERS = `Browsers that have WebGPU: Chrome and Edge from version 113 on (on Android from 121), Safari from 26,
+Firefox from 141 on Windows and from 145 on Macs with Apple silicon.`.replaceAll("\n", " ");
+
+const INSECURE = "Browsers offer WebGPU to pages from https or from this very machine only.";
+
+/**
+ * Show a message until it is closed.
+ *
+ * @param {string} text
+ */
+export function showMessage(text) {
+    document.getElementById("message-text").textContent = text;
+    document.getElementById("message").hidden = false;
+    document.getElementById("message-close").onclick = hideMessage;
+}
+
+/** Close the message, if there is one. */
+export function hideMessage() {
+    document.getElementById("message").hidden = true;
+}
+
+/**
+ * Say that this browser cannot render, and show what was rendered before.
+ *
+ * @param {Error} error from opening the GPU
+ * @param {{previews: string[]}} viewer from viewer.json
+ */
+export function showWithoutGpu(error, { previews }) {
+    document.body.classList.add("without-gpu");
+    const lines = ["This page renders with WebGPU, which is not to be had here.", reasonFor(error), BROWSERS];
+    showMessage(lines.join("\n\n"));
+    document.getElementById("message-close").hidden = true;
+    showPreviews(previews);
+}
+
+/**
+ * Show pictures from the result, one below the other.
+ *
+ * @param {string[]} previews their addresses
+ */
+export function showPreviews(previews) {
+    const gallery = document.getElementById("previews");
+    gallery.replaceChildren(...previews.map(pictureOf));
+    gallery.hidden = previews.length === 0;
+}
+
+function pictureOf(url) {
+    const picture = new Image();
+    picture.src = url;
+    picture.alt = `photograph and rendering: ${url.split("/").at(-1)}`;
+    picture.loading = "lazy";
+    return picture;
+}
+
+function reasonFor(error) {
+    return window.isSecureContext ? `The browser says: ${error.message}.` : INSECURE;
+}

@@ -1,0 +1,51 @@
+"""Which scene files the page can read, and what is served in place of those that it cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from pocketgs.gaussians import Gaussians
+
+LONGEST_PLY_HEADER = 1 << 16
+
+
+@contextmanager
+def readable_file(path: Path, gaussians: Gaussians) -> Iterator[Path]:
+    """The scene's own file where the page reads its format, otherwise a copy as `.ply` for as long as the block runs.
+
+    Args:
+        path: the file.
+        gaussians: what is in it.
+
+    Raises:
+        PocketGSError: there is no room for a copy.
+    """
+    if _is_readable(path):
+        yield path
+        return
+    with TemporaryDirectory(prefix="pocketgs-") as folder:
+        copy = Path(folder) / "scene.ply"
+        gaussians.save(copy)
+        yield copy
+
+
+def _is_readable(path: Path) -> bool:
+    if path.suffix.lower() != ".ply":
+        return path.suffix.lower() in (".splat", ".spz")
+    with path.open("rb") as file:
+        return _is_plain_ply(file.read(LONGEST_PLY_HEADER))
+
+
+def _is_plain_ply(start: bytes) -> bool:
+    """Whether a .ply is laid out as the reference implementation's: rows of 32 bit floats and nothing else."""
+    header, end, _ = start.partition(b"end_header")
+    lines = [line.split() for line in header.splitlines()]
+    properties = [words for words in lines if words[:1] == [b"property"]]
+    elements = [words[1] for words in lines if words[:1] == [b"element"] and len(words) > 1]
+    is_float = all(words[1:2] in ([b"float"], [b"float32"]) for words in properties)
+    has_gaussians = any(words[2:] == [b"f_dc_0"] for words in properties)
+    is_little = [b"format", b"binary_little_endian", b"1.0"] in lines
+    return bool(end) and elements == [b"vertex"] and is_float and is_little and has_gaussians

@@ -1,0 +1,236 @@
+"""`pocketgs view`, and `--view`: processes that serve a page until Ctrl-C, and what they refuse."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pocketgs import Capture, Gaussians
+from pocketgs.cli import main
+from pocketgs.formats import write_scene
+from pocketgs.poses_file import write_poses
+from viewer.client import fetch, following
+
+# A shell starts jobs in the background with Ctrl-C ignored.
+PROGRAM = (
+    "import signal; from pocketgs.cli import main; signal.signal(signal.SIGINT, signal.default_int_handler); main()"
+)
+OPTIONS = ["--prior", "none", "--engine", "cpu", "--threads", "1"]
+
+
+@pytest.fixture
+def started() -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
+    """A function that starts `pocketgs` and gives the process with its page's address; all end with the test."""
+    processes: list[subprocess.Popen[str]] = []
+
+    def start(*arguments: object) -> tuple[subprocess.Popen[str], str]:
+        command = [sys.executable, "-c", PROGRAM, *map(str, arguments), "--no-open"]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        processes.append(process)
+        assert process.stdout
+        address = re.fullmatch(r"page at (https?://127\.0\.0\.1:\d+/[\w-]+/)\n", process.stdout.readline())
+        assert address, process.communicate()
+        return process, address[1]
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def scene() -> Gaussians:
+    rng = np.random.default_rng(5)
+    return Gaussians(*(rng.normal(size=(300, *tail)) for tail in ((3,), (3,), (4,), (), (4, 3))))
+
+
+@pytest.fixture
+def result(scene: Gaussians, small_capture: Capture, tmp_path: Path) -> Path:
+    """What a run with refined poses leaves behind."""
+    folder = tmp_path / "toys-result"
+    (folder / "held_out").mkdir(parents=True)
+    scene.save(folder / "scene.ply")
+    Image.new("RGB", (192, 72)).save(folder / "held_out" / "0000.png")
+    write_poses(folder / "poses.json", small_capture.frames)
+    images = [{"name": frame.name} for frame in small_capture.held_out]
+    (folder / "run.json").write_text(json.dumps({"capture": {"background": [1, 1, 1]}, "images": images}))
+    return folder
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """The one line in which a command refuses."""
+    with pytest.raises(SystemExit) as stop:
+        main(list(map(str, arguments)))
+    errors = capsys.readouterr().err
+    assert stop.value.code == 2
+    assert errors.startswith("pocketgs: ")
+    assert errors.count("\n") == 1
+    return errors
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+def test_view_until_ctrl_c(started: Callable[..., tuple[subprocess.Popen[str], str]], result: Path) -> None:
+    process, url = started("view", result)
+    told = fetch(url, "viewer.json").json
+    assert told["title"] == "toys-result"
+    assert fetch(url, told["scene"]["url"]).body == (result / "scene.ply").read_bytes()
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=20)
+    assert (process.returncode, errors) == (0, "")
+    with pytest.raises(ConnectionError):
+        fetch(url)
+
+
+def test_view_of_a_result(
+    started: Callable[..., tuple[subprocess.Popen[str], str]], result: Path, small_capture: Capture
+) -> None:
+    _, url = started("view", result)
+    told = fetch(url, "viewer.json").json
+    assert told["background"] == [1, 1, 1]
+    assert told["previews"] == ["previews/0000.png"]
+    assert fetch(url, "previews/0000.png").body == (result / "held_out" / "0000.png").read_bytes()
+    held_out = {camera["name"] for camera in told["cameras"] if camera["held_out"]}
+    assert held_out == {frame.name for frame in small_capture.held_out}
+    for camera in told["cameras"]:
+        assert (camera["width"], camera["height"], camera["photo"]) == (96, 72, None)
+    poses = {frame.name: frame.camera.world_to_camera for frame in small_capture.frames}
+    for camera in told["cameras"]:
+        assert np.array_equal(np.reshape(camera["world_to_camera"], (4, 4)), poses[camera["name"]])
+
+
+def test_view_with_the_capture(
+    started: Callable[..., tuple[subprocess.Popen[str], str]], result: Path, written_capture: Path, tmp_path: Path
+) -> None:
+    (result / "poses.json").unlink()
+    _, url = started("view", result, "--capture", written_capture, "--hold-out", "4")
+    cameras = fetch(url, "viewer.json").json["cameras"]
+    assert [camera["held_out"] for camera in cameras] == [True, False, False, False] * 2
+    assert all(fetch(url, camera["photo"]).status == 200 for camera in cameras)
+
+
+@pytest.mark.parametrize("name", ["toys.spz", "toys.splat", "toys.compressed.ply", "toys.glb"])
+def test_view_of_any_format(
+    started: Callable[..., tuple[subprocess.Popen[str], str]], scene: Gaussians, tmp_path: Path, name: str
+) -> None:
+    write_scene(tmp_path / name, scene)
+    _, url = started("view", tmp_path / name)
+    told = fetch(url, "viewer.json").json
+    body = fetch(url, told["scene"]["url"]).body
+    assert told["scene"]["bytes"] == len(body)
+    if name in ("toys.spz", "toys.splat"):
+        assert told["scene"]["url"] == f"scene.{name.rpartition('.')[2]}"
+        assert body == (tmp_path / name).read_bytes()
+    else:  # as a plain .ply
+        (tmp_path / "told.ply").write_bytes(body)
+        assert told["scene"]["url"] == "scene.ply"
+        assert len(Gaussians.load(tmp_path / "told.ply")) == 300
+    assert told["cameras"] == []
+    assert np.allclose(told["target"], np.median(scene.means, axis=0), atol=0.05)
+
+
+def test_view_refuses(capsys: pytest.CaptureFixture[str], result: Path, tmp_path: Path) -> None:
+    assert "none.ply: no such file" in refused(capsys, "view", tmp_path / "none.ply")
+    assert "scene.ply: no such file" in refused(capsys, "view", tmp_path)
+    assert "none: no such file or folder" in refused(capsys, "view", result, "--capture", tmp_path / "none")
+    assert "port 70000: found 70000" in refused(capsys, "view", result, "--port", 70000)
+    (result / "poses.json").write_text('{"world_to_camera": {"a": [1, 2]}}')
+    assert "poses.json: not a readable file of poses" in refused(capsys, "view", result)
+    (result / "poses.json").write_text("[]")
+    assert "poses.json: holds no JSON object" in refused(capsys, "view", result)
+    (result / "run.json").write_text("{")
+    assert "run.json: cannot be read" in refused(capsys, "view", result)
+    (result / "scene.ply").write_bytes(b"ply\n")
+    assert "scene.ply: not a" in refused(capsys, "view", result)
+    Gaussians(*(np.zeros((0, *tail)) for tail in ((3,), (3,), (4,), (), (1, 3)))).save(result / "scene.ply")
+    assert "holds no" in refused(capsys, "view", result)
+
+
+def test_port_in_use(
+    started: Callable[..., tuple[subprocess.Popen[str], str]],
+    capsys: pytest.CaptureFixture[str],
+    result: Path,
+    written_capture: Path,
+    tmp_path: Path,
+) -> None:
+    _, url = started("view", result)
+    port = url.split(":")[2].split("/")[0]
+    assert f"port {port}: in use" in refused(capsys, "view", result, "--port", port)
+    command = ["train", written_capture, "--output", tmp_path / "out", "--view", "--port", port]
+    assert f"port {port}: in use" in refused(capsys, *command)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("option", [["--host"], ["--port", "8000"], ["--no-open"], ["--no-wait"]])
+def test_options_without_a_page(
+    capsys: pytest.CaptureFixture[str], written_capture: Path, tmp_path: Path, option: list[str]
+) -> None:
+    assert "expected --view" in refused(capsys, "train", written_capture, "--output", tmp_path / "out", *option)
+    assert "expected --view" in refused(capsys, "demo", "--output", tmp_path / "out", *option)
+
+
+def test_view_over_the_network(
+    started: Callable[..., tuple[subprocess.Popen[str], str]],
+    result: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    process, url = started("view", result, "--host")
+    assert url.startswith("https://")
+    assert process.stdout
+    lines = [process.stdout.readline()]
+    while not lines[-1].startswith("Ctrl-C"):
+        lines.append(process.stdout.readline())
+    text = "".join(lines)
+    assert "The browser will warn that the certificate" in text
+    assert re.search(r"([0-9A-F]{2}:){31}[0-9A-F]{2} \(SHA-256\)", text)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+def test_training_stopped_from_its_page(
+    started: Callable[..., tuple[subprocess.Popen[str], str]], written_capture: Path, tmp_path: Path
+) -> None:
+    output = tmp_path / "out"
+    process, url = started("train", written_capture, "--output", output, *OPTIONS, "--iterations", 10**6, "--view")
+
+    async def watch_and_stop() -> int:
+        async with following(url) as page:
+            while not page.scenes:
+                assert await page.read()
+            await page.say("stop")
+            return (await page.until(finished=True))["iteration"]
+
+    iterations = asyncio.run(asyncio.wait_for(watch_and_stop(), 60))
+    record = json.loads((output / "run.json").read_text())
+    assert (record["iterations"], record["interrupted"]) == (iterations, True)
+    # The page stays.
+    told = fetch(url, "viewer.json").json
+    assert (told["live"], told["previews"]) == (True, ["previews/images_0000.png"])
+    assert fetch(url, told["cameras"][0]["photo"]).status == 200
+    process.send_signal(signal.SIGINT)
+    printed, errors = process.communicate(timeout=20)
+    assert (process.returncode, errors) == (0, "")
+    assert "(stopped early)" in printed
+    assert f"the page stays at {url} until Ctrl-C" in printed
+
+
+def test_page_that_ends_with_its_run(
+    started: Callable[..., tuple[subprocess.Popen[str], str]], written_capture: Path, tmp_path: Path
+) -> None:
+    command = ["train", written_capture, "--output", tmp_path / "out", *OPTIONS, "--iterations", 20]
+    process, url = started(*command, "--view", "--no-wait")
+    printed, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (0, "")
+    assert "20 iterations" in printed
+    with pytest.raises(ConnectionError):
+        fetch(url)

@@ -1,0 +1,299 @@
+"""The page in a browser: it draws what the engine draws, and does what a person asks of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Browser, expect
+
+from pocketgs.camera import Camera
+from pocketgs.formats import ply, splat, spz
+from pocketgs.gaussians import Gaussians
+from pocketgs.splat.cpu.engine import CpuEngine
+from pocketgs.splat.webgpu.frame_values import view_values
+from pocketgs.viewer.content import Content, View
+from pocketgs.viewer.server import serving
+from viewer.browsing import PATIENCE, Visit, open_browser, visiting
+from viewer.marks import HEIGHT, MARKS, UP, WIDTH, cameras_around, marked_scene, marks, psnr, size_of
+
+BACKGROUND = (0.1, 0.2, 0.3)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Gaussians:
+    return marked_scene()
+
+
+@pytest.fixture(scope="module")
+def cameras() -> list[Camera]:
+    return cameras_around()
+
+
+@pytest.fixture(scope="module")
+def content(scene: Gaussians, cameras: list[Camera], tmp_path_factory: pytest.TempPathFactory) -> Content:
+    path = tmp_path_factory.mktemp("shown") / "scene.ply"
+    ply.write_gaussians(path, scene)
+    preview = path.with_name("0001.png")
+    Image.new("RGB", (200, 100), "teal").save(preview)
+    photo = np.full((HEIGHT, WIDTH, 3), (255, 255, 0), np.uint8)
+    views = [View(f"{i}.jpg", camera, i == 1, photo) for i, camera in enumerate(cameras)]
+    return Content("marks", path, False, BACKGROUND, tuple(views), UP, (0.0, 0.0, 0.0), {"0001.png": preview})
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with open_browser() as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def url(content: Content) -> Iterator[str]:
+    with serving(content) as page:
+        yield page.url
+
+
+@pytest.fixture(scope="module")
+def opened(browser: Browser, url: str) -> Iterator[Visit]:
+    with visiting(browser, url, WIDTH, HEIGHT) as visit:
+        visit.until_drawn()
+        assert visit.complaints == []
+        yield visit
+
+
+@pytest.fixture
+def visit(opened: Visit) -> Iterator[Visit]:
+    """The page, which every test leaves without anything to complain of and back at its camera."""
+    opened.complaints.clear()
+    yield opened
+    for key in ("Escape", "1", "r"):
+        opened.page.keyboard.press(key)
+    assert opened.complaints == []
+
+
+@pytest.fixture(scope="module")
+def engine(scene: Gaussians) -> CpuEngine:
+    engine = CpuEngine()
+    engine.upload(scene)
+    return engine
+
+
+def test_it_loads(visit: Visit, scene: Gaussians) -> None:
+    expect(visit["#title"]).to_have_text("marks")
+    expect(visit["#stats"]).to_contain_text(f"{len(scene)} splats")
+    expect(visit["#loading"]).to_be_hidden()
+    expect(visit["#message"]).to_be_hidden()
+
+
+def test_picture_is_the_engines(visit: Visit, engine: CpuEngine, cameras: list[Camera]) -> None:
+    """At the held-out camera, where it starts, and at the next one."""
+    expect(visit["#camera-name"]).to_have_text("1.jpg, held out")
+    expected = np.clip(engine.render(cameras[1], BACKGROUND).image, 0, 1)
+    assert psnr(visit.picture(), expected) > 40
+    visit["#next"].click()
+    expect(visit["#camera-name"]).to_have_text("2.jpg")
+    assert psnr(visit.picture(), np.clip(engine.render(cameras[2], BACKGROUND).image, 0, 1)) > 40
+    visit["#previous"].click()
+    assert psnr(visit.picture(), expected) > 40
+
+
+def test_values_for_the_shaders_are_those_of_python(visit: Visit, cameras: list[Camera]) -> None:
+    symbols = {"gaussians": 5, "coefficients": 4, "entries": 77, "replay_depth": 0}
+    camera = cameras[2]
+    fields = ("width", "height", "fx", "fy", "cx", "cy")
+    described = {name: getattr(camera, name) for name in fields}
+    described["world_to_camera"] = camera.world_to_camera.reshape(-1).tolist()
+    found = visit.page.evaluate(
+        """async ([camera, background, symbols]) => {
+            const { viewValues } = await import(new URL("page/view_values.js", document.baseURI));
+            return viewValues(camera, background, symbols);
+        }""",
+        [described, BACKGROUND, symbols],
+    )
+    expected = view_values(camera, BACKGROUND, symbols)
+    assert found.keys() == expected.keys()
+    for name, value in expected.items():
+        np.testing.assert_allclose(found[name], value, err_msg=name, atol=1e-9)
+
+
+def test_dragging_turns_the_scene(visit: Visit) -> None:
+    """What is in front of the target follows the pointer."""
+    before = marks(visit.picture())
+    visit.drag(30, 0)
+    after = marks(visit.picture())
+    assert after["red"][0] > before["red"][0] + 5
+    before = after
+    visit.drag(0, 20)
+    assert marks(visit.picture())["red"][1] > before["red"][1] + 2
+
+
+@pytest.mark.parametrize("how", ["right button", "shift"])
+def test_panning_moves_the_target_with_the_pointer(visit: Visit, how: str) -> None:
+    before = marks(visit.picture())
+    if how == "shift":
+        visit.page.keyboard.down("Shift")
+    visit.drag(30, 12, "right" if how == "right button" else "left")
+    visit.page.keyboard.up("Shift")
+    after = marks(visit.picture())
+    # Green and blue lie left and right of the target, at its distance.
+    middle = (after["green"] + after["blue"] - before["green"] - before["blue"]) / 2
+    np.testing.assert_allclose(middle, (30, 12), atol=4)
+
+
+def test_wheel_comes_nearer(visit: Visit) -> None:
+    before = size_of(marks(visit.picture()))
+    visit.page.mouse.move(200, 100)
+    visit.page.mouse.wheel(0, -120)
+    assert size_of(marks(visit.picture())) > 1.1 * before
+
+
+def test_one_finger_turns(visit: Visit) -> None:
+    before = marks(visit.picture())
+    visit.touch(((200, 100), (230, 100)))
+    assert marks(visit.picture())["red"][0] > before["red"][0] + 5
+
+
+def test_two_fingers_pinch_and_pan(visit: Visit) -> None:
+    before = marks(visit.picture())
+    visit.touch(((180, 100), (172, 100)), ((220, 100), (228, 100)))
+    assert size_of(marks(visit.picture())) > 1.3 * size_of(before)
+    visit.page.keyboard.press("r")
+    before = marks(visit.picture())
+    visit.touch(((180, 100), (200, 110)), ((220, 100), (240, 110)))
+    after = marks(visit.picture())
+    middle = (after["green"] + after["blue"] - before["green"] - before["blue"]) / 2
+    np.testing.assert_allclose(middle, (20, 10), atol=4)
+
+
+@pytest.mark.parametrize(("key", "grows", "right"), [("w", 1, 0), ("s", -1, 0), ("a", 0, 1), ("d", 0, -1)])
+def test_keys_fly(visit: Visit, key: str, grows: int, right: int) -> None:
+    """For as long as they are held: forward and back, or sideways, which moves the picture the other way."""
+    before = marks(visit.picture())
+    visit.page.keyboard.down(key)
+    visit.page.wait_for_timeout(250)
+    visit.page.keyboard.up(key)
+    after = marks(visit.picture())
+    assert not grows or grows * (size_of(after) - size_of(before)) > 3
+    assert not right or right * (after["green"][0] - before["green"][0]) > 3
+
+
+def test_reset_goes_back(visit: Visit) -> None:
+    before = visit.picture()
+    visit.drag(40, 10)
+    visit.page.mouse.wheel(0, 100)
+    assert psnr(visit.picture(), before) < 40
+    visit["#reset"].click()
+    assert psnr(visit.picture(), before) > 60
+
+
+def test_appearances(visit: Visit) -> None:
+    """Opaque discs cover the marks with their one colour; dots are few; depths are brightest at the nearest mark."""
+    splats = visit.picture()
+    places = marks(splats)
+    pictures = {}
+    for key, name in zip("234", ("points", "discs", "depth"), strict=True):
+        visit.page.keyboard.press(key)
+        expect(visit[f"[data-appearance={name}]"]).to_have_attribute("aria-pressed", "true", timeout=PATIENCE)
+        pictures[name] = visit.picture()
+    x, y = np.round(places["red"]).astype(int)
+    np.testing.assert_allclose(pictures["discs"][y, x], (1, 0, 0), atol=0.02)
+    reddish = {name: int((picture[..., 0] - picture[..., 1] > 0.9).sum()) for name, picture in pictures.items()}
+    assert 1 <= reddish["points"] <= 12 < reddish["discs"]
+    brightness = pictures["depth"].sum(axis=2)
+    assert brightness[y, x] > np.quantile(brightness, 0.9)
+    assert np.ptp(brightness) > 1.0
+
+
+def test_background(visit: Visit, engine: CpuEngine, cameras: list[Camera]) -> None:
+    seen = []
+    for _ in range(3):
+        visit["#background"].click()
+        seen.append(visit.picture())
+    for grey in (0.0, 0.5, 1.0):
+        expected = np.clip(engine.render(cameras[1], (grey, grey, grey)).image, 0, 1)
+        assert max(psnr(picture, expected) for picture in seen) > 40
+
+
+def test_compare_lays_the_photograph_over_its_part_of_the_canvas(visit: Visit) -> None:
+    visit.page.set_viewport_size({"width": 600, "height": 300})
+    visit["#compare-button"].click()
+    box = visit["#photo"].bounding_box()
+    assert box
+    assert (box["x"], box["y"], box["width"], box["height"]) == pytest.approx((100, 0, WIDTH, HEIGHT), abs=1)
+    slider = visit["#share"]
+    for share in (0.25, 0.75):
+        slider.fill(str(100 * share))
+        divider = visit["#divider"].bounding_box()
+        assert divider
+        assert divider["x"] + 1 == pytest.approx(100 + share * WIDTH, abs=1.5)
+        clip = visit["#photo"].evaluate("photo => getComputedStyle(photo).clipPath")
+        assert f"{100 * share:g}%" in clip or f"{100 - 100 * share:g}%" in clip
+    visit.page.keyboard.press("c")
+    expect(visit["#compare"]).to_be_hidden()
+    visit.page.set_viewport_size({"width": WIDTH, "height": HEIGHT})
+
+
+def test_help(visit: Visit) -> None:
+    visit.page.keyboard.press("?")
+    expect(visit["#help"]).to_be_visible()
+    visit.page.keyboard.press("Escape")
+    expect(visit["#help"]).to_be_hidden()
+
+
+def test_phone_has_all_buttons_within_reach(visit: Visit) -> None:
+    visit.page.set_viewport_size({"width": 360, "height": 740})
+    assert visit.page.evaluate("document.documentElement.scrollWidth") <= 360
+    buttons = visit["#toolbar button:visible"].all()
+    assert len(buttons) >= 12
+    for button in buttons:
+        box = button.bounding_box()
+        assert box
+        assert min(box["width"], box["height"]) >= 44, button
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= 360
+        assert box["y"] > 740 / 2
+        assert box["y"] + box["height"] <= 740
+    visit.page.set_viewport_size({"width": WIDTH, "height": HEIGHT})
+
+
+def test_without_webgpu_it_says_so_and_shows_pictures(browser: Browser, url: str) -> None:
+    with visiting(browser, url, 640, 480, script="delete Navigator.prototype.gpu") as visit:
+        expect(visit["#message-text"]).to_contain_text("WebGPU")
+        expect(visit["#message-text"]).to_contain_text("Chrome")
+        expect(visit["#toolbar"]).to_be_hidden()
+        picture = visit["#previews img"]
+        picture.scroll_into_view_if_needed()
+        expect(picture).to_have_count(1)
+        expect(picture).to_have_js_property("complete", True)
+        assert picture.evaluate("image => image.naturalWidth") > 100
+        assert visit.complaints == []
+
+
+WRITERS = {".ply": ply.write_gaussians, ".splat": splat.write_gaussians, ".spz": spz.write_gaussians}
+
+
+def test_dropped_files_are_shown(browser: Browser, url: str, scene: Gaussians, tmp_path: Path) -> None:
+    few = scene.select(np.arange(len(scene) - len(MARKS), len(scene)))
+    with visiting(browser, url, WIDTH, HEIGHT) as visit:
+        visit.until_drawn()
+        for suffix, write in WRITERS.items():
+            path = tmp_path / f"dropped{suffix}"
+            write(path, few)
+            visit.drop(path.name, path.read_bytes())
+            expect(visit["#title"]).to_have_text(path.name, timeout=PATIENCE)
+            assert set(marks(visit.picture())) == set(MARKS)
+            expect(visit["#stats"]).to_contain_text("3 splats")
+            expect(visit["#next"]).to_be_disabled()
+        broken = tmp_path / "dropped.ply"
+        visit.drop("broken.ply", broken.read_bytes()[:-1])
+        expect(visit["#message-text"]).to_contain_text("broken.ply: the file is cut short")
+        expect(visit["#title"]).to_have_text("dropped.spz")
+        visit["#message-close"].click()
+        with visit.page.expect_file_chooser() as chooser:
+            visit["#open"].click()
+        chooser.value.set_files(broken)
+        expect(visit["#title"]).to_have_text("dropped.ply")
+        assert visit.complaints == []

@@ -1,0 +1,205 @@
+"""Parts of the page by themselves, in a browser without a GPU: the readers of files, and when it draws how finely."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import struct
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from playwright.sync_api import Error, Page
+
+from pocketgs.formats import ply, splat, spz
+from pocketgs.gaussians import Gaussians
+from pocketgs.splat.webgpu.scene_columns import to_columns
+from pocketgs.viewer.content import Content
+from pocketgs.viewer.server import serving
+from viewer.browsing import open_browser, visiting
+
+READ = """async ([name, content]) => {
+    const { readScene } = await import(new URL("page/scene_file.js", document.baseURI));
+    const bytes = Uint8Array.from(atob(content), (character) => character.charCodeAt(0));
+    const shares = [];
+    const scene = await readScene(name, new Blob([bytes]).stream(), bytes.length, (share) => shares.push(share));
+    return [scene.count, scene.coefficients, Array.from(scene.shape), Array.from(scene.sh), shares];
+}"""
+Written = tuple[str, Callable[[Path, Gaussians], None], Callable[[Path], Gaussians]]
+FORMATS: list[Written] = [
+    ("scene.ply", ply.write_gaussians, ply.read_gaussians),
+    ("scene.splat", splat.write_gaussians, splat.read_gaussians),
+    ("scene.spz", lambda path, scene: spz.write_gaussians(path, scene, version=3), spz.read_gaussians),
+    ("scene.spz", lambda path, scene: spz.write_gaussians(path, scene, version=4), spz.read_gaussians),
+]
+written = pytest.mark.parametrize("written", FORMATS, ids=("ply", "splat", "spz3", "spz4"))
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator[Page]:
+    no_gpu = "delete Navigator.prototype.gpu"
+    with (
+        open_browser() as browser,
+        serving(Content("parts")) as served,
+        visiting(browser, served.url, 400, 300, script=no_gpu) as visit,
+    ):
+        yield visit.page
+
+
+def read(page: Page, name: str, content: bytes) -> tuple[np.ndarray, np.ndarray, list[float]]:
+    """The scene's columns as the page reads them, and the progress it was told of."""
+    found = page.evaluate(READ, [name, base64.b64encode(content).decode()])
+    count, coefficients, shape, sh, shares = found
+    return np.reshape(shape, (11, count)), np.reshape(sh, (3 * coefficients, count)), shares
+
+
+def random_scene(count: int, coefficients: int) -> Gaussians:
+    rng = np.random.default_rng(count + coefficients)
+    return Gaussians(
+        rng.normal(0, 3, (count, 3)),
+        rng.normal(-3, 1, (count, 3)),
+        rng.normal(0, 1, (count, 4)),
+        rng.normal(0, 2, count),
+        rng.normal(0, 0.3, (count, coefficients, 3)),
+    )
+
+
+@written
+@pytest.mark.parametrize(("count", "coefficients"), [(1, 1), (300, 4), (17, 9), (9000, 16)])
+def test_page_reads_what_python_reads(
+    page: Page, tmp_path: Path, written: Written, count: int, coefficients: int
+) -> None:
+    name, write, read_again = written
+    path = tmp_path / name
+    write(path, random_scene(count, coefficients))
+    shape, sh, shares = read(page, name, path.read_bytes())
+    for found, expected in zip((shape, sh), to_columns(read_again(path)), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("degree", [0, 3, 4])
+def test_page_reads_early_spz(page: Page, tmp_path: Path, version: int, degree: int) -> None:
+    rng, count = np.random.default_rng(version + degree), 50
+    widths = [9, 1, 3, 3, 3, 3 * ((degree + 1) ** 2 - 1)]
+    streams = [rng.integers(0, 256, count * width, dtype=np.uint8).tobytes() for width in widths]
+    if version == 1:
+        streams[0] = rng.normal(0, 3, (count, 3)).astype("<f2").tobytes()
+    path = tmp_path / "early.spz"
+    header = struct.pack("<4sIIBBBB", b"NGSP", version, count, degree, 12, 0, 0)
+    path.write_bytes(gzip.compress(header + b"".join(streams)))
+    shape, sh, _ = read(page, path.name, path.read_bytes())
+    for found, expected in zip((shape, sh), to_columns(spz.read_gaussians(path)), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5)
+
+
+def test_page_reads_ply_of_other_types(page: Page) -> None:
+    """Doubles, bytes, properties of no use, and big-endian numbers."""
+    names = ["x", "y", "z", *(f"f_dc_{i}" for i in range(3)), "opacity", *(f"scale_{i}" for i in range(3))]
+    names += [f"rot_{i}" for i in range(4)]
+    lines = ["ply", "format binary_big_endian 1.0", "comment made by hand", "element vertex 2"]
+    lines += ["property uchar flag", *(f"property double {name}" for name in names), "end_header", ""]
+    rows = np.arange(2 * len(names), dtype=">f8").reshape(2, -1)
+    content = "\n".join(lines).encode() + b"".join(b"\x07" + row.tobytes() for row in rows)
+    shape, sh, _ = read(page, "scene.ply", content)
+    np.testing.assert_array_equal(shape[:3], rows[:, :3].T)
+    np.testing.assert_array_equal(sh, rows[:, 3:6].T)
+    np.testing.assert_array_equal(shape[10], rows[:, 6])
+    np.testing.assert_allclose(np.linalg.norm(shape[6:10], axis=0), 1, rtol=1e-6)
+
+
+@written
+def test_what_is_cut_short_is_refused(page: Page, tmp_path: Path, written: Written) -> None:
+    name, write, _ = written
+    path = tmp_path / name
+    write(path, random_scene(300, 4))
+    content = path.read_bytes()
+    for end in (0, 3, 10, len(content) // 2 - 7, len(content) - 20):
+        with pytest.raises(Error, match=name):
+            read(page, name, content[:end])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("notes.txt", b"not a scene at all", "expected .ply, .splat, .spz"),
+        ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 1\nend_header\n", "format is ascii"),
+        ("a.ply", b"ply\nformat binary_little_endian 1.0\nelement face 1\nend_header\n", "element 'face'"),
+        ("a.ply", b"ply\nformat binary_little_endian 1.0\nelement chunk 1\nend_header\n", "compressed"),
+        ("a.ply", b"ply\n" + bytes(70_000), "does not end"),
+        (
+            "a.ply",
+            b"ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\nend_header\n",
+            "cut short",
+        ),
+        ("a.spz", gzip.compress(struct.pack("<4sIIBBBB", b"NGSP", 9, 1, 0, 12, 0, 0)), "version 9"),
+        ("a.spz", gzip.compress(struct.pack("<4sIIBBBB", b"NGSP", 3, 4_000_000_000, 3, 12, 0, 0)), "cut short"),
+        ("a.spz", struct.pack("<4sIIBBBB", b"NGSP", 4, 1, 0, 12, 0, 99), "99 streams"),
+    ],
+)
+def test_what_is_no_scene_is_refused(page: Page, name: str, content: bytes, words: str) -> None:
+    with pytest.raises(Error, match=words):
+        read(page, name, content)
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    content=st.one_of(
+        st.binary(max_size=400),
+        arrays.arrays(np.uint8, st.integers(1, 60_000), elements=st.sampled_from([0, 1, 2, 7, 200])).map(bytes),
+        st.text(alphabet="abcde ", max_size=3000).map(lambda text: text.encode() * 9),
+    ),
+    level=st.sampled_from([-5, 1, 3, 12, 19]),
+    has_checksum=st.booleans(),
+)
+def test_page_unpacks_zstandard(page: Page, content: bytes, level: int, has_checksum: bool) -> None:
+    parameters = spz.zstd.CompressionParameter
+    options = {parameters.compression_level: level, parameters.checksum_flag: int(has_checksum)}
+    found = page.evaluate(
+        """async ([packed, size]) => {
+            const { unpackZstd } = await import(new URL("page/zstd.js", document.baseURI));
+            return Array.from(unpackZstd(Uint8Array.from(packed), size));
+        }""",
+        [list(spz.zstd.compress(content, options=options)), len(content)],
+    )
+    assert bytes(found) == content
+
+
+LOOP = """async (milliseconds) => {
+    const { FrameLoop } = await import(new URL("page/frame_loop.js", document.baseURI));
+    const pause = (time) => new Promise((resolve) => setTimeout(resolve, time));
+    const shares = [];
+    const draw = async (share) => {
+        shares.push(share);
+        await pause(milliseconds * share);
+    };
+    const loop = new FrameLoop(draw, () => {}, () => {});
+    loop.invalidate();
+    for (let i = 0; i < 40; i++) {
+        loop.move();
+        await pause(25);
+    }
+    await pause(1500);
+    const atRest = shares.length;
+    await pause(500);
+    return [shares, shares.length - atRest];
+}"""
+
+
+@pytest.mark.parametrize(("milliseconds", "coarsest"), [(5, 1.0), (300, 0.25)])
+def test_resolution_drops_only_while_slow_frames_move(page: Page, milliseconds: float, coarsest: float) -> None:
+    """Frames that take so long at full resolution; then the picture rests, sharp, and nothing is drawn."""
+    found: Any = page.evaluate(LOOP, milliseconds)
+    shares, drawn_at_rest = found
+    assert min(shares) <= coarsest + 0.1
+    assert shares[-1] == 1.0
+    assert drawn_at_rest == 0
+    if coarsest == 1.0:
+        assert set(shares) == {1.0}
