@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from pocketgs.camera import Camera, look_at
@@ -38,10 +40,10 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
     return -10 * float(np.log10(max(np.mean((a - b) ** 2), 1e-10)))
 
 
-def marks(picture: np.ndarray) -> dict[str, np.ndarray]:
-    """Where each coloured Gaussian is seen: (x, y) in pixels, weighted by how much of its colour is there."""
+def marks(picture: np.ndarray, names: Sequence[str] = tuple(MARKS)) -> dict[str, np.ndarray]:
+    """Where coloured Gaussians are seen: (x, y) in pixels, weighted by how much of their colour is there."""
     found = {}
-    for channel, name in enumerate(MARKS):
+    for channel, name in ((channel, name) for channel, name in enumerate(MARKS) if name in names):
         others = np.delete(picture, channel, axis=2).max(axis=2)
         weights = np.clip(picture[..., channel] - others - 0.3, 0, None)
         assert weights.sum() > 2, f"no {name} mark in the picture"
