@@ -25,7 +25,14 @@ from pocketgs.splat.cpu.rasterize_backward import rasterize_backward
 from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.splat.engine import EngineOptions, create_engine
 from pocketgs.splat.settings import LearningRates, LossSettings, StepSettings
-from splat.training_step import assert_identical, camera_in_front
+from splat.training_step import (
+    EDITS,
+    a_million_off_screen,
+    assert_identical,
+    camera_in_front,
+    of_every_size,
+    with_hostile_numbers,
+)
 
 STEP = StepSettings(LearningRates(1e-3, 5e-3, 4e-3, 1e-2, 1e-2, 1e-3), LossSettings(scale_weight=1e-3))
 
@@ -93,24 +100,11 @@ def test_few_gaussians_and_small_images(make_gaussians: MakeGaussians, count: in
     assert all(np.all(np.isfinite(getattr(result, name))) for name in PARAMETERS)
 
 
-HOSTILE = st.sampled_from([0.0, 1.0, -1.0, 1e-30, 1e10, -1e10, 1e30, -1e30, np.nan, np.inf, -np.inf, 88.0, -100.0])
-
-
 @settings(max_examples=60, deadline=None)
-@given(st.lists(st.tuples(st.integers(0, 200), HOSTILE), min_size=1, max_size=40))
+@given(EDITS)
 def test_hostile_numbers_leave_the_image_finite(edits: list[tuple[int, float]]) -> None:
-    rng = np.random.default_rng(8)
-    parameters = [
-        rng.normal(0, 0.5, (20, 3)),
-        rng.normal(-2, 0.5, (20, 3)),
-        rng.normal(0, 1, (20, 4)),
-        rng.normal(0, 1, 20),
-    ]
-    parameters.append(rng.normal(0, 0.3, (20, 4, 3)))
-    for place, value in edits:
-        array = parameters[place % 5].reshape(-1)
-        array[(place * 7919) % array.size] = value
-    gaussians = Gaussians(*(array.astype(np.float32) for array in parameters))
+    gaussians = with_hostile_numbers(edits)
+    parameters = [getattr(gaussians, name) for name in PARAMETERS]
     camera = camera_in_front(33, 21, 30.0)
     engine = CpuEngine()
     engine.set_views([Frame("photo", camera, np.full((21, 33, 3), 128, np.uint8))])
@@ -126,13 +120,7 @@ def test_hostile_numbers_leave_the_image_finite(edits: list[tuple[int, float]]) 
 
 
 def test_a_million_gaussians_off_screen() -> None:
-    rng = np.random.default_rng(1)
-    count = 1_000_000
-    means = rng.normal(size=(count, 3)).astype(np.float32)
-    means[:, 0] += 1000.0
-    gaussians = Gaussians(
-        means, np.full((count, 3), -5.0), np.eye(4)[np.zeros(count, int)], np.zeros(count), np.zeros((count, 1, 3))
-    )
+    gaussians = a_million_off_screen()
     camera = camera_in_front(40, 30, 40.0)
     engine = CpuEngine()
     engine.upload(gaussians)
@@ -143,15 +131,8 @@ def test_a_million_gaussians_off_screen() -> None:
 @given(st.integers(0, 10_000), st.integers(1, 70), st.integers(1, 70))
 def test_tile_lists_hold_every_pixel_that_a_splat_colours(seed: int, width: int, height: int) -> None:
     """Against brute force over all pixels: nothing that reaches 1/255 is missing, and depth order holds."""
-    rng = np.random.default_rng(seed)
-    count = 15
-    gaussians = Gaussians(
-        rng.uniform(-1.5, 1.5, (count, 3)),
-        rng.uniform(-5, 0.5, (count, 3)),
-        rng.normal(size=(count, 4)),
-        rng.uniform(-5, 5, count),
-        np.zeros((count, 1, 3)),
-    )
+    gaussians = of_every_size(seed)
+    count = len(gaussians)
     camera = camera_in_front(width, height, 30.0)
     engine = CpuEngine(2)
     engine.upload(gaussians)

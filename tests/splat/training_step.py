@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
+from hypothesis import strategies as st
 
 from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
@@ -45,6 +46,52 @@ def photograph(camera: Camera, masked: bool = False, seed: int = 11) -> Frame:
     image = rng.integers(0, 256, (camera.height, camera.width, 3)).astype(np.uint8)
     mask = rng.uniform(size=image.shape[:2]) > 0.25 if masked else None
     return Frame("photo", camera, image, mask=mask)
+
+
+HOSTILE = st.sampled_from([0.0, 1.0, -1.0, 1e-30, 1e10, -1e10, 1e30, -1e30, np.nan, np.inf, -np.inf, 88.0, -100.0])
+"""Numbers that parameters may diverge to."""
+
+EDITS = st.lists(st.tuples(st.integers(0, 200), HOSTILE), min_size=1, max_size=40)
+
+
+def with_hostile_numbers(edits: list[tuple[int, float]]) -> Gaussians:
+    """Twenty Gaussians, some of whose parameters are hostile."""
+    rng = np.random.default_rng(8)
+    parameters = [
+        rng.normal(0, 0.5, (20, 3)),
+        rng.normal(-2, 0.5, (20, 3)),
+        rng.normal(0, 1, (20, 4)),
+        rng.normal(0, 1, 20),
+        rng.normal(0, 0.3, (20, 4, 3)),
+    ]
+    for place, value in edits:
+        array = parameters[place % 5].reshape(-1)
+        array[(place * 7919) % array.size] = value
+    return Gaussians(*(array.astype(np.float32) for array in parameters))
+
+
+def of_every_size(seed: int) -> Gaussians:
+    """Fifteen Gaussians from dots to larger than a picture, from faint to opaque."""
+    rng = np.random.default_rng(seed)
+    count = 15
+    return Gaussians(
+        rng.uniform(-1.5, 1.5, (count, 3)),
+        rng.uniform(-5, 0.5, (count, 3)),
+        rng.normal(size=(count, 4)),
+        rng.uniform(-5, 5, count),
+        np.zeros((count, 1, 3)),
+    )
+
+
+def a_million_off_screen() -> Gaussians:
+    """Far to the side of what `camera_in_front` sees."""
+    rng = np.random.default_rng(1)
+    count = 1_000_000
+    means = rng.normal(size=(count, 3)).astype(np.float32)
+    means[:, 0] += 1000.0
+    return Gaussians(
+        means, np.full((count, 3), -5.0), np.eye(4)[np.zeros(count, int)], np.zeros(count), np.zeros((count, 1, 3))
+    )
 
 
 def reference_step(

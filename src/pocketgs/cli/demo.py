@@ -8,9 +8,9 @@ from rich.console import Console
 
 from pocketgs.capture import Capture, open_capture
 from pocketgs.capture.synthetic import write_demo
-from pocketgs.cli.display import Display, print_result
-from pocketgs.cli.view import FollowOptions, following
-from pocketgs.run import run
+from pocketgs.cli.shown_run import show_run
+from pocketgs.cli.view import FollowOptions
+from pocketgs.run import Reporter, RunResult, run
 from pocketgs.training_options import TrainingOptions
 
 
@@ -28,18 +28,13 @@ def demo(
         training: How to train.
         page: Whether and where a page follows the run.
     """
-    console = Console()
-    display = Display(console)
 
     def film() -> Capture:
         write_demo(capture)
         return open_capture(capture)
 
-    with following(page, "demo", training.iterations) as followed:
-        with display.showing() as shown:
-            reporter = followed.reporter(shown) if followed else shown
-            result = run(film, output, training, reporter=reporter)
-        if followed:
-            followed.finish(result)
-        print_result(console, result)
-        console.print("look at the pictures in held_out/ (photograph left, rendering right)", highlight=False)
+    def work(reporter: Reporter) -> RunResult:
+        return run(film, output, training, reporter=reporter)
+
+    hint = "look at the pictures in held_out/ (photograph left, rendering right)"
+    show_run(Console(), work, page, "demo", training.iterations, closing_line=hint)

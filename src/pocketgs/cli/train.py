@@ -11,9 +11,9 @@ from rich.console import Console
 from pocketgs.capture import Capture
 from pocketgs.capture.open import lacks_poses
 from pocketgs.cli.capture_options import CaptureOptions
-from pocketgs.cli.display import Display, print_result
-from pocketgs.cli.view import FollowOptions, following
-from pocketgs.run import run
+from pocketgs.cli.shown_run import show_run
+from pocketgs.cli.view import FollowOptions
+from pocketgs.run import Reporter, RunResult, run
 from pocketgs.structure_from_motion.pose import posed
 from pocketgs.training_options import TrainingOptions
 
@@ -42,20 +42,16 @@ def train(
         resolved = resolved.parent if resolved.suffix.lower() == ".json" else resolved.with_suffix("")
     name = resolved.name or "capture"
     folder = output or Path("output") / name
-    display = Display(console)
-    with following(page, name, training.iterations) as followed:
-        with display.showing() as shown:
-            reporter = followed.reporter(shown) if followed else shown
 
-            def load() -> Capture:
-                if not lacks_poses(capture):
-                    return reading.open(capture)
-                found = folder / "posed" / name
-                message = f"{capture} holds no poses: those that structure from motion finds are kept in {found}"
-                console.print(message, markup=False, highlight=False, soft_wrap=True)
-                return reading.open(posed(capture, found, on_stage=reporter.on_stage, on_warning=reporter.on_warning))
+    def work(reporter: Reporter) -> RunResult:
+        def load() -> Capture:
+            if not lacks_poses(capture):
+                return reading.open(capture)
+            found = folder / "posed" / name
+            message = f"{capture} holds no poses: those that structure from motion finds are kept in {found}"
+            console.print(message, markup=False, highlight=False, soft_wrap=True)
+            return reading.open(posed(capture, found, on_stage=reporter.on_stage, on_warning=reporter.on_warning))
 
-            result = run(load, folder, training, resume=resume, reporter=reporter)
-        if followed:
-            followed.finish(result)
-        print_result(console, result)
+        return run(load, folder, training, resume=resume, reporter=reporter)
+
+    show_run(console, work, page, name, training.iterations)

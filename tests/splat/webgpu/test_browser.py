@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import threading
 from collections.abc import Iterator, Mapping
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
-from playwright.sync_api import Browser, Error, Page, sync_playwright
+from playwright.sync_api import Browser, Error, Page
 
 import pocketgs.splat.webgpu
 from pocketgs.camera import Camera
@@ -30,16 +29,8 @@ from pocketgs.splat.webgpu.photographs import packed
 from pocketgs.splat.webgpu.scene_columns import to_columns
 from pocketgs.splat.webgpu.sizes import evaluate
 from splat.webgpu.variants import shared_engine
+from viewer.browsing import open_browser
 
-BROWSERS = ("chromium", "google-chrome", "chromium-browser")
-FLAGS = (
-    "--enable-unsafe-webgpu",
-    "--use-webgpu-adapter=swiftshader",
-    "--no-sandbox",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--no-first-run",
-)
 VARIANTS = [
     pytest.param(Variant("f32", "recompute"), id="f32-recompute"),
     pytest.param(Variant("f16", "cache"), id="f16-cache"),
@@ -63,20 +54,8 @@ SETTINGS = StepSettings(
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    program = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if program is None:
-        unavailable(f"no browser: found none of {', '.join(BROWSERS)}")
-    with sync_playwright() as playwright:
-        running = playwright.chromium.launch(executable_path=program, headless=True, args=FLAGS)
+    with open_browser() as running:
         yield running
-        running.close()
-
-
-def unavailable(why: str) -> None:
-    """Skip, but on the machines that are there to run everything."""
-    if os.environ.get("CI"):
-        pytest.fail(why)
-    pytest.skip(why)
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from pocketgs.splat.settings import LossSettings, StepSettings
 from pocketgs.splat.webgpu.engine import WebGpuEngine
 from pocketgs.splat.webgpu.passes import TILE
 from pocketgs.splat.webgpu.sizes import ceil_div
-from splat.training_step import BACKGROUND, RATES, begin, camera_in_front, photograph
+from splat.training_step import BACKGROUND, RATES, begin, camera_in_front, of_every_size, photograph
 from splat.webgpu.variants import every_variant, shared_engine
 
 pytestmark = pytest.mark.usefixtures("adapter")
@@ -81,15 +81,8 @@ def test_equal_depths_are_drawn_in_order_of_their_index(options: EngineOptions) 
 @given(st.booleans(), st.integers(0, 10_000), st.integers(1, 70), st.integers(1, 70))
 def test_tile_lists_hold_every_pixel_that_a_splat_colours(portable: bool, seed: int, width: int, height: int) -> None:
     """Against brute force over all pixels: nothing that reaches 1/255 is missing, and depth order holds."""
-    rng = np.random.default_rng(seed)
-    count = 15
-    gaussians = Gaussians(
-        rng.uniform(-1.5, 1.5, (count, 3)),
-        rng.uniform(-5, 0.5, (count, 3)),
-        rng.normal(size=(count, 4)),
-        rng.uniform(-5, 5, count),
-        np.zeros((count, 1, 3)),
-    )
+    gaussians = of_every_size(seed)
+    count = len(gaussians)
     engine = begin(shared_engine(EngineOptions("webgpu", portable=portable)), gaussians)
     engine.render(camera_in_front(width, height, 30.0))
     splats = read(engine, "splats", SPLAT_WORDS * count, np.float32).reshape(count, SPLAT_WORDS).astype(np.float64)

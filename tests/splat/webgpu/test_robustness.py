@@ -16,14 +16,21 @@ from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.settings import LossSettings, StepSettings
 from pocketgs.splat.webgpu.engine import WebGpuEngine
-from splat.training_step import BACKGROUND, RATES, begin, camera_in_front, photograph
+from splat.training_step import (
+    BACKGROUND,
+    EDITS,
+    RATES,
+    a_million_off_screen,
+    begin,
+    camera_in_front,
+    photograph,
+    with_hostile_numbers,
+)
 from splat.webgpu.variants import VARIANTS, every_variant, shared_engine
 
 pytestmark = pytest.mark.usefixtures("adapter")
 
 STEP = StepSettings(RATES, LossSettings(scale_weight=1e-3), background=BACKGROUND)
-
-HOSTILE = st.sampled_from([0.0, 1.0, -1.0, 1e-30, 1e10, -1e10, 1e30, -1e30, np.nan, np.inf, -np.inf, 88.0, -100.0])
 
 MakeGaussians = Callable[..., Gaussians]
 
@@ -34,20 +41,9 @@ def rows(gaussians: Gaussians) -> np.ndarray:
 
 
 @settings(max_examples=120, deadline=None)
-@given(st.sampled_from(VARIANTS), st.lists(st.tuples(st.integers(0, 200), HOSTILE), min_size=1, max_size=40))
+@given(st.sampled_from(VARIANTS), EDITS)
 def test_hostile_numbers_leave_the_image_finite(options: EngineOptions, edits: list[tuple[int, float]]) -> None:
-    rng = np.random.default_rng(8)
-    parameters = [
-        rng.normal(0, 0.5, (20, 3)),
-        rng.normal(-2, 0.5, (20, 3)),
-        rng.normal(0, 1, (20, 4)),
-        rng.normal(0, 1, 20),
-        rng.normal(0, 0.3, (20, 4, 3)),
-    ]
-    for place, value in edits:
-        array = parameters[place % 5].reshape(-1)
-        array[(place * 7919) % array.size] = value
-    gaussians = Gaussians(*(array.astype(np.float32) for array in parameters))
+    gaussians = with_hostile_numbers(edits)
     camera = camera_in_front(33, 21, 30.0)
     engine = begin(shared_engine(options), gaussians, [Frame("photo", camera, np.full((21, 33, 3), 128, np.uint8))])
     engine.step(0, STEP)
@@ -153,12 +149,6 @@ def test_few_gaussians_and_small_images(
 
 
 def test_a_million_gaussians_off_screen() -> None:
-    rng = np.random.default_rng(1)
-    count = 1_000_000
-    means = rng.normal(size=(count, 3)).astype(np.float32)
-    means[:, 0] += 1000.0
-    gaussians = Gaussians(
-        means, np.full((count, 3), -5.0), np.eye(4)[np.zeros(count, int)], np.zeros(count), np.zeros((count, 1, 3))
-    )
+    gaussians = a_million_off_screen()
     engine = begin(WebGpuEngine(), gaussians)
     assert engine.render(camera_in_front(40, 30, 40.0), BACKGROUND).alpha.max() == 0.0

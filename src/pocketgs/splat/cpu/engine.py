@@ -123,7 +123,7 @@ class CpuEngine:
 
     def loss(self, steps: int = 1) -> float:
         """Mean loss of the last `steps` steps, measured before their updates."""
-        return float(np.mean([self._losses[-step] for step in range(1, min(steps, len(self._losses)) + 1)]))
+        return float(np.mean(list(self._losses)[-steps:]))
 
     def render(
         self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False

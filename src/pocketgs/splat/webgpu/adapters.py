@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from pocketgs.errors import PocketGSError
+from pocketgs.splat.webgpu.layout import LONGEST_ROW, THREADS
 
 _PREFERENCE = {"DiscreteGPU": 0, "IntegratedGPU": 1, "VirtualGPU": 2, "Unknown": 3, "CPU": 4}
 _SOFTWARE = ("llvmpipe", "swiftshader", "lavapipe", "basic render driver")
@@ -20,10 +21,10 @@ _DEVICE_FILES = ("dri/renderD*", "nvidia[0-9]*", "dxg", "kgsl*", "mali*", "nvhos
 BUFFER_LIMITS = ("max-buffer-size", "max-storage-buffer-binding-size")
 NEEDED = {
     "max-storage-buffers-per-shader-stage": 8,
-    "max-compute-invocations-per-workgroup": 256,
+    "max-compute-invocations-per-workgroup": THREADS,
     "max-compute-workgroup-storage-size": 16384,
-    "max-compute-workgroup-size-x": 256,
-    "max-compute-workgroups-per-dimension": 65535,
+    "max-compute-workgroup-size-x": THREADS,
+    "max-compute-workgroups-per-dimension": LONGEST_ROW,
 }
 """What the passes need of a device: no more than every WebGPU device must offer."""
 
