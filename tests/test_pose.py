@@ -48,7 +48,7 @@ def colmap_outcome(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """What a stand-in for COLMAP finds, for the test to change; it writes its model as one byte."""
     outcome = dict(OUTCOME)
 
-    def run(job: dict[str, Any], log: Path, on_stage: Callable[[str], None]) -> dict[str, Any]:
+    def run(module: str, job: dict[str, Any], log: Path, on_stage: Callable[[str], None]) -> dict[str, Any]:
         (Path(job["model"]) / "cameras.bin").write_bytes(b"!")
         return outcome
 
@@ -131,7 +131,7 @@ def test_photographs_that_do_not_match(photographs: Path, tmp_path: Path) -> Non
 def test_a_failure_inside_colmap_is_one_line(tmp_path: Path) -> None:
     job = {"images": str(tmp_path / "none"), "database": str(tmp_path / "none" / "features.db"), "seed": 0}
     with pytest.raises(PocketGSError, match=r"none: COLMAP failed \(.+\)$"):
-        run_colmap(job, tmp_path / "log.txt", lambda stage: None)
+        run_colmap("colmap", job, tmp_path / "log.txt", lambda stage: None)
 
 
 @pytest.mark.usefixtures("colmap_outcome")

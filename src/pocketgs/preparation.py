@@ -16,6 +16,7 @@ from pocketgs.prior.prior import Prior, PriorSettings, build_prior
 from pocketgs.prior.structure import StructureSettings
 from pocketgs.prior.sweep import SweepSettings
 from pocketgs.record import Stopwatch
+from pocketgs.structure_from_motion.sparse_cloud import triangulate
 from pocketgs.training_options import TrainingOptions
 from pocketgs.volume import draw_points
 
@@ -46,6 +47,8 @@ def prepare(capture: Capture, options: TrainingOptions | None = None, stopwatch:
         most = numba.config.NUMBA_NUM_THREADS
         numba.set_num_threads(min(options.threads or most, most))
         prior = build_prior(capture, options.max_gaussians, _settings(options), stopwatch)
+        if options.prior == "colmap":
+            prior = _with_colmap_cloud(capture, prior, options, stopwatch)
         if _confirmed_points(prior.capture.points) >= min(FEWEST_POINTS, options.max_gaussians // 2):
             return prior
     with stopwatch.stage("points"):
@@ -57,14 +60,29 @@ def prepare(capture: Capture, options: TrainingOptions | None = None, stopwatch:
     return Prior(replace(prior.capture, points=points), report)
 
 
+def _with_colmap_cloud(capture: Capture, prior: Prior, options: TrainingOptions, stopwatch: Stopwatch) -> Prior:
+    """The prior with a sparse cloud in place of its own: the capture's where its poses still hold, or COLMAP's."""
+    assert prior.report is not None
+    with stopwatch.stage("points"):
+        points = None if prior.report.poses_refined else capture.points
+        if points is None:
+            points = triangulate(prior.capture.train, options.seed)
+    points = _at_most(points, options)
+    return Prior(replace(prior.capture, points=points), replace(prior.report, points=len(points)))
+
+
 def starting_points(capture: Capture, options: TrainingOptions) -> PointCloud:
     """The capture's own points, or points drawn where it has none; at most `max_gaussians` of them."""
     if capture.points is None or len(capture.points) < 4:
         return draw_points(capture.train, options.max_gaussians, options.seed)
-    if len(capture.points) <= options.max_gaussians:
-        return capture.points
-    chosen = np.random.default_rng(options.seed).permutation(len(capture.points))[: options.max_gaussians]
-    return capture.points.select(np.sort(chosen))
+    return _at_most(capture.points, options)
+
+
+def _at_most(points: PointCloud, options: TrainingOptions) -> PointCloud:
+    if len(points) <= options.max_gaussians:
+        return points
+    chosen = np.random.default_rng(options.seed).permutation(len(points))[: options.max_gaussians]
+    return points.select(np.sort(chosen))
 
 
 def _confirmed_points(cloud: PointCloud | None) -> int:

@@ -26,11 +26,14 @@ class Stopwatch:
 
     def __init__(self, on_stage: Callable[[str], None] | None = None) -> None:
         self.seconds: dict[str, float] = defaultdict(float)
+        self.current = "startup"
+        """The stage under way, or the last one."""
         self._on_stage = on_stage
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Add the time that the block takes to a stage."""
+        self.current = name
         if self._on_stage:
             self._on_stage(name)
         started = time.perf_counter()
@@ -42,10 +45,20 @@ class Stopwatch:
 
 @dataclass(frozen=True)
 class LossSample:
-    """Loss and held-out PSNR at one moment of training; `seconds` of training time."""
+    """Loss and held-out PSNR at one moment of training.
+
+    Attributes:
+        iteration: steps done.
+        seconds: of training so far.
+        elapsed: seconds of all stages so far, looking at held-out views left out: when a run that never looks would
+            have come as far.
+        loss: of training.
+        held_out_psnr: in dB.
+    """
 
     iteration: int
     seconds: float
+    elapsed: float
     loss: float
     held_out_psnr: float
 

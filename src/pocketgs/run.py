@@ -16,6 +16,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.evaluation import Evaluation, Pair, evaluate
 from pocketgs.gaussians import Gaussians
 from pocketgs.interrupt import deferred_interrupt
+from pocketgs.memory_trace import MemoryTrace
 from pocketgs.poses_file import write_poses
 from pocketgs.preparation import prepare
 from pocketgs.prior.report import PriorReport
@@ -90,6 +91,19 @@ def run(
     reporter = reporter or Reporter()
     stopwatch = Stopwatch(reporter.on_stage)
     stopwatch.seconds["startup"] = seconds_since_start()
+    with MemoryTrace(lambda: stopwatch.current) as memory:
+        return _run(load_capture, folder, options, resume, reporter, stopwatch, memory)
+
+
+def _run(
+    load_capture: Callable[[], Capture],
+    folder: Path,
+    options: TrainingOptions,
+    resume: bool,
+    reporter: Reporter,
+    stopwatch: Stopwatch,
+    memory: MemoryTrace,
+) -> RunResult:
     create_engine(options.engine_options)  # one that is not there is found out before the work starts
     result_folder.check_writable(folder)
     with stopwatch.stage("capture"):
@@ -113,7 +127,7 @@ def run(
     reporter.on_prepared(prior.capture)
     scene = train(capture, options, observer=observe, resume=checkpoint, stopwatch=stopwatch, prepared=prior)
     with deferred_interrupt():
-        return _publish(capture, prior.capture, folder, options, scene, identity, stopwatch)
+        return _publish(capture, prior.capture, folder, options, scene, identity, stopwatch, memory)
 
 
 class _CheckpointSaver:
@@ -180,6 +194,7 @@ def _publish(
     scene: Gaussians,
     identity: dict[str, Any],
     stopwatch: Stopwatch,
+    memory: MemoryTrace,
 ) -> RunResult:
     """Evaluate the scene, at the poses that it was trained with, and put the result in place."""
     record = scene.record
@@ -197,7 +212,7 @@ def _publish(
             engine.upload(scene)
             evaluation = evaluate_held_out(engine, prepared, staging / result_folder.PICTURES)
         stopwatch.seconds["total"] = seconds_since_start()
-        summary = summarise(capture, prepared.protocol, options, scene, evaluation, stopwatch.seconds)
+        summary = summarise(capture, prepared.protocol, options, scene, evaluation, stopwatch.seconds, memory.samples)
         result_folder.write_json(staging / result_folder.RECORD, summary)
     result_folder.remove_outdated(folder, keep_pictures=evaluation is not None, keep_poses=refined)
     return RunResult(folder, scene, evaluation, summary)

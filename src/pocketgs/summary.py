@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 from pocketgs.capture.capture import Capture
 from pocketgs.evaluation import Evaluation
 from pocketgs.gaussians import Gaussians
+from pocketgs.memory_trace import MemorySample
 from pocketgs.record import peak_rss_mb
 from pocketgs.training_options import TrainingOptions
 
@@ -23,6 +25,7 @@ def summarise(
     scene: Gaussians,
     evaluation: Evaluation | None,
     seconds: dict[str, float],
+    memory: Sequence[MemorySample],
 ) -> dict[str, Any]:
     """The content of `run.json`."""
     record = scene.record
@@ -57,6 +60,7 @@ def summarise(
         "prior": asdict(record.prior) if record.prior else None,
         "images": [asdict(image) for image in evaluation.images] if evaluation else [],
         "progress": [asdict(sample) for sample in record.losses],
+        "memory": [asdict(sample) for sample in memory],
         "versions": versions(),
     }
 

@@ -223,8 +223,9 @@ class _Loop:
                 for frame in self._capture.held_out
             ]
         self._held_out_psnr = float(np.mean(values))
-        seconds = self._stopwatch.seconds["training"]
-        self.samples.append(LossSample(self.iteration, seconds, self._loss, self._held_out_psnr))
+        seconds = self._stopwatch.seconds
+        elapsed = sum(seconds.values()) - seconds["evaluation"]
+        self.samples.append(LossSample(self.iteration, seconds["training"], elapsed, self._loss, self._held_out_psnr))
 
     def _finish_steps(self) -> None:
         """Ask for the mean loss over the last epoch, for which the engine finishes what it has been given."""

@@ -21,7 +21,8 @@ class TrainingOptions:
         engine: what renders and differentiates: "auto" takes a GPU where there is one, else the CPU; "webgpu" takes
             software adapters too.
         prior: what to start from: "dense" matches the photographs pixel by pixel; "sparse" takes the points of
-            matched features; "none" the capture as it is, with its own points, or points drawn where it has none.
+            matched features; "colmap" the capture's own sparse cloud, or the one that COLMAP triangulates; "none" the
+            capture as it is, with its own points, or points drawn where it has none.
         bundle: refine poses where the photographs contradict them.
         seeds: discs on the surface, or balls.
         references: frames that each keyframe's pixels are matched in.
@@ -44,7 +45,7 @@ class TrainingOptions:
     iterations: int = 500
     time_budget: float | None = None
     engine: EngineName = "auto"
-    prior: Literal["dense", "sparse", "none"] = "dense"
+    prior: Literal["dense", "sparse", "colmap", "none"] = "dense"
     bundle: bool = True
     seeds: Literal["discs", "balls"] = "discs"
     references: int = 4
@@ -68,7 +69,7 @@ class TrainingOptions:
         checks = {
             "iterations": (self.iterations >= 1, "at least 1"),
             "time budget": (self.time_budget is None or self.time_budget > 0, "a positive number of seconds"),
-            "prior": (self.prior in ("dense", "sparse", "none"), "dense, sparse or none"),
+            "prior": (self.prior in ("dense", "sparse", "colmap", "none"), "dense, sparse, colmap or none"),
             "seeds": (self.seeds in ("discs", "balls"), "discs or balls"),
             "references": (self.references >= 1, "at least 1"),
             "max keyframes": (self.max_keyframes >= 2, "at least 2"),

@@ -1,19 +1,12 @@
-"""COLMAP's pipeline, run as `python -m pocketgs.structure_from_motion.colmap` in a process of its own.
-
-Reads a job as JSON from stdin and writes JSON to stdout, a line for each stage that begins and one for the outcome.
-Why a process: pycolmap brings copies of libraries such as zlib, which crash Pillow when both are loaded; its memory is
-given back before training begins; and whatever stops it cannot stop the program that asked.
-"""
+"""COLMAP's pipeline, run as `python -m pocketgs.structure_from_motion.colmap` in a process of its own; see `job`."""
 
 from __future__ import annotations
 
-import json
-import signal
-import sys
 from pathlib import Path
-from typing import Any
 
 import pycolmap
+
+from pocketgs.structure_from_motion.job import Job, Outcome, announce, serve
 
 # A phone's main camera without EXIF data: focal length over the longer side. COLMAP's own 1.2 is that of a short
 # telephoto lens. Bundle adjustment refines it.
@@ -21,7 +14,7 @@ PHONE_FOCAL_LENGTH = 0.8
 SMALLEST_MODEL = 3
 
 
-def run(job: dict[str, Any]) -> dict[str, Any]:
+def run(job: Job) -> Outcome:
     """Find the poses of some images and write the largest model that comes of it.
 
     Args:
@@ -58,12 +51,7 @@ def run(job: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def announce(stage: str) -> None:
-    """Tell the parent process that a stage begins."""
-    print(json.dumps({"stage": stage}), flush=True)
-
-
-def _extract(job: dict[str, Any], database: Path) -> None:
+def _extract(job: Job, database: Path) -> None:
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = job["camera_model"]
     reader.default_focal_length_factor = PHONE_FOCAL_LENGTH
@@ -86,7 +74,7 @@ def _extract(job: dict[str, Any], database: Path) -> None:
         )
 
 
-def _match(job: dict[str, Any], database: Path) -> None:
+def _match(job: Job, database: Path) -> None:
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = job["seed"]
     # In sequence an image meets its 10 neighbours, and ever fewer at 16, 32, ... to 512, which closes loops.
@@ -94,7 +82,7 @@ def _match(job: dict[str, Any], database: Path) -> None:
     match(database, verification_options=verification, device=pycolmap.Device.cpu)
 
 
-def _map(job: dict[str, Any], database: Path) -> list[pycolmap.Reconstruction]:
+def _map(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = job["seed"]
     # The sums of several threads come in any order, and bundle adjustment makes their last bits visible.
@@ -105,12 +93,5 @@ def _map(job: dict[str, Any], database: Path) -> list[pycolmap.Reconstruction]:
     return list(pycolmap.incremental_mapping(database, job["images"], working, options).values())
 
 
-def main() -> None:
-    """Run the job that stdin states."""
-    # Ctrl-C reaches both processes of a terminal: the parent decides.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    print(json.dumps({"outcome": run(json.load(sys.stdin))}), flush=True)
-
-
 if __name__ == "__main__":
-    main()
+    serve(run)

@@ -81,7 +81,7 @@ def pose(
             gather(source, staging / IMAGES, options.most_frames)
             groups = names_by_size(staging / IMAGES)
             job = _job(staging, workspace, groups, is_video(source), options)
-            outcome = run_colmap(job, workspace / "log.txt", on_stage)
+            outcome = run_colmap("colmap", job, workspace / "log.txt", on_stage)
             frames, registered = sum(map(len, groups)), int(outcome["registered"])
             if registered == 0:
                 raise PocketGSError(_nothing_registered(source, frames, outcome))

@@ -1,4 +1,4 @@
-"""Running COLMAP in a process of its own; see `pocketgs.structure_from_motion.colmap` for why."""
+"""Running COLMAP in a process of its own; see `pocketgs.structure_from_motion.job` for why."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import sys
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import psutil
 
 from pocketgs.errors import PocketGSError
+from pocketgs.structure_from_motion.job import Job, Outcome
 
 # Measured for SIFT, which begins with the image at twice its size.
 BYTES_PER_PIXEL_AND_THREAD = 300
@@ -35,10 +35,11 @@ def threads_that_fit(pixels: int) -> int:
     return max(1, min(os.cpu_count() or 1, int(fitting)))
 
 
-def run_colmap(job: dict[str, Any], log: Path, on_stage: Callable[[str], None]) -> dict[str, Any]:
-    """Run a job, see `colmap.run`, and give its outcome.
+def run_colmap(module: str, job: Job, log: Path, on_stage: Callable[[str], None]) -> Outcome:
+    """Run a job and give its outcome.
 
     Args:
+        module: of this package, whose `run` does it: "colmap" or "triangulation".
         job: what to do.
         log: file for what COLMAP says on stderr, in a folder of this program's own.
         on_stage: called with a stage's name when it begins.
@@ -46,7 +47,7 @@ def run_colmap(job: dict[str, Any], log: Path, on_stage: Callable[[str], None]) 
     Raises:
         PocketGSError: COLMAP failed or was killed.
     """
-    command = [sys.executable, "-m", "pocketgs.structure_from_motion.colmap"]
+    command = [sys.executable, "-m", f"{__package__}.{module}"]
     outcome = None
     with (
         log.open("w", encoding="utf-8") as errors,

@@ -1,0 +1,92 @@
+"""The sparse cloud that COLMAP triangulates where poses are known."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from scipy.spatial import cKDTree
+
+from pocketgs.capture.capture import Frame
+from pocketgs.capture.colmap_files import read_points
+from pocketgs.errors import PocketGSError
+from pocketgs.pointcloud import PointCloud
+from pocketgs.structure_from_motion.job import Job
+from pocketgs.structure_from_motion.process import check_installed, run_colmap, threads_that_fit
+
+MOST_PARTNERS = 30
+"""An image is matched with as many others, those taken nearest to it: all of them for a capture of 31 photographs."""
+
+
+def triangulate(
+    frames: Sequence[Frame], seed: int = 0, on_stage: Callable[[str], None] = lambda stage: None
+) -> PointCloud:
+    """Extract features, match and triangulate them with COLMAP, at the frames' poses.
+
+    Args:
+        frames: at least two, undistorted, with distinct camera centres.
+        seed: of what is random.
+        on_stage: called with "features", "matching" and "triangulation" when they begin.
+
+    Returns:
+        Points in the frames' world, with colours; none if nothing could be matched.
+
+    Raises:
+        PocketGSError: pycolmap is missing or failed, or there are fewer than two frames.
+    """
+    if len(frames) < 2:
+        raise PocketGSError(f"a sparse cloud of {len(frames)} photographs: expected at least two")
+    check_installed()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        run_colmap("triangulation", _job(frames, folder, seed), folder / "log.txt", on_stage)
+        points = read_points(folder / "model")
+    return points if points is not None else PointCloud(np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+def partners(centres: np.ndarray, most: int = MOST_PARTNERS) -> list[tuple[int, int]]:
+    """Pairs of frames to match: each with its nearest.
+
+    Args:
+        centres: (N, 3) camera centres.
+        most: neighbours of a frame; it may be in more pairs, as a neighbour of others.
+
+    Returns:
+        Pairs of indices, the smaller one first, sorted, each once.
+    """
+    _, nearest = cKDTree(centres).query(centres, k=min(most + 1, len(centres)))
+    pairs = {(min(i, int(j)), max(i, int(j))) for i, row in enumerate(np.atleast_2d(nearest)) for j in row if i != j}
+    return sorted(pairs)
+
+
+def _job(frames: Sequence[Frame], folder: Path, seed: int) -> Job:
+    """The job, with its images written to the folder: COLMAP reads files."""
+    images, model, pairs = folder / "images", folder / "model", folder / "pairs.txt"
+    images.mkdir()
+    model.mkdir()
+    names = [f"{number:06d}.png" for number in range(len(frames))]
+    for frame, name in zip(frames, names, strict=True):
+        Image.fromarray(frame.image).save(images / name, compress_level=1)
+    chosen = partners(np.array([frame.camera.centre for frame in frames]))
+    pairs.write_text("".join(f"{names[i]} {names[j]}\n" for i, j in chosen), encoding="ascii")
+    cameras = [frame.camera for frame in frames]
+    return {
+        "images": str(images),
+        "model": str(model),
+        "pairs": str(pairs),
+        "database": str(folder / "database.db"),
+        "cameras": {
+            name: {
+                "size": [camera.width, camera.height],
+                "intrinsics": [camera.fx, camera.fy, camera.cx, camera.cy],
+                "world_to_camera": camera.world_to_camera[:3].tolist(),
+            }
+            for name, camera in zip(names, cameras, strict=True)
+        },
+        "max_size": max(max(camera.width, camera.height) for camera in cameras),
+        "threads": threads_that_fit(max(camera.width * camera.height for camera in cameras)),
+        "seed": seed,
+    }

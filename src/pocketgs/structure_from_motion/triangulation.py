@@ -1,0 +1,95 @@
+"""COLMAP's triangulation at known poses, run as `python -m pocketgs.structure_from_motion.triangulation`; see `job`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pycolmap
+
+from pocketgs.structure_from_motion.job import Job, Outcome, announce, serve
+
+
+def run(job: Job) -> Outcome:
+    """Find the sparse cloud that images with known poses see, and write it as a COLMAP model.
+
+    Args:
+        job: `images` and `model`, folders; `database`, a file to be made; `pairs`, a file that names two images a line;
+            `cameras`, by image name: `size` in pixels, `intrinsics` fx, fy, cx, cy and `world_to_camera`, three rows of
+            four; `max_size`, `seed`, `threads` as in COLMAP.
+
+    Returns:
+        How many `points` there are, and their mean `reprojection_error` in pixels.
+    """
+    database = Path(job["database"])
+    pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
+    pycolmap.set_random_seed(job["seed"])
+    announce("features")
+    _extract(job, database)
+    announce("matching")
+    _match(job, database)
+    announce("triangulation")
+    options = pycolmap.IncrementalPipelineOptions()
+    options.random_seed = job["seed"]
+    options.num_threads = 1  # the sums of several threads come in any order
+    model = pycolmap.triangulate_points(_posed(job, database), database, job["images"], job["model"], options=options)
+    model.write_binary(job["model"])
+    return {"points": model.num_points3D(), "reprojection_error": model.compute_mean_reprojection_error()}
+
+
+def _extract(job: Job, database: Path) -> None:
+    """Features of all images, each of which has a camera of its own."""
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model = "PINHOLE"
+    extraction = pycolmap.FeatureExtractionOptions()
+    extraction.max_image_size = job["max_size"]
+    extraction.num_threads = job["threads"]
+    pycolmap.Database.open(database).close()
+    names = sorted(job["cameras"])
+    # Listed before the extraction, whose threads would number the images in the order in which they finish.
+    pycolmap.import_images(database, job["images"], pycolmap.CameraMode.PER_IMAGE, names, reader)
+    with pycolmap.Database.open(database) as found:
+        for image in found.read_all_images():
+            found.update_camera(_camera(image.camera_id, job["cameras"][image.name]))
+    pycolmap.extract_features(
+        database,
+        job["images"],
+        names,
+        pycolmap.CameraMode.PER_IMAGE,
+        reader_options=reader,
+        extraction_options=extraction,
+        device=pycolmap.Device.cpu,
+    )
+
+
+def _match(job: Job, database: Path) -> None:
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = job["seed"]
+    pairing = pycolmap.ImportedPairingOptions()
+    pairing.match_list_path = job["pairs"]
+    pycolmap.match_image_pairs(
+        database, pairing_options=pairing, verification_options=verification, device=pycolmap.Device.cpu
+    )
+
+
+def _posed(job: Job, database: Path) -> pycolmap.Reconstruction:
+    """A model without points: every image at its pose, numbered as in the database."""
+    model = pycolmap.Reconstruction()
+    with pycolmap.Database.open(database) as found:
+        for image in found.read_all_images():
+            camera = job["cameras"][image.name]
+            model.add_camera_with_trivial_rig(_camera(image.camera_id, camera))
+            posed = pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id)
+            model.add_image_with_trivial_frame(posed, pycolmap.Rigid3d(camera["world_to_camera"]))
+    return model
+
+
+def _camera(number: int, camera: Job) -> pycolmap.Camera:
+    width, height = camera["size"]
+    parameters = camera["intrinsics"]
+    found = pycolmap.Camera(camera_id=number, model="PINHOLE", width=width, height=height, params=parameters)
+    found.has_prior_focal_length = True
+    return found
+
+
+if __name__ == "__main__":
+    serve(run)
