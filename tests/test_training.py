@@ -177,7 +177,7 @@ def test_sh_degree(small_capture: Capture, degree: int) -> None:
         ({"evaluate_every": -1}, "evaluate every: found -1, expected at least 0"),
         ({"seed": -1}, "seed: found -1, expected at least 0"),
         ({"recipe": "fast"}, "recipe 'fast': not known, expected one of pocketgs, reference"),
-        ({"prior": "best"}, "prior: found best, expected dense, sparse or none"),
+        ({"prior": "best"}, "prior: found best, expected dense, sparse, colmap or none"),
         ({"seeds": "cubes"}, "seeds: found cubes, expected discs or balls"),
         ({"references": 0}, "references: found 0, expected at least 1"),
         ({"max_keyframes": 1}, "max keyframes: found 1, expected at least 2"),

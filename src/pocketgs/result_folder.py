@@ -1,5 +1,5 @@
 """The folder that a run leaves behind: `scene.ply`, `run.json`, `checkpoint.npz`, pictures of the held-out views,
-and `poses.json` where poses were refined.
+and `cameras.json`.
 
 A run's files are gathered in a hidden folder and put in place together at its end: until then, and if the run fails or
 is killed, an earlier result stays as it was.
@@ -28,8 +28,7 @@ from pocketgs.splat.engine import OptimiserState
 from pocketgs.training import Checkpoint
 
 SCENE, RECORD, CHECKPOINT, PICTURES = "scene.ply", "run.json", "checkpoint.npz", "held_out"
-POSES = "poses.json"
-"""Only there if the poses that the scene was trained with are not the capture's own."""
+CAMERAS = "cameras.json"
 
 UNFINISHED = "unfinished.npz"
 """Checkpoint of a run under way; it goes when the run's result is in place."""
@@ -89,11 +88,9 @@ def check_writable(folder: Path) -> None:
         remove_leftovers(folder / UNFINISHED)
 
 
-def remove_outdated(folder: Path, keep_pictures: bool, keep_poses: bool) -> None:
-    """Delete what a new result did not replace: an earlier run's checkpoint, pictures and poses."""
+def remove_outdated(folder: Path, keep_pictures: bool) -> None:
+    """Delete what a new result did not replace: an earlier run's unfinished checkpoint and pictures."""
     (folder / UNFINISHED).unlink(missing_ok=True)
-    if not keep_poses:
-        (folder / POSES).unlink(missing_ok=True)
     if not keep_pictures:
         shutil.rmtree(folder / PICTURES, ignore_errors=True)
 

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from pocketgs import result_folder
+from pocketgs.cameras_file import write_cameras
 from pocketgs.capture.capture import Capture
 from pocketgs.errors import PocketGSError
 from pocketgs.evaluation import Evaluation, Pair, evaluate
 from pocketgs.gaussians import Gaussians
 from pocketgs.interrupt import deferred_interrupt
 from pocketgs.memory_trace import MemoryTrace
-from pocketgs.poses_file import write_poses
 from pocketgs.preparation import prepare
 from pocketgs.prior.report import PriorReport
 from pocketgs.record import Stopwatch, seconds_since_start
@@ -205,8 +205,7 @@ def _publish(
             scene.save(staging / result_folder.SCENE)
             checkpoint = Checkpoint(record.iterations, scene, record.optimiser_state)
             result_folder.write_checkpoint(staging / result_folder.CHECKPOINT, checkpoint, identity)
-            if refined:
-                write_poses(staging / result_folder.POSES, prepared.frames)
+            write_cameras(staging / result_folder.CAMERAS, prepared.frames, refined)
         with stopwatch.stage("evaluation"):
             engine = create_engine(options.engine_options)
             engine.upload(scene)
@@ -214,7 +213,7 @@ def _publish(
         stopwatch.seconds["total"] = seconds_since_start()
         summary = summarise(capture, prepared.protocol, options, scene, evaluation, stopwatch.seconds, memory.samples)
         result_folder.write_json(staging / result_folder.RECORD, summary)
-    result_folder.remove_outdated(folder, keep_pictures=evaluation is not None, keep_poses=refined)
+    result_folder.remove_outdated(folder, keep_pictures=evaluation is not None)
     return RunResult(folder, scene, evaluation, summary)
 
 

@@ -12,10 +12,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from formats.scenes import random_scene
+from pocketgs.cameras_file import write_cameras
 from pocketgs.capture import open_capture
 from pocketgs.formats import read_scene
 from pocketgs.gaussians import Gaussians
-from pocketgs.poses_file import write_poses
 from pocketgs.scene_edits import rotated, scaled, translated
 
 
@@ -151,7 +151,7 @@ def test_export_colmap_with_the_poses_of_a_result(
         replace(frame, camera=replace(frame.camera, world_to_camera=frame.camera.world_to_camera @ moved))
         for frame in capture.frames
     ]
-    write_poses(result / "poses.json", frames)
+    write_cameras(result / "cameras.json", frames, refined=True)
     outcome = pocketgs("export-colmap", capture_folder, tmp_path / "model", "--poses-of", result)
     assert (outcome.status, outcome.errors) == (0, "")
     found = sorted(open_capture(tmp_path / "model").frames, key=lambda frame: frame.name)

@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 
 from pocketgs import Gaussians
+from pocketgs.cameras_file import read_cameras
 from pocketgs.capture import open_capture
 
 
@@ -36,7 +37,7 @@ def figures(pocketgs: Callable[..., Any], *arguments: Path) -> dict[str, Any]:
 
 def test_demo(small_demo: Path) -> None:
     result, record = small_demo / "result", record_of(small_demo / "result")
-    assert names_in(result) == ["checkpoint.npz", "held_out", "poses.json", "run.json", "scene.ply"]
+    assert names_in(result) == ["cameras.json", "checkpoint.npz", "held_out", "run.json", "scene.ply"]
     scene = Gaussians.load(result / "scene.ply")
     assert scene.sh_degree == 1
     assert record["capture"]["metric"] is True
@@ -55,8 +56,9 @@ def test_record_of_the_prior(small_demo: Path) -> None:
     assert 2 <= sum(decision["kept"] for decision in prior["decisions"]) <= record["options"]["max_keyframes"]
     assert {"keyframes", "poses", "depth", "fusion", "training"} <= set(record["seconds"])
     assert (record["options"]["prior"], record["options"]["seeds"]) == ("dense", "discs")
-    poses = json.loads((small_demo / "result" / "poses.json").read_text())["world_to_camera"]
-    assert set(poses) == {frame.name for frame in capture.frames}
+    saved = read_cameras(small_demo / "result" / "cameras.json")
+    assert saved.refined
+    assert set(saved.cameras) == {frame.name for frame in capture.frames}
 
 
 def test_eval_gives_the_figures_of_the_run(pocketgs: Callable[..., Any], small_demo: Path) -> None:
@@ -70,7 +72,7 @@ def test_eval_gives_the_figures_of_the_run(pocketgs: Callable[..., Any], small_d
 def test_at_the_captures_own_poses_the_scene_is_seen_from_elsewhere(
     pocketgs: Callable[..., Any], small_demo: Path
 ) -> None:
-    (small_demo / "result" / "poses.json").unlink()
+    (small_demo / "result" / "cameras.json").unlink()
     found = figures(pocketgs, small_demo / "result", small_demo / "capture")
     assert found["psnr"] < record_of(small_demo / "result")["psnr"] - 0.5
 
@@ -87,15 +89,15 @@ def test_rendered_views_are_those_of_the_run(pocketgs: Callable[..., Any], small
 
 def test_broken_or_foreign_poses_are_refused(pocketgs: Callable[..., Any], small_demo: Path, tmp_path: Path) -> None:
     result = small_demo / "result"
-    poses = (result / "poses.json").read_text()
+    poses = (result / "cameras.json").read_text()
     commands = [["eval", result, small_demo / "capture"]]
     commands += [["render", result, small_demo / "capture", "--output", tmp_path / "out"]]
     for content, message in [
-        ('{"world_to_camera": ', "poses.json: not a readable file of poses"),
-        (poses.replace("images/", "photos/"), "poses.json: names no frame of"),
-        (poses.replace("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 1.0]"), "poses.json: holds what is no pose"),
+        ('{"cameras": ', "cameras.json: not a readable file of cameras"),
+        (poses.replace("images/", "photos/"), "cameras.json: names no frame of"),
+        (poses.replace("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 1.0]"), "cameras.json: 'images/"),
     ]:
-        (result / "poses.json").write_text(content)
+        (result / "cameras.json").write_text(content)
         for command in commands:
             outcome = pocketgs(*command)
             assert outcome.status == 2
@@ -104,22 +106,23 @@ def test_broken_or_foreign_poses_are_refused(pocketgs: Callable[..., Any], small
     assert not (tmp_path / "out").exists()
 
 
-def test_a_run_with_poses_as_given_takes_the_earlier_runs_away(pocketgs: Callable[..., Any], small_demo: Path) -> None:
+def test_a_run_with_poses_as_given_says_so(pocketgs: Callable[..., Any], small_demo: Path) -> None:
     options = ["--output", small_demo / "result", "--prior", "sparse", "--no-bundle", "--iterations", 3]
     outcome = pocketgs("train", small_demo / "capture", *options)
     assert (outcome.status, outcome.errors) == (0, "")
     assert "poses as given" in outcome.output
-    assert names_in(small_demo / "result") == ["checkpoint.npz", "held_out", "run.json", "scene.ply"]
+    assert names_in(small_demo / "result") == ["cameras.json", "checkpoint.npz", "held_out", "run.json", "scene.ply"]
+    assert not read_cameras(small_demo / "result" / "cameras.json").refined
 
 
 def test_resumed_run_goes_on_in_the_same_world(pocketgs: Callable[..., Any], small_demo: Path) -> None:
-    before, poses = record_of(small_demo / "result"), (small_demo / "result" / "poses.json").read_bytes()
+    before, poses = record_of(small_demo / "result"), (small_demo / "result" / "cameras.json").read_bytes()
     options = ["--output", small_demo / "result", "--sh-degree", 1, "--max-gaussians", 3000]
     outcome = pocketgs("train", small_demo / "capture", *options, "--resume", "--iterations", 105)
     assert (outcome.status, outcome.errors) == (0, "")
     after = record_of(small_demo / "result")
     assert (after["resumed_from"], after["iterations"]) == (100, 105)
-    assert (small_demo / "result" / "poses.json").read_bytes() == poses
+    assert (small_demo / "result" / "cameras.json").read_bytes() == poses
     assert after["psnr"] > before["psnr"] - 0.5
 
 

@@ -16,9 +16,9 @@ import pytest
 from PIL import Image
 
 from pocketgs import Capture, Gaussians
+from pocketgs.cameras_file import write_cameras
 from pocketgs.cli import main
 from pocketgs.formats import write_scene
-from pocketgs.poses_file import write_poses
 from viewer.client import fetch, following
 
 # A shell starts jobs in the background with Ctrl-C ignored.
@@ -61,7 +61,7 @@ def result(scene: Gaussians, small_capture: Capture, tmp_path: Path) -> Path:
     (folder / "held_out").mkdir(parents=True)
     scene.save(folder / "scene.ply")
     Image.new("RGB", (192, 72)).save(folder / "held_out" / "0000.png")
-    write_poses(folder / "poses.json", small_capture.frames)
+    write_cameras(folder / "cameras.json", small_capture.frames, refined=True)
     images = [{"name": frame.name} for frame in small_capture.held_out]
     (folder / "run.json").write_text(json.dumps({"capture": {"background": [1, 1, 1]}, "images": images}))
     return folder
@@ -103,15 +103,17 @@ def test_view_of_a_result(
     assert held_out == {frame.name for frame in small_capture.held_out}
     for camera in told["cameras"]:
         assert (camera["width"], camera["height"], camera["photo"]) == (96, 72, None)
-    poses = {frame.name: frame.camera.world_to_camera for frame in small_capture.frames}
+    cameras = {frame.name: frame.camera for frame in small_capture.frames}
     for camera in told["cameras"]:
-        assert np.array_equal(np.reshape(camera["world_to_camera"], (4, 4)), poses[camera["name"]])
+        truth = cameras[camera["name"]]
+        assert np.array_equal(np.reshape(camera["world_to_camera"], (4, 4)), truth.world_to_camera)
+        assert [camera[name] for name in ("fx", "fy", "cx", "cy")] == [truth.fx, truth.fy, truth.cx, truth.cy]
 
 
 def test_view_with_the_capture(
     started: Callable[..., tuple[subprocess.Popen[str], str]], result: Path, written_capture: Path, tmp_path: Path
 ) -> None:
-    (result / "poses.json").unlink()
+    (result / "cameras.json").unlink()
     _, url = started("view", result, "--capture", written_capture, "--hold-out", "4")
     cameras = fetch(url, "viewer.json").json["cameras"]
     assert [camera["held_out"] for camera in cameras] == [True, False, False, False] * 2
@@ -143,10 +145,10 @@ def test_view_refuses(capsys: pytest.CaptureFixture[str], result: Path, tmp_path
     assert "scene.ply: no such file" in refused(capsys, "view", tmp_path)
     assert "none: no such file or folder" in refused(capsys, "view", result, "--capture", tmp_path / "none")
     assert "port 70000: found 70000" in refused(capsys, "view", result, "--port", 70000)
-    (result / "poses.json").write_text('{"world_to_camera": {"a": [1, 2]}}')
-    assert "poses.json: not a readable file of poses" in refused(capsys, "view", result)
-    (result / "poses.json").write_text("[]")
-    assert "poses.json: holds no JSON object" in refused(capsys, "view", result)
+    (result / "cameras.json").write_text('{"refined": true, "cameras": {"a": [1, 2]}}')
+    assert "cameras.json: 'a' is no camera" in refused(capsys, "view", result)
+    (result / "cameras.json").write_text("[]")
+    assert "cameras.json: not a readable file of cameras" in refused(capsys, "view", result)
     (result / "run.json").write_text("{")
     assert "run.json: cannot be read" in refused(capsys, "view", result)
     (result / "scene.ply").write_bytes(b"ply\n")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pocketgs.cameras_file import with_poses_of
 from pocketgs.capture.capture import Capture
 from pocketgs.formats import is_scene_name, read_scene
 from pocketgs.gaussians import Gaussians
-from pocketgs.poses_file import with_poses_of
-from pocketgs.result_folder import POSES, RECORD, SCENE
+from pocketgs.result_folder import CAMERAS, RECORD, SCENE
 
 
 def names_scene(path: Path) -> bool:
@@ -31,5 +31,5 @@ def in_world_of(path: Path, capture: Capture) -> Capture:
     Raises:
         PocketGSError: they cannot be read.
     """
-    poses = (path if path.is_dir() else path.parent) / POSES
-    return with_poses_of(capture, poses) if poses.is_file() else capture
+    cameras = (path if path.is_dir() else path.parent) / CAMERAS
+    return with_poses_of(capture, cameras) if cameras.is_file() else capture

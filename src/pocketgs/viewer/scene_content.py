@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
-from pocketgs.camera import Camera
+from pocketgs.cameras_file import read_cameras
 from pocketgs.capture.capture import Capture
 from pocketgs.errors import PocketGSError
 from pocketgs.gaussians import Gaussians
-from pocketgs.result_folder import PICTURES, POSES, RECORD
+from pocketgs.result_folder import CAMERAS, PICTURES, RECORD
 from pocketgs.viewer.content import UP, Content, View, capture_views, looked_at
-
-GUESSED_FIELD_OF_VIEW = math.radians(60)
-GUESSED_SIZE = (640, 480)
 
 
 def scene_content(
@@ -26,8 +21,7 @@ def scene_content(
 ) -> Content:
     """Content for a scene that is done.
 
-    Without its capture, the cameras of a result folder that has poses of its own are shown with a guessed field of view
-    and without photographs: a result keeps neither.
+    Without its capture, the cameras of a result folder are shown without photographs: a result keeps none.
 
     Args:
         title: a short name.
@@ -58,30 +52,12 @@ def previews_in(folder: Path) -> dict[str, Path]:
 
 
 def _views_of_result(result: Path, record: dict[str, Any]) -> tuple[View, ...]:
-    """The cameras that `poses.json` places, their pictures as large as those of the held-out views."""
-    path = result / POSES
+    """The cameras that a result keeps, by name."""
+    path = result / CAMERAS
     if not path.is_file():
         return ()
-    width, height = _picture_size(result / PICTURES)
-    focal = width / (2 * math.tan(GUESSED_FIELD_OF_VIEW / 2))
-    try:
-        poses = dict(_read_json(path)["world_to_camera"])
-        held_out = {image["name"] for image in record.get("images", [])}
-        cameras = {
-            name: Camera(width, height, focal, focal, width / 2, height / 2, np.array(pose, float))
-            for name, pose in sorted(poses.items())
-        }
-        return tuple(View(name, camera, name in held_out) for name, camera in cameras.items())
-    except (KeyError, TypeError, ValueError, PocketGSError) as error:
-        raise PocketGSError(f"{path}: not a readable file of poses ({error})") from error
-
-
-def _picture_size(folder: Path) -> tuple[int, int]:
-    """Width and height of the photographs that stand beside the renderings."""
-    for path in previews_in(folder).values():
-        with Image.open(path) as pair:
-            return max(pair.width // 2, 1), pair.height
-    return GUESSED_SIZE
+    held_out = {image["name"] for image in record.get("images", [])}
+    return tuple(View(name, camera, name in held_out) for name, camera in sorted(read_cameras(path).cameras.items()))
 
 
 def _background(record: dict[str, Any]) -> tuple[float, float, float]:

@@ -1,4 +1,4 @@
-"""Refined poses on disk: they come back as written, and what is none is refused."""
+"""Cameras on disk: they come back as written, and what is none is refused."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pocketgs import Capture, PocketGSError
+from pocketgs.cameras_file import read_cameras, with_poses_of, write_cameras
 from pocketgs.capture.capture import Frame
-from pocketgs.poses_file import with_poses_of, write_poses
 
 
 def moved(frames: list[Frame]) -> list[Frame]:
@@ -31,15 +31,15 @@ def moved(frames: list[Frame]) -> list[Frame]:
 
 @pytest.fixture
 def path(small_capture: Capture, tmp_path: Path) -> Path:
-    write_poses(tmp_path / "poses.json", small_capture.frames)
-    return tmp_path / "poses.json"
+    write_cameras(tmp_path / "cameras.json", small_capture.frames, refined=True)
+    return tmp_path / "cameras.json"
 
 
 def test_round_trip(small_capture: Capture, tmp_path: Path) -> None:
     """To the last bit, and nothing but poses changes."""
     truth = replace(small_capture, train=moved(small_capture.train), held_out=moved(small_capture.held_out))
-    write_poses(tmp_path / "poses.json", truth.frames)
-    found = with_poses_of(small_capture, tmp_path / "poses.json")
+    write_cameras(tmp_path / "cameras.json", truth.frames, refined=True)
+    found = with_poses_of(small_capture, tmp_path / "cameras.json")
     assert len(found.frames) == len(truth.frames)
     for frame, expected, given_one in zip(found.frames, truth.frames, small_capture.frames, strict=True):
         assert frame.camera.world_to_camera.tobytes() == expected.camera.world_to_camera.tobytes()
@@ -48,12 +48,54 @@ def test_round_trip(small_capture: Capture, tmp_path: Path) -> None:
         assert frame.camera.fx == given_one.camera.fx
         assert frame.image is given_one.image
     assert found.points is small_capture.points
-    assert [path.name for path in tmp_path.iterdir()] == ["poses.json"]
+    assert [path.name for path in tmp_path.iterdir()] == ["cameras.json"]
+
+
+def test_cameras_come_back_as_written(small_capture: Capture, path: Path) -> None:
+    saved = read_cameras(path)
+    assert saved.refined
+    assert list(saved.cameras) == [frame.name for frame in small_capture.frames]
+    for frame in small_capture.frames:
+        found = saved.cameras[frame.name]
+        for entry in ("width", "height", "fx", "fy", "cx", "cy"):
+            assert getattr(found, entry) == getattr(frame.camera, entry)
+        np.testing.assert_array_equal(found.world_to_camera, frame.camera.world_to_camera)
+
+
+def test_poses_that_are_the_captures_own_change_nothing(small_capture: Capture, tmp_path: Path) -> None:
+    write_cameras(tmp_path / "cameras.json", moved(small_capture.frames), refined=False)
+    assert with_poses_of(small_capture, tmp_path / "cameras.json") is small_capture
+
+
+@pytest.mark.parametrize(
+    ("entry", "value"),
+    [
+        ("size", [0, 3]),
+        ("size", [3]),
+        ("size", "large"),
+        ("size", None),
+        ("intrinsics", [1, 1, 0]),
+        ("intrinsics", [-1, 1, 0, 0]),
+        ("intrinsics", [1, 1, 0, float("nan")]),
+        ("intrinsics", {}),
+    ],
+)
+def test_what_is_no_camera(small_capture: Capture, path: Path, entry: str, value: Any) -> None:
+    document = json.loads(path.read_text())
+    name = small_capture.train[1].name
+    document["cameras"][name][entry] = value
+    path.write_text(json.dumps(document))
+    with pytest.raises(PocketGSError, match=rf"cameras\.json: '{name}' is no camera"):
+        read_cameras(path)
+    del document["cameras"][name][entry]
+    path.write_text(json.dumps(document))
+    with pytest.raises(PocketGSError, match=rf"cameras\.json: '{name}' is no camera"):
+        read_cameras(path)
 
 
 def test_frames_that_the_file_does_not_name_keep_their_poses(small_capture: Capture, tmp_path: Path) -> None:
-    write_poses(tmp_path / "poses.json", moved(small_capture.train)[:3])
-    found = with_poses_of(small_capture, tmp_path / "poses.json")
+    write_cameras(tmp_path / "cameras.json", moved(small_capture.train)[:3], refined=True)
+    found = with_poses_of(small_capture, tmp_path / "cameras.json")
     assert found.train[3:] == small_capture.train[3:]
     assert found.held_out == small_capture.held_out
     for frame, before in zip(found.train[:3], small_capture.train, strict=False):
@@ -62,7 +104,7 @@ def test_frames_that_the_file_does_not_name_keep_their_poses(small_capture: Capt
 
 def test_file_of_another_capture(small_capture: Capture, path: Path) -> None:
     foreign = replace(small_capture, train=[replace(f, name=f"x{f.name}") for f in small_capture.train], held_out=[])
-    with pytest.raises(PocketGSError, match=r"poses\.json: names no frame of demo, expected the capture that"):
+    with pytest.raises(PocketGSError, match=r"cameras\.json: names no frame of demo, expected the capture that"):
         with_poses_of(foreign, path)
 
 
@@ -75,15 +117,16 @@ def test_file_of_another_capture(small_capture: Capture, path: Path) -> None:
         "7",
         "null",
         "{}",
-        '{"world_to_camera": 3}',
-        '{"world_to_camera": null}',
-        '{"poses": {}}',
+        '{"cameras": 3, "refined": true}',
+        '{"cameras": null, "refined": true}',
+        '{"cameras": {}}',
+        '{"poses": {}, "refined": true}',
         "\0",
     ],
 )
 def test_file_that_is_none(small_capture: Capture, path: Path, content: str) -> None:
     path.write_text(content)
-    with pytest.raises(PocketGSError, match=r"poses\.json: not a readable file of poses"):
+    with pytest.raises(PocketGSError, match=r"cameras\.json: not a readable file of cameras"):
         with_poses_of(small_capture, path)
 
 
@@ -91,13 +134,13 @@ def test_file_cut_off_or_missing(small_capture: Capture, path: Path) -> None:
     whole = path.read_bytes()
     for length in range(0, len(whole) - 2, 101):
         path.write_bytes(whole[:length])
-        with pytest.raises(PocketGSError, match=r"poses\.json: not a readable file of poses"):
+        with pytest.raises(PocketGSError, match=r"cameras\.json: not a readable file of cameras"):
             with_poses_of(small_capture, path)
     path.write_bytes(b"\xff\xfe")
-    with pytest.raises(PocketGSError, match=r"poses\.json: not a readable"):
+    with pytest.raises(PocketGSError, match=r"cameras\.json: not a readable"):
         with_poses_of(small_capture, path)
     path.unlink()
-    with pytest.raises(PocketGSError, match=r"poses\.json: not a readable"):
+    with pytest.raises(PocketGSError, match=r"cameras\.json: not a readable"):
         with_poses_of(small_capture, path)
 
 
@@ -122,9 +165,10 @@ def test_file_cut_off_or_missing(small_capture: Capture, path: Path) -> None:
 )
 def test_what_is_no_pose(small_capture: Capture, path: Path, pose: Any) -> None:
     document = json.loads(path.read_text())
-    document["world_to_camera"][small_capture.train[2].name] = pose
+    name = small_capture.train[2].name
+    document["cameras"][name]["world_to_camera"] = pose
     path.write_text(json.dumps(document))
-    with pytest.raises(PocketGSError, match=r"poses\.json: holds what is no pose"):
+    with pytest.raises(PocketGSError, match=rf"cameras\.json: '{name}' is no camera"):
         with_poses_of(small_capture, path)
 
 
@@ -133,11 +177,11 @@ def test_what_is_no_pose(small_capture: Capture, path: Path, pose: Any) -> None:
 )
 @settings(deadline=None)
 def test_any_json(small_capture: Capture, tmp_path_factory: pytest.TempPathFactory, content: Any) -> None:
-    path = tmp_path_factory.mktemp("any") / "poses.json"
+    path = tmp_path_factory.mktemp("any") / "cameras.json"
     for document in (
         content,
-        {"world_to_camera": content},
-        {"world_to_camera": {small_capture.train[0].name: content}},
+        {"cameras": content, "refined": True},
+        {"cameras": {small_capture.train[0].name: content}, "refined": True},
     ):
         path.write_text(json.dumps(document))
         with pytest.raises(PocketGSError):
@@ -149,5 +193,5 @@ def test_a_file_that_cannot_be_written_leaves_the_old_one(
 ) -> None:
     before = contents(path.parent)
     with pytest.raises((PocketGSError, OSError)):
-        write_poses(path / "below" / "poses.json", small_capture.frames)
+        write_cameras(path / "below" / "cameras.json", small_capture.frames, refined=True)
     assert contents(path.parent) == before
