@@ -2,7 +2,7 @@
 
 PYTHON ?= python3
 
-.PHONY: demo test test-fast lint clean
+.PHONY: demo test test-fast lint bench clean
 
 # Capture a small built-in scene, train it and show it.
 demo:
@@ -22,6 +22,11 @@ lint:
 	.venv/bin/python -m ruff check
 	.venv/bin/python -m ruff format --check
 	.venv/bin/python -m mypy
+
+# The tables of results, on the captures in the folder that POCKETGS_DATA names and on the demo.
+bench:
+	@$(PYTHON) tools/bootstrap.py bench
+	.venv/bin/pocketgs bench
 
 clean:
 	rm -rf .venv build dist src/pocketgs.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import tyro
 from rich.console import Console
 
+from pocketgs.cli.bench import bench
 from pocketgs.cli.convert import convert
 from pocketgs.cli.demo import demo
 from pocketgs.cli.evaluate import evaluate
@@ -34,6 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "convert": convert,
         "export-colmap": export_colmap,
         "demo": demo,
+        "bench": bench,
     }
     errors = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
     try:

@@ -1,0 +1,113 @@
+"""One cell of the table: a `pocketgs train` command in a process of its own, and what it left behind."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pocketgs import result_folder
+from pocketgs.bench.captures import BenchCapture
+from pocketgs.bench.machine import describe_machine
+from pocketgs.bench.methods import Method
+from pocketgs.bench.results import Cell, CellResult
+from pocketgs.errors import PocketGSError
+from pocketgs.formats import read_scene, write_scene
+
+
+@dataclass(frozen=True)
+class Job:
+    """A cell that is to be run.
+
+    Attributes:
+        method, capture, seed: which.
+        common_flags: of `pocketgs train`, the same for all cells.
+    """
+
+    method: Method
+    capture: BenchCapture
+    seed: int
+    common_flags: tuple[str, ...] = ()
+
+    @property
+    def cell(self) -> Cell:
+        """Its place in the table."""
+        return Cell(self.capture.name, self.method.name, self.seed)
+
+    @property
+    def flags(self) -> list[str]:
+        """All flags of `pocketgs train` but the output."""
+        return [*self.capture.flags, *self.method.flags, *self.common_flags, "--seed", str(self.seed)]
+
+    @property
+    def command(self) -> str:
+        """The command as one types it in the folder that holds the capture's."""
+        return shlex.join(["pocketgs", "train", self.capture.name, *self.flags])
+
+
+def run_cell(job: Job, work: Path) -> CellResult:
+    """Run a cell.
+
+    A process of its own makes its times and its peak memory those of the command, and keeps its failure to itself.
+
+    Args:
+        job: what to run.
+        work: folder for what the run writes: a folder and a log with the cell's name.
+
+    Returns:
+        What came of it; if the command failed, a result that says why.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C; the command has been ended.
+        OSError: the folder cannot be written to.
+    """
+    folder, log = work / job.cell.name, work / f"{job.cell.name}.log"
+    work.mkdir(parents=True, exist_ok=True)
+    command = [sys.executable, "-m", "pocketgs", "train", str(job.capture.path), *job.flags, "--output", str(folder)]
+    status = _run(command, log)
+    if status != 0:
+        return CellResult(job.cell, job.command, error=_last_line(log, status), machine=describe_machine())
+    try:
+        return _collect(job, folder)
+    except (PocketGSError, OSError, ValueError) as error:
+        return CellResult(job.cell, job.command, error=str(error), machine=describe_machine())
+
+
+def _run(command: Sequence[str], log: Path) -> int:
+    with log.open("w", encoding="utf-8") as output, subprocess.Popen(command, stdout=output, stderr=output) as process:
+        try:
+            return process.wait()
+        except BaseException:
+            process.kill()
+            raise
+
+
+def _last_line(log: Path, status: int) -> str:
+    lines = [line.strip() for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+    return lines[-1] if lines else f"ended with status {status} and no word"
+
+
+def _collect(job: Job, folder: Path) -> CellResult:
+    run: dict[str, Any] = json.loads((folder / result_folder.RECORD).read_text(encoding="utf-8"))
+    if run["interrupted"]:
+        raise PocketGSError("the run was interrupted")
+    if run["psnr"] is None:
+        raise PocketGSError("the capture has no held-out view to measure on")
+    if run["prior"]:
+        del run["prior"]["decisions"]  # a line a frame, the same in every cell
+    scene = folder / result_folder.SCENE
+    compressed = scene.with_suffix(".spz")
+    write_scene(compressed, read_scene(scene))
+    return CellResult(
+        job.cell,
+        job.command,
+        wall_seconds=round(run["seconds"]["total"] - run["seconds"]["evaluation"], 3),
+        scene_bytes={"ply": scene.stat().st_size, "spz": compressed.stat().st_size},
+        run=run,
+        machine=describe_machine(),
+    )

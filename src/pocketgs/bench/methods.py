@@ -1,0 +1,65 @@
+"""The methods that are compared: each is a set of flags of `pocketgs train`, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pocketgs.errors import PocketGSError
+
+
+@dataclass(frozen=True)
+class Method:
+    """A named configuration.
+
+    Attributes:
+        name: as in tables and on the command line.
+        what: it does, in a sentence.
+        flags: of `pocketgs train`, beyond those that all methods have.
+        stands_for: the method's name in the source's tables, or None if it is not there.
+    """
+
+    name: str
+    what: str
+    flags: tuple[str, ...] = ()
+    stands_for: str | None = None
+
+
+_3DGS = ("--recipe", "reference", "--seeds", "balls")
+
+METHODS = {
+    method.name: method
+    for method in (
+        Method("pocketgs", "The default: refined poses, dense cloud, discs, fast recipe.", (), "PocketGS"),
+        Method(
+            "3dgs-sfm",
+            "COLMAP's sparse cloud, isotropic seeds, 3DGS's learning rates and loss; poses as PocketGS has them.",
+            ("--prior", "colmap", *_3DGS),
+            "3DGS-SFM-WK",
+        ),
+        Method(
+            "3dgs-mvs",
+            "PocketGS's dense cloud, isotropic seeds, 3DGS's learning rates and loss.",
+            _3DGS,
+            "3DGS-MVS-WK",
+        ),
+        Method("no-seeding", "PocketGS with balls instead of discs.", ("--seeds", "balls"), "w/o I"),
+        Method("no-bundle", "PocketGS with poses as the capture gives them.", ("--no-bundle",), "w/o Global BA"),
+        Method("no-dense", "PocketGS on the points of matched features.", ("--prior", "sparse"), "w/o MVS"),
+        Method("no-exposure", "PocketGS on photographs at their own exposures.", ("--exposure", "off")),
+        Method("one-reference", "PocketGS with depth from one reference a keyframe.", ("--references", "1")),
+        Method("30-keyframes", "PocketGS with twice the keyframes.", ("--max-keyframes", "30")),
+        Method("pocketgs-100k", "PocketGS with twice the Gaussians.", ("--max-gaussians", "100000")),
+    )
+}
+
+
+def methods_named(names: tuple[str, ...]) -> list[Method]:
+    """The methods of these names; all of them if none is named.
+
+    Raises:
+        PocketGSError: one is not known.
+    """
+    for name in names:
+        if name not in METHODS:
+            raise PocketGSError(f"method {name!r}: not known, expected one of {', '.join(METHODS)}")
+    return [METHODS[name] for name in names or METHODS]

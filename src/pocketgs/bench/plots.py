@@ -1,0 +1,259 @@
+"""The charts of a report: quality against time, time by stage, memory over time.
+
+The same results give the same bytes.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from hashlib import sha256
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pocketgs.atomic_file import replacing
+from pocketgs.bench.aggregate import STAGES, captures_of, mean_of, method_order, rows_of, stage_seconds, stages_of
+from pocketgs.bench.methods import METHODS
+from pocketgs.bench.results import CellResult
+from pocketgs.bench.series import Curve, Trace, curves, mean_curve, traces
+from pocketgs.errors import PocketGSError
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.container import BarContainer
+
+METHOD_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#7a7a7a", "#56b4e9")
+"""Colours that the colour-blind can tell apart (Okabe and Ito, 2008), with grey for black, which text has."""
+
+MARKERS = "os^DvPX*<>"
+"""There are more of them than colours: methods that share a colour differ in marker and dashes."""
+
+STAGE_COLOURS = ("#dddddd", "#77aadd", "#bbcc33", "#ffaabb", "#ee8866", "#eedd88", "#99ddff", "#44bb99")
+"""The scheme "light" (Tol, 2021), on which black text can be read."""
+
+INK, FAINT = "#111111", "#c8c8c9"
+"""Of text and axes, and of the grid; a page puts its own in their place."""
+
+WIDTH = 4.8
+"""Inches of a chart on a page, at 72 points each: about a phone's width, so that its text is as large as set."""
+
+STYLE: dict[Any, Any] = {
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 11,
+    "font.family": "sans-serif",
+    "font.size": 10,
+    "grid.color": FAINT,
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 9,
+    "legend.frameon": False,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "pocketgs",
+    "text.color": INK,
+    # Names are what they are, even with dollar signs in them.
+    "text.parse_math": False,
+    "xtick.color": INK,
+    "ytick.color": INK,
+}
+
+
+@contextmanager
+def _style() -> Iterator[None]:
+    """Matplotlib as the charts want it, whatever its user has set, and as it was afterwards."""
+    try:
+        import matplotlib as mpl
+    except ImportError as error:
+        raise PocketGSError(f"charts need matplotlib ({error}): pip install 'pocketgs[bench]'") from error
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(STYLE)
+        yield
+
+
+def colour_of(method: str) -> str:
+    """A method's colour, "#rrggbb": the same in every chart of every report."""
+    return METHOD_COLOURS[_place(method) % len(METHOD_COLOURS)]
+
+
+def _line_style(method: str) -> dict[str, Any]:
+    """Colour, marker and dashes of a method's lines, which together are its own."""
+    place = _place(method)
+    dashes = "-" if place < len(METHOD_COLOURS) else (0, (4, 1.5))
+    return {"color": colour_of(method), "marker": MARKERS[place % len(MARKERS)], "linestyle": dashes}
+
+
+def _place(method: str) -> int:
+    place, name = method_order(method)
+    # Those that are not listed take a colour by name, so that it does not depend on which others there are.
+    return place if method in METHODS else sum(name.encode())
+
+
+def curves_svg(results: Sequence[CellResult], capture: str) -> str | None:
+    """Held-out PSNR against time on a capture, as SVG for a page; None if no run was looked at on its way."""
+    found = curves(results, capture)
+    if not found:
+        return None
+    ends = [f"{method} {mean_curve(seeds)[-1].psnr:.2f} dB" for method, seeds in found.items() if mean_curve(seeds)]
+    label = f"Held-out PSNR against seconds on {capture}, at the end: {', '.join(ends)}"
+    return _svg(lambda axes: _draw_curves(axes, found), 2.9, label)
+
+
+def stages_svg(results: Sequence[CellResult], capture: str) -> str | None:
+    """Seconds by stage of each method on a capture, as SVG for a page; None if no run says."""
+    seconds: dict[str, dict[str, float]] = {}
+    for row in rows_of(results, capture):
+        stages = [stage_seconds(result) for result in row.results]
+        means = {name: mean_of(found.get(name) for found in stages) for name in stages_of(row.results)}
+        if means:
+            seconds[row.method] = {name: mean.value for name, mean in means.items() if mean}
+    if not seconds:
+        return None
+    totals = [f"{method} {sum(stages.values()):.1f} s" for method, stages in seconds.items()]
+    label = f"Seconds by stage on {capture}, in all: {', '.join(totals)}"
+    return _svg(lambda axes: _draw_stages(axes, seconds), 0.8 + 0.32 * len(seconds), label)
+
+
+def memory_svg(results: Sequence[CellResult], capture: str) -> str | None:
+    """Memory over time of one run of each method on a capture, as SVG for a page; None if no run says."""
+    found = traces(results, capture)
+    if not found:
+        return None
+    label = f"Resident memory against seconds on {capture}, peaks: {', '.join(map(_peak, found, found.values()))}"
+    return _svg(lambda axes: _draw_memory(axes, found), 2.9, label)
+
+
+def write_overview(results: Sequence[CellResult], path: Path) -> None:
+    """Write a picture of quality against time, one chart a capture.
+
+    Args:
+        results: in any order; those that failed are left out.
+        path: of the picture, a `.png`.
+
+    Raises:
+        PocketGSError: there is nothing to show, matplotlib is missing, or the file cannot be written.
+    """
+    found = {name: by_method for name in captures_of(results) if (by_method := curves(results, name))}
+    if not found:
+        raise PocketGSError(f"{path}: no curve to draw, expected runs with looks at held-out views on their way")
+    with _style():
+        from matplotlib.figure import Figure
+
+        columns = min(2, len(found))
+        lines = math.ceil(len(found) / columns)
+        figure = Figure((5.2 * columns, 3.2 * lines + 0.4), layout="constrained")
+        shown: dict[str, Artist] = {}
+        for place, (capture, by_method) in enumerate(found.items(), start=1):
+            axes = figure.add_subplot(lines, columns, place, title=capture)
+            shown |= _draw_curves(axes, by_method)
+        methods = sorted(shown, key=method_order)
+        figure.legend(
+            [shown[name] for name in methods], methods, loc="outside lower center", ncols=min(4, len(methods))
+        )
+        with replacing(path) as partial:
+            figure.savefig(partial, format="png", dpi=144, metadata={"Software": None})
+
+
+def _draw_curves(axes: Axes, by_method: dict[str, list[Curve]]) -> dict[str, Artist]:
+    """Draw each method's mean over seeds, and its seeds thinly; gives what stands for each method in a legend."""
+    handles: dict[str, Artist] = {}
+    for method, seeds in by_method.items():
+        if len(seeds) > 1:
+            for curve in seeds:
+                seconds, psnr = [it.seconds for it in curve], [it.psnr for it in curve]
+                axes.plot(seconds, psnr, color=colour_of(method), linewidth=0.7, alpha=0.7)
+        mean = mean_curve(seeds)
+        seconds, psnr = [it.seconds for it in mean], [it.psnr for it in mean]
+        (handles[method],) = axes.plot(seconds, psnr, markersize=4, linewidth=1.6, **_line_style(method))
+    axes.set_xlim(left=0)
+    axes.grid()
+    axes.set_xlabel("seconds since the command began")
+    axes.set_ylabel("held-out PSNR (dB)")
+    return handles
+
+
+def _draw_stages(axes: Axes, seconds: dict[str, dict[str, float]]) -> dict[str, Artist | BarContainer]:
+    """Draw a bar a method, from stage to stage; gives what stands for each stage in a legend."""
+    handles: dict[str, Artist | BarContainer] = {}
+    longest = max(sum(stages.values()) for stages in seconds.values())
+    found = {stage for stages in seconds.values() for stage in stages}
+    colours = dict(zip((*STAGES, *sorted(found - STAGES.keys())), (*STAGE_COLOURS, *STAGE_COLOURS), strict=False))
+    for line, stages in enumerate(seconds.values()):
+        start = 0.0
+        for stage, value in stages.items():
+            bar = axes.barh(line, value, 0.72, start, color=colours[stage], edgecolor=INK, linewidth=0.4)
+            handles.setdefault(stage, bar)
+            if value > 0.09 * longest:
+                axes.text(start + value / 2, line, f"{value:.1f}", ha="center", va="center", color="black", size=8)
+            start += value
+        axes.text(start + 0.01 * longest, line, f"{start:.1f}", va="center", weight="bold", size=9)
+    axes.set_yticks(range(len(seconds)), list(seconds))
+    axes.set_ylim(len(seconds) - 0.5, -0.5)
+    axes.set_xlim(0, 1.12 * longest)
+    axes.set_xlabel("seconds")
+    return handles
+
+
+def _draw_memory(axes: Axes, by_method: dict[str, Trace]) -> dict[str, Artist]:
+    """Draw a line a method with a mark at its peak; gives what stands for each method in a legend."""
+    handles: dict[str, Artist] = {}
+    for method, trace in by_method.items():
+        peak = max(trace, key=lambda sample: sample.megabytes)
+        seconds, megabytes = [it.seconds for it in trace], [it.megabytes for it in trace]
+        mark = [seconds.index(peak.seconds)]
+        (line,) = axes.plot(seconds, megabytes, linewidth=1.2, markersize=6, markevery=mark, **_line_style(method))
+        handles[_peak(method, trace)] = line
+    axes.set_xlim(left=0)
+    axes.set_ylim(bottom=0)
+    axes.grid()
+    axes.set_xlabel("seconds since the command began")
+    axes.set_ylabel("resident memory (MB)")
+    return handles
+
+
+def _peak(method: str, trace: Trace) -> str:
+    peak = max(trace, key=lambda sample: sample.megabytes)
+    return f"{method} {peak.megabytes:.0f} MB, {peak.stage}"
+
+
+def _svg(draw: Callable[[Axes], Mapping[str, Any]], height: float, label: str) -> str:
+    """A chart with its legend below it as an `<svg>` element.
+
+    Args:
+        draw: draws on axes and gives the legend's entries by name.
+        height: of the chart in inches, without its legend.
+        label: says in words what it shows.
+    """
+    with _style():
+        from matplotlib.figure import Figure
+
+        figure = Figure(layout="constrained")
+        handles = draw(figure.add_subplot())
+        # As many as fit: a sample takes 30 points, a letter of its name 4.5 on average.
+        columns = min(len(handles), max(1, int(72 * WIDTH / (30 + 4.5 * max(map(len, handles))))))
+        figure.legend(handles.values(), handles, loc="outside lower center", ncols=columns)
+        figure.set_size_inches(WIDTH, height + 0.19 * math.ceil(len(handles) / columns))
+        written = io.StringIO()
+        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        figure.savefig(written, format="svg", transparent=True, metadata=nothing)
+    return _for_page(written.getvalue(), label)
+
+
+def _for_page(svg: str, label: str) -> str:
+    """Make a file of SVG an element of a page: in the page's colours, named in words, and with marks of its own."""
+    element = svg[svg.index("<svg") :]
+    # A page needs no namespaces, and its own rules say how lines are joined.
+    element = re.sub(
+        r'<!--.*?-->|<metadata.*?</metadata>|<style.*?</style>| xmlns\S*="\S*"', "", element, flags=re.DOTALL
+    )
+    element = element.replace(INK, "currentColor").replace(FAINT, "var(--faint)")
+    # Ids must differ between the charts of a page, or one chart would be clipped as another.
+    own = "c" + sha256(label.encode()).hexdigest()[:8]
+    element = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{own}-", element)
+    return element.replace("<svg", f'<svg role="img" aria-label="{escape(label)}"', 1)

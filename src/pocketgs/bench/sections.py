@@ -1,0 +1,267 @@
+"""What a report says, as tables of text: how it is set, in Markdown or HTML, is decided elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from pocketgs.bench import published
+from pocketgs.bench.aggregate import (
+    BASELINE,
+    FIGURES,
+    LPIPS,
+    PSNR,
+    SECONDS,
+    SSIM,
+    Figure,
+    Mean,
+    Row,
+    captures_of,
+    difference,
+    in_order,
+    methods_of,
+    ratio,
+    rows_of,
+    stage_seconds,
+    stages_of,
+)
+from pocketgs.bench.methods import METHODS
+from pocketgs.bench.published import FULL, MOBILE_SCAN, Published, reported
+from pocketgs.bench.results import Cell, CellResult
+
+MISSING = "n/a"
+"""Of a figure that a run might have had, and has not."""
+
+NONE = "–"
+"""Of a figure that there cannot be."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of text.
+
+    Attributes:
+        title: what it shows.
+        head: of the columns; the first column names the rows.
+        rows: as many cells each as the head has.
+        notes: what is to be known when reading it, a sentence or two each.
+        quoted: how many of the last rows are the source's, not measured here.
+        numeric: whether all columns but the first hold numbers.
+    """
+
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    notes: tuple[str, ...] = ()
+    quoted: int = 0
+    numeric: bool = False
+
+
+@dataclass(frozen=True)
+class Command:
+    """The command behind a method on a capture: that of its first seed, and which others there are."""
+
+    cell: Cell
+    command: str
+    other_seeds: tuple[int, ...]
+
+
+def summary_table(results: Sequence[CellResult]) -> Table:
+    """PSNR of every method on every capture."""
+    methods = methods_of(results)
+    lines = []
+    for capture in captures_of(results):
+        rows = {row.method: row for row in rows_of(results, capture)}
+        shown = [rows.get(method) for method in methods]
+        lines.append((capture, *(_text(row.mean(PSNR.of), ",.2f", row.seeds) if row else NONE for row in shown)))
+    return Table("PSNR on held-out views (dB)", ("capture", *methods), tuple(lines), numeric=True)
+
+
+def figures_table(results: Sequence[CellResult], capture: str) -> Table:
+    """Every method's figures on a capture, and below them the source's."""
+    rows = rows_of(results, capture)
+    sources = published.COMPARISON.get(published.DATASETS.get(capture, ""), ())
+    columns = [
+        ("method", *(row.method for row in rows), *(f"source: {source.method}" for source in sources)),
+        ("runs", *(f"{len(row.results)} of {row.seeds}" for row in rows), *(NONE for _ in sources)),
+    ]
+    for figure in FIGURES:
+        # LPIPS has a column even where its package was not there: that it is missing is to be seen.
+        if figure is LPIPS or any(row.mean(figure.of) for row in rows):
+            columns.append(_column(figure, rows, sources))
+        if figure is PSNR and len(rows) > 1:
+            columns.append((f"Δ {BASELINE}", *_to_baseline(rows), *(NONE for _ in sources)))
+    notes = _lpips_notes(rows)
+    if any(row.seeds > 1 for row in rows):
+        notes.append("Means over seeds ± half the range.")
+    notes.append("Time runs from the command's start to the written scene, looks at held-out views left out.")
+    source = published.comparability(capture)
+    notes += [source] if source else []
+    head, *lines = zip(*columns, strict=True)
+    return Table("Figures", head, tuple(lines), tuple(notes), quoted=len(sources), numeric=True)
+
+
+def _column(figure: Figure, rows: Sequence[Row], sources: Sequence[Published]) -> tuple[str, ...]:
+    measured = [_text(row.mean(figure.of), f",.{figure.decimals}f", len(row.results)) for row in rows]
+    quoted = [figure.quoted(source) for source in sources]
+    return (
+        figure.name,
+        *measured,
+        *(NONE if value is None else f"{value:,.{figure.decimals}f}" for value in quoted),
+    )
+
+
+def _to_baseline(rows: Sequence[Row]) -> list[str]:
+    baseline = next((row for row in rows if row.method == BASELINE), None)
+    if baseline is None:
+        return [MISSING for _ in rows]
+    changes = [difference(row, baseline, PSNR) for row in rows]
+    return [
+        NONE if row is baseline else _text(change, "+.2f", len(row.results))
+        for row, change in zip(rows, changes, strict=True)
+    ]
+
+
+def _lpips_notes(rows: Sequence[Row]) -> list[str]:
+    return sorted({str(note) for row in rows for it in row.results if (note := it.run.get("lpips_note"))})
+
+
+def stages_table(results: Sequence[CellResult], capture: str) -> Table:
+    """Seconds by stage of every method on a capture."""
+    rows = [row for row in rows_of(results, capture) if row.results]
+    stages = stages_of(result for row in rows for result in row.results)
+
+    def seconds(stage: str) -> Callable[[CellResult], float | None]:
+        return lambda result: stage_seconds(result).get(stage)
+
+    cells = (
+        (row.method, *(_text(row.mean(seconds(stage)), ",.1f", len(row.results)) for stage in stages)) for row in rows
+    )
+    note = "Evaluation includes the looks at held-out views during training."
+    return Table("Seconds by stage", ("method", *stages), tuple(cells), (note,), numeric=True)
+
+
+def differences_table(results: Sequence[CellResult], capture: str) -> Table | None:
+    """What the source reports as differences beside what was measured; None where nothing can be compared."""
+    dataset = published.DATASETS.get(capture)
+    rows = {METHODS[row.method].stands_for: row for row in rows_of(results, capture) if row.method in METHODS}
+    if dataset is None or FULL not in rows:
+        return None
+    pairs = [(FULL, other, dataset) for other in (published.FROM_SPARSE, published.FROM_DENSE)]
+    pairs += [(ablation.method, FULL, MOBILE_SCAN) for ablation in published.ABLATIONS]
+    cells = [_difference_cells(rows[a], rows[b], where) for a, b, where in pairs if a in rows and b in rows]
+    head = ["first − second", "seeds", "source's dataset"]
+    for figure in (PSNR, SSIM, LPIPS):
+        head += [f"{figure.name}: source", "here"]
+    note = "Time is first / second. Differences are means over the seeds that both methods have."
+    title = "The source's differences and ours"
+    return Table(title, (*head, "time: source", "here"), tuple(cells), (note,), numeric=True) if cells else None
+
+
+def _difference_cells(first: Row, second: Row, dataset: str) -> tuple[str, ...]:
+    names = [METHODS[row.method].stands_for or "" for row in (first, second)]
+    theirs = [source for name in names if (source := reported(name, dataset))]
+    shared = difference(first, second, PSNR)
+    seeds = shared.count if shared else 0
+    cells = [" − ".join(names), str(seeds), dataset]
+    for figure in (PSNR, SSIM, LPIPS):
+        minuend, subtrahend = (figure.quoted(source) or 0.0 for source in theirs)
+        cells.append(_signed(minuend - subtrahend, f"+.{figure.decimals}f"))
+        cells.append(_text(difference(first, second, figure), f"+.{figure.decimals}f", seeds))
+    cells.append(f"{theirs[0].seconds / theirs[1].seconds:.2f}×")
+    multiple = ratio(first, second, SECONDS)
+    cells.append(f"{multiple.value:.2f}×" if multiple else MISSING)
+    return tuple(cells)
+
+
+def protocol_lines(results: Sequence[CellResult], capture: str) -> list[str]:
+    """How images were prepared and split, and how long was trained: one line where all runs agree."""
+    methods: dict[str, list[str]] = {}
+    for row in rows_of(results, capture):
+        for result in row.results:
+            methods.setdefault(_protocol(result), []).append(result.cell.name)
+    if len(methods) == 1:
+        return list(methods)
+    return [f"{', '.join(names)}: {protocol}" for protocol, names in methods.items()]
+
+
+def _protocol(result: CellResult) -> str:
+    run, views = result.run, result.run.get("capture") or {}
+    return "; ".join(
+        (
+            str(run.get("protocol", "protocol unknown")),
+            f"{views.get('training_views', '?')} training and {views.get('held_out_views', '?')} held-out views",
+            f"{run.get('iterations', '?')} iterations" + (", interrupted" if run.get("interrupted") else ""),
+            f"engine {run.get('engine', '?')} on {run.get('device', '?')}",
+        )
+    )
+
+
+def methods_table(results: Sequence[CellResult]) -> Table:
+    """What the methods are."""
+    rows = []
+    for name in methods_of(results):
+        method = METHODS.get(name)
+        flags = (" ".join(method.flags) or "none") if method else "?"
+        rows.append((name, method.what if method else "?", flags, (method.stands_for if method else None) or NONE))
+    return Table("Methods", ("method", "what it does", "flags", "the source's name"), tuple(rows))
+
+
+def failures_table(results: Sequence[CellResult]) -> Table | None:
+    """Runs that failed, and runs that are missing where other methods have them; None if all are there."""
+    ordered = in_order(results)
+    rows = [(it.cell.name, " ".join(it.error.split()) or "failed") for it in ordered if it.error is not None]
+    for capture in captures_of(results):
+        seeds = {it.cell.seed for it in ordered if it.cell.capture == capture}
+        for method in methods_of(it for it in ordered if it.cell.capture == capture):
+            missing = seeds - {it.cell.seed for it in ordered if (it.cell.capture, it.cell.method) == (capture, method)}
+            if missing:
+                named = ", ".join(map(str, sorted(missing)))
+                rows.append((f"{capture}.{method}", f"not run with seed {named}, as other methods were"))
+    return Table("Missing from the means", ("run", "why"), tuple(rows)) if rows else None
+
+
+def machines_table(results: Sequence[CellResult]) -> Table:
+    """What the runs ran on and with which versions: a column for each machine or set of versions."""
+    groups: dict[tuple[tuple[str, str], ...], list[str]] = {}
+    for result in in_order(results):
+        if result.error is None:
+            versions = result.run.get("versions") or {}
+            properties = {**result.machine, **{key: it for key, it in versions.items() if key not in result.machine}}
+            key = tuple((str(name), str(value)) for name, value in properties.items())
+            groups.setdefault(key, []).append(result.cell.name)
+    names = list(dict.fromkeys(name for group in groups for name, _ in group))
+    columns = [dict(group) for group in groups]
+    heads = ["all runs"] if len(groups) == 1 else [", ".join(cells) for cells in groups.values()]
+    rows = tuple((name, *(column.get(name, NONE) for column in columns)) for name in names)
+    return Table("Machine and versions", ("", *heads), rows)
+
+
+def commands(results: Sequence[CellResult]) -> list[Command]:
+    """The commands to reproduce the results with, one for each method on a capture."""
+    groups: dict[tuple[str, str], list[CellResult]] = {}
+    for result in in_order(results):
+        groups.setdefault((result.cell.capture, result.cell.method), []).append(result)
+    return [
+        Command(first.cell, " ".join(first.command.split()), tuple(other.cell.seed for other in others))
+        for first, *others in groups.values()
+    ]
+
+
+def _text(mean: Mean | None, style: str, expected: int) -> str:
+    """A mean with its spread, and the number of runs that it is of where that is not as expected.
+
+    Args:
+        mean: or None, where there is none.
+        style: a format for the mean; of the spread, which has no sign, it is the format without "+".
+        expected: of how many runs it should be.
+    """
+    if mean is None:
+        return MISSING
+    spread = f" ± {mean.spread:{style.lstrip('+')}}" if mean.spread > 0 else ""
+    missing = f" ({mean.count} of {expected})" if mean.count < expected else ""
+    return _signed(mean.value, style) + spread + missing
+
+
+def _signed(value: float, style: str) -> str:
+    return f"{value:{style}}".replace("-", "−")

@@ -1,0 +1,90 @@
+"""What runs recorded along their way: quality and memory against time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pocketgs.bench.aggregate import number, rows_of
+from pocketgs.bench.results import CellResult
+
+
+@dataclass(frozen=True)
+class Look:
+    """One look at the held-out views during training.
+
+    Attributes:
+        iteration: iterations done.
+        seconds: since the command began, without those spent on looking.
+        psnr: mean over the held-out views, in dB.
+    """
+
+    iteration: int
+    seconds: float
+    psnr: float
+
+
+@dataclass(frozen=True)
+class MemorySample:
+    """Memory at one moment of a run.
+
+    Attributes:
+        seconds: since the command began.
+        megabytes: resident, of 10^6 bytes.
+        stage: what was going on.
+    """
+
+    seconds: float
+    megabytes: float
+    stage: str
+
+
+Curve = list[Look]
+Trace = list[MemorySample]
+
+
+def curves(results: Sequence[CellResult], capture: str) -> dict[str, list[Curve]]:
+    """The curves of a capture's runs, by method and one a seed; what has none is left out."""
+    by_method = {row.method: list(filter(None, map(_curve, row.results))) for row in rows_of(results, capture)}
+    return {method: found for method, found in by_method.items() if found}
+
+
+def _curve(result: CellResult) -> Curve:
+    looks = []
+    for sample in result.run.get("progress") or []:
+        iteration, seconds, psnr = (number(sample.get(name)) for name in ("iteration", "elapsed", "held_out_psnr"))
+        if iteration is not None and seconds is not None and psnr is not None:
+            looks.append(Look(int(iteration), seconds, psnr))
+    return looks
+
+
+def mean_curve(seeds: Sequence[Curve]) -> Curve:
+    """The curve of means over seeds, of time as of PSNR, at the iterations at which all of them were looked at."""
+    by_iteration = [{look.iteration: look for look in curve} for curve in seeds]
+    shared = sorted(set.intersection(*(set(looks) for looks in by_iteration)))
+    means = []
+    for iteration in shared:
+        looks = [found[iteration] for found in by_iteration]
+        seconds, psnr = (
+            sum(values) / len(looks) for values in zip(*((it.seconds, it.psnr) for it in looks), strict=True)
+        )
+        means.append(Look(iteration, seconds, psnr))
+    return means
+
+
+def traces(results: Sequence[CellResult], capture: str) -> dict[str, Trace]:
+    """Memory over time of each method's first run that recorded it."""
+    found: dict[str, Trace] = {}
+    for row in rows_of(results, capture):
+        for trace in filter(None, map(_trace, row.results)):
+            found.setdefault(row.method, trace)
+    return found
+
+
+def _trace(result: CellResult) -> Trace:
+    samples = []
+    for sample in result.run.get("memory") or []:
+        seconds, megabytes = number(sample.get("seconds")), number(sample.get("rss_mb"))
+        if seconds is not None and megabytes is not None:
+            samples.append(MemorySample(seconds, megabytes, str(sample.get("stage", "?"))))
+    return samples

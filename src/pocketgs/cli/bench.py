@@ -1,0 +1,160 @@
+"""`pocketgs bench`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from pocketgs.atomic_file import replacing
+from pocketgs.bench.captures import DEMO, BenchCapture, captures_named, data_folder, known_captures
+from pocketgs.bench.cell import Job
+from pocketgs.bench.methods import METHODS, methods_named
+from pocketgs.bench.report import check_report_possible, write_report
+from pocketgs.bench.results import CellResult, read_results
+from pocketgs.bench.session import Step, compile_kernels, plan_jobs, remaining, run_jobs
+from pocketgs.bench.table import markdown_table
+from pocketgs.capture.synthetic import write_demo
+from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.cli.flags import flags_of
+from pocketgs.errors import PocketGSError
+from pocketgs.splat.engine import EngineName
+
+
+@dataclass(frozen=True)
+class Everywhere:
+    """What all cells have in common.
+
+    Attributes:
+        iterations: Training steps of every cell.
+        evaluate_every: Iterations between looks at the held-out views.
+        engine: What renders and differentiates.
+    """
+
+    iterations: int = 500
+    evaluate_every: int = 50
+    engine: EngineName = "auto"
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """As flags of `pocketgs train`."""
+        return (
+            *("--iterations", str(self.iterations)),
+            *("--evaluate-every", str(self.evaluate_every)),
+            *("--engine", self.engine),
+        )
+
+
+def bench(
+    captures: tuple[str, ...] = (),
+    methods: tuple[str, ...] = (),
+    seeds: tuple[int, ...] = (0,),
+    show: Annotated[bool, tyro.conf.arg(name="list")] = False,
+    again: bool = False,
+    data: Path | None = None,
+    demo: Path = Path("output/demo-capture"),
+    output: Path = Path("bench/results"),
+    work: Path = Path("output/bench"),
+    everywhere: Everywhere = Everywhere(),
+    reading: CaptureOptions = CaptureOptions(),  # noqa: B008
+) -> None:
+    """Compare methods on captures: run what has not been run yet, and write tables and a report.
+
+    Each cell of the table is a `pocketgs train` command in a process of its own. Results are kept one by one, so a
+    table that was interrupted goes on where it stopped.
+
+    Args:
+        captures: Names of known captures or folders of your own; by default all known ones that are there.
+        methods: By default all.
+        seeds: Of everything random; several show how far results scatter.
+        show: Say which methods and captures there are, what is missing and where to get it, and run nothing.
+        again: Run cells that have a result, too.
+        data: Folder of the known captures; by default the one that POCKETGS_DATA names, or data.
+        demo: Where the built-in demo's capture is kept.
+        output: Folder for the results, the table (results.md) and the report (report.html).
+        work: Folder for what the runs write.
+        everywhere: The same for all cells.
+        reading: How to read captures of your own; known ones are read as published results read them.
+    """
+    console = Console()
+    known = known_captures(data_folder(data), demo)
+    if show:
+        _print_list(console, known)
+        return
+    check_report_possible()
+    chosen = captures_named(captures, known, flags_of(reading))
+    if not chosen:
+        raise PocketGSError("bench: no capture is there; pocketgs bench --list says where to get them")
+    jobs = plan_jobs(methods_named(methods), chosen, seeds, everywhere.flags)
+    left = jobs if again else remaining(jobs, read_results(output))
+    console.print(f"{len(jobs)} cells, {len(jobs) - len(left)} of them done before", highlight=False)
+    try:
+        if left:
+            _prepare(console, chosen, demo)
+            _run(console, left, output, work)
+    finally:
+        _write_report(console, output, work)
+    _check_failures(jobs, read_results(output))
+
+
+def _prepare(console: Console, captures: Sequence[BenchCapture], demo: Path) -> None:
+    with console.status("compiling kernels, and filming the demo if it is not there: no cell's time includes that"):
+        compile_kernels()
+        if any(capture.name == DEMO for capture in captures):
+            write_demo(demo)
+
+
+def _run(console: Console, jobs: Sequence[Job], output: Path, work: Path) -> None:
+    with console.status("") as status:
+
+        def show_step(step: Step) -> None:
+            left = "" if step.seconds_left is None else f", about {step.seconds_left / 60:.0f} min left"
+            status.update(f"{step.cell.name}: {step.number} of {step.count}{left}")
+
+        def show_result(result: CellResult) -> None:
+            console.print(_line(result), markup=False, highlight=False, soft_wrap=True)
+
+        run_jobs(jobs, output, work, show_step, show_result)
+
+
+def _line(result: CellResult) -> str:
+    if result.error is not None:
+        return f"{result.cell.name}: failed: {result.error}"
+    run = result.run
+    quality = f"{run['psnr']:.2f} dB, SSIM {run['ssim']:.4f}"
+    return f"{result.cell.name}: {quality}, {result.wall_seconds:.1f} s, {run['peak_rss_mb']:.0f} MB"
+
+
+def _write_report(console: Console, output: Path, work: Path) -> None:
+    results = read_results(output)
+    if not results:
+        return
+    table, report = output / "results.md", output / "report.html"
+    with replacing(table) as partial:
+        partial.write_text(markdown_table(results), encoding="utf-8")
+    write_report(results, work, report)
+    console.print(f"{len(results)} results: {table}, {report}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _check_failures(jobs: Sequence[Job], results: Sequence[CellResult]) -> None:
+    asked = {job.cell for job in jobs}
+    failed = [result.cell.name for result in results if result.cell in asked and result.error is not None]
+    if failed:
+        raise PocketGSError(f"bench: {len(failed)} of {len(jobs)} cells failed: {', '.join(failed)}; see their logs")
+
+
+def _print_list(console: Console, known: dict[str, BenchCapture]) -> None:
+    methods = Table("method", "what it is", "flags of pocketgs train", box=box.SIMPLE)
+    for method in METHODS.values():
+        methods.add_row(method.name, method.what, " ".join(method.flags))
+    captures = Table("capture", "what it is", "where", box=box.SIMPLE)
+    for capture in known.values():
+        where = str(capture.path) if capture.is_there else f"missing: expected in {capture.path}; {capture.origin}"
+        captures.add_row(capture.name, capture.what, where)
+    console.print(methods, captures)

@@ -1,0 +1,69 @@
+"""Which captures a table is made on, and what is said of those that are missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pocketgs.bench.captures import DATA_VARIABLE, captures_named, data_folder, known_captures
+from pocketgs.cli import main
+from pocketgs.errors import PocketGSError
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    """A folder of data with a fern in it and nothing else."""
+    (tmp_path / "data" / "fern").mkdir(parents=True)
+    return tmp_path / "data"
+
+
+def test_all_that_are_there_are_taken_if_none_is_named(data: Path) -> None:
+    known = known_captures(data, data / "demo")
+    assert [capture.name for capture in captures_named((), known)] == ["fern", "demo"]
+
+
+def test_a_missing_capture_is_refused_with_its_origin(data: Path) -> None:
+    with pytest.raises(PocketGSError, match=r"capture 'fox': no folder .*fox.*instant-ngp"):
+        captures_named(("fern", "fox"), known_captures(data, data / "demo"))
+
+
+def test_a_folder_of_ones_own_is_read_as_asked(data: Path, tmp_path: Path) -> None:
+    own = tmp_path / "garden"
+    own.mkdir()
+    fern, garden = captures_named(("fern", str(own)), known_captures(data, data / "demo"), ("--downscale", "4"))
+    assert (garden.name, garden.path, garden.flags) == ("garden", own, ("--downscale", "4"))
+    assert fern.flags == ("--images", "images_8")
+
+
+def test_two_captures_of_one_name_are_refused(data: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine" / "fern").mkdir(parents=True)
+    with pytest.raises(PocketGSError, match="'fern': named twice"):
+        captures_named(("fern", str(tmp_path / "mine" / "fern")), known_captures(data, data / "demo"))
+
+
+def test_what_is_neither_known_nor_a_folder_is_refused(data: Path) -> None:
+    with pytest.raises(PocketGSError, match=r"capture 'nowhere': no folder nowhere.*fern, lego, fox, demo"):
+        captures_named(("nowhere",), known_captures(data, data / "demo"))
+
+
+def test_the_data_folder_is_the_one_named_or_that_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(DATA_VARIABLE, "elsewhere")
+    assert data_folder(Path("here")) == Path("here")
+    assert data_folder(None) == Path("elsewhere")
+    monkeypatch.delenv(DATA_VARIABLE)
+    assert data_folder(None) == Path("data")
+
+
+def test_the_list_says_what_is_missing_and_where_to_get_it(
+    data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "400")
+    main(["bench", "--list", "--data", str(data)])
+    lines = capsys.readouterr().out.splitlines()
+    (lego,) = [line for line in lines if line.strip().startswith("lego")]
+    assert "missing" in lego
+    assert "https://www.matthewtancik.com/nerf" in lego
+    (fern,) = [line for line in lines if line.strip().startswith("fern")]
+    assert "missing" not in fern
+    assert any("--recipe reference" in line for line in lines)

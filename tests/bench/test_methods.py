@@ -1,0 +1,56 @@
+"""Methods are flags of `pocketgs train` that mean what their descriptions say."""
+
+from __future__ import annotations
+
+import pytest
+import tyro
+
+from pocketgs.bench.methods import METHODS, methods_named
+from pocketgs.cli.bench import Everywhere
+from pocketgs.errors import PocketGSError
+from pocketgs.training_options import TrainingOptions
+
+
+def options_of(name: str) -> TrainingOptions:
+    return tyro.cli(TrainingOptions, args=list(METHODS[name].flags))
+
+
+def test_the_default_is_the_default() -> None:
+    assert options_of("pocketgs") == TrainingOptions()
+
+
+@pytest.mark.parametrize(("name", "prior"), [("3dgs-sfm", "colmap"), ("3dgs-mvs", "dense")])
+def test_workstation_methods_train_as_3dgs_does(name: str, prior: str) -> None:
+    options = options_of(name)
+    assert (options.recipe, options.seeds, options.prior) == ("reference", "balls", prior)
+
+
+@pytest.mark.parametrize(
+    ("name", "option", "value"),
+    [
+        ("no-seeding", "seeds", "balls"),
+        ("no-bundle", "bundle", False),
+        ("no-dense", "prior", "sparse"),
+        ("no-exposure", "exposure", "off"),
+        ("one-reference", "references", 1),
+        ("30-keyframes", "max_keyframes", 30),
+        ("pocketgs-100k", "max_gaussians", 100_000),
+    ],
+)
+def test_an_ablation_differs_in_one_thing(name: str, option: str, value: object) -> None:
+    assert vars(options_of(name)) == {**vars(TrainingOptions()), option: value}
+
+
+def test_every_method_has_the_same_iterations_and_threads() -> None:
+    for name in METHODS:
+        assert (options_of(name).iterations, options_of(name).threads) == (500, None)
+
+
+def test_all_cells_share_their_flags() -> None:
+    options = tyro.cli(TrainingOptions, args=list(Everywhere(iterations=7, evaluate_every=3, engine="cpu").flags))
+    assert (options.iterations, options.evaluate_every, options.engine) == (7, 3, "cpu")
+
+
+def test_an_unknown_method_is_refused() -> None:
+    with pytest.raises(PocketGSError, match="method 'magic': not known, expected one of pocketgs, 3dgs-sfm"):
+        methods_named(("pocketgs", "magic"))

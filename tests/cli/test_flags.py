@@ -1,0 +1,30 @@
+"""Options turned into flags mean the same options again."""
+
+from __future__ import annotations
+
+import tyro
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.cli.flags import flags_of
+
+OPTIONS = st.builds(
+    CaptureOptions,
+    images=st.none() | st.sampled_from(["images_4", "a folder"]),
+    downscale=st.floats(1.0, 16.0),
+    max_size=st.none() | st.integers(1, 4000),
+    background=st.none() | st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1)),
+    undistort=st.booleans(),
+    hold_out=st.integers(0, 20),
+)
+
+
+@given(OPTIONS)
+def test_flags_give_the_options_back(options: CaptureOptions) -> None:
+    assert tyro.cli(CaptureOptions, args=list(flags_of(options))) == options
+
+
+def test_defaults_need_no_flags() -> None:
+    assert flags_of(CaptureOptions()) == ()
+    assert flags_of(CaptureOptions(undistort=False, downscale=2.0)) == ("--downscale", "2.0", "--no-undistort")
