@@ -10,7 +10,7 @@ from types import FrameType
 
 
 class Interrupt:
-    """Whether the user has asked to stop."""
+    """Whether somebody has asked to stop: the user by Ctrl-C, or whoever sets `requested`."""
 
     requested = False
 

@@ -12,7 +12,7 @@ from pocketgs.capture.capture import Capture, Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.evaluation import psnr
 from pocketgs.gaussians import Gaussians
-from pocketgs.interrupt import deferred_interrupt
+from pocketgs.interrupt import Interrupt, deferred_interrupt
 from pocketgs.preparation import prepare
 from pocketgs.prior.prior import Prior
 from pocketgs.recipes import Recipe, recipe_named
@@ -45,6 +45,8 @@ class Progress:
         iteration_rate: iterations per second.
         seconds_left: estimate of the time until iterations or the time budget run out.
         gaussians: their number.
+        interrupt: ends the run after this iteration, as Ctrl-C does, if an observer requests it; says whether that has
+            been asked for, so that an observer that waits can stop waiting.
         scene: gives the Gaussians as they stand; costs a copy.
         checkpoint: gives the run as it stands; costs a larger copy.
     """
@@ -57,6 +59,7 @@ class Progress:
     iteration_rate: float
     seconds_left: float
     gaussians: int
+    interrupt: Interrupt
     scene: Callable[[], Gaussians]
     checkpoint: Callable[[], Checkpoint]
 
@@ -185,7 +188,7 @@ class _Loop:
                 self._look_at_held_out_views()
                 if observer:
                     before = time.monotonic()
-                    observer(self._progress(started))
+                    observer(self._progress(started, interrupt))
                     started += time.monotonic() - before  # an observer's pauses are no time of the run's
             if self.iteration > self._first_iteration:
                 self._finish_steps()
@@ -233,7 +236,7 @@ class _Loop:
             self._loss = self._engine.loss(min(len(self._capture.train), self.iteration - self._first_iteration))
         self._loss_asked = time.monotonic()
 
-    def _progress(self, started: float) -> Progress:
+    def _progress(self, started: float, interrupt: Interrupt) -> Progress:
         if time.monotonic() - self._loss_asked > SECONDS_BETWEEN_LOSSES:
             self._finish_steps()
         elapsed = time.monotonic() - started
@@ -250,6 +253,7 @@ class _Loop:
             iteration_rate=rate,
             seconds_left=left,
             gaussians=self._gaussians,
+            interrupt=interrupt,
             scene=self._engine.download,
             checkpoint=lambda: Checkpoint(self.iteration, self._engine.download(), self._engine.optimiser_state()),
         )

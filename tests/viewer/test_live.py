@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Coroutine, Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -239,6 +239,32 @@ def test_ctrl_c_while_paused(train: Callable[..., RunResult]) -> None:
     assert told.result() == result.summary["iterations"] < ENDLESS.iterations
     assert result.summary["interrupted"] is True
     assert signal.getsignal(signal.SIGINT) is handler
+
+
+def test_ctrl_c_in_the_step_that_pauses(train: Callable[..., RunResult]) -> None:
+    followed = LiveRun("toys", ENDLESS.iterations)
+
+    def pause_and_press(progress: Progress) -> None:
+        if progress.iteration == 5:
+            followed.obey("pause")
+            signal.raise_signal(signal.SIGINT)
+
+    result = train(followed, ENDLESS, Reporter(on_progress=pause_and_press))
+    assert result.summary["iterations"] == 5
+    assert result.summary["interrupted"] is True
+
+
+def test_stop_of_a_run_on_another_thread(train: Callable[..., RunResult]) -> None:
+    followed = LiveRun("toys", ENDLESS.iterations)
+
+    def stop(progress: Progress) -> None:
+        if progress.iteration == 5:
+            followed.obey("stop")
+
+    with ThreadPoolExecutor(1) as other:
+        result = other.submit(train, followed, ENDLESS, Reporter(on_progress=stop)).result(PATIENCE)
+    assert result.summary["iterations"] == 5
+    assert result.summary["interrupted"] is True
 
 
 def test_page_that_never_reads_holds_nobody_up(train: Callable[..., RunResult]) -> None:

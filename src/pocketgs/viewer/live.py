@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import signal
 import threading
 import time
 from collections.abc import Callable
@@ -15,7 +14,6 @@ from pocketgs.capture.capture import Capture
 from pocketgs.errors import PocketGSError
 from pocketgs.formats import spz
 from pocketgs.gaussians import Gaussians
-from pocketgs.interrupt import deferred_interrupt
 from pocketgs.record import peak_rss_mb
 from pocketgs.result_folder import PICTURES
 from pocketgs.run import Reporter, RunResult
@@ -56,7 +54,7 @@ class LiveRun:
         self.news.post_progress(iterations=iterations)
         self._stages, self._stage = stages or {}, ""
         self._changed = threading.Condition()
-        self._paused = self._stop_asked = self._stopped = self._over = False
+        self._paused = self._stop_asked = self._over = False
         self._told = self._scene_taken = float("-inf")
         self._sampled_fraction = -1.0
         self._warn: Callable[[str], None] = lambda warning: None
@@ -78,8 +76,8 @@ class LiveRun:
     def obey(self, command: Command) -> None:
         """Do what a page asks: of no consequence once the run has ended.
 
-        "stop" is what Ctrl-C is: the run ends after the step under way and keeps what it has. Like Ctrl-C it reaches
-        training on the main thread only, and not before its first step.
+        "stop" is what Ctrl-C is during training: the run ends after the step under way and keeps what it has. Before
+        training's first step it is remembered until then.
         """
         with self._changed:
             if self._over:
@@ -118,9 +116,8 @@ class LiveRun:
         self._offer_scene(progress)
         if self._paused:
             self._wait(progress)
-        if self._stop_asked and not self._stopped:
-            self._stopped = True  # a second Ctrl-C would end the process
-            _press_ctrl_c()
+        if self._stop_asked:
+            progress.interrupt.requested = True
 
     def _show_progress(self, progress: Progress) -> None:
         loss, held_out_psnr = _finite(progress.loss), _finite(progress.held_out_psnr)
@@ -156,18 +153,12 @@ class LiveRun:
 
     def _wait(self, progress: Progress) -> None:
         """Until a page lets the run go on, or Ctrl-C is pressed."""
-        with deferred_interrupt() as interrupt:
-            while self._paused and not interrupt.requested:
-                self._offer_scene(progress)
-                with self._changed:
-                    self._changed.wait_for(lambda: not self._paused, SECONDS_BETWEEN_GLANCES)
-        if interrupt.requested:
+        while self._paused and not progress.interrupt.requested:
+            self._offer_scene(progress)
+            with self._changed:
+                self._changed.wait_for(lambda: not self._paused, SECONDS_BETWEEN_GLANCES)
+        if progress.interrupt.requested:
             self.obey("stop")
-
-
-def _press_ctrl_c() -> None:
-    if threading.current_thread() is threading.main_thread():
-        signal.raise_signal(signal.SIGINT)
 
 
 def _both(first: Callable[[_Fact], None], second: Callable[[_Fact], None]) -> Callable[[_Fact], None]:
