@@ -27,6 +27,15 @@ def scene(tmp_path: Path) -> Gaussians:
     return made
 
 
+def test_less_detail_makes_smaller_files(tmp_path: Path, pocketgs: Callable[..., Any]) -> None:
+    random_scene(2000, 1).save(tmp_path / "scene.ply")
+    for detail in ("fine", "small"):
+        outcome = pocketgs("convert", tmp_path / "scene.ply", tmp_path / f"{detail}.spz", "--detail", detail)
+        assert (outcome.status, outcome.errors) == (0, "")
+        assert ("drops the order" in outcome.output) == (detail == "small")
+    assert (tmp_path / "small.spz").stat().st_size < 0.8 * (tmp_path / "fine.spz").stat().st_size
+
+
 @pytest.mark.parametrize("suffix", [".ply", ".compressed.ply", ".spz", ".splat", ".glb"])
 def test_every_format(tmp_path: Path, pocketgs: Callable[..., Any], scene: Gaussians, suffix: str) -> None:
     target = tmp_path / f"out{suffix}"

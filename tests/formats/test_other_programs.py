@@ -12,6 +12,7 @@ import pytest
 from formats.scenes import covariances, opacity_error, random_scene, turns_between
 from pocketgs.formats import read_scene, spz, write_scene
 from pocketgs.formats.morton import morton_order
+from pocketgs.formats.spz_precision import FINE, SMALL, Precision
 from pocketgs.gaussians import Gaussians
 from pocketgs.scene_edits import rotated
 
@@ -45,6 +46,24 @@ def test_ours_elsewhere(
     theirs = as_read_elsewhere(path)
     # It takes a rotation's byte in a .splat for half a step less than the format's own viewer does.
     close(theirs, read_scene(path), means=1e-6, log_scales=1e-5, sh=1e-5, turn=1.0 if suffix == ".splat" else 0.1)
+
+
+@DEGREES
+@pytest.mark.parametrize("version", [3, 4])
+def test_our_small_spz_elsewhere(
+    tmp_path: Path, as_read_elsewhere: Callable[[Path], Gaussians], scene: Gaussians, version: spz.Version
+) -> None:
+    """splat-transform finds every Gaussian in it, as near to where it was as the precision says."""
+    scene.log_scales -= 7  # to less than the distances between Gaussians
+    spz.write_gaussians(tmp_path / "small.spz", scene, version, SMALL)
+    theirs = as_read_elsewhere(tmp_path / "small.spz")
+    assert len(theirs) == len(scene)
+    close(theirs, read_scene(tmp_path / "small.spz"), means=1e-6, log_scales=1e-5, sh=1e-5, turn=0.1)
+    distance = np.abs(theirs.means[:, None] - scene.means).max(axis=2)
+    nearest = distance.argmin(axis=1)
+    assert sorted(nearest) == list(range(len(scene)))
+    size = np.exp(np.percentile(np.median(scene.log_scales, axis=1), 10, method="lower"))
+    assert distance.min(axis=1).max() <= size / 8 + 2e-6
 
 
 @DEGREES
@@ -114,12 +133,17 @@ def test_our_glb_elsewhere(tmp_path: Path, run_node: Callable[..., str], scene: 
 
 @DEGREES
 @pytest.mark.parametrize("version", [2, 3, 4])
-@pytest.mark.parametrize("ours", [3, 4])
+@pytest.mark.parametrize(("ours", "precision"), [(3, FINE), (4, FINE), (4, SMALL)], ids=["3", "4", "small"])
 def test_reference_implementation_of_spz(
-    tmp_path: Path, run_node: Callable[..., str], scene: Gaussians, version: int, ours: spz.Version
+    tmp_path: Path,
+    run_node: Callable[..., str],
+    scene: Gaussians,
+    version: int,
+    ours: spz.Version,
+    precision: Precision,
 ) -> None:
     """It reads our file, writes it in each version that it can write, and says what it then finds there."""
-    spz.write_gaussians(tmp_path / "ours.spz", scene, ours)
+    spz.write_gaussians(tmp_path / "ours.spz", scene, ours, precision)
     program = """
         import { readFileSync, writeFileSync } from "node:fs";
         import load from "@adobe/spz";

@@ -13,11 +13,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from formats.scenes import random_scene
+from formats.scenes import covariances, opacity_error, random_scene, scenes, turns_between
 from pocketgs.errors import PocketGSError
 from pocketgs.formats import spz
+from pocketgs.formats.axes import RIGHT_UP_BACK, half_turn
+from pocketgs.formats.spz_arrangement import rearranged, with_least_turns
 from pocketgs.formats.spz_attributes import fractional_bits_for
+from pocketgs.formats.spz_precision import FINE, SMALL
 from pocketgs.gaussians import SH_DC, Gaussians
 
 if sys.version_info >= (3, 14):
@@ -116,12 +121,76 @@ def test_what_is_written(tmp_path: Path, version: spz.Version) -> None:
     magic, found, count, degree, bits, flags, last = struct.unpack("<4sIIBBBB", head[:16])
     assert (magic, found, count, degree, flags) == (b"NGSP", version, 10, 1, 0)
     assert last == (6 if version == 4 else 0)
-    assert bits == fractional_bits_for(scene.means)
+    assert bits == fractional_bits_for(scene, FINE)
+
+
+def placed(coordinates: list[float], size: float = 1.0) -> Gaussians:
+    """Discs of a size, and a tenth as thick, at these places along x."""
+    scene = random_scene(len(coordinates), 0)
+    scene.means[:] = np.array(coordinates)[:, None] * [1, 0, 0]
+    scene.log_scales[:] = np.log([size, size / 10, size])
+    return scene
 
 
 @pytest.mark.parametrize(("largest", "bits"), [(0.5, 23), (1.0, 22), (0.99, 23), (100.0, 16), (4096.0, 10), (8e6, 0)])
 def test_fixed_point_uses_its_24_bits(largest: float, bits: int) -> None:
-    assert fractional_bits_for(np.array([[largest, 0, -largest]], np.float32)) == bits
+    assert fractional_bits_for(placed([largest, 0, -largest]), FINE) == bits
+
+
+@pytest.mark.parametrize(
+    ("size", "bits"), [(1.0, 2), (1.01, 2), (0.99, 3), (0.26, 4), (4.1, 0), (100.0, 0), (1e-9, 16)]
+)
+def test_steps_that_suit_the_size_of_gaussians(size: float, bits: int) -> None:
+    """Four steps or more in what nine in ten measure, where 24 bits and whole numbers allow it."""
+    assert fractional_bits_for(placed([-100.0, 100.0], size), SMALL) == bits
+
+
+@pytest.mark.parametrize(("smaller", "bits"), [(9, 4), (11, 7)])
+def test_one_in_ten_gaussians_may_be_smaller(smaller: int, bits: int) -> None:
+    scene = placed([100.0] * 100, 0.3)
+    scene.log_scales[:smaller] -= np.log(8)
+    assert fractional_bits_for(scene, SMALL) == bits
+
+
+@given(scene=scenes())
+@settings(deadline=None)
+def test_least_turns_show_the_same(scene: Gaussians) -> None:
+    found = with_least_turns(scene)
+    largest = covariances(scene).max(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose(covariances(found) / largest, covariances(scene) / largest, atol=1e-6)
+    np.testing.assert_array_equal(np.sort(found.log_scales, axis=1), np.sort(scene.log_scales, axis=1))
+    # A cube is never farther from a place that it fills.
+    assert (2 * np.degrees(np.arccos(np.minimum(found.quaternions[:, 0], 1)))).max() <= 62.8
+
+
+@given(scene=scenes(), version=st.sampled_from([3, 4]))
+@settings(deadline=None)
+def test_small_keeps_what_it_says(
+    tmp_path_factory: pytest.TempPathFactory, scene: Gaussians, version: spz.Version
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "small.spz"
+    spz.write_gaussians(path, scene, version, SMALL)
+    found = spz.read_gaussians(path)
+    expected = half_turn(rearranged(half_turn(scene, RIGHT_UP_BACK), SMALL), RIGHT_UP_BACK)
+    assert sorted(expected.means.tolist()) == sorted(scene.means.tolist())
+    assert found.sh.shape == expected.sh.shape
+    size = np.exp(np.percentile(np.median(scene.log_scales, axis=1), 10, method="lower"))
+    largest = np.abs(scene.means).max()
+    assert np.abs(found.means - expected.means).max() <= max(size / 8, largest * 2.0**-23) * 1.001 + largest * 2.0**-24
+    assert np.abs(found.log_scales - expected.log_scales).max() <= 1 / 16 + 1e-5
+    assert np.abs(found.sh[:, 0] - expected.sh[:, 0]).max() * SH_DC <= 1 / 67
+    assert np.abs(found.sh[:, 1:4] - expected.sh[:, 1:4]).max(initial=0) <= 0.044
+    assert np.abs(found.sh[:, 4:] - expected.sh[:, 4:]).max(initial=0) <= 0.067
+    assert opacity_error(found, expected) <= 1 / 63
+    assert turns_between(found, expected).max() <= 3
+
+
+@pytest.mark.parametrize("version", [3, 4])
+@pytest.mark.parametrize("degree", [0, 1])
+def test_small_is_smaller(version: spz.Version, degree: int) -> None:
+    scene = random_scene(5000, degree)
+    fine, small = (len(spz.encode(scene, version, precision)) for precision in (FINE, SMALL))
+    assert small < 0.85 * fine
 
 
 def test_scene_that_is_too_large(tmp_path: Path) -> None:

@@ -17,7 +17,8 @@ from pocketgs.bench.machine import describe_machine
 from pocketgs.bench.methods import Method
 from pocketgs.bench.results import Cell, CellResult
 from pocketgs.errors import PocketGSError
-from pocketgs.formats import read_scene, write_scene
+from pocketgs.formats import read_scene, spz
+from pocketgs.formats.spz_precision import SMALL
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ def _collect(job: Job, folder: Path) -> CellResult:
         del run["prior"]["decisions"]  # a line a frame, the same in every cell
     scene = folder / result_folder.SCENE
     compressed = scene.with_suffix(".spz")
-    write_scene(compressed, read_scene(scene))
+    spz.write_gaussians(compressed, read_scene(scene), precision=SMALL)  # as `pocketgs convert` does
     return CellResult(
         job.cell,
         job.command,

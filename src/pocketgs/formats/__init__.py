@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pocketgs.errors import PocketGSError
 from pocketgs.formats import compressed_ply, gltf, ply, splat, spz
+from pocketgs.formats.spz_precision import FINE
 from pocketgs.gaussians import Gaussians
 
 
@@ -47,10 +48,8 @@ FORMATS = (
     SceneFormat(
         "Niantic SPZ",
         (".spz",),
-        "",
-        "centres to 2^-23 of the largest coordinate, log scales to 1/32 within -10 to 5.9, opacity to 1/500, colours "
-        "to 1/250 within -0.4 to 1.4, rotation to 0.3 degrees, spherical harmonics within -1 to 1 to 0.036 (degree 1) "
-        "and 0.067 (above)",
+        FINE.drops,
+        FINE.rounds,
         spz.read_gaussians,
         spz.write_gaussians,
     ),

@@ -1,7 +1,8 @@
 """Niantic's `.spz`: about a tenth of a `.ply` of degree 3, in axes x right, y up, z back.
 
 Version 4 is a plain header, a table of streams and the streams, each compressed with Zstandard. Versions 1 to 3 are one
-gzip stream with a shorter header in front. `spz_attributes.py` says what the streams hold.
+gzip stream with a shorter header in front. `spz_attributes.py` says what the streams hold, `spz_precision.py` how
+coarse the numbers are that we write, and `spz_arrangement.py` what else makes them compress well.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ from pocketgs.atomic_file import replacing
 from pocketgs.errors import PocketGSError
 from pocketgs.formats.axes import RIGHT_UP_BACK, half_turn
 from pocketgs.formats.checks import read_contents, require_sound
+from pocketgs.formats.spz_arrangement import rearranged
 from pocketgs.formats.spz_attributes import LARGEST_FIXED, Layout, fractional_bits_for, pack, unpack
+from pocketgs.formats.spz_precision import FINE, Precision
 from pocketgs.gaussians import Gaussians
 
 if sys.version_info >= (3, 14):
@@ -45,38 +48,52 @@ STREAMS = 6
 LARGEST_DEGREE = 4
 HAS_EXTENSIONS = 2
 AXES_EXTENSION, AXES_RIGHT_UP_BACK = 0xADBE0003, 4
-GZIP_LEVEL, ZSTD_LEVEL = 9, 12
+GZIP_LEVEL = 9
 GZIP_WINDOW = 16 + zlib.MAX_WBITS
+ZSTD_OPTIONS: tuple[dict[int, int], ...] = (
+    {zstd.CompressionParameter.compression_level: 19},
+    {zstd.CompressionParameter.compression_level: 19, zstd.CompressionParameter.min_match: 5},
+)
+"""Of which the better is taken for each stream: it depends on how often three bytes come again by chance."""
 
 
-def write_gaussians(path: Path, gaussians: Gaussians, version: Version = CURRENT) -> None:
+def write_gaussians(path: Path, gaussians: Gaussians, version: Version = CURRENT, precision: Precision = FINE) -> None:
     """Write a scene atomically.
 
     Raises:
         PocketGSError: the scene is empty, holds NaN or infinity or lies too far out, or the file cannot be written.
     """
-    contents = encode(gaussians, version, path)
+    contents = encode(gaussians, version, precision, path)
     with replacing(path) as partial:
         partial.write_bytes(contents)
 
 
-def encode(gaussians: Gaussians, version: Version = CURRENT, path: Path = Path("scene.spz")) -> bytes:
+def encode(
+    gaussians: Gaussians,
+    version: Version = CURRENT,
+    precision: Precision = FINE,
+    path: Path = Path("scene.spz"),
+) -> bytes:
     """The content of a scene's file.
 
     Args:
         gaussians: the scene.
         version: of the format.
+        precision: what numbers are rounded to.
         path: named in errors.
 
     Raises:
         PocketGSError: the scene is empty, holds NaN or infinity, or lies too far out.
     """
     require_sound(path, gaussians)
-    bits = fractional_bits_for(gaussians.means)
+    bits = fractional_bits_for(gaussians, precision)
     if bits is None:
         raise PocketGSError(f"{path}: a coordinate exceeds {LARGEST_FIXED}, the most that .spz can hold")
+    turned = half_turn(gaussians, RIGHT_UP_BACK)
+    if precision.rearranged:
+        turned = rearranged(turned, precision)
     layout = Layout(version, len(gaussians), gaussians.sh_degree, bits)
-    streams = pack(half_turn(gaussians, RIGHT_UP_BACK), layout)
+    streams = pack(turned, layout, precision)
     return _bundle(layout, streams) if version == 4 else _gzip(layout, streams)
 
 
@@ -158,7 +175,7 @@ def _cut(body: bytes, layout: Layout) -> list[bytes]:
 
 def _bundle(layout: Layout, streams: list[bytes]) -> bytes:
     streams = [stream for stream in streams if stream]
-    packed = [zstd.compress(stream, ZSTD_LEVEL) for stream in streams]
+    packed = [min((zstd.compress(stream, options=options) for options in ZSTD_OPTIONS), key=len) for stream in streams]
     table = [TABLE_ROW.pack(len(small), len(whole)) for small, whole in zip(packed, streams, strict=True)]
     return b"".join([_header(layout, len(streams)), TABLE_START.pack(FIRST_ROW), *table, *packed])
 

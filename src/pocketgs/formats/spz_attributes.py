@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pocketgs.formats.activations import opacity_from_byte, opacity_to_byte, to_byte
+from pocketgs.formats.activations import OPACITY_STEPS, opacity_from_byte, opacity_of
 from pocketgs.formats.quaternions import LARGEST_OTHER, drop_largest, restore_largest, unit
+from pocketgs.formats.spz_precision import Precision
 from pocketgs.gaussians import SH_COEFFICIENTS, Gaussians
 
 LARGEST_FIXED = 2**23 - 1
@@ -22,9 +23,6 @@ COLOUR_SCALE = 0.15 * 255
 
 LOG_SCALE_ORIGIN, LOG_SCALE_STEPS = -10.0, 16.0
 SH_STEPS, SH_ZERO = 128.0, 128
-SH_BUCKETS = (8, 16)
-"""Coefficients are rounded to multiples of this, of degree 1 and above it: repeated bytes compress well."""
-
 ROTATION_STEPS = 511
 """Of each of three components' 9-bit magnitude."""
 
@@ -53,22 +51,32 @@ class Layout:
         return tuple(self.count * width for width in (position, 1, 3, 3, rotation, harmonics))
 
 
-def fractional_bits_for(means: np.ndarray) -> int | None:
-    """As many as leave the 24 bits room for the largest coordinate, or None where not even whole numbers fit."""
-    largest = float(np.abs(means).max())
-    return next((bits for bits in range(23, -1, -1) if round(largest * 2**bits) <= LARGEST_FIXED), None)
+def fractional_bits_for(gaussians: Gaussians, precision: Precision) -> int | None:
+    """As few as the precision asks for, at most as many as leave the 24 bits room for the largest coordinate.
+
+    Returns:
+        Bits, or None where not even whole numbers fit.
+    """
+    largest = float(np.abs(gaussians.means).max())
+    most = next((bits for bits in range(23, -1, -1) if round(largest * 2**bits) <= LARGEST_FIXED), None)
+    if most is None or precision.steps_in_size is None:
+        return most
+    # What shows of a Gaussian has the size of its larger two axes; one in ten may be smaller.
+    log_size = np.percentile(np.median(gaussians.log_scales, axis=1), 10, method="lower")
+    needed = np.log2(precision.steps_in_size) - float(log_size) / np.log(2)
+    return int(np.clip(np.ceil(needed), 0, most))
 
 
-def pack(gaussians: Gaussians, layout: Layout) -> list[bytes]:
+def pack(gaussians: Gaussians, layout: Layout, precision: Precision) -> list[bytes]:
     """The six streams, in the layout of version 3 and 4."""
     scaled = (gaussians.log_scales - LOG_SCALE_ORIGIN) * LOG_SCALE_STEPS
     streams = [
         _pack_positions(gaussians.means, layout.fractional_bits),
-        opacity_to_byte(gaussians.opacity_logits),
-        to_byte(gaussians.sh[:, 0] * COLOUR_SCALE + 127.5),
-        to_byte(scaled),
-        _pack_rotations(gaussians.quaternions),
-        _pack_harmonics(gaussians.sh[:, 1:]),
+        _to_byte(opacity_of(gaussians.opacity_logits) * OPACITY_STEPS, precision.opacity),
+        _to_byte(gaussians.sh[:, 0] * COLOUR_SCALE + 127.5, precision.colour),
+        _to_byte(scaled, precision.log_scale),
+        pack_rotations(gaussians.quaternions, precision.rotation),
+        _pack_harmonics(gaussians.sh[:, 1:], precision.harmonics),
     ]
     return [stream.tobytes() for stream in streams]
 
@@ -89,6 +97,11 @@ def unpack(streams: Sequence[bytes], layout: Layout) -> Gaussians:
     )
 
 
+def _to_byte(numbers: np.ndarray, step: int) -> np.ndarray:
+    """uint8 nearest to the numbers among the multiples of a step; those out of its range are moved to its ends."""
+    return np.clip(np.round(numbers / step) * step, 0, 255).astype(np.uint8)
+
+
 def _pack_positions(means: np.ndarray, fractional_bits: int) -> np.ndarray:
     """(N, 3, 3) the low three bytes of each coordinate, lowest first."""
     fixed = np.round(np.ldexp(means.astype(np.float64), fractional_bits)).astype("<i4")
@@ -105,11 +118,14 @@ def _unpack_positions(stored: np.ndarray, layout: Layout) -> np.ndarray:
     return np.ldexp(fixed.astype(np.float32), -layout.fractional_bits)
 
 
-def _pack_rotations(quaternions: np.ndarray) -> np.ndarray:
-    """(N,) 2 bits for the largest of x, y, z, w, then sign and 9-bit magnitude of each of the others."""
+def pack_rotations(quaternions: np.ndarray, step: int) -> np.ndarray:
+    """(N,) 2 bits for the largest of x, y, z, w, then sign and 9-bit magnitude of each of the others, from (N, 4).
+
+    Magnitudes are multiples of `step`.
+    """
     largest, others = drop_largest(np.roll(unit(quaternions), -1, axis=1))
-    magnitudes = np.floor(np.abs(others) / LARGEST_OTHER * ROTATION_STEPS + 0.5).astype(np.uint32)
-    fields = (others < 0).astype(np.uint32) << 9 | np.minimum(magnitudes, ROTATION_STEPS)
+    steps = np.floor(np.abs(others) / LARGEST_OTHER * (ROTATION_STEPS / step) + 0.5).astype(np.uint32)
+    fields = ((others < 0) & (steps > 0)).astype(np.uint32) << 9 | np.minimum(steps * step, ROTATION_STEPS)
     return (largest.astype(np.uint32) << 30 | fields[:, 0] << 20 | fields[:, 1] << 10 | fields[:, 2]).astype("<u4")
 
 
@@ -126,9 +142,9 @@ def _unpack_rotations(stored: np.ndarray) -> np.ndarray:
     return unit(np.roll(restore_largest(packed[:, 0] >> 30, others), 1, axis=1))
 
 
-def _pack_harmonics(rest: np.ndarray) -> np.ndarray:
-    """(N, K - 1, 3) bytes, each rounded to the nearest multiple of its degree's bucket, which 0 is."""
-    buckets = np.full((rest.shape[1], 1), SH_BUCKETS[1])
-    buckets[:3] = SH_BUCKETS[0]
-    fine = np.clip(np.round(rest * SH_STEPS), -SH_ZERO, SH_ZERO).astype(np.int32) + SH_ZERO
-    return np.clip((fine + buckets // 2) // buckets * buckets, 0, 255).astype(np.uint8)
+def _pack_harmonics(rest: np.ndarray, steps: tuple[int, int]) -> np.ndarray:
+    """(N, K - 1, 3) bytes, each the nearest multiple of its degree's step away from that of 0."""
+    step = np.full((rest.shape[1], 1), steps[1])
+    step[:3] = steps[0]
+    fine = np.clip(np.round(rest * SH_STEPS), -SH_ZERO, SH_ZERO).astype(np.int32)
+    return np.clip((fine + step // 2) // step * step + SH_ZERO, 0, 255).astype(np.uint8)

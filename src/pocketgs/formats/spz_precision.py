@@ -1,0 +1,69 @@
+"""How coarsely a `.spz` is written: readers take whatever numbers they find, and repeated ones compress well."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+Detail: TypeAlias = Literal["fine", "small"]
+
+
+@dataclass(frozen=True)
+class Precision:
+    """What an encoder rounds to, in the steps that the format has for each number.
+
+    Attributes:
+        steps_in_size: how many steps of a coordinate lie at least in the middle standard deviation of nine in ten
+            Gaussians, or None for steps as fine as fit into 24 bits.
+        opacity: in 1/255.
+        colour: in 1/38.25 of the coefficient of degree 0.
+        log_scale: in 1/16.
+        rotation: in 1/511 of the root of a half.
+        harmonics: in 1/128, of degree 1 and of the degrees above.
+        rearranged: whether Gaussians may be put in another order, and each one's axes be named anew.
+        drops: what is lost, in words.
+        rounds: the largest errors of the rest, in words.
+    """
+
+    steps_in_size: float | None
+    opacity: int
+    colour: int
+    log_scale: int
+    rotation: int
+    harmonics: tuple[int, int]
+    rearranged: bool
+    drops: str
+    rounds: str
+
+
+FINE = Precision(
+    steps_in_size=None,
+    opacity=1,
+    colour=1,
+    log_scale=1,
+    rotation=1,
+    harmonics=(8, 16),
+    rearranged=False,
+    drops="",
+    rounds="centres to 2^-23 of the largest coordinate, log scales to 1/32 within -10 to 5.9, opacity to 1/500, "
+    "colours to 1/250 within -0.4 to 1.4, rotation to 0.3 degrees, spherical harmonics within -1 to 1 to 0.036 "
+    "(degree 1) and 0.067 (above)",
+)
+"""Nearly all that the format can hold; its reference implementation rounds harmonics to these steps, too."""
+
+SMALL = Precision(
+    steps_in_size=4.0,
+    opacity=8,
+    colour=4,
+    log_scale=2,
+    rotation=16,
+    harmonics=(10, 16),
+    rearranged=True,
+    drops="the order, and which of a Gaussian's axes is the first",
+    rounds="centres to 1/8 of the size of nine in ten Gaussians, log scales to 1/16 within -10 to 5.9, opacity to "
+    "1/63, colours to 1/67 within -0.4 to 1.4, rotation to 3 degrees, spherical harmonics within -1 to 1 to 0.044 "
+    "(degree 1) and 0.067 (above)",
+)
+"""Where no attribute's next byte would lower the error of pictures more than another's; see docs/formats.md."""
+
+PRECISIONS: dict[Detail, Precision] = {"fine": FINE, "small": SMALL}
