@@ -74,8 +74,18 @@ class Visit:
         self.until_drawn()
         with self.page.expect_download(timeout=PATIENCE) as saved:
             self.page.keyboard.press("p")
-        content = Path(saved.value.path()).read_bytes()
-        return np.asarray(Image.open(io.BytesIO(content)).convert("RGB"), np.float32) / 255
+        return _decoded(Path(saved.value.path()).read_bytes())
+
+    def seen(self) -> np.ndarray:
+        """(H, W, 3) float32 in [0, 1]: what the page shows behind its buttons, whatever draws it."""
+        self.page.evaluate(
+            """() => {
+                for (const part of document.querySelectorAll("header, .card")) {
+                    part.style.visibility = "hidden";
+                }
+            }"""
+        )
+        return _decoded(self.page.screenshot())
 
     def drag(self, right: float, down: float, button: str = "left") -> None:
         """Drag from the middle of the picture's upper half."""
@@ -117,6 +127,10 @@ class Visit:
             }""",
             [name, base64.b64encode(content).decode()],
         )
+
+
+def _decoded(content: bytes) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(content)).convert("RGB"), np.float32) / 255
 
 
 @contextmanager

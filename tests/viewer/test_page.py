@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 from playwright.sync_api import Browser, expect
 
 from pocketgs.camera import Camera
@@ -37,11 +36,9 @@ def cameras() -> list[Camera]:
 def content(scene: Gaussians, cameras: list[Camera], tmp_path_factory: pytest.TempPathFactory) -> Content:
     path = tmp_path_factory.mktemp("shown") / "scene.ply"
     ply.write_gaussians(path, scene)
-    preview = path.with_name("0001.png")
-    Image.new("RGB", (200, 100), "teal").save(preview)
     photo = np.full((HEIGHT, WIDTH, 3), (255, 255, 0), np.uint8)
     views = [View(f"{i}.jpg", camera, i == 1, photo) for i, camera in enumerate(cameras)]
-    return Content("marks", path, False, BACKGROUND, tuple(views), UP, (0.0, 0.0, 0.0), {"0001.png": preview})
+    return Content("marks", path, False, BACKGROUND, tuple(views), UP, (0.0, 0.0, 0.0))
 
 
 @pytest.fixture(scope="module")
@@ -171,15 +168,21 @@ def test_two_fingers_pinch_and_pan(visit: Visit) -> None:
 @pytest.mark.parametrize(("key", "grows", "right"), [("w", 1, 0), ("s", -1, 0), ("a", 0, 1), ("d", 0, -1)])
 def test_keys_fly(visit: Visit, key: str, grows: int, right: int) -> None:
     """For as long as they are held: forward and back, or sideways, which moves the picture the other way."""
-    # On a busy machine a key is held longer than is asked for: far enough to lose a mark beside the picture.
+    # On a busy machine a key is held longer than is asked for: far enough to lose a mark beside the picture. Or frames
+    # are so late that there is none while it is held: then it is held again.
     needed = ["green"] if right else ["green", "blue"]
     before = marks(visit.picture(), needed)
-    visit.page.keyboard.down(key)
-    visit.page.wait_for_timeout(80)
-    visit.page.keyboard.up(key)
-    after = marks(visit.picture(), needed)
-    assert not grows or grows * (size_of(after) - size_of(before)) > 3
-    assert not right or right * (after["green"][0] - before["green"][0]) > 3
+    for _ in range(20):
+        visit.page.keyboard.down(key)
+        visit.page.wait_for_timeout(80)
+        visit.page.keyboard.up(key)
+        after = marks(visit.picture(), needed)
+        closer = grows * (size_of(after) - size_of(before)) if grows else 0.0
+        aside = right * (after["green"][0] - before["green"][0])
+        assert min(closer, aside) > -1
+        if max(closer, aside) > 3:
+            return
+    raise AssertionError("it does not fly")
 
 
 def test_reset_goes_back(visit: Visit) -> None:
@@ -259,19 +262,6 @@ def test_phone_has_all_buttons_within_reach(visit: Visit) -> None:
         assert box["y"] > 740 / 2
         assert box["y"] + box["height"] <= 740
     visit.page.set_viewport_size({"width": WIDTH, "height": HEIGHT})
-
-
-def test_without_webgpu_it_says_so_and_shows_pictures(browser: Browser, url: str) -> None:
-    with visiting(browser, url, 640, 480, script="delete Navigator.prototype.gpu") as visit:
-        expect(visit["#message-text"]).to_contain_text("WebGPU")
-        expect(visit["#message-text"]).to_contain_text("Chrome")
-        expect(visit["#toolbar"]).to_be_hidden()
-        picture = visit["#previews img"]
-        picture.scroll_into_view_if_needed()
-        expect(picture).to_have_count(1)
-        expect(picture).to_have_js_property("complete", True)
-        assert picture.evaluate("image => image.naturalWidth") > 100
-        assert visit.complaints == []
 
 
 WRITERS = {".ply": ply.write_gaussians, ".splat": splat.write_gaussians, ".spz": spz.write_gaussians}

@@ -58,6 +58,16 @@ def read(page: Page, name: str, content: bytes) -> tuple[np.ndarray, np.ndarray,
     return np.reshape(shape, (11, count)), np.reshape(sh, (3 * coefficients, count)), shares
 
 
+READ_PARTS = """async ([name, content]) => {
+    const { readScene } = await import(new URL("page/scene_file.js", document.baseURI));
+    const bytes = Uint8Array.from(atob(content), (character) => character.charCodeAt(0));
+    const parts = [];
+    const onPart = (scene, count) => parts.push([count, Array.from(scene.column(0).subarray(0, count))]);
+    await readScene(name, new Blob([bytes]).stream(), bytes.length, () => {}, onPart);
+    return parts;
+}"""
+
+
 def random_scene(count: int, coefficients: int) -> Gaussians:
     rng = np.random.default_rng(count + coefficients)
     return Gaussians(
@@ -82,6 +92,22 @@ def test_page_reads_what_python_reads(
         np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
+
+
+@pytest.mark.parametrize("written", FORMATS[:2], ids=("ply", "splat"))
+def test_page_shows_what_has_been_read(page: Page, tmp_path: Path, written: Written) -> None:
+    """Row after row, in parts that grow until all is there; what they say is there is."""
+    name, write, read_again = written
+    path = tmp_path / name
+    write(path, random_scene(20_000, 1))
+    parts: Any = page.evaluate(READ_PARTS, [name, base64.b64encode(path.read_bytes()).decode()])
+    counts = [count for count, _ in parts]
+    assert len(counts) > 2
+    assert counts == sorted(set(counts))
+    assert counts[-1] == 20_000
+    x = read_again(path).means[:, 0]
+    for count, found in parts:
+        np.testing.assert_array_equal(np.float32(found), x[:count])
 
 
 @pytest.mark.parametrize("version", [1, 2])

@@ -51,7 +51,7 @@ class Content:
         views: the capture's cameras, by name.
         up: (3,) the world's direction.
         target: (3,) the point to turn about.
-        previews: pictures for browsers that cannot render, by file name.
+        previews: pictures for browsers without WebGPU, beside their points, by file name.
     """
 
     title: str

@@ -43,17 +43,22 @@ export class Replayer {
     }
 
     /**
-     * Compile every pipeline, without holding up the page as `submit` does where a pipeline is not compiled yet.
+     * Compile every pipeline, without holding up the page as `submit` does where a pipeline is not compiled yet: at most
+     * as many at a time as leave the page a processor, since the browser shows nothing new while all of them compile.
      *
      * @throws {GPUPipelineError} the browser refuses a shader
      */
     async prepare() {
         const passes = Object.values(this.description.sequences).flatMap((sequence) => sequence.passes);
-        const wanted = new Map(passes.map((pass) => [pipelineKey(pass), pass]));
-        const compile = async ([key, pass]) => {
-            this.#pipelines.set(key, await this.#device.createComputePipelineAsync(this.#stages(pass)));
+        const wanted = [...new Map(passes.map((pass) => [pipelineKey(pass), pass]))];
+        const compileOneByOne = async () => {
+            while (wanted.length) {
+                const [key, pass] = wanted.shift();
+                this.#pipelines.set(key, await this.#device.createComputePipelineAsync(this.#stages(pass)));
+            }
         };
-        await Promise.all([...wanted].map(compile));
+        const atOnce = Math.max(1, navigator.hardwareConcurrency - 1);
+        await Promise.all(Array.from({ length: atOnce }, compileOneByOne));
     }
 
     /**

@@ -60,11 +60,25 @@ export class CaptureCameras {
      *
      * @param {import("./gaussian_columns.js").GaussianColumns} scene
      * @param {number[]} up
+     * @param {number} count of its Gaussians that have arrived, from the first on
      */
-    frame(scene, up) {
+    frame(scene, up, count = scene.count) {
         this.setViews({ cameras: [], up, target: [0, 0, 0] });
-        this.#extent = extentOf(scene);
+        this.#extent = extentOf(scene, count);
         this.reset(true);
+    }
+
+    /**
+     * If there are none, look at a scene of which more and more arrives, as long as the user has not moved on.
+     *
+     * @param {import("./gaussian_columns.js").GaussianColumns} scene
+     * @param {number[]} up
+     * @param {number} count of its Gaussians that have arrived, from the first on
+     */
+    frameArriving(scene, up, count = scene.count) {
+        if (!this.any && (!this.#extent || this.#view.camera.pose === this.#pose)) {
+            this.frame(scene, up, count);
+        }
     }
 
     /** Whether there are any. */
@@ -101,7 +115,8 @@ export class CaptureCameras {
             const place = middle.map((value, i) => {
                 return value + radius * (0.6 * sideways[i] + 2.2 * backwards[i] + 0.8 * camera.up[i]);
             });
-            this.#view.goTo(camera.poseTowards(place, middle), camera.lens, atOnce);
+            this.#pose = camera.poseTowards(place, middle);
+            this.#view.goTo(this.#pose, camera.lens, atOnce);
         }
     }
 
@@ -133,10 +148,6 @@ export class CaptureCameras {
 
     #go(atOnce) {
         const view = this.#views[this.#at];
-        if (atOnce) {
-            // At once here too, so that what depends on the lens can be laid out now.
-            this.#view.camera.lens = view;
-        }
         this.#pose = MovingCamera.poseOf(view, this.#target);
         this.#view.goTo(this.#pose, view, atOnce);
         document.getElementById("camera-name").textContent = `${view.name}${view.held_out ? ", held out" : ""}`;

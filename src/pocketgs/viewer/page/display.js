@@ -20,23 +20,29 @@ export class Display {
     #range;
 
     /**
+     * Compile what draws.
+     *
      * @param {GPUDevice} device
      * @param {HTMLCanvasElement} canvas
+     * @returns {Promise<Display>}
      */
-    constructor(device, canvas) {
+    static async open(device, canvas) {
+        const display = new Display();
         const format = navigator.gpu.getPreferredCanvasFormat();
-        this.#device = device;
-        this.#context = canvas.getContext("webgpu");
-        this.#context.configure({ device, format, alphaMode: "opaque" });
+        display.#device = device;
+        display.#context = canvas.getContext("webgpu");
+        display.#context.configure({ device, format, alphaMode: "opaque" });
         const { UNIFORM, STORAGE, COPY_DST } = GPUBufferUsage;
-        this.#uniform = device.createBuffer({ label: "display", size: UNIFORM_BYTES, usage: UNIFORM | COPY_DST });
-        this.#histogram = device.createBuffer({ label: "depths", size: HISTOGRAM_BYTES, usage: STORAGE | COPY_DST });
-        this.#range = device.createBuffer({ label: "depth range", size: 8, usage: STORAGE });
-        this.#pipelines = {
-            count: computePipeline(device, "count depths", COUNT_DEPTHS),
-            find: computePipeline(device, "find depth range", FIND_DEPTH_RANGE),
-            draw: drawPipeline(device, format),
-        };
+        display.#uniform = device.createBuffer({ label: "display", size: UNIFORM_BYTES, usage: UNIFORM | COPY_DST });
+        display.#histogram = device.createBuffer({ label: "depths", size: HISTOGRAM_BYTES, usage: STORAGE | COPY_DST });
+        display.#range = device.createBuffer({ label: "depth range", size: 8, usage: STORAGE });
+        const [count, find, draw] = await Promise.all([
+            computePipeline(device, "count depths", COUNT_DEPTHS),
+            computePipeline(device, "find depth range", FIND_DEPTH_RANGE),
+            drawPipeline(device, format),
+        ]);
+        display.#pipelines = { count, find, draw };
+        return display;
     }
 
     /**
@@ -86,12 +92,12 @@ export class Display {
 
 function computePipeline(device, label, code) {
     const module = device.createShaderModule({ label, code });
-    return device.createComputePipeline({ label, layout: "auto", compute: { module } });
+    return device.createComputePipelineAsync({ label, layout: "auto", compute: { module } });
 }
 
 function drawPipeline(device, format) {
     const module = device.createShaderModule({ label: "display", code: DRAW });
     const vertex = { module, entryPoint: "cover" };
     const fragment = { module, entryPoint: "colour", targets: [{ format }] };
-    return device.createRenderPipeline({ label: "display", layout: "auto", vertex, fragment });
+    return device.createRenderPipelineAsync({ label: "display", layout: "auto", vertex, fragment });
 }

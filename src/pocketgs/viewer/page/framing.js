@@ -12,12 +12,15 @@ const SAMPLES = 4096;
  * The middle of the scene and how far most of it reaches from there, from a sample of its Gaussians.
  *
  * @param {import("./gaussian_columns.js").GaussianColumns} scene
+ * @param {number} count of its Gaussians that have arrived, from the first on
  * @returns {{middle: [number, number, number], radius: number}}
  */
-export function extentOf(scene) {
-    const step = Math.max(1, Math.floor(scene.count / SAMPLES));
+export function extentOf(scene, count) {
+    const step = Math.max(1, Math.floor(count / SAMPLES));
     const quantiles = [0, 1, 2].map((axis) => {
-        const sample = scene.column(MEAN + axis).filter((value, i) => i % step === 0 && Number.isFinite(value)).sort();
+        const means = scene.column(MEAN + axis);
+        const every = Float32Array.from({ length: Math.ceil(count / step) }, (_, i) => means[i * step]);
+        const sample = every.filter(Number.isFinite).sort();
         return [0.1, 0.5, 0.9].map((share) => sample[Math.floor(share * sample.length)] ?? 0);
     });
     const radius = Math.max(...quantiles.map(([low, , high]) => (high - low) / 2));

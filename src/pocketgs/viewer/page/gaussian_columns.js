@@ -11,7 +11,8 @@ export const QUATERNION = 6;
 export const OPACITY_LOGIT = 10;
 const SHAPE_COLUMNS = 11;
 
-const SH_DC = 0.28209479177387814;
+/** The spherical harmonic of degree 0: colour = 0.5 + SH_DC · coefficient. */
+export const SH_DC = 0.28209479177387814;
 
 /** The coefficient of degree 0 of a colour in [0, 1]. @type {(colour: number) => number} */
 export const dcOf = (colour) => (colour - 0.5) / SH_DC;

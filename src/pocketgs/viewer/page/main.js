@@ -10,6 +10,8 @@ import { listenForFiles } from "./drop.js";
 import { LiveRun } from "./live.js";
 import { whileLoading } from "./loading.js";
 import { hideMessage, showMessage, showPreviews, showWithoutGpu } from "./messages.js";
+import { paced } from "./pace.js";
+import { PointRenderer } from "./point_renderer.js";
 import { Renderer } from "./renderer.js";
 import { SceneView } from "./scene_view.js";
 import { fetchScene, readScene } from "./scene_file.js";
@@ -19,25 +21,15 @@ import { connectToolbar } from "./toolbar.js";
 const USUAL_UP = [0, -1, 0];
 
 async function start() {
+    const canvas = document.getElementById("canvas");
+    // Shaders are compiled while the scene comes.
+    const opening = Renderer.open(canvas, showMessage);
+    opening.catch(() => {});
     const viewer = await fetchViewer();
     document.title = `${viewer.title} – PocketGS`;
     document.getElementById("title").textContent = viewer.title;
-    // It comes while the shaders are compiled.
-    const coming = viewer.scene && load(viewer);
-    coming?.catch(() => {});
-    const canvas = document.getElementById("canvas");
-    let renderer;
-    try {
-        renderer = await Renderer.open(canvas, showMessage);
-    } catch (error) {
-        showWithoutGpu(error, viewer);
-        if (viewer.live) {
-            const onViewer = ({ previews }) => showPreviews(previews);
-            new LiveRun({ onScene: () => {}, onViewer, onFault: showMessage });
-        }
-        return;
-    }
-    const view = new SceneView(canvas, renderer, { onStatistics: showStatistics, onFault: showMessage });
+    const points = new PointRenderer(document.getElementById("points"));
+    const view = new SceneView(canvas, points, { onStatistics: showStatistics, onFault: showMessage });
     const cameras = new CaptureCameras(view);
     new PointerControls(canvas, view.camera, () => cameras.stopComparing());
     connectToolbar(view, cameras, { title: viewer.title, onFault: showMessage });
@@ -47,9 +39,7 @@ async function start() {
     if (viewer.live) {
         follow(view, cameras);
     }
-    if (coming) {
-        await showScene(await coming, viewer.up, view, cameras);
-    }
+    await Promise.all([drawOnGpu(opening, viewer, view), viewer.scene && load(viewer, view, cameras)]);
 }
 
 async function fetchViewer() {
@@ -60,15 +50,32 @@ async function fetchViewer() {
     return response.json();
 }
 
-function load({ scene, title }) {
-    return whileLoading(title, (onProgress) => fetchScene(scene.url, scene.bytes, onProgress));
+async function drawOnGpu(opening, viewer, view) {
+    let renderer;
+    try {
+        renderer = await opening;
+    } catch (error) {
+        view.stayWithPoints();
+        showWithoutGpu(error, viewer);
+        return;
+    }
+    await view.useGpu(renderer);
+}
+
+async function load({ scene, title, up }, view, cameras) {
+    const showPart = (gaussians, count) => {
+        if (view.showPart(gaussians, count)) {
+            cameras.frameArriving(gaussians, up, count);
+        }
+    };
+    const onPart = paced(showPart, () => view.pauseBetweenParts);
+    const read = (onProgress) => fetchScene(scene.url, scene.bytes, onProgress, onPart);
+    await showScene(await whileLoading(title, read), up, view, cameras);
 }
 
 async function showScene(gaussians, up, view, cameras) {
+    cameras.frameArriving(gaussians, up);
     await view.setScene(gaussians);
-    if (!cameras.any) {
-        cameras.frame(gaussians, up);
-    }
 }
 
 async function openFile(file, view, cameras) {
@@ -87,7 +94,10 @@ async function openFile(file, view, cameras) {
 function follow(view, cameras) {
     new LiveRun({
         onScene: (gaussians) => showScene(gaussians, USUAL_UP, view, cameras),
-        onViewer: (viewer) => cameras.setViews(viewer),
+        onViewer: (viewer) => {
+            cameras.setViews(viewer);
+            showPreviews(viewer.previews);
+        },
         onFault: showMessage,
     });
 }

@@ -1,8 +1,10 @@
 /**
- * What goes wrong, in words; and pictures in place of the scene where there is no WebGPU.
+ * What goes wrong, in words; and pictures of the scene where there is no WebGPU.
  *
  * @module
  */
+
+const POINTS_ONLY = "Here the scene is shown as points. This page renders it with WebGPU, which is not to be had here.";
 
 const BROWSERS = `Browsers that have WebGPU: Chrome and Edge from version 113 on (on Android from 121), Safari from 26,
 Firefox from 141 on Windows and from 145 on Macs with Apple silicon.`.replaceAll("\n", " ");
@@ -26,28 +28,28 @@ export function hideMessage() {
 }
 
 /**
- * Say that this browser cannot render, and show what was rendered before.
+ * Say that this browser shows no more than points, and show what was rendered before.
  *
  * @param {Error} error from opening the GPU
  * @param {{previews: string[]}} viewer from viewer.json
  */
 export function showWithoutGpu(error, { previews }) {
     document.body.classList.add("without-gpu");
-    const lines = ["This page renders with WebGPU, which is not to be had here.", reasonFor(error), BROWSERS];
-    showMessage(lines.join("\n\n"));
-    document.getElementById("message-close").hidden = true;
+    showMessage([POINTS_ONLY, reasonFor(error), BROWSERS].join("\n\n"));
     showPreviews(previews);
 }
 
 /**
- * Show pictures from the result, one below the other.
+ * Show pictures from the result, one below the other, with the message that there is no GPU; with no other.
  *
  * @param {string[]} previews their addresses
  */
 export function showPreviews(previews) {
-    const gallery = document.getElementById("previews");
-    gallery.replaceChildren(...previews.map(pictureOf));
-    gallery.hidden = previews.length === 0;
+    if (document.body.classList.contains("without-gpu")) {
+        const gallery = document.getElementById("previews");
+        gallery.replaceChildren(...previews.map(pictureOf));
+        gallery.hidden = previews.length === 0;
+    }
 }
 
 function pictureOf(url) {

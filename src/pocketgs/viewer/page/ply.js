@@ -6,7 +6,10 @@
 
 import { GaussianColumns, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "./gaussian_columns.js";
 
-/** @typedef {import("./byte_stream.js").ByteStream} ByteStream */
+/**
+ * @typedef {import("./byte_stream.js").ByteStream} ByteStream
+ * @typedef {import("./scene_file.js").PartListener} PartListener
+ */
 
 /** Sizes in bytes of scalar types and how a `DataView` calls them. */
 const TYPES = {
@@ -29,7 +32,7 @@ const TYPES = {
 };
 
 const LONGEST_HEADER = 1 << 16;
-const ROWS_AT_ONCE = 1 << 13;
+const ROWS_AT_ONCE = 1 << 11;
 const COEFFICIENTS = { 0: 1, 9: 4, 24: 9, 45: 16 };
 
 /**
@@ -37,10 +40,11 @@ const COEFFICIENTS = { 0: 1, 9: 4, 24: 9, 45: 16 };
  *
  * @param {ByteStream} source at the file's begin
  * @param {number} bytes the file's size
+ * @param {PartListener} onPart
  * @returns {Promise<GaussianColumns>}
  * @throws {Error} it is broken, or holds no Gaussians
  */
-export async function readPly(source, bytes) {
+export async function readPly(source, bytes, onPart) {
     const { count, properties, stride, littleEndian } = parseHeader(await takeHeader(source));
     if (count * stride > bytes) {
         throw new Error(`the file is cut short: ${bytes} bytes cannot hold ${count} Gaussians of ${stride} bytes`);
@@ -60,6 +64,7 @@ export async function readPly(source, bytes) {
                 values[first + row] = read(row * stride + property.offset, littleEndian);
             }
         }
+        onPart(gaussians, first + rows);
     }
     gaussians.normaliseQuaternions();
     return gaussians;

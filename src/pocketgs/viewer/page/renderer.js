@@ -52,12 +52,16 @@ export class Renderer {
      */
     static async open(canvas, onFault) {
         const renderer = new Renderer();
+        const description = fetchDescription(renderer.#appearance);
+        description.catch(() => {});
         renderer.#device = await openDevice(BUFFER_LIMITS);
         renderer.#device.addEventListener("uncapturederror", ({ error }) => onFault(error.message));
         renderer.#device.lost.then(({ message }) => onFault(`the GPU was lost (${message}): reload the page`));
         renderer.#canvas = canvas;
-        renderer.#display = new Display(renderer.#device, canvas);
-        renderer.#replayer = await renderer.#replayerOf(renderer.#appearance);
+        [renderer.#display, renderer.#replayer] = await Promise.all([
+            Display.open(renderer.#device, canvas),
+            renderer.#replayerOf(await description),
+        ]);
         return renderer;
     }
 
@@ -89,7 +93,7 @@ export class Renderer {
             if (appearance === this.#appearance) {
                 return;
             }
-            const replayer = await this.#replayerOf(appearance);
+            const replayer = await this.#replayerOf(await fetchDescription(appearance));
             this.#replayer.destroy();
             [this.#replayer, this.#appearance] = [replayer, appearance];
             if (this.#scene) {
@@ -128,12 +132,8 @@ export class Renderer {
         return done;
     }
 
-    async #replayerOf(appearance) {
-        const response = await fetch(`passes.json?appearance=${appearance}`);
-        if (!response.ok) {
-            throw new Error(`passes.json: the server answers ${response.status}`);
-        }
-        const replayer = new Replayer(this.#device, new Description(await response.json()));
+    async #replayerOf(description) {
+        const replayer = new Replayer(this.#device, description);
         await replayer.prepare();
         return replayer;
     }
@@ -194,4 +194,12 @@ export class Renderer {
             regularised: 0,
         });
     }
+}
+
+async function fetchDescription(appearance) {
+    const response = await fetch(`passes.json?appearance=${appearance}`);
+    if (!response.ok) {
+        throw new Error(`passes.json: the server answers ${response.status}`);
+    }
+    return new Description(await response.json());
 }

@@ -10,6 +10,8 @@ import { FrameLoop } from "./frame_loop.js";
 /**
  * @typedef {import("./camera.js").Camera} Camera
  * @typedef {import("./camera.js").Pose} Pose
+ * @typedef {import("./gaussian_columns.js").GaussianColumns} GaussianColumns
+ * @typedef {import("./point_renderer.js").PointRenderer} PointRenderer
  * @typedef {import("./renderer.js").Renderer} Renderer
  */
 
@@ -25,33 +27,48 @@ const BACKGROUNDS = [
 /** Frames whose mean length is shown. */
 const FRAMES_COUNTED = 20;
 
-/** Draws a scene whenever something about the picture has changed. */
+/** What a frame took, times this, is the pause before the next that only shows more of an arriving scene. */
+const PAUSE_BETWEEN_PARTS = 4;
+
+/**
+ * Draws a scene whenever something about the picture has changed: as points, until the GPU has drawn it for the first
+ * time.
+ */
 export class SceneView {
     camera = new MovingCamera();
     #canvas;
+    #points;
+    /** @type {PointRenderer | Renderer} what draws now */
     #renderer;
+    /** @type {Renderer | null} */
+    #gpu = null;
+    /** @type {GaussianColumns | null} */
+    #scene = null;
+    /** Whether no other renderer will take over soon. */
+    #settled = false;
+    #rests = true;
     #loop;
     #background = BACKGROUNDS[0];
-    #asDepth = false;
+    #appearance = "splats";
     #times = [];
     #onStatistics;
     #onFault;
     #journey = 0;
 
     /**
-     * @param {HTMLCanvasElement} canvas
-     * @param {Renderer} renderer
+     * @param {HTMLCanvasElement} canvas that the user points at
+     * @param {PointRenderer} points
      * @param {{onStatistics: (count: number, framesPerSecond: number) => void, onFault: (text: string) => void}} told
      */
-    constructor(canvas, renderer, { onStatistics, onFault }) {
+    constructor(canvas, points, { onStatistics, onFault }) {
         this.#canvas = canvas;
-        this.#renderer = renderer;
+        this.#points = this.#renderer = points;
         this.#onStatistics = onStatistics;
         this.#onFault = onFault;
         this.#loop = new FrameLoop(
             (share) => this.#draw(share),
             (took) => this.#count(took),
-            (rests) => canvas.setAttribute("aria-busy", String(!rests)),
+            (rests) => this.#showBusy(rests),
         );
         new ResizeObserver(() => this.#loop.invalidate()).observe(canvas);
     }
@@ -61,17 +78,61 @@ export class SceneView {
         return this.#loop;
     }
 
-    /** @param {import("./gaussian_columns.js").GaussianColumns} scene to draw from now on */
-    async setScene(scene) {
-        await this.#renderer.setScene(scene);
+    /**
+     * Draw on the GPU, once a whole scene is there and its first picture done.
+     *
+     * @param {Renderer} gpu
+     * @throws {Error} the GPU's memory does not hold the scene; then it stays at points
+     */
+    async useGpu(gpu) {
+        this.#gpu = gpu;
+        await gpu.setAppearance(shapeOf(this.#appearance));
+        await this.#sharpen();
+    }
+
+    /** No GPU will take over, for now at least. */
+    stayWithPoints() {
+        this.#settled = true;
         this.#loop.invalidate();
+    }
+
+    /** Milliseconds to let go by before more of an arriving scene is shown, lest drawing hold up what is to come. */
+    get pauseBetweenParts() {
+        return PAUSE_BETWEEN_PARTS * (this.#times.at(-1) ?? 0);
+    }
+
+    /**
+     * Show what has arrived of a scene, unless all of it or another is shown already.
+     *
+     * @param {GaussianColumns} scene
+     * @param {number} count of its Gaussians, from the first on
+     * @returns {boolean} whether it is shown
+     */
+    showPart(scene, count) {
+        if (this.#renderer !== this.#points || scene === this.#scene) {
+            return false;
+        }
+        this.#points.setScene(scene, count);
+        this.#loop.invalidate();
+        return true;
+    }
+
+    /**
+     * @param {GaussianColumns} scene to draw from now on
+     * @throws {Error} the GPU's memory does not hold it
+     */
+    async setScene(scene) {
+        this.#scene = scene;
+        const isSet = this.#renderer.setScene(scene);
+        this.#loop.invalidate();
+        await isSet;
+        await this.#sharpen();
     }
 
     /** @param {"splats" | "points" | "discs" | "depth"} appearance to draw Gaussians in from now on */
     async setAppearance(appearance) {
-        const asDepth = appearance === "depth";
-        await this.#renderer.setAppearance(asDepth ? "splats" : appearance);
-        this.#asDepth = asDepth;
+        await this.#gpu?.setAppearance(shapeOf(appearance));
+        this.#appearance = appearance;
         this.#loop.invalidate();
     }
 
@@ -103,7 +164,12 @@ export class SceneView {
     goTo(pose, lens, atOnce = false) {
         const [from, fromLens] = [this.camera.pose, this.camera.lens];
         const journey = ++this.#journey;
-        let gone = atOnce || matchMedia("(prefers-reduced-motion: reduce)").matches ? 1 : 0;
+        if (atOnce || matchMedia("(prefers-reduced-motion: reduce)").matches) {
+            [this.camera.pose, this.camera.lens] = [pose, lens];
+            this.#loop.invalidate();
+            return;
+        }
+        let gone = 0;
         this.#loop.addMover((seconds) => {
             if (journey !== this.#journey) {
                 return false;
@@ -129,7 +195,7 @@ export class SceneView {
             [this.#canvas.width, this.#canvas.height] = size;
         }
         const camera = this.camera.of(...size.map((side) => Math.max(1, Math.round(share * side))));
-        return { camera, background: this.#background, asDepth: this.#asDepth };
+        return { camera, background: this.#background, asDepth: this.#appearance === "depth" };
     }
 
     async #draw(share) {
@@ -138,6 +204,42 @@ export class SceneView {
         } catch (error) {
             this.#onFault(error.message);
         }
+        if (this.#renderer.count) {
+            markOnce("first picture");
+        }
+    }
+
+    /** Change from points to the GPU if it is there. The loop goes on with points while its first picture is drawn. */
+    async #sharpen() {
+        if (!this.#scene || !this.#gpu || this.#renderer === this.#gpu) {
+            return;
+        }
+        let picture;
+        const start = performance.now();
+        try {
+            await this.#gpu.setScene(this.#scene);
+            picture = this.#picture(1);
+            await this.#gpu.draw(picture);
+        } catch (error) {
+            this.stayWithPoints();
+            throw error;
+        }
+        this.#renderer = this.#gpu;
+        this.#points.close();
+        markOnce("first sharp picture");
+        this.#settled = true;
+        this.#showBusy(this.#rests);
+        this.#times = [];
+        this.#count(performance.now() - start);
+        if (JSON.stringify(picture) !== JSON.stringify(this.#picture(1))) {
+            this.#loop.invalidate();
+        }
+    }
+
+    /** @param {boolean} rests whether the loop has nothing to draw */
+    #showBusy(rests) {
+        this.#rests = rests;
+        this.#canvas.setAttribute("aria-busy", String(!rests || !this.#settled));
     }
 
     #count(took) {
@@ -145,7 +247,21 @@ export class SceneView {
             return;
         }
         this.#times = [...this.#times, took].slice(-FRAMES_COUNTED);
-        const mean = this.#times.reduce((sum, time) => sum + time, 0) / this.#times.length;
-        this.#onStatistics(this.#renderer.count, 1000 / mean);
+        if (this.#settled) {
+            const mean = this.#times.reduce((sum, time) => sum + time, 0) / this.#times.length;
+            this.#onStatistics(this.#renderer.count, 1000 / mean);
+        }
+    }
+}
+
+/** What shaders draw for an appearance. */
+function shapeOf(appearance) {
+    return appearance === "depth" ? "splats" : appearance;
+}
+
+/** Leave a mark for whoever measures how long it takes until something is to be seen. */
+function markOnce(name) {
+    if (performance.getEntriesByName(name).length === 0) {
+        performance.mark(name);
     }
 }
