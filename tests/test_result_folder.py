@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from pocketgs.capture import Capture
+from pocketgs.capture import list_capture
 from pocketgs.errors import PocketGSError
 from pocketgs.gaussians import PARAMETERS, SH_COEFFICIENTS, Gaussians
 from pocketgs.result_folder import (
@@ -317,7 +317,7 @@ def test_checkpoint_that_states_a_huge_array(tmp_path: Path, checkpoint: Checkpo
 
 
 def test_a_checkpoint_that_cannot_be_written_does_not_end_the_run(
-    small_capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    written_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) -> None:
         if path.name == UNFINISHED:
@@ -329,7 +329,7 @@ def test_a_checkpoint_that_cannot_be_written_does_not_end_the_run(
     warnings: list[str] = []
     reporter = Reporter(on_warning=warnings.append)
     options = TrainingOptions(iterations=3, prior="none")
-    result = run(lambda: small_capture, tmp_path / "result", options, reporter=reporter)
+    result = run(lambda: list_capture(written_capture), tmp_path / "result", options, reporter=reporter)
     assert result.summary["iterations"] == 3
     assert len(warnings) == 3
     assert "No space left" in warnings[0]

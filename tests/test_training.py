@@ -104,7 +104,8 @@ def test_rates_fall_as_the_recipe_says(
 
 def test_time_budget(small_capture: Capture, steps: list[tuple[int, StepSettings]]) -> None:
     told: list[Progress] = []
-    scene = train(small_capture, iterations=10**6, time_budget=1.0, evaluate_every=0, observer=told.append)
+    options = TrainingOptions(iterations=10**6, time_budget=1.0, evaluate_every=0, prior="none")
+    scene = train(small_capture, options, observer=told.append)
     assert scene.record is not None
     assert 1 <= scene.record.iterations < 10**5
     assert scene.record.interrupted is False

@@ -23,13 +23,17 @@ class _Decorator(Protocol):
     def __call__(self, function: _Function, /) -> _Function: ...
 
 
-def _folder_for(function: Callable[..., object]) -> Path:
-    """Where a kernel's machine code is kept: a folder for every state of the room (`splat`, `prior`...) it stands in.
+def is_compiled(room: str) -> bool:
+    """Whether there is machine code of a room's (`splat`, `prior`...) sources as they are: whether it has been used."""
+    return any(_folder_of(room).rglob("*.nbc"))
+
+
+def _folder_of(room: str) -> Path:
+    """Where a room's machine code is kept: a folder for every state of its sources.
 
     Numba itself looks only at the file of the kernel, and would run old code after a change to a part of it that stands
     in another file. Kernels are made of parts of their own room.
     """
-    room = function.__module__.removeprefix(f"{__package__}.").split(".")[0]
     base = Path(numba.config.CACHE_DIR or Path(__file__).parent / "__pycache__")
     return base / f"{room}-{_digest_of(room)}"
 
@@ -50,7 +54,8 @@ def _cached(**options: bool) -> _Decorator:
     def decorate(function: _Function) -> _Function:
         before = numba.config.CACHE_DIR
         # Numba reads it here, and falls back to a folder of the user's where this one cannot be written.
-        numba.config.CACHE_DIR = str(_folder_for(function))
+        room = function.__module__.removeprefix(f"{__package__}.").split(".")[0]
+        numba.config.CACHE_DIR = str(_folder_of(room))
         try:
             return numba.njit(cache=True, error_model="numpy", **options)(function)
         finally:

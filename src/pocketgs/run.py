@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pocketgs import result_folder
+from pocketgs import freed_memory, result_folder
 from pocketgs.cameras_file import write_cameras
 from pocketgs.capture.capture import Capture
+from pocketgs.capture.listed import ListedCapture
 from pocketgs.errors import PocketGSError
 from pocketgs.evaluation import Evaluation, Pair, evaluate
 from pocketgs.gaussians import Gaussians
 from pocketgs.interrupt import deferred_interrupt
 from pocketgs.memory_trace import MemoryTrace
+from pocketgs.planning.calibration import measure_speed
+from pocketgs.planning.machine import this_machine
+from pocketgs.planning.plan import Plan, make_plan, shrinking_warning
 from pocketgs.preparation import prepare
 from pocketgs.prior.report import PriorReport
 from pocketgs.record import Stopwatch, seconds_since_start
@@ -28,6 +32,8 @@ from pocketgs.training import Checkpoint, Progress, render_frame, train
 from pocketgs.training_options import TrainingOptions
 
 SECONDS_BETWEEN_CHECKPOINTS = 60.0
+LEAST_TIME = 1e-3
+"""Seconds of training where the time budget is used up before it."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +47,7 @@ class Reporter:
         on_progress: called after every iteration.
         on_warning: called with what the user should know, in words.
         on_prepared: called with the capture as training sees it: its poses may have been refined.
+        on_plan: called with the size that the run is planned at, before a photograph is decoded.
     """
 
     on_stage: Callable[[str], None] = lambda stage: None
@@ -49,6 +56,7 @@ class Reporter:
     on_progress: Callable[[Progress], None] = lambda progress: None
     on_warning: Callable[[str], None] = lambda warning: None
     on_prepared: Callable[[Capture], None] = lambda capture: None
+    on_plan: Callable[[Plan], None] = lambda plan: None
 
 
 @dataclass(frozen=True)
@@ -69,7 +77,7 @@ class RunResult:
 
 
 def run(
-    load_capture: Callable[[], Capture],
+    list_capture: Callable[[], ListedCapture],
     folder: Path,
     options: TrainingOptions,
     *,
@@ -79,24 +87,30 @@ def run(
     """Train on a capture and write the result to a folder; see `pocketgs.result_folder` for what is in it.
 
     Args:
-        load_capture: reads the capture.
+        list_capture: lists the capture; its photographs are decoded once the run is planned.
         folder: made if need be. An earlier result there stays until the new one is complete.
         options: how to train.
         resume: go on from the checkpoint in the folder.
         reporter: is told what is going on.
 
     Raises:
-        PocketGSError: the capture, an option or the folder cannot be used.
+        PocketGSError: the capture, an option or the folder cannot be used, or a budget is too small.
     """
     reporter = reporter or Reporter()
-    stopwatch = Stopwatch(reporter.on_stage)
+
+    def begin(stage: str) -> None:
+        if stage not in stopwatch.seconds:
+            freed_memory.give_back()
+        reporter.on_stage(stage)
+
+    stopwatch = Stopwatch(begin)
     stopwatch.seconds["startup"] = seconds_since_start()
     with MemoryTrace(lambda: stopwatch.current) as memory:
-        return _run(load_capture, folder, options, resume, reporter, stopwatch, memory)
+        return _run(list_capture, folder, options, resume, reporter, stopwatch, memory)
 
 
 def _run(
-    load_capture: Callable[[], Capture],
+    list_capture: Callable[[], ListedCapture],
     folder: Path,
     options: TrainingOptions,
     resume: bool,
@@ -104,10 +118,18 @@ def _run(
     stopwatch: Stopwatch,
     memory: MemoryTrace,
 ) -> RunResult:
-    create_engine(options.engine_options)  # one that is not there is found out before the work starts
+    engine = create_engine(options.engine_options)  # one that is not there is found out before the work starts
     result_folder.check_writable(folder)
     with stopwatch.stage("capture"):
-        capture = load_capture()
+        listed = list_capture()
+    with stopwatch.stage("planning"):
+        plan = _plan(listed, options, engine, resume)
+    del engine
+    if warning := shrinking_warning(plan, options):
+        reporter.on_warning(warning)
+    reporter.on_plan(plan)
+    with stopwatch.stage("capture"):
+        capture = listed.load(plan.shrink)
     reporter.on_capture(capture)
     _check_comparable(capture)
     identity = _identity(capture, options)
@@ -121,13 +143,39 @@ def _run(
         reporter.on_progress(progress)
         saver.observe(progress)
 
-    prior = prepare(capture, options, stopwatch)
+    planned = replace(options, max_gaussians=plan.gaussians)
+    prior = prepare(capture, planned, stopwatch)
     if prior.report:
         reporter.on_prior(prior.report)
     reporter.on_prepared(prior.capture)
-    scene = train(capture, options, observer=observe, resume=checkpoint, stopwatch=stopwatch, prepared=prior)
+    scene = train(
+        capture,
+        _with_time_left(planned, plan),
+        observer=observe,
+        resume=checkpoint,
+        stopwatch=stopwatch,
+        prepared=prior,
+    )
     with deferred_interrupt():
-        return _publish(capture, prior.capture, folder, options, scene, identity, stopwatch, memory)
+        return _publish(capture, prior.capture, folder, options, scene, identity, plan, stopwatch, memory)
+
+
+def _plan(listed: ListedCapture, options: TrainingOptions, engine: Engine, resume: bool) -> Plan:
+    """The run's size. A run that goes on has the size it had: only memory decides on it."""
+    machine = this_machine(engine, options)
+    plan = make_plan(listed, options, machine)
+    if options.time_budget is None or resume:
+        return plan
+    speed = measure_speed(engine, options.prior == "dense")
+    return make_plan(listed, options, replace(machine, speed=speed, elapsed=seconds_since_start()))
+
+
+def _with_time_left(options: TrainingOptions, plan: Plan) -> TrainingOptions:
+    """The options for training: of the time budget, what is left until the result must be evaluated and written."""
+    if options.time_budget is None:
+        return options
+    left = options.time_budget - seconds_since_start() - (plan.reserve or 0.0)
+    return replace(options, time_budget=max(left, LEAST_TIME))
 
 
 class _CheckpointSaver:
@@ -193,6 +241,7 @@ def _publish(
     options: TrainingOptions,
     scene: Gaussians,
     identity: dict[str, Any],
+    plan: Plan,
     stopwatch: Stopwatch,
     memory: MemoryTrace,
 ) -> RunResult:
@@ -211,7 +260,9 @@ def _publish(
             engine.upload(scene)
             evaluation = evaluate_held_out(engine, prepared, staging / result_folder.PICTURES)
         stopwatch.seconds["total"] = seconds_since_start()
-        summary = summarise(capture, prepared.protocol, options, scene, evaluation, stopwatch.seconds, memory.samples)
+        summary = summarise(
+            capture, prepared.protocol, options, plan, scene, evaluation, stopwatch.seconds, memory.samples
+        )
         result_folder.write_json(staging / result_folder.RECORD, summary)
     result_folder.remove_outdated(folder, keep_pictures=evaluation is not None)
     return RunResult(folder, scene, evaluation, summary)

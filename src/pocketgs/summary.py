@@ -12,7 +12,8 @@ from pocketgs.capture.capture import Capture
 from pocketgs.evaluation import Evaluation
 from pocketgs.gaussians import Gaussians
 from pocketgs.memory_trace import MemorySample
-from pocketgs.record import peak_rss_mb
+from pocketgs.planning.plan import Plan
+from pocketgs.record import RunRecord, peak_rss_mb
 from pocketgs.training_options import TrainingOptions
 
 DEPENDENCIES = ("numpy", "numba", "llvmlite", "opencv-python-headless", "scipy", "pillow", "wgpu")
@@ -22,6 +23,7 @@ def summarise(
     capture: Capture,
     protocol: str,
     options: TrainingOptions,
+    plan: Plan,
     scene: Gaussians,
     evaluation: Evaluation | None,
     seconds: dict[str, float],
@@ -57,11 +59,27 @@ def summarise(
             "warnings": capture.warnings,
         },
         "options": asdict(options),
+        "plan": _expected_and_actual(plan, record, seconds["total"]),
         "prior": asdict(record.prior) if record.prior else None,
         "images": [asdict(image) for image in evaluation.images] if evaluation else [],
         "progress": [asdict(sample) for sample in record.losses],
         "memory": [asdict(sample) for sample in memory],
         "versions": versions(),
+    }
+
+
+def _expected_and_actual(plan: Plan, record: RunRecord, seconds: float) -> dict[str, Any]:
+    """The plan, with what the run took beside what was expected of it; buffers of a GPU count as the device's."""
+    on_device = 0 if record.engine == "cpu" else sum(record.engine_bytes.values())
+    return {
+        **asdict(plan),
+        "actual": {
+            "gaussians": record.gaussians,
+            "peak_rss_mb": peak_rss_mb(),
+            "device_mb": on_device / 1e6,
+            "iterations": record.iterations,
+            "seconds": round(seconds, 3),
+        },
     }
 
 

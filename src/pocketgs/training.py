@@ -65,6 +65,8 @@ class Progress:
 
 
 SECONDS_BETWEEN_LOSSES = 0.5
+LEAST_TIME = 1e-9
+"""Seconds for the steps where the time budget is used up before them."""
 
 Observer = Callable[[Progress], None]
 
@@ -105,6 +107,7 @@ def train(
     Raises:
         PocketGSError: an option or the capture cannot be used.
     """
+    started = time.monotonic()
     options = replace(options or TrainingOptions(), **changes)  # type: ignore[arg-type]
     stopwatch = stopwatch or Stopwatch()
     recipe = recipe_named(options.recipe)
@@ -123,6 +126,8 @@ def train(
     with stopwatch.stage("upload"):
         engine.set_views(capture.train)
         engine.upload(start, resume.state if resume else None)
+    if options.time_budget is not None:
+        options = replace(options, time_budget=max(options.time_budget - (time.monotonic() - started), LEAST_TIME))
     loop = _Loop(capture, options, recipe, unit, engine, stopwatch, resume.iteration if resume else 0, len(start))
     loop.run(observer)
     if loop.interrupted and loop.iteration == 0:
@@ -205,7 +210,7 @@ class _Loop:
 
     def _step(self, started: float) -> None:
         rates = self._recipe.schedule(self._rates, self._fraction(started))
-        settings = StepSettings(rates, self._recipe.loss, background=self._capture.background)
+        settings = StepSettings(rates, self._recipe.loss, self._recipe.adam, self._capture.background)
         self._engine.step(self._next_view(), settings)
         self.iteration += 1
 

@@ -16,8 +16,9 @@ class TrainingOptions:
 
     Attributes:
         iterations: number of training steps, one view each.
-        time_budget: seconds of training after which to stop, or None. Learning rates fall with whichever runs out
-            first.
+        time_budget: seconds until the work is done, or None: of the whole command, or, in Python, of `train`. A
+            command plans by it, and refuses one that is too short. Learning rates fall with whichever of iterations
+            and time runs out first.
         engine: what renders and differentiates: "auto" takes a GPU where there is one, else the CPU; "webgpu" takes
             software adapters too.
         prior: what to start from: "dense" matches the photographs pixel by pixel; "sparse" takes the points of
@@ -30,7 +31,7 @@ class TrainingOptions:
         exposure: bring the training photographs to one exposure: "auto" does so where similar views differ.
         recipe: name of a recipe, see `pocketgs.recipes`.
         seed: of everything random.
-        max_gaussians: most Gaussians to start with.
+        max_gaussians: most Gaussians to start with; fewer are taken where budgets hold no more.
         sh_degree: degree of the spherical harmonics, or None for the recipe's.
         threads: CPU threads, or None for all cores.
         gpu: part of the name of the GPU to use, or None for the best.
@@ -38,7 +39,8 @@ class TrainingOptions:
         replay: whether the GPU's backward pass recomputes what the forward pass did, or reads it from a cache.
         accumulation: whether the gradients of a GPU's tiles are added up in order, or atomically in less memory.
         portable: use only what every GPU with WebGPU has.
-        max_memory: megabytes of GPU memory that training may take.
+        max_memory: megabytes that the process may hold, and megabytes that buffers on the GPU may. A command takes
+            smaller photographs, unless --downscale is given, or fewer Gaussians to keep to it.
         evaluate_every: iterations between looks at the held-out views; 0 for none until the end.
     """
 

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from pocketgs import Gaussians
-from pocketgs.capture import open_capture
+from pocketgs.capture import list_capture
 from pocketgs.run import Reporter, run
 from pocketgs.training import Progress
 from pocketgs.training_options import TrainingOptions
@@ -34,7 +34,14 @@ def record_of(folder: Path) -> dict[str, Any]:
 
 
 def test_result_folder(result: Path) -> None:
-    assert names_in(result) == ["checkpoint.npz", "held_out", "held_out/images_0000.png", "run.json", "scene.ply"]
+    assert names_in(result) == [
+        "cameras.json",
+        "checkpoint.npz",
+        "held_out",
+        "held_out/images_0000.png",
+        "run.json",
+        "scene.ply",
+    ]
     scene, record = Gaussians.load(result / "scene.ply"), record_of(result)
     assert record["gaussians"] == len(scene) == 2000
     assert (record["iterations"], record["interrupted"]) == (40, False)
@@ -103,7 +110,7 @@ def test_nothing_held_out(pocketgs: Callable[..., Any], result: Path, written_ca
     assert record["ssim"] is None
     assert record["images"] == record["progress"] == []
     assert record["capture"]["training_views"] == 8
-    assert names_in(result) == ["checkpoint.npz", "run.json", "scene.ply"]
+    assert names_in(result) == ["cameras.json", "checkpoint.npz", "run.json", "scene.ply"]
 
 
 def test_frames_of_one_name_get_a_picture_each(
@@ -139,7 +146,7 @@ def test_resumed_run_is_the_uninterrupted_one(
             signal.raise_signal(signal.SIGINT)
 
     def load() -> Any:
-        return open_capture(written_capture)
+        return list_capture(written_capture)
 
     first = run(
         load, stopped, TrainingOptions(iterations=20, prior="none"), reporter=Reporter(on_progress=press_ctrl_c)
@@ -169,7 +176,7 @@ def test_second_ctrl_c_leaves_the_earlier_result(
 
     reporter = Reporter(on_progress=press_ctrl_c)
     with pytest.raises(KeyboardInterrupt):
-        run(lambda: open_capture(written_capture), result, TrainingOptions(prior="none"), reporter=reporter)
+        run(lambda: list_capture(written_capture), result, TrainingOptions(prior="none"), reporter=reporter)
     assert contents(result) == before
 
 
@@ -184,7 +191,7 @@ def test_ctrl_c_before_training_leaves_the_earlier_result(
             signal.raise_signal(signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):
-        run(lambda: open_capture(written_capture), result, TrainingOptions(), reporter=Reporter(press_ctrl_c))
+        run(lambda: list_capture(written_capture), result, TrainingOptions(), reporter=Reporter(press_ctrl_c))
     assert contents(result) == before
 
 

@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 
 from pocketgs import Capture, Gaussians, TrainingOptions
+from pocketgs.capture import list_capture
 from pocketgs.formats.spz import read_gaussians
 from pocketgs.run import Reporter, RunResult, run
 from pocketgs.training import Progress
@@ -57,12 +58,15 @@ def meanwhile(coroutine: Coroutine[Any, Any, _Result]) -> Iterator[Future[_Resul
 
 
 @pytest.fixture
-def train(small_capture: Capture, tmp_path: Path) -> Callable[..., RunResult]:
+def train(written_capture: Path, tmp_path: Path) -> Callable[..., RunResult]:
     """A function that trains on the small capture and reports to a live run."""
 
     def call(followed: LiveRun, options: TrainingOptions, reporter: Reporter | None = None) -> RunResult:
         result = run(
-            lambda: small_capture, tmp_path / "out", options, reporter=followed.reporter(reporter or Reporter())
+            lambda: list_capture(written_capture),
+            tmp_path / "out",
+            options,
+            reporter=followed.reporter(reporter or Reporter()),
         )
         followed.finish(result)
         return result

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import Locator, expect
 
-from pocketgs import Capture, TrainingOptions
+from pocketgs import TrainingOptions
+from pocketgs.capture import list_capture
 from pocketgs.run import Reporter, run
 from pocketgs.viewer.live import LiveRun
 from pocketgs.viewer.server import serving
@@ -21,7 +22,7 @@ OPTIONS = TrainingOptions(iterations=20_000, prior="none", engine="cpu", threads
 SECONDS_OF_PAUSE = 2.0
 
 
-def test_page_follows_a_run(small_capture: Capture, tmp_path: Path) -> None:
+def test_page_follows_a_run(written_capture: Path, tmp_path: Path) -> None:
     followed = LiveRun("toys", OPTIONS.iterations)
     leave = threading.Event()
 
@@ -32,7 +33,7 @@ def test_page_follows_a_run(small_capture: Capture, tmp_path: Path) -> None:
     def train() -> None:
         reporter = followed.reporter(Reporter(on_progress=observe))
         with suppress(_LeftError):
-            run(lambda: small_capture, tmp_path / "out", OPTIONS, reporter=reporter)
+            run(lambda: list_capture(written_capture), tmp_path / "out", OPTIONS, reporter=reporter)
 
     training = threading.Thread(target=train)
     with open_browser() as browser, serving(followed) as page, visiting(browser, page.url, 400, 560) as visit:

@@ -1,6 +1,7 @@
 """Captures: reading posed photographs in the formats that other programs write."""
 
 from pocketgs.capture.capture import Capture, Frame
-from pocketgs.capture.open import open_capture
+from pocketgs.capture.listed import ListedCapture
+from pocketgs.capture.open import list_capture, open_capture
 
-__all__ = ["Capture", "Frame", "open_capture"]
+__all__ = ["Capture", "Frame", "ListedCapture", "list_capture", "open_capture"]

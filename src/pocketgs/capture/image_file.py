@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -15,6 +16,24 @@ from pocketgs.errors import PocketGSError
 Result = TypeVar("Result")
 
 SIXTEEN_BIT_MODES = ("I", "I;16", "I;16B", "I;16L", "I;16N")
+
+
+@dataclass(frozen=True)
+class ImageHeader:
+    """What an image file's header states: width and height in pixels, and whether the pixels have alpha."""
+
+    width: int
+    height: int
+    has_alpha: bool
+
+
+def read_header(path: CaptureFile) -> ImageHeader:
+    """The header of an image file, decoding no pixel.
+
+    Raises:
+        PocketGSError: the file is missing or no image.
+    """
+    return _opened(path, lambda image: ImageHeader(*image.size, has_alpha=_has_alpha(image)))
 
 
 def read_size(path: CaptureFile) -> tuple[int, int]:
@@ -101,10 +120,14 @@ def _colour_and_alpha(image: Image.Image) -> tuple[np.ndarray, np.ndarray | None
     if image.mode in SIXTEEN_BIT_MODES:
         high_byte = (np.clip(np.asarray(image), 0, 65535) >> 8).astype(np.uint8)
         return np.repeat(high_byte[:, :, None], 3, axis=2), None
-    if image.mode in ("RGBA", "LA", "PA", "La", "RGBa") or "transparency" in image.info:
+    if _has_alpha(image):
         pixels = np.asarray(image.convert("RGBA"))
         return np.ascontiguousarray(pixels[:, :, :3]), np.ascontiguousarray(pixels[:, :, 3])
     return np.asarray(image.convert("RGB")), None
+
+
+def _has_alpha(image: Image.Image) -> bool:
+    return image.mode in ("RGBA", "LA", "PA", "La", "RGBa") or "transparency" in image.info
 
 
 def _grey(image: Image.Image) -> np.ndarray:

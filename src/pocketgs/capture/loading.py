@@ -204,12 +204,7 @@ def downscaled(frame: Frame, downscale: float, max_size: int | None) -> Frame:
     if float(downscale).is_integer():
         frame = _cropped_to_multiple(frame, int(downscale))
     camera = frame.camera
-    width, height = int(camera.width / downscale), int(camera.height / downscale)
-    longer = max(width, height)
-    if max_size is not None and longer > max_size:
-        width, height = max(1, round(width * max_size / longer)), max(1, round(height * max_size / longer))
-    if min(width, height) < 1:
-        raise PocketGSError(f"{camera.width}x{camera.height} pixels cannot be downscaled by {downscale:g}")
+    width, height = size_after(camera.width, camera.height, downscale, max_size)
     if (width, height) == (camera.width, camera.height):
         return frame
     return replace(
@@ -220,6 +215,21 @@ def downscaled(frame: Frame, downscale: float, max_size: int | None) -> Frame:
         mask=None if frame.mask is None else _averaged(frame.mask.astype(np.uint8) * 255, width, height) > 127,
         depth=None if frame.depth is None else _nearest(frame.depth, width, height),
     )
+
+
+def size_after(width: int, height: int, downscale: float, max_size: int | None) -> tuple[int, int]:
+    """Width and height of an image at 1 / `downscale` of its size, rounded down, and at most `max_size` pixels a side.
+
+    Raises:
+        PocketGSError: not one pixel would be left.
+    """
+    small_width, small_height = int(width / downscale), int(height / downscale)
+    longer = max(small_width, small_height)
+    if max_size is not None and longer > max_size:
+        small_width, small_height = (max(1, round(side * max_size / longer)) for side in (small_width, small_height))
+    if min(small_width, small_height) < 1:
+        raise PocketGSError(f"{width}x{height} pixels cannot be downscaled by {downscale:g}")
+    return small_width, small_height
 
 
 def _cropped_to_multiple(frame: Frame, factor: int) -> Frame:

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Protocol
 
 from pocketgs.capture import blender, colmap, llff, nerfstudio, polycam, record3d, stray_scanner
-from pocketgs.capture.capture import Capture, Frame
+from pocketgs.capture.capture import Capture
 from pocketgs.capture.hold_out import choose_held_out
-from pocketgs.capture.listing import FrameSource, Listing
-from pocketgs.capture.loading import Preparation, load_frames
+from pocketgs.capture.listed import ListedCapture
+from pocketgs.capture.listing import Listing
+from pocketgs.capture.loading import Preparation
 from pocketgs.capture.unposed import holds_photographs
 from pocketgs.errors import PocketGSError
 
@@ -38,7 +39,7 @@ def open_capture(
     path: str | Path,
     *,
     images: str | None = None,
-    downscale: float = 1.0,
+    downscale: float | None = None,
     max_size: int | None = None,
     background: tuple[float, float, float] | None = None,
     undistort: bool = True,
@@ -54,7 +55,7 @@ def open_capture(
     Args:
         path: the capture's folder, or its transforms.json or .r3d file.
         images: folder inside the capture to take the images from, for formats that keep several sizes.
-        downscale: shrink images by this factor, at least 1, averaging areas.
+        downscale: shrink images by this factor, at least 1, averaging areas; None for the size they have.
         max_size: shrink images further where their longer side exceeds this many pixels.
         background: RGB in [0, 1] to lay images with alpha on; None is the format's own: white for blender, else black.
         undistort: undo lens distortion and crop to what the lens saw; otherwise treat images as pinhole ones.
@@ -65,26 +66,40 @@ def open_capture(
         PocketGSError: the capture or an option is not usable; the message names the file, what was found and what was
             expected.
     """
+    return list_capture(
+        path,
+        images=images,
+        downscale=downscale,
+        max_size=max_size,
+        background=background,
+        undistort=undistort,
+        hold_out_every=hold_out_every,
+    ).load()
+
+
+def list_capture(
+    path: str | Path,
+    *,
+    images: str | None = None,
+    downscale: float | None = None,
+    max_size: int | None = None,
+    background: tuple[float, float, float] | None = None,
+    undistort: bool = True,
+    hold_out_every: int = 8,
+) -> ListedCapture:
+    """What `open_capture` would read, as far as it is known before photographs are decoded; arguments as there.
+
+    Raises:
+        PocketGSError: the capture or an option is not usable.
+    """
     path = Path(path)
     _check_options(downscale, max_size, background, hold_out_every)
     listing = read_listing(path, images)
     held_out_names, split = choose_held_out(listing, hold_out_every)
     if all(frame.name in held_out_names for frame in listing.frames):
         raise PocketGSError(f"{path}: all of its {len(listing.frames)} frames are held out, expected one to train on")
-    preparation = Preparation(background or listing.background, undistort, downscale, max_size)
-    frames = load_frames(listing.frames, preparation)
-    return Capture(
-        name=_name(path),
-        path=path,
-        format=listing.format,
-        train=[frame for frame in frames if frame.name not in held_out_names],
-        held_out=[frame for frame in frames if frame.name in held_out_names],
-        points=listing.points,
-        background=preparation.background,
-        metric=listing.metric,
-        protocol=", ".join([describe_images(listing.frames, frames, preparation), split]),
-        warnings=listing.warnings,
-    )
+    preparation = Preparation(background or listing.background, undistort, downscale or 1.0, max_size)
+    return ListedCapture(_name(path), path, listing, held_out_names, split, preparation, downscale is not None)
 
 
 def read_listing(path: Path, images: str | None = None) -> Listing:
@@ -123,30 +138,6 @@ def _reader_for(path: Path) -> Reader:
     raise PocketGSError(f"{path}: no capture of a known format. Looked for {looked_for}")
 
 
-def describe_images(sources: list[FrameSource], frames: list[Frame], preparation: Preparation) -> str:
-    """How the images were prepared, in words."""
-    distorted = any(source.lens.distorts for source in sources)
-    sizes = {(frame.camera.width, frame.camera.height) for frame in frames}
-    width, height = max(sizes)
-    size = f"{width}x{height}" if len(sizes) == 1 else f"sizes up to {width}x{height}"
-    if preparation.downscale != 1 or preparation.max_size is not None:
-        size = f"downscaled to {size}"
-    if not distorted:
-        words = [size]
-    elif preparation.undistort:
-        words = ["undistorted", f"cropped to {size}" if size[0].isdigit() else f"cropped, {size}"]
-    else:
-        words = ["as published (distorted)", size]
-    if any(frame.alpha is not None for frame in frames):
-        words.append(f"on {_colour_name(preparation.background)}")
-    return ", ".join(words)
-
-
-def _colour_name(colour: tuple[float, float, float]) -> str:
-    names = {(0.0, 0.0, 0.0): "black", (1.0, 1.0, 1.0): "white"}
-    return names.get(colour, "RGB ({:g}, {:g}, {:g})".format(*colour))
-
-
 def _name(path: Path) -> str:
     resolved = path.resolve()
     if resolved.is_file() and resolved.suffix.lower() != ".json":
@@ -155,9 +146,9 @@ def _name(path: Path) -> str:
 
 
 def _check_options(
-    downscale: float, max_size: int | None, background: tuple[float, float, float] | None, hold_out_every: int
+    downscale: float | None, max_size: int | None, background: tuple[float, float, float] | None, hold_out_every: int
 ) -> None:
-    if not math.isfinite(downscale) or downscale < 1:
+    if downscale is not None and (not math.isfinite(downscale) or downscale < 1):
         raise PocketGSError(f"downscale {downscale}, expected a factor of at least 1")
     if max_size is not None and max_size < 1:
         raise PocketGSError(f"max_size {max_size}, expected at least 1 pixel")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from pocketgs.capture import Capture, open_capture
+from pocketgs.capture import Capture, ListedCapture, list_capture
 
 
 @dataclass(frozen=True)
@@ -14,7 +14,8 @@ class CaptureOptions:
 
     Attributes:
         images: Folder inside the capture to take the images from, for example images_8.
-        downscale: Shrink images by this factor, averaging areas.
+        downscale: Shrink images by this factor, averaging areas. By default not at all, or, in a run whose budgets
+            are too small for that, by the least whole factor that fits.
         max_size: Shrink images further so that their longer side has at most this many pixels.
         background: Red, green and blue from 0 to 1 behind images with alpha. By default the format's own.
         undistort: Undo lens distortion and crop to what the lens saw; --no-undistort takes images as they are.
@@ -22,7 +23,7 @@ class CaptureOptions:
     """
 
     images: str | None = None
-    downscale: float = 1.0
+    downscale: float | None = None
     max_size: int | None = None
     background: tuple[float, float, float] | None = None
     undistort: bool = True
@@ -30,7 +31,11 @@ class CaptureOptions:
 
     def open(self, path: Path) -> Capture:
         """Read the capture at `path`."""
-        return open_capture(
+        return self.listed(path).load()
+
+    def listed(self, path: Path) -> ListedCapture:
+        """What is known of the capture at `path` before its photographs are decoded."""
+        return list_capture(
             path,
             images=self.images,
             downscale=self.downscale,

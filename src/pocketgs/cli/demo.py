@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from pocketgs.capture import Capture, open_capture
+from pocketgs.capture import ListedCapture, list_capture
 from pocketgs.capture.synthetic import write_demo
 from pocketgs.cli.shown_run import show_run
 from pocketgs.cli.view import FollowOptions
@@ -29,9 +29,9 @@ def demo(
         page: Whether and where a page follows the run.
     """
 
-    def film() -> Capture:
+    def film() -> ListedCapture:
         write_demo(capture)
-        return open_capture(capture)
+        return list_capture(capture)
 
     def work(reporter: Reporter) -> RunResult:
         return run(film, output, training, reporter=reporter)

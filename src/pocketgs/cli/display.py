@@ -12,6 +12,7 @@ from rich.text import Text
 
 from pocketgs.capture.capture import Capture
 from pocketgs.evaluation import Evaluation
+from pocketgs.planning.plan import Plan
 from pocketgs.prior.report import PriorReport
 from pocketgs.record import peak_rss_mb
 from pocketgs.run import Reporter, RunResult
@@ -27,6 +28,7 @@ STAGES = {
     "poses": "matching features and refining poses",
     "depth": "computing depth (the first run compiles for it)",
     "fusion": "fusing depths into a cloud",
+    "planning": "planning",
     "points": "looking for points to start from",
     "seeding": "seeding Gaussians",
     "compilation": "loading kernels (the first run compiles them: up to half a minute)",
@@ -55,7 +57,14 @@ class Display:
             yield self._reporter()
 
     def _reporter(self) -> Reporter:
-        return Reporter(self._show_stage, self._show_capture, self._show_prior, self._show_progress, self._show_warning)
+        return Reporter(
+            on_stage=self._show_stage,
+            on_capture=self._show_capture,
+            on_prior=self._show_prior,
+            on_progress=self._show_progress,
+            on_warning=self._show_warning,
+            on_plan=self._show_plan,
+        )
 
     def _show_stage(self, stage: str) -> None:
         if stage in STAGES and self._live:
@@ -67,6 +76,9 @@ class Display:
         for warning in capture.warnings:
             self._show_warning(warning)
         self._console.print(*capture_lines(capture), sep="\n", markup=False, highlight=False, soft_wrap=True)
+
+    def _show_plan(self, plan: Plan) -> None:
+        self._console.print(plan_line(plan), markup=False, highlight=False, soft_wrap=True)
 
     def _show_prior(self, report: PriorReport) -> None:
         for warning in report.warnings:
@@ -92,6 +104,17 @@ def capture_lines(capture: Capture) -> list[str]:
         f"{capture.name} ({capture.format}): {views}, {points}, {units}, {capture.image_bytes / 1e6:.0f} MB of images",
         f"protocol: {capture.protocol}",
     ]
+
+
+def plan_line(plan: Plan) -> str:
+    """What a run is planned to take, in one line."""
+    parts = [f"photographs up to {plan.width}x{plan.height}", f"at most {plan.gaussians:,} Gaussians"]
+    parts.append(f"up to {plan.peak_rss_mb:.0f} MB of memory")
+    if plan.device_mb:
+        parts.append(f"{plan.device_mb:.0f} MB on the GPU")
+    if plan.seconds is not None:
+        parts.append(f"about {plan.iterations} iterations in {plan.seconds:.0f} s")
+    return "plan: " + ", ".join(parts)
 
 
 def prior_line(report: PriorReport) -> str:

@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from pocketgs.capture import Capture
+from pocketgs.capture import ListedCapture
 from pocketgs.capture.open import lacks_poses
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.shown_run import show_run
@@ -44,14 +44,14 @@ def train(
     folder = output or Path("output") / name
 
     def work(reporter: Reporter) -> RunResult:
-        def load() -> Capture:
+        def listed() -> ListedCapture:
             if not lacks_poses(capture):
-                return reading.open(capture)
+                return reading.listed(capture)
             found = folder / "posed" / name
             message = f"{capture} holds no poses: those that structure from motion finds are kept in {found}"
             console.print(message, markup=False, highlight=False, soft_wrap=True)
-            return reading.open(posed(capture, found, on_stage=reporter.on_stage, on_warning=reporter.on_warning))
+            return reading.listed(posed(capture, found, on_stage=reporter.on_stage, on_warning=reporter.on_warning))
 
-        return run(load, folder, training, resume=resume, reporter=reporter)
+        return run(listed, folder, training, resume=resume, reporter=reporter)
 
     show_run(console, work, page, name, training.iterations)

@@ -11,6 +11,8 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.pointcloud import PointCloud
 from pocketgs.prior.consistency import Views, compare_depths
+from pocketgs.prior.detail import detail
+from pocketgs.prior.merge import Candidates, merged
 from pocketgs.prior.sweep import DepthMap
 from pocketgs.visual_hull import outside_hull
 
@@ -25,10 +27,6 @@ FILLER_MARGIN, FILLER_CONFIDENCE = 0.05, 0.1
 
 Where a scene has no points at all, a few Gaussians have to grow over it, and do so badly.
 """
-
-MERGING_ROUNDS = 8
-OVERFULL = 1.05
-"""Voxels filled for each point asked for, at most: the lightest are left out."""
 
 MOST_CANDIDATES = 2_000_000
 """Pixels that are merged, of all keyframes together: it bounds memory."""
@@ -45,35 +43,6 @@ class FusionSettings:
 
     confidence: float = 0.4
     tolerance: float = 0.005
-
-
-@dataclass(frozen=True)
-class Candidates:
-    """Pixels that may become points.
-
-    Attributes:
-        positions: (M, 3) in the world.
-        colours: (M, 3) RGB in [0, 1].
-        directions: (M, 3) unit vectors towards the camera.
-        footprints: (M,) length that a pixel covers there, in the nearest view that sees the point.
-        confidences: (M,) in [0, 1].
-    """
-
-    positions: np.ndarray
-    colours: np.ndarray
-    directions: np.ndarray
-    footprints: np.ndarray
-    confidences: np.ndarray
-
-    def select(self, keep: np.ndarray) -> Candidates:
-        """Those that a boolean mask names."""
-        return Candidates(
-            self.positions[keep],
-            self.colours[keep],
-            self.directions[keep],
-            self.footprints[keep],
-            self.confidences[keep],
-        )
 
 
 def fuse(
@@ -93,8 +62,8 @@ def fuse(
         settings: what is kept.
 
     Returns:
-        At most `count` points, with the directions they were seen from and the mean confidence of their pixels. They
-        are as dense on the surface as the pixels that see them: each stands for about the same number.
+        At most `count` points, with the directions they were seen from and the mean confidence of their pixels; dense
+        where many pixels see the surface, and where they see much on it.
     """
     views = _views(keyframes, maps)
     stride = max(1, int(np.ceil(sum(map_.depth.size for map_ in maps) / MOST_CANDIDATES)))
@@ -104,7 +73,7 @@ def fuse(
     ]
     names = Candidates.__dataclass_fields__
     together = Candidates(**{name: np.concatenate([getattr(some, name) for some in found]) for name in names})
-    return _merged(together.select(~outside_hull(together.positions, frames)), count)
+    return merged(together.select(~outside_hull(together.positions, frames)), count)
 
 
 def confidence(agreeing: np.ndarray, contradicting: np.ndarray, margin: np.ndarray) -> np.ndarray:
@@ -155,6 +124,7 @@ def _candidates(
         colours=keyframe.image[rows, columns] / np.float32(255),
         directions=-rays / np.linalg.norm(rays, axis=1, keepdims=True),
         footprints=footprints[rows, columns],
+        details=detail(keyframe.image)[rows, columns],
         confidences=confidences[rows, columns],
     )
 
@@ -162,38 +132,3 @@ def _candidates(
 def _holes(believed: np.ndarray) -> np.ndarray:
     """(H, W) bool: pixels with hardly a believed depth around them."""
     return cv2.boxFilter(believed.astype(np.float32), -1, (HOLE, HOLE), borderType=cv2.BORDER_REFLECT) < HOLE_SHARE
-
-
-def _merged(candidates: Candidates, count: int) -> PointCloud:
-    """Average the candidates of each voxel; voxels are so large that about `count` are filled.
-
-    A voxel's side is a multiple of the footprints of the pixels in it, rounded to a power of two.
-    """
-    if len(candidates.positions) == 0:
-        return PointCloud(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-    level = np.round(np.log2(candidates.footprints)).astype(np.int64)
-    size = 2.0
-    for _ in range(MERGING_ROUNDS):
-        _, voxel = np.unique(_voxels(candidates.positions, level, size), return_inverse=True)
-        filled = int(voxel.max()) + 1
-        if count <= filled <= OVERFULL * count or (filled < count and filled == len(voxel)):
-            break
-        # Surfaces fill voxels with the square of their number along a side.
-        size *= np.sqrt(filled / ((1 + OVERFULL) / 2 * count))
-    weight = np.bincount(voxel, candidates.confidences)
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        weighted = values * candidates.confidences[:, None]
-        return np.stack([np.bincount(voxel, column) for column in weighted.T], axis=1) / weight[:, None]
-
-    directions = mean(candidates.directions)
-    directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-9)
-    confidences = weight / np.bincount(voxel)
-    cloud = PointCloud(mean(candidates.positions), mean(candidates.colours), directions, confidences)
-    return cloud if len(cloud) <= count else cloud.select(np.sort(np.argsort(-weight, kind="stable")[:count]))
-
-
-def _voxels(positions: np.ndarray, level: np.ndarray, size: float) -> np.ndarray:
-    """(M,) int64 one number a voxel; two voxels that share one by chance are too rare to matter."""
-    cells = np.floor(positions / (size * np.exp2(level))[:, None]).astype(np.int64)
-    return (cells[:, 0] * 73856093 ^ cells[:, 1] * 19349663 ^ cells[:, 2] * 83492791) * 64 + level

@@ -56,6 +56,14 @@ class OptimiserState:
     steps: int
 
 
+@dataclass(frozen=True)
+class MemoryNeed:
+    """What training takes of an engine's memory, in bytes: `process` of this process's, `device` of a GPU's."""
+
+    process: int
+    device: int = 0
+
+
 class Engine(Protocol):
     """Renders Gaussians and trains them. All state of a run lives behind this seam.
 
@@ -94,6 +102,18 @@ class Engine(Protocol):
 
     def memory(self) -> dict[str, int]:
         """Bytes that the engine holds, by the name of what they are for."""
+
+    def memory_needed(self, gaussians: int, coefficients: int, photographs: Sequence[tuple[int, int]]) -> MemoryNeed:
+        """What training would take, before anything is given to the engine.
+
+        Args:
+            gaussians: their number.
+            coefficients: of spherical harmonics a channel.
+            photographs: width and height of each.
+
+        Raises:
+            PocketGSError: its memory does not hold it.
+        """
 
 
 @dataclass(frozen=True)

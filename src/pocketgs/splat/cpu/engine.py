@@ -18,12 +18,13 @@ from pocketgs.splat.cpu.bin import Binner, TileLists
 from pocketgs.splat.cpu.lanes import LANES
 from pocketgs.splat.cpu.layout import BLUE, DEPTH, GRADIENT_SH, RED, SPLAT_FIELDS, View
 from pocketgs.splat.cpu.loss import photometric
+from pocketgs.splat.cpu.memory import training_bytes
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
 from pocketgs.splat.cpu.rasterize import rasterize
 from pocketgs.splat.cpu.rasterize_backward import rasterize_backward
 from pocketgs.splat.cpu.sort import sort_by_depth
-from pocketgs.splat.engine import KEPT_LOSSES, OptimiserState, Rendering
+from pocketgs.splat.engine import KEPT_LOSSES, MemoryNeed, OptimiserState, Rendering
 from pocketgs.splat.settings import LearningRates, LossSettings, StepSettings
 
 
@@ -161,6 +162,10 @@ class CpuEngine:
             "gradients by tile": self._entry_sums.nbytes,
             "projected splats": self._splats.nbytes + self._depth_keys.nbytes + 2 * self._order.nbytes,
         }
+
+    def memory_needed(self, gaussians: int, coefficients: int, photographs: Sequence[tuple[int, int]]) -> MemoryNeed:
+        """What training would take."""
+        return MemoryNeed(training_bytes(gaussians, coefficients, photographs))
 
     def _forward(self, view: View, background: np.ndarray) -> Raster:
         """Project → sort → bin → rasterize."""

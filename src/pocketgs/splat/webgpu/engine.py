@@ -12,7 +12,7 @@ from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.gaussians import Gaussians
-from pocketgs.splat.engine import KEPT_LOSSES, EngineOptions, OptimiserState, Rendering
+from pocketgs.splat.engine import KEPT_LOSSES, EngineOptions, MemoryNeed, OptimiserState, Rendering
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.adapters import BUFFER_LIMITS, choose_adapter, open_device
 from pocketgs.splat.webgpu.frame_values import is_regularised, structural_share, update_values, view_values
@@ -26,7 +26,13 @@ ENTRIES_PER_GAUSSIAN = 8
 LEAST_ENTRIES = 1 << 16
 """Room for entries of tiles' lists to begin with; it grows where that is too little."""
 
+EXPECTED_PER_GAUSSIAN, EXPECTED_PER_PIXEL = 4.0, 1.5
+"""Entries that a run's tiles' lists may come to hold: large Gaussians tile the image."""
+
 GROWTH = 1.25
+
+DRIVER_BYTES = 150_000_000
+"""Of this process's memory that a GPU's driver takes, with its compiled shaders."""
 
 ENTRY_BYTES = {"ordered": 36, "atomic": 4}
 """What the largest of the buffers with something for every entry holds of each."""
@@ -73,6 +79,7 @@ class WebGpuEngine:
         self._device = open_device(adapter, variant.features)
         self._replayer = Replayer(self._device, describe(variant))
         largest = min(self._device.limits[name] for name in BUFFER_LIMITS)
+        self._shares_memory = adapter.kind != "DiscreteGPU"
         self._limits = Limits(options.max_memory * 1_000_000, largest)
         self._frames: list[Frame] = []
         self._pending: list[_Step] = []
@@ -164,6 +171,20 @@ class WebGpuEngine:
     def memory(self) -> dict[str, int]:
         """Bytes of every buffer on the GPU, by its name in the passes."""
         return self._replayer.sizes()
+
+    def memory_needed(self, gaussians: int, coefficients: int, photographs: Sequence[tuple[int, int]]) -> MemoryNeed:
+        """What training would take. Where GPU and CPU share one memory, buffers count as the process's too.
+
+        Raises:
+            PocketGSError: the GPU's memory does not hold it.
+        """
+        largest = max((width * height for width, height in photographs), default=0)
+        entries = int(EXPECTED_PER_GAUSSIAN * gaussians + EXPECTED_PER_PIXEL * largest)
+        entries = max(LEAST_ENTRIES, min(entries, self._most_entries))
+        sizes = frozenset(photographs)
+        extent = Extent(gaussians, coefficients, entries, tuple(photographs), sizes, trains=True)
+        device = plan_memory(self._replayer.description, extent, self._limits).total
+        return MemoryNeed(DRIVER_BYTES + (device if self._shares_memory else 0), device)
 
     @property
     def _columns(self) -> int:

@@ -1,0 +1,174 @@
+"""A capture whose photographs are known by their headers and not yet decoded: what a run is planned from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+from pocketgs.capture.capture import Capture, Frame
+from pocketgs.capture.image_file import ImageHeader, read_header
+from pocketgs.capture.listing import FrameSource, Listing
+from pocketgs.capture.loading import Preparation, load_frames, size_after
+from pocketgs.capture.video_file import VideoFrame
+from pocketgs.errors import PocketGSError
+
+Size = tuple[int, int]
+"""Width and height in pixels."""
+
+
+@dataclass(frozen=True)
+class Outline:
+    """What the memory and the time of a run follow from.
+
+    Attributes:
+        training: sizes of the photographs to train on, as they would be held; what undistortion crops is not taken off.
+        held_out: those of the photographs to evaluate on.
+        stored_pixels: of the largest photograph as its file holds it.
+        pixel_bytes: what a pixel takes: its colour and, where frames have them, alpha, mask and depth.
+    """
+
+    training: tuple[Size, ...]
+    held_out: tuple[Size, ...]
+    stored_pixels: int
+    pixel_bytes: int = 3
+
+    @property
+    def largest(self) -> Size:
+        """The size of the photograph with the most pixels."""
+        return max((*self.training, *self.held_out), key=lambda size: size[0] * size[1])
+
+    @property
+    def pixels(self) -> int:
+        """Of the largest photograph."""
+        width, height = self.largest
+        return width * height
+
+    @property
+    def image_bytes(self) -> int:
+        """Memory that all photographs take, with what belongs to them."""
+        return self.pixel_bytes * sum(width * height for width, height in (*self.training, *self.held_out))
+
+
+@dataclass(frozen=True)
+class ListedCapture:
+    """A capture that is listed, split, and ready to be decoded.
+
+    Attributes:
+        name, path: as in `Capture`.
+        listing: its frames.
+        held_out_names: those kept for evaluation.
+        split: how they were chosen, in words.
+        preparation: what is done to every image.
+        size_is_given: whether the user has said how far to downscale.
+    """
+
+    name: str
+    path: Path
+    listing: Listing
+    held_out_names: frozenset[str]
+    split: str
+    preparation: Preparation
+    size_is_given: bool = False
+
+    def outline(self, shrink: int = 1) -> Outline:
+        """What the photographs' headers say.
+
+        Args:
+            shrink: whole factor by which photographs are to be smaller than asked for.
+
+        Raises:
+            PocketGSError: a photograph is missing or no image, or nothing would be left of it.
+        """
+        headers, preparation = self._headers, self._prepared(shrink)
+
+        def sizes(held_out: bool) -> tuple[Size, ...]:
+            chosen = (source for source in self.listing.frames if (source.name in self.held_out_names) == held_out)
+            return tuple(_held_size(source, headers[source.name], preparation) for source in chosen)
+
+        return Outline(
+            training=sizes(held_out=False),
+            held_out=sizes(held_out=True),
+            stored_pixels=max(header.width * header.height for header in headers.values()),
+            pixel_bytes=max(_pixel_bytes(source, headers[source.name]) for source in self.listing.frames),
+        )
+
+    def load(self, shrink: int = 1) -> Capture:
+        """Decode the photographs.
+
+        Args:
+            shrink: whole factor by which photographs are to be smaller than asked for.
+
+        Raises:
+            PocketGSError: one cannot be used.
+        """
+        preparation = self._prepared(shrink)
+        frames = load_frames(self.listing.frames, preparation)
+        return Capture(
+            name=self.name,
+            path=self.path,
+            format=self.listing.format,
+            train=[frame for frame in frames if frame.name not in self.held_out_names],
+            held_out=[frame for frame in frames if frame.name in self.held_out_names],
+            points=self.listing.points,
+            background=preparation.background,
+            metric=self.listing.metric,
+            protocol=", ".join([describe_images(self.listing.frames, frames, preparation), self.split]),
+            warnings=self.listing.warnings,
+        )
+
+    @cached_property
+    def _headers(self) -> dict[str, ImageHeader]:
+        """By the frame's name."""
+        return {source.name: _header(source) for source in self.listing.frames}
+
+    def _prepared(self, shrink: int) -> Preparation:
+        most = self.preparation.max_size
+        return replace(
+            self.preparation,
+            downscale=self.preparation.downscale * shrink,
+            max_size=None if most is None else max(1, most // shrink),
+        )
+
+
+def describe_images(sources: list[FrameSource], frames: list[Frame], preparation: Preparation) -> str:
+    """How the images were prepared, in words."""
+    distorted = any(source.lens.distorts for source in sources)
+    sizes = {(frame.camera.width, frame.camera.height) for frame in frames}
+    width, height = max(sizes)
+    size = f"{width}x{height}" if len(sizes) == 1 else f"sizes up to {width}x{height}"
+    if preparation.downscale != 1 or preparation.max_size is not None:
+        size = f"downscaled to {size}"
+    if not distorted:
+        words = [size]
+    elif preparation.undistort:
+        words = ["undistorted", f"cropped to {size}" if size[0].isdigit() else f"cropped, {size}"]
+    else:
+        words = ["as published (distorted)", size]
+    if any(frame.alpha is not None for frame in frames):
+        words.append(f"on {_colour_name(preparation.background)}")
+    return ", ".join(words)
+
+
+def _colour_name(colour: tuple[float, float, float]) -> str:
+    names = {(0.0, 0.0, 0.0): "black", (1.0, 1.0, 1.0): "white"}
+    return names.get(colour, "RGB ({:g}, {:g}, {:g})".format(*colour))
+
+
+def _header(source: FrameSource) -> ImageHeader:
+    if isinstance(source.image, VideoFrame):
+        return ImageHeader(source.camera.width, source.camera.height, has_alpha=False)
+    return read_header(source.image)
+
+
+def _held_size(source: FrameSource, header: ImageHeader, preparation: Preparation) -> Size:
+    width, height = header.width - 2 * source.border, header.height - 2 * source.border
+    try:
+        return size_after(width, height, preparation.downscale, preparation.max_size)
+    except PocketGSError as error:
+        raise PocketGSError(f"{source.image}: {error}") from error
+
+
+def _pixel_bytes(source: FrameSource, header: ImageHeader) -> int:
+    """RGB, and alpha, mask (a byte each) and depth (float32) where the frame has them."""
+    return 3 + header.has_alpha + (source.mask_path is not None) + 4 * (source.depth_path is not None)

@@ -1,0 +1,33 @@
+"""What the CPU engine will hold, from the size of a run alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pocketgs.splat.cpu.layout import ENTRY_FIELDS, GRADIENT_SH, SPLAT_FIELDS
+
+ENTRIES_PER_GAUSSIAN, ENTRIES_PER_PIXEL = 2.5, 0.9
+"""Entries of tiles' lists, as measured at most: a Gaussian is in more than one list, and large ones tile the image."""
+
+ENTRY_BYTES = 2 * 5 * ENTRY_FIELDS + 5 * 16
+"""The entry listed and distributed, and its 16 sums of gradients, 4 bytes each, with a quarter more to grow into."""
+
+CANVAS_PIXEL = 4 * (3 + 1 + 3)
+"""Colour, transmittance and the colour's gradient."""
+
+
+def training_bytes(gaussians: int, coefficients: int, photographs: Sequence[tuple[int, int]]) -> int:
+    """Bytes that training takes at most.
+
+    Args:
+        gaussians: their number.
+        coefficients: of spherical harmonics a channel.
+        photographs: width and height of each.
+    """
+    columns = GRADIENT_SH + 3 * coefficients
+    pixels = [width * height for width, height in photographs]
+    largest = max(pixels, default=0)
+    # Scene, both moments and gradients; the projected splat, its key, and its place in two orders.
+    of_gaussians = gaussians * 4 * (columns + 1 + 2 * columns + columns + SPLAT_FIELDS + 1 + 2)
+    entries = int(ENTRIES_PER_GAUSSIAN * gaussians + ENTRIES_PER_PIXEL * largest)
+    return 3 * sum(pixels) + of_gaussians + ENTRY_BYTES * entries + CANVAS_PIXEL * largest
