@@ -179,8 +179,7 @@ def test_small_keeps_what_it_says(
     assert np.abs(found.means - expected.means).max() <= max(size / 8, largest * 2.0**-23) * 1.001 + largest * 2.0**-24
     assert np.abs(found.log_scales - expected.log_scales).max() <= 1 / 16 + 1e-5
     assert np.abs(found.sh[:, 0] - expected.sh[:, 0]).max() * SH_DC <= 1 / 67
-    assert np.abs(found.sh[:, 1:4] - expected.sh[:, 1:4]).max(initial=0) <= 0.044
-    assert np.abs(found.sh[:, 4:] - expected.sh[:, 4:]).max(initial=0) <= 0.067
+    assert np.abs(found.sh[:, 1:] - expected.sh[:, 1:]).max(initial=0) <= 0.02
     assert opacity_error(found, expected) <= 1 / 63
     assert turns_between(found, expected).max() <= 3
 

@@ -47,7 +47,7 @@ def convert(
         scale: Enlarge by this factor about the origin.
         rotate: Turn about the axes x, y and z, in this order, by these degrees.
         translate: Move along x, y and z, in scene units.
-        detail: Of a .spz; "fine" is close to lossless, "small" 0.6 as large and less than 0.2 dB worse where measured.
+        detail: Of a .spz; "fine" is close to lossless, "small" 0.6 as large and 0.1 to 0.2 dB worse where measured.
         spz_version: Of a .spz; older viewers read 3 only.
     """
     chosen = _chosen_format(output, detail, spz_version)

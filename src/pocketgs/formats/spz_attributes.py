@@ -142,9 +142,7 @@ def _unpack_rotations(stored: np.ndarray) -> np.ndarray:
     return unit(np.roll(restore_largest(packed[:, 0] >> 30, others), 1, axis=1))
 
 
-def _pack_harmonics(rest: np.ndarray, steps: tuple[int, int]) -> np.ndarray:
-    """(N, K - 1, 3) bytes, each the nearest multiple of its degree's step away from that of 0."""
-    step = np.full((rest.shape[1], 1), steps[1])
-    step[:3] = steps[0]
+def _pack_harmonics(rest: np.ndarray, step: int) -> np.ndarray:
+    """(N, K - 1, 3) bytes, each the nearest multiple of the step away from that of 0."""
     fine = np.clip(np.round(rest * SH_STEPS), -SH_ZERO, SH_ZERO).astype(np.int32)
     return np.clip((fine + step // 2) // step * step + SH_ZERO, 0, 255).astype(np.uint8)

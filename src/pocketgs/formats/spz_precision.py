@@ -19,7 +19,7 @@ class Precision:
         colour: in 1/38.25 of the coefficient of degree 0.
         log_scale: in 1/16.
         rotation: in 1/511 of the root of a half.
-        harmonics: in 1/128, of degree 1 and of the degrees above.
+        harmonics: in 1/128, above degree 0.
         rearranged: whether Gaussians may be put in another order, and each one's axes be named anew.
         drops: what is lost, in words.
         rounds: the largest errors of the rest, in words.
@@ -30,7 +30,7 @@ class Precision:
     colour: int
     log_scale: int
     rotation: int
-    harmonics: tuple[int, int]
+    harmonics: int
     rearranged: bool
     drops: str
     rounds: str
@@ -42,14 +42,13 @@ FINE = Precision(
     colour=1,
     log_scale=1,
     rotation=1,
-    harmonics=(8, 16),
+    harmonics=1,
     rearranged=False,
     drops="",
     rounds="centres to 2^-23 of the largest coordinate, log scales to 1/32 within -10 to 5.9, opacity to 1/500, "
-    "colours to 1/250 within -0.4 to 1.4, rotation to 0.3 degrees, spherical harmonics within -1 to 1 to 0.036 "
-    "(degree 1) and 0.067 (above)",
+    "colours to 1/250 within -0.4 to 1.4, rotation to 0.3 degrees, spherical harmonics within -1 to 1 to 0.008",
 )
-"""Nearly all that the format can hold; its reference implementation rounds harmonics to these steps, too."""
+"""Nearly all that the format can hold; its reference implementation rounds harmonics more."""
 
 SMALL = Precision(
     steps_in_size=4.0,
@@ -57,12 +56,11 @@ SMALL = Precision(
     colour=4,
     log_scale=2,
     rotation=16,
-    harmonics=(10, 16),
+    harmonics=4,
     rearranged=True,
     drops="the order, and which of a Gaussian's axes is the first",
     rounds="centres to 1/8 of the size of nine in ten Gaussians, log scales to 1/16 within -10 to 5.9, opacity to "
-    "1/63, colours to 1/67 within -0.4 to 1.4, rotation to 3 degrees, spherical harmonics within -1 to 1 to 0.044 "
-    "(degree 1) and 0.067 (above)",
+    "1/63, colours to 1/67 within -0.4 to 1.4, rotation to 3 degrees, spherical harmonics within -1 to 1 to 0.02",
 )
 """Where no attribute's next byte would lower the error of pictures more than another's; see docs/formats.md."""
 
