@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +24,8 @@ def made_result() -> MakeResult:
     def make(capture: str = "fern", method: str = "pocketgs", seed: int = 0, **run: Any) -> CellResult:
         command = f"pocketgs train {capture} --method {method} --seed {seed}"
         machine = {"processor": "Abacus 9", "cores": "2"}
-        return CellResult(Cell(capture, method, seed), command, None, 30.0, {"ply": 5_200_000}, _run() | run, machine)
+        cell = Cell(capture, method, seed)
+        return CellResult(cell, command, None, 30.0, {"ply": 5_200_000}, _run() | run, machine=machine)
 
     return make
 
@@ -54,13 +56,14 @@ def many_results(made_result: MakeResult, failed_result: MakeResult) -> list[Cel
 
 @pytest.fixture
 def leave_pictures(tmp_path: Path) -> Callable[[CellResult, Mapping[str, np.ndarray]], Path]:
-    """A function that leaves pictures (H, 2 W, 3) by view as a run does, and gives the folder of all runs' pictures."""
+    """A function that leaves pictures (H, 2 W, 3) by view and run.json as a run does, and gives the folder of all."""
 
     def leave(result: CellResult, pairs: Mapping[str, np.ndarray]) -> Path:
         folder = tmp_path / "work" / result.cell.name / "held_out"
         folder.mkdir(parents=True)
         for view, pair in pairs.items():
             Image.fromarray(pair).save(folder / f"{view}.png")
+        (folder.parent / "run.json").write_text(json.dumps({"psnr": result.run["psnr"]}))
         return tmp_path / "work"
 
     return leave

@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from pocketgs.bench.captures import DATA_VARIABLE, captures_named, data_folder, known_captures
+from pocketgs.bench.cell import Job
+from pocketgs.bench.methods import METHODS
 from pocketgs.cli import main
 from pocketgs.errors import PocketGSError
 
@@ -37,9 +39,39 @@ def test_a_folder_of_ones_own_is_read_as_asked(data: Path, tmp_path: Path) -> No
 
 
 def test_two_captures_of_one_name_are_refused(data: Path, tmp_path: Path) -> None:
-    (tmp_path / "mine" / "fern").mkdir(parents=True)
+    gardens = [tmp_path / place / "garden" for place in ("here", "there")]
+    for garden in gardens:
+        garden.mkdir(parents=True)
+    with pytest.raises(PocketGSError, match="'garden': named twice"):
+        captures_named(tuple(map(str, gardens)), known_captures(data, data / "demo"))
     with pytest.raises(PocketGSError, match="'fern': named twice"):
-        captures_named(("fern", str(tmp_path / "mine" / "fern")), known_captures(data, data / "demo"))
+        captures_named(("fern", "fern"), known_captures(data, data / "demo"))
+
+
+def test_a_folder_with_the_name_of_a_known_capture_is_refused(data: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine" / "fern").mkdir(parents=True)
+    with pytest.raises(PocketGSError, match=r"fern': has the name of a known capture, expected another name"):
+        captures_named((str(tmp_path / "mine" / "fern"),), known_captures(data, data / "demo"))
+
+
+@pytest.mark.parametrize("names", [("fern",), ("fern", "demo"), ()])
+def test_how_known_captures_are_read_is_not_for_the_user_to_say(data: Path, names: tuple[str, ...]) -> None:
+    with pytest.raises(PocketGSError, match=r"--downscale 4: not for fern.*expected a folder of your own"):
+        captures_named(names, known_captures(data, data / "demo"), ("--downscale", "4"))
+
+
+def test_a_capture_is_typed_as_its_folder(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    known = known_captures(data, Path("output/demo-capture"))
+    (tmp_path / "garden").mkdir()
+    monkeypatch.chdir(tmp_path / "garden")
+    (here,) = captures_named((".",), known)
+    chosen = [known["fern"], known["demo"], here]
+    assert [(capture.name, capture.folder_name) for capture in chosen] == [
+        ("fern", "fern"),
+        ("demo", "demo-capture"),
+        ("garden", "garden"),
+    ]
+    assert Job(METHODS["pocketgs"], known["demo"], 0).command == "pocketgs train demo-capture --seed 0"
 
 
 def test_what_is_neither_known_nor_a_folder_is_refused(data: Path) -> None:

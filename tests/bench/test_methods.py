@@ -54,3 +54,8 @@ def test_all_cells_share_their_flags() -> None:
 def test_an_unknown_method_is_refused() -> None:
     with pytest.raises(PocketGSError, match="method 'magic': not known, expected one of pocketgs, 3dgs-sfm"):
         methods_named(("pocketgs", "magic"))
+
+
+def test_a_method_named_twice_is_refused() -> None:
+    with pytest.raises(PocketGSError, match="method 'no-dense': named twice"):
+        methods_named(("no-dense", "pocketgs", "no-dense"))

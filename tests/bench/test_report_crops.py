@@ -10,7 +10,6 @@ import pytest
 
 from pocketgs.bench.crops import CROP, choose_crop
 from pocketgs.bench.results import CellResult
-from pocketgs.errors import PocketGSError
 
 MakeResult = Callable[..., CellResult]
 Leave = Callable[[CellResult, Mapping[str, np.ndarray]], Path]
@@ -77,9 +76,30 @@ def test_without_pictures_there_is_no_crop(made_result: MakeResult, tmp_path: Pa
     assert choose_crop([made_result()], "fern", tmp_path / "nowhere") is None
 
 
-def test_a_damaged_picture_is_named(made_result: MakeResult, leave_pictures: Leave) -> None:
-    folder = leave_pictures(made_result(), {"images_a": pair()})
-    damaged = folder / "fern.pocketgs.0" / "held_out" / "images_a.png"
-    damaged.write_bytes(damaged.read_bytes()[:100])
-    with pytest.raises(PocketGSError, match=r"images_a\.png: cannot be read as a picture"):
-        choose_crop([made_result()], "fern", folder)
+def test_pictures_of_another_run_are_left_out(made_result: MakeResult, leave_pictures: Leave) -> None:
+    results = [made_result(seed=0), made_result(seed=1, psnr=28.2), made_result(method="no-dense")]
+    leave_pictures(results[1], {"images_a": pair()})
+    folder = leave_pictures(results[2], {"images_a": pair()})
+    for text in (None, "{", "[]", '{"psnr": 27.9}'):
+        if text is not None:
+            (folder / "fern.no-dense.0" / "run.json").write_text(text)
+        crop = choose_crop(results, "fern", folder)
+        assert crop is not None
+        assert list(crop.renderings) == (["pocketgs", "no-dense"] if text is None else ["pocketgs"])
+    (folder / "fern.pocketgs.1" / "run.json").unlink()
+    assert choose_crop(results, "fern", folder) is None
+
+
+@pytest.mark.parametrize("left", [0, 20, 100])
+def test_a_view_with_a_damaged_picture_is_left_out(made_result: MakeResult, leave_pictures: Leave, left: int) -> None:
+    results = [made_result(), made_result(method="no-dense")]
+    leave_pictures(results[0], {"images_a": pair(), "images_b": pair()})
+    folder = leave_pictures(results[1], {"images_a": pair(), "images_b": pair(spot=(150, 300))})
+    damaged = folder / "fern.no-dense.0" / "held_out" / "images_b.png"
+    damaged.write_bytes(damaged.read_bytes()[:left])
+    crop = choose_crop(results, "fern", folder)
+    assert crop is not None
+    assert (crop.view, list(crop.renderings)) == ("images_a", ["pocketgs", "no-dense"])
+    damaged.rename(damaged.with_name("images_a.png"))
+    (folder / "fern.pocketgs.0" / "held_out" / "images_b.png").unlink()
+    assert choose_crop(results, "fern", folder) is None

@@ -29,13 +29,50 @@ def test_results_come_sorted_by_capture_method_and_seed(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["", "{", "[]", "{}", '{"format": 0}', '{"format": 1, "cell": {"capture": "fern"}, "command": ""}'],
+    [
+        "",
+        "{",
+        "[]",
+        "{}",
+        '{"format": 0}',
+        '{"format": 1}',
+        '{"format": 1, "cell": {"capture": "fern"}, "command": ""}',
+        '{"format": 1, "cell": {"capture": "fern", "method": "pocketgs", "seed": "0"}, "command": ""}',
+        '{"format": 1, "cell": {"capture": "fern", "method": "pocketgs", "seed": 0, "more": 1}, "command": ""}',
+        '{"format": 1, "cell": {"capture": "fern", "method": "pocketgs", "seed": 0}}',
+    ],
 )
 def test_what_is_no_result_is_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "fern.pocketgs.0.json"
     path.write_text(text)
     with pytest.raises(PocketGSError, match=r"fern\.pocketgs\.0\.json"):
         read_results(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["command", "error", "wall_seconds", "scene_bytes", "run", "sources", "machine"])
+@pytest.mark.parametrize("value", [None, [], True])
+def test_a_result_with_something_else_in_a_field_is_refused(tmp_path: Path, name: str, value: object) -> None:
+    path = write_result(tmp_path, RESULT)
+    path.write_text(json.dumps(json.loads(path.read_text()) | {name: value}))
+    if (name, value) in (("error", None), ("wall_seconds", True)):  # a bool is a number, and does no harm
+        assert read_result(path).cell == RESULT.cell
+        return
+    with pytest.raises(PocketGSError, match=rf"fern\.pocketgs\.1\.json: its {name} is"):
+        read_results(tmp_path)
+
+
+def test_a_result_from_before_conditions_were_kept_is_read(tmp_path: Path) -> None:
+    path = write_result(tmp_path, RESULT)
+    document = json.loads(path.read_text())
+    del document["settings"], document["sources"]
+    path.write_text(json.dumps(document))
+    assert read_result(path) == RESULT
+
+
+def test_what_a_killed_process_left_half_written_is_no_result(tmp_path: Path) -> None:
+    write_result(tmp_path, RESULT)
+    (tmp_path / ".fern.pocketgs.1.0a1b2c3d.partial.json").write_text('{"format": 1, "ce')
+    assert read_results(tmp_path) == [RESULT]
 
 
 def test_a_result_that_cannot_be_written_leaves_the_earlier_one(tmp_path: Path) -> None:

@@ -11,11 +11,18 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pocketgs.bench.aggregate import PSNR, SSIM, difference, ratio, rows_of, stage_seconds
+from pocketgs.bench.aggregate import PSNR, SSIM, difference, ratio, rows_of, stage_seconds, stages_of
 from pocketgs.bench.methods import METHODS
 from pocketgs.bench.published import ABLATIONS, COMPARISON
 from pocketgs.bench.results import CellResult
-from pocketgs.bench.sections import Table, differences_table, failures_table, figures_table, machines_table
+from pocketgs.bench.sections import (
+    Table,
+    differences_table,
+    failures_table,
+    figures_table,
+    machines_table,
+    summary_table,
+)
 from pocketgs.bench.table import markdown_table
 
 MakeResult = Callable[..., CellResult]
@@ -70,12 +77,10 @@ def test_a_method_of_which_all_runs_failed_still_has_its_row(failed_result: Make
 
 def test_a_seed_that_only_other_methods_have_is_missed(many_results: list[CellResult]) -> None:
     assert column(figures_table(many_results, "fern"), "runs")["3dgs-sfm"] == "1 of 2"
+    assert "(1 of 2)" in column(summary_table(many_results), "3dgs-sfm")["fern"]
     failures = failures_table(many_results)
     assert failures is not None
-    assert dict(failures.rows) == {
-        "fox.no-seeding.1": "it ran out of paper",
-        "fern.3dgs-sfm": "not run with seed 1, as other methods were",
-    }
+    assert failures.rows == (("fox.no-seeding.1", "it ran out of paper"),)
     assert failures_table([it for it in many_results if it.cell.method == "pocketgs"]) is None
 
 
@@ -94,6 +99,34 @@ def test_short_stages_are_put_together_and_unknown_ones_kept(made_result: MakeRe
         "poses": 1.5,
         "colmap": 2.0,
     }
+
+
+def test_points_to_start_from_are_a_stage_of_their_own(made_result: MakeResult) -> None:
+    seconds = {"planning": 0.5, "capture": 1.0, "training": 9.0, "seeding": 0.25, "points": 7.0}
+    result = made_result(seconds=seconds)
+    assert stage_seconds(result) == {"start": 1.5, "training": 9.0, "fusion, seeds": 0.25, "points": 7.0}
+    assert stages_of([result]) == ["start", "fusion, seeds", "points", "training"]
+
+
+def test_warnings_of_runs_are_notes_with_their_methods(made_result: MakeResult) -> None:
+    few, odd = {"warnings": ["too few points"]}, {"warnings": ["poses stay as given", "too few points"]}
+    results = [made_result(prior=few), made_result(seed=1, prior=few), made_result(method="no-dense", prior=odd)]
+    results += [made_result(method="no-bundle", prior=None), made_result(method="no-seeding", prior={"warnings": []})]
+    notes = figures_table(results, "fern").notes
+    assert notes[:2] == ("pocketgs, no-dense: too few points.", "no-dense: poses stay as given.")
+    assert "too few points" in markdown_table(results)
+    assert not any("no-bundle" in note or "no-seeding" in note for note in notes)
+
+
+def test_memory_that_leaves_colmap_out_is_said_to(made_result: MakeResult) -> None:
+    def said(*methods: str) -> list[str]:
+        notes = figures_table([made_result(method=method) for method in methods], "fern").notes
+        return [note for note in notes if "COLMAP" in note]
+
+    assert said("pocketgs", "3dgs-mvs") == []
+    (note,) = said("pocketgs", "3dgs-sfm")
+    assert "3dgs-sfm" in note
+    assert "left out" in note
 
 
 def test_gpu_memory_is_that_of_the_gpu_engine_only(made_result: MakeResult) -> None:
@@ -188,6 +221,13 @@ def test_nothing_in_a_name_means_anything_to_markdown(made_result: MakeResult) -
     assert all(len({len(row) for row in table}) == 1 for table in parsed(text))
     outside_code = "\n".join(line for line in text.splitlines() if not line.startswith("    "))
     assert not re.search(r"<script|(?<!\\)\[link|^# big|(?<!\\)`code", outside_code, re.MULTILINE)
+
+
+@pytest.mark.parametrize("start", ["# a", "- a", "+ a", "> a", "---", "1. a", "12) a", "~~~", "===", "* a", "`a`"])
+def test_how_a_line_begins_means_nothing_to_markdown(made_result: MakeResult, start: str) -> None:
+    text = markdown_table([made_result(lpips_note=start)])
+    (line,) = [line for line in text.splitlines() if line.replace("\\", "") == start]
+    assert re.match(r"\d*\\", line)
 
 
 def test_no_results_give_a_document() -> None:

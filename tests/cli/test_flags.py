@@ -12,7 +12,7 @@ from pocketgs.cli.flags import flags_of
 OPTIONS = st.builds(
     CaptureOptions,
     images=st.none() | st.sampled_from(["images_4", "a folder"]),
-    downscale=st.floats(1.0, 16.0),
+    downscale=st.none() | st.floats(1.0, 16.0),
     max_size=st.none() | st.integers(1, 4000),
     background=st.none() | st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1)),
     undistort=st.booleans(),

@@ -19,10 +19,11 @@ BASELINE = "pocketgs"
 """The method that the others are held against."""
 
 STAGES = {
-    "start": ("startup", "capture", "compilation", "upload"),
+    "start": ("startup", "capture", "planning", "compilation", "upload"),
     "poses": ("keyframes", "poses"),
     "depth": ("depth",),
     "fusion, seeds": ("fusion", "seeding"),
+    "points": ("points",),
     "training": ("training",),
     "evaluation": ("evaluation",),
     "writing": ("writing",),

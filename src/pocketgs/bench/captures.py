@@ -30,6 +30,11 @@ class BenchCapture:
     origin: str = ""
 
     @property
+    def folder_name(self) -> str:
+        """Its folder's own name, with which a command reads it from the folder around it."""
+        return os.path.basename(os.path.abspath(self.path))
+
+    @property
     def is_there(self) -> bool:
         """Whether its folder exists, or will be made."""
         return self.name == DEMO or self.path.is_dir()
@@ -95,18 +100,27 @@ def captures_named(
         own_flags: of `pocketgs train` that say how to read a user's own captures.
 
     Raises:
-        PocketGSError: one is neither known nor a folder, or is not there, or two of them have one name.
+        PocketGSError: one is neither known nor a folder, or is not there, or has the name of another; or flags are
+            given and all captures are known ones.
     """
-    if not names:
-        return [capture for capture in known.values() if capture.is_there]
-    captures = []
-    for name in names:
-        capture = known.get(name) or BenchCapture(Path(name).resolve().name, Path(name), own_flags)
-        if not capture.is_there:
-            where = f"get it from {capture.origin}" if capture.origin else f"or one of {', '.join(known)}"
-            raise PocketGSError(f"capture {name!r}: no folder {capture.path}, expected one; {where}")
-        captures.append(capture)
-    twice = {capture.name for capture in captures if [other.name for other in captures].count(capture.name) > 1}
+    chosen = [_named(name, known, own_flags) for name in names] or [it for it in known.values() if it.is_there]
+    twice = {capture.name for capture in chosen if [other.name for other in chosen].count(capture.name) > 1}
     if twice:
         raise PocketGSError(f"capture {sorted(twice)[0]!r}: named twice, expected names that tell results apart")
-    return captures
+    if own_flags and all(capture in known.values() for capture in chosen):
+        expected = "expected a folder of your own: known captures are read as published results read them"
+        raise PocketGSError(f"{' '.join(own_flags)}: not for {', '.join(it.name for it in chosen)}, {expected}")
+    return chosen
+
+
+def _named(name: str, known: dict[str, BenchCapture], own_flags: tuple[str, ...]) -> BenchCapture:
+    """The known capture of this name, or the user's own in this folder."""
+    own = BenchCapture(Path(name).resolve().name, Path(name), own_flags)
+    capture = known.get(name, own)
+    if not capture.is_there:
+        where = f"get it from {capture.origin}" if capture.origin else f"or one of {', '.join(known)}"
+        raise PocketGSError(f"capture {name!r}: no folder {capture.path}, expected one; {where}")
+    if capture is own and own.name in known:
+        expected = f"expected another name, or {own.name} for the one in {known[own.name].path}"
+        raise PocketGSError(f"capture {name!r}: has the name of a known capture, {expected}")
+    return capture

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import json
 import shlex
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from pocketgs import result_folder
 from pocketgs.bench.captures import BenchCapture
-from pocketgs.bench.machine import describe_machine
+from pocketgs.bench.conditions import present_conditions
 from pocketgs.bench.methods import Method
 from pocketgs.bench.results import Cell, CellResult
 from pocketgs.errors import PocketGSError
 from pocketgs.formats import read_scene, spz
 from pocketgs.formats.spz_precision import SMALL
+
+GRACE = 15.0
+"""Seconds that an interrupted command has to end what it has started, COLMAP for one."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +53,7 @@ class Job:
     @property
     def command(self) -> str:
         """The command as one types it in the folder that holds the capture's."""
-        return shlex.join(["pocketgs", "train", self.capture.name, *self.flags])
+        return shlex.join(["pocketgs", "train", self.capture.folder_name, *self.flags])
 
 
 def run_cell(job: Job, work: Path) -> CellResult:
@@ -70,13 +75,14 @@ def run_cell(job: Job, work: Path) -> CellResult:
     folder, log = work / job.cell.name, work / f"{job.cell.name}.log"
     work.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "pocketgs", "train", str(job.capture.path), *job.flags, "--output", str(folder)]
+    begun = CellResult(job.cell, job.command, **asdict(present_conditions(job.common_flags)))
     status = _run(command, log)
     if status != 0:
-        return CellResult(job.cell, job.command, error=_last_line(log, status), machine=describe_machine())
+        return replace(begun, error=_last_words(log, status))
     try:
-        return _collect(job, folder)
+        return _collected(begun, folder)
     except (PocketGSError, OSError, ValueError) as error:
-        return CellResult(job.cell, job.command, error=str(error), machine=describe_machine())
+        return replace(begun, error=str(error))
 
 
 def _run(command: Sequence[str], log: Path) -> int:
@@ -84,16 +90,35 @@ def _run(command: Sequence[str], log: Path) -> int:
         try:
             return process.wait()
         except BaseException:
-            process.kill()
+            _end(process)
             raise
 
 
-def _last_line(log: Path, status: int) -> str:
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Ask a process to stop as Ctrl-C does, so that it ends its own processes too, and kill it if it does not."""
+    try:
+        if sys.platform == "win32":
+            process.terminate()
+        else:
+            process.send_signal(signal.SIGINT)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(GRACE)
+    finally:
+        process.kill()
+        process.wait()
+
+
+def _last_words(log: Path, status: int) -> str:
+    """The last line of a log, and the status where that says more: of a killed process, or one that said nothing."""
     lines = [line.strip() for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
-    return lines[-1] if lines else f"ended with status {status} and no word"
+    ended = f"ended with status {status}".replace("-", "−")
+    if not lines:
+        return f"{ended} and no word"
+    return f"{ended}: {lines[-1]}" if status < 0 else lines[-1]
 
 
-def _collect(job: Job, folder: Path) -> CellResult:
+def _collected(begun: CellResult, folder: Path) -> CellResult:
+    """The result with what the command left in its folder."""
     run: dict[str, Any] = json.loads((folder / result_folder.RECORD).read_text(encoding="utf-8"))
     if run["interrupted"]:
         raise PocketGSError("the run was interrupted")
@@ -104,11 +129,9 @@ def _collect(job: Job, folder: Path) -> CellResult:
     scene = folder / result_folder.SCENE
     compressed = scene.with_suffix(".spz")
     spz.write_gaussians(compressed, read_scene(scene), precision=SMALL)  # as `pocketgs convert` does
-    return CellResult(
-        job.cell,
-        job.command,
+    return replace(
+        begun,
         wall_seconds=round(run["seconds"]["total"] - run["seconds"]["evaluation"], 3),
         scene_bytes={"ply": scene.stat().st_size, "spz": compressed.stat().st_size},
         run=run,
-        machine=describe_machine(),
     )

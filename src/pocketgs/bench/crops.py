@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +13,7 @@ from PIL import Image
 
 from pocketgs.bench.aggregate import number, rows_of
 from pocketgs.bench.results import CellResult
-from pocketgs.errors import PocketGSError
-from pocketgs.result_folder import PICTURES, picture_names
+from pocketgs.result_folder import PICTURES, RECORD, picture_names
 
 CROP = (200, 150)
 """Width and height in pixels, at most: a smaller picture is taken whole."""
@@ -42,7 +42,8 @@ class Crop:
 def choose_crop(results: Sequence[CellResult], capture: str, pictures: Path) -> Crop | None:
     """The piece of all held-out views where the methods differ most; with one method, that with most detail.
 
-    Methods that have other views than the first, or views of another size, are left out.
+    Methods that have other views than the first, or views of another size, are left out, and so are views of which a
+    picture cannot be read.
 
     Args:
         results: in any order.
@@ -50,10 +51,7 @@ def choose_crop(results: Sequence[CellResult], capture: str, pictures: Path) -> 
         pictures: folder with a result folder for each cell, by the cell's name.
 
     Returns:
-        The crop, or None if there are no pictures of the capture.
-
-    Raises:
-        PocketGSError: a picture cannot be read.
+        The crop, or None if there are no pictures of the capture's runs.
     """
     runs = _runs_with_pictures(results, capture, pictures)
     if not runs:
@@ -61,7 +59,10 @@ def choose_crop(results: Sequence[CellResult], capture: str, pictures: Path) -> 
     shared = set.intersection(*(set(views) for _, views in runs.values()))
     best, best_score = None, -1.0
     for view in sorted(shared):
-        photo, renderings = _open_view({method: views[view] for method, (_, views) in runs.items()})
+        try:
+            photo, renderings = _open_view({method: views[view] for method, (_, views) in runs.items()})
+        except (OSError, SyntaxError):  # which Pillow raises for damaged pictures
+            continue
         left, top, score = _most_telling(photo, renderings)
         if score > best_score:
             best_score = score
@@ -78,12 +79,13 @@ def choose_crop(results: Sequence[CellResult], capture: str, pictures: Path) -> 
 def _runs_with_pictures(
     results: Sequence[CellResult], capture: str, pictures: Path
 ) -> dict[str, tuple[CellResult, dict[str, Path]]]:
-    """Each method's first run that left pictures, with their files by view; methods with other views are left out."""
+    """Each method's first run that has its pictures, with the files by view; methods with other views are left out."""
     runs: dict[str, tuple[CellResult, dict[str, Path]]] = {}
     expected: set[str] | None = None
     for row in rows_of(results, capture):
         for result in row.results:
-            files = sorted((pictures / result.cell.name / PICTURES).glob("*.png"))
+            folder = pictures / result.cell.name
+            files = sorted((folder / PICTURES).glob("*.png")) if _is_of(folder, result) else []
             views = {file.stem: file for file in files}
             expected = expected or set(views)
             if views and row.method not in runs and set(views) == expected:
@@ -91,16 +93,22 @@ def _runs_with_pictures(
     return runs
 
 
+def _is_of(folder: Path, result: CellResult) -> bool:
+    """Whether a folder holds what the result's run has left, and not that of another run of its cell."""
+    try:
+        left = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(left, dict) and left.get("psnr") == result.run.get("psnr")
+
+
 def _open_view(files: Mapping[str, Path]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """The photograph of a view and its renderings by method; those of another size than the first are left out."""
     photo: np.ndarray | None = None
     renderings = {}
     for method, file in files.items():
-        try:
-            with Image.open(file) as picture:
-                pair = np.asarray(picture.convert("RGB"))
-        except (OSError, SyntaxError) as error:
-            raise PocketGSError(f"{file}: cannot be read as a picture ({error})") from error
+        with Image.open(file) as picture:
+            pair = np.asarray(picture.convert("RGB"))
         width = pair.shape[1] // 2
         photo = pair[:, :width] if photo is None else photo
         if pair[:, width:].shape == photo.shape:

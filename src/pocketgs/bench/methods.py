@@ -57,9 +57,11 @@ def methods_named(names: tuple[str, ...]) -> list[Method]:
     """The methods of these names; all of them if none is named.
 
     Raises:
-        PocketGSError: one is not known.
+        PocketGSError: one is not known, or named twice.
     """
     for name in names:
         if name not in METHODS:
             raise PocketGSError(f"method {name!r}: not known, expected one of {', '.join(METHODS)}")
+        if names.count(name) > 1:
+            raise PocketGSError(f"method {name!r}: named twice, expected each once")
     return [METHODS[name] for name in names or METHODS]

@@ -130,18 +130,19 @@ def memory_svg(results: Sequence[CellResult], capture: str) -> str | None:
 
 
 def write_overview(results: Sequence[CellResult], path: Path) -> None:
-    """Write a picture of quality against time, one chart a capture.
+    """Write a picture of quality against time, one chart a capture; without anything to show, remove an earlier one.
 
     Args:
         results: in any order; those that failed are left out.
         path: of the picture, a `.png`.
 
     Raises:
-        PocketGSError: there is nothing to show, matplotlib is missing, or the file cannot be written.
+        PocketGSError: matplotlib is missing, or the file cannot be written.
     """
     found = {name: by_method for name in captures_of(results) if (by_method := curves(results, name))}
     if not found:
-        raise PocketGSError(f"{path}: no curve to draw, expected runs with looks at held-out views on their way")
+        path.unlink(missing_ok=True)
+        return
     with _style():
         from matplotlib.figure import Figure
 
@@ -204,8 +205,8 @@ def _draw_memory(axes: Axes, by_method: dict[str, Trace]) -> dict[str, Artist]:
     """Draw a line a method with a mark at its peak; gives what stands for each method in a legend."""
     handles: dict[str, Artist] = {}
     for method, trace in by_method.items():
-        peak = max(trace, key=lambda sample: sample.megabytes)
-        seconds, megabytes = [it.seconds for it in trace], [it.megabytes for it in trace]
+        peak = max(trace, key=lambda sample: sample.rss_mb)
+        seconds, megabytes = [it.seconds for it in trace], [it.rss_mb for it in trace]
         mark = [seconds.index(peak.seconds)]
         (line,) = axes.plot(seconds, megabytes, linewidth=1.2, markersize=6, markevery=mark, **_line_style(method))
         handles[_peak(method, trace)] = line
@@ -218,8 +219,8 @@ def _draw_memory(axes: Axes, by_method: dict[str, Trace]) -> dict[str, Artist]:
 
 
 def _peak(method: str, trace: Trace) -> str:
-    peak = max(trace, key=lambda sample: sample.megabytes)
-    return f"{method} {peak.megabytes:.0f} MB, {peak.stage}"
+    peak = max(trace, key=lambda sample: sample.rss_mb)
+    return f"{method} {peak.rss_mb:.0f} MB, {peak.stage}"
 
 
 def _svg(draw: Callable[[Axes], Mapping[str, Any]], height: float, label: str) -> str:

@@ -92,11 +92,11 @@ def write_report(results: Sequence[CellResult], pictures: Path | None, path: Pat
     Args:
         results: in any order; some may have failed.
         pictures: folder with a result folder for each cell, by the cell's name, or None. Where there are pictures of
-            held-out views in it, the report shows a piece of them.
+            held-out views of these results in it, the report shows a piece of them.
         path: of the HTML file.
 
     Raises:
-        PocketGSError: a package is missing, a picture cannot be read, or the file cannot be written.
+        PocketGSError: a package is missing, or the file cannot be written.
     """
     check_report_possible()
     from jinja2 import Environment, StrictUndefined

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from pocketgs.atomic_file import replacing
+from pocketgs.bench.conditions import Conditions
 from pocketgs.errors import PocketGSError
 
 FORMAT = 1
@@ -34,12 +35,12 @@ class CellResult:
 
     Attributes:
         cell: which.
-        command: that was run, as one types it; captures' folders are relative to that of all data.
+        command: that was run, as one types it in the folder that holds the capture's.
         error: why it failed, in one line, or None. The fields below are empty then.
         wall_seconds: from the command's start to the written scene, looks at held-out views left out.
         scene_bytes: size of the scene by file format: "ply", "spz".
         run: the content of `run.json`; see `pocketgs.summary`.
-        machine: what it ran on; see `pocketgs.bench.machine`.
+        settings, sources, machine: under which conditions; see `pocketgs.bench.conditions`.
     """
 
     cell: Cell
@@ -48,7 +49,31 @@ class CellResult:
     wall_seconds: float = 0.0
     scene_bytes: dict[str, int] = field(default_factory=dict)
     run: dict[str, Any] = field(default_factory=dict)
+    settings: str = ""
+    sources: str = ""
     machine: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def conditions(self) -> Conditions:
+        """What it must have in common with others to stand in one table with them."""
+        return Conditions(self.settings, self.sources, self.machine)
+
+    def repeats(self, other: CellResult) -> bool:
+        """Whether it is of the same cell as another, by the same command, under the same conditions."""
+        return (self.cell, self.command, self.conditions) == (other.cell, other.command, other.conditions)
+
+
+_KINDS: dict[str, type | tuple[type, ...]] = {
+    "command": str,
+    "error": (str, type(None)),
+    "wall_seconds": (int, float),
+    "scene_bytes": dict,
+    "run": dict,
+    "settings": str,
+    "sources": str,
+    "machine": dict,
+}
+"""What a file must hold for each field of a result but its cell."""
 
 
 def write_result(folder: Path, result: CellResult) -> Path:
@@ -79,18 +104,26 @@ def read_result(path: Path) -> CellResult:
         raise PocketGSError(f"{path}: cannot be read as a result ({error})") from error
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise PocketGSError(f"{path}: expected a result of a benchmark, format {FORMAT}")
-    try:
-        cell = Cell(**document.pop("cell"))
-        names = {entry.name for entry in fields(CellResult)} & document.keys()
-        return CellResult(cell, **{name: document[name] for name in names})
-    except TypeError as error:
-        raise PocketGSError(f"{path}: not a result of a benchmark ({error})") from error
+    cell = document.get("cell")
+    kinds = {"capture": str, "method": str, "seed": int}
+    if not isinstance(cell, dict) or {name: type(value) for name, value in cell.items()} != kinds:
+        raise PocketGSError(f"{path}: its cell is {cell!r}, expected a capture, a method and a whole number for seed")
+    found = {name: document[name] for name in _KINDS if name in document}
+    for name, value in found.items():
+        if not isinstance(value, _KINDS[name]):
+            raise PocketGSError(f"{path}: its {name} is {value!r}, expected what results of a benchmark have there")
+    if "command" not in found:
+        raise PocketGSError(f"{path}: no command, expected a result of a benchmark")
+    return CellResult(Cell(**cell), **found)
 
 
 def read_results(folder: Path) -> list[CellResult]:
     """All results in a folder, sorted by capture, method and seed; an empty list if there is no such folder.
 
+    Hidden files are what killed processes left half written.
+
     Raises:
         PocketGSError: one of the files is no result.
     """
-    return sorted((read_result(path) for path in folder.glob("*.json")), key=lambda result: result.cell)
+    paths = (path for path in folder.glob("*.json") if not path.name.startswith("."))
+    return sorted(map(read_result, paths), key=lambda result: result.cell)

@@ -91,10 +91,15 @@ def figures_table(results: Sequence[CellResult], capture: str) -> Table:
             columns.append(_column(figure, rows, sources))
         if figure is PSNR and len(rows) > 1:
             columns.append((f"Δ {BASELINE}", *_to_baseline(rows), *(NONE for _ in sources)))
-    notes = _lpips_notes(rows)
+    notes = _warnings(rows) + _lpips_notes(rows)
     if any(row.seeds > 1 for row in rows):
         notes.append("Means over seeds ± half the range.")
     notes.append("Time runs from the command's start to the written scene, looks at held-out views left out.")
+    notes += [
+        f"Peak memory is of the command's own process: that of COLMAP, where {row.method} runs it, is left out."
+        for row in rows
+        if row.method in METHODS and "colmap" in METHODS[row.method].flags
+    ]
     source = published.comparability(capture)
     notes += [source] if source else []
     head, *lines = zip(*columns, strict=True)
@@ -120,6 +125,16 @@ def _to_baseline(rows: Sequence[Row]) -> list[str]:
         NONE if row is baseline else _text(change, "+.2f", len(row.results))
         for row, change in zip(rows, changes, strict=True)
     ]
+
+
+def _warnings(rows: Sequence[Row]) -> list[str]:
+    """What runs said of how they had to be made otherwise than asked, each with the methods that said it."""
+    methods: dict[str, list[str]] = {}
+    for row in rows:
+        said = (warning for it in row.results for warning in (it.run.get("prior") or {}).get("warnings") or ())
+        for warning in dict.fromkeys(map(str, said)):
+            methods.setdefault(warning, []).append(row.method)
+    return [f"{', '.join(named)}: {warning}." for warning, named in methods.items()]
 
 
 def _lpips_notes(rows: Sequence[Row]) -> list[str]:
@@ -176,13 +191,13 @@ def _difference_cells(first: Row, second: Row, dataset: str) -> tuple[str, ...]:
 
 def protocol_lines(results: Sequence[CellResult], capture: str) -> list[str]:
     """How images were prepared and split, and how long was trained: one line where all runs agree."""
-    methods: dict[str, list[str]] = {}
+    cells_by_protocol: dict[str, list[str]] = {}
     for row in rows_of(results, capture):
         for result in row.results:
-            methods.setdefault(_protocol(result), []).append(result.cell.name)
-    if len(methods) == 1:
-        return list(methods)
-    return [f"{', '.join(names)}: {protocol}" for protocol, names in methods.items()]
+            cells_by_protocol.setdefault(_protocol(result), []).append(result.cell.name)
+    if len(cells_by_protocol) == 1:
+        return list(cells_by_protocol)
+    return [f"{', '.join(names)}: {protocol}" for protocol, names in cells_by_protocol.items()]
 
 
 def _protocol(result: CellResult) -> str:
@@ -208,17 +223,9 @@ def methods_table(results: Sequence[CellResult]) -> Table:
 
 
 def failures_table(results: Sequence[CellResult]) -> Table | None:
-    """Runs that failed, and runs that are missing where other methods have them; None if all are there."""
-    ordered = in_order(results)
-    rows = [(it.cell.name, " ".join(it.error.split()) or "failed") for it in ordered if it.error is not None]
-    for capture in captures_of(results):
-        seeds = {it.cell.seed for it in ordered if it.cell.capture == capture}
-        for method in methods_of(it for it in ordered if it.cell.capture == capture):
-            missing = seeds - {it.cell.seed for it in ordered if (it.cell.capture, it.cell.method) == (capture, method)}
-            if missing:
-                named = ", ".join(map(str, sorted(missing)))
-                rows.append((f"{capture}.{method}", f"not run with seed {named}, as other methods were"))
-    return Table("Missing from the means", ("run", "why"), tuple(rows)) if rows else None
+    """Runs that failed, and why; None if none did. Rows say themselves of how many seeds they are the means."""
+    rows = [(it.cell.name, " ".join(it.error.split()) or "failed") for it in in_order(results) if it.error is not None]
+    return Table("Failed runs", ("run", "why"), tuple(rows)) if rows else None
 
 
 def machines_table(results: Sequence[CellResult]) -> Table:

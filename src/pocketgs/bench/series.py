@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from pocketgs.bench.aggregate import number, rows_of
 from pocketgs.bench.results import CellResult
+from pocketgs.memory_trace import MemorySample
 
 
 @dataclass(frozen=True)
@@ -22,21 +23,6 @@ class Look:
     iteration: int
     seconds: float
     psnr: float
-
-
-@dataclass(frozen=True)
-class MemorySample:
-    """Memory at one moment of a run.
-
-    Attributes:
-        seconds: since the command began.
-        megabytes: resident, of 10^6 bytes.
-        stage: what was going on.
-    """
-
-    seconds: float
-    megabytes: float
-    stage: str
 
 
 Curve = list[Look]
@@ -86,5 +72,5 @@ def _trace(result: CellResult) -> Trace:
     for sample in result.run.get("memory") or []:
         seconds, megabytes = number(sample.get("seconds")), number(sample.get("rss_mb"))
         if seconds is not None and megabytes is not None:
-            samples.append(MemorySample(seconds, megabytes, str(sample.get("stage", "?"))))
+            samples.append(MemorySample(seconds, str(sample.get("stage", "?")), megabytes))
     return samples

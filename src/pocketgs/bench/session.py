@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import mean
 
 from pocketgs.bench.captures import BenchCapture
 from pocketgs.bench.cell import Job, run_cell
-from pocketgs.bench.methods import Method
+from pocketgs.bench.conditions import Conditions
+from pocketgs.bench.methods import METHODS, Method
 from pocketgs.bench.results import Cell, CellResult, read_results, write_result
-from pocketgs.capture.synthetic import true_capture
-from pocketgs.summary import versions
+from pocketgs.capture.synthetic import demo_capture
+from pocketgs.errors import PocketGSError
 from pocketgs.training import train
 from pocketgs.training_options import TrainingOptions
 
@@ -37,21 +38,48 @@ class Step:
 
 
 def plan_jobs(
-    methods: Sequence[Method], captures: Sequence[BenchCapture], seeds: Iterable[int], common_flags: tuple[str, ...]
+    methods: Sequence[Method], captures: Sequence[BenchCapture], seeds: Sequence[int], common_flags: tuple[str, ...]
 ) -> list[Job]:
-    """All cells of a table, the first seed of everything before the second: what is there early covers the table."""
+    """All cells of a table, the first seed of everything before the second: what is there early covers the table.
+
+    Raises:
+        PocketGSError: a seed is named twice.
+    """
+    for seed in seeds:
+        if seeds.count(seed) > 1:
+            raise PocketGSError(f"seed {seed}: named twice, expected each once")
     return [Job(method, capture, seed, common_flags) for seed in seeds for capture in captures for method in methods]
 
 
-def remaining(jobs: Sequence[Job], results: Sequence[CellResult]) -> list[Job]:
-    """The jobs without a result of the same command and the same version of this package; failures are tried again."""
-    version = versions()["pocketgs"]
+def remaining(jobs: Sequence[Job], results: Sequence[CellResult], conditions: Conditions) -> list[Job]:
+    """The jobs without a result of the same command under these conditions; those that failed are tried again."""
     done = {
-        (result.cell, result.command)
-        for result in results
-        if result.error is None and result.run.get("versions", {}).get("pocketgs") == version
+        (result.cell, result.command) for result in results if result.error is None and result.conditions == conditions
     }
     return [job for job in jobs if (job.cell, job.command) not in done]
+
+
+def comparable(results: Sequence[CellResult], jobs: Sequence[Job], conditions: Conditions) -> list[CellResult]:
+    """The results that can stand in one table with those of the jobs.
+
+    Args:
+        results: of cells of any table.
+        jobs: that the table is made for.
+        conditions: of the jobs.
+
+    Returns:
+        Those under the same conditions; of the jobs' captures only those that read them in the same way.
+    """
+    asked = {job.capture.name: job for job in jobs}
+
+    def fits(result: CellResult) -> bool:
+        cell = result.cell
+        if result.conditions != conditions or cell.method not in METHODS:
+            return False
+        job = asked.get(cell.capture)
+        return job is None or result.command == replace(job, method=METHODS[cell.method], seed=cell.seed).command
+
+    return list(filter(fits, results))
 
 
 def run_jobs(
@@ -60,8 +88,10 @@ def run_jobs(
     work: Path,
     on_step: Callable[[Step], None],
     on_result: Callable[[CellResult], None],
-) -> None:
+) -> list[CellResult]:
     """Run jobs one after the other and keep each result as it comes.
+
+    A cell that fails leaves an earlier success of the same command under the same conditions in its place.
 
     Args:
         jobs: what to run.
@@ -70,16 +100,26 @@ def run_jobs(
         on_step: called before each.
         on_result: called after each, whether it failed or not.
 
+    Returns:
+        What came of each.
+
     Raises:
-        PocketGSError: a result cannot be written.
+        PocketGSError: a result cannot be read or written.
         KeyboardInterrupt: Ctrl-C; the results so far are kept.
     """
+    found = []
+    kept = {result.cell: result for result in read_results(folder)}
     for number, job in enumerate(jobs, start=1):
-        left = seconds_left(jobs[number - 1 :], read_results(folder))
+        left = seconds_left(jobs[number - 1 :], list(kept.values()))
         on_step(Step(job.cell, number, len(jobs), left))
         result = run_cell(job, work)
-        write_result(folder, result)
+        found.append(result)
+        earlier = kept.get(job.cell)
+        if result.error is None or earlier is None or earlier.error is not None or not result.repeats(earlier):
+            write_result(folder, result)
+            kept[job.cell] = result
         on_result(result)
+    return found
 
 
 def seconds_left(jobs: Sequence[Job], results: Sequence[CellResult]) -> float | None:
@@ -101,6 +141,9 @@ def seconds_left(jobs: Sequence[Job], results: Sequence[CellResult]) -> float | 
 
 
 def compile_kernels() -> None:
-    """Compile what the CPU's kernels need, by training on a tiny capture: no cell's time should include it."""
-    capture = true_capture(width=96, height=72, frames=8, points=2000)
+    """Compile the CPU's kernels by training on a small capture: no cell's time should include it.
+
+    Its poses are a phone's, so that the kernels which refine poses are compiled too.
+    """
+    capture = demo_capture(width=160, height=120, frames=20)
     train(capture, TrainingOptions(iterations=1, engine="cpu", max_gaussians=500, evaluate_every=0))

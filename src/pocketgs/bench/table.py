@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from pocketgs.bench.aggregate import captures_of
@@ -19,6 +20,9 @@ from pocketgs.bench.sections import (
     stages_table,
     summary_table,
 )
+
+_STARTS = re.compile(r"^(\d*)([-+#>~=.)])")
+"""What at the start of a line makes it a heading, a quotation, a rule, a fence or an item of a list."""
 
 _SPECIAL = str.maketrans(
     {"\\": "\\\\", "|": "\\|", "<": "&lt;", "*": "\\*", "_": "\\_", "`": "\\`", "[": "\\[", "&": "&amp;"}
@@ -40,7 +44,7 @@ def markdown_table(results: Sequence[CellResult]) -> str:
     parts += _table(summary_table(results), "##")
     for capture in captures_of(results):
         parts.append(f"## {_plain(capture)}")
-        parts += [_plain(line) for line in protocol_lines(results, capture)]
+        parts += [_paragraph(line) for line in protocol_lines(results, capture)]
         tables = (figures_table, differences_table, stages_table)
         for table in filter(None, (make(results, capture) for make in tables)):
             parts += _table(table, "###")
@@ -58,14 +62,19 @@ def _table(table: Table, heading: str) -> list[str]:
         cells = [_plain(cell) for cell in row]
         lines.append(cells if index < measured else [f"*{cell}*" for cell in cells])
     text = "\n".join("| " + " | ".join(line) + " |" for line in lines)
-    return [f"{heading} {_plain(table.title)}", text, *(_plain(note) for note in table.notes)]
+    return [f"{heading} {_plain(table.title)}", text, *(_paragraph(note) for note in table.notes)]
 
 
 def _command(command: Command) -> str:
     """A command in a block of code, indented because no text can end such a block."""
     seeds = ", ".join(map(str, command.other_seeds))
     more = f"; likewise with seed {seeds}" if seeds else ""
-    return f"{_plain(command.cell.name)}{more}:\n\n    {command.command}"
+    return f"{_paragraph(command.cell.name)}{more}:\n\n    {command.command}"
+
+
+def _paragraph(text: str) -> str:
+    """Text as a paragraph of its own in which nothing means anything, not even how it begins."""
+    return _STARTS.sub(r"\1\\\2", _plain(text))
 
 
 def _plain(text: str) -> str:

@@ -10,15 +10,18 @@ from typing import Annotated
 import tyro
 from rich import box
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from pocketgs.atomic_file import replacing
 from pocketgs.bench.captures import DEMO, BenchCapture, captures_named, data_folder, known_captures
 from pocketgs.bench.cell import Job
+from pocketgs.bench.conditions import Conditions, present_conditions
 from pocketgs.bench.methods import METHODS, methods_named
+from pocketgs.bench.plots import write_overview
 from pocketgs.bench.report import check_report_possible, write_report
 from pocketgs.bench.results import CellResult, read_results
-from pocketgs.bench.session import Step, compile_kernels, plan_jobs, remaining, run_jobs
+from pocketgs.bench.session import Step, comparable, compile_kernels, plan_jobs, remaining, run_jobs
 from pocketgs.bench.table import markdown_table
 from pocketgs.capture.synthetic import write_demo
 from pocketgs.cli.capture_options import CaptureOptions
@@ -77,10 +80,11 @@ def bench(
         again: Run cells that have a result, too.
         data: Folder of the known captures; by default the one that POCKETGS_DATA names, or data.
         demo: Where the built-in demo's capture is kept.
-        output: Folder for the results, the table (results.md) and the report (report.html).
+        output: Folder for the results, the table (results.md), its chart (overview.png) and the report (report.html).
         work: Folder for what the runs write.
         everywhere: The same for all cells.
-        reading: How to read captures of your own; known ones are read as published results read them.
+        reading: How to read captures of your own; refused where only known ones are asked for, which are read as
+            published results read them.
     """
     console = Console()
     known = known_captures(data_folder(data), demo)
@@ -89,38 +93,43 @@ def bench(
         return
     check_report_possible()
     chosen = captures_named(captures, known, flags_of(reading))
-    if not chosen:
-        raise PocketGSError("bench: no capture is there; pocketgs bench --list says where to get them")
     jobs = plan_jobs(methods_named(methods), chosen, seeds, everywhere.flags)
-    left = jobs if again else remaining(jobs, read_results(output))
-    console.print(f"{len(jobs)} cells, {len(jobs) - len(left)} of them done before", highlight=False)
+    conditions = present_conditions(everywhere.flags)
+    left = jobs if again else remaining(jobs, read_results(output), conditions)
+    _say(console, f"{len(jobs)} cells, {len(jobs) - len(left)} of them done before")
+    found: list[CellResult] = []
     try:
         if left:
-            _prepare(console, chosen, demo)
-            _run(console, left, output, work)
-    finally:
-        _write_report(console, output, work)
-    _check_failures(jobs, read_results(output))
+            _prepare(console, left, demo)
+            found = _run(console, left, output, work)
+    except BaseException:
+        try:
+            _write_report(console, jobs, conditions, output, work)
+        except Exception as error:  # whatever it is, what ended the runs is to be told
+            _say(console, f"no report: {error}")
+        raise
+    _write_report(console, jobs, conditions, output, work)
+    _check_failures(found)
 
 
-def _prepare(console: Console, captures: Sequence[BenchCapture], demo: Path) -> None:
+def _prepare(console: Console, jobs: Sequence[Job], demo: Path) -> None:
     with console.status("compiling kernels, and filming the demo if it is not there: no cell's time includes that"):
         compile_kernels()
-        if any(capture.name == DEMO for capture in captures):
+        if any(job.capture.name == DEMO for job in jobs):
             write_demo(demo)
 
 
-def _run(console: Console, jobs: Sequence[Job], output: Path, work: Path) -> None:
+def _run(console: Console, jobs: Sequence[Job], output: Path, work: Path) -> list[CellResult]:
     with console.status("") as status:
 
         def show_step(step: Step) -> None:
             left = "" if step.seconds_left is None else f", about {step.seconds_left / 60:.0f} min left"
-            status.update(f"{step.cell.name}: {step.number} of {step.count}{left}")
+            status.update(f"{escape(step.cell.name)}: {step.number} of {step.count}{left}")
 
         def show_result(result: CellResult) -> None:
-            console.print(_line(result), markup=False, highlight=False, soft_wrap=True)
+            _say(console, _line(result))
 
-        run_jobs(jobs, output, work, show_step, show_result)
+        return run_jobs(jobs, output, work, show_step, show_result)
 
 
 def _line(result: CellResult) -> str:
@@ -131,22 +140,29 @@ def _line(result: CellResult) -> str:
     return f"{result.cell.name}: {quality}, {result.wall_seconds:.1f} s, {run['peak_rss_mb']:.0f} MB"
 
 
-def _write_report(console: Console, output: Path, work: Path) -> None:
-    results = read_results(output)
+def _write_report(console: Console, jobs: Sequence[Job], conditions: Conditions, output: Path, work: Path) -> None:
+    kept = read_results(output)
+    results = comparable(kept, jobs, conditions)
+    if len(results) < len(kept):
+        _say(console, f"{len(kept) - len(results)} results of other versions, machines or settings are left out")
     if not results:
         return
-    table, report = output / "results.md", output / "report.html"
+    table, overview, report = output / "results.md", output / "overview.png", output / "report.html"
     with replacing(table) as partial:
         partial.write_text(markdown_table(results), encoding="utf-8")
+    write_overview(results, overview)
     write_report(results, work, report)
-    console.print(f"{len(results)} results: {table}, {report}", markup=False, highlight=False, soft_wrap=True)
+    _say(console, f"{len(results)} results: {table}, {overview}, {report}")
 
 
-def _check_failures(jobs: Sequence[Job], results: Sequence[CellResult]) -> None:
-    asked = {job.cell for job in jobs}
-    failed = [result.cell.name for result in results if result.cell in asked and result.error is not None]
+def _say(console: Console, line: str) -> None:
+    console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def _check_failures(results: Sequence[CellResult]) -> None:
+    failed = [result.cell.name for result in results if result.error is not None]
     if failed:
-        raise PocketGSError(f"bench: {len(failed)} of {len(jobs)} cells failed: {', '.join(failed)}; see their logs")
+        raise PocketGSError(f"bench: {len(failed)} of {len(results)} cells failed: {', '.join(failed)}; see their logs")
 
 
 def _print_list(console: Console, known: dict[str, BenchCapture]) -> None:
@@ -156,5 +172,5 @@ def _print_list(console: Console, known: dict[str, BenchCapture]) -> None:
     captures = Table("capture", "what it is", "where", box=box.SIMPLE)
     for capture in known.values():
         where = str(capture.path) if capture.is_there else f"missing: expected in {capture.path}; {capture.origin}"
-        captures.add_row(capture.name, capture.what, where)
+        captures.add_row(capture.name, capture.what, escape(where))
     console.print(methods, captures)
