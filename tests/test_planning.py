@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +31,7 @@ MACHINE = Machine(threads=2, readers=2, resident=160_000_000, compiles=False, me
 
 
 class Photographs(ListedCapture):
-    """Photographs of one size that no file holds."""
+    """Photographs that no file holds."""
 
     @property
     def _headers(self) -> dict[str, ImageHeader]:  # type: ignore[override]
@@ -125,7 +127,10 @@ def test_what_fits_is_left_as_it_is() -> None:
 def test_fewer_gaussians_come_before_smaller_photographs() -> None:
     def sizes(memory: int) -> tuple[int, int]:
         plan = make_plan(photographs(), TrainingOptions(prior="none", max_memory=memory), MACHINE)
-        assert shrinking_warning(plan, TrainingOptions(max_memory=memory)) is not None or plan.gaussians == 50_000
+        assert shrinking_warning(plan, TrainingOptions(max_memory=memory)) is not None or (
+            plan.shrink,
+            plan.gaussians,
+        ) == (1, 50_000)
         return plan.shrink, plan.gaussians
 
     order = list(dict.fromkeys(sizes(memory) for memory in range(700, 230, -1)))
@@ -136,7 +141,7 @@ def test_the_warning_says_what_was_done() -> None:
     options = TrainingOptions(max_memory=1000)
     plan = make_plan(photographs(4032, 3024, 60), options, MACHINE)
     assert plan.shrink > 1
-    size = f"photographs at 1/{plan.shrink} of their size, {plan.width}x{plan.height}"
+    size = f"photographs at 1/{plan.shrink} of their size, {plan.width}x{plan.height} (--downscale {plan.shrink})"
     assert shrinking_warning(plan, options) == f"to keep to 1,000 MB: {size}"
 
 
@@ -186,6 +191,30 @@ def test_what_the_engine_refuses_is_made_smaller() -> None:
         )
 
 
+@pytest.mark.parametrize("k1", [-0.3, 0.2])
+def test_outlines_know_what_undistortion_leaves(capture_folder: Path, k1: float) -> None:
+    """A barrel lens leaves more than the photograph's size, a pincushion less."""
+    path = capture_folder / "transforms.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "k1": k1}))
+    for options in ({}, {"undistort": False}, {"max_size": 50}):
+        listed = list_capture(capture_folder, **options)
+        outline, capture = listed.outline(), listed.load()
+        assert outline.training == tuple((frame.camera.width, frame.camera.height) for frame in capture.train)
+    assert (list_capture(capture_folder).outline().pixels > 96 * 72) == (k1 < 0)
+
+
+@given(st.integers(101, 3000), st.integers(1, 400))
+def test_the_smallest_photograph_bounds_shrinking(side: int, memory: int) -> None:
+    """Among photographs of several sizes none is shrunk to nothing."""
+    mixed = photographs(3000, 2000, 3)
+    camera = Camera(side, 100, side, side, side / 2, 50.0, np.eye(4))
+    small = FrameSource("small", Path("small.png"), camera)
+    listed = replace(mixed, listing=replace(mixed.listing, frames=[*mixed.listing.frames, small]))
+    with suppress(PocketGSError):
+        plan = make_plan(listed, TrainingOptions(max_memory=memory), MACHINE)
+        assert plan.shrink == 1
+
+
 def test_outlines_are_what_is_loaded(written_capture: Path) -> None:
     for shrink in (1, 2, 3):
         listed = list_capture(written_capture, max_size=90)
@@ -232,8 +261,8 @@ def test_speed_is_measured_on_any_engine() -> None:
     engine = create_engine(EngineOptions(engine="cpu"))
     machine = this_machine(engine, options)
     assert machine.resident > 50_000_000
-    speed = measure_speed(engine, with_prior=True)
+    speed = measure_speed(engine, 1, with_prior=True)
     assert speed.prior > 0
     assert speed.training > 0
-    without = measure_speed(engine, with_prior=False)
+    without = measure_speed(engine, 1, with_prior=False)
     assert without.prior == without.training

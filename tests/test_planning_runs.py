@@ -73,6 +73,19 @@ def test_real_captures_keep_to_little_memory(trained: Run, data_folder: Path, na
     assert record["peak_rss_mb"] <= plan["peak_rss_mb"] <= 1000
     assert ("warning: to keep to 1,000 MB" in record["output"]) == (plan["shrink"] > 1 or plan["gaussians"] < 50_000)
     assert (plan["shrink"] > 1) == (name != "fox")
+    assert f"{plan['width']}x{plan['height']}" in record["protocol"]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("_compiled")
+def test_a_run_that_was_made_smaller_goes_on_at_its_size(trained: Run, data_folder: Path) -> None:
+    command = [data_folder / "fern", "--images", "images_4", "--prior", "none", "--engine", "cpu"]
+    first = trained(*command, "--max-memory", 400, "--iterations", 5)
+    assert first["plan"]["shrink"] > 1
+    second = trained(*command, "--iterations", 8, "--resume")
+    assert (second["resumed_from"], second["iterations"]) == (5, 8)
+    assert second["protocol"] == first["protocol"]
+    assert second["gaussians"] == second["plan"]["gaussians"] == first["gaussians"]
 
 
 @pytest.mark.usefixtures("_compiled")

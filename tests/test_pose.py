@@ -68,7 +68,7 @@ def test_without_pycolmap(photographs: Path, tmp_path: Path, capsys: pytest.Capt
             main([command, str(photographs), "--output", str(tmp_path / "output")])
         assert stop.value.code == 2
         assert capsys.readouterr().err == (
-            "pocketgs: finding poses needs the package pycolmap: pip install 'pocketgs[pose]'\n"
+            "pocketgs: COLMAP is needed, which is the package pycolmap: pip install 'pocketgs[pose]'\n"
         )
     assert not (tmp_path / "output").exists()
 
@@ -191,10 +191,10 @@ def test_a_posed_capture_is_used_again_until_its_source_changes(
     assert posed(photographs, folder) == folder
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     assert posed(photographs, folder) == folder
-    with pytest.raises(PocketGSError, match="needs the package pycolmap"):
+    with pytest.raises(PocketGSError, match="the package pycolmap"):
         posed(photographs, folder, PoseOptions(max_size=800))
     os.utime(photographs / "1.jpg", (0, 0))
-    with pytest.raises(PocketGSError, match="needs the package pycolmap"):
+    with pytest.raises(PocketGSError, match="the package pycolmap"):
         posed(photographs, folder)
 
 

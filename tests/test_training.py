@@ -99,6 +99,7 @@ def test_rates_fall_as_the_recipe_says(
     for number, (_, settings) in enumerate(steps):
         assert settings.rates == RECIPES[recipe].schedule(initial, number / 20)
         assert settings.loss == RECIPES[recipe].loss
+        assert settings.adam == RECIPES[recipe].adam
         assert settings.background == small_capture.background
 
 

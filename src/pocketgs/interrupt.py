@@ -19,17 +19,19 @@ class Interrupt:
 def deferred_interrupt() -> Iterator[Interrupt]:
     """Note the first Ctrl-C (or SIGTERM) instead of raising it; a second Ctrl-C raises KeyboardInterrupt as usual.
 
-    Only the main thread receives signals: elsewhere nothing is ever requested.
+    Only the main thread receives signals: elsewhere only others can request it.
     """
     interrupt = Interrupt()
+    pressed = False
     if threading.current_thread() is not threading.main_thread():
         yield interrupt
         return
 
     def note(number: int, frame: FrameType | None) -> None:
-        if interrupt.requested and number == signal.SIGINT:
+        nonlocal pressed
+        if pressed and number == signal.SIGINT:
             raise KeyboardInterrupt
-        interrupt.requested = True
+        pressed = interrupt.requested = True
 
     before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

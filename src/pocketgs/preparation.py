@@ -16,12 +16,13 @@ from pocketgs.prior.prior import Prior, PriorSettings, build_prior
 from pocketgs.prior.structure import StructureSettings
 from pocketgs.prior.sweep import SweepSettings
 from pocketgs.record import Stopwatch
+from pocketgs.structure_from_motion.process import check_installed
 from pocketgs.structure_from_motion.sparse_cloud import triangulate
 from pocketgs.training_options import TrainingOptions
 from pocketgs.volume import draw_points
 
-FEWEST_POINTS = 500
-"""A prior with fewer points that several views confirm is not worth starting from."""
+FEWEST_POINTS, FEWEST_SPARSE_POINTS = 500, 16
+"""A prior with fewer points that several views confirm, or fewer of COLMAP's, is not worth starting from."""
 
 
 def prepare(capture: Capture, options: TrainingOptions | None = None, stopwatch: Stopwatch | None = None) -> Prior:
@@ -43,19 +44,23 @@ def prepare(capture: Capture, options: TrainingOptions | None = None, stopwatch:
     options = options or TrainingOptions()
     stopwatch = stopwatch or Stopwatch()
     prior = Prior(capture, None)
+    if options.prior == "colmap" and capture.points is None:
+        check_installed()
     if options.prior != "none":
         most = numba.config.NUMBA_NUM_THREADS
         numba.set_num_threads(min(options.threads or most, most))
         prior = build_prior(capture, options.max_gaussians, _settings(options), stopwatch)
         if options.prior == "colmap":
             prior = _with_colmap_cloud(capture, prior, options, stopwatch)
-        if _confirmed_points(prior.capture.points) >= min(FEWEST_POINTS, options.max_gaussians // 2):
+            if len(prior.capture.points or ()) >= FEWEST_SPARSE_POINTS:
+                return prior
+        elif _confirmed_points(prior.capture.points) >= min(FEWEST_POINTS, options.max_gaussians // 2):
             return prior
     with stopwatch.stage("points"):
         points = starting_points(replace(prior.capture, points=capture.points), options)
     report = prior.report
     if report is not None:
-        found = f"depth was found for too few points ({report.points}): training starts from others"
+        found = f"too few points were found ({report.points}): training starts from others"
         report = replace(report, warnings=(*report.warnings, found))
     return Prior(replace(prior.capture, points=points), report)
 

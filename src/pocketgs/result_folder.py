@@ -29,6 +29,8 @@ from pocketgs.training import Checkpoint
 
 SCENE, RECORD, CHECKPOINT, PICTURES = "scene.ply", "run.json", "checkpoint.npz", "held_out"
 CAMERAS = "cameras.json"
+SHRINK = "shrink"
+"""Where a checkpoint says by what whole factor the photographs of its run are smaller than asked for."""
 
 UNFINISHED = "unfinished.npz"
 """Checkpoint of a run under way; it goes when the run's result is in place."""
@@ -162,6 +164,20 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) ->
         )
 
 
+def read_size(folder: Path) -> tuple[int, int]:
+    """By what factor photographs are shrunk in the run of a folder's newest checkpoint, and how many Gaussians it has.
+
+    Raises:
+        PocketGSError: there is none, or it is broken.
+    """
+    path = _newest_checkpoint(folder)
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            return int(json.loads(str(data["run"]))[SHRINK]), len(data["opacity_logits"])
+    except Exception as error:  # a damaged archive fails in many ways
+        raise PocketGSError(f"{path}: not a readable checkpoint ({error})") from error
+
+
 def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
     """Read a folder's newest checkpoint: of a run that was under way there, or of the one that ended there.
 
@@ -172,10 +188,7 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
     Raises:
         PocketGSError: there is none, it is broken, or it belongs to another run.
     """
-    found = [path for path in (folder / UNFINISHED, folder / CHECKPOINT) if path.is_file()]
-    if not found:
-        raise PocketGSError(f"{folder}: holds no {UNFINISHED} or {CHECKPOINT} to resume from")
-    path = max(found, key=lambda path: path.stat().st_mtime_ns)
+    path = _newest_checkpoint(folder)
     try:
         with np.load(path, allow_pickle=False) as data:
             written = dict(json.loads(str(data["run"])))
@@ -194,3 +207,10 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
         if written.get(key) != value:
             raise PocketGSError(f"{path}: belongs to a run with {key} {written.get(key)!r}, but this one has {value!r}")
     return Checkpoint(iteration, gaussians, state)
+
+
+def _newest_checkpoint(folder: Path) -> Path:
+    found = [path for path in (folder / UNFINISHED, folder / CHECKPOINT) if path.is_file()]
+    if not found:
+        raise PocketGSError(f"{folder}: holds no {UNFINISHED} or {CHECKPOINT} to resume from")
+    return max(found, key=lambda path: path.stat().st_mtime_ns)

@@ -21,7 +21,7 @@ from pocketgs.interrupt import deferred_interrupt
 from pocketgs.memory_trace import MemoryTrace
 from pocketgs.planning.calibration import measure_speed
 from pocketgs.planning.machine import this_machine
-from pocketgs.planning.plan import Plan, make_plan, shrinking_warning
+from pocketgs.planning.plan import Plan, make_plan, plan_again, shrinking_warning
 from pocketgs.preparation import prepare
 from pocketgs.prior.report import PriorReport
 from pocketgs.record import Stopwatch, seconds_since_start
@@ -123,16 +123,17 @@ def _run(
     with stopwatch.stage("capture"):
         listed = list_capture()
     with stopwatch.stage("planning"):
-        plan = _plan(listed, options, engine, resume)
+        size = result_folder.read_size(folder) if resume else None
+        plan = _plan(listed, options, engine, size)
     del engine
-    if warning := shrinking_warning(plan, options):
+    if size is None and (warning := shrinking_warning(plan, options)):
         reporter.on_warning(warning)
     reporter.on_plan(plan)
     with stopwatch.stage("capture"):
         capture = listed.load(plan.shrink)
     reporter.on_capture(capture)
     _check_comparable(capture)
-    identity = _identity(capture, options)
+    identity = _identity(capture, options, plan)
     checkpoint = result_folder.read_checkpoint(folder, identity) if resume else None
     if checkpoint and checkpoint.iteration >= options.iterations:
         found = f"{checkpoint.iteration} iterations are done already"
@@ -148,9 +149,12 @@ def _run(
     if prior.report:
         reporter.on_prior(prior.report)
     reporter.on_prepared(prior.capture)
+    seconds = _seconds_left(options, plan)
+    if seconds is not None and seconds <= 0:
+        reporter.on_warning("the time budget is used up before training begins: what it would begin with is written")
     scene = train(
         capture,
-        _with_time_left(planned, plan),
+        replace(planned, time_budget=None if seconds is None else max(seconds, LEAST_TIME)),
         observer=observe,
         resume=checkpoint,
         stopwatch=stopwatch,
@@ -160,22 +164,26 @@ def _run(
         return _publish(capture, prior.capture, folder, options, scene, identity, plan, stopwatch, memory)
 
 
-def _plan(listed: ListedCapture, options: TrainingOptions, engine: Engine, resume: bool) -> Plan:
-    """The run's size. A run that goes on has the size it had: only memory decides on it."""
+def _plan(listed: ListedCapture, options: TrainingOptions, engine: Engine, size: tuple[int, int] | None) -> Plan:
+    """The run's plan; `size` is that of a run that goes on, see `result_folder.read_size`."""
+    if options.time_budget is not None and options.prior == "colmap":
+        raise PocketGSError("time budget: nobody knows how long COLMAP takes, expected another --prior or no budget")
     machine = this_machine(engine, options)
+    if size is not None:
+        return plan_again(listed, options, machine, *size)
     plan = make_plan(listed, options, machine)
-    if options.time_budget is None or resume:
+    if options.time_budget is None:
         return plan
-    speed = measure_speed(engine, options.prior == "dense")
+    # A GPU's speed says nothing of the CPU's, which does the rest of the work.
+    speed = measure_speed(engine, machine.threads, with_prior=options.prior == "dense" or engine.name != "cpu")
     return make_plan(listed, options, replace(machine, speed=speed, elapsed=seconds_since_start()))
 
 
-def _with_time_left(options: TrainingOptions, plan: Plan) -> TrainingOptions:
-    """The options for training: of the time budget, what is left until the result must be evaluated and written."""
+def _seconds_left(options: TrainingOptions, plan: Plan) -> float | None:
+    """Of the time budget, what is left until the result must be evaluated and written."""
     if options.time_budget is None:
-        return options
-    left = options.time_budget - seconds_since_start() - (plan.reserve or 0.0)
-    return replace(options, time_budget=max(left, LEAST_TIME))
+        return None
+    return options.time_budget - seconds_since_start() - (plan.reserve or 0.0)
 
 
 class _CheckpointSaver:
@@ -199,7 +207,7 @@ class _CheckpointSaver:
                 self._on_warning(f"training goes on without a checkpoint: {error}")
 
 
-def _identity(capture: Capture, options: TrainingOptions) -> dict[str, Any]:
+def _identity(capture: Capture, options: TrainingOptions, plan: Plan) -> dict[str, Any]:
     """What a run that is resumed must have in common with the one that wrote the checkpoint."""
     return {
         "capture": capture.name,
@@ -214,6 +222,7 @@ def _identity(capture: Capture, options: TrainingOptions) -> dict[str, Any]:
         "max keyframes": options.max_keyframes,
         "exposure": options.exposure,
         "max gaussians": options.max_gaussians,
+        result_folder.SHRINK: plan.shrink,
     }
 
 

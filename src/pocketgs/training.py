@@ -65,8 +65,6 @@ class Progress:
 
 
 SECONDS_BETWEEN_LOSSES = 0.5
-LEAST_TIME = 1e-9
-"""Seconds for the steps where the time budget is used up before them."""
 
 Observer = Callable[[Progress], None]
 
@@ -126,10 +124,8 @@ def train(
     with stopwatch.stage("upload"):
         engine.set_views(capture.train)
         engine.upload(start, resume.state if resume else None)
-    if options.time_budget is not None:
-        options = replace(options, time_budget=max(options.time_budget - (time.monotonic() - started), LEAST_TIME))
     loop = _Loop(capture, options, recipe, unit, engine, stopwatch, resume.iteration if resume else 0, len(start))
-    loop.run(observer)
+    loop.run(observer, None if options.time_budget is None else options.time_budget - (time.monotonic() - started))
     if loop.interrupted and loop.iteration == 0:
         raise KeyboardInterrupt
     scene = engine.download()
@@ -180,9 +176,9 @@ class _Loop:
         self._held_out_psnr: float | None = None
         self._gaussians = gaussians
 
-    def run(self, observer: Observer | None) -> None:
-        """Iterate until iterations or time run out, or Ctrl-C is pressed."""
-        started = time.monotonic()
+    def run(self, observer: Observer | None, seconds: float | None) -> None:
+        """Iterate until iterations or the seconds that there are run out, or Ctrl-C is pressed."""
+        started, self._seconds = time.monotonic(), seconds
         with deferred_interrupt() as interrupt:
             while self.iteration < self._options.iterations and not self._is_over(started):
                 if interrupt.requested:
@@ -192,20 +188,19 @@ class _Loop:
                     self._step(started)
                 self._look_at_held_out_views()
                 if observer:
-                    before = time.monotonic()
-                    observer(self._progress(started, interrupt))
+                    progress, before = self._progress(started, interrupt), time.monotonic()
+                    observer(progress)
                     started += time.monotonic() - before  # an observer's pauses are no time of the run's
             if self.iteration > self._first_iteration:
                 self._finish_steps()
 
     def _is_over(self, started: float) -> bool:
-        budget = self._options.time_budget
-        return budget is not None and time.monotonic() - started >= budget
+        return self._seconds is not None and time.monotonic() - started >= self._seconds
 
     def _fraction(self, started: float) -> float:
         fraction = self.iteration / self._options.iterations
-        if self._options.time_budget is not None:
-            fraction = max(fraction, (time.monotonic() - started) / self._options.time_budget)
+        if self._seconds is not None:
+            fraction = max(fraction, (time.monotonic() - started) / self._seconds)
         return min(fraction, 1.0)
 
     def _step(self, started: float) -> None:
@@ -247,8 +242,8 @@ class _Loop:
         elapsed = time.monotonic() - started
         rate = (self.iteration - self._first_iteration) / max(elapsed, 1e-9)
         left = (self._options.iterations - self.iteration) / rate
-        if self._options.time_budget is not None:
-            left = min(left, max(self._options.time_budget - elapsed, 0.0))
+        if self._seconds is not None:
+            left = min(left, max(self._seconds - elapsed, 0.0))
         return Progress(
             iteration=self.iteration,
             iterations=self._options.iterations,

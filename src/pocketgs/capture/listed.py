@@ -8,8 +8,9 @@ from pathlib import Path
 
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.image_file import ImageHeader, read_header
+from pocketgs.capture.lens import inner_rectangle
 from pocketgs.capture.listing import FrameSource, Listing
-from pocketgs.capture.loading import Preparation, load_frames, size_after
+from pocketgs.capture.loading import Preparation, camera_of_size, load_frames, size_after
 from pocketgs.capture.video_file import VideoFrame
 from pocketgs.errors import PocketGSError
 
@@ -22,7 +23,7 @@ class Outline:
     """What the memory and the time of a run follow from.
 
     Attributes:
-        training: sizes of the photographs to train on, as they would be held; what undistortion crops is not taken off.
+        training: sizes of the photographs to train on, as they would be held.
         held_out: those of the photographs to evaluate on.
         stored_pixels: of the largest photograph as its file holds it.
         pixel_bytes: what a pixel takes: its colour and, where frames have them, alpha, mask and depth.
@@ -37,6 +38,11 @@ class Outline:
     def largest(self) -> Size:
         """The size of the photograph with the most pixels."""
         return max((*self.training, *self.held_out), key=lambda size: size[0] * size[1])
+
+    @property
+    def least_side(self) -> int:
+        """The shortest side of any photograph."""
+        return min(min(size) for size in (*self.training, *self.held_out))
 
     @property
     def pixels(self) -> int:
@@ -84,7 +90,7 @@ class ListedCapture:
 
         def sizes(held_out: bool) -> tuple[Size, ...]:
             chosen = (source for source in self.listing.frames if (source.name in self.held_out_names) == held_out)
-            return tuple(_held_size(source, headers[source.name], preparation) for source in chosen)
+            return tuple(_held_size(source, self._cropped_sizes[source.name], preparation) for source in chosen)
 
         return Outline(
             training=sizes(held_out=False),
@@ -121,6 +127,22 @@ class ListedCapture:
     def _headers(self) -> dict[str, ImageHeader]:
         """By the frame's name."""
         return {source.name: _header(source) for source in self.listing.frames}
+
+    @cached_property
+    def _cropped_sizes(self) -> dict[str, Size]:
+        """By the frame's name: the photograph's size when its distortion is undone. Frames mostly share a lens."""
+        of_lens: dict[tuple, Size] = {}
+        sizes = {}
+        for source in self.listing.frames:
+            header, camera = self._headers[source.name], source.camera
+            size = (header.width, header.height)
+            if self.preparation.undistort and source.lens.distorts:
+                key = (source.lens, size, camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
+                if key not in of_lens:
+                    of_lens[key] = _undistorted_size(source, header)
+                size = of_lens[key]
+            sizes[source.name] = size
+        return sizes
 
     def _prepared(self, shrink: int) -> Preparation:
         most = self.preparation.max_size
@@ -161,8 +183,18 @@ def _header(source: FrameSource) -> ImageHeader:
     return read_header(source.image)
 
 
-def _held_size(source: FrameSource, header: ImageHeader, preparation: Preparation) -> Size:
-    width, height = header.width - 2 * source.border, header.height - 2 * source.border
+def _undistorted_size(source: FrameSource, header: ImageHeader) -> Size:
+    """Of what undistortion leaves: smaller where the lens pulls corners outwards, larger where it pulls them in."""
+    camera = camera_of_size(source, header.width, header.height)
+    try:
+        left, top, right, bottom = inner_rectangle(camera, source.lens)
+    except PocketGSError as error:
+        raise PocketGSError(f"{source.image}: {error}") from error
+    return right - left, bottom - top
+
+
+def _held_size(source: FrameSource, size: Size, preparation: Preparation) -> Size:
+    width, height = (side - 2 * source.border for side in size)
     try:
         return size_after(width, height, preparation.downscale, preparation.max_size)
     except PocketGSError as error:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from pocketgs.camera import Camera
@@ -33,13 +34,15 @@ class Speed:
     training: float
 
 
-def measure_speed(engine: Engine, with_prior: bool) -> Speed:
+def measure_speed(engine: Engine, threads: int, with_prior: bool) -> Speed:
     """Time this machine, in a few tenths of a second once kernels are compiled.
 
     Args:
         engine: one that holds nothing yet, or nothing that is needed.
-        with_prior: whether there is going to be depth to compute; otherwise the engine's speed is taken for both.
+        threads: that the CPU's work runs on.
+        with_prior: whether to time a piece of the prior; otherwise the engine's speed is taken for both.
     """
+    numba.set_num_threads(threads)
     rng = np.random.default_rng(0)
     frames = [_frame(rng, index) for index in range(3)]
     training = _step_seconds(engine, frames[0], rng) / STEP_SECONDS

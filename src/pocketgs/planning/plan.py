@@ -38,7 +38,7 @@ class Plan:
 
     Attributes:
         shrink: whole factor by which photographs are smaller than asked for.
-        width, height: of the largest photograph, before undistortion crops it.
+        width, height: of the largest photograph.
         gaussians: most to start with.
         peak_rss_mb: most memory of the process, in MB of 10^6 bytes.
         rss_by_stage_mb: the same by stage.
@@ -102,11 +102,33 @@ def make_plan(listed: ListedCapture, options: TrainingOptions, machine: Machine)
     return _plan(last, options, machine)
 
 
+def plan_again(listed: ListedCapture, options: TrainingOptions, machine: Machine, shrink: int, gaussians: int) -> Plan:
+    """The plan of a run that goes on: of the size that it has.
+
+    Args:
+        listed: the capture.
+        options: of the run.
+        machine: what it is to run on.
+        shrink: as in the plan of the run that goes on.
+        gaussians: that it has.
+
+    Raises:
+        PocketGSError: memory does not hold it.
+    """
+    size = _size(shrink, listed.outline(shrink), replace(options, max_gaussians=gaussians), machine)
+    if size.refusal:
+        raise size.refusal
+    if not _fits(size, options):
+        raise PocketGSError(_too_little_memory(size, listed, options, machine))
+    return _plan(size, options, machine)
+
+
 def shrinking_warning(plan: Plan, options: TrainingOptions) -> str | None:
     """What the user should know of a plan for less than was asked for, or None."""
     parts = []
     if plan.shrink > 1:
-        parts.append(f"photographs at 1/{plan.shrink} of their size, {plan.width}x{plan.height}")
+        size = f"{plan.width}x{plan.height} (--downscale {plan.shrink})"
+        parts.append(f"photographs at 1/{plan.shrink} of their size, {size}")
     if plan.gaussians < options.max_gaussians:
         parts.append(f"at most {plan.gaussians:,} Gaussians")
     if not parts:
@@ -118,7 +140,7 @@ def shrinking_warning(plan: Plan, options: TrainingOptions) -> str | None:
 def _sizes_to_try(listed: ListedCapture, gaussians: int) -> Iterator[tuple[int, Outline, int]]:
     least = min(LEAST_GAUSSIANS, gaussians)
     outline = listed.outline()
-    most = 1 if listed.size_is_given else max(1, min(outline.largest) // LEAST_SIDE)
+    most = 1 if listed.size_is_given else max(1, outline.least_side // LEAST_SIDE)
     for shrink in range(1, most + 1):
         outline = listed.outline(shrink)
         for part in SHRINKING:

@@ -77,7 +77,7 @@ def timetable(work: Work, speed: Speed) -> Timetable:
     looks = look / work.options.evaluate_every if work.options.evaluate_every else 0.0
     return Timetable(
         before=speed.prior * (prior + seeding),
-        step=speed.training * (step + looks),
+        step=speed.training * step + max(speed.prior, speed.training) * looks,
         after=max(speed.prior, speed.training) * after,
     )
 

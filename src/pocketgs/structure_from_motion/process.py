@@ -26,7 +26,7 @@ def check_installed() -> None:
         PocketGSError: it is not.
     """
     if find_spec("pycolmap") is None:
-        raise PocketGSError("finding poses needs the package pycolmap: pip install 'pocketgs[pose]'")
+        raise PocketGSError("COLMAP is needed, which is the package pycolmap: pip install 'pocketgs[pose]'")
 
 
 def threads_that_fit(pixels: int) -> int:

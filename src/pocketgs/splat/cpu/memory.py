@@ -12,6 +12,9 @@ ENTRIES_PER_GAUSSIAN, ENTRIES_PER_PIXEL = 2.5, 0.9
 ENTRY_BYTES = 2 * 5 * ENTRY_FIELDS + 5 * 16
 """The entry listed and distributed, and its 16 sums of gradients, 4 bytes each, with a quarter more to grow into."""
 
+PHOTOGRAPH_PIXEL = 3 + 1
+"""Colour, and a mask where there is one."""
+
 CANVAS_PIXEL = 4 * (3 + 1 + 3)
 """Colour, transmittance and the colour's gradient."""
 
@@ -30,4 +33,4 @@ def training_bytes(gaussians: int, coefficients: int, photographs: Sequence[tupl
     # Scene, both moments and gradients; the projected splat, its key, and its place in two orders.
     of_gaussians = gaussians * 4 * (columns + 1 + 2 * columns + columns + SPLAT_FIELDS + 1 + 2)
     entries = int(ENTRIES_PER_GAUSSIAN * gaussians + ENTRIES_PER_PIXEL * largest)
-    return 3 * sum(pixels) + of_gaussians + ENTRY_BYTES * entries + CANVAS_PIXEL * largest
+    return PHOTOGRAPH_PIXEL * sum(pixels) + of_gaussians + ENTRY_BYTES * entries + CANVAS_PIXEL * largest

@@ -180,7 +180,7 @@ class WebGpuEngine:
         """
         largest = max((width * height for width, height in photographs), default=0)
         entries = int(EXPECTED_PER_GAUSSIAN * gaussians + EXPECTED_PER_PIXEL * largest)
-        entries = max(LEAST_ENTRIES, min(entries, self._most_entries))
+        entries = max(LEAST_ENTRIES, min(max(entries, ENTRIES_PER_GAUSSIAN * gaussians), self._most_entries))
         sizes = frozenset(photographs)
         extent = Extent(gaussians, coefficients, entries, tuple(photographs), sizes, trains=True)
         device = plan_memory(self._replayer.description, extent, self._limits).total
