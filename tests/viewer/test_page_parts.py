@@ -1,4 +1,4 @@
-"""Parts of the page by themselves, in a browser without a GPU: the readers of files, and when it draws how finely."""
+"""Parts of the page by themselves, in a browser without a GPU: the readers of files, and when it draws, how finely."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from hypothesis.extra import numpy as arrays
 from playwright.sync_api import Error, Page
 
 from pocketgs.formats import ply, splat, spz
+from pocketgs.formats.spz_precision import SMALL
 from pocketgs.gaussians import Gaussians
 from pocketgs.splat.webgpu.scene_columns import to_columns
 from pocketgs.viewer.content import Content
@@ -36,8 +37,9 @@ FORMATS: list[Written] = [
     ("scene.splat", splat.write_gaussians, splat.read_gaussians),
     ("scene.spz", lambda path, scene: spz.write_gaussians(path, scene, version=3), spz.read_gaussians),
     ("scene.spz", lambda path, scene: spz.write_gaussians(path, scene, version=4), spz.read_gaussians),
+    ("scene.spz", lambda path, scene: spz.write_gaussians(path, scene, precision=SMALL), spz.read_gaussians),
 ]
-written = pytest.mark.parametrize("written", FORMATS, ids=("ply", "splat", "spz3", "spz4"))
+written = pytest.mark.parametrize("written", FORMATS, ids=("ply", "splat", "spz3", "spz4", "small"))
 
 
 @pytest.fixture(scope="module")
@@ -229,3 +231,31 @@ def test_resolution_drops_only_while_slow_frames_move(page: Page, milliseconds: 
     assert drawn_at_rest == 0
     if coarsest == 1.0:
         assert set(shares) == {1.0}
+
+
+PACE = """async () => {
+    const { paced } = await import(new URL("page/pace.js", document.baseURI));
+    const happened = [];
+    let done;
+    const act = (...given) => {
+        happened.push(given);
+        done();
+    };
+    const call = paced(act, () => {
+        happened.push("asked");
+        return 30;
+    });
+    for (const round of [[1, 2, 3], [4]]) {
+        const acted = new Promise((resolve) => (done = resolve));
+        round.forEach((number) => call(number, -number));
+        happened.push("called");
+        await acted;
+    }
+    await new Promise((resolve) => setTimeout(resolve, 100));
+    return happened;
+}"""
+
+
+def test_pace_lets_a_while_go_by_and_passes_on_the_newest(page: Page) -> None:
+    """Once for all that is given meanwhile, and again for what is given later."""
+    assert page.evaluate(PACE) == ["asked", "called", [3, -3], "asked", "called", [4, -4]]

@@ -24,7 +24,7 @@ NEAR = 0.01
 LARGEST_RADIUS = 64.0
 CAMERA = Camera(40, 30, 30.0, 30.0, 20.7, 14.2, np.eye(4))
 
-DRAW = """async ([shape, sh, counts, camera, background]) => {
+DRAW = """async ([shape, sh, counts, camera, share, background]) => {
     const load = (name) => import(new URL(`page/${name}.js`, document.baseURI));
     const [{ GaussianColumns }, { Points }, { PointImage }] = await Promise.all(
         ["gaussian_columns", "points", "point_image"].map(load),
@@ -36,7 +36,7 @@ DRAW = """async ([shape, sh, counts, camera, background]) => {
     const image = new PointImage(camera.width, camera.height);
     return counts.map((count) => {
         points.extendTo(count);
-        image.draw(points, camera, background);
+        image.draw(points, camera, share, background);
         return Array.from(image.data.data);
     });
 }"""
@@ -53,16 +53,16 @@ def page() -> Iterator[Page]:
         yield visit.page
 
 
-def draw(page: Page, scene: Gaussians, *counts: int) -> list[np.ndarray]:
+def draw(page: Page, scene: Gaussians, *counts: int, share: float = 1.0) -> list[np.ndarray]:
     """(H, W, 3) uint8: the image of the first so many points, for each number of them, drawn one after the other."""
     shape, sh = to_columns(scene)
     fields = ("width", "height", "fx", "fy", "cx", "cy")
     camera = {name: getattr(CAMERA, name) for name in fields} | {"world_to_camera": np.eye(4).ravel().tolist()}
-    found: Any = page.evaluate(DRAW, [shape.tolist(), sh.tolist(), counts, camera, BACKGROUND])
+    found: Any = page.evaluate(DRAW, [shape.tolist(), sh.tolist(), counts, camera, share, BACKGROUND])
     return [np.array(image, np.uint8).reshape(CAMERA.height, CAMERA.width, 4)[..., :3] for image in found]
 
 
-def nearest_discs(scene: Gaussians) -> tuple[np.ndarray, np.ndarray]:
+def nearest_discs(scene: Gaussians, share: float) -> tuple[np.ndarray, np.ndarray]:
     """The image as the definition has it, (H, W, 3) float, and (H, W) where rounding may decide otherwise."""
     rows, columns = np.indices((CAMERA.height, CAMERA.width)) + 0.5
     image = np.tile(np.round(255 * np.array(BACKGROUND)), (CAMERA.height, CAMERA.width, 1))
@@ -75,7 +75,7 @@ def nearest_discs(scene: Gaussians) -> tuple[np.ndarray, np.ndarray]:
             continue
         x, y = CAMERA.fx * mean[0] / mean[2] + CAMERA.cx, CAMERA.fy * mean[1] / mean[2] + CAMERA.cy
         reach = np.exp(log_scale.mean()) * np.sqrt(2 * np.log(opacity / LEAST_OPACITY))
-        radius = min(CAMERA.fy * reach / mean[2], LARGEST_RADIUS)
+        radius = min(CAMERA.fy * reach / mean[2], share * LARGEST_RADIUS)
         half = np.maximum(np.sqrt(np.maximum(radius**2 - (rows - y) ** 2, 0)), 0.5)
         above = max(radius, 0.5) - np.abs(rows - y)
         beside = half - np.abs(columns - x)
@@ -98,10 +98,11 @@ def scenes(draw: st.DrawFn) -> Gaussians:
 
 
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(scene=scenes())
-def test_image_shows_the_nearest_disc_at_every_pixel(page: Page, scene: Gaussians) -> None:
-    (image,) = draw(page, scene, len(scene))
-    expected, unsure = nearest_discs(scene)
+@given(scene=scenes(), share=st.sampled_from([1.0, 0.25, 0.05]))
+def test_image_shows_the_nearest_disc_at_every_pixel(page: Page, scene: Gaussians, share: float) -> None:
+    """Of discs that are bounded at a size in pixels of the full resolution."""
+    (image,) = draw(page, scene, len(scene), share=share)
+    expected, unsure = nearest_discs(scene, share)
     assert unsure.mean() < 0.2
     assert np.abs(image - expected)[~unsure].max(initial=0) <= 1
 

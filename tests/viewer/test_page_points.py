@@ -1,21 +1,22 @@
-"""Points stand in for splats: while a scene is arriving, until the GPU has drawn it, and where there is no GPU."""
+"""Points stand in for splats: while a scene is arriving, and until the GPU has drawn it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 from playwright.sync_api import Browser, expect
 
 from pocketgs.formats import ply
 from pocketgs.gaussians import SH_DC, Gaussians
 from pocketgs.viewer.content import Content, View
+from pocketgs.viewer.live import LiveRun
 from pocketgs.viewer.server import serving
 from viewer.browsing import PATIENCE, Visit, open_browser, visiting
-from viewer.marks import HEIGHT, UP, WIDTH, cameras_around, marked_scene, marks, psnr
+from viewer.marks import HEIGHT, MARKS, UP, WIDTH, cameras_around, marked_scene, marks, psnr
 
 BACKGROUND = (0.1, 0.2, 0.3)
 
@@ -59,14 +60,6 @@ window.fetch = async (url, ...options) => {
 """
 """Takes the scene's last byte away."""
 
-SMALL_GPU = """
-for (const name of ["maxBufferSize", "maxStorageBufferBindingSize"]) {
-    Object.defineProperty(GPUSupportedLimits.prototype, name, { get: () => 1000 });
-}
-"""
-
-NO_GPU = "delete Navigator.prototype.gpu;"
-
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
@@ -78,10 +71,8 @@ def browser() -> Iterator[Browser]:
 def content(tmp_path_factory: pytest.TempPathFactory) -> Content:
     path = tmp_path_factory.mktemp("shown") / "scene.ply"
     ply.write_gaussians(path, marked_scene())
-    rendering = path.with_name("0001.png")
-    Image.new("RGB", (200, 100), "teal").save(rendering)
     views = tuple(View(f"{i}.jpg", camera, i == 1) for i, camera in enumerate(cameras_around()))
-    return Content("marks", path, False, BACKGROUND, views, UP, (0.0, 0.0, 0.0), {"0001.png": rendering})
+    return Content("marks", path, False, BACKGROUND, views, UP, (0.0, 0.0, 0.0))
 
 
 @pytest.fixture(scope="module")
@@ -194,13 +185,58 @@ def test_what_has_arrived_is_seen(browser: Browser, wall: Content) -> None:
 
 
 def test_a_file_that_ends_too_early_is_told_of(browser: Browser, wall: Content) -> None:
-    """Its points stay beside the message."""
+    """Its points stay beside the message, which says that this is all."""
     with serving(wall) as page, visiting(browser, page.url, WIDTH, HEIGHT, script=CUT + HOLD) as visit:
         release(visit, "rest")
         release(visit, "gpu")
-        expect(visit["#message-text"]).to_contain_text("scene.ply: the file is cut short")
-        expect(visit["#points"]).to_be_visible()
+        expect(visit["#message-text"]).to_contain_text("scene.ply: the file is cut short", timeout=PATIENCE)
+        expect(visit["#points"]).to_be_visible(timeout=PATIENCE)
         expect(visit["#loading"]).to_be_hidden()
+        visit.until_drawn()
+        expect(visit["#for-now"]).to_be_hidden()
+
+
+def test_a_file_dropped_while_the_scene_comes_stays(browser: Browser, wall: Content, tmp_path: Path) -> None:
+    """Neither more of the scene nor all of it takes its place."""
+    dropped = tmp_path / "marks.ply"
+    scene = marked_scene()
+    ply.write_gaussians(dropped, scene.select(np.arange(len(scene) - len(MARKS), len(scene))))
+    with serving(wall) as page, visiting(browser, page.url, WIDTH, HEIGHT, script=HOLD) as visit:
+        until_points(visit)
+        visit.drop(dropped.name, dropped.read_bytes())
+        expect(visit["#title"]).to_have_text(dropped.name)
+        expect(visit["#loading"]).to_be_hidden()
+        release(visit, "rest")
+        assert set(marks(still(visit))) == set(MARKS)
+        release(visit, "gpu")
+        assert set(marks(visit.picture())) == set(MARKS)
+        expect(visit["#stats"]).to_contain_text("3 splats")
+        expect(visit["#title"]).to_have_text(dropped.name)
+        assert visit.complaints == []
+
+
+def test_a_broken_file_dropped_while_the_scene_comes_does_not_stop_it(browser: Browser, wall: Content) -> None:
+    with serving(wall) as page, visiting(browser, page.url, WIDTH, HEIGHT, script=HOLD) as visit:
+        until_points(visit)
+        visit.drop("broken.ply", b"ply\n")
+        expect(visit["#message-text"]).to_contain_text("broken.ply")
+        expect(visit["#loading-text"]).to_have_text("Loading wall")
+        expect(visit["#loading"]).to_be_visible()
+        release(visit, "rest")
+        expect(visit["#loading"]).to_be_hidden(timeout=PATIENCE)
+        release(visit, "gpu")
+        visit.until_drawn()
+        expect(visit["#stats"]).to_contain_text("20,000 splats")
+        expect(visit["#points"]).to_be_hidden()
+        expect(visit["#title"]).to_have_text("wall")
+        assert visit.complaints == []
+
+
+def test_page_of_a_run_rests_until_its_first_scene(browser: Browser) -> None:
+    with serving(LiveRun("toys", 10)) as page, visiting(browser, page.url, WIDTH, HEIGHT) as visit:
+        expect(visit["#canvas"]).to_have_attribute("aria-busy", "false", timeout=PATIENCE)
+        expect(visit["#message"]).to_be_hidden()
+        assert visit.complaints == []
 
 
 @pytest.mark.parametrize("moves", [False, True])
@@ -218,33 +254,3 @@ def test_scene_without_cameras_stays_in_view_as_it_arrives(browser: Browser, wal
         assert 0.05 < half.mean() < whole.mean()
         # What was there before is where it was only if the camera is.
         assert ((half & whole).sum() > 0.99 * half.sum()) == moves
-
-
-def test_points_stay_where_the_gpu_cannot_hold_the_scene(browser: Browser, url: str) -> None:
-    with visiting(browser, url, WIDTH, HEIGHT, script=SMALL_GPU) as visit:
-        expect(visit["#message-text"]).to_contain_text("expected fewer Gaussians", timeout=PATIENCE)
-        visit.until_drawn()
-        expect(visit["#points"]).to_be_visible()
-        assert psnr(visit.picture(), still(visit)) > 40
-        assert visit.complaints == []
-
-
-def test_without_webgpu_points_stay(browser: Browser, url: str) -> None:
-    """They turn with the pointer, are saved by the button, and a message says why there are no splats."""
-    with visiting(browser, url, WIDTH, 640, script=NO_GPU) as visit:
-        expect(visit["#message-text"]).to_contain_text("points")
-        expect(visit["#message-text"]).to_contain_text("WebGPU")
-        expect(visit["#message-text"]).to_contain_text("Chrome")
-        picture = visit["#previews img"]
-        picture.scroll_into_view_if_needed()
-        expect(picture).to_have_count(1)
-        expect(picture).to_have_js_property("complete", True)
-        assert picture.evaluate("image => image.naturalWidth") > 100
-        visit["#message-close"].click()
-        expect(visit["#previews"]).to_be_hidden()
-        expect(visit["#appearances"]).to_be_hidden()
-        before = marks(visit.picture())
-        visit.drag(30, 0)
-        assert marks(visit.picture())["red"][0] > before["red"][0] + 5
-        np.testing.assert_allclose(visit.seen(), visit.picture(), atol=0.01)
-        assert visit.complaints == []

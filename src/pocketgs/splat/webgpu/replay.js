@@ -57,7 +57,7 @@ export class Replayer {
                 this.#pipelines.set(key, await this.#device.createComputePipelineAsync(this.#stages(pass)));
             }
         };
-        const atOnce = Math.max(1, navigator.hardwareConcurrency - 1);
+        const atOnce = Math.max(1, (navigator.hardwareConcurrency || 2) - 1);
         await Promise.all(Array.from({ length: atOnce }, compileOneByOne));
     }
 

@@ -1,11 +1,36 @@
 /**
- * The bar that shows how much of a scene has come.
+ * Scenes on their way: the bar that shows how much of one has come, and which of several is to be shown.
  *
  * @module
  */
 
 /**
- * Show the bar until a scene is there.
+ * @typedef {Object} Reading
+ * @property {string} name
+ * @property {number | null} share of the file that has come, null where nothing is known of it yet
+ */
+
+/** @type {Reading[]} in the order in which they began */
+let underWay = [];
+let begun = 0;
+let shown = 0;
+
+/**
+ * Begin to open a scene, or a run with one scene after the other.
+ *
+ * @returns {() => boolean} to be asked before anything of it is shown: false once something begun later has been shown
+ */
+export function beginOpening() {
+    const number = ++begun;
+    return () => {
+        const isNewest = number >= shown;
+        shown = Math.max(shown, number);
+        return isNewest;
+    };
+}
+
+/**
+ * Show the bar until a scene is there: that of the newest if there are several.
  *
  * @template T
  * @param {string} name
@@ -13,13 +38,33 @@
  * @returns {Promise<T>}
  */
 export async function whileLoading(name, read) {
-    const [card, bar] = [document.getElementById("loading"), document.getElementById("loaded")];
-    document.getElementById("loading-text").textContent = `Loading ${name}`;
-    bar.removeAttribute("value");
-    card.hidden = false;
+    const reading = { name, share: null };
+    underWay.push(reading);
+    showNewest();
     try {
-        return await read((share) => (bar.value = share));
+        const scene = await read((share) => {
+            reading.share = share;
+            showNewest();
+        });
+        // What began earlier will not be seen any more.
+        underWay = underWay.slice(underWay.indexOf(reading) + 1);
+        return scene;
     } finally {
-        card.hidden = true;
+        underWay = underWay.filter((other) => other !== reading);
+        showNewest();
+    }
+}
+
+function showNewest() {
+    const newest = underWay.at(-1);
+    document.getElementById("loading").hidden = !newest;
+    if (newest) {
+        const bar = document.getElementById("loaded");
+        document.getElementById("loading-text").textContent = `Loading ${newest.name}`;
+        if (newest.share === null) {
+            bar.removeAttribute("value");
+        } else {
+            bar.value = newest.share;
+        }
     }
 }

@@ -8,7 +8,7 @@ import { CaptureCameras } from "./capture_cameras.js";
 import { PointerControls } from "./controls.js";
 import { listenForFiles } from "./drop.js";
 import { LiveRun } from "./live.js";
-import { whileLoading } from "./loading.js";
+import { beginOpening, whileLoading } from "./loading.js";
 import { hideMessage, showMessage, showPreviews, showWithoutGpu } from "./messages.js";
 import { paced } from "./pace.js";
 import { PointRenderer } from "./point_renderer.js";
@@ -39,7 +39,7 @@ async function start() {
     if (viewer.live) {
         follow(view, cameras);
     }
-    await Promise.all([drawOnGpu(opening, viewer, view), viewer.scene && load(viewer, view, cameras)]);
+    await view.busyUntil(Promise.all([drawOnGpu(opening, viewer, view), viewer.scene && load(viewer, view, cameras)]));
 }
 
 async function fetchViewer() {
@@ -55,22 +55,33 @@ async function drawOnGpu(opening, viewer, view) {
     try {
         renderer = await opening;
     } catch (error) {
-        view.stayWithPoints();
+        view.renderer.stayWithPoints();
         showWithoutGpu(error, viewer);
         return;
     }
-    await view.useGpu(renderer);
+    await view.renderer.useGpu(renderer);
 }
 
 async function load({ scene, title, up }, view, cameras) {
+    const mayShow = beginOpening();
     const showPart = (gaussians, count) => {
-        if (view.showPart(gaussians, count)) {
+        if (view.renderer.showPart(gaussians, count)) {
             cameras.frameArriving(gaussians, up, count);
         }
     };
     const onPart = paced(showPart, () => view.pauseBetweenParts);
     const read = (onProgress) => fetchScene(scene.url, scene.bytes, onProgress, onPart);
-    await showScene(await whileLoading(title, read), up, view, cameras);
+    try {
+        const gaussians = await whileLoading(title, read);
+        if (mayShow()) {
+            await showScene(gaussians, up, view, cameras);
+        }
+    } catch (error) {
+        if (mayShow()) {
+            view.renderer.stayWithPoints();
+        }
+        showMessage(error.message);
+    }
 }
 
 async function showScene(gaussians, up, view, cameras) {
@@ -80,22 +91,32 @@ async function showScene(gaussians, up, view, cameras) {
 
 async function openFile(file, view, cameras) {
     hideMessage();
+    const mayShow = beginOpening();
+    const read = (onProgress) => readScene(file.name, file.stream(), file.size, onProgress);
     try {
-        const read = (onProgress) => readScene(file.name, file.stream(), file.size, onProgress);
         const gaussians = await whileLoading(file.name, read);
-        await view.setScene(gaussians);
-        cameras.frame(gaussians, USUAL_UP);
-        document.getElementById("title").textContent = file.name;
+        if (mayShow()) {
+            cameras.frame(gaussians, USUAL_UP);
+            document.getElementById("title").textContent = file.name;
+            await view.setScene(gaussians);
+        }
     } catch (error) {
         showMessage(error.message);
     }
 }
 
 function follow(view, cameras) {
+    const mayShow = beginOpening();
     new LiveRun({
-        onScene: (gaussians) => showScene(gaussians, USUAL_UP, view, cameras),
+        onScene: async (gaussians) => {
+            if (mayShow()) {
+                await showScene(gaussians, USUAL_UP, view, cameras);
+            }
+        },
         onViewer: (viewer) => {
-            cameras.setViews(viewer);
+            if (mayShow()) {
+                cameras.setViews(viewer);
+            }
             showPreviews(viewer.previews);
         },
         onFault: showMessage,

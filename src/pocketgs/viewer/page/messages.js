@@ -11,6 +11,9 @@ Firefox from 141 on Windows and from 145 on Macs with Apple silicon.`.replaceAll
 
 const INSECURE = "Browsers offer WebGPU to pages from https or from this very machine only.";
 
+/** @type {Error | null} why there is no GPU, once that has been said */
+let whyNoGpu = null;
+
 /**
  * Show a message until it is closed.
  *
@@ -18,6 +21,7 @@ const INSECURE = "Browsers offer WebGPU to pages from https or from this very ma
  */
 export function showMessage(text) {
     document.getElementById("message-text").textContent = text;
+    document.getElementById("previews").hidden = true;
     document.getElementById("message").hidden = false;
     document.getElementById("message-close").onclick = hideMessage;
 }
@@ -28,27 +32,27 @@ export function hideMessage() {
 }
 
 /**
- * Say that this browser shows no more than points, and show what was rendered before.
+ * Say that this browser shows no more than points, and show below what was rendered before.
  *
  * @param {Error} error from opening the GPU
  * @param {{previews: string[]}} viewer from viewer.json
  */
 export function showWithoutGpu(error, { previews }) {
-    document.body.classList.add("without-gpu");
+    whyNoGpu = error;
     showMessage([POINTS_ONLY, reasonFor(error), BROWSERS].join("\n\n"));
-    showPreviews(previews);
+    const gallery = document.getElementById("previews");
+    gallery.replaceChildren(...previews.map(pictureOf));
+    gallery.hidden = previews.length === 0;
 }
 
 /**
- * Show pictures from the result, one below the other, with the message that there is no GPU; with no other.
+ * Where there is no GPU, say so again, with pictures that there have not been before.
  *
  * @param {string[]} previews their addresses
  */
 export function showPreviews(previews) {
-    if (document.body.classList.contains("without-gpu")) {
-        const gallery = document.getElementById("previews");
-        gallery.replaceChildren(...previews.map(pictureOf));
-        gallery.hidden = previews.length === 0;
+    if (whyNoGpu && previews.length > 0) {
+        showWithoutGpu(whyNoGpu, { previews });
     }
 }
 

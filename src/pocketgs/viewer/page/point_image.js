@@ -12,7 +12,7 @@
 /** As in `splat/constants.py`. */
 const NEAR = 0.01;
 
-/** Pixels that a disc's radius has at most, so that a camera amid points is not held up by the nearest. */
+/** Pixels of the full resolution that a disc's radius has at most, lest the nearest hold up a camera amid points. */
 const LARGEST_RADIUS = 64;
 
 /** Pixels and their depths. */
@@ -35,20 +35,22 @@ export class PointImage {
      *
      * @param {Points} points
      * @param {Camera} camera whose image has this image's size
+     * @param {number} share of the full resolution that this is
      * @param {[number, number, number]} background RGB
      */
-    draw(points, camera, background) {
+    draw(points, camera, share, background) {
         const [red, green, blue] = background.map((value) => Math.round(255 * value));
         this.#pixels.fill(0xff000000 | (blue << 16) | (green << 8) | red);
         this.#depths.fill(Infinity);
         const { fx, fy, cx, cy, world_to_camera: m } = camera;
         const { x, y, z, radii, colours } = points;
+        const largest = share * LARGEST_RADIUS;
         for (let i = 0; i < points.count; i++) {
             const depth = m[8] * x[i] + m[9] * y[i] + m[10] * z[i] + m[11];
             if (radii[i] > 0 && depth > NEAR) {
                 const across = cx + (fx * (m[0] * x[i] + m[1] * y[i] + m[2] * z[i] + m[3])) / depth;
                 const down = cy + (fy * (m[4] * x[i] + m[5] * y[i] + m[6] * z[i] + m[7])) / depth;
-                const radius = Math.min((fy * radii[i]) / depth, LARGEST_RADIUS);
+                const radius = Math.min((fy * radii[i]) / depth, largest);
                 this.#drawDisc(across, down, radius, depth, colours[i]);
             }
         }

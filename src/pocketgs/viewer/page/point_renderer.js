@@ -45,7 +45,7 @@ export class PointRenderer {
     }
 
     /** @param {Picture} picture */
-    draw({ camera, background }) {
+    draw({ camera, share, background }) {
         if (!this.count) {
             return;
         }
@@ -54,7 +54,7 @@ export class PointRenderer {
             this.#image = new PointImage(width, height);
             [this.#canvas.width, this.#canvas.height] = [width, height];
         }
-        this.#image.draw(this.#points, camera, background);
+        this.#image.draw(this.#points, camera, share, background);
         this.#context.putImageData(this.#image.data, 0, 0);
         this.#canvas.hidden = false;
     }
@@ -70,9 +70,10 @@ export class PointRenderer {
         return new Promise((resolve) => this.#canvas.toBlob(resolve, "image/png"));
     }
 
-    /** Take the canvas away; nothing can be drawn afterwards. */
-    close() {
+    /** Take the canvas away and free what it holds, until another scene is set. */
+    release() {
         this.#canvas.hidden = true;
+        this.#canvas.width = this.#canvas.height = 0;
         this.#points = this.#image = null;
     }
 }

@@ -16,6 +16,7 @@ import { viewValues } from "./view_values.js";
  *
  * @typedef {Object} Picture what is to be drawn
  * @property {Camera} camera
+ * @property {number} share of the full resolution
  * @property {[number, number, number]} background RGB
  * @property {boolean} asDepth
  */
@@ -46,7 +47,7 @@ export class Renderer {
      * Open the GPU for a canvas, and compile what draws splats.
      *
      * @param {HTMLCanvasElement} canvas
-     * @param {(message: string) => void} onFault told of what goes wrong later
+     * @param {(message: string) => void} onFault told of what goes wrong later, short of losing the GPU
      * @returns {Promise<Renderer>}
      * @throws {Error} there is no WebGPU, or no GPU
      */
@@ -56,13 +57,17 @@ export class Renderer {
         description.catch(() => {});
         renderer.#device = await openDevice(BUFFER_LIMITS);
         renderer.#device.addEventListener("uncapturederror", ({ error }) => onFault(error.message));
-        renderer.#device.lost.then(({ message }) => onFault(`the GPU was lost (${message}): reload the page`));
         renderer.#canvas = canvas;
         [renderer.#display, renderer.#replayer] = await Promise.all([
             Display.open(renderer.#device, canvas),
             renderer.#replayerOf(await description),
         ]);
         return renderer;
+    }
+
+    /** @returns {Promise<GPUDeviceLostInfo>} why the GPU can be used no more, once it cannot */
+    get lost() {
+        return this.#device.lost;
     }
 
     /** How many Gaussians the scene has. */
@@ -139,9 +144,9 @@ export class Renderer {
     }
 
     async #upload(scene) {
-        this.#entries = Math.max(this.#entries, LEAST_ENTRIES, ENTRIES_PER_GAUSSIAN * scene.count);
+        const entries = Math.max(this.#entries, LEAST_ENTRIES, ENTRIES_PER_GAUSSIAN * scene.count);
         this.#reserved.clear();
-        await this.#makeRoom(this.#symbols(1, 1, scene));
+        await this.#makeRoom(this.#symbols(1, 1, scene, entries));
         this.#replayer.write("shape", scene.shape);
         this.#replayer.write("sh", scene.sh);
         this.#resume();
@@ -153,8 +158,9 @@ export class Renderer {
         }
         const sequence = asDepth ? "render depth" : "render";
         const behind = asDepth ? [0, 0, 0] : background;
+        let entries = this.#entries;
         for (;;) {
-            const symbols = this.#symbols(camera.width, camera.height, this.#scene);
+            const symbols = this.#symbols(camera.width, camera.height, this.#scene, entries);
             await this.#makeRoom(symbols);
             this.#replayer.writeUniform("view", viewValues(camera, behind, symbols));
             this.#replayer.submit(sequence, symbols);
@@ -162,7 +168,7 @@ export class Renderer {
             if (!halted) {
                 break;
             }
-            this.#entries = Math.ceil(needed * GROWTH);
+            entries = Math.ceil(needed * GROWTH);
             this.#resume();
         }
         this.#display.show(this.#replayer.buffer("image"), camera, this.#canvas, background, asDepth);
@@ -178,16 +184,17 @@ export class Renderer {
         if (!this.#reserved.has(key)) {
             await this.#replayer.reserve(this.#replayer.description.sizes(symbols));
             this.#reserved.add(key);
+            this.#entries = symbols.entries;
         }
     }
 
-    #symbols(width, height, { count, coefficients }) {
+    #symbols(width, height, { count, coefficients }, entries) {
         return this.#replayer.description.symbols({
             gaussians: count,
             coefficients,
             width,
             height,
-            entries: this.#entries,
+            entries,
             photograph_pixels: 0,
             replay_depth: 0,
             structural: 0,

@@ -6,13 +6,13 @@
 
 import { MovingCamera, between, lensBetween } from "./camera.js";
 import { FrameLoop } from "./frame_loop.js";
+import { SceneRenderer } from "./scene_renderer.js";
 
 /**
  * @typedef {import("./camera.js").Camera} Camera
  * @typedef {import("./camera.js").Pose} Pose
  * @typedef {import("./gaussian_columns.js").GaussianColumns} GaussianColumns
  * @typedef {import("./point_renderer.js").PointRenderer} PointRenderer
- * @typedef {import("./renderer.js").Renderer} Renderer
  */
 
 /** Seconds of the way from one camera to another. */
@@ -30,29 +30,19 @@ const FRAMES_COUNTED = 20;
 /** What a frame took, times this, is the pause before the next that only shows more of an arriving scene. */
 const PAUSE_BETWEEN_PARTS = 4;
 
-/**
- * Draws a scene whenever something about the picture has changed: as points, until the GPU has drawn it for the first
- * time.
- */
+/** Draws a scene whenever something about the picture has changed. */
 export class SceneView {
     camera = new MovingCamera();
     #canvas;
-    #points;
-    /** @type {PointRenderer | Renderer} what draws now */
     #renderer;
-    /** @type {Renderer | null} */
-    #gpu = null;
-    /** @type {GaussianColumns | null} */
-    #scene = null;
-    /** Whether no other renderer will take over soon. */
-    #settled = false;
     #rests = true;
+    /** How much is going on besides drawing. */
+    #underWay = 0;
     #loop;
     #background = BACKGROUNDS[0];
     #appearance = "splats";
     #times = [];
     #onStatistics;
-    #onFault;
     #journey = 0;
 
     /**
@@ -62,13 +52,23 @@ export class SceneView {
      */
     constructor(canvas, points, { onStatistics, onFault }) {
         this.#canvas = canvas;
-        this.#points = this.#renderer = points;
         this.#onStatistics = onStatistics;
-        this.#onFault = onFault;
+        this.#renderer = new SceneRenderer(points, {
+            pictureNow: () => this.#picture(1),
+            onChange: () => this.#loop.invalidate(),
+            onSharp: (took) => {
+                this.#times = [];
+                this.#count(took);
+            },
+            onFault,
+        });
         this.#loop = new FrameLoop(
-            (share) => this.#draw(share),
+            (share) => this.#renderer.draw(this.#picture(share)),
             (took) => this.#count(took),
-            (rests) => this.#showBusy(rests),
+            (rests) => {
+                this.#rests = rests;
+                this.#showBusy();
+            },
         );
         new ResizeObserver(() => this.#loop.invalidate()).observe(canvas);
     }
@@ -78,22 +78,25 @@ export class SceneView {
         return this.#loop;
     }
 
-    /**
-     * Draw on the GPU, once a whole scene is there and its first picture done.
-     *
-     * @param {Renderer} gpu
-     * @throws {Error} the GPU's memory does not hold the scene; then it stays at points
-     */
-    async useGpu(gpu) {
-        this.#gpu = gpu;
-        await gpu.setAppearance(shapeOf(this.#appearance));
-        await this.#sharpen();
+    /** What draws, with or without a GPU. */
+    get renderer() {
+        return this.#renderer;
     }
 
-    /** No GPU will take over, for now at least. */
-    stayWithPoints() {
-        this.#settled = true;
-        this.#loop.invalidate();
+    /**
+     * Say that it is busy until this is done, as it does while it draws.
+     *
+     * @param {Promise<unknown>} work that ends in another picture
+     */
+    async busyUntil(work) {
+        this.#underWay++;
+        this.#showBusy();
+        try {
+            await work;
+        } finally {
+            this.#underWay--;
+            this.#showBusy();
+        }
     }
 
     /** Milliseconds to let go by before more of an arriving scene is shown, lest drawing hold up what is to come. */
@@ -102,36 +105,17 @@ export class SceneView {
     }
 
     /**
-     * Show what has arrived of a scene, unless all of it or another is shown already.
+     * Draw another scene from now on.
      *
      * @param {GaussianColumns} scene
-     * @param {number} count of its Gaussians, from the first on
-     * @returns {boolean} whether it is shown
      */
-    showPart(scene, count) {
-        if (this.#renderer !== this.#points || scene === this.#scene) {
-            return false;
-        }
-        this.#points.setScene(scene, count);
-        this.#loop.invalidate();
-        return true;
-    }
-
-    /**
-     * @param {GaussianColumns} scene to draw from now on
-     * @throws {Error} the GPU's memory does not hold it
-     */
-    async setScene(scene) {
-        this.#scene = scene;
-        const isSet = this.#renderer.setScene(scene);
-        this.#loop.invalidate();
-        await isSet;
-        await this.#sharpen();
+    setScene(scene) {
+        return this.busyUntil(this.#renderer.setScene(scene));
     }
 
     /** @param {"splats" | "points" | "discs" | "depth"} appearance to draw Gaussians in from now on */
     async setAppearance(appearance) {
-        await this.#gpu?.setAppearance(shapeOf(appearance));
+        await this.#renderer.setAppearance(shapeOf(appearance));
         this.#appearance = appearance;
         this.#loop.invalidate();
     }
@@ -195,51 +179,11 @@ export class SceneView {
             [this.#canvas.width, this.#canvas.height] = size;
         }
         const camera = this.camera.of(...size.map((side) => Math.max(1, Math.round(share * side))));
-        return { camera, background: this.#background, asDepth: this.#appearance === "depth" };
+        return { camera, share, background: this.#background, asDepth: this.#appearance === "depth" };
     }
 
-    async #draw(share) {
-        try {
-            await this.#renderer.draw(this.#picture(share));
-        } catch (error) {
-            this.#onFault(error.message);
-        }
-        if (this.#renderer.count) {
-            markOnce("first picture");
-        }
-    }
-
-    /** Change from points to the GPU if it is there. The loop goes on with points while its first picture is drawn. */
-    async #sharpen() {
-        if (!this.#scene || !this.#gpu || this.#renderer === this.#gpu) {
-            return;
-        }
-        let picture;
-        const start = performance.now();
-        try {
-            await this.#gpu.setScene(this.#scene);
-            picture = this.#picture(1);
-            await this.#gpu.draw(picture);
-        } catch (error) {
-            this.stayWithPoints();
-            throw error;
-        }
-        this.#renderer = this.#gpu;
-        this.#points.close();
-        markOnce("first sharp picture");
-        this.#settled = true;
-        this.#showBusy(this.#rests);
-        this.#times = [];
-        this.#count(performance.now() - start);
-        if (JSON.stringify(picture) !== JSON.stringify(this.#picture(1))) {
-            this.#loop.invalidate();
-        }
-    }
-
-    /** @param {boolean} rests whether the loop has nothing to draw */
-    #showBusy(rests) {
-        this.#rests = rests;
-        this.#canvas.setAttribute("aria-busy", String(!rests || !this.#settled));
+    #showBusy() {
+        this.#canvas.setAttribute("aria-busy", String(!this.#rests || this.#underWay > 0));
     }
 
     #count(took) {
@@ -247,7 +191,7 @@ export class SceneView {
             return;
         }
         this.#times = [...this.#times, took].slice(-FRAMES_COUNTED);
-        if (this.#settled) {
+        if (this.#renderer.isSettled) {
             const mean = this.#times.reduce((sum, time) => sum + time, 0) / this.#times.length;
             this.#onStatistics(this.#renderer.count, 1000 / mean);
         }
@@ -257,11 +201,4 @@ export class SceneView {
 /** What shaders draw for an appearance. */
 function shapeOf(appearance) {
     return appearance === "depth" ? "splats" : appearance;
-}
-
-/** Leave a mark for whoever measures how long it takes until something is to be seen. */
-function markOnce(name) {
-    if (performance.getEntriesByName(name).length === 0) {
-        performance.mark(name);
-    }
 }
