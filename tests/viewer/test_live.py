@@ -128,7 +128,7 @@ def test_two_pages_follow_a_run(
         assert follower.samples[-1]["held_out_psnr"] == pytest.approx(result.evaluation.psnr, abs=0.5)
         cameras = follower.viewers[-1]["cameras"]
         assert len(cameras) == len(small_capture.frames)
-        assert follower.viewers[-1]["previews"] == ["previews/0000.png"]
+        assert follower.viewers[-1]["previews"] == ["previews/images_0000.png"]
         assert len(follower.scenes) >= 2
         about, encoded = follower.scenes[-1]
         assert (about["iteration"], about["format"]) == (300, "spz")
@@ -149,7 +149,7 @@ def test_late_page_is_told_all(train: Callable[..., RunResult], tmp_path: Path) 
         assert follower.viewers[0]["scene"] is None
         photo, preview = follower.viewers[0]["cameras"][3]["photo"], follower.viewers[0]["previews"][0]
         assert fetch(page.url, photo).body.startswith(b"\xff\xd8")
-        assert fetch(page.url, preview).body == (result.folder / "held_out" / "0000.png").read_bytes()
+        assert fetch(page.url, preview).body == (result.folder / "held_out" / "images_0000.png").read_bytes()
     ((about, encoded),) = follower.scenes
     assert (about["iteration"], len(decoded(encoded, tmp_path))) == (300, len(result.scene))
 
