@@ -17,11 +17,6 @@ def give_back() -> None:
         library.malloc_trim(0)
 
 
-def is_kept() -> bool:
-    """Whether the C library is one that keeps freed memory until it is told otherwise."""
-    return _glibc() is not None
-
-
 @cache
 def _glibc() -> ctypes.CDLL | None:
     try:

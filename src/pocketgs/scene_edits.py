@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from pocketgs.errors import PocketGSError
+from pocketgs.formats.quaternions import composed
 from pocketgs.gaussians import SH_COEFFICIENTS, Gaussians
 from pocketgs.splat.reference.spherical_harmonics import basis
 
@@ -93,7 +94,7 @@ def rotated(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:
     return Gaussians(
         gaussians.means @ rotation.T,
         gaussians.log_scales,
-        _product(_quaternion(rotation), gaussians.quaternions),
+        composed(_quaternion(rotation), gaussians.quaternions),
         gaussians.opacity_logits,
         np.einsum("ij,njc->nic", sh_rotation(rotation, gaussians.sh.shape[1]), gaussians.sh),
     )
@@ -145,10 +146,3 @@ def _quaternion(rotation: np.ndarray) -> np.ndarray:
     from scipy.spatial.transform import Rotation
 
     return np.roll(Rotation.from_matrix(rotation).as_quat(), 1)
-
-
-def _product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(N, 4) the rotations `second` (N, 4) followed by the rotation `first` (4,)."""
-    w, x, y, z = first
-    matrix = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
-    return second @ matrix.T

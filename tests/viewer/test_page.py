@@ -16,7 +16,7 @@ from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.webgpu.frame_values import view_values
 from pocketgs.viewer.content import Content, View
 from pocketgs.viewer.server import serving
-from viewer.browsing import PATIENCE, Visit, open_browser, visiting
+from viewer.browsing import PATIENCE, Visit, visiting
 from viewer.marks import HEIGHT, MARKS, UP, WIDTH, cameras_around, marked_scene, marks, psnr, size_of
 
 BACKGROUND = (0.1, 0.2, 0.3)
@@ -39,12 +39,6 @@ def content(scene: Gaussians, cameras: list[Camera], tmp_path_factory: pytest.Te
     photo = np.full((HEIGHT, WIDTH, 3), (255, 255, 0), np.uint8)
     views = [View(f"{i}.jpg", camera, i == 1, photo) for i, camera in enumerate(cameras)]
     return Content("marks", path, False, BACKGROUND, tuple(views), UP, (0.0, 0.0, 0.0))
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with open_browser() as running:
-        yield running
 
 
 @pytest.fixture(scope="module")

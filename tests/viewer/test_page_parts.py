@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +20,6 @@ from pocketgs.formats import ply, splat, spz
 from pocketgs.formats.spz_precision import SMALL
 from pocketgs.gaussians import Gaussians
 from pocketgs.splat.webgpu.scene_columns import to_columns
-from pocketgs.viewer.content import Content
-from pocketgs.viewer.server import serving
-from viewer.browsing import open_browser, visiting
 
 READ = """async ([name, content]) => {
     const { readScene } = await import(new URL("page/scene_file.js", document.baseURI));
@@ -40,17 +37,6 @@ FORMATS: list[Written] = [
     ("scene.spz", lambda path, scene: spz.write_gaussians(path, scene, precision=SMALL), spz.read_gaussians),
 ]
 written = pytest.mark.parametrize("written", FORMATS, ids=("ply", "splat", "spz3", "spz4", "small"))
-
-
-@pytest.fixture(scope="module")
-def page() -> Iterator[Page]:
-    no_gpu = "delete Navigator.prototype.gpu"
-    with (
-        open_browser() as browser,
-        serving(Content("parts")) as served,
-        visiting(browser, served.url, 400, 300, script=no_gpu) as visit,
-    ):
-        yield visit.page
 
 
 def read(page: Page, name: str, content: bytes) -> tuple[np.ndarray, np.ndarray, list[float]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,6 @@ from playwright.sync_api import Page
 from pocketgs.camera import Camera
 from pocketgs.gaussians import SH_DC, Gaussians
 from pocketgs.splat.webgpu.scene_columns import to_columns
-from pocketgs.viewer.content import Content
-from pocketgs.viewer.server import serving
-from viewer.browsing import open_browser, visiting
 
 BACKGROUND = (0.2, 0.4, 0.6)
 LEAST_OPACITY = 0.1
@@ -40,17 +36,6 @@ DRAW = """async ([shape, sh, counts, camera, share, background]) => {
         return Array.from(image.data.data);
     });
 }"""
-
-
-@pytest.fixture(scope="module")
-def page() -> Iterator[Page]:
-    no_gpu = "delete Navigator.prototype.gpu"
-    with (
-        open_browser() as browser,
-        serving(Content("points")) as served,
-        visiting(browser, served.url, 400, 300, script=no_gpu) as visit,
-    ):
-        yield visit.page
 
 
 def draw(page: Page, scene: Gaussians, *counts: int, share: float = 1.0) -> list[np.ndarray]:

@@ -15,7 +15,7 @@ from pocketgs.gaussians import SH_DC, Gaussians
 from pocketgs.viewer.content import Content, View
 from pocketgs.viewer.live import LiveRun
 from pocketgs.viewer.server import serving
-from viewer.browsing import PATIENCE, Visit, open_browser, visiting
+from viewer.browsing import PATIENCE, Visit, visiting
 from viewer.marks import HEIGHT, MARKS, UP, WIDTH, cameras_around, marked_scene, marks, psnr
 
 BACKGROUND = (0.1, 0.2, 0.3)
@@ -59,12 +59,6 @@ window.fetch = async (url, ...options) => {
 };
 """
 """Takes the scene's last byte away."""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with open_browser() as running:
-        yield running
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from pocketgs.formats import ply, splat
 from pocketgs.gaussians import Gaussians
 from pocketgs.viewer.content import Content, View
 from pocketgs.viewer.server import serving
-from viewer.browsing import PATIENCE, Visit, open_browser, visiting
+from viewer.browsing import PATIENCE, Visit, visiting
 from viewer.marks import HEIGHT, MARKS, UP, WIDTH, cameras_around, marked_scene, marks, psnr
 
 BACKGROUND = (0.1, 0.2, 0.3)
@@ -38,12 +38,6 @@ def small_gpu(bytes_of_buffer: int) -> str:
         Object.defineProperty(GPUSupportedLimits.prototype, name, {{ get: () => {bytes_of_buffer} }});
     }}
     """
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with open_browser() as running:
-        yield running
 
 
 @pytest.fixture(scope="module")

@@ -16,6 +16,14 @@ def unit(quaternions: np.ndarray) -> np.ndarray:
     return scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
 
 
+def composed(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(..., 4) the rotations `second` followed by the rotations `first`: their product, w before x, y and z."""
+    w, v = first[..., :1], first[..., 1:]
+    other_w, other_v = second[..., :1], second[..., 1:]
+    real = w * other_w - np.sum(v * other_v, axis=-1, keepdims=True)
+    return np.concatenate([real, w * other_v + other_w * v + np.cross(v, other_v)], axis=-1)
+
+
 def drop_largest(quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Leave out each quaternion's largest component, having made it positive: the length of 1 gives it back.
 

@@ -11,7 +11,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from pocketgs.formats.quaternions import unit
+from pocketgs.formats.quaternions import composed, unit
 from pocketgs.formats.spz_attributes import pack_rotations
 from pocketgs.formats.spz_precision import Precision
 from pocketgs.gaussians import Gaussians
@@ -34,17 +34,9 @@ def with_least_turns(gaussians: Gaussians) -> Gaussians:
     # cos(angle / 2) of each, the product's component w.
     cosines = quaternions @ (_RENAMINGS * _CONJUGATE).T
     least = np.abs(cosines).argmax(axis=1)
-    turned = _product(quaternions, _RENAMINGS[least])
+    turned = composed(quaternions, _RENAMINGS[least])
     scales = np.take_along_axis(gaussians.log_scales, _AXES[least], axis=1)
     return replace(gaussians, quaternions=turned * np.where(turned[:, :1] < 0, -1.0, 1.0), log_scales=scales)
-
-
-def _product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(..., 4) the rotations `second` followed by the rotations `first`."""
-    w, v = first[..., :1], first[..., 1:]
-    other_w, other_v = second[..., :1], second[..., 1:]
-    real = w * other_w - np.sum(v * other_v, axis=-1, keepdims=True)
-    return np.concatenate([real, w * other_v + other_w * v + np.cross(v, other_v)], axis=-1)
 
 
 def _renamings() -> np.ndarray:
@@ -57,7 +49,7 @@ def _renamings() -> np.ndarray:
 
 def _axes_of(quaternions: np.ndarray) -> np.ndarray:
     """(R, 3) which old axis each new one lies along."""
-    along = [_product(_product(quaternions, axis), quaternions * _CONJUGATE) for axis in np.eye(4)[1:]]
+    along = [composed(composed(quaternions, axis), quaternions * _CONJUGATE) for axis in np.eye(4)[1:]]
     return np.abs(np.stack(along, axis=1))[..., 1:].argmax(axis=2)
 
 

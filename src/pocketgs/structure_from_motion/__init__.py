@@ -1,5 +1,5 @@
 """Structure from motion: camera poses for photographs or a video without any, found by COLMAP.
 
-The modules `colmap` and `triangulation` run in processes of their own and must not import the rest, so nothing is
-imported here.
+The modules `colmap` and `triangulation`, and `extraction` and `job` that they share, run in processes of their own and
+must not import the rest, so nothing is imported here.
 """

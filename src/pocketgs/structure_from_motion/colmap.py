@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pycolmap
 
+from pocketgs.structure_from_motion.extraction import extract_features, import_images
 from pocketgs.structure_from_motion.job import Job, Outcome, announce, serve
 
 # A phone's main camera without EXIF data: focal length over the longer side. COLMAP's own 1.2 is that of a short
@@ -55,23 +56,8 @@ def _extract(job: Job, database: Path) -> None:
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = job["camera_model"]
     reader.default_focal_length_factor = PHONE_FOCAL_LENGTH
-    extraction = pycolmap.FeatureExtractionOptions()
-    extraction.max_image_size = job["max_size"]
-    extraction.num_threads = job["threads"]
-    pycolmap.Database.open(database).close()
-    # Listed before the extraction, whose threads would number the images in the order in which they finish.
-    for names in job["groups"]:
-        pycolmap.import_images(database, job["images"], pycolmap.CameraMode.SINGLE, names, reader)
-    for names in job["groups"]:
-        pycolmap.extract_features(
-            database,
-            job["images"],
-            names,
-            pycolmap.CameraMode.SINGLE,
-            reader_options=reader,
-            extraction_options=extraction,
-            device=pycolmap.Device.cpu,
-        )
+    import_images(job, database, job["groups"], pycolmap.CameraMode.SINGLE, reader)
+    extract_features(job, database, job["groups"], pycolmap.CameraMode.SINGLE, reader)
 
 
 def _match(job: Job, database: Path) -> None:

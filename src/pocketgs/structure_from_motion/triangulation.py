@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pycolmap
 
+from pocketgs.structure_from_motion.extraction import extract_features, import_images
 from pocketgs.structure_from_motion.job import Job, Outcome, announce, serve
 
 
@@ -40,25 +41,12 @@ def _extract(job: Job, database: Path) -> None:
     """Features of all images, each of which has a camera of its own."""
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = "PINHOLE"
-    extraction = pycolmap.FeatureExtractionOptions()
-    extraction.max_image_size = job["max_size"]
-    extraction.num_threads = job["threads"]
-    pycolmap.Database.open(database).close()
-    names = sorted(job["cameras"])
-    # Listed before the extraction, whose threads would number the images in the order in which they finish.
-    pycolmap.import_images(database, job["images"], pycolmap.CameraMode.PER_IMAGE, names, reader)
+    groups = [sorted(job["cameras"])]
+    import_images(job, database, groups, pycolmap.CameraMode.PER_IMAGE, reader)
     with pycolmap.Database.open(database) as found:
         for image in found.read_all_images():
             found.update_camera(_camera(image.camera_id, job["cameras"][image.name]))
-    pycolmap.extract_features(
-        database,
-        job["images"],
-        names,
-        pycolmap.CameraMode.PER_IMAGE,
-        reader_options=reader,
-        extraction_options=extraction,
-        device=pycolmap.Device.cpu,
-    )
+    extract_features(job, database, groups, pycolmap.CameraMode.PER_IMAGE, reader)
 
 
 def _match(job: Job, database: Path) -> None:
