@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
@@ -57,6 +58,14 @@ def test_a_cell_keeps_how_memory_went(measured: CellResult) -> None:
     assert {sample["stage"] for sample in samples} <= set(measured.run["seconds"])
     assert max(sample["rss_mb"] for sample in samples) <= measured.run["peak_rss_mb"] + 1
     assert [sample["seconds"] for sample in samples] == sorted(sample["seconds"] for sample in samples)
+
+
+def test_a_result_does_not_say_where_its_capture_lies(capture_folder: Path, tmp_path: Path) -> None:
+    (capture_folder / "images" / "0003.png").unlink()
+    result = run_cell(job(capture_folder), tmp_path / "work")
+    assert result.error is None
+    assert any(warning.startswith("toys/transforms.json: ") for warning in result.run["capture"]["warnings"])
+    assert str(capture_folder) not in json.dumps(result.run)
 
 
 def test_a_cell_run_again_gives_the_same_figures(measured: CellResult, written_capture: Path, tmp_path: Path) -> None:

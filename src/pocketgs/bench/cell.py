@@ -80,7 +80,7 @@ def run_cell(job: Job, work: Path) -> CellResult:
     if status != 0:
         return replace(begun, error=_last_words(log, status))
     try:
-        return _collected(begun, folder)
+        return _collected(begun, folder, job.capture.path)
     except (PocketGSError, OSError, ValueError) as error:
         return replace(begun, error=str(error))
 
@@ -117,9 +117,10 @@ def _last_words(log: Path, status: int) -> str:
     return f"{ended}: {lines[-1]}" if status < 0 else lines[-1]
 
 
-def _collected(begun: CellResult, folder: Path) -> CellResult:
-    """The result with what the command left in its folder."""
-    run: dict[str, Any] = json.loads((folder / result_folder.RECORD).read_text(encoding="utf-8"))
+def _collected(begun: CellResult, folder: Path, capture: Path) -> CellResult:
+    """The result with what the command left in its folder; where the capture lies is nothing to a reader elsewhere."""
+    told = (folder / result_folder.RECORD).read_text(encoding="utf-8")
+    run: dict[str, Any] = json.loads(told.replace(json.dumps(str(capture))[1:-1], capture.name))
     if run["interrupted"]:
         raise PocketGSError("the run was interrupted")
     if run["psnr"] is None:
