@@ -11,7 +11,7 @@ from pocketgs.capture.capture import Capture
 from pocketgs.errors import PocketGSError
 from pocketgs.pointcloud import PointCloud
 from pocketgs.prior.fuse import FusionSettings
-from pocketgs.prior.gate import GateSettings
+from pocketgs.prior.keyframes import KeyframeSettings
 from pocketgs.prior.prior import Prior, PriorSettings, build_prior
 from pocketgs.prior.structure import StructureSettings
 from pocketgs.prior.sweep import SweepSettings
@@ -98,7 +98,7 @@ def _confirmed_points(cloud: PointCloud | None) -> int:
 
 def _settings(options: TrainingOptions) -> PriorSettings:
     return PriorSettings(
-        gate=GateSettings(max_keyframes=options.max_keyframes),
+        keyframes=KeyframeSettings(max_keyframes=options.max_keyframes),
         structure=StructureSettings(bundle=options.bundle),
         sweep=SweepSettings(references=options.references),
         dense=options.prior == "dense",
