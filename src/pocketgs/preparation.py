@@ -8,6 +8,7 @@ import numba
 import numpy as np
 
 from pocketgs.capture.capture import Capture
+from pocketgs.cores import kernel_threads
 from pocketgs.errors import PocketGSError
 from pocketgs.planning.effort import sized
 from pocketgs.pointcloud import PointCloud
@@ -48,8 +49,7 @@ def prepare(capture: Capture, options: TrainingOptions | None = None, stopwatch:
     if options.prior == "colmap" and capture.points is None:
         check_installed()
     if options.prior != "none":
-        most = numba.config.NUMBA_NUM_THREADS
-        numba.set_num_threads(min(options.threads or most, most))
+        numba.set_num_threads(kernel_threads(options.threads))
         prior = build_prior(capture, options.max_gaussians, _settings(options), stopwatch)
         if options.prior == "colmap":
             prior = _with_colmap_cloud(capture, prior, options, stopwatch)
