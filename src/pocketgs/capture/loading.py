@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -19,6 +18,7 @@ from pocketgs.capture.image_file import read_colour, read_mask
 from pocketgs.capture.lens import forget_undistortions, undistortion
 from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.video_file import VideoFrame, read_frames
+from pocketgs.cores import usable_cores
 from pocketgs.errors import PocketGSError
 
 # Every worker holds a few full-size copies of one image; more workers decode little faster.
@@ -62,7 +62,7 @@ def map_frames(
     """
     found: list[Result] = []
     try:
-        with ThreadPoolExecutor(min(MOST_WORKERS, os.cpu_count() or 1)) as pool:
+        with ThreadPoolExecutor(min(MOST_WORKERS, usable_cores())) as pool:
             for video, group in groupby(sources, key=_video_of):
                 if video is None:
                     found.extend(pool.map(lambda source: look(load_frame(source, preparation)), group))

@@ -109,8 +109,7 @@ def _adjusted(
         points = triangulate(cameras, seen)
         finite = np.isfinite(points).all(axis=1)
         seen = _renumbered(seen.select(finite[seen.point]))
-        # Every round starts from the given poses: from the last round's, the prior would let them wander off.
-        result = adjust_bundle(given, points[finite], seen, settings)
+        result = adjust_bundle(given, points[finite], seen, settings, start=cameras)
         cameras = [new if own else old for old, new, own in zip(given, result.cameras, supported, strict=True)]
         last, tolerance = tolerance, next_tolerance(result.residuals, tolerance, finest)
         if tolerance > 0.8 * last:

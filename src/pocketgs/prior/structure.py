@@ -23,6 +23,10 @@ from pocketgs.prior.tracks import link, reprojection_errors, triangulate, triang
 from pocketgs.prior.two_view import match_views
 
 
+MOST_STEPS, NEGLIGIBLE_GAIN = 15, 1e-4
+"""Adjustment ends after so many steps, or when one gains less than this share of the cost: far below noise."""
+
+
 @dataclass(frozen=True)
 class StructureSettings:
     """How points are found and poses refined.
@@ -48,7 +52,12 @@ class StructureSettings:
 
     def bundle_settings(self, scale: Scale) -> BundleSettings:
         """Those of bundle adjustment in a scene of this scale."""
-        return BundleSettings(position_sigma=self.position_sigma * scale.unit, rotation_sigma=self.rotation_sigma)
+        return BundleSettings(
+            iterations=MOST_STEPS,
+            position_sigma=self.position_sigma * scale.unit,
+            rotation_sigma=self.rotation_sigma,
+            tolerance=NEGLIGIBLE_GAIN,
+        )
 
 
 @dataclass(frozen=True, eq=False)
