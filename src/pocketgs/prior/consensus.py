@@ -106,7 +106,7 @@ def _vote_on(
             for k in range(count):
                 found.agrees[first + k] = errors[k] < tolerance
         for k in range(count):
-            if k == one or k == other:
+            if k in (one, other):
                 continue
             without, rest = (near - 1, cost - errors[k] ** 2) if errors[k] < tolerance else (near, cost)
             at = first + k
@@ -158,7 +158,9 @@ def _meet(
 
 
 @part
-def _ray(pose: np.ndarray, intrinsics: np.ndarray, pixel: np.ndarray, centre: np.ndarray, direction: np.ndarray) -> None:
+def _ray(
+    pose: np.ndarray, intrinsics: np.ndarray, pixel: np.ndarray, centre: np.ndarray, direction: np.ndarray
+) -> None:
     """Write a camera's centre and the unit direction through a pixel, in the world."""
     x, y = (pixel[0] - intrinsics[2]) / intrinsics[0], (pixel[1] - intrinsics[3]) / intrinsics[1]
     length = math.sqrt(x * x + y * y + 1.0)

@@ -104,7 +104,7 @@ def _adjusted(
         chosen, supported = _well_seen(given, agreeing)
         if not supported.any():
             return list(given), supported, tolerance
-        numbers, point = np.unique(chosen.point, return_inverse=True)
+        _, point = np.unique(chosen.point, return_inverse=True)
         seen = Observations(chosen.frame, point.astype(np.int32), chosen.pixels)
         points = triangulate(cameras, seen)
         finite = np.isfinite(points).all(axis=1)
@@ -136,12 +136,16 @@ def _accepted(
     fitted = _renumbered(tracks.select(~checked & ~absent[tracks.frame]))
     adjusted, present, _ = _adjusted(given, fitted, tolerance, finest, settings)
     by_points = [_errors_of_points(cameras, tracks.select(checked), final) for cameras in (given, adjusted)]
-    by_views = [_errors_of_views(cameras, tracks.select(~checked), absent, final, settings) for cameras in (given, adjusted)]
+    by_views = [
+        _errors_of_views(cameras, tracks.select(~checked), absent, final, settings) for cameras in (given, adjusted)
+    ]
     accepted = np.zeros(len(given), bool)
     for part in _parts(tracks, supported):
         inside = part[tracks.frame[checked]] & present[tracks.frame[checked]]
         before, after = (_truncated(by_points, inside, final, which) for which in (0, 1))
-        views_before, views_after = (_truncated(by_views, part[tracks.frame[~checked]], final, which) for which in (0, 1))
+        views_before, views_after = (
+            _truncated(by_views, part[tracks.frame[~checked]], final, which) for which in (0, 1)
+        )
         if after <= (1 - LEAST_GAIN) * before and views_after <= views_before:
             accepted |= part
     return accepted & supported

@@ -48,7 +48,10 @@ class Poses:
             (self.carried, "see too little to be placed exactly and follow their neighbours"),
             (self.replaced, "had poses that the other photographs contradict and were placed anew"),
             (self.left_out, "have poses that the other photographs contradict and are left out of training"),
-            (self.doubtful, "are held out and have poses that the other photographs contradict: do not trust their figures"),
+            (
+                self.doubtful,
+                "are held out and have poses that the other photographs contradict: mind their figures",
+            ),
         )
         return tuple(f"{len(names)} frames {words}: {_listed(names)}" for names, words in said if names)
 

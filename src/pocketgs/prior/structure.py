@@ -22,7 +22,6 @@ from pocketgs.prior.tolerance import FINEST, LEAST_ANGLE, measured_tolerance, wi
 from pocketgs.prior.tracks import link, reprojection_errors, triangulate, triangulation_angles
 from pocketgs.prior.two_view import match_views
 
-
 MOST_STEPS, NEGLIGIBLE_GAIN = 15, 1e-4
 """Adjustment ends after so many steps, or when one gains less than this share of the cost: far below noise."""
 
@@ -167,14 +166,14 @@ def _agreeing(
     """The points that sightings agree on, those sightings, and (M,) which of the tracks' they are."""
     kept = np.flatnonzero(consensus(cameras, tracks, tolerance, LEAST_ANGLE).agrees)
     for _ in range(2):
-        numbers, point = np.unique(tracks.point[kept], return_inverse=True)
+        _, point = np.unique(tracks.point[kept], return_inverse=True)
         seen = Observations(tracks.frame[kept], point.astype(np.int32), tracks.pixels[kept])
         points = triangulate(cameras, seen)
         near = reprojection_errors(cameras, points, seen) < tolerance
         views = np.bincount(seen.point[near], minlength=len(points))
         angles = triangulation_angles(cameras, points, seen.select(near))
         kept = kept[near & ((views >= 2) & (angles >= LEAST_ANGLE))[seen.point]]
-    numbers, point = np.unique(tracks.point[kept], return_inverse=True)
+    _, point = np.unique(tracks.point[kept], return_inverse=True)
     seen = Observations(tracks.frame[kept], point.astype(np.int32), tracks.pixels[kept])
     return triangulate(cameras, seen), seen, kept
 

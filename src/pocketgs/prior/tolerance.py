@@ -1,4 +1,4 @@
-"""How far sightings of one point may lie apart: measured from the sightings, between noise and what poses may be off."""
+"""How far sightings of one point may lie apart: measured from them, between noise and what poses may be off."""
 
 from __future__ import annotations
 

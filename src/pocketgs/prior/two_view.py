@@ -54,7 +54,8 @@ def agreeing(first: Camera, second: Camera, here: np.ndarray, there: np.ndarray,
     """Which matches one rigid motion explains: an essential matrix, by RANSAC (OpenCV's USAC).
 
     Args:
-        first, second: give the intrinsics.
+        first: gives the intrinsics of one view.
+        second: those of the other.
         here: (M, 2) pixels in the first view.
         there: (M, 2) pixels in the second.
         tolerance: distance from epipolar lines in pixels.
