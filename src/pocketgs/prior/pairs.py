@@ -71,17 +71,17 @@ def in_sequence(names: Sequence[str]) -> list[Pair]:
 
 def by_appearance(features: Sequence[Features]) -> list[Pair]:
     """Pairs of views whose features are of the same kinds, rare kinds counting more (Sivic and Zisserman 2003)."""
-    likeness = _likeness(features)
-    np.fill_diagonal(likeness, -1.0)
+    rows = likeness(features)
+    np.fill_diagonal(rows, -1.0)
     pairs = set()
-    for view, row in enumerate(likeness):
+    for view, row in enumerate(rows):
         for other in np.argsort(-row, kind="stable")[:MOST_ALIKE]:
             if row[other] > 0:
                 pairs.add(_pair(view, int(other)))
     return sorted(pairs)
 
 
-def _likeness(features: Sequence[Features]) -> np.ndarray:
+def likeness(features: Sequence[Features]) -> np.ndarray:
     """(F, F) cosine between the views' histograms of words, weighted by tf-idf.
 
     Words are features drawn at random: clustering them would be slower, and hardly better at this number of views.

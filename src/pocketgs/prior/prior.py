@@ -91,7 +91,7 @@ def build_prior(
             fused = fuse(keyframes, maps, capture.train, max_points, settings.fusion)
             del maps
         with stopwatch.stage("coverage"):
-            sources = [sparse] if structure and structure.refined or capture.points is None else [sparse, capture.points]
+            sources = [sparse] if (structure and structure.refined) or capture.points is None else [sparse, capture.points]
             full = completed(fused, capture.train, sources, int(max_points * MOST_GUESSED))
             cloud = full.cloud
     else:

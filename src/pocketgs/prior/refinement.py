@@ -82,7 +82,7 @@ def refine(
         return nothing
     cameras = [new if move else old for old, new, move in zip(given, adjusted, moved, strict=True)]
     carried = _thin(given, moved, supported, scene_distance)
-    for view in np.flatnonzero(carried):
+    for view in np.flatnonzero(carried).tolist():
         nearest = _nearest(given[view], given, moved, scene_distance)
         cameras[view] = carried_along(given[view], given[nearest], adjusted[nearest])
     return Refinement(cameras, moved, carried)
@@ -184,7 +184,7 @@ def _errors_of_views(
         seen = np.bincount(theirs.point, minlength=len(found)) >= 2
         positions[numbers[: len(found)][seen]] = found[seen]
     known = np.isfinite(positions[tracks.point]).all(axis=1)
-    for view in np.flatnonzero(absent):
+    for view in np.flatnonzero(absent).tolist():
         own = np.flatnonzero((tracks.frame == view) & known)
         fitted, judged = own[::2], own[1::2]
         if len(fitted) < FEWEST_SIGHTINGS // 2:
@@ -249,15 +249,15 @@ def _parts(tracks: Observations, supported: np.ndarray) -> list[np.ndarray]:
 def _thin(given: Sequence[Camera], moved: np.ndarray, supported: np.ndarray, scene_distance: float) -> np.ndarray:
     """(F,) bool: cameras that see too little, and whose nearest neighbour that sees enough has moved."""
     thin = np.zeros(len(given), bool)
-    for view in np.flatnonzero(~supported):
+    for view in np.flatnonzero(~supported).tolist():
         thin[view] = moved[_nearest(given[view], given, supported, scene_distance)]
     return thin
 
 
 def _nearest(camera: Camera, others: Sequence[Camera], among: np.ndarray, scene_distance: float) -> int:
-    numbers = np.flatnonzero(among)
+    numbers = np.flatnonzero(among).tolist()
     distances = view_distances([camera], [others[number] for number in numbers], scene_distance)[0]
-    return int(numbers[distances.argmin()])
+    return int(numbers[int(distances.argmin())])
 
 
 def _renumbered(observations: Observations) -> Observations:

@@ -16,11 +16,13 @@ from pocketgs.prior.detection import detect_all
 from pocketgs.prior.features import Features
 from pocketgs.prior.observations import Observations
 from pocketgs.prior.pairs import choose_pairs
+from pocketgs.prior.placement import Placement
 from pocketgs.prior.refinement import refine
 from pocketgs.prior.scale import Scale
+from pocketgs.prior.suspects import contradicted
 from pocketgs.prior.tolerance import FINEST, LEAST_ANGLE, measured_tolerance, widest_tolerance
 from pocketgs.prior.tracks import link, reprojection_errors, triangulate, triangulation_angles
-from pocketgs.prior.two_view import match_views
+from pocketgs.prior.two_view import VERIFICATION, Matches, match_views
 
 MOST_STEPS, NEGLIGIBLE_GAIN = 15, 1e-4
 """Adjustment ends after so many steps, or when one gains less than this share of the cost: far below noise."""
@@ -69,8 +71,8 @@ class Structure:
         points: (N, 3) float64.
         observations: where the frames see the points: what agrees with `cameras` within `tolerance`.
         landmarks: for each frame the features that are points, and (L,) the index of each one's point.
-        rmse_before, rmse_after: root mean square reprojection error in pixels with the given poses, and with those in
-            `cameras`.
+        rmse_before, rmse_after: root mean square reprojection error in pixels with the given poses (of replaced frames,
+            as they were placed), and with those in `cameras`.
         tolerance: pixels within which sightings agree with points.
         refined: whether some of `cameras` are other than given.
         carried: names of frames that see too little to be refined, and moved with the nearest frame that was.
@@ -125,39 +127,59 @@ def build_structure(
     Returns:
         None if there is too little texture to tell.
     """
+    names = tuple(frame.name for frame in frames)
     given = [frame.camera for frame in frames]
     features = detect_all(frames, settings.features, photographs)
-    pairs = choose_pairs([frame.name for frame in frames], given, features, scale.distance)
-    tracks, feature = link(features, match_views(given, features, pairs))
+    finest = FINEST * float(np.median([view.grain for view in features])) if features else FINEST
+    pairs = choose_pairs(names, given, features, scale.distance)
+    matches = match_views(given, features, pairs)
+    placed, matches, wrong = _placed(given, features, matches, finest, settings.bundle, scale)
+    sound = {pair: found for pair, found in matches.items() if not wrong[list(pair)].any()}
+    tracks, feature = link(features, sound)
     if not len(tracks):
         return None
-    finest = FINEST * float(np.median([view.grain for view in features]))
-    before = measured_tolerance(given, tracks, finest)
-    cameras, tolerance = given, before
-    carried: list[str] = []
+    cameras, carried = placed, np.zeros(len(frames), bool)
     if settings.bundle:
-        refinement = refine(
-            given, tracks, widest_tolerance(given), finest, settings.bundle_settings(scale), scale.distance
-        )
-        if refinement.moved.any():
-            cameras = refinement.cameras
-            tolerance = measured_tolerance(cameras, tracks, finest)
-            carried = [frame.name for frame, thin in zip(frames, refinement.carried, strict=True) if thin]
+        widest, how = widest_tolerance(given), settings.bundle_settings(scale)
+        refinement = refine(placed, tracks, widest, finest, how, scale.distance)
+        cameras, carried = refinement.cameras, refinement.carried
+    tolerance = measured_tolerance(cameras, tracks, finest)
     points, seen, behind = _agreeing(cameras, tracks, tolerance)
     if len(points) < settings.fewest_points:
         return None
+    changed = [new is not old for new, old in zip(placed, given, strict=True)]
     return Structure(
-        names=tuple(frame.name for frame in frames),
-        cameras=list(cameras),
+        names=names,
+        cameras=cameras,
         points=points,
         observations=seen,
         landmarks=[_landmarks(features[view], feature[behind], seen, view) for view in range(len(frames))],
-        rmse_before=_rmse(given, triangulate(given, seen), seen),
+        rmse_before=_rmse(placed, triangulate(placed, seen), seen),
         rmse_after=_rmse(cameras, points, seen),
         tolerance=tolerance,
-        refined=cameras is not given,
-        carried=tuple(carried),
+        refined=any(new is not old for new, old in zip(cameras, given, strict=True)),
+        carried=_chosen(names, carried),
+        replaced=_chosen(names, changed),
+        doubtful=_chosen(names, wrong),
     )
+
+
+def _placed(
+    given: list[Camera], features: Sequence[Features], matches: Matches, finest: float, may_move: bool, scale: Scale
+) -> tuple[list[Camera], Matches, np.ndarray]:
+    """Cameras, wrong ones placed anew where that is possible; all matches; and (F,) bool what stays wrong."""
+    tracks, _ = link(features, matches)
+    tolerance = max(VERIFICATION * finest, measured_tolerance(given, tracks, finest))
+    wrong = contradicted(given, features, matches, tolerance)
+    if not (wrong.any() and may_move):
+        return given, matches, wrong
+    placement = Placement(given, features, matches, wrong, tolerance, scale.distance)
+    placement.run()
+    return placement.cameras, placement.matches, placement.wrong
+
+
+def _chosen(names: Sequence[str], which: Sequence[bool] | np.ndarray) -> tuple[str, ...]:
+    return tuple(name for name, chosen in zip(names, which, strict=True) if chosen)
 
 
 def _agreeing(

@@ -67,15 +67,16 @@ def agreeing(first: Camera, second: Camera, here: np.ndarray, there: np.ndarray,
     if len(here) < FEWEST_MATCHES:
         return nothing
     focal = float(np.sqrt(np.sqrt(first.fx * first.fy * second.fx * second.fy)))
-    points = [_normalised(camera, pixels) * focal for camera, pixels in ((first, here), (second, there))]
+    one, other = (_normalised(camera, pixels) * focal for camera, pixels in ((first, here), (second, there)))
     matrix = np.diag([focal, focal, 1.0])
     try:
-        _, inliers = cv2.findEssentialMat(*points, matrix, cv2.USAC_FAST, CONFIDENCE, tolerance, maxIters=TRIALS)
+        _, inliers = cv2.findEssentialMat(one, other, matrix, cv2.USAC_FAST, CONFIDENCE, tolerance, maxIters=TRIALS)
     except cv2.error:  # the solver meets a degenerate sample
         return nothing
-    if inliers is None or inliers.sum() < max(FEWEST_MATCHES, LEAST_SHARE * len(here)):
+    if inliers is None:
         return nothing
-    return inliers.ravel() > 0
+    agrees = np.asarray(inliers).ravel() > 0
+    return agrees if agrees.sum() >= max(FEWEST_MATCHES, LEAST_SHARE * len(here)) else nothing
 
 
 def _normalised(camera: Camera, pixels: np.ndarray) -> np.ndarray:
