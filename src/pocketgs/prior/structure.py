@@ -94,7 +94,7 @@ class Structure:
     doubtful: tuple[str, ...] = ()
 
     def of(self, frames: Sequence[Frame]) -> Structure:
-        """The structure with the cameras, sightings and landmarks of some frames only; points keep their numbers.
+        """What some frames see: their cameras, and the points that two of them or more see, numbered anew.
 
         Args:
             frames: some of those that it was built from, in any order.
@@ -103,13 +103,20 @@ class Structure:
         chosen = np.array([number[frame.name] for frame in frames], np.int64)
         place = np.full(len(self.names), -1, np.int32)
         place[chosen] = np.arange(len(chosen))
-        seen = self.observations.select(place[self.observations.frame] >= 0)
+        inside = place[self.observations.frame] >= 0
+        kept = np.bincount(self.observations.point[inside], minlength=len(self.points)) >= 2
+        numbers = np.cumsum(kept, dtype=np.int32) - 1
+        seen = self.observations.select(inside & kept[self.observations.point])
+        landmarks = []
+        for features, point in (self.landmarks[index] for index in chosen):
+            landmarks.append((features.select(kept[point]), numbers[point[kept[point]]]))
         return replace(
             self,
             names=tuple(self.names[index] for index in chosen),
             cameras=[self.cameras[index] for index in chosen],
-            observations=Observations(place[seen.frame], seen.point, seen.pixels),
-            landmarks=[self.landmarks[index] for index in chosen],
+            points=self.points[kept],
+            observations=Observations(place[seen.frame], numbers[seen.point], seen.pixels),
+            landmarks=landmarks,
         )
 
 
