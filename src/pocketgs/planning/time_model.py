@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from pocketgs.planning.calibration import Speed
 from pocketgs.planning.work import Work
-from pocketgs.prior.tracks import PAIRS_PER_VIEW
+from pocketgs.prior.pairs import PAIRS_PER_VIEW
 
 MEGA = 1e6
 

@@ -15,8 +15,7 @@ from pocketgs.prior.depth_maps import depth_maps
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
 from pocketgs.prior.fuse import FusionSettings, fuse
 from pocketgs.prior.keyframes import KeyframeSettings, select_keyframes
-from pocketgs.prior.relocalise import relocalise
-from pocketgs.prior.report import PriorReport
+from pocketgs.prior.report import Poses, PriorReport
 from pocketgs.prior.scale import Scale, estimate_scale
 from pocketgs.prior.structure import Structure, StructureSettings, build_structure
 from pocketgs.prior.sweep import SweepSettings
@@ -73,8 +72,10 @@ def build_prior(
     stopwatch = stopwatch or Stopwatch()
     with stopwatch.stage("poses"):
         scale = estimate_scale(capture)
-        structure = build_structure(capture.train, scale, settings.structure)
-        capture, carried = _with_refined_poses(capture, capture.train, structure, scale, settings)
+        structure = build_structure(capture.frames, scale, settings.structure, capture.photographs)
+        capture = _with_poses_of(structure, capture)
+        found = Poses.of(structure, capture)
+        structure = structure.of(capture.train) if structure else None
         capture, gains = _with_one_exposure(capture, capture.train, structure, scale, settings)
     seen = _seen_points(structure, len(capture.train))
     with stopwatch.stage("keyframes"):
@@ -90,7 +91,7 @@ def build_prior(
             fused = fuse(keyframes, maps, capture.train, max_points, settings.fusion)
             del maps
         with stopwatch.stage("coverage"):
-            sources = [sparse] if structure and structure.refined or capture.points is None else [sparse, capture.points]
+            sources = [sparse] if (structure and structure.refined) or capture.points is None else [sparse, capture.points]
             full = completed(fused, capture.train, sources, int(max_points * MOST_GUESSED))
             cloud = full.cloud
     else:
@@ -101,26 +102,23 @@ def build_prior(
         rmse_given=structure.rmse_before if structure else None,
         rmse=structure.rmse_after if structure else None,
         poses_refined=structure is not None and structure.refined,
-        carried=carried,
+        poses=found,
         gains=gains,
         points=len(cloud),
-        warnings=_warnings(structure, carried),
+        warnings=_warnings(structure, found),
     )
     print("COV", full.found, full.covered, full.added, full.guessed, len(fused), len(cloud), len(chosen))
     return Prior(replace(capture, points=cloud), report)
 
 
-def _with_refined_poses(
-    capture: Capture, keyframes: Sequence[Frame], structure: Structure | None, scale: Scale, settings: PriorSettings
-) -> tuple[Capture, tuple[str, ...]]:
-    """The capture in the world that bundle adjustment made, and which frames could not be placed in it by sight."""
-    if structure is None or not structure.refined:
-        return capture, ()
-    cameras = {frame.name: camera for frame, camera in zip(keyframes, structure.cameras, strict=True)}
-    others = [frame for frame in capture.frames if frame.name not in cameras]
-    found = relocalise(others, keyframes, structure, scale, settings.structure)
-    cameras |= {frame.name: camera for frame, camera in zip(others, found.cameras, strict=True)}
-    return capture.with_refined_poses(cameras), found.carried
+def _with_poses_of(structure: Structure | None, capture: Capture) -> Capture:
+    """The capture with the structure's poses, and without training frames whose poses are wrong beyond repair."""
+    if structure is None:
+        return capture
+    if structure.refined:
+        capture = capture.with_refined_poses(dict(zip(structure.names, structure.cameras, strict=True)))
+    sound = [frame for frame in capture.train if frame.name not in structure.doubtful]
+    return capture if len(sound) == len(capture.train) else replace(capture, train=sound)
 
 
 def _with_one_exposure(
@@ -156,14 +154,7 @@ def _sparse_cloud(frames: Sequence[Frame], structure: Structure | None) -> Point
     return PointCloud(structure.points, colours, directions).select(finite)
 
 
-def _warnings(structure: Structure | None, carried: tuple[str, ...]) -> tuple[str, ...]:
-    found = []
+def _warnings(structure: Structure | None, poses: Poses) -> tuple[str, ...]:
     if structure is None:
-        found.append("too little texture to refine poses or to tell how far things are: poses are used as given")
-    if carried:
-        found.append(
-            f"{len(carried)} frames see too little to be placed exactly and follow their neighbours: "
-            + ", ".join(carried[:5])
-            + (", ..." if len(carried) > 5 else "")
-        )
-    return tuple(found)
+        return ("too little texture to refine poses or to tell how far things are: poses are used as given",)
+    return poses.warnings()
