@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -22,6 +21,7 @@ from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.mask_file import read_mask
 from pocketgs.capture.paths import CaptureFile
 from pocketgs.capture.video_file import VideoFrame, read_frames
+from pocketgs.cores import usable_cores
 from pocketgs.errors import PocketGSError
 
 # Every worker holds a few full-size copies of one image; more workers decode little faster.
@@ -55,7 +55,7 @@ def load_frames(sources: Sequence[FrameSource], preparation: Preparation) -> lis
     """
     frames: list[Frame] = []
     try:
-        with ThreadPoolExecutor(min(MOST_WORKERS, os.cpu_count() or 1)) as pool:
+        with ThreadPoolExecutor(min(MOST_WORKERS, usable_cores())) as pool:
             for video, group in groupby(sources, key=_video_of):
                 if video is None:
                     frames.extend(pool.map(partial(load_frame, preparation=preparation), group))

@@ -10,16 +10,16 @@ import numpy as np
 
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.pointcloud import PointCloud
-from pocketgs.prior.depth_range import depth_range
+from pocketgs.prior.complete import MOST_GUESSED, completed
+from pocketgs.prior.depth_maps import depth_maps
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
 from pocketgs.prior.fuse import FusionSettings, fuse
-from pocketgs.prior.gate import GateSettings, choose_keyframes
+from pocketgs.prior.keyframes import KeyframeSettings, select_keyframes
 from pocketgs.prior.relocalise import relocalise
 from pocketgs.prior.report import PriorReport
 from pocketgs.prior.scale import Scale, estimate_scale
-from pocketgs.prior.sensor_depth import completed
 from pocketgs.prior.structure import Structure, StructureSettings, build_structure
-from pocketgs.prior.sweep import DepthMap, SweepSettings, at_sweep_size, choose_references, sweep
+from pocketgs.prior.sweep import SweepSettings
 from pocketgs.record import Stopwatch
 
 Exposure = Literal["auto", "on", "off"]
@@ -30,12 +30,12 @@ class PriorSettings:
     """How the prior is built.
 
     Attributes:
-        gate, structure, sweep, fusion: of the stages.
+        keyframes, structure, sweep, fusion: of the stages.
         dense: match pixels; otherwise the cloud is that of the sparse points.
         exposure: bring the training photographs to one exposure: always, never, or where similar views differ.
     """
 
-    gate: GateSettings = field(default_factory=GateSettings)
+    keyframes: KeyframeSettings = field(default_factory=KeyframeSettings)
     structure: StructureSettings = field(default_factory=StructureSettings)
     sweep: SweepSettings = field(default_factory=SweepSettings)
     fusion: FusionSettings = field(default_factory=FusionSettings)
@@ -71,27 +71,30 @@ def build_prior(
     """
     settings = settings or PriorSettings()
     stopwatch = stopwatch or Stopwatch()
-    with stopwatch.stage("keyframes"):
-        scale = estimate_scale(capture)
-        decisions = choose_keyframes(capture.train, scale, settings.gate)
-
-    def keyframes_of(frames: Sequence[Frame]) -> list[Frame]:
-        return [frame for frame, decision in zip(frames, decisions, strict=True) if decision.kept]
-
     with stopwatch.stage("poses"):
-        given = keyframes_of(capture.train)
-        structure = build_structure(given, scale, settings.structure)
-        capture, carried = _with_refined_poses(capture, given, structure, scale, settings)
-        capture, gains = _with_one_exposure(capture, keyframes_of(capture.train), structure, scale, settings)
+        scale = estimate_scale(capture)
+        structure = build_structure(capture.train, scale, settings.structure)
+        capture, carried = _with_refined_poses(capture, capture.train, structure, scale, settings)
+        capture, gains = _with_one_exposure(capture, capture.train, structure, scale, settings)
+    seen = _seen_points(structure, len(capture.train))
+    with stopwatch.stage("keyframes"):
+        decisions = select_keyframes(capture.train, seen, scale.distance, settings.keyframes)
+        chosen = [index for index, decision in enumerate(decisions) if decision.kept]
+    sparse = _sparse_cloud(capture.train, structure)
     if settings.dense:
         with stopwatch.stage("depth"):
-            frames = [at_sweep_size(frame) for frame in capture.train]
-            keyframes = keyframes_of(frames)
-            maps = _depth_maps(keyframes, frames, structure, scale, settings.sweep)
+            keyframes = [capture.train[index] for index in chosen]
+            points = [seen[index] for index in chosen]
+            keyframes, maps = depth_maps(keyframes, capture.train, points, scale.distance, settings.sweep)
         with stopwatch.stage("fusion"):
-            cloud = fuse(keyframes, maps, capture.train, max_points, settings.fusion)
+            fused = fuse(keyframes, maps, capture.train, max_points, settings.fusion)
+            del maps
+        with stopwatch.stage("coverage"):
+            sources = [sparse] if structure and structure.refined or capture.points is None else [sparse, capture.points]
+            full = completed(fused, capture.train, sources, int(max_points * MOST_GUESSED))
+            cloud = full.cloud
     else:
-        cloud = _sparse_cloud(keyframes_of(capture.train), structure, max_points)
+        cloud = sparse
     report = PriorReport(
         decisions=decisions,
         sparse_points=len(structure.points) if structure else 0,
@@ -103,6 +106,7 @@ def build_prior(
         points=len(cloud),
         warnings=_warnings(structure, carried),
     )
+    print("COV", full.found, full.covered, full.added, full.guessed, len(fused), len(cloud), len(chosen))
     return Prior(replace(capture, points=cloud), report)
 
 
@@ -131,35 +135,25 @@ def _with_one_exposure(
     return replace(capture, train=compensated(capture.train, gains)), (float(gains.min()), float(gains.max()))
 
 
-def _depth_maps(
-    keyframes: Sequence[Frame],
-    frames: Sequence[Frame],
-    structure: Structure | None,
-    scale: Scale,
-    settings: SweepSettings,
-) -> list[DepthMap]:
-    maps = []
-    for view, keyframe in enumerate(keyframes):
-        points = structure.points[structure.landmarks[view][1]] if structure else np.zeros((0, 3))
-        nearest, farthest = depth_range(keyframe.camera, points, scale.distance)
-        middle = 2 / (1 / nearest + 1 / farthest)
-        references = choose_references(keyframe, frames, middle, settings)
-        found = sweep(keyframe, references, nearest, farthest, settings)
-        maps.append(completed(found, keyframe))
-    return maps
-
-
-def _sparse_cloud(keyframes: Sequence[Frame], structure: Structure | None, most: int) -> PointCloud:
-    """The triangulated points, `most` of them, each with the colour of a feature that it was seen as."""
+def _seen_points(structure: Structure | None, frames: int) -> list[np.ndarray]:
+    """For each frame, (N, 3) the sparse points that it sees."""
     if structure is None:
-        return PointCloud(np.zeros((0, 3)), np.zeros((0, 3)))
-    colours = np.zeros((len(structure.points), 3), np.float32)
-    for keyframe, (features, point) in zip(keyframes, structure.landmarks, strict=True):
+        return [np.zeros((0, 3))] * frames
+    return [structure.points[point] for _, point in structure.landmarks]
+
+
+def _sparse_cloud(frames: Sequence[Frame], structure: Structure | None) -> PointCloud:
+    """The triangulated points, each with the colour of a feature that it was seen as and the way to its camera."""
+    if structure is None:
+        return PointCloud(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
+    colours, directions = np.zeros((2, len(structure.points), 3))
+    for frame, (features, point) in zip(frames, structure.landmarks, strict=True):
         columns, rows = features.pixels.astype(np.int64).T
-        colours[point] = keyframe.image[rows, columns] / np.float32(255)
-    finite = np.flatnonzero(np.isfinite(structure.points).all(axis=1))
-    chosen = finite[np.linspace(0, len(finite) - 1, min(most, len(finite))).astype(np.int64)]
-    return PointCloud(structure.points, colours).select(chosen)
+        colours[point] = frame.image[rows, columns] / np.float32(255)
+        away = frame.camera.centre - structure.points[point]
+        directions[point] = away / np.linalg.norm(away, axis=1, keepdims=True)
+    finite = np.isfinite(structure.points).all(axis=1)
+    return PointCloud(structure.points, colours, directions).select(finite)
 
 
 def _warnings(structure: Structure | None, carried: tuple[str, ...]) -> tuple[str, ...]:

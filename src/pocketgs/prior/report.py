@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pocketgs.prior.gate import Decision
+from pocketgs.prior.keyframes import Decision
 
 
 @dataclass(frozen=True)
