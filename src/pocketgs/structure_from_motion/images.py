@@ -1,15 +1,14 @@
-"""The images that structure from motion works on, gathered in one folder as stored."""
+"""The images that structure from motion works on, gathered in one folder."""
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections import defaultdict
 from pathlib import Path
 
 from PIL import Image
 
 from pocketgs.capture.image_file import read_grey, read_size
+from pocketgs.capture.photograph_copy import place_masks, place_photograph
 from pocketgs.capture.unposed import PHOTOGRAPH_SUFFIXES, find_photographs, is_video
 from pocketgs.capture.video_file import read_frames, sharpest_frames
 from pocketgs.errors import PocketGSError
@@ -40,8 +39,8 @@ def source_files(source: Path) -> list[Path]:
 def gather(source: Path, folder: Path, most_frames: int) -> None:
     """Put a video's sharpest frames or the photographs into a new folder; the originals stay as they are.
 
-    Photographs are hard links where the file system has them, else copies, and keep the orientation they are stored
-    in: poses refer to stored pixels.
+    Photographs stand upright, see `place_photograph`; masks that lie beside them go into a folder `masks` beside the
+    new one.
 
     Raises:
         PocketGSError: a file cannot be decoded, or there are too few.
@@ -51,10 +50,12 @@ def gather(source: Path, folder: Path, most_frames: int) -> None:
     if is_video(source):
         _extract(source, folder, most_frames)
         return
+    placed = {}
     for photograph in files:
         # A file that is cut off would otherwise come to light after minutes of work. JPEG is decoded at 1/8 only.
         read_grey(photograph, least_side=1)
-        _link_or_copy(photograph, folder / photograph.name)
+        placed[photograph] = place_photograph(photograph, folder)
+    place_masks(source, placed, folder.parent / "masks")
 
 
 def names_by_size(folder: Path) -> list[list[str]]:
@@ -71,10 +72,3 @@ def _extract(video: Path, folder: Path, most_frames: int) -> None:
         raise PocketGSError(f"{video}: {len(chosen)} frames, expected at least {FEWEST}")
     for index, frame in read_frames(video, chosen):
         Image.fromarray(frame).save(folder / f"frame_{index:06d}.jpg", quality=JPEG_QUALITY, subsampling=0)
-
-
-def _link_or_copy(source: Path, target: Path) -> None:
-    try:
-        os.link(source.resolve(), target)
-    except OSError:  # another file system, or one without hard links
-        shutil.copyfile(source, target)
