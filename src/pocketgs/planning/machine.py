@@ -11,7 +11,7 @@ from pocketgs.compile import is_compiled
 from pocketgs.cores import kernel_threads, usable_cores
 from pocketgs.planning.calibration import Speed
 from pocketgs.splat.engine import Engine, MemoryNeed
-from pocketgs.training_options import TrainingOptions
+from pocketgs.training_options import SizedOptions
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Machine:
     elapsed: float = 0.0
 
 
-def this_machine(engine: Engine, options: TrainingOptions) -> Machine:
+def this_machine(engine: Engine, options: SizedOptions) -> Machine:
     """The machine that this process runs on, as fast as it may be."""
     rooms = ["splat"] if engine.name == "cpu" else []
     if options.prior != "none":
