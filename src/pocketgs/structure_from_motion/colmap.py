@@ -15,6 +15,9 @@ from pocketgs.structure_from_motion.job import Job, Outcome, announce, announce_
 from pocketgs.structure_from_motion.world import from_places, upright
 
 SMALLEST_MODEL = 3
+FAR, AS_GOOD = 0.1, 1.1
+"""The logarithm of a ratio of focal lengths that is worth a look, and of reprojection errors that are about the same."""
+
 PAIRS_AT_ONCE = 60
 """Pairs that are matched between two lines of progress."""
 
@@ -55,6 +58,7 @@ def run(job: Job) -> Outcome:
     outcome = {"placed": placed, "matched_pairs": matched_pairs}
     if len(placed) <= job["better_than"]:
         return outcome
+    largest = _with_stated_focal_lengths(job, largest)
     largest.write_binary(job["raw_model"])
     _enlarge(job, largest)
     _colour(job, largest)
@@ -151,6 +155,38 @@ def _map(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
         next_image_callback=lambda: announce_count(min(next(tries) + 1, images), images),
     )
     return list(found.values())
+
+
+def _with_stated_focal_lengths(job: Job, model: pycolmap.Reconstruction) -> pycolmap.Reconstruction:
+    """The model with the focal lengths that EXIF data state, where these are far from those found and do as well.
+
+    From straight above flat ground, for one, no focal length can be found: every one explains the photographs.
+    """
+    stated = {
+        number: camera["focal_length"]
+        for number, camera in enumerate(job["cameras"], start=1)
+        if camera["focal_length_is_known"] and number in model.cameras
+    }
+    far = [number for number in stated if abs(_log_ratio(model.cameras[number], stated[number])) > FAR]
+    if not far:
+        return model
+    other = pycolmap.Reconstruction(model)
+    for number in far:
+        camera = other.cameras[number]
+        parameters = np.array(camera.params)
+        parameters[list(camera.focal_length_idxs())] = stated[number]
+        camera.params = parameters
+    options = pycolmap.BundleAdjustmentOptions()
+    options.refine_focal_length = False
+    options.ceres.solver_options.num_threads = 1
+    pycolmap.bundle_adjustment(other, options)
+    other.update_point_3d_errors()
+    as_good = other.compute_mean_reprojection_error() <= AS_GOOD * model.compute_mean_reprojection_error()
+    return other if as_good else model
+
+
+def _log_ratio(camera: pycolmap.Camera, focal_length: float) -> float:
+    return float(np.log(camera.mean_focal_length() / focal_length))
 
 
 def _enlarge(job: Job, model: pycolmap.Reconstruction) -> None:

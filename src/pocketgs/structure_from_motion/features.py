@@ -13,9 +13,6 @@ import numpy as np
 CONTRAST = 0.02
 """SIFT's threshold on contrast, that of COLMAP."""
 
-MOST_FEATURES = 6000
-"""Of an image, the strongest."""
-
 
 @dataclass(frozen=True)
 class ImageFeatures:
@@ -37,8 +34,8 @@ class ImageFeatures:
         return ImageFeatures(self.keypoints[kept], self.descriptors[kept])
 
 
-def find_features(image: np.ndarray, most: int = MOST_FEATURES) -> ImageFeatures:
-    """SIFT features of an (H, W, 3) uint8 image, the strongest first.
+def find_features(image: np.ndarray, most: int) -> ImageFeatures:
+    """At most so many SIFT features of an (H, W, 3) uint8 image, the strongest, and these the strongest first.
 
     Descriptors are RootSIFT (Arandjelović and Zisserman 2012).
     """

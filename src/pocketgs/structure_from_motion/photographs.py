@@ -14,11 +14,15 @@ from pocketgs.capture.image_file import high_bytes, read_image
 from pocketgs.capture.mask_file import read_mask
 from pocketgs.structure_from_motion.exif import Exif, read_exif
 from pocketgs.structure_from_motion.features import find_features
+from pocketgs.structure_from_motion.pairs import MOST_FOR_ALL_PAIRS
 from pocketgs.structure_from_motion.retrieval import FEATURES_OF_AN_IMAGE
 from pocketgs.structure_from_motion.work import Count, each
 
 PHONE_FOCAL_RATIO = 0.64
 """Focal length over the diagonal of a phone's main camera, where EXIF data do not state it. It is refined later."""
+
+FEATURES_OF_FEW, FEATURES_OF_MANY = 8000, 4500
+"""At most, of each of few images, all pairs of which are matched, and of each of many. Matching takes most of the time."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +65,12 @@ def read_photographs(
         PocketGSError: an image cannot be decoded.
     """
 
+    paths = sorted(images.iterdir())
+    most = FEATURES_OF_FEW if len(paths) <= MOST_FOR_ALL_PAIRS else FEATURES_OF_MANY
+
     def read(path: Path) -> Photograph:
         size, image, exif = read_image(path, lambda opened: _reduced(opened, max_size))
-        features = find_features(image)
+        features = find_features(image, most)
         mask = masks / f"{path.name}.png"
         if mask.is_file():
             features = features.within(read_mask(mask), (image.shape[1], image.shape[0]))
@@ -79,7 +86,7 @@ def read_photographs(
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        return each(sorted(images.iterdir()), read, threads, on_count)
+        return each(paths, read, threads, on_count)
     finally:
         cv2.setNumThreads(before)
 

@@ -15,6 +15,10 @@ MEDIAN_DISTANCE = 3.0
 LEAST_GPS_SPREAD = 10.0
 """How many times as far as GPS places differ from the cameras' they must be spread to tell the scale."""
 
+LEAST_VARIETY, CLEARER = 0.001, 8.0
+"""Variance of level axes across their main direction that tells what is horizontal: 2 degrees of heading, and clearly
+more than hands let a camera lean."""
+
 FEWEST_PLACES = 5
 LEAST_SHARE_OF_PLACES = 0.6
 ROBUST_ROUNDS = 10
@@ -131,7 +135,7 @@ def up_direction(rotations: np.ndarray) -> np.ndarray:
 def _at_right_angles(across: np.ndarray, ups: np.ndarray, weights: np.ndarray) -> np.ndarray:
     mean_up = (weights[:, None] * ups).sum(axis=0)
     values, vectors = np.linalg.eigh((weights[:, None] * across).T @ across / weights.sum())
-    if values[1] > 0.05 and values[1] > 4 * values[0]:
+    if values[1] > max(LEAST_VARIETY, CLEARER * values[0]):
         up = vectors[:, 0]
         return up if up @ mean_up >= 0 else -up
     up = mean_up - (mean_up @ vectors[:, 2]) * vectors[:, 2]
