@@ -91,7 +91,7 @@ def test_the_world_stands_upright_around_what_is_seen(seed: int) -> None:
     headings = generator.uniform(-np.pi, np.pi, 30)
     rotations = looking(headings, np.full(30, -0.5))
     centres = -4.0 * rotations[:, 2] + [1, 2, 3]
-    points = generator.normal(scale=0.3, size=(200, 3)) + [1, 2, 3]
+    points = generator.normal([1, 2, 3], 0.3, size=(200, 3))
     turn, scale = random_rotation(generator), generator.uniform(1e-3, 1e3)
     found = upright(rotations @ turn.T, scale * centres @ turn.T, scale * points @ turn.T)
     after = rotations @ turn.T @ found.rotation.T

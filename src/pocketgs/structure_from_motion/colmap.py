@@ -16,7 +16,7 @@ from pocketgs.structure_from_motion.world import from_places, upright
 
 SMALLEST_MODEL = 3
 FAR, AS_GOOD = 0.1, 1.1
-"""The logarithm of a ratio of focal lengths that is worth a look, and of reprojection errors that are about the same."""
+"""The logarithm of a ratio of focal lengths that is worth a look; a ratio of reprojection errors that is as good as 1."""
 
 PAIRS_AT_ONCE = 60
 """Pairs that are matched between two lines of progress."""
@@ -175,7 +175,7 @@ def _with_stated_focal_lengths(job: Job, model: pycolmap.Reconstruction) -> pyco
         camera = other.cameras[number]
         parameters = np.array(camera.params)
         parameters[list(camera.focal_length_idxs())] = stated[number]
-        camera.params = parameters
+        camera.params = parameters.tolist()
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_focal_length = False
     options.ceres.solver_options.num_threads = 1

@@ -22,7 +22,7 @@ PHONE_FOCAL_RATIO = 0.64
 """Focal length over the diagonal of a phone's main camera, where EXIF data do not state it. It is refined later."""
 
 FEATURES_OF_FEW, FEATURES_OF_MANY = 8000, 4500
-"""At most, of each of few images, all pairs of which are matched, and of each of many. Matching takes most of the time."""
+"""At most, of each of few images, all pairs of which are matched, and of each of many: matching takes the most time."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,6 @@ def read_photographs(
     Raises:
         PocketGSError: an image cannot be decoded.
     """
-
     paths = sorted(images.iterdir())
     most = FEATURES_OF_FEW if len(paths) <= MOST_FOR_ALL_PAIRS else FEATURES_OF_MANY
 
