@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from pocketgs.planning.calibration import Speed
 from pocketgs.planning.work import Work
-from pocketgs.prior.tracks import PAIRS_PER_VIEW
+from pocketgs.prior.pairs import PAIRS_PER_VIEW
 
 MEGA = 1e6
 
@@ -70,7 +70,7 @@ def timetable(work: Work, speed: Speed) -> Timetable:
         prior += MERGED_MILLION * work.candidates / MEGA
     millions, megapixels = work.gaussians / MEGA, outline.pixels / MEGA
     seeding = SEEDED_MILLION * millions
-    step = (STEP_MILLION + STEP_MILLION_COLUMNS * work.columns) * millions + STEP_MEGAPIXEL * megapixels
+    step = step_seconds(work.gaussians, work.coefficients, outline.pixels)
     held_out = len(outline.held_out)
     look = held_out * (LOOK_VIEW + LOOK_MEGAPIXEL * megapixels)
     after = WRITTEN + WRITTEN_MILLION * millions + held_out * (EVALUATED_VIEW + EVALUATED_MEGAPIXEL * megapixels)
@@ -80,6 +80,18 @@ def timetable(work: Work, speed: Speed) -> Timetable:
         step=speed.training * step + max(speed.prior, speed.training) * looks,
         after=max(speed.prior, speed.training) * after,
     )
+
+
+def step_seconds(gaussians: int, coefficients: int, pixels: float) -> float:
+    """How long a step takes on the machine that the model was measured on.
+
+    Args:
+        gaussians: their number.
+        coefficients: of spherical harmonics per channel.
+        pixels: of a view.
+    """
+    columns = 10 + 3 * coefficients
+    return (STEP_MILLION + STEP_MILLION_COLUMNS * columns) * gaussians / MEGA + STEP_MEGAPIXEL * pixels / MEGA
 
 
 def _poses(work: Work) -> float:

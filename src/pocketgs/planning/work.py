@@ -8,7 +8,7 @@ from pocketgs.capture.listed import Outline
 from pocketgs.prior.fuse import MOST_CANDIDATES
 from pocketgs.prior.depth_maps import sweep_pixels
 from pocketgs.recipes import recipe_named
-from pocketgs.training_options import TrainingOptions
+from pocketgs.training_options import SizedOptions
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Work:
     """
 
     outline: Outline
-    options: TrainingOptions
+    options: SizedOptions
     threads: int
 
     @property

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import psutil
 
+from pocketgs.cores import usable_cores
 from pocketgs.errors import PocketGSError
 from pocketgs.structure_from_motion.job import Job, Outcome
 from pocketgs.structure_from_motion.work import Count
@@ -37,7 +37,7 @@ def check_installed() -> None:
 def threads_that_fit(pixels: int) -> int:
     """How many threads may extract features from images of so many pixels within half of the free memory."""
     fitting = psutil.virtual_memory().available // 2 // (BYTES_PER_PIXEL_AND_THREAD * max(1, pixels))
-    return max(1, min(os.cpu_count() or 1, int(fitting)))
+    return max(1, min(usable_cores(), int(fitting)))
 
 
 def run_colmap(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ import numpy as np
 
 from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
+from pocketgs.cores import kernel_threads
 from pocketgs.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.cpu.adam import adam, rates_by_column, regularise
 from pocketgs.splat.cpu.bin import Binner, TileLists
@@ -68,7 +68,7 @@ class CpuEngine:
     name = "cpu"
 
     def __init__(self, threads: int | None = None) -> None:
-        self.threads = min(threads or _usable_cores(), numba.config.NUMBA_NUM_THREADS)
+        self.threads = kernel_threads(threads)
         self.device = f"CPU, {self.threads} threads"
         self._views: list[_TrainingView] = []
         self._binner = Binner(self.threads)
@@ -264,11 +264,7 @@ class CpuEngine:
             settings.adam.beta2,
             settings.adam.epsilon,
             self._steps,
+            settings.adam.seen_only,
             self.threads,
         )
         return value
-
-
-def _usable_cores() -> int:
-    affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity else os.cpu_count() or 1

@@ -8,6 +8,7 @@ import numpy as np
 from numba import prange
 
 from pocketgs.compile import inlined, parallel_kernel, part
+from pocketgs.dealing import PIECE, first_piece, take
 from pocketgs.splat.constants import (
     ALPHA_MIN,
     BRIGHTEST,
@@ -178,7 +179,7 @@ def project(
     opacity_logits: np.ndarray,
     sh: np.ndarray,
     view: View,
-    shares: int,
+    threads: int,
     splats: np.ndarray,
     depth_keys: np.ndarray,
 ) -> None:
@@ -191,10 +192,14 @@ def project(
         opacity_logits: (N,) float32.
         sh: (N, K, 3) float32.
         view: the camera.
-        shares: number of shares of the work.
+        threads: number of threads that project.
         splats: (N, SPLAT_FIELDS) float32, written where visible.
         depth_keys: (N,) uint32, written: the bits of the depth, which sort as the depth does, or CULLED.
     """
-    for share in prange(shares):
-        first, end = share * len(means) // shares, (share + 1) * len(means) // shares
-        _project_range(means, log_scales, quaternions, opacity_logits, sh, view, first, end, splats, depth_keys)
+    counter = first_piece()
+    for _ in prange(threads):
+        first = PIECE * take(counter)
+        while first < len(means):
+            end = min(first + PIECE, len(means))
+            _project_range(means, log_scales, quaternions, opacity_logits, sh, view, first, end, splats, depth_keys)
+            first = PIECE * take(counter)
