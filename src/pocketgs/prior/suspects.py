@@ -28,7 +28,7 @@ FEWEST_MATCHES = 32
 
 NEIGHBOURS = 4
 LEAST_FEATURES = 0.5
-"""A view that matches nothing is a stranger if it has this share of the features of its neighbours by pose, at least."""
+"""A view that matches nothing is a stranger if it has this share of its neighbours' features, at least."""
 
 FEWEST_VIEWS = 3
 LEAST_MAIN = 0.25
