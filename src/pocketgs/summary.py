@@ -37,6 +37,8 @@ def summarise(
         "ssim": evaluation.ssim if evaluation else None,
         "lpips": evaluation.lpips if evaluation else None,
         "lpips_note": evaluation.lpips_note if evaluation else None,
+        "coverage": record.prior.coverage if record.prior else None,
+        "keyframes": record.prior.keyframes if record.prior else None,
         "gaussians": record.gaussians,
         "iterations": record.iterations,
         "resumed_from": record.resumed_from,

@@ -28,6 +28,7 @@ STAGES = {
     "poses": "matching features and refining poses",
     "depth": "computing depth (the first run compiles for it)",
     "fusion": "fusing depths into a cloud",
+    "coverage": "filling what the cloud leaves open",
     "planning": "planning",
     "points": "looking for points to start from",
     "seeding": "seeding Gaussians",
@@ -119,15 +120,18 @@ def plan_line(plan: Plan) -> str:
 
 def prior_line(report: PriorReport) -> str:
     """What the geometry prior found, in one line."""
-    kept = sum(decision.kept for decision in report.decisions)
-    parts = [f"{kept} keyframes of {len(report.decisions)} frames"]
+    parts = [f"{report.keyframes} keyframes of {len(report.decisions)} frames"]
     if report.rmse is not None and report.rmse_given is not None:
         change = f"{report.rmse_given:.2f} -> {report.rmse:.2f} px" if report.poses_refined else f"{report.rmse:.2f} px"
         parts.append(f"{report.sparse_points:,} sparse points")
         parts.append(f"poses {'refined' if report.poses_refined else 'as given'} (reprojection {change})")
     if report.gains:
         parts.append("exposure from {:.0%} to {:.0%} evened out".format(*report.gains))
-    return "prior: " + ", ".join([*parts, f"cloud of {report.points:,} points"])
+    parts.append(f"cloud of {report.points:,} points")
+    if report.coverage is not None:
+        known = f" ({report.coverage_known:.1%} by known depths)"
+        parts.append(f"covers {report.coverage:.1%} of the training pixels{known}")
+    return "prior: " + ", ".join(parts)
 
 
 def progress_line(progress: Progress) -> str:

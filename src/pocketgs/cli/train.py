@@ -54,4 +54,4 @@ def train(
 
         return run(listed, folder, training, resume=resume, reporter=reporter)
 
-    show_run(console, work, page, name, training.iterations)
+    show_run(console, work, page, name)

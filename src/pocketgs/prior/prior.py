@@ -10,11 +10,12 @@ import numpy as np
 
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.pointcloud import PointCloud
-from pocketgs.prior.complete import MOST_GUESSED, completed
+from pocketgs.prior.complete import completion, joined
 from pocketgs.prior.depth_maps import depth_maps
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
 from pocketgs.prior.fuse import FusionSettings, fuse
 from pocketgs.prior.keyframes import KeyframeSettings, select_keyframes
+from pocketgs.prior.merge import merged
 from pocketgs.prior.report import Poses, PriorReport
 from pocketgs.prior.scale import Scale, estimate_scale
 from pocketgs.prior.structure import Structure, StructureSettings, build_structure
@@ -63,7 +64,7 @@ def build_prior(
     A capture with too little texture keeps its poses; depths are then searched in a range that only the cameras tell.
 
     Args:
-        capture: posed frames; its own points are not looked at.
+        capture: posed frames; its own points fill gaps.
         max_points: bound on the cloud.
         settings: how; all at their defaults if None.
         stopwatch: times the stages; a new one if None.
@@ -81,21 +82,23 @@ def build_prior(
     with stopwatch.stage("keyframes"):
         decisions = select_keyframes(capture.train, seen, scale.distance, settings.keyframes)
         chosen = [index for index, decision in enumerate(decisions) if decision.kept]
-    sparse = _sparse_cloud(capture.train, structure)
+    cloud, coverage = _sparse_cloud(capture.train, structure), None
     if settings.dense:
         with stopwatch.stage("depth"):
             keyframes = [capture.train[index] for index in chosen]
             points = [seen[index] for index in chosen]
             keyframes, maps = depth_maps(keyframes, capture.train, points, scale.distance, settings.sweep)
         with stopwatch.stage("fusion"):
-            fused = fuse(keyframes, maps, capture.train, max_points, settings.fusion)
+            candidates = fuse(keyframes, maps, capture.train, settings.fusion)
             del maps
+            fused = merged(candidates, max_points)
         with stopwatch.stage("coverage"):
-            sources = [sparse] if (structure and structure.refined) or capture.points is None else [sparse, capture.points]
-            full = completed(fused, capture.train, sources, int(max_points * MOST_GUESSED))
-            cloud = full.cloud
-    else:
-        cloud = sparse
+            # The capture's own cloud lies in the world of the poses that it came with.
+            own = [capture.points] if capture.points and not (structure and structure.refined) else []
+            coverage = completion(fused, capture.train, [cloud, *own], scale.distance, max_points)
+            if len(fused) + len(coverage.added) > max_points:
+                fused = merged(candidates, max_points - len(coverage.added))
+            cloud = joined([fused, coverage.added])
     report = PriorReport(
         decisions=decisions,
         sparse_points=len(structure.points) if structure else 0,
@@ -105,9 +108,11 @@ def build_prior(
         poses=found,
         gains=gains,
         points=len(cloud),
+        coverage=coverage.covered if coverage else None,
+        coverage_known=coverage.known if coverage else None,
+        guessed=coverage.guessed if coverage else 0,
         warnings=_warnings(structure, found),
     )
-    print("COV", full.found, full.covered, full.added, full.guessed, len(fused), len(cloud), len(chosen))
     return Prior(replace(capture, points=cloud), report)
 
 

@@ -65,7 +65,7 @@ class PriorReport:
     """What the prior found.
 
     Attributes:
-        decisions: of the gate, one a training frame.
+        decisions: which frames are keyframes, one decision per training frame.
         sparse_points: number of triangulated points.
         rmse_given, rmse: root mean square reprojection error in pixels with the given poses and with those used; None
             without sparse points.
@@ -73,6 +73,9 @@ class PriorReport:
         poses: which frames' poses were wrong or could not be refined.
         gains: least and greatest exposure, if they were compensated.
         points: number of points of the cloud.
+        coverage: share of the training pixels that the cloud covers, or None where no depth was computed.
+        coverage_known: share that points of known depth cover; the rest is guessed from its surroundings.
+        guessed: number of guessed points.
         warnings: what the user should know.
     """
 
@@ -84,4 +87,12 @@ class PriorReport:
     poses: Poses
     gains: tuple[float, float] | None
     points: int
+    coverage: float | None
+    coverage_known: float | None
+    guessed: int
     warnings: tuple[str, ...]
+
+    @property
+    def keyframes(self) -> int:
+        """Their number."""
+        return sum(decision.kept for decision in self.decisions)

@@ -146,7 +146,7 @@ def sweep(keyframe: Frame, references: Sequence[Frame], search: DepthRange, sett
     inverse_depths = search.inverse_depths
     step = float(inverse_depths[1] - inverse_depths[0])
     if not references:
-        return DepthMap(*np.zeros((2, *view.shape), np.float32), step)
+        return DepthMap(np.zeros(view.shape, np.float32), np.zeros(view.shape, np.float32), step)
     costs = matching_costs(view, _references(keyframe.camera, references), inverse_depths)
     paths = EIGHT_PATHS if settings.paths == 8 else FOUR_PATHS
     total = aggregate(costs, view, paths, settings.small_step, settings.large_step)

@@ -264,6 +264,7 @@ class CpuEngine:
             settings.adam.beta2,
             settings.adam.epsilon,
             self._steps,
+            settings.adam.seen_only,
             self.threads,
         )
         return value

@@ -96,4 +96,5 @@ def update_values(settings: StepSettings, camera: Camera, gaussians: int, step: 
         "unbias2": 1.0 / -math.expm1(step * math.log(adam.beta2)) if adam.beta2 > 0.0 else 1.0,
         "epsilon": adam.epsilon,
         "loss_slot": (step - 1) % KEPT_LOSSES,
+        "seen_only": int(adam.seen_only),
     }
