@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -13,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from pocketgs.camera import Camera
 from pocketgs.prior.bundle import BundleSettings, adjust_bundle, adjust_pose
 from pocketgs.prior.consensus import consensus
-from pocketgs.prior.observations import Observations
+from pocketgs.prior.observations import Observations, enough_for_each_view
 from pocketgs.prior.tolerance import LEAST_ANGLE, next_tolerance
 from pocketgs.prior.tracks import reprojection_errors, triangulate, view_distances
 
@@ -210,7 +209,7 @@ def _well_seen(cameras: Sequence[Camera], tracks: Observations) -> tuple[Observa
         if np.array_equal(enough, supported):
             break
         supported = enough
-    return tracks.select(_needed(tracks, len(cameras))), supported
+    return tracks.select(enough_for_each_view(tracks, len(cameras), SIGHTINGS_PER_VIEW)), supported
 
 
 def _cells(cameras: Sequence[Camera], tracks: Observations) -> np.ndarray:
@@ -220,20 +219,6 @@ def _cells(cameras: Sequence[Camera], tracks: Observations) -> np.ndarray:
     occupied = np.zeros((len(cameras), 16), bool)
     occupied[tracks.frame, 4 * down + across] = True
     return occupied.sum(axis=1)
-
-
-def _needed(tracks: Observations, views: int) -> np.ndarray:
-    """(M,) bool: sightings of the points that most views see, so many that every view has enough."""
-    order = np.argsort(-np.bincount(tracks.point, minlength=1)[tracks.point], kind="stable")
-    have, wanted = np.zeros(views, np.int64), np.zeros(int(tracks.point.max(initial=0)) + 1, bool)
-    frame, point = tracks.frame[order], tracks.point[order]
-    bounds = np.flatnonzero(np.diff(point, prepend=-1, append=-1))
-    for first, end in pairwise(bounds):
-        seeing = frame[first:end]
-        if have[seeing].min() < SIGHTINGS_PER_VIEW:
-            wanted[point[first]] = True
-            have[seeing] += 1
-    return wanted[tracks.point]
 
 
 def _parts(tracks: Observations, supported: np.ndarray) -> list[np.ndarray]:
