@@ -276,7 +276,7 @@ def test_what_is_too_far_to_tell_lies_on_one_sphere(step: float) -> None:
     for frame in frames:
         away = frame.camera.centre - found.positions[far]
         own = np.linalg.norm(np.cross(away, found.directions[far]), axis=1) < 1e-6 * radius
-        assert np.count_nonzero(own) >= 32 * 64
+        assert np.count_nonzero(own) > 0.9 * 32 * 64
         pixels, depth = frame.camera.project(found.positions[far][own])
         # They are seen where they were found: in the middles of pixels, in front of the camera.
         np.testing.assert_allclose(pixels % 1, 0.5, atol=1e-3)

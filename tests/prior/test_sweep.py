@@ -132,7 +132,7 @@ def test_what_masks_leave_out_has_no_say(plane: list[Frame]) -> None:
     spoilt = [replace(frame, image=np.where(frame.mask[..., None], frame.image, noise)) for frame in walking]
     found = swept(spoilt[0], spoilt[1:])
     np.testing.assert_array_equal(found.depth, swept(walking[0], walking[1:]).depth)
-    assert np.median(relative_errors(found, plane[0])[walking[0].mask]) < 0.008
+    assert np.median(relative_errors(found, plane[0])) < 0.008
 
 
 def test_references_of_other_sizes(plane: list[Frame]) -> None:
@@ -167,7 +167,7 @@ def test_what_is_infinitely_far_is_found_there(plane: list[Frame]) -> None:
     assert np.mean(beyond) > 0.98
     assert np.median(found.margin[beyond]) > 0.3
     # A range that ends somewhere knows that the truth may lie beyond.
-    assert np.mean(sweep(plane[0], alike, DepthRange(1.5, 6.0, 64), SETTINGS).depth > 0) < 0.05
+    assert np.mean(sweep(plane[0], alike, DepthRange(1.5, 300.0, 64), SETTINGS).depth > 0) < 0.05
 
 
 def moved_by(step: list[float]) -> np.ndarray:
