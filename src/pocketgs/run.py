@@ -49,6 +49,7 @@ class Reporter:
         on_warning: called with what the user should know, in words.
         on_prepared: called with the capture as training sees it: its poses may have been refined.
         on_plan: called with the size that the run is planned at, before a photograph is decoded.
+        on_count: told how much of the stage is done, and of how much, where that is known.
     """
 
     on_stage: Callable[[str], None] = lambda stage: None
@@ -58,6 +59,7 @@ class Reporter:
     on_warning: Callable[[str], None] = lambda warning: None
     on_prepared: Callable[[Capture], None] = lambda capture: None
     on_plan: Callable[[Plan], None] = lambda plan: None
+    on_count: Callable[[int, int], None] = lambda done, of: None
 
 
 @dataclass(frozen=True)
