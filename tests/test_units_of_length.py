@@ -51,7 +51,7 @@ def expected(capture: Capture) -> float:
     return quality(scaled(capture, 1.0))
 
 
-# Of units a million times as long: Adam's guard against division by zero keeps its size, and holds small gradients back.
+# Of units a million times as long: Adam's guard against division by zero keeps its size, and holds gradients back.
 LONG = pytest.param(2.0**20, marks=pytest.mark.xfail(reason="Adam's epsilon does not follow the unit", strict=False))
 
 
