@@ -20,6 +20,7 @@ DARKEST, BRIGHTEST = 8.0, 247.0
 SMOOTHING = 1.5
 """Standard deviation in pixels of the blur under which colours are compared: poses and noise then matter little."""
 
+BLUR_RADIUS = int(2 * SMOOTHING)
 ALTERNATIONS = 20
 SETTLED = 1e-4
 """Gains have settled when none changes by more than this share."""
@@ -135,5 +136,7 @@ def _colours_at(frame: Frame, points: np.ndarray) -> np.ndarray:
     if frame.alpha is not None:
         seen &= frame.alpha[rows, columns] == 255
     if frame.mask is not None:
-        seen &= frame.mask[rows, columns]
+        # Blurred colours near the mask's edge are mixed with what it leaves out.
+        inner = cv2.erode(frame.mask.astype(np.uint8), np.ones((2 * BLUR_RADIUS + 1,) * 2, np.uint8))
+        seen &= inner[rows, columns] > 0
     return np.where(seen[:, None], colours, np.nan)
