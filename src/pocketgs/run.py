@@ -267,7 +267,7 @@ def _publish(
             scene.save(staging / result_folder.SCENE)
             checkpoint = Checkpoint(record.iterations, scene, record.optimiser_state)
             result_folder.write_checkpoint(staging / result_folder.CHECKPOINT, checkpoint, identity)
-            write_cameras(staging / result_folder.CAMERAS, prepared.frames, refined)
+            write_cameras(staging / result_folder.CAMERAS, prepared.frames, refined, prepared.origin)
         with stopwatch.stage("evaluation"):
             engine = create_engine(options.engine_options)
             engine.upload(scene)

@@ -138,7 +138,7 @@ def test_broken_cameras(copied_phone, replaced, message):
     ("replaced", "message"),
     [
         ({"cameraPoseARFrame": [1.0] * 12}, "field 'cameraPoseARFrame'"),
-        ({"intrinsics": [0.0] * 9}, "focal lengths 0, 0"),
+        ({"intrinsics": [0.0] * 9}, "image size 0x0"),
         ({"projectionMatrix": [0.0] * 16}, "no perspective projection"),
         ({"projectionMatrix": [2.0] * 16}, "expected the shape of its camera"),
     ],

@@ -160,6 +160,7 @@ class ListedCapture:
             points=self.listing.points,
             background=preparation.background,
             metric=self.listing.metric,
+            origin=self.listing.origin,
             protocol=", ".join([describe_images(self.listing.frames, frames, preparation), self.split]),
             warnings=warnings,
             photographs=StoredPhotographs(self.listing.frames, self.preparation),

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from rich.console import Console
+
 from pocketgs.capture import Capture, ListedCapture, list_capture
 
 
@@ -33,8 +35,12 @@ class CaptureOptions:
     masks: str = "found"
 
     def open(self, path: Path) -> Capture:
-        """Read the capture at `path`."""
-        return self.listed(path).load()
+        """Read the capture at `path`, and print on standard error what its reader warns of."""
+        capture = self.listed(path).load()
+        console = Console(stderr=True)
+        for warning in capture.warnings:
+            console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+        return capture
 
     def listed(self, path: Path) -> ListedCapture:
         """What is known of the capture at `path` before its photographs are decoded."""
