@@ -72,6 +72,9 @@ def _cached(**options: bool) -> _Decorator:
 kernel: _Decorator = _cached()
 """Called from Python on one thread; its machine code is kept on disk for the next process."""
 
+unlocked_kernel: _Decorator = _cached(nogil=True)
+"""A kernel that lets other Python threads run meanwhile, for work that is dealt out to a pool of them."""
+
 parallel_kernel: _Decorator = _cached(parallel=True)
 """A kernel whose `prange` loops run on all threads."""
 

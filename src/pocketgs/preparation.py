@@ -12,7 +12,6 @@ from pocketgs.cores import kernel_threads
 from pocketgs.errors import PocketGSError
 from pocketgs.planning.effort import sized
 from pocketgs.pointcloud import PointCloud
-from pocketgs.prior.fuse import FusionSettings
 from pocketgs.prior.keyframes import KeyframeSettings
 from pocketgs.prior.prior import Prior, PriorSettings, build_prior
 from pocketgs.prior.structure import StructureSettings
@@ -23,14 +22,14 @@ from pocketgs.structure_from_motion.sparse_cloud import triangulate
 from pocketgs.training_options import SizedOptions, TrainingOptions
 from pocketgs.volume import draw_points
 
-FEWEST_POINTS, FEWEST_SPARSE_POINTS = 500, 16
-"""A prior with fewer points that several views confirm, or fewer of COLMAP's, is not worth starting from."""
+FEWEST_POINTS = 16
+"""A cloud of fewer is not worth starting from."""
 
 
 def prepare(capture: Capture, options: TrainingOptions | None = None, stopwatch: Stopwatch | None = None) -> Prior:
     """Build the prior that the options ask for.
 
-    Where it finds hardly a point, and where none is asked for, the capture's own points are taken, or points drawn
+    Where none is asked for, or a sparse one finds hardly a point, the capture's own points are taken, or points drawn
     where the photographs agree.
 
     Args:
@@ -53,10 +52,8 @@ def prepare(capture: Capture, options: TrainingOptions | None = None, stopwatch:
         prior = build_prior(capture, options.max_gaussians, _settings(options), stopwatch)
         if options.prior == "colmap":
             prior = _with_colmap_cloud(capture, prior, options, stopwatch)
-            if len(prior.capture.points or ()) >= FEWEST_SPARSE_POINTS:
-                return prior
-        elif _confirmed_points(prior.capture.points) >= min(FEWEST_POINTS, options.max_gaussians // 2):
-            return prior
+        if prior.capture.points and len(prior.capture.points) >= FEWEST_POINTS:
+            return replace(prior, capture=replace(prior.capture, points=_at_most(prior.capture.points, options)))
     with stopwatch.stage("points"):
         points = starting_points(replace(prior.capture, points=capture.points), options)
     report = prior.report
@@ -73,7 +70,6 @@ def _with_colmap_cloud(capture: Capture, prior: Prior, options: SizedOptions, st
         points = None if prior.report.poses_refined else capture.points
         if points is None:
             points = triangulate(prior.capture.train, options.seed)
-    points = _at_most(points, options)
     return Prior(replace(prior.capture, points=points), replace(prior.report, points=len(points)))
 
 
@@ -89,12 +85,6 @@ def _at_most(points: PointCloud, options: SizedOptions) -> PointCloud:
         return points
     chosen = np.random.default_rng(options.seed).permutation(len(points))[: options.max_gaussians]
     return points.select(np.sort(chosen))
-
-
-def _confirmed_points(cloud: PointCloud | None) -> int:
-    if cloud is None or cloud.confidences is None:
-        return len(cloud or ())
-    return int(np.count_nonzero(cloud.confidences >= FusionSettings.confidence))
 
 
 def _settings(options: SizedOptions) -> PriorSettings:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import groupby, islice
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import cv2
 import numpy as np
 
 from pocketgs.camera import Camera
-from pocketgs.capture.capture import Frame
+from pocketgs.capture.capture import Frame, Result
 from pocketgs.capture.depth_file import read_depth, read_reliable
 from pocketgs.capture.image_file import ImageHeader, read_colour, read_header
 from pocketgs.capture.lens import forget_undistortions, undistortion
@@ -53,15 +52,26 @@ def load_frames(sources: Sequence[FrameSource], preparation: Preparation) -> lis
     Raises:
         PocketGSError: as `load_frame`, for the first frame that fails.
     """
-    frames: list[Frame] = []
+    return map_frames(sources, preparation, lambda frame: frame)
+
+
+def map_frames(
+    sources: Sequence[FrameSource], preparation: Preparation, look: Callable[[Frame], Result]
+) -> list[Result]:
+    """What `look` makes of every frame, in order. It is called in parallel, and frames are kept only if it keeps them.
+
+    Raises:
+        PocketGSError: as `load_frame`, for the first frame that fails.
+    """
+    found: list[Result] = []
     try:
         with ThreadPoolExecutor(min(MOST_WORKERS, usable_cores())) as pool:
             for video, group in groupby(sources, key=_video_of):
                 if video is None:
-                    frames.extend(pool.map(partial(load_frame, preparation=preparation), group))
+                    found.extend(pool.map(lambda source: look(load_frame(source, preparation)), group))
                 else:
-                    frames.extend(_load_from_video(video, list(group), preparation, pool))
-        return frames
+                    found.extend(_map_video(video, list(group), preparation, look, pool))
+        return found
     finally:
         forget_undistortions()
 
@@ -70,15 +80,19 @@ def _video_of(source: FrameSource) -> Path | None:
     return source.image.path if isinstance(source.image, VideoFrame) else None
 
 
-def _load_from_video(
-    video: Path, sources: list[FrameSource], preparation: Preparation, pool: ThreadPoolExecutor
-) -> Iterator[Frame]:
+def _map_video(
+    video: Path,
+    sources: list[FrameSource],
+    preparation: Preparation,
+    look: Callable[[Frame], Result],
+    pool: ThreadPoolExecutor,
+) -> Iterator[Result]:
     """Decode a video once, in order; a few frames at a time are then prepared in parallel."""
     indices = [source.image.index for source in sources if isinstance(source.image, VideoFrame)]
     images = (image for _, image in read_frames(video, indices, upright=False))
     pairs = zip(sources, images, strict=True)
     while batch := list(islice(pairs, MOST_WORKERS)):
-        yield from pool.map(lambda pair: prepared(pair[0], pair[1], None, preparation), batch)
+        yield from pool.map(lambda pair: look(prepared(pair[0], pair[1], None, preparation)), batch)
 
 
 def load_frame(source: FrameSource, preparation: Preparation) -> Frame:

@@ -14,6 +14,7 @@ from pocketgs.capture.hold_out import choose_held_out
 from pocketgs.capture.listed import ListedCapture
 from pocketgs.capture.listing import Listing
 from pocketgs.capture.loading import Preparation
+from pocketgs.capture.origin import near_origin
 from pocketgs.capture.unposed import find_photographs_in, holds_photographs
 from pocketgs.errors import PocketGSError
 
@@ -131,7 +132,7 @@ def read_listing(path: Path, images: str | None = None) -> Listing:
     if len(set(names)) < len(names):
         repeated = next(name for name in names if names.count(name) > 1)
         raise PocketGSError(f"{path}: lists the image {repeated} more than once, expected each once")
-    return listing
+    return near_origin(listing)
 
 
 def lacks_poses(path: Path) -> bool:

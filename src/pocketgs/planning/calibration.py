@@ -60,7 +60,9 @@ def _frame(rng: np.random.Generator, index: int) -> Frame:
 
 def _sweep_seconds(frames: list[Frame]) -> float:
     """Of one sweep with two references."""
-    return _least_seconds(lambda: sweep(frames[0], frames[1:], DepthRange(DISTANCE / 2, DISTANCE * 2, HYPOTHESES), SweepSettings()))
+    return _least_seconds(
+        lambda: sweep(frames[0], frames[1:], DepthRange(DISTANCE / 2, DISTANCE * 2, HYPOTHESES), SweepSettings())
+    )
 
 
 def _least_seconds(work: Callable[[], object]) -> float:

@@ -50,10 +50,10 @@ def _quick() -> dict[str, int]:
 def _standard(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> dict[str, int]:
     pixels = sum(width * height for width, height in views)
     growth = math.sqrt(max(pixels / SMALL_CAPTURE, 1.0))
-    gaussians = options.max_gaussians or min(round(LEAST_GAUSSIANS * growth, -3), MOST_GAUSSIANS)
+    gaussians = options.max_gaussians or min(int(LEAST_GAUSSIANS * growth), MOST_GAUSSIANS)
     degree = recipe_named(options.recipe).sh_degree if options.sh_degree is None else options.sh_degree
     step = step_seconds(gaussians, (degree + 1) ** 2, pixels / max(len(views), 1))
-    iterations = round(min(LEAST_SECONDS * growth, MOST_SECONDS) / step, -1)
+    iterations = int(min(LEAST_SECONDS * growth, MOST_SECONDS) / step)
     return {
         "iterations": min(max(iterations, FEWEST_ITERATIONS), MOST_ITERATIONS),
         "max_gaussians": gaussians,

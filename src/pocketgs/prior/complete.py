@@ -17,31 +17,31 @@ MISSING_SHARE = 0.5
 
 GUESSED_CONFIDENCE = 0.05
 
-MOST_GUESSED = 0.3
-"""Share of the cloud that may be guessed."""
+MOST_ADDED = 0.3
+"""Share of the cloud that may be added to what fusion found; all that it leaves free, if that is more."""
 
 
 @dataclass(frozen=True, eq=False)
-class Completed:
-    """A cloud that explains what the training views see.
+class Completion:
+    """Points for what a cloud leaves unexplained.
 
     Attributes:
-        cloud: all points.
-        found: share of the training pixels that points of known depth cover.
-        covered: share that the whole cloud covers.
-        added: points taken from each further source.
-        guessed: points whose depths are guessed from their surroundings.
+        added: the points.
+        known: share of the training pixels that points of known depth cover, those of the cloud among them.
+        covered: share that cloud and added points cover together.
+        guessed: number of added points whose depths are guessed from their surroundings.
     """
 
-    cloud: PointCloud
-    found: float
+    added: PointCloud
+    known: float
     covered: float
-    added: tuple[int, ...]
     guessed: int
 
 
-def completed(cloud: PointCloud, frames: Sequence[Frame], sources: Sequence[PointCloud], most: int) -> Completed:
-    """Add points where views see something that the cloud does not explain.
+def completion(
+    cloud: PointCloud, frames: Sequence[Frame], sources: Sequence[PointCloud], distance: float, count: int
+) -> Completion:
+    """Find points for what training views show and the cloud does not explain.
 
     First points of other sources, such as triangulated features and the capture's own cloud, each where the views that
     show it lack something. What is left is given the depth of its surroundings in the view.
@@ -50,54 +50,58 @@ def completed(cloud: PointCloud, frames: Sequence[Frame], sources: Sequence[Poin
         cloud: of fused depths.
         frames: training frames.
         sources: other points, the best first.
-        most: points to add from each source, and to guess.
+        distance: depth of what views see that see nothing of known depth.
+        count: points that the whole cloud may have.
     """
     views = ViewCells.of(frames)
     depths = views.empty()
     views.cover(depths, cloud, point_radii(cloud.positions))
-    added = []
+    room = max(int(MOST_ADDED * count), count - len(cloud))
+    found: list[PointCloud] = []
     for source in sources:
-        missing = views.uncovered_share(depths, source.positions.astype(np.float64)) > MISSING_SHARE
-        chosen = np.flatnonzero(missing)
-        chosen = chosen[np.linspace(0, len(chosen) - 1, min(most, len(chosen))).astype(np.int64)]
-        extra = source.select(chosen)
-        views.cover(depths, extra, point_radii(extra.positions))
-        cloud = _joined(cloud, extra)
-        added.append(len(extra))
-    found = views.share(depths)
-    guessed = _guessed(views, depths, most)
-    return Completed(_joined(cloud, guessed), found, views.share(depths), tuple(added), len(guessed))
+        missing = np.flatnonzero(views.uncovered_share(depths, source.positions.astype(np.float64)) > MISSING_SHARE)
+        more = source.select(_spread(missing, room))
+        views.cover(depths, more, point_radii(more.positions))
+        found.append(more)
+        room -= len(more)
+    known = views.share(depths)
+    guessed = _guessed(views, depths, distance)
+    guessed = guessed.select(_spread(np.arange(len(guessed)), room))
+    return Completion(joined([*found, guessed]), known, views.share(depths), len(guessed))
 
 
-def _guessed(views: ViewCells, depths: np.ndarray, most: int) -> PointCloud:
+def _spread(indices: np.ndarray, most: int) -> np.ndarray:
+    """At most so many of the indices, evenly spread over them."""
+    return indices[np.linspace(0, len(indices) - 1, min(most, len(indices))).astype(np.int64)]
+
+
+def _guessed(views: ViewCells, depths: np.ndarray, distance: float) -> PointCloud:
     """Points for the cells that nothing covers, at the depths of what is around them; `depths` is brought up to date."""
     bare = [np.count_nonzero(views.usable[view] & ~np.isfinite(depths[view])) for view in range(len(depths))]
     found: list[PointCloud] = []
-    for view in np.argsort(bare)[::-1]:
-        here = views.usable[view] & ~np.isfinite(depths[view])
-        if not here.any() or not np.isfinite(depths[view]).any():
+    for view in np.argsort(bare, kind="stable")[::-1]:
+        rows, columns = np.nonzero(views.usable[view] & ~np.isfinite(depths[view]))
+        if len(rows) == 0:
             continue
-        rows, columns = np.nonzero(here)
-        depth = _filled(depths[view], views.sizes[view])[rows, columns]
+        depth = _filled(depths[view], views.sizes[view], distance)[rows, columns]
         fx, fy, cx, cy = views.intrinsics[view]
         local = np.stack([(columns + 0.5 - cx) / fx, (rows + 0.5 - cy) / fy, np.ones(len(rows))], axis=1)
         rays = local @ views.rotations[view]
-        positions = views.centres[view] + rays * depth[:, None]
         away = -rays / np.linalg.norm(rays, axis=1, keepdims=True)
         colours = views.colours[view][rows, columns] / np.float32(255)
-        points = PointCloud(positions, colours, away, np.full(len(rows), GUESSED_CONFIDENCE))
+        confidences = np.full(len(rows), GUESSED_CONFIDENCE)
+        points = PointCloud(views.centres[view] + rays * depth[:, None], colours, away, confidences)
         views.cover(depths, points, depth / fx)
         found.append(points)
-    together = _together(found)
-    if len(together) <= most:
-        return together
-    return together.select(np.sort(np.random.default_rng(0).permutation(len(together))[:most]))
+    return joined(found)
 
 
-def _filled(depths: np.ndarray, size: np.ndarray) -> np.ndarray:
+def _filled(depths: np.ndarray, size: np.ndarray, distance: float) -> np.ndarray:
     """(R, C) float64 depths with the unknown ones interpolated in inverse depth, smoothly, from coarse to fine."""
     rows, columns = size
     known = np.isfinite(depths[:rows, :columns])
+    if not known.any():
+        return np.full(depths.shape, distance)
     inverse = np.where(known, 1 / np.where(known, depths[:rows, :columns], 1.0), 0.0).astype(np.float32)
     result = np.ones(depths.shape)
     result[:rows, :columns] = 1 / np.maximum(_pulled(inverse, known.astype(np.float32)), 1e-30)
@@ -117,19 +121,20 @@ def _pulled(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return np.where(weights > 0, values, smooth)
 
 
-def _joined(cloud: PointCloud, more: PointCloud) -> PointCloud:
-    return _together([cloud, more])
-
-
-def _together(clouds: Sequence[PointCloud]) -> PointCloud:
-    """One cloud of several, which need not all have directions and confidences."""
+def joined(clouds: Sequence[PointCloud]) -> PointCloud:
+    """One cloud of several. Where one has no directions or confidences they are 0 and 1."""
     if not clouds:
         return PointCloud(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+
+    def directions(cloud: PointCloud) -> np.ndarray:
+        return np.zeros((len(cloud), 3), np.float32) if cloud.directions is None else cloud.directions
+
+    def confidences(cloud: PointCloud) -> np.ndarray:
+        return np.ones(len(cloud), np.float32) if cloud.confidences is None else cloud.confidences
+
     return PointCloud(
         np.concatenate([cloud.positions for cloud in clouds]),
         np.concatenate([cloud.colours for cloud in clouds]),
-        np.concatenate(
-            [np.zeros((len(cloud), 3)) if cloud.directions is None else cloud.directions for cloud in clouds]
-        ),
-        np.concatenate([np.ones(len(cloud)) if cloud.confidences is None else cloud.confidences for cloud in clouds]),
+        np.concatenate([directions(cloud) for cloud in clouds]),
+        np.concatenate([confidences(cloud) for cloud in clouds]),
     )

@@ -54,15 +54,16 @@ class ViewCells:
     @staticmethod
     def of(frames: Sequence[Frame]) -> ViewCells:
         """The cells of frames."""
-        sizes, intrinsics = [], []
+        sizes: list[tuple[int, int]] = []
+        scaled: list[tuple[float, ...]] = []
         for frame in frames:
             camera = frame.camera
             side = max(camera.width, camera.height) / CELLS
             rows, columns = max(1, round(camera.height / side)), max(1, round(camera.width / side))
             across, down = columns / camera.width, rows / camera.height
             sizes.append((rows, columns))
-            intrinsics.append((camera.fx * across, camera.fy * down, camera.cx * across, camera.cy * down))
-        shape = (len(frames), *np.max(sizes, axis=0))
+            scaled.append((camera.fx * across, camera.fy * down, camera.cx * across, camera.cy * down))
+        shape = (len(frames), max(rows for rows, _ in sizes), max(columns for _, columns in sizes))
         usable, colours = np.zeros(shape, bool), np.zeros((*shape, 3), np.uint8)
         for view, (frame, (rows, columns)) in enumerate(zip(frames, sizes, strict=True)):
             colours[view, :rows, :columns] = cv2.resize(frame.image, (columns, rows), interpolation=cv2.INTER_AREA)
@@ -73,7 +74,7 @@ class ViewCells:
         poses = np.array([frame.camera.world_to_camera for frame in frames])
         return ViewCells(
             np.array(sizes, np.int64),
-            np.array(intrinsics),
+            np.array(scaled),
             np.ascontiguousarray(poses[:, :3, :3]),
             np.ascontiguousarray(poses[:, :3, 3]),
             np.array([frame.camera.centre for frame in frames]),

@@ -84,7 +84,9 @@ def narrowed(wide: DepthRange, found: np.ndarray, frame: Frame, references: Sequ
         far, near = np.quantile(1 / found, QUANTILES)
         low, high = max(low, float(far) - WIDENED * step), min(high, float(near) + WIDENED * step)
     farthest = np.inf if low <= step else 1 / low
-    baseline = max((float(np.linalg.norm(other.camera.centre - frame.camera.centre)) for other in references), default=0)
+    baseline = max(
+        (float(np.linalg.norm(other.camera.centre - frame.camera.centre)) for other in references), default=0
+    )
     shift = (high - (0.0 if np.isinf(farthest) else low)) * baseline * max(frame.camera.fx, frame.camera.fy)
     return DepthRange(1 / high, farthest, int(np.clip(np.ceil(shift / PIXELS_PER_STEP), FEWEST, MOST)))
 

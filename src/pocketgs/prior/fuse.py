@@ -1,4 +1,4 @@
-"""Fusion: from the depth maps of the keyframes to one clean, coloured cloud."""
+"""Fusion: which pixels of the keyframes' depth maps can be believed, and where in the world they lie."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ import cv2
 import numpy as np
 
 from pocketgs.capture.capture import Frame
-from pocketgs.pointcloud import PointCloud
 from pocketgs.prior.consistency import Views, compare_depths
 from pocketgs.prior.detail import detail
-from pocketgs.prior.merge import Candidates, merged
+from pocketgs.prior.merge import Candidates
 from pocketgs.prior.sweep import DepthMap
 from pocketgs.visual_hull import outside_hull
 
@@ -52,21 +51,15 @@ def fuse(
     keyframes: Sequence[Frame],
     maps: Sequence[DepthMap],
     frames: Sequence[Frame],
-    count: int,
     settings: FusionSettings,
-) -> PointCloud:
-    """Keep the pixels that other keyframes confirm, and merge them into about `count` points.
+) -> Candidates:
+    """Keep the pixels that other keyframes confirm, and in the holes between them those that none contradicts.
 
     Args:
         keyframes: K frames.
         maps: their depth maps.
         frames: training frames, whose alpha bounds the cloud.
-        count: most points to give.
         settings: what is kept.
-
-    Returns:
-        At most `count` points, with the directions they were seen from and the mean confidence of their pixels; dense
-        where many pixels see the surface, and where they see much on it.
     """
     views = _views(keyframes, maps)
     shell = _far_shell(keyframes, maps)
@@ -77,7 +70,7 @@ def fuse(
     ]
     names = Candidates.__dataclass_fields__
     together = Candidates(**{name: np.concatenate([getattr(some, name) for some in found]) for name in names})
-    return merged(together.select(~outside_hull(together.positions, frames)), count)
+    return together.select(~outside_hull(together.positions, frames))
 
 
 def confidence(agreeing: np.ndarray, contradicting: np.ndarray, margin: np.ndarray) -> np.ndarray:

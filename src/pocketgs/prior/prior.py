@@ -10,13 +10,13 @@ import numpy as np
 
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.pointcloud import PointCloud
-from pocketgs.prior.complete import MOST_GUESSED, completed
+from pocketgs.prior.complete import completion, joined
 from pocketgs.prior.depth_maps import depth_maps
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
 from pocketgs.prior.fuse import FusionSettings, fuse
 from pocketgs.prior.keyframes import KeyframeSettings, select_keyframes
-from pocketgs.prior.relocalise import relocalise
-from pocketgs.prior.report import PriorReport
+from pocketgs.prior.merge import merged
+from pocketgs.prior.report import Poses, PriorReport, nothing_found
 from pocketgs.prior.scale import Scale, estimate_scale
 from pocketgs.prior.structure import Structure, StructureSettings, build_structure
 from pocketgs.prior.sweep import SweepSettings
@@ -64,7 +64,7 @@ def build_prior(
     A capture with too little texture keeps its poses; depths are then searched in a range that only the cameras tell.
 
     Args:
-        capture: posed frames; its own points are not looked at.
+        capture: posed frames; its own points fill gaps.
         max_points: bound on the cloud.
         settings: how; all at their defaults if None.
         stopwatch: times the stages; a new one if None.
@@ -73,54 +73,57 @@ def build_prior(
     stopwatch = stopwatch or Stopwatch()
     with stopwatch.stage("poses"):
         scale = estimate_scale(capture)
-        structure = build_structure(capture.train, scale, settings.structure)
-        capture, carried = _with_refined_poses(capture, capture.train, structure, scale, settings)
+        structure = build_structure(capture.frames, scale, settings.structure, capture.photographs)
+        capture = _with_poses_of(structure, capture)
+        found = Poses.of(structure, capture)
+        structure = structure.of(capture.train) if structure else None
         capture, gains = _with_one_exposure(capture, capture.train, structure, scale, settings)
     seen = _seen_points(structure, len(capture.train))
     with stopwatch.stage("keyframes"):
         decisions = select_keyframes(capture.train, seen, scale.distance, settings.keyframes)
         chosen = [index for index, decision in enumerate(decisions) if decision.kept]
-    sparse = _sparse_cloud(capture.train, structure)
+    cloud, coverage = _sparse_cloud(capture.train, structure), None
     if settings.dense:
         with stopwatch.stage("depth"):
             keyframes = [capture.train[index] for index in chosen]
             points = [seen[index] for index in chosen]
             keyframes, maps = depth_maps(keyframes, capture.train, points, scale.distance, settings.sweep)
         with stopwatch.stage("fusion"):
-            fused = fuse(keyframes, maps, capture.train, max_points, settings.fusion)
+            candidates = fuse(keyframes, maps, capture.train, settings.fusion)
             del maps
+            fused = merged(candidates, max_points)
         with stopwatch.stage("coverage"):
-            sources = [sparse] if structure and structure.refined or capture.points is None else [sparse, capture.points]
-            full = completed(fused, capture.train, sources, int(max_points * MOST_GUESSED))
-            cloud = full.cloud
-    else:
-        cloud = sparse
+            # The capture's own cloud lies in the world of the poses that it came with.
+            own = [capture.points] if capture.points and not (structure and structure.refined) else []
+            coverage = completion(fused, capture.train, [cloud, *own], scale.distance, max_points)
+            if len(fused) + len(coverage.added) > max_points:
+                fused = merged(candidates, max_points - len(coverage.added))
+            cloud = joined([fused, coverage.added])
     report = PriorReport(
         decisions=decisions,
         sparse_points=len(structure.points) if structure else 0,
         rmse_given=structure.rmse_before if structure else None,
         rmse=structure.rmse_after if structure else None,
         poses_refined=structure is not None and structure.refined,
-        carried=carried,
+        poses=found,
         gains=gains,
         points=len(cloud),
-        warnings=_warnings(structure, carried),
+        coverage=coverage.covered if coverage else None,
+        coverage_known=coverage.known if coverage else None,
+        guessed=coverage.guessed if coverage else 0,
+        warnings=found.warnings() if structure else (nothing_found(capture, scale),),
     )
-    print("COV", full.found, full.covered, full.added, full.guessed, len(fused), len(cloud), len(chosen))
     return Prior(replace(capture, points=cloud), report)
 
 
-def _with_refined_poses(
-    capture: Capture, keyframes: Sequence[Frame], structure: Structure | None, scale: Scale, settings: PriorSettings
-) -> tuple[Capture, tuple[str, ...]]:
-    """The capture in the world that bundle adjustment made, and which frames could not be placed in it by sight."""
-    if structure is None or not structure.refined:
-        return capture, ()
-    cameras = {frame.name: camera for frame, camera in zip(keyframes, structure.cameras, strict=True)}
-    others = [frame for frame in capture.frames if frame.name not in cameras]
-    found = relocalise(others, keyframes, structure, scale, settings.structure)
-    cameras |= {frame.name: camera for frame, camera in zip(others, found.cameras, strict=True)}
-    return capture.with_refined_poses(cameras), found.carried
+def _with_poses_of(structure: Structure | None, capture: Capture) -> Capture:
+    """The capture with the structure's poses, and without training frames whose poses are wrong beyond repair."""
+    if structure is None:
+        return capture
+    if structure.refined:
+        capture = capture.with_refined_poses(dict(zip(structure.names, structure.cameras, strict=True)))
+    sound = [frame for frame in capture.train if frame.name not in structure.doubtful]
+    return capture if len(sound) == len(capture.train) else replace(capture, train=sound)
 
 
 def _with_one_exposure(
@@ -154,16 +157,3 @@ def _sparse_cloud(frames: Sequence[Frame], structure: Structure | None) -> Point
         directions[point] = away / np.linalg.norm(away, axis=1, keepdims=True)
     finite = np.isfinite(structure.points).all(axis=1)
     return PointCloud(structure.points, colours, directions).select(finite)
-
-
-def _warnings(structure: Structure | None, carried: tuple[str, ...]) -> tuple[str, ...]:
-    found = []
-    if structure is None:
-        found.append("too little texture to refine poses or to tell how far things are: poses are used as given")
-    if carried:
-        found.append(
-            f"{len(carried)} frames see too little to be placed exactly and follow their neighbours: "
-            + ", ".join(carried[:5])
-            + (", ..." if len(carried) > 5 else "")
-        )
-    return tuple(found)

@@ -147,7 +147,7 @@ def sweep(keyframe: Frame, references: Sequence[Frame], search: DepthRange, sett
     inverse_depths = search.inverse_depths
     step = float(inverse_depths[1] - inverse_depths[0])
     if not references:
-        return DepthMap(*np.zeros((2, *view.shape), np.float32), step)
+        return DepthMap(np.zeros(view.shape, np.float32), np.zeros(view.shape, np.float32), step)
     costs = matching_costs(view, _references(keyframe.camera, references), inverse_depths)
     if keyframe.mask is not None:
         costs[~keyframe.mask] = BITS // 2  # as where no reference sees a hypothesis

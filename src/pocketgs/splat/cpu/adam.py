@@ -59,6 +59,7 @@ def adam(
     decay2: float,
     epsilon: float,
     steps: int,
+    seen_only: bool,
     threads: int,
 ) -> None:
     """One step of Adam (Kingma and Ba 2015, algorithm 1), in place.
@@ -77,6 +78,7 @@ def adam(
         decay2: β₂.
         epsilon: ε.
         steps: number of steps including this one.
+        seen_only: leave Gaussians alone whose gradient is zero, their moments too.
         threads: number of threads that share the work.
     """
     columns = gradients.shape[1]
@@ -92,6 +94,8 @@ def adam(
         while piece < len(means):
             for i in range(piece, min(piece + PIECE, len(means))):
                 gradient, first, second = gradients[i], first_moments[i], second_moments[i]
+                if seen_only and not np.any(gradient):
+                    continue
                 for c in range(columns):
                     g = gradient[c]
                     first[c] = keep1 * first[c] + take1 * g
