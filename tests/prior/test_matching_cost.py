@@ -41,7 +41,7 @@ def twin(view: np.ndarray, among: References, inverse_depths: np.ndarray) -> np.
     costs = np.empty((height, width, len(inverse_depths)), np.uint8)
     for hypothesis, inverse_depth in enumerate(inverse_depths):
         counts = []
-        for squares, size, turn, shift in zip(*among, strict=True):
+        for squares, size, turn, shift in zip(*among[:4], strict=True):
             image = (squares[: int(size[0]), : int(size[1])] & 255).astype(np.float32)
             warped, visible = warp(image, turn, shift * inverse_depth, height, width)
             count = np.sum(census(warped) != own, axis=0).astype(float)
@@ -171,3 +171,21 @@ def test_a_reference_that_stands_on_the_ray() -> None:
     costs = matching_costs(view, ahead, depths)
     np.testing.assert_array_equal(costs, twin(view, ahead, depths))
     assert np.all(costs[:, :, 1] == BITS // 2)
+
+
+def test_a_masked_reference_is_as_none() -> None:
+    random = np.random.default_rng(8)
+    view = random.integers(0, 256, (20, 30), dtype=np.uint8)
+    images = [random.integers(0, 256, (20, 30), dtype=np.uint8) for _ in range(3)]
+    inverse_depths = np.linspace(0, 0.5, 5, dtype=np.float32)
+    shifts = [np.array([3.0, 0, 0]), np.array([0, 2.0, 0]), np.array([-2.0, 1.0, 0])]
+    among = references(images, [np.eye(3)] * 3, shifts)
+    usable = np.ones(among.squares.shape, np.bool_)
+    usable[2] = False
+    masked = matching_costs(view, among._replace(usable=usable), inverse_depths)
+    two = References(*(array[:2] for array in among))
+    np.testing.assert_array_equal(masked, matching_costs(view, two, inverse_depths))
+    usable[2] = True
+    np.testing.assert_array_equal(
+        matching_costs(view, among._replace(usable=usable), inverse_depths), matching_costs(view, among, inverse_depths)
+    )
