@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -9,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 from pocketgs.capture.listing import Listing
-from pocketgs.capture.paths import inside, list_images
+from pocketgs.capture.paths import list_images
 from pocketgs.errors import PocketGSError
 
 FOUND, NONE = "found", "none"
@@ -62,7 +63,7 @@ def folders_of_masks(names: Sequence[str], capture: Path) -> list[Path]:
     sizes = sorted({size[0] for folder in folders if (size := re.search(r"_\d+$", folder.name))})
     usual = [f"{name}{size}" for size in (*sizes, "") for name in FOLDERS]
     places = [".", *sorted({folder.parent.as_posix() for folder in folders})]
-    found = [inside(capture, f"{place}/{name}", "masks") for place in places for name in usual]
+    found = (Path(os.path.normpath(capture / place / name)) for place in places for name in usual)
     return [folder for folder in dict.fromkeys(found) if folder.is_dir()]
 
 
