@@ -49,6 +49,7 @@ class Reporter:
         on_warning: called with what the user should know, in words.
         on_prepared: called with the capture as training sees it: its poses may have been refined.
         on_plan: called with the size that the run is planned at, before a photograph is decoded.
+        on_count: told how much of the stage is done, and of how much, where that is known.
     """
 
     on_stage: Callable[[str], None] = lambda stage: None
@@ -58,6 +59,7 @@ class Reporter:
     on_warning: Callable[[str], None] = lambda warning: None
     on_prepared: Callable[[Capture], None] = lambda capture: None
     on_plan: Callable[[Plan], None] = lambda plan: None
+    on_count: Callable[[int, int], None] = lambda done, of: None
 
 
 @dataclass(frozen=True)
@@ -265,7 +267,7 @@ def _publish(
             scene.save(staging / result_folder.SCENE)
             checkpoint = Checkpoint(record.iterations, scene, record.optimiser_state)
             result_folder.write_checkpoint(staging / result_folder.CHECKPOINT, checkpoint, identity)
-            write_cameras(staging / result_folder.CAMERAS, prepared.frames, refined)
+            write_cameras(staging / result_folder.CAMERAS, prepared.frames, refined, prepared.origin)
         with stopwatch.stage("evaluation"):
             engine = create_engine(options.engine_options)
             engine.upload(scene)

@@ -58,6 +58,7 @@ def summarise(
             "image_bytes": capture.image_bytes,
             "background": capture.background,
             "metric": capture.metric,
+            "origin": capture.origin,
             "warnings": capture.warnings,
         },
         "options": asdict(options),

@@ -70,6 +70,7 @@ class Capture:
         points: the capture's own point cloud, or None.
         background: RGB in [0, 1] behind everything.
         metric: whether lengths are metres.
+        origin: where the origin of these coordinates lies in the world of the files, see `pocketgs.capture.origin`.
         protocol: how images were prepared and split, in words; every reported figure carries it.
         warnings: what a user should know, such as listed frames whose files are absent.
         photographs: where the frames come from, or None if there is no more than what is in memory.
@@ -83,6 +84,7 @@ class Capture:
     points: PointCloud | None = None
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
     metric: bool = False
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     protocol: str = ""
     warnings: tuple[str, ...] = field(default=())
     photographs: Photographs | None = field(default=None, repr=False, compare=False)

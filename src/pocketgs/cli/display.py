@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -38,6 +39,9 @@ STAGES = {
     "evaluation": "evaluating the held-out views",
 }
 ITERATIONS_BETWEEN_LINES = 100
+SECONDS_BETWEEN_LINES = 10.0
+SECONDS_BEFORE_GUESSING = 2.0
+"""Before it says how long a stage will take."""
 
 
 class Display:
@@ -46,6 +50,8 @@ class Display:
     def __init__(self, console: Console) -> None:
         self._console = console
         self._live: Live | None = None
+        self._stage = ""
+        self._begun = self._next_line = 0.0
 
     @contextmanager
     def showing(self) -> Iterator[Reporter]:
@@ -65,13 +71,25 @@ class Display:
             on_progress=self._show_progress,
             on_warning=self._show_warning,
             on_plan=self._show_plan,
+            on_count=self._show_count,
         )
 
     def _show_stage(self, stage: str) -> None:
+        self._stage, self._begun = stage, time.monotonic()
+        self._next_line = self._begun + SECONDS_BETWEEN_LINES
         if stage in STAGES and self._live:
             self._live.update(Text(f"{STAGES[stage]} …"))
         elif stage == "compilation":
             self._console.print(STAGES[stage])
+
+    def _show_count(self, done: int, of: int) -> None:
+        now = time.monotonic()
+        line = count_line(self._stage, done, of, now - self._begun)
+        if self._live:
+            self._live.update(Text(line))
+        elif now >= self._next_line:
+            self._next_line = now + SECONDS_BETWEEN_LINES
+            self._console.print(line, markup=False, highlight=False, soft_wrap=True)
 
     def _show_capture(self, capture: Capture) -> None:
         for warning in capture.warnings:
@@ -100,11 +118,22 @@ def capture_lines(capture: Capture) -> list[str]:
     """What a capture holds, in words."""
     points = f"{len(capture.points):,} points" if capture.points else "no points of its own"
     views = f"{len(capture.train)} training views, {len(capture.held_out)} held out"
+    masked = sum(frame.mask is not None for frame in capture.frames)
+    if masked:
+        views += f", masks for {masked} of {len(capture.frames)}"
     units = "metres" if capture.metric else "scene units"
     return [
         f"{capture.name} ({capture.format}): {views}, {points}, {units}, {capture.image_bytes / 1e6:.0f} MB of images",
         f"protocol: {capture.protocol}",
     ]
+
+
+def count_line(stage: str, done: int, of: int, seconds: float) -> str:
+    """How much of a stage is done, and about how long the rest will take if it goes on like this."""
+    line = f"{STAGES.get(stage, stage)}: {done}/{of}"
+    if of / 10 < done < of and seconds >= SECONDS_BEFORE_GUESSING:
+        line += f", about {max(1, round(seconds / done * (of - done)))} s left"
+    return line
 
 
 def plan_line(plan: Plan) -> str:

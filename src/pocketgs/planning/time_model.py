@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from pocketgs.planning.calibration import Speed
 from pocketgs.planning.work import Work
+from pocketgs.prior.detection import LONGEST_SIDE, PIXELS
 from pocketgs.prior.pairs import PAIRS_PER_VIEW
 
 MEGA = 1e6
@@ -17,7 +18,7 @@ MEGA = 1e6
 DECODED_MEGAPIXEL = 0.03
 FEATURES_MEGAPIXEL = 0.2
 MATCHED_PAIR = 0.01
-ADJUSTMENT = 0.5
+ADJUSTED_VIEW = 0.1
 SWEPT_MEGAPIXEL = 0.5
 SWEPT_MEGAPIXEL_AND_REFERENCE = 0.25
 MERGED_MILLION = 0.6
@@ -95,10 +96,10 @@ def step_seconds(gaussians: int, coefficients: int, pixels: float) -> float:
 
 
 def _poses(work: Work) -> float:
-    """Features of all frames and matches of keyframes, as if poses were refined, which is found out on the way."""
-    outline, keyframes = work.outline, work.keyframes
+    """Features and matches of all frames, and adjusted poses if they may be: whether they are is found out later."""
+    outline = work.outline
     views = len(outline.training) + len(outline.held_out)
-    pairs = keyframes * min(PAIRS_PER_VIEW, keyframes - 1) / 2
-    others = views - keyframes if work.options.bundle else 0
-    features = FEATURES_MEGAPIXEL * outline.pixels / MEGA * (keyframes + others)
-    return ADJUSTMENT + features + MATCHED_PAIR * (pairs + 4 * others)
+    looked_at = min(outline.stored_pixels, LONGEST_SIDE**2, PIXELS / views)
+    features = (DECODED_MEGAPIXEL * outline.stored_pixels + FEATURES_MEGAPIXEL * looked_at) / MEGA * views
+    pairs = views * min(PAIRS_PER_VIEW, views - 1) / 2
+    return features + MATCHED_PAIR * pairs + (ADJUSTED_VIEW * views if work.options.bundle else 0.0)

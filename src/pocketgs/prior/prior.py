@@ -16,7 +16,7 @@ from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensat
 from pocketgs.prior.fuse import FusionSettings, fuse
 from pocketgs.prior.keyframes import KeyframeSettings, select_keyframes
 from pocketgs.prior.merge import merged
-from pocketgs.prior.report import Poses, PriorReport
+from pocketgs.prior.report import Poses, PriorReport, nothing_found
 from pocketgs.prior.scale import Scale, estimate_scale
 from pocketgs.prior.structure import Structure, StructureSettings, build_structure
 from pocketgs.prior.sweep import SweepSettings
@@ -111,7 +111,7 @@ def build_prior(
         coverage=coverage.covered if coverage else None,
         coverage_known=coverage.known if coverage else None,
         guessed=coverage.guessed if coverage else 0,
-        warnings=_warnings(structure, found),
+        warnings=found.warnings() if structure else (nothing_found(capture, scale),),
     )
     return Prior(replace(capture, points=cloud), report)
 
@@ -157,9 +157,3 @@ def _sparse_cloud(frames: Sequence[Frame], structure: Structure | None) -> Point
         directions[point] = away / np.linalg.norm(away, axis=1, keepdims=True)
     finite = np.isfinite(structure.points).all(axis=1)
     return PointCloud(structure.points, colours, directions).select(finite)
-
-
-def _warnings(structure: Structure | None, poses: Poses) -> tuple[str, ...]:
-    if structure is None:
-        return ("too little texture to refine poses or to tell how far things are: poses are used as given",)
-    return poses.warnings()

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from pocketgs.camera import Camera
 from pocketgs.prior.bundle import BundleSettings, adjust_bundle, adjust_pose
 from pocketgs.prior.consensus import consensus
-from pocketgs.prior.observations import Observations
+from pocketgs.prior.observations import Observations, enough_for_each_view
 from pocketgs.prior.tolerance import LEAST_ANGLE, next_tolerance
 from pocketgs.prior.tracks import reprojection_errors, triangulate, view_distances
 
@@ -36,7 +36,7 @@ SIGHTINGS_PER_VIEW = 250
 FEWEST_SIGHTINGS, FEWEST_CELLS = 30, 5
 """A view with fewer sightings, or in fewer of 4 x 4 parts of its image, is not adjusted: it follows its neighbours."""
 
-FEWEST_VIEWS, FEWEST_POINTS = 3, 50
+FEWEST_VIEWS = 3
 """A part of the capture with fewer is not adjusted."""
 
 
@@ -74,10 +74,11 @@ def refine(
         scene_distance: typical distance to the scene.
     """
     nothing = Refinement(list(given), np.zeros(len(given), bool), np.zeros(len(given), bool))
-    adjusted, supported, final = _adjusted(given, tracks, tolerance, finest, settings)
-    if not supported.any():
+    accepted = _accepted(given, tracks, tolerance, finest, settings)
+    if not accepted.any():
         return nothing
-    moved = _accepted(given, tracks, supported, tolerance, final, finest, settings)
+    adjusted, supported, _ = _adjusted(given, tracks, tolerance, finest, settings)
+    moved = accepted & supported
     if not moved.any():
         return nothing
     cameras = [new if move else old for old, new, move in zip(given, adjusted, moved, strict=True)]
@@ -120,9 +121,7 @@ def _adjusted(
 def _accepted(
     given: Sequence[Camera],
     tracks: Observations,
-    supported: np.ndarray,
     tolerance: float,
-    final: float,
     finest: float,
     settings: BundleSettings,
 ) -> np.ndarray:
@@ -131,16 +130,17 @@ def _accepted(
     Judged by points and by views that take no part in an adjustment made for the purpose.
     """
     checked = tracks.point % CHECKED_SHARE == 0
-    absent = np.zeros(len(given), bool)
-    absent[np.flatnonzero(supported)[LEFT_OUT_SHARE // 2 :: LEFT_OUT_SHARE]] = True
+    absent = np.arange(len(given)) % LEFT_OUT_SHARE == LEFT_OUT_SHARE // 2
     fitted = _renumbered(tracks.select(~checked & ~absent[tracks.frame]))
-    adjusted, present, _ = _adjusted(given, fitted, tolerance, finest, settings)
+    adjusted, present, final = _adjusted(given, fitted, tolerance, finest, settings)
     by_points = [_errors_of_points(cameras, tracks.select(checked), final) for cameras in (given, adjusted)]
     by_views = [
         _errors_of_views(cameras, tracks.select(~checked), absent, final, settings) for cameras in (given, adjusted)
     ]
     accepted = np.zeros(len(given), bool)
-    for part in _parts(tracks, supported):
+    for part in _parts(tracks, present | absent):
+        if (part & present).sum() < FEWEST_VIEWS:
+            continue
         inside = part[tracks.frame[checked]] & present[tracks.frame[checked]]
         before, after = (_truncated(by_points, inside, final, which) for which in (0, 1))
         views_before, views_after = (
@@ -148,7 +148,7 @@ def _accepted(
         )
         if after <= (1 - LEAST_GAIN) * before and views_after <= views_before:
             accepted |= part
-    return accepted & supported
+    return accepted
 
 
 def _truncated(errors: Sequence[np.ndarray], inside: np.ndarray, tolerance: float, which: int) -> float:
@@ -209,7 +209,7 @@ def _well_seen(cameras: Sequence[Camera], tracks: Observations) -> tuple[Observa
         if np.array_equal(enough, supported):
             break
         supported = enough
-    return tracks.select(_needed(tracks, len(cameras))), supported
+    return tracks.select(enough_for_each_view(tracks, len(cameras), SIGHTINGS_PER_VIEW)), supported
 
 
 def _cells(cameras: Sequence[Camera], tracks: Observations) -> np.ndarray:
@@ -221,20 +221,6 @@ def _cells(cameras: Sequence[Camera], tracks: Observations) -> np.ndarray:
     return occupied.sum(axis=1)
 
 
-def _needed(tracks: Observations, views: int) -> np.ndarray:
-    """(M,) bool: sightings of the points that most views see, so many that every view has enough."""
-    order = np.argsort(-np.bincount(tracks.point, minlength=1)[tracks.point], kind="stable")
-    have, wanted = np.zeros(views, np.int64), np.zeros(int(tracks.point.max(initial=0)) + 1, bool)
-    frame, point = tracks.frame[order], tracks.point[order]
-    ends = np.flatnonzero(np.diff(point, append=-1)) + 1
-    for first, end in zip(np.append(0, ends[:-1]), ends, strict=True):
-        seeing = frame[first:end]
-        if len(seeing) and have[seeing].min() < SIGHTINGS_PER_VIEW:
-            wanted[point[first]] = True
-            have[seeing] += 1
-    return wanted[tracks.point]
-
-
 def _parts(tracks: Observations, supported: np.ndarray) -> list[np.ndarray]:
     """(F,) bool each: cameras that see points in common, directly or by way of others, if they are enough."""
     tracks = tracks.select(supported[tracks.frame])
@@ -242,8 +228,7 @@ def _parts(tracks: Observations, supported: np.ndarray) -> list[np.ndarray]:
     one, other = tracks.frame[:-1][same], tracks.frame[1:][same]
     graph = coo_matrix((np.ones(len(one)), (one, other)), shape=(len(supported), len(supported)))
     _, label = connected_components(graph, directed=False)
-    parts = [(label == number) & supported for number in np.unique(label[supported])]
-    return [part for part in parts if part.sum() >= FEWEST_VIEWS]
+    return [(label == number) & supported for number in np.unique(label[supported])]
 
 
 def _thin(given: Sequence[Camera], moved: np.ndarray, supported: np.ndarray, scene_distance: float) -> np.ndarray:

@@ -34,16 +34,19 @@ def pose_from_points(camera: Camera, points: np.ndarray, pixels: np.ndarray, tol
         return None
     # OpenCV's RANSAC works in single precision on the points: it takes them about their middle, and small.
     middle, size = points.mean(axis=0), max(float(np.abs(points - points.mean(axis=0)).max()), 1e-300)
-    found, turn, offset, _ = cv2.solvePnPRansac(
-        (points - middle) / size,
-        pixels,
-        camera.intrinsic_matrix,
-        None,
-        iterationsCount=TRIALS,
-        reprojectionError=tolerance,
-        confidence=CONFIDENCE,
-        flags=cv2.SOLVEPNP_AP3P,
-    )
+    try:
+        found, turn, offset, _ = cv2.solvePnPRansac(
+            (points - middle) / size,
+            pixels,
+            camera.intrinsic_matrix,
+            None,
+            iterationsCount=TRIALS,
+            reprojectionError=tolerance,
+            confidence=CONFIDENCE,
+            flags=cv2.SOLVEPNP_AP3P,
+        )
+    except cv2.error:  # the solver meets a degenerate sample
+        return None
     if not found:
         return None
     pose = np.eye(4)

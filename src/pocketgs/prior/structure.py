@@ -19,7 +19,7 @@ from pocketgs.prior.pairs import choose_pairs
 from pocketgs.prior.placement import Placement
 from pocketgs.prior.refinement import refine
 from pocketgs.prior.scale import Scale
-from pocketgs.prior.suspects import contradicted
+from pocketgs.prior.suspects import contradicted, strangers
 from pocketgs.prior.tolerance import FINEST, LEAST_ANGLE, measured_tolerance, widest_tolerance
 from pocketgs.prior.tracks import link, reprojection_errors, triangulate, triangulation_angles
 from pocketgs.prior.two_view import VERIFICATION, Matches, match_views
@@ -177,7 +177,7 @@ def _placed(
     """Cameras, wrong ones placed anew where that is possible; all matches; and (F,) bool what stays wrong."""
     tracks, _ = link(features, matches)
     tolerance = max(VERIFICATION * finest, measured_tolerance(given, tracks, finest))
-    wrong = contradicted(given, features, matches, tolerance)
+    wrong = contradicted(given, features, matches, tolerance) | strangers(given, features, matches, scale.distance)
     if not (wrong.any() and may_move):
         return given, matches, wrong
     placement = Placement(given, features, matches, wrong, tolerance, scale.distance)

@@ -14,6 +14,7 @@ import numpy as np
 from pocketgs.camera import Camera
 from pocketgs.prior.features import Features
 from pocketgs.prior.pairs import Pair
+from pocketgs.prior.tracks import view_distances
 
 LEAST_FIT = 0.6
 """Share of the matches between two groups that suits the poses, below which they contradict each other.
@@ -24,6 +25,10 @@ epipolar lines, since these are long.
 
 FEWEST_MATCHES = 32
 """Matches between two groups below which they say nothing about each other."""
+
+NEIGHBOURS = 4
+LEAST_FEATURES = 0.5
+"""A view that matches nothing is a stranger if it has this share of its neighbours' features, at least."""
 
 FEWEST_VIEWS = 3
 LEAST_MAIN = 0.25
@@ -57,6 +62,35 @@ def contradicted(
         between = np.ix_(group == number, main)
         if total[between].sum() >= FEWEST_MATCHES and fitting[between].sum() < LEAST_FIT * total[between].sum():
             found |= group == number
+    return found
+
+
+def strangers(
+    cameras: Sequence[Camera], features: Sequence[Features], matches: Mapping[Pair, np.ndarray], scene_distance: float
+) -> np.ndarray:
+    """(F,) bool: views with features that match nothing, though views on all sides of them match each other.
+
+    They show another place than their poses say. Views with few features may just see a blank wall.
+
+    Args:
+        cameras: of F views.
+        features: of the views.
+        matches: verified without poses.
+        scene_distance: typical distance to the scene.
+    """
+    matched = np.zeros((len(cameras), len(cameras)), bool)
+    for first, second in matches:
+        matched[first, second] = matched[second, first] = True
+    counts = np.array([len(view.pixels) for view in features])
+    apart = view_distances(cameras, cameras, scene_distance)
+    np.fill_diagonal(apart, np.inf)
+    found = np.zeros(len(cameras), bool)
+    for view in np.flatnonzero(~matched.any(axis=1)):
+        near = np.argsort(apart[view], kind="stable")[:NEIGHBOURS]
+        linked = matched[np.ix_(near, near)]
+        reach = apart[np.ix_(near, near)][linked].max(initial=0.0)
+        expected = linked.any(axis=1) & (apart[view, near] <= reach)
+        found[view] = expected.sum() >= NEIGHBOURS - 1 and counts[view] >= LEAST_FEATURES * np.median(counts[near])
     return found
 
 

@@ -13,7 +13,7 @@ from pocketgs.capture.capture import Frame
 from pocketgs.capture.loading import downscaled
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.depth_range import DepthRange
-from pocketgs.prior.matching_cost import References, matching_costs, squares_of
+from pocketgs.prior.matching_cost import ALL_USABLE, BITS, References, matching_costs, squares_of
 from pocketgs.prior.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners
 
 SMOOTHING_WINDOW, SMOOTHING_WIDTH, SMOOTHING_STEPS = 9, 4.0, 3.0
@@ -134,7 +134,8 @@ def _scores(view: Camera, other: Camera, points: np.ndarray, settings: SweepSett
 def sweep(keyframe: Frame, references: Sequence[Frame], search: DepthRange, settings: SweepSettings) -> DepthMap:
     """Find the depths of a keyframe.
 
-    Pixels that a mask or alpha leaves out have no depth.
+    Pixels that a mask or alpha leaves out have no depth; those that a mask leaves out, here or in references, have no
+    say in that of others. What alpha leaves out lies on the background and tells where an object ends.
 
     Args:
         keyframe: the frame whose depth is sought.
@@ -148,15 +149,16 @@ def sweep(keyframe: Frame, references: Sequence[Frame], search: DepthRange, sett
     if not references:
         return DepthMap(np.zeros(view.shape, np.float32), np.zeros(view.shape, np.float32), step)
     costs = matching_costs(view, _references(keyframe.camera, references), inverse_depths)
+    if keyframe.mask is not None:
+        costs[~keyframe.mask] = BITS // 2  # as where no reference sees a hypothesis
     paths = EIGHT_PATHS if settings.paths == 8 else FOUR_PATHS
     total = aggregate(costs, view, paths, settings.small_step, settings.large_step)
     depth, margin = winners(total, inverse_depths, len(paths))
     if np.isfinite(search.farthest):  # the truth may lie beyond the end of the range
         depth[depth * inverse_depths[0] > 1 - 1e-6] = 0
-    depth = _smoothed(depth, step)
     if keyframe.usable is not None:
         depth[~keyframe.usable] = 0
-    return DepthMap(depth, margin, step)
+    return DepthMap(_smoothed(depth, step), margin, step)
 
 
 def _smoothed(depth: np.ndarray, spacing: float) -> np.ndarray:
@@ -174,7 +176,11 @@ def _smoothed(depth: np.ndarray, spacing: float) -> np.ndarray:
 
 
 def _grey(frame: Frame) -> np.ndarray:
-    return cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY)
+    """The grey image, black where it is masked: whatever is there has no say."""
+    grey = cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY)
+    if frame.mask is not None:
+        grey[~frame.mask] = 0
+    return grey
 
 
 def _references(view: Camera, frames: Sequence[Frame]) -> References:
@@ -188,4 +194,15 @@ def _references(view: Camera, frames: Sequence[Frame]) -> References:
         relative = frame.camera.world_to_camera @ view.camera_to_world
         turns[index] = frame.camera.intrinsic_matrix @ relative[:3, :3] @ np.linalg.inv(view.intrinsic_matrix)
         shifts[index] = frame.camera.intrinsic_matrix @ relative[:3, 3]
-    return References(squares, sizes.astype(np.float32), turns, shifts)
+    return References(squares, sizes.astype(np.float32), turns, shifts, _usable_of(frames, squares.shape))
+
+
+def _usable_of(frames: Sequence[Frame], shape: tuple[int, ...]) -> np.ndarray:
+    """What the masks of the references leave, padded to one size."""
+    if all(frame.mask is None for frame in frames):
+        return ALL_USABLE
+    usable = np.ones(shape, np.bool_)
+    for padded, frame in zip(usable, frames, strict=True):
+        if frame.mask is not None:
+            padded[: frame.mask.shape[0], : frame.mask.shape[1]] = frame.mask
+    return usable

@@ -25,6 +25,7 @@ from pocketgs.splat.cpu.rasterize import rasterize
 from pocketgs.splat.cpu.rasterize_backward import rasterize_backward
 from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.splat.engine import KEPT_LOSSES, MemoryNeed, OptimiserState, Rendering
+from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.settings import LearningRates, LossSettings, StepSettings
 
 
@@ -104,6 +105,7 @@ class CpuEngine:
         """Take a copy of the scene, and of the optimiser's state or start it anew."""
         self._scene = Gaussians(*(getattr(gaussians, name).copy() for name in PARAMETERS))
         self._scene.quaternions = gaussians.unit_quaternions
+        self._near = near_plane(gaussians.means)
         count, columns = len(gaussians), GRADIENT_SH + 3 * gaussians.sh.shape[1]
         self._first_moments = np.zeros((count, columns), np.float32) if state is None else state.first_moments.copy()
         self._second_moments = np.zeros((count, columns), np.float32) if state is None else state.second_moments.copy()
@@ -177,6 +179,7 @@ class CpuEngine:
             scene.opacity_logits,
             scene.sh,
             view,
+            self._near,
             self.threads,
             self._splats,
             self._depth_keys,
