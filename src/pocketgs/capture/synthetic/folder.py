@@ -13,6 +13,7 @@ from PIL import Image
 
 from pocketgs.atomic_folder import replacing_folder
 from pocketgs.camera import Camera
+from pocketgs.capture.capture import Frame
 from pocketgs.capture.loading import reliable_depth
 from pocketgs.capture.open import read_listing
 from pocketgs.capture.synthetic.phone import Shot
@@ -66,6 +67,15 @@ def read_ground_truth(folder: Path) -> GroundTruth:
         cameras={name: source.camera for name, source in sources.items()},
         depths={name: reliable_depth(source) for name, source in sources.items()},
     )
+
+
+def write_frames(folder: Path, frames: Sequence[Frame]) -> None:
+    """Write posed photographs, in metres, as nerfstudio does; the folder must not exist yet."""
+    (folder / "images").mkdir(parents=True)
+    for frame in frames:
+        _write_png(folder / frame.name, frame.image)
+    document = _transforms([frame.camera for frame in frames], [frame.name for frame in frames])
+    _write_json(folder / "transforms.json", document)
 
 
 def _write(folder: Path, width: int, height: int, frames: int) -> None:
