@@ -14,6 +14,7 @@ from pocketgs.atomic_file import replacing
 from pocketgs.camera import Camera
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.errors import PocketGSError
+from pocketgs.publishing.journal import settle
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ def read_cameras(path: Path) -> SavedCameras:
     Raises:
         PocketGSError: the file cannot be read, or holds what is no camera.
     """
+    settle(path.parent)
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
         cameras: dict[str, Any] = dict(document["cameras"])
