@@ -18,7 +18,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.formats.activations import colour_of, dc_of, opacity_from_byte, opacity_of
 from pocketgs.formats.checks import require_sound
 from pocketgs.formats.morton import morton_order
-from pocketgs.formats.quaternions import LARGEST_OTHER, drop_largest, restore_largest, unit
+from pocketgs.quaternions import LARGEST_OTHER, drop_largest, restore_largest, unit
 from pocketgs.gaussians import SH_COEFFICIENTS, Gaussians
 from pocketgs.ply_file import LARGEST_HEADER, read_elements
 

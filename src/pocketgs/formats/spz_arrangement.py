@@ -11,7 +11,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from pocketgs.formats.quaternions import composed, unit
+from pocketgs.quaternions import composed, unit
 from pocketgs.formats.spz_attributes import pack_rotations
 from pocketgs.formats.spz_precision import Precision
 from pocketgs.gaussians import Gaussians

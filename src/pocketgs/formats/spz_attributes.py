@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pocketgs.formats.activations import OPACITY_STEPS, opacity_from_byte, opacity_of
-from pocketgs.formats.quaternions import LARGEST_OTHER, drop_largest, restore_largest, unit
+from pocketgs.quaternions import LARGEST_OTHER, drop_largest, restore_largest, unit
 from pocketgs.formats.spz_precision import Precision
 from pocketgs.gaussians import SH_COEFFICIENTS, Gaussians
 
