@@ -10,6 +10,7 @@ from typing import Any
 
 from pocketgs.atomic_folder import replacing_folder
 from pocketgs.capture.image_file import read_size
+from pocketgs.capture.open import read_listing
 from pocketgs.capture.unposed import is_video
 from pocketgs.errors import PocketGSError
 from pocketgs.structure_from_motion.folder import (
@@ -85,6 +86,9 @@ def pose(
             frames, registered = sum(map(len, groups)), int(outcome["registered"])
             if registered == 0:
                 raise PocketGSError(_nothing_registered(source, frames, outcome))
+            # Its writer says nothing of a full disk.
+            if len(read_listing(staging).frames) != registered:
+                raise PocketGSError(f"{output}: only a part of the poses could be written; is the disk full?")
             record = {**made_from, "frames": frames, **outcome}
             (staging / RECORD).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
