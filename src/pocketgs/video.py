@@ -94,7 +94,8 @@ def _check(written: Path, count: int, size: tuple[int, int], path: Path) -> None
 def _has_all_boxes(path: Path) -> bool:
     """Whether the boxes of an MP4 file reach just to its end, and the one that lists frames is among them.
 
-    ISO 14496-12, 4.2: each begins with its size in 4 bytes, or 1 there and the size in 8 bytes behind its 4 letters of name.
+    Each begins with its size in 4 bytes and its name in 4 more; a size of 1 stands for one in the next 8 bytes
+    (ISO 14496-12, 4.2).
     """
     length, start, names = path.stat().st_size, 0, set()
     with path.open("rb") as file:
