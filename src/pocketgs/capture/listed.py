@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from pocketgs.capture.capture import Capture, Frame
+from pocketgs.capture.capture import Capture, Frame, Result
 from pocketgs.capture.image_file import ImageHeader, read_header
 from pocketgs.capture.lens import inner_rectangle
 from pocketgs.capture.listing import FrameSource, Listing
-from pocketgs.capture.loading import Preparation, camera_of_size, load_frames, size_after
+from pocketgs.capture.loading import (
+    Preparation,
+    camera_of_size,
+    load_frames,
+    map_frames,
+    refers_to_turned_pixels,
+    size_after,
+)
 from pocketgs.capture.video_file import VideoFrame
 from pocketgs.errors import PocketGSError
 
@@ -54,6 +62,35 @@ class Outline:
     def image_bytes(self) -> int:
         """Memory that all photographs take, with what belongs to them."""
         return self.pixel_bytes * sum(width * height for width, height in (*self.training, *self.held_out))
+
+
+@dataclass(frozen=True)
+class StoredPhotographs:
+    """Photographs in their files: `pocketgs.capture.capture.Photographs`.
+
+    Attributes:
+        sources: the frames.
+        preparation: what is done to every image; sizes in it do not count here.
+    """
+
+    sources: list[FrameSource]
+    preparation: Preparation
+
+    @cached_property
+    def longest_side(self) -> int:
+        """Pixels of the longest side that any photograph is stored with."""
+        headers = [_header(source) for source in self.sources]
+        return max(max(header.width, header.height) for header in headers)
+
+    def map(self, look: Callable[[Frame], Result], max_size: int) -> dict[str, Result]:
+        """What `look` makes of every frame, by name, decoded at most `max_size` pixels a side.
+
+        Raises:
+            PocketGSError: a photograph cannot be used.
+        """
+        preparation = replace(self.preparation, downscale=1.0, max_size=max_size)
+        found = map_frames(self.sources, preparation, look)
+        return dict(zip((source.name for source in self.sources), found, strict=True))
 
 
 @dataclass(frozen=True)
@@ -109,7 +146,11 @@ class ListedCapture:
             PocketGSError: one cannot be used.
         """
         preparation = self._prepared(shrink)
-        frames = load_frames(self.listing.frames, preparation)
+        loaded = load_frames(self.listing.frames, preparation)
+        frames = [frame for frame in loaded if frame.mask is None or frame.mask.any()]
+        warnings = self.listing.warnings + _masked_out_warning(loaded, frames)
+        if all(frame.name in self.held_out_names for frame in frames):
+            raise PocketGSError(f"{self.path}: {warnings[-1]}; no frame is left to train on")
         return Capture(
             name=self.name,
             path=self.path,
@@ -119,8 +160,10 @@ class ListedCapture:
             points=self.listing.points,
             background=preparation.background,
             metric=self.listing.metric,
+            origin=self.listing.origin,
             protocol=", ".join([describe_images(self.listing.frames, frames, preparation), self.split]),
-            warnings=self.listing.warnings,
+            warnings=warnings,
+            photographs=StoredPhotographs(self.listing.frames, self.preparation),
         )
 
     @cached_property
@@ -154,7 +197,7 @@ class ListedCapture:
 
 
 def describe_images(sources: list[FrameSource], frames: list[Frame], preparation: Preparation) -> str:
-    """How the images were prepared, in words."""
+    """How the images were prepared, in words; `frames` are those in use."""
     distorted = any(source.lens.distorts for source in sources)
     sizes = {(frame.camera.width, frame.camera.height) for frame in frames}
     width, height = max(sizes)
@@ -169,7 +212,19 @@ def describe_images(sources: list[FrameSource], frames: list[Frame], preparation
         words = ["as published (distorted)", size]
     if any(frame.alpha is not None for frame in frames):
         words.append(f"on {_colour_name(preparation.background)}")
+    masked = sum(frame.mask is not None for frame in frames)
+    if masked:
+        words.append("masked" if masked == len(frames) else f"{masked} of {len(frames)} masked")
     return ", ".join(words)
+
+
+def _masked_out_warning(loaded: list[Frame], usable: list[Frame]) -> tuple[str, ...]:
+    """One warning that counts the frames whose masks leave nothing, or none."""
+    if len(usable) == len(loaded):
+        return ()
+    left_out = {frame.name for frame in loaded} - {frame.name for frame in usable}
+    found = f"the masks of {len(left_out)} of {len(loaded)} frames leave no pixel, the first {min(left_out)}"
+    return (f"{found}: these frames are left out; masks are white where pixels are to be used",)
 
 
 def _colour_name(colour: tuple[float, float, float]) -> str:
@@ -180,7 +235,10 @@ def _colour_name(colour: tuple[float, float, float]) -> str:
 def _header(source: FrameSource) -> ImageHeader:
     if isinstance(source.image, VideoFrame):
         return ImageHeader(source.camera.width, source.camera.height, has_alpha=False)
-    return read_header(source.image)
+    header = read_header(source.image)
+    if refers_to_turned_pixels(source, header):
+        return ImageHeader(*header.upright_size, header.has_alpha)
+    return header
 
 
 def _undistorted_size(source: FrameSource, header: ImageHeader) -> Size:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import groupby, islice
 from pathlib import Path
 
@@ -14,17 +12,21 @@ import cv2
 import numpy as np
 
 from pocketgs.camera import Camera
-from pocketgs.capture.capture import Frame
+from pocketgs.capture.capture import Frame, Result
 from pocketgs.capture.depth_file import read_depth, read_reliable
-from pocketgs.capture.image_file import read_colour, read_mask
+from pocketgs.capture.image_file import ImageHeader, read_colour, read_header
 from pocketgs.capture.lens import forget_undistortions, undistortion
 from pocketgs.capture.listing import FrameSource
+from pocketgs.capture.mask_file import read_mask
+from pocketgs.capture.paths import CaptureFile
 from pocketgs.capture.video_file import VideoFrame, read_frames
+from pocketgs.cores import usable_cores
 from pocketgs.errors import PocketGSError
 
 # Every worker holds a few full-size copies of one image; more workers decode little faster.
 MOST_WORKERS = 8
 ASPECT_TOLERANCE = 0.01
+MASK_ASPECT_TOLERANCE = 0.02  # masks are often computed on small images, where rounding shows
 
 
 @dataclass(frozen=True)
@@ -50,15 +52,26 @@ def load_frames(sources: Sequence[FrameSource], preparation: Preparation) -> lis
     Raises:
         PocketGSError: as `load_frame`, for the first frame that fails.
     """
-    frames: list[Frame] = []
+    return map_frames(sources, preparation, lambda frame: frame)
+
+
+def map_frames(
+    sources: Sequence[FrameSource], preparation: Preparation, look: Callable[[Frame], Result]
+) -> list[Result]:
+    """What `look` makes of every frame, in order. It is called in parallel, and frames are kept only if it keeps them.
+
+    Raises:
+        PocketGSError: as `load_frame`, for the first frame that fails.
+    """
+    found: list[Result] = []
     try:
-        with ThreadPoolExecutor(min(MOST_WORKERS, os.cpu_count() or 1)) as pool:
+        with ThreadPoolExecutor(min(MOST_WORKERS, usable_cores())) as pool:
             for video, group in groupby(sources, key=_video_of):
                 if video is None:
-                    frames.extend(pool.map(partial(load_frame, preparation=preparation), group))
+                    found.extend(pool.map(lambda source: look(load_frame(source, preparation)), group))
                 else:
-                    frames.extend(_load_from_video(video, list(group), preparation, pool))
-        return frames
+                    found.extend(_map_video(video, list(group), preparation, look, pool))
+        return found
     finally:
         forget_undistortions()
 
@@ -67,15 +80,19 @@ def _video_of(source: FrameSource) -> Path | None:
     return source.image.path if isinstance(source.image, VideoFrame) else None
 
 
-def _load_from_video(
-    video: Path, sources: list[FrameSource], preparation: Preparation, pool: ThreadPoolExecutor
-) -> Iterator[Frame]:
+def _map_video(
+    video: Path,
+    sources: list[FrameSource],
+    preparation: Preparation,
+    look: Callable[[Frame], Result],
+    pool: ThreadPoolExecutor,
+) -> Iterator[Result]:
     """Decode a video once, in order; a few frames at a time are then prepared in parallel."""
     indices = [source.image.index for source in sources if isinstance(source.image, VideoFrame)]
     images = (image for _, image in read_frames(video, indices, upright=False))
     pairs = zip(sources, images, strict=True)
     while batch := list(islice(pairs, MOST_WORKERS)):
-        yield from pool.map(lambda pair: prepared(pair[0], pair[1], None, preparation), batch)
+        yield from pool.map(lambda pair: look(prepared(pair[0], pair[1], None, preparation)), batch)
 
 
 def load_frame(source: FrameSource, preparation: Preparation) -> Frame:
@@ -87,7 +104,8 @@ def load_frame(source: FrameSource, preparation: Preparation) -> Frame:
     if isinstance(source.image, VideoFrame):
         [(_, image)] = read_frames(source.image.path, [source.image.index], upright=False)
         return prepared(source, image, None, preparation)
-    return prepared(source, *read_colour(source.image), preparation)
+    upright = refers_to_turned_pixels(source, read_header(source.image))
+    return prepared(source, *read_colour(source.image, upright), preparation)
 
 
 def prepared(source: FrameSource, colours: np.ndarray, alpha: np.ndarray | None, preparation: Preparation) -> Frame:
@@ -108,7 +126,7 @@ def prepared(source: FrameSource, colours: np.ndarray, alpha: np.ndarray | None,
         camera=camera_of_size(source, width, height),
         image=colours if alpha is None else composite(colours, alpha, preparation.background),
         alpha=alpha,
-        mask=None if source.mask_path is None else _nearest(read_mask(source.mask_path), width, height),
+        mask=None if source.mask_path is None else _mask_of_size(source.mask_path, width, height),
         depth=None if source.depth_path is None else _nearest(reliable_depth(source), width, height),
     )
     try:
@@ -139,6 +157,35 @@ def reliable_depth(source: FrameSource) -> np.ndarray:
     return np.where(reliable, depth, np.float32(0))
 
 
+def refers_to_turned_pixels(source: FrameSource, header: ImageHeader) -> bool:
+    """Whether a frame's camera is meant for the photograph as EXIF would have it turned.
+
+    Poses refer to stored pixels, since most programs read no EXIF. Some do, though, and then the camera's width and
+    height fit the photograph turned by a quarter only.
+    """
+    stored, turned = (header.width, header.height), header.upright_size
+    return not _has_shape_of(source.camera, *stored) and _has_shape_of(source.camera, *turned)
+
+
+def _has_shape_of(camera: Camera, width: int, height: int) -> bool:
+    return abs((width / camera.width) / (height / camera.height) - 1) <= ASPECT_TOLERANCE
+
+
+def _mask_of_size(path: CaptureFile, width: int, height: int) -> np.ndarray:
+    """A mask, brought to its photograph's size.
+
+    Raises:
+        PocketGSError: it has another shape.
+    """
+    mask = read_mask(path)
+    rows, columns = mask.shape
+    if abs((columns / width) / (rows / height) - 1) > MASK_ASPECT_TOLERANCE:
+        raise PocketGSError(
+            f"{path}: mask of {columns}x{rows} pixels, expected the shape of its photograph, {width}x{height}"
+        )
+    return _nearest(mask, width, height)
+
+
 def camera_of_size(source: FrameSource, width: int, height: int) -> Camera:
     """The frame's camera for the size that its image file has.
 
@@ -146,8 +193,7 @@ def camera_of_size(source: FrameSource, width: int, height: int) -> Camera:
         PocketGSError: the file's shape is not the camera's to within 1 %.
     """
     camera = source.camera
-    stretch = (width / camera.width) / (height / camera.height)
-    if abs(stretch - 1) > ASPECT_TOLERANCE:
+    if not _has_shape_of(camera, width, height):
         raise PocketGSError(
             f"{source.image}: image of {width}x{height} pixels, expected the shape of its camera, "
             f"{camera.width}x{camera.height}"

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from rich.console import Console
+
 from pocketgs.capture import Capture, ListedCapture, list_capture
 
 
@@ -20,6 +22,8 @@ class CaptureOptions:
         background: Red, green and blue from 0 to 1 behind images with alpha. By default the format's own.
         undistort: Undo lens distortion and crop to what the lens saw; --no-undistort takes images as they are.
         hold_out: Keep every so many frames for evaluation, unless the data set states its own; 0 for none.
+        masks: Folder with masks, white where pixels are to be used. By default those that the capture states or has in
+            a folder masks or mask; "none" takes none.
     """
 
     images: str | None = None
@@ -28,10 +32,15 @@ class CaptureOptions:
     background: tuple[float, float, float] | None = None
     undistort: bool = True
     hold_out: int = 8
+    masks: str = "found"
 
     def open(self, path: Path) -> Capture:
-        """Read the capture at `path`."""
-        return self.listed(path).load()
+        """Read the capture at `path`, and print on standard error what its reader warns of."""
+        capture = self.listed(path).load()
+        console = Console(stderr=True)
+        for warning in capture.warnings:
+            console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+        return capture
 
     def listed(self, path: Path) -> ListedCapture:
         """What is known of the capture at `path` before its photographs are decoded."""
@@ -43,4 +52,5 @@ class CaptureOptions:
             background=self.background,
             undistort=self.undistort,
             hold_out_every=self.hold_out,
+            masks=self.masks,
         )

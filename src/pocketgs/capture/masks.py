@@ -1,0 +1,151 @@
+"""Which mask belongs to which photograph, in the layouts that other programs leave masks in."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+
+from pocketgs.capture.listing import Listing
+from pocketgs.capture.paths import inside, list_images
+from pocketgs.errors import PocketGSError
+
+FOUND, NONE = "found", "none"
+"""Values of the option `masks` that name no folder: take what the capture states or has; take none."""
+
+FOLDERS = ("masks", "mask")
+
+NUMBERLESS, MOST_DIGITS = -1, 18
+
+
+def with_masks(listing: Listing, capture: Path, masks: str) -> Listing:
+    """The listing with a mask for each frame that has one.
+
+    Args:
+        listing: the capture.
+        capture: its folder.
+        masks: a folder, inside the capture or anywhere; "found" for the masks that the capture states or, if it states
+            none, those of a folder `masks` or `mask` beside its images or in the capture; "none" for none.
+
+    Raises:
+        PocketGSError: the folder does not exist or holds no mask of a frame, or one mask fits several frames.
+    """
+    if masks == NONE:
+        return replace(listing, frames=[replace(frame, mask_path=None) for frame in listing.frames])
+    names = [frame.name for frame in listing.frames]
+    if masks != FOUND:
+        folder = capture / masks if (capture / masks).is_dir() else Path(masks)
+        return _with(listing, _match_all(names, folder), folder)
+    if any(frame.mask_path is not None for frame in listing.frames):
+        return listing
+    for folder in folders_of_masks(names, capture):
+        # Nobody asked for these: what is wrong with them is no reason to fail.
+        try:
+            return _with(listing, _match_all(names, folder), folder)
+        except PocketGSError as error:
+            listing = replace(listing, warnings=(*listing.warnings, f"{error}; these masks are not used"))
+    return listing
+
+
+def folders_of_masks(names: Sequence[str], capture: Path) -> list[Path]:
+    """The folders of masks that there are: beside the photographs' own folder, whatever its name, or in the capture.
+
+    Photographs of half the size, in `images_2`, may have their masks in `masks_2`.
+
+    Args:
+        names: the photographs' paths inside the capture.
+        capture: its folder.
+    """
+    folders = {PurePosixPath(name).parent for name in names}
+    sizes = sorted({size[0] for folder in folders if (size := re.search(r"_\d+$", folder.name))})
+    usual = [f"{name}{size}" for size in (*sizes, "") for name in FOLDERS]
+    places = [".", *sorted({folder.parent.as_posix() for folder in folders})]
+    found = [inside(capture, f"{place}/{name}", "masks") for place in places for name in usual]
+    return [folder for folder in dict.fromkeys(found) if folder.is_dir()]
+
+
+def match(names: Sequence[str], folder: Path) -> dict[str, Path]:
+    """The masks in a folder and its sub-folders, by the name of the photograph that each belongs to.
+
+    A mask is named as its photograph, with another suffix or, as COLMAP has it, with one more; in sub-folders as the
+    photographs or all in one place. Where no name agrees but the numbers in all names do, numbers decide.
+
+    Args:
+        names: the photographs' paths inside the capture.
+        folder: with the masks.
+
+    Raises:
+        PocketGSError: one mask fits several photographs.
+    """
+    files = _files(folder)
+    by_name: dict[str, Path] = {}
+    for file in files:
+        name = file.relative_to(folder)
+        for key in (name, name.with_suffix("")):
+            by_name.setdefault(key.as_posix().casefold(), file)
+    found = {name: mask for name in names if (mask := _named(name, by_name)) is not None}
+    found = found or _numbered(names, files)
+    shared = [mask for mask, count in Counter(found.values()).items() if count > 1]
+    if shared:
+        one, other, *_ = (name for name, mask in found.items() if mask == shared[0])
+        raise PocketGSError(f"{shared[0]}: fits both {one} and {other}, expected sub-folders as the images have them")
+    return found
+
+
+def _match_all(names: Sequence[str], folder: Path) -> dict[str, Path]:
+    """As `match`; that nothing matches is an error too."""
+    if not folder.is_dir():
+        raise PocketGSError(f"{folder}: no such folder, expected one with masks")
+    found = match(names, folder)
+    if not found:
+        example = PurePosixPath(names[0])
+        raise PocketGSError(
+            f"{folder}: none of its {len(_files(folder))} images is the mask of a frame, expected such as "
+            f"{example.name}.png or {example.stem}.png"
+        )
+    return found
+
+
+def _named(photograph: str, masks: dict[str, Path]) -> Path | None:
+    """The mask of a photograph by its path, or by as much of the path's end as there is a mask of."""
+    parts = PurePosixPath(photograph.casefold()).parts
+    for start in range(len(parts)):
+        name = PurePosixPath(*parts[start:])
+        # `masks` has each file's name without its last suffix too: NAME.jpg.png is found as NAME.jpg.
+        for key in (name.as_posix(), name.with_suffix("").as_posix()):
+            if key in masks:
+                return masks[key]
+    return None
+
+
+def _numbered(photographs: Sequence[str], masks: Sequence[Path]) -> dict[str, Path]:
+    """Masks by the last numbers in their names; none unless they are those of the photographs, each once."""
+    numbers = {name: _number(PurePosixPath(name).stem) for name in photographs}
+    by_number = {_number(mask.stem): mask for mask in masks}
+    agree = sorted(numbers.values()) == sorted(_number(mask.stem) for mask in masks)
+    if not agree or NUMBERLESS in by_number or len(by_number) < len(masks):
+        return {}
+    return {name: by_number[number] for name, number in numbers.items()}
+
+
+def _number(stem: str) -> int:
+    digits = re.findall(r"\d+", stem)
+    return int(digits[-1][-MOST_DIGITS:]) if digits else NUMBERLESS
+
+
+def _files(folder: Path) -> list[Path]:
+    """The images in a folder and its sub-folders, sorted."""
+    folders = [folder, *(path for path in sorted(folder.rglob("*")) if path.is_dir())]
+    return [file for each in folders for file in list_images(each)]
+
+
+def _with(listing: Listing, found: dict[str, Path], folder: Path) -> Listing:
+    frames = [replace(frame, mask_path=found.get(frame.name)) for frame in listing.frames]
+    lacking = [frame.name for frame in frames if frame.mask_path is None]
+    warnings = listing.warnings
+    if lacking:
+        count = f"{len(lacking)} of {len(frames)} frames"
+        warnings += (f"{folder}: no masks for {count}, which are used whole, the first {lacking[0]}",)
+    return replace(listing, frames=frames, warnings=warnings)
