@@ -7,7 +7,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from pocketgs.capture.open import holds_capture, lacks_poses
+from pocketgs.capture.open import holds_capture
+from pocketgs.capture.unposed import USUAL_FOLDER, find_photographs_in
 from pocketgs.errors import PocketGSError
 from pocketgs.publishing.journal import LOCK, NEW, complete_pending, new_staging, publish, remove_staging
 from pocketgs.publishing.lock import locked
@@ -100,7 +101,8 @@ def _check_no_capture(folder: Path) -> None:
     """
     if not folder.is_dir():
         return
-    if holds_capture(folder) or (not (folder / MANIFEST).is_file() and lacks_poses(folder)):
+    photographs = (find_photographs_in(each) for each in (folder, folder / USUAL_FOLDER))
+    if holds_capture(folder) or (not (folder / MANIFEST).is_file() and any(photographs)):
         raise PocketGSError(f"{folder}: holds a capture, expected another folder for the result")
 
 
