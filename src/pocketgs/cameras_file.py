@@ -15,6 +15,7 @@ from pocketgs.camera import Camera
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.origin import Origin, with_origin
 from pocketgs.errors import PocketGSError
+from pocketgs.publishing.journal import settle
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ def read_cameras(path: Path) -> SavedCameras:
     Raises:
         PocketGSError: the file cannot be read, or holds what is no camera.
     """
+    settle(path.parent)
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
         cameras: dict[str, Any] = dict(document["cameras"])

@@ -135,9 +135,14 @@ def read_listing(path: Path, images: str | None = None) -> Listing:
     return near_origin(listing)
 
 
+def holds_capture(path: Path) -> bool:
+    """Whether the path is a capture of a known format."""
+    return any(reader.recognises(path) for reader in READERS)
+
+
 def lacks_poses(path: Path) -> bool:
     """Whether the path is a video or a folder of photographs, and no capture of a known format."""
-    return holds_photographs(path) and not _is_recognised(located(path))
+    return holds_photographs(path) and not holds_capture(located(path))
 
 
 def located(path: Path) -> Path:
@@ -148,14 +153,10 @@ def located(path: Path) -> Path:
     Raises:
         OSError: the folder may not be entered.
     """
-    if not path.is_dir() or _is_recognised(path) or find_photographs_in(path):
+    if not path.is_dir() or holds_capture(path) or find_photographs_in(path):
         return path
-    captures = [folder for folder in sorted(path.iterdir()) if folder.is_dir() and _is_recognised(folder)]
+    captures = [folder for folder in sorted(path.iterdir()) if folder.is_dir() and holds_capture(folder)]
     return captures[0] if len(captures) == 1 else path
-
-
-def _is_recognised(path: Path) -> bool:
-    return any(reader.recognises(path) for reader in READERS)
 
 
 def _reader_for(path: Path) -> Reader:

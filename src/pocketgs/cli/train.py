@@ -13,6 +13,8 @@ from pocketgs.capture.open import lacks_poses
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.shown_run import show_run
 from pocketgs.cli.view import FollowOptions
+from pocketgs.publishing.manifest import source_of
+from pocketgs.result_folder import check_free_for
 from pocketgs.run import Reporter, RunResult, run
 from pocketgs.structure_from_motion.pose import posed
 from pocketgs.training_options import TrainingOptions
@@ -41,7 +43,9 @@ def train(
     if resolved.is_file():
         resolved = resolved.parent if resolved.suffix.lower() == ".json" else resolved.with_suffix("")
     name = resolved.name or "capture"
-    folder = output or Path("output") / name
+    folder, source = output or Path("output") / name, source_of(resolved)
+    if output is None:
+        check_free_for(folder, source)
 
     def work(reporter: Reporter) -> RunResult:
         def listed() -> ListedCapture:
@@ -59,6 +63,6 @@ def train(
             )
             return reading.listed(made)
 
-        return run(listed, folder, training, resume=resume, reporter=reporter)
+        return run(listed, folder, training, resume=resume, reporter=reporter, source=source)
 
     show_run(console, work, page, name)

@@ -12,6 +12,7 @@ from pocketgs.cameras_file import read_cameras
 from pocketgs.capture.capture import Capture
 from pocketgs.errors import PocketGSError
 from pocketgs.gaussians import Gaussians
+from pocketgs.publishing.journal import settle
 from pocketgs.result_folder import CAMERAS, PICTURES, RECORD
 from pocketgs.viewer.content import UP, Content, View, capture_views, looked_at
 
@@ -33,6 +34,8 @@ def scene_content(
     Raises:
         PocketGSError: a file of the result folder cannot be read.
     """
+    if result:
+        settle(result)
     record = _read_json(result / RECORD) if result else {}
     if capture:
         views, background = capture_views(capture), capture.background
