@@ -47,7 +47,7 @@ class KeyframeSettings:
     """
 
     max_keyframes: int = 100
-    views: int = 2
+    views: int = 4
     least_gain: float = 5e-4
 
     def __post_init__(self) -> None:
