@@ -111,7 +111,8 @@ class ViewCells:
 
     def share(self, depths: np.ndarray) -> float:
         """Share of the usable cells that are covered."""
-        return float(np.count_nonzero(np.isfinite(depths) & self.usable) / max(np.count_nonzero(self.usable), 1))
+        usable = int(np.count_nonzero(self.usable))
+        return int(np.count_nonzero(np.isfinite(depths) & self.usable)) / max(usable, 1)
 
     def uncovered_share(self, depths: np.ndarray, positions: np.ndarray) -> np.ndarray:
         """(N,) in what share of the views that show a position its cell is not covered; 0 where no view shows it."""
