@@ -6,7 +6,6 @@ import sys
 from collections.abc import Callable, Sequence
 
 import tyro
-from rich.console import Console
 
 from pocketgs.cli.bench import bench
 from pocketgs.cli.convert import convert
@@ -16,6 +15,7 @@ from pocketgs.cli.export_colmap import export_colmap
 from pocketgs.cli.info import info
 from pocketgs.cli.pose import pose
 from pocketgs.cli.render import render
+from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.train import train
 from pocketgs.cli.view import view
 from pocketgs.errors import PocketGSError
@@ -37,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "demo": demo,
         "bench": bench,
     }
-    errors = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
+    errors = Terminal(to_errors=True)
     try:
         tyro.extras.subcommand_cli_from_dict(
             subcommands,
@@ -47,11 +47,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
             config=(tyro.conf.OmitArgPrefixes,),
         )
     except (PocketGSError, OSError) as error:  # OSError: a full disk, a path that is too long
-        errors.print("pocketgs:", " ".join(str(error).split()), style="red", markup=False)
+        errors.say("pocketgs: " + " ".join(str(error).split()), style="red")
         sys.exit(USER_ERROR)
     except MemoryError:
-        errors.print("pocketgs: out of memory: try --downscale 2 or fewer --max-gaussians", style="red", markup=False)
+        errors.say("pocketgs: out of memory: try --downscale 2 or fewer --max-gaussians", style="red")
         sys.exit(USER_ERROR)
     except KeyboardInterrupt:
-        errors.print("pocketgs: stopped", style="red")
+        errors.say("pocketgs: stopped", style="red")
         sys.exit(INTERRUPTED)

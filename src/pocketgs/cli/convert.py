@@ -9,9 +9,9 @@ from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 import tyro
-from rich.console import Console
 
 from pocketgs.cli.scene_file import load_scene
+from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.formats import SceneFormat, format_of, spz
 from pocketgs.formats.spz_precision import PRECISIONS, Detail
@@ -66,7 +66,7 @@ def convert(
     lines = [f"{len(edited):,} Gaussians in {output}, {output.stat().st_size:,} bytes"]
     lines += [f"{chosen.name} drops {chosen.drops}"] if chosen.drops else []
     lines += [f"{chosen.name} rounds {chosen.rounds}"] if chosen.rounds else []
-    Console().print(*lines, sep="\n", markup=False, highlight=False, soft_wrap=True)
+    Terminal().say(*lines)
 
 
 def _chosen_format(output: Path, detail: Detail, spz_version: spz.Version) -> SceneFormat:

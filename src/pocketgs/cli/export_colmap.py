@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.scene_file import in_world_of, names_scene
+from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.formats.colmap import export_capture
 
@@ -36,4 +36,4 @@ def export_colmap(
     export_capture(output, opened)
     points = 0 if opened.points is None else len(opened.points)
     said = f"{len(opened.frames)} images and cameras, {points:,} points in {output} ({opened.protocol})"
-    Console().print(said, markup=False, highlight=False, soft_wrap=True)
+    Terminal().say(said)

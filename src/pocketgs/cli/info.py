@@ -7,13 +7,13 @@ from typing import Annotated
 
 import numpy as np
 import tyro
-from rich.console import Console
 
 from pocketgs.capture import Capture
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.devices import device_lines
 from pocketgs.cli.display import capture_lines
 from pocketgs.cli.scene_file import load_scene, names_scene
+from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.gaussians import Gaussians
 
@@ -37,7 +37,7 @@ def info(
         lines += _device_lines()
     if not lines:
         raise PocketGSError("info: found neither a path nor --devices, expected one of them")
-    Console().print(*lines, sep="\n", markup=False, highlight=False, soft_wrap=True)
+    Terminal().say(*lines)
 
 
 def _path_lines(path: Path, reading: CaptureOptions) -> list[str]:

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 
 from pocketgs.cli.display import Display
+from pocketgs.cli.terminal import Terminal
 from pocketgs.structure_from_motion.options import PoseOptions
 from pocketgs.structure_from_motion.pose import pose as find_poses
 
@@ -25,7 +25,7 @@ def pose(
         output: Folder for the capture, which train and the others take.
         options: How to find poses.
     """
-    console = Console()
+    console = Terminal()
     with Display(console).showing() as reporter:
         found = find_poses(images_or_video, output, options, on_stage=reporter.on_stage, on_warning=reporter.on_warning)
     lines = [
@@ -33,4 +33,4 @@ def pose(
         f"mean reprojection error {found.reprojection_error:.2f} pixels",
         f"capture in {found.folder}",
     ]
-    console.print(*lines, sep="\n", markup=False, highlight=False, soft_wrap=True)
+    console.say(*lines)

@@ -9,12 +9,12 @@ from typing import Annotated, Literal
 import numpy as np
 import tyro
 from PIL import Image
-from rich.console import Console
 
 from pocketgs.camera import Camera
 from pocketgs.capture import Capture
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.scene_file import in_world_of, load_scene
+from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.rendering import render_all
 from pocketgs.result_folder import picture_names, publishing
@@ -64,7 +64,7 @@ def render(
         write_video(output, pictures, fps)
     else:
         _write_pictures(output, [name for name, _ in named_cameras], pictures)
-    Console().print(f"{len(cameras)} views in {output}", markup=False, highlight=False, soft_wrap=True)
+    Terminal().say(f"{len(cameras)} views in {output}")
 
 
 def _cameras(capture: Capture, views: Views, frames: int) -> list[tuple[str, Camera]]:

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 
 from pocketgs.capture import ListedCapture
 from pocketgs.capture.open import lacks_poses
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.shown_run import show_run
+from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.view import FollowOptions
 from pocketgs.run import Reporter, RunResult, run
 from pocketgs.structure_from_motion.pose import posed
@@ -36,7 +36,7 @@ def train(
         training: How to train.
         page: Whether and where a page follows the run.
     """
-    console = Console()
+    console = Terminal()
     resolved = capture.resolve()
     if resolved.is_file():
         resolved = resolved.parent if resolved.suffix.lower() == ".json" else resolved.with_suffix("")
@@ -49,7 +49,7 @@ def train(
                 return reading.listed(capture)
             found = folder / "posed" / name
             message = f"{capture} holds no poses: those that structure from motion finds are kept in {found}"
-            console.print(message, markup=False, highlight=False, soft_wrap=True)
+            console.say(message)
             return reading.listed(posed(capture, found, on_stage=reporter.on_stage, on_warning=reporter.on_warning))
 
         return run(listed, folder, training, resume=resume, reporter=reporter)

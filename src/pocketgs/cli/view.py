@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
-from rich.console import Console
 
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.display import STAGES
 from pocketgs.cli.scene_file import in_world_of, load_scene
+from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.result_folder import SCENE
 
@@ -90,7 +90,7 @@ def view(
         content = scene_content(title, file, gaussians, scene if is_result else None, opened)
         with serving(content, network=page.host, port=page.port) as served:
             _announce(served, page)
-            _console().print("Ctrl-C ends it")
+            Terminal().say("Ctrl-C ends it")
             _wait_for_ctrl_c()
 
 
@@ -119,27 +119,22 @@ def following(options: FollowOptions, title: str, iterations: int) -> Iterator[L
         _announce(served, options)
         yield run
         if options.wait:
-            _console().print(f"the page stays at {served.url} until Ctrl-C")
+            Terminal().say(f"the page stays at {served.url} until Ctrl-C")
             _wait_for_ctrl_c()
-
-
-def _console() -> Console:
-    """Prints addresses as they are."""
-    return Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
 
 
 def _announce(served: Page, options: PageOptions) -> None:
     """Say where the page is, and open it."""
-    console = _console()
-    console.print(f"page at {served.url}")
+    console = Terminal()
+    console.say(f"page at {served.url}")
     if served.network_url:
         from pocketgs.viewer.address import qr_code
 
-        console.print(f"in the local network at {served.network_url}")
+        console.say(f"in the local network at {served.network_url}")
         if console.is_terminal and console.encoding.lower().startswith("utf"):
             console.print(qr_code(served.network_url), style="bright_white on black")
     if served.fingerprint:
-        console.print(f"{WHY_A_WARNING} {served.fingerprint} (SHA-256).")
+        console.say(f"{WHY_A_WARNING} {served.fingerprint} (SHA-256).")
     if options.open and _has_screen():
         webbrowser.open(served.url)
 
