@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -70,7 +71,10 @@ class TrainingOptions:
         recipe_named(self.recipe)
         checks = {
             "iterations": (self.iterations >= 1, "at least 1"),
-            "time budget": (self.time_budget is None or self.time_budget > 0, "a positive number of seconds"),
+            "time budget": (
+                self.time_budget is None or 0 < self.time_budget < math.inf,
+                "a positive number of seconds",
+            ),
             "prior": (self.prior in ("dense", "sparse", "colmap", "none"), "dense, sparse, colmap or none"),
             "seeds": (self.seeds in ("discs", "balls"), "discs or balls"),
             "references": (self.references >= 1, "at least 1"),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, short
 
 
 @dataclass(frozen=True)
@@ -96,9 +96,7 @@ class Fields:
         return self.values[name]
 
     def _wrong(self, name: str, found: Any, expected: str) -> PocketGSError:
-        shown = repr(found)
-        shown = shown if len(shown) <= 80 else shown[:77] + "..."
-        return PocketGSError(f"{self.where}: field '{name}' is {shown}, expected {expected}")
+        return PocketGSError(f"{self.where}: field '{name}' is {short(found)}, expected {expected}")
 
 
 def read_json(path: Path) -> Fields:

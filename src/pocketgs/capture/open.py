@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Protocol
 
+from pocketgs.background import checked_background
 from pocketgs.capture import blender, colmap, llff, nerfstudio, polycam, record3d, stray_scanner
 from pocketgs.capture.capture import Capture
 from pocketgs.capture.hold_out import choose_held_out
@@ -154,5 +155,5 @@ def _check_options(
         raise PocketGSError(f"max_size {max_size}, expected at least 1 pixel")
     if hold_out_every < 0 or hold_out_every == 1:
         raise PocketGSError(f"hold_out_every {hold_out_every}, expected 0 (none) or at least 2")
-    if background is not None and (len(background) != 3 or not all(0 <= value <= 1 for value in background)):
-        raise PocketGSError(f"background {background}, expected three numbers from 0 to 1")
+    if background is not None:
+        checked_background(background)
