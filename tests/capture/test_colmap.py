@@ -53,8 +53,10 @@ def test_preferred_over_llff_when_complete(ring, colmap_files, tmp_path):
 
 def test_absent_images(ring, colmap_files, tmp_path):
     colmap_files.write(tmp_path / "sparse/0")
-    with pytest.raises(PocketGSError, match=r"images: no such folder"):
+    with pytest.raises(PocketGSError, match=r"none of the 10 registered images"):
         open_capture(tmp_path)
+    with pytest.raises(PocketGSError, match=r"photos: no such folder"):
+        open_capture(tmp_path, images="photos")
     ring.write_images(tmp_path / "images")
     (tmp_path / "images/view_04.png").unlink()
     assert "1 of 10 registered images" in open_capture(tmp_path).warnings[0]

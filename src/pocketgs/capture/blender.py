@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pocketgs.capture.json_fields import read_json
 from pocketgs.capture.listing import FrameSource, Listing
+from pocketgs.capture.named_images import find_stated
 from pocketgs.capture.transforms_file import absent_warning, read_frames
 from pocketgs.errors import PocketGSError
 
@@ -37,5 +38,6 @@ def read(path: Path, images: str | None = None) -> Listing:
 
 def _read_split(path: Path, name: str) -> tuple[list[FrameSource], tuple[str, ...]]:
     document = read_json(path / name)
-    frames = read_frames(document, path)
-    return [frame for frame in frames if frame is not None], absent_warning(frames, document)
+    # Never by name alone: the training and the test images have the same names.
+    frames, warnings = read_frames(document, path, find=find_stated)
+    return [frame for frame in frames if frame is not None], warnings + absent_warning(frames, document)

@@ -7,14 +7,16 @@ from pathlib import Path
 from pocketgs.capture import colmap_files
 from pocketgs.capture.colmap_model import ColmapCamera, ColmapImage
 from pocketgs.capture.listing import FrameSource, Listing
-from pocketgs.capture.paths import existing_file, inside, list_images, relative_name
+from pocketgs.capture.named_images import find_images, find_stated
+from pocketgs.capture.paths import inside, list_images, relative_name
 from pocketgs.capture.poses import camera_at, rotation_from_quaternion, world_to_camera_of
 from pocketgs.errors import PocketGSError
 
 FORMAT = "colmap"
-LOOKED_FOR = "cameras and images .bin or .txt, there or in sparse/0, sparse or colmap/sparse/0"
-MODEL_FOLDERS = ("", "sparse/0", "sparse", "colmap/sparse/0")
+LOOKED_FOR = "cameras and images .bin or .txt, there or in sparse/0, sparse, colmap/sparse or dense/sparse"
+MODEL_FOLDERS = ("", "sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "dense/sparse", "dense/0/sparse")
 DEFAULT_IMAGES = "images"
+IMAGE_FOLDERS = (DEFAULT_IMAGES, "images_2", "images_4", "images_8", "rgb", "input", "photos")
 
 
 def recognises(path: Path) -> bool:
@@ -39,10 +41,7 @@ def read(path: Path, images: str | None = None) -> Listing:
     registered = colmap_files.read_images(model)
     if not registered:
         raise PocketGSError(f"{model}: registers no image, expected at least one")
-    image_folder = inside(path, images or DEFAULT_IMAGES, "the images option")
-    if not image_folder.is_dir():
-        raise PocketGSError(f"{image_folder}: no such folder, expected the images that the COLMAP model registers")
-    files, warnings = _match_files(registered, image_folder, path, f"{model}: images")
+    files, warnings = _match_files(registered, path, images, f"{model}: images")
     frames = [
         _frame(image, file, path, cameras, f"{model}, image {image.name}")
         for image, file in zip(registered, files, strict=True)
@@ -58,24 +57,42 @@ def _model_folder(path: Path) -> Path | None:
 
 
 def _match_files(
-    registered: list[ColmapImage], image_folder: Path, capture: Path, where: str
+    registered: list[ColmapImage], capture: Path, images: str | None, where: str
 ) -> tuple[list[Path | None], tuple[str, ...]]:
     """Each registered image's file, None where it is absent, and what to warn of."""
-    files = [existing_file(image_folder, image.name, where) for image in registered]
-    absent = [image.name for image, file in zip(registered, files, strict=True) if file is None]
+    folder = _image_folder(capture, images)
+    names = [image.name for image in registered]
+    files, warnings = find_stated(folder, names, where)
+    if images is None and not any(files):
+        files, warnings = find_images(capture, [f"{DEFAULT_IMAGES}/{name}" for name in names], where)
+    absent = [name for name, file in zip(names, files, strict=True) if file is None]
     if not absent:
-        return files, ()
-    if len(absent) < len(registered):
-        return files, (f"{len(absent)} of {len(registered)} registered images are absent, the first {absent[0]}",)
+        return files, warnings
+    if len(absent) < len(names):
+        found = f"{len(absent)} of {len(names)} registered images are absent, the first {absent[0]}"
+        return files, (*warnings, found)
     # Downscaled copies are often renamed (LLFF: images/IMG_4026.JPG, images_8/image000.png) but keep their order.
-    renamed = list_images(image_folder)
-    if len(renamed) != len(registered):
-        raise PocketGSError(
-            f"{image_folder}: holds none of the {len(registered)} registered images, such as {absent[0]}"
-        )
-    by_name = dict(zip(sorted(image.name for image in registered), renamed, strict=True))
-    message = f"{relative_name(image_folder, capture)} names its files otherwise: matched to the model in sorted order"
-    return [by_name[image.name] for image in registered], (message,)
+    renamed = list_images(folder)
+    if len(renamed) != len(names):
+        raise PocketGSError(f"{folder}: holds none of the {len(names)} registered images, such as {absent[0]}")
+    by_name = dict(zip(sorted(names), renamed, strict=True))
+    message = f"{relative_name(folder, capture)} names its files otherwise: matched to the model in sorted order"
+    return [by_name[name] for name in names], (message,)
+
+
+def _image_folder(capture: Path, images: str | None) -> Path:
+    """The folder asked for, or the first that exists of the usual ones, or the capture itself.
+
+    Raises:
+        PocketGSError: the folder asked for does not exist.
+    """
+    if images is not None:
+        folder = inside(capture, images, "the images option")
+        if not folder.is_dir():
+            raise PocketGSError(f"{folder}: no such folder, expected the images that the COLMAP model registers")
+        return folder
+    usual = (inside(capture, name, "COLMAP capture") for name in IMAGE_FOLDERS)
+    return next((folder for folder in usual if folder.is_dir()), capture)
 
 
 def _frame(image: ColmapImage, file: Path, capture: Path, cameras: dict[int, ColmapCamera], where: str) -> FrameSource:

@@ -1,14 +1,15 @@
-"""Image files as arrays, exactly as stored: EXIF orientation is not applied, since poses refer to stored pixels."""
+"""Image files as arrays, as stored unless the caller asks for the turn that EXIF states."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from PIL import Image
+from PIL import ExifTags, Image, ImageOps
 
 from pocketgs.capture.paths import CaptureFile
 from pocketgs.errors import PocketGSError
@@ -16,15 +17,30 @@ from pocketgs.errors import PocketGSError
 Result = TypeVar("Result")
 
 SIXTEEN_BIT_MODES = ("I", "I;16", "I;16B", "I;16L", "I;16N")
+HEIF_SUFFIXES = frozenset({".heic", ".heif"})
+UPRIGHT, QUARTER_TURNS = 1, (5, 6, 7, 8)  # values of EXIF's tag Orientation
 
 
 @dataclass(frozen=True)
 class ImageHeader:
-    """What an image file's header states: width and height in pixels, and whether the pixels have alpha."""
+    """What an image file's header states.
+
+    Attributes:
+        width, height: in pixels, as stored.
+        has_alpha: whether the pixels have alpha.
+        orientation: how a viewer is to turn the pixels, EXIF's tag Orientation: 1 for not at all.
+    """
 
     width: int
     height: int
     has_alpha: bool
+    orientation: int = UPRIGHT
+
+    @property
+    def upright_size(self) -> tuple[int, int]:
+        """Width and height of the image when it is turned as EXIF states."""
+        turned = self.orientation in QUARTER_TURNS
+        return (self.height, self.width) if turned else (self.width, self.height)
 
 
 def read_header(path: CaptureFile) -> ImageHeader:
@@ -33,7 +49,7 @@ def read_header(path: CaptureFile) -> ImageHeader:
     Raises:
         PocketGSError: the file is missing or no image.
     """
-    return _opened(path, lambda image: ImageHeader(*image.size, has_alpha=_has_alpha(image)))
+    return _opened(path, lambda image: ImageHeader(*image.size, _has_alpha(image), _orientation(image)))
 
 
 def read_size(path: CaptureFile) -> tuple[int, int]:
@@ -45,8 +61,14 @@ def read_size(path: CaptureFile) -> tuple[int, int]:
     return _opened(path, lambda image: image.size)
 
 
-def read_colour(path: CaptureFile) -> tuple[np.ndarray, np.ndarray | None]:
+def read_colour(path: CaptureFile, upright: bool = False) -> tuple[np.ndarray, np.ndarray | None]:
     """The colours of an image file, and its alpha where it has one.
+
+    Of a file with several pictures, as cameras with two lenses write them, the first is read. 16 bits become 8.
+
+    Args:
+        path: the file.
+        upright: turn the image as EXIF states; otherwise it is as stored.
 
     Returns:
         (H, W, 3) uint8 RGB and (H, W) uint8 alpha or None.
@@ -54,16 +76,16 @@ def read_colour(path: CaptureFile) -> tuple[np.ndarray, np.ndarray | None]:
     Raises:
         PocketGSError: the file is missing, truncated, damaged or far too large.
     """
-    return _opened(path, _colour_and_alpha)
+    return _opened(path, lambda image: _colour_and_alpha(ImageOps.exif_transpose(image) if upright else image))
 
 
-def read_mask(path: CaptureFile) -> np.ndarray:
-    """(H, W) bool, True where an image file is not black.
+def read_image(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
+    """What a function makes of an image that Pillow has opened.
 
     Raises:
-        PocketGSError: as `read_colour`.
+        PocketGSError: as `read_colour`, or whatever else the function raises, with the file's name.
     """
-    return _opened(path, _grey) > 0
+    return _opened(path, read)
 
 
 def read_grey(path: CaptureFile, least_side: int) -> np.ndarray:
@@ -76,7 +98,7 @@ def read_grey(path: CaptureFile, least_side: int) -> np.ndarray:
     def reduced(image: Image.Image) -> np.ndarray:
         # JPEG can be decoded at 1/2, 1/4 or 1/8 of its size in a fraction of the time; other formats ignore this.
         image.draft("L", (least_side, least_side))
-        return np.asarray(image.convert("L"))
+        return high_bytes(image) if image.mode in SIXTEEN_BIT_MODES else np.asarray(image.convert("L"))
 
     return _opened(path, reduced)
 
@@ -104,9 +126,16 @@ def read_array(path: Path) -> np.ndarray:
         raise PocketGSError(f"{path}: not a readable .npy array ({error})") from error
 
 
+def high_bytes(image: Image.Image) -> np.ndarray:
+    """(H, W) uint8 of a 16-bit grey image, whose values Pillow would cut off at 255 in place of scaling them."""
+    return (np.clip(np.asarray(image), 0, 65535) >> 8).astype(np.uint8)
+
+
 def _opened(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
     if not path.is_file():
         raise PocketGSError(f"{path}: no such file, expected an image")
+    if Path(path.name).suffix.lower() in HEIF_SUFFIXES:
+        _know_heif()
     try:
         with path.open("rb") as file, Image.open(file) as image:
             return read(image)
@@ -116,10 +145,19 @@ def _opened(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
         raise PocketGSError(f"{path}: cannot be decoded ({error}), expected a whole image file") from error
 
 
+@cache
+def _know_heif() -> None:
+    """Let Pillow open HEIF, the format of iPhones' photographs. The library is loaded where it is needed only."""
+    import pillow_heif
+
+    pillow_heif.register_heif_opener()
+
+
 def _colour_and_alpha(image: Image.Image) -> tuple[np.ndarray, np.ndarray | None]:
+    if image.mode == "F":
+        raise ValueError("its pixels are floating-point numbers, expected 8 or 16 bits a channel")
     if image.mode in SIXTEEN_BIT_MODES:
-        high_byte = (np.clip(np.asarray(image), 0, 65535) >> 8).astype(np.uint8)
-        return np.repeat(high_byte[:, :, None], 3, axis=2), None
+        return np.repeat(high_bytes(image)[:, :, None], 3, axis=2), None
     if _has_alpha(image):
         pixels = np.asarray(image.convert("RGBA"))
         return np.ascontiguousarray(pixels[:, :, :3]), np.ascontiguousarray(pixels[:, :, 3])
@@ -130,8 +168,11 @@ def _has_alpha(image: Image.Image) -> bool:
     return image.mode in ("RGBA", "LA", "PA", "La", "RGBa") or "transparency" in image.info
 
 
-def _grey(image: Image.Image) -> np.ndarray:
-    return np.asarray(image if image.mode in SIXTEEN_BIT_MODES else image.convert("L"))
+def _orientation(image: Image.Image) -> int:
+    if image.format == "TIFF":  # Pillow turns these by itself, and states the size that they then have
+        return UPRIGHT
+    stated = image.getexif().get(ExifTags.Base.Orientation, UPRIGHT)
+    return stated if isinstance(stated, int) and UPRIGHT < stated <= max(QUARTER_TURNS) else UPRIGHT
 
 
 def _whole_numbers(image: Image.Image) -> np.ndarray:

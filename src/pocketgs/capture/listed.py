@@ -10,7 +10,7 @@ from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.image_file import ImageHeader, read_header
 from pocketgs.capture.lens import inner_rectangle
 from pocketgs.capture.listing import FrameSource, Listing
-from pocketgs.capture.loading import Preparation, camera_of_size, load_frames, size_after
+from pocketgs.capture.loading import Preparation, camera_of_size, load_frames, refers_to_turned_pixels, size_after
 from pocketgs.capture.video_file import VideoFrame
 from pocketgs.errors import PocketGSError
 
@@ -109,7 +109,11 @@ class ListedCapture:
             PocketGSError: one cannot be used.
         """
         preparation = self._prepared(shrink)
-        frames = load_frames(self.listing.frames, preparation)
+        loaded = load_frames(self.listing.frames, preparation)
+        frames = [frame for frame in loaded if frame.mask is None or frame.mask.any()]
+        warnings = self.listing.warnings + _masked_out_warning(loaded, frames)
+        if all(frame.name in self.held_out_names for frame in frames):
+            raise PocketGSError(f"{self.path}: {warnings[-1]}; no frame is left to train on")
         return Capture(
             name=self.name,
             path=self.path,
@@ -120,7 +124,7 @@ class ListedCapture:
             background=preparation.background,
             metric=self.listing.metric,
             protocol=", ".join([describe_images(self.listing.frames, frames, preparation), self.split]),
-            warnings=self.listing.warnings,
+            warnings=warnings,
         )
 
     @cached_property
@@ -154,7 +158,7 @@ class ListedCapture:
 
 
 def describe_images(sources: list[FrameSource], frames: list[Frame], preparation: Preparation) -> str:
-    """How the images were prepared, in words."""
+    """How the images were prepared, in words; `frames` are those in use."""
     distorted = any(source.lens.distorts for source in sources)
     sizes = {(frame.camera.width, frame.camera.height) for frame in frames}
     width, height = max(sizes)
@@ -169,7 +173,19 @@ def describe_images(sources: list[FrameSource], frames: list[Frame], preparation
         words = ["as published (distorted)", size]
     if any(frame.alpha is not None for frame in frames):
         words.append(f"on {_colour_name(preparation.background)}")
+    masked = sum(frame.mask is not None for frame in frames)
+    if masked:
+        words.append("masked" if masked == len(frames) else f"{masked} of {len(frames)} masked")
     return ", ".join(words)
+
+
+def _masked_out_warning(loaded: list[Frame], usable: list[Frame]) -> tuple[str, ...]:
+    """One warning that counts the frames whose masks leave nothing, or none."""
+    if len(usable) == len(loaded):
+        return ()
+    left_out = {frame.name for frame in loaded} - {frame.name for frame in usable}
+    found = f"the masks of {len(left_out)} of {len(loaded)} frames leave no pixel, the first {min(left_out)}"
+    return (f"{found}: these frames are left out; masks are white where pixels are to be used",)
 
 
 def _colour_name(colour: tuple[float, float, float]) -> str:
@@ -180,7 +196,10 @@ def _colour_name(colour: tuple[float, float, float]) -> str:
 def _header(source: FrameSource) -> ImageHeader:
     if isinstance(source.image, VideoFrame):
         return ImageHeader(source.camera.width, source.camera.height, has_alpha=False)
-    return read_header(source.image)
+    header = read_header(source.image)
+    if refers_to_turned_pixels(source, header):
+        return ImageHeader(*header.upright_size, header.has_alpha)
+    return header
 
 
 def _undistorted_size(source: FrameSource, header: ImageHeader) -> Size:

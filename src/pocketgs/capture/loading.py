@@ -16,15 +16,18 @@ import numpy as np
 from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
 from pocketgs.capture.depth_file import read_depth, read_reliable
-from pocketgs.capture.image_file import read_colour, read_mask
+from pocketgs.capture.image_file import ImageHeader, read_colour, read_header
 from pocketgs.capture.lens import forget_undistortions, undistortion
 from pocketgs.capture.listing import FrameSource
+from pocketgs.capture.mask_file import read_mask
+from pocketgs.capture.paths import CaptureFile
 from pocketgs.capture.video_file import VideoFrame, read_frames
 from pocketgs.errors import PocketGSError
 
 # Every worker holds a few full-size copies of one image; more workers decode little faster.
 MOST_WORKERS = 8
 ASPECT_TOLERANCE = 0.01
+MASK_ASPECT_TOLERANCE = 0.02  # masks are often computed on small images, where rounding shows
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,8 @@ def load_frame(source: FrameSource, preparation: Preparation) -> Frame:
     if isinstance(source.image, VideoFrame):
         [(_, image)] = read_frames(source.image.path, [source.image.index], upright=False)
         return prepared(source, image, None, preparation)
-    return prepared(source, *read_colour(source.image), preparation)
+    upright = refers_to_turned_pixels(source, read_header(source.image))
+    return prepared(source, *read_colour(source.image, upright), preparation)
 
 
 def prepared(source: FrameSource, colours: np.ndarray, alpha: np.ndarray | None, preparation: Preparation) -> Frame:
@@ -108,7 +112,7 @@ def prepared(source: FrameSource, colours: np.ndarray, alpha: np.ndarray | None,
         camera=camera_of_size(source, width, height),
         image=colours if alpha is None else composite(colours, alpha, preparation.background),
         alpha=alpha,
-        mask=None if source.mask_path is None else _nearest(read_mask(source.mask_path), width, height),
+        mask=None if source.mask_path is None else _mask_of_size(source.mask_path, width, height),
         depth=None if source.depth_path is None else _nearest(reliable_depth(source), width, height),
     )
     try:
@@ -139,6 +143,35 @@ def reliable_depth(source: FrameSource) -> np.ndarray:
     return np.where(reliable, depth, np.float32(0))
 
 
+def refers_to_turned_pixels(source: FrameSource, header: ImageHeader) -> bool:
+    """Whether a frame's camera is meant for the photograph as EXIF would have it turned.
+
+    Poses refer to stored pixels, since most programs read no EXIF. Some do, though, and then the camera's width and
+    height fit the photograph turned by a quarter only.
+    """
+    stored, turned = (header.width, header.height), header.upright_size
+    return not _has_shape_of(source.camera, *stored) and _has_shape_of(source.camera, *turned)
+
+
+def _has_shape_of(camera: Camera, width: int, height: int) -> bool:
+    return abs((width / camera.width) / (height / camera.height) - 1) <= ASPECT_TOLERANCE
+
+
+def _mask_of_size(path: CaptureFile, width: int, height: int) -> np.ndarray:
+    """A mask, brought to its photograph's size.
+
+    Raises:
+        PocketGSError: it has another shape.
+    """
+    mask = read_mask(path)
+    rows, columns = mask.shape
+    if abs((columns / width) / (rows / height) - 1) > MASK_ASPECT_TOLERANCE:
+        raise PocketGSError(
+            f"{path}: mask of {columns}x{rows} pixels, expected the shape of its photograph, {width}x{height}"
+        )
+    return _nearest(mask, width, height)
+
+
 def camera_of_size(source: FrameSource, width: int, height: int) -> Camera:
     """The frame's camera for the size that its image file has.
 
@@ -146,8 +179,7 @@ def camera_of_size(source: FrameSource, width: int, height: int) -> Camera:
         PocketGSError: the file's shape is not the camera's to within 1 %.
     """
     camera = source.camera
-    stretch = (width / camera.width) / (height / camera.height)
-    if abs(stretch - 1) > ASPECT_TOLERANCE:
+    if not _has_shape_of(camera, width, height):
         raise PocketGSError(
             f"{source.image}: image of {width}x{height} pixels, expected the shape of its camera, "
             f"{camera.width}x{camera.height}"

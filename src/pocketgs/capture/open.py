@@ -8,6 +8,7 @@ from typing import Protocol
 
 from pocketgs.background import checked_background
 from pocketgs.capture import blender, colmap, llff, nerfstudio, polycam, record3d, stray_scanner
+from pocketgs.capture import masks as masks_of
 from pocketgs.capture.capture import Capture
 from pocketgs.capture.hold_out import choose_held_out
 from pocketgs.capture.listed import ListedCapture
@@ -45,6 +46,7 @@ def open_capture(
     background: tuple[float, float, float] | None = None,
     undistort: bool = True,
     hold_out_every: int = 8,
+    masks: str = masks_of.FOUND,
 ) -> Capture:
     """Read a capture of any known format into memory.
 
@@ -62,6 +64,8 @@ def open_capture(
         undistort: undo lens distortion and crop to what the lens saw; otherwise treat images as pinhole ones.
         hold_out_every: hold out every so many frames by name, unless the data set states its own split; 0 trains on
             every frame in either case.
+        masks: folder with masks, inside the capture or anywhere; "found" for those that the capture states or has in a
+            folder `masks` or `mask`, "none" for none. Alpha is no mask: see `background`.
 
     Raises:
         PocketGSError: the capture or an option is not usable; the message names the file, what was found and what was
@@ -75,6 +79,7 @@ def open_capture(
         background=background,
         undistort=undistort,
         hold_out_every=hold_out_every,
+        masks=masks,
     ).load()
 
 
@@ -87,6 +92,7 @@ def list_capture(
     background: tuple[float, float, float] | None = None,
     undistort: bool = True,
     hold_out_every: int = 8,
+    masks: str = masks_of.FOUND,
 ) -> ListedCapture:
     """What `open_capture` would read, as far as it is known before photographs are decoded; arguments as there.
 
@@ -95,7 +101,7 @@ def list_capture(
     """
     path = Path(path)
     _check_options(downscale, max_size, background, hold_out_every)
-    listing = read_listing(path, images)
+    listing = masks_of.with_masks(read_listing(path, images), path if path.is_dir() else path.parent, masks)
     held_out_names, split = choose_held_out(listing, hold_out_every)
     if all(frame.name in held_out_names for frame in listing.frames):
         raise PocketGSError(f"{path}: all of its {len(listing.frames)} frames are held out, expected one to train on")

@@ -12,7 +12,7 @@ from pocketgs.errors import PocketGSError
 CaptureFile: TypeAlias = Path | zipfile.Path
 """A file of a capture: on disk, or inside an archive, which is then read without unpacking it."""
 
-IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp"})
+IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".mpo", ".heic", ".heif", ".tif", ".tiff", ".webp", ".bmp"})
 
 
 def inside(folder: Path, name: str, named_in: str) -> Path:
@@ -67,5 +67,9 @@ def list_images(folder: Path) -> list[Path]:
     """
     if not folder.is_dir():
         raise PocketGSError(f"{folder}: no such folder, expected one with images")
-    files = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file())
-    return sorted(files, key=lambda path: path.name)
+    return sorted(filter(is_image, folder.iterdir()), key=lambda path: path.name)
+
+
+def is_image(path: Path) -> bool:
+    """Whether a path is a file with an image's suffix, and none of the hidden ones that macOS puts beside others."""
+    return path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".") and path.is_file()

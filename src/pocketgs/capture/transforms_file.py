@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable, Sequence
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -12,8 +12,10 @@ from pocketgs.capture.image_file import read_size
 from pocketgs.capture.json_fields import Fields
 from pocketgs.capture.lens import PINHOLE, Lens
 from pocketgs.capture.listing import FrameSource
-from pocketgs.capture.paths import existing_file, inside, relative_name
+from pocketgs.capture.named_images import find_images, find_stated
+from pocketgs.capture.paths import inside, relative_name
 from pocketgs.capture.poses import camera_at, world_to_camera_from_axes
+from pocketgs.capture.stated_intrinsics import read_intrinsics
 from pocketgs.errors import PocketGSError
 
 # Scenes rendered by Blender name their images without an extension.
@@ -22,9 +24,14 @@ PERSPECTIVE_MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "O
 FISHEYE_MODELS = ("OPENCV_FISHEYE",)
 DEFAULT_DEPTH_UNIT = 0.001
 
+FindImages = Callable[[Path, Sequence[str], str, tuple[str, ...]], tuple[list[Path | None], tuple[str, ...]]]
+"""`find_images` or `find_stated`."""
 
-def read_frames(document: Fields, folder: Path, images: str | None = None) -> list[FrameSource | None]:
-    """The frames in the order listed, None for those whose image file is absent.
+
+def read_frames(
+    document: Fields, folder: Path, images: str | None = None, find: FindImages = find_images
+) -> tuple[list[FrameSource | None], tuple[str, ...]]:
+    """The frames in the order listed, None for those whose image file is absent; and what to warn of.
 
     Intrinsics may stand at the top or in a frame, which then prevails.
 
@@ -32,12 +39,20 @@ def read_frames(document: Fields, folder: Path, images: str | None = None) -> li
         document: the whole file.
         folder: what its paths are relative to, and may not leave.
         images: folder to take the images from instead, by their last name.
+        find: how to find the images where no folder is given.
 
     Raises:
         PocketGSError: a field is missing or malformed, or a path leaves the folder.
     """
     shared = Fields({name: value for name, value in document.values.items() if name != "frames"}, document.where)
-    return [_read_frame(frame.over(shared), folder, images) for frame in document.objects("frames")]
+    frames = [frame.over(shared) for frame in document.objects("frames")]
+    named = [frame.text("file_path") for frame in frames]
+    if images is not None:
+        named = [f"{images}/{PurePosixPath(name).name}" for name in named]
+        find = find_stated
+    files, warnings = find(folder, named, document.where, EXTENSIONS_TRIED)
+    found = zip(frames, files, strict=True)
+    return [None if file is None else _read_frame(frame, folder, file) for frame, file in found], warnings
 
 
 def absent_warning(frames: list[FrameSource | None], document: Fields) -> tuple[str, ...]:
@@ -61,13 +76,7 @@ def depth_warning(document: Fields) -> tuple[str, ...]:
     return (f"{document.where}: its depth maps are left out, as no 'integer_depth_scale' says what they mean",)
 
 
-def _read_frame(fields: Fields, folder: Path, images: str | None) -> FrameSource | None:
-    named = fields.text("file_path")
-    if images is not None:
-        named = f"{images}/{PurePosixPath(named).name}"
-    path = existing_file(folder, named, fields.where, EXTENSIONS_TRIED)
-    if path is None:
-        return None
+def _read_frame(fields: Fields, folder: Path, path: Path) -> FrameSource:
     mask = fields.optional_text("mask_path")
     depth, depth_unit = _read_depth(fields)
     return FrameSource(
@@ -91,28 +100,8 @@ def _read_depth(fields: Fields) -> tuple[str | None, float]:
 
 
 def _read_camera(fields: Fields, image_path: Path) -> Camera:
-    width, height = fields.optional_number("w"), fields.optional_number("h")
-    if width is None or height is None:
-        width, height = read_size(image_path)
-    fx = _focal_length(fields, "fl_x", "camera_angle_x", width)
-    fy = _focal_length(fields, "fl_y", "camera_angle_y", height)
-    # Pixels are square unless the file says otherwise.
-    fx, fy = (fy if fx is None else fx), (fx if fy is None else fy)
-    if fx is None or fy is None:
-        raise PocketGSError(f"{fields.where}: no focal length, expected fl_x or camera_angle_x")
-    cx, cy = fields.optional_number("cx"), fields.optional_number("cy")
-    centre = (width / 2 if cx is None else cx, height / 2 if cy is None else cy)
-    return camera_at(fields.where, (width, height), (fx, fy), centre, _read_pose(fields))
-
-
-def _focal_length(fields: Fields, focal_name: str, angle_name: str, side: float) -> float | None:
-    """The focal length in pixels, stated or from the field of view across `side` pixels; None if neither is there."""
-    focal, angle = fields.optional_number(focal_name), fields.optional_number(angle_name)
-    if focal is not None or angle is None:
-        return focal
-    if not 0 < angle < math.pi:
-        raise PocketGSError(f"{fields.where}: field '{angle_name}' is {angle:g}, expected radians between 0 and pi")
-    return side / (2 * math.tan(angle / 2))
+    stated = read_intrinsics(fields, lambda: read_size(image_path))
+    return camera_at(fields.where, stated.size, stated.focal, stated.centre, _read_pose(fields))
 
 
 def _read_pose(fields: Fields) -> np.ndarray:

@@ -20,6 +20,8 @@ class CaptureOptions:
         background: Red, green and blue from 0 to 1 behind images with alpha. By default the format's own.
         undistort: Undo lens distortion and crop to what the lens saw; --no-undistort takes images as they are.
         hold_out: Keep every so many frames for evaluation, unless the data set states its own; 0 for none.
+        masks: Folder with masks, white where pixels are to be used. By default those that the capture states or has in
+            a folder masks or mask; "none" takes none.
     """
 
     images: str | None = None
@@ -28,6 +30,7 @@ class CaptureOptions:
     background: tuple[float, float, float] | None = None
     undistort: bool = True
     hold_out: int = 8
+    masks: str = "found"
 
     def open(self, path: Path) -> Capture:
         """Read the capture at `path`."""
@@ -43,4 +46,5 @@ class CaptureOptions:
             background=self.background,
             undistort=self.undistort,
             hold_out_every=self.hold_out,
+            masks=self.masks,
         )

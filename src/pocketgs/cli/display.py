@@ -99,6 +99,9 @@ def capture_lines(capture: Capture) -> list[str]:
     """What a capture holds, in words."""
     points = f"{len(capture.points):,} points" if capture.points else "no points of its own"
     views = f"{len(capture.train)} training views, {len(capture.held_out)} held out"
+    masked = sum(frame.mask is not None for frame in capture.frames)
+    if masked:
+        views += f", masks for {masked} of {len(capture.frames)}"
     units = "metres" if capture.metric else "scene units"
     return [
         f"{capture.name} ({capture.format}): {views}, {points}, {units}, {capture.image_bytes / 1e6:.0f} MB of images",

@@ -1,0 +1,137 @@
+"""The image files that a capture names, found by their names where they are not at the paths stated."""
+
+from __future__ import annotations
+
+import os
+import re
+import unicodedata
+from collections import defaultdict
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path, PureWindowsPath
+
+from pocketgs.capture.paths import existing_file, inside, is_image, relative_name
+from pocketgs.errors import PocketGSError
+
+DEEPEST = 4
+"""Folders inside each other that are searched."""
+
+OTHER_PICTURES = ("mask", "depth", "conf", "normal", "seg", "label", "thumb", "preview", "held_out", ".", "__")
+"""How the names of folders begin whose pictures may bear photographs' names and are none."""
+
+
+def find_images(
+    folder: Path, named: Sequence[str], where: str, suffixes: tuple[str, ...] = ("",)
+) -> tuple[list[Path | None], tuple[str, ...]]:
+    """The file of each image that a capture names, and what to warn of.
+
+    Where none is found as stated, see `find_stated`, each is sought by its name anywhere in the capture: captures are
+    moved about, and many tools write paths of the machine that they ran on. Where some are, the others are missing.
+
+    Args:
+        folder: the capture's, inside which files must lie.
+        named: paths as stated, relative to it.
+        where: what states them, for messages.
+        suffixes: to try at the end of each.
+
+    Returns:
+        Files, None where there is none.
+
+    Raises:
+        PocketGSError: a path is not usable, or leaves the folder and no file inside has its name.
+    """
+    refusal: PocketGSError | None = None
+    try:
+        files, _ = find_stated(folder, named, where, suffixes)
+    except PocketGSError as error:
+        files, refusal = [], error
+    if any(files):
+        return files, ()
+    files = _by_name_alone(folder, named, suffixes)
+    found = [(name, file) for name, file in zip(named, files, strict=True) if file is not None]
+    if refusal and len(found) < len(named):
+        raise refusal
+    if not found:
+        return files, ()
+    name, file = found[0]
+    said = f"no image is where it is said to be; {len(found)} of {len(named)} were found by their names"
+    return files, (f"{where}: {said}, such as {relative_name(file, folder)} for {name}",)
+
+
+def find_stated(
+    folder: Path, named: Sequence[str], where: str, suffixes: tuple[str, ...] = ("",)
+) -> tuple[list[Path | None], tuple[str, ...]]:
+    """As `find_images`, but only in the folders that the paths state, which needs no warning.
+
+    Letters may differ in case, accents in how they are encoded, and the suffix if no other file has the same stem.
+
+    Raises:
+        PocketGSError: a path is not usable, or leaves the folder.
+    """
+    images_in = cache(_images_in)
+    files: list[Path | None] = []
+    for name in named:
+        file = existing_file(folder, name, where, suffixes)
+        files.append(file or _spelt_otherwise(images_in(inside(folder, name, where).parent), name, suffixes))
+    return files, ()
+
+
+def _spelt_otherwise(present: list[Path], stated: str, suffixes: tuple[str, ...]) -> Path | None:
+    """The one file of a folder whose name differs only in how it is spelt, or else in its suffix."""
+    spelling = _spelling(_last_part(stated))
+    same = [file for file in present if _spelling(file.name) in {spelling + suffix for suffix in suffixes}]
+    same = same or [file for file in present if _spelling(file.stem) == os.path.splitext(spelling)[0]]
+    return same[0] if len(same) == 1 else None
+
+
+def _by_name_alone(folder: Path, named: Sequence[str], suffixes: tuple[str, ...]) -> list[Path | None]:
+    """Of the files with an image's name, the one whose folders agree best with the stated ones; None if two do."""
+    by_name: dict[str, list[Path]] = defaultdict(list)
+    for file in _images_below(folder):
+        by_name[_spelling(file.name)].append(file)
+
+    def best(name: str) -> Path | None:
+        files = [file for suffix in suffixes for file in by_name[_spelling(_last_part(name) + suffix)]]
+        ranks = sorted((_rank(file, name), file) for file in files)
+        return None if not ranks or (len(ranks) > 1 and ranks[0][0] == ranks[1][0]) else ranks[0][1]
+
+    return [best(name) for name in named]
+
+
+def _rank(file: Path, stated: str) -> tuple[int, bool]:
+    """Least for the best: the more parts of the path agree, from its end on, and the fuller the folder's resolution."""
+    agreeing = 0
+    for one, other in zip(reversed(file.parts), reversed(PureWindowsPath(stated).parts), strict=False):
+        if agreeing and _spelling(one) != _spelling(other):
+            break
+        agreeing += 1
+    return -agreeing, re.search(r"_\d+$", file.parent.name) is not None
+
+
+def _images_below(folder: Path) -> list[Path]:
+    """The images in a folder and those inside it, but not in folders of other pictures; never those of links."""
+    found = []
+    for place, folders, files in os.walk(folder):
+        path = Path(place)
+        deep = len(path.relative_to(folder).parts) >= DEEPEST
+        folders[:] = [] if deep else sorted(name for name in folders if not name.lower().startswith(OTHER_PICTURES))
+        found += [path / name for name in sorted(files) if is_image(path / name) and not (path / name).is_symlink()]
+    return found
+
+
+def _images_in(folder: Path) -> list[Path]:
+    """The images directly in a folder, sorted; none if there is no such folder."""
+    try:
+        files = sorted(folder.iterdir())
+    except OSError:
+        return []
+    return [file for file in files if is_image(file) and not file.is_symlink()]
+
+
+def _last_part(stated: str) -> str:
+    """The name of a file, with either kind of separator before it: paths may come from Windows."""
+    return PureWindowsPath(stated).name
+
+
+def _spelling(name: str) -> str:
+    return unicodedata.normalize("NFC", name).casefold()

@@ -1,0 +1,93 @@
+"""The intrinsics of a frame in a transforms JSON file: as numbers, as fields of view, or as a matrix."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pocketgs.capture.json_fields import Fields
+from pocketgs.errors import PocketGSError
+
+MATRIX_FIELDS = ("K", "intrinsics", "intrinsic_matrix", "camera_intrinsics")
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """What a frame states of its camera.
+
+    Attributes:
+        size: width and height in pixels.
+        focal: fx and fy in pixels.
+        centre: cx and cy in pixels.
+    """
+
+    size: tuple[float, float]
+    focal: tuple[float, float]
+    centre: tuple[float, float]
+
+
+def read_intrinsics(fields: Fields, image_size: Callable[[], tuple[int, int]]) -> Intrinsics:
+    """The intrinsics of a frame. What `fl_x` and its like state goes before a matrix.
+
+    Args:
+        fields: the frame's, over those of the whole file.
+        image_size: gives the size of the image file, which stands in where none is stated.
+
+    Raises:
+        PocketGSError: no focal length is stated, or a field is malformed.
+    """
+    width, height = _stated_size(fields) or image_size()
+    matrix = _matrix(fields)
+    fx = _focal_length(fields, "fl_x", "camera_angle_x", width)
+    fy = _focal_length(fields, "fl_y", "camera_angle_y", height)
+    if matrix is not None and fx is None and fy is None:
+        fx, fy = float(matrix[0, 0]), float(matrix[1, 1])
+    # Pixels are square unless the file says otherwise.
+    fx, fy = (fy if fx is None else fx), (fx if fy is None else fy)
+    if fx is None or fy is None:
+        raise PocketGSError(f"{fields.where}: no focal length, expected fl_x, camera_angle_x or a 3x3 matrix K")
+    middle = (width / 2, height / 2) if matrix is None else (float(matrix[0, 2]), float(matrix[1, 2]))
+    cx, cy = fields.optional_number("cx"), fields.optional_number("cy")
+    return Intrinsics((width, height), (fx, fy), (middle[0] if cx is None else cx, middle[1] if cy is None else cy))
+
+
+def _stated_size(fields: Fields) -> tuple[float, float] | None:
+    for names in (("w", "h"), ("width", "height")):
+        width, height = (fields.optional_number(name) for name in names)
+        if width is not None and height is not None and (width, height) != (0, 0):
+            return width, height
+    return None
+
+
+def _focal_length(fields: Fields, focal_name: str, angle_name: str, side: float) -> float | None:
+    """The focal length in pixels, stated or from the field of view across `side` pixels; None if neither is there."""
+    focal, angle = fields.optional_number(focal_name), fields.optional_number(angle_name)
+    if focal is not None or angle is None:
+        return focal
+    if not 0 < angle < math.pi:
+        raise PocketGSError(f"{fields.where}: field '{angle_name}' is {angle:g}, expected radians between 0 and pi")
+    return side / (2 * math.tan(angle / 2))
+
+
+def _matrix(fields: Fields) -> np.ndarray | None:
+    """The 3x3 intrinsic matrix, or None if none is stated.
+
+    Rows of three or four numbers, or nine numbers; by rows as books have it, or by columns as Apple does.
+    """
+    name = next((name for name in MATRIX_FIELDS if fields.values.get(name) is not None), None)
+    if name is None:
+        return None
+    value = fields.values[name]
+    if isinstance(value, list) and len(value) == 9:
+        matrix = fields.numbers(name, 9).reshape(3, 3)
+    else:
+        columns = len(value[0]) if isinstance(value, list) and value and isinstance(value[0], list) else 3
+        matrix = fields.matrix(name, columns=4 if columns == 4 else 3)[:3, :3]
+    if len(matrix) == 3 and not matrix[:2, 2].any():
+        matrix = matrix.T
+    if len(matrix) != 3 or not np.allclose(matrix[2], (0, 0, 1)) or matrix[1, 0] != 0:
+        raise PocketGSError(f"{fields.where}: field '{name}' is no intrinsic matrix (fx, s, cx; 0, fy, cy; 0, 0, 1)")
+    return matrix
