@@ -13,6 +13,7 @@ import numpy as np
 from pocketgs.atomic_file import replacing
 from pocketgs.camera import Camera
 from pocketgs.capture.capture import Capture, Frame
+from pocketgs.capture.json_fields import read_json
 from pocketgs.errors import PocketGSError
 
 
@@ -47,7 +48,7 @@ def read_cameras(path: Path) -> SavedCameras:
         PocketGSError: the file cannot be read, or holds what is no camera.
     """
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = read_json(path).values
         cameras: dict[str, Any] = dict(document["cameras"])
         refined = document["refined"] is True
     except (OSError, ValueError, KeyError, TypeError) as error:

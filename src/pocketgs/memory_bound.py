@@ -11,6 +11,8 @@ from pocketgs.errors import PocketGSError
 
 MB = 1_000_000
 DEFAULT_MB = 3000
+JSON_BYTES = 30
+"""Memory for each byte of JSON at most: three characters can state an empty object."""
 
 _most_bytes = DEFAULT_MB * MB
 
@@ -21,7 +23,12 @@ def memory_bound(megabytes: int) -> Iterator[None]:
 
     Args:
         megabytes: of 10^6 bytes.
+
+    Raises:
+        PocketGSError: there are none.
     """
+    if megabytes < 1:
+        raise PocketGSError(f"max memory: found {megabytes}, expected at least 1")
     global _most_bytes
     before, _most_bytes = _most_bytes, megabytes * MB
     try:

@@ -9,6 +9,7 @@ import numpy as np
 from plyfile import PlyData
 
 from pocketgs.errors import PocketGSError
+from pocketgs.opening import checked
 
 LARGEST_HEADER = 1 << 20
 
@@ -32,7 +33,7 @@ def read_elements(path: Path) -> dict[str, np.ndarray]:
         PocketGSError: the file is missing or broken.
     """
     try:
-        if not path.is_file():
+        if not checked(path).is_file():
             raise PocketGSError(f"{path}: no such file, expected a .ply")
         _check_size(path)
         return {element.name: element.data for element in PlyData.read(str(path)).elements}

@@ -15,6 +15,7 @@ from pocketgs.capture.colmap_model import (
     unknown_model,
 )
 from pocketgs.errors import PocketGSError
+from pocketgs.opening import read_bytes
 from pocketgs.pointcloud import PointCloud
 
 MODELS_BY_NAME = {model.name: model for model in CAMERA_MODELS.values()}
@@ -82,7 +83,7 @@ def read_points(path: Path) -> PointCloud:
 def _lines(path: Path) -> Iterator[tuple[str, str]]:
     """Every line with the place it stands at, for error messages."""
     try:
-        text = path.read_bytes().decode("utf-8")
+        text = read_bytes(path).decode("utf-8")
     except OSError as error:
         raise PocketGSError(f"{path}: cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:

@@ -11,6 +11,7 @@ import numpy as np
 from pocketgs.capture.image_file import read_array, read_whole_numbers
 from pocketgs.capture.paths import CaptureFile
 from pocketgs.errors import PocketGSError
+from pocketgs.opening import read_bytes
 
 LZFSE_MODULE, LZFSE_PACKAGE = "liblzfse", "pyliblzfse"
 
@@ -65,7 +66,9 @@ def _decompressed(path: CaptureFile, shape: tuple[int, int], kind: np.dtype) -> 
     if not lzfse_is_installed():
         raise PocketGSError(f"{path}: compressed with LZFSE, which needs the package {LZFSE_PACKAGE}")
     try:
-        content = importlib.import_module(LZFSE_MODULE).decompress(path.read_bytes())
+        content = importlib.import_module(LZFSE_MODULE).decompress(read_bytes(path))
+    except PocketGSError:
+        raise
     except Exception as error:  # damaged archives and damaged LZFSE raise whatever they trip over
         raise PocketGSError(f"{path}: cannot be decompressed with LZFSE ({error})") from error
     rows, columns = shape

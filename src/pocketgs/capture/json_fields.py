@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from pocketgs.errors import PocketGSError, short
+from pocketgs.memory_bound import JSON_BYTES, require_memory
+from pocketgs.opening import read_bytes
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,7 @@ def read_json(path: Path) -> Fields:
         PocketGSError: the file cannot be read, is not UTF-8 or not JSON, or holds something else than an object.
     """
     try:
-        content = path.read_bytes()
+        content = read_bytes(path)
     except OSError as error:
         raise PocketGSError(f"{path}: cannot be read ({error.strerror})") from error
     return parse_json(content, str(path))
@@ -122,6 +124,7 @@ def parse_json(content: bytes, where: str) -> Fields:
     Raises:
         PocketGSError: the content is not UTF-8 or not JSON, or is something else than an object.
     """
+    require_memory(where, JSON_BYTES * len(content), f"JSON of {len(content):,} bytes")
     try:
         value = json.loads(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:

@@ -23,6 +23,7 @@ from pocketgs.capture.mask_file import read_mask
 from pocketgs.capture.paths import CaptureFile
 from pocketgs.capture.video_file import VideoFrame, read_frames
 from pocketgs.errors import PocketGSError
+from pocketgs.opening import reading_inside
 
 # Every worker holds a few full-size copies of one image; more workers decode little faster.
 MOST_WORKERS = 8
@@ -47,20 +48,29 @@ class Preparation:
     max_size: int | None = None
 
 
-def load_frames(sources: Sequence[FrameSource], preparation: Preparation) -> list[Frame]:
+def load_frames(
+    sources: Sequence[FrameSource], preparation: Preparation, folder: Path | None = None, workers: int = MOST_WORKERS
+) -> list[Frame]:
     """Load frames in parallel, in order. Only as many full-size images as there are workers exist at any time.
+
+    Args:
+        sources: the frames as listed.
+        preparation: what is done to every image.
+        folder: that their files may not leave, see `reading_inside`.
+        workers: most images to decode at the same time.
 
     Raises:
         PocketGSError: as `load_frame`, for the first frame that fails.
     """
     frames: list[Frame] = []
     try:
-        with ThreadPoolExecutor(min(MOST_WORKERS, os.cpu_count() or 1)) as pool:
+        threads = min(workers, MOST_WORKERS, os.cpu_count() or 1)
+        with reading_inside(folder), ThreadPoolExecutor(threads) as pool:
             for video, group in groupby(sources, key=_video_of):
                 if video is None:
-                    frames.extend(pool.map(partial(load_frame, preparation=preparation), group))
+                    frames.extend(pool.map(partial(_load_inside, folder, preparation), group))
                 else:
-                    frames.extend(_load_from_video(video, list(group), preparation, pool))
+                    frames.extend(_load_from_video(video, list(group), preparation, folder, pool))
         return frames
     finally:
         forget_undistortions()
@@ -71,14 +81,25 @@ def _video_of(source: FrameSource) -> Path | None:
 
 
 def _load_from_video(
-    video: Path, sources: list[FrameSource], preparation: Preparation, pool: ThreadPoolExecutor
+    video: Path, sources: list[FrameSource], preparation: Preparation, folder: Path | None, pool: ThreadPoolExecutor
 ) -> Iterator[Frame]:
     """Decode a video once, in order; a few frames at a time are then prepared in parallel."""
     indices = [source.image.index for source in sources if isinstance(source.image, VideoFrame)]
     images = (image for _, image in read_frames(video, indices, upright=False))
     pairs = zip(sources, images, strict=True)
+
+    def finish(pair: tuple[FrameSource, np.ndarray]) -> Frame:
+        with reading_inside(folder):
+            return prepared(pair[0], pair[1], None, preparation)
+
     while batch := list(islice(pairs, MOST_WORKERS)):
-        yield from pool.map(lambda pair: prepared(pair[0], pair[1], None, preparation), batch)
+        yield from pool.map(finish, batch)
+
+
+def _load_inside(folder: Path | None, preparation: Preparation, source: FrameSource) -> Frame:
+    """`load_frame` in a thread of its own, of which `reading_inside` knows nothing yet."""
+    with reading_inside(folder):
+        return load_frame(source, preparation)
 
 
 def load_frame(source: FrameSource, preparation: Preparation) -> Frame:

@@ -16,6 +16,7 @@ from pocketgs.capture.listing import Listing
 from pocketgs.capture.loading import Preparation
 from pocketgs.capture.unposed import holds_photographs
 from pocketgs.errors import PocketGSError
+from pocketgs.opening import folder_of, reading_inside
 
 
 class Reader(Protocol):
@@ -116,7 +117,8 @@ def read_listing(path: Path, images: str | None = None) -> Listing:
         PocketGSError: no format is recognised, the capture is malformed, or it has no frames.
     """
     try:
-        listing = _reader_for(path).read(path, images)
+        with reading_inside(folder_of(path)):
+            listing = _reader_for(path).read(path, images)
     except OSError as error:  # such as a folder that may not be entered
         raise PocketGSError(f"{path}: cannot be read ({error})") from error
     names = [frame.name for frame in listing.frames]

@@ -19,6 +19,7 @@ from pocketgs.capture.paths import CaptureFile, existing_file
 from pocketgs.capture.poses import camera_at, rotation_from_quaternion, world_to_camera_from_axes
 from pocketgs.capture.sharpness import MOST_FRAMES, REDUCED_SIDE, sharpest_in_windows, sharpness, thinning_warning
 from pocketgs.errors import PocketGSError
+from pocketgs.opening import read_bytes
 
 FORMAT = "record3d"
 LOOKED_FOR = "a .r3d file, or metadata and rgbd/"
@@ -115,7 +116,9 @@ def _read_metadata(root: CaptureFile) -> Fields:
     if file is None:
         raise PocketGSError(f"{root}: no file metadata, expected the content of a .r3d archive")
     try:
-        content = file.read_bytes()
+        content = read_bytes(file)
+    except PocketGSError:
+        raise
     except Exception as error:
         raise PocketGSError(f"{file}: cannot be read ({error})") from error
     return parse_json(content, str(file))

@@ -16,6 +16,7 @@ from pocketgs.capture.poses import camera_at, rotation_from_quaternion, world_to
 from pocketgs.capture.sharpness import MOST_FRAMES, sharpest_in_windows, thinning_warning
 from pocketgs.capture.video_file import VideoFrame, sharpness_of_frames, video_info
 from pocketgs.errors import PocketGSError
+from pocketgs.opening import read_bytes
 
 FORMAT = "stray-scanner"
 LOOKED_FOR = "odometry.csv and camera_matrix.csv"
@@ -126,7 +127,7 @@ def _pose(row: dict[str, str], where: str) -> tuple[int, np.ndarray]:
 def _read_rows(path: Path) -> list[tuple[int, list[str]]]:
     """The lines of a CSV file that are not empty, each with its number from 1."""
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        lines = read_bytes(path).decode("utf-8-sig").splitlines()
         rows = [(number, next(csv.reader([line]))) for number, line in enumerate(lines, 1) if line.strip()]
     except (OSError, ValueError, csv.Error) as error:
         raise PocketGSError(f"{path}: not a readable CSV file in UTF-8 ({error})") from error

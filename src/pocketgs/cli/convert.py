@@ -16,6 +16,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.formats import SceneFormat, format_of, spz
 from pocketgs.formats.spz_precision import PRECISIONS, Detail
 from pocketgs.gaussians import Gaussians
+from pocketgs.memory_bound import DEFAULT_MB, memory_bound
 from pocketgs.scene_edits import cropped, rotated, scaled, translated, with_sh_degree, without_faint
 
 Triple: TypeAlias = tuple[float, float, float]
@@ -33,6 +34,7 @@ def convert(
     translate: Triple | None = None,
     detail: Detail = "small",
     spz_version: spz.Version = spz.CURRENT,
+    max_memory: int = DEFAULT_MB,
 ) -> None:
     """Write a scene in another format, cut, thinned out or moved on the way.
 
@@ -49,9 +51,11 @@ def convert(
         translate: Move along x, y and z, in scene units.
         detail: Of a .spz; "fine" is close to lossless, "small" 0.6 as large and 0.1 to 0.2 dB worse where measured.
         spz_version: Of a .spz; older viewers read 3 only.
+        max_memory: Megabytes that reading may take; what would take more is refused.
     """
     chosen = _chosen_format(output, detail, spz_version)
-    original = load_scene(scene)
+    with memory_bound(max_memory):
+        original = load_scene(scene)
     edited = original
     if crop_box is not None:
         edited = cropped(edited, np.array(crop_box[:3]), np.array(crop_box[3:]))

@@ -9,6 +9,7 @@ from pocketgs.capture.synthetic import write_demo
 from pocketgs.cli.shown_run import show_run
 from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.view import FollowOptions
+from pocketgs.memory_bound import memory_bound
 from pocketgs.run import Reporter, RunResult, run
 from pocketgs.training_options import TrainingOptions
 
@@ -36,4 +37,5 @@ def demo(
         return run(film, output, training, reporter=reporter)
 
     hint = "look at the pictures in held_out/ (photograph left, rendering right)"
-    show_run(Terminal(), work, page, "demo", training.iterations, closing_line=hint)
+    with memory_bound(training.max_memory):
+        show_run(Terminal(), work, page, "demo", training.iterations, closing_line=hint)

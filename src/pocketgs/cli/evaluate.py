@@ -14,6 +14,7 @@ from pocketgs.cli.display import capture_lines, print_evaluation
 from pocketgs.cli.scene_file import in_world_of, load_scene
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
+from pocketgs.memory_bound import memory_bound
 from pocketgs.result_folder import publishing, write_json
 from pocketgs.run import evaluate_held_out
 from pocketgs.splat.engine import EngineOptions, create_engine
@@ -38,8 +39,9 @@ def evaluate(
         reading: How to read the capture.
     """
     console = Terminal()
-    gaussians = load_scene(scene)
-    opened = in_world_of(scene, reading.open(capture))
+    with memory_bound(engine.max_memory):
+        gaussians = load_scene(scene)
+        opened = in_world_of(scene, reading.open(capture))
     renderer = create_engine(engine)
     renderer.upload(gaussians)
     if not opened.held_out:

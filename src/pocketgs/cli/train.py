@@ -13,6 +13,7 @@ from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.shown_run import show_run
 from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.view import FollowOptions
+from pocketgs.memory_bound import memory_bound
 from pocketgs.run import Reporter, RunResult, run
 from pocketgs.structure_from_motion.pose import posed
 from pocketgs.training_options import TrainingOptions
@@ -54,4 +55,5 @@ def train(
 
         return run(listed, folder, training, resume=resume, reporter=reporter)
 
-    show_run(console, work, page, name, training.iterations)
+    with memory_bound(training.max_memory):
+        show_run(console, work, page, name, training.iterations)

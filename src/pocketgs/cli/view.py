@@ -19,6 +19,8 @@ from pocketgs.cli.display import STAGES
 from pocketgs.cli.scene_file import in_world_of, load_scene
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
+from pocketgs.memory_bound import DEFAULT_MB, memory_bound
+from pocketgs.opening import reading_inside
 from pocketgs.result_folder import SCENE
 
 if TYPE_CHECKING:
@@ -65,6 +67,7 @@ class FollowOptions(PageOptions):
 def view(
     scene: Annotated[Path, tyro.conf.Positional],
     capture: Path | None = None,
+    max_memory: int = DEFAULT_MB,
     page: PageOptions = PageOptions(),
     reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
 ) -> None:
@@ -73,6 +76,7 @@ def view(
     Args:
         scene: A file with Gaussians, or a result folder.
         capture: The capture's folder or its transforms.json, for its cameras and for photographs to compare with.
+        max_memory: Megabytes that reading may take; what would take more is refused.
         page: Where the page is served.
         reading: How to read the capture.
     """
@@ -80,10 +84,12 @@ def view(
     from pocketgs.viewer.scene_content import scene_content
     from pocketgs.viewer.server import serving
 
-    gaussians = load_scene(scene)
+    with memory_bound(max_memory):
+        with reading_inside(scene if scene.is_dir() else None):
+            gaussians = load_scene(scene)
+        opened = in_world_of(scene, reading.open(capture)) if capture else None
     if len(gaussians) == 0:
         raise PocketGSError(f"{scene}: holds no Gaussian, expected at least one")
-    opened = in_world_of(scene, reading.open(capture)) if capture else None
     is_result = scene.is_dir()
     title = scene.resolve().name if is_result else scene.stem
     with readable_file(scene / SCENE if is_result else scene, gaussians) as file:
