@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+import pocketgs.formats  # noqa: F401
 from pocketgs import Camera, PocketGSError, render
 from pocketgs.background import checked_background
 from pocketgs.capture import Capture, Frame, open_capture
 from pocketgs.gaussians import Gaussians
-import pocketgs.formats  # noqa: F401, I001
 from pocketgs.scene_edits import scaled, translated
 from pocketgs.splat.engine import EngineOptions, OptimiserState, create_engine
 from pocketgs.splat.settings import LearningRates, StepSettings

@@ -15,6 +15,7 @@ from pocketgs.camera import Camera
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.json_fields import read_json
 from pocketgs.errors import PocketGSError
+from pocketgs.publishing.journal import settle
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ def read_cameras(path: Path) -> SavedCameras:
     Raises:
         PocketGSError: the file cannot be read, or holds what is no camera.
     """
+    settle(path.parent)
     try:
         document = read_json(path).values
         cameras: dict[str, Any] = dict(document["cameras"])

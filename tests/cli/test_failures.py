@@ -131,7 +131,7 @@ def test_one_training_view_gives_the_reference_recipe_no_length(
 
 def test_output_that_cannot_be(refused: Callable[..., str], written_capture: Path, result: Path) -> None:
     file = result / "scene.ply"
-    assert "File exists" in refused("train", written_capture, "--output", file)
+    assert "cannot be written to (Not a directory)" in refused("train", written_capture, "--output", file)
     assert "Not a directory" in refused("train", written_capture, "--output", file / "below")
     for output in (file, file / "below", file / "below.mp4"):
         refused("render", result, written_capture, "--output", output, "--frames", "2")
@@ -186,7 +186,7 @@ def test_resume(refused: Callable[..., str], written_capture: Path, result: Path
     for option in [*others, ["--exposure", "off"], ["--max-gaussians", "100"]]:
         assert "belongs to a run with" in refused(*command, result, *option)
     (result / "checkpoint.npz").write_bytes(b"hello")
-    assert "checkpoint.npz: not a readable checkpoint" in refused(*command, result)
+    assert "checkpoint.npz: has been changed since pocketgs wrote it" in refused(*command, result)
 
 
 def test_full_disk(

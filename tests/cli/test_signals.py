@@ -62,6 +62,7 @@ def test_result_is_written(
     assert record["psnr"] > (12 if demo else 20)
     assert len(Gaussians.load(output / "scene.ply")) == record["gaussians"]
     assert sorted(path.name for path in output.iterdir()) == [
+        ".pocketgs",
         "cameras.json",
         "checkpoint.npz",
         "held_out",
@@ -98,7 +99,8 @@ def test_kill_leaves_the_earlier_result(
     wait_until_it_trains(process)
     process.kill()
     process.communicate()
-    assert contents(result) == before
+    # The lock's file stays, and nobody holds it.
+    assert contents(result) == {**before, ".pocketgs/lock": b""}
 
 
 def test_killed_run_goes_on_from_its_last_checkpoint(
@@ -126,6 +128,7 @@ def test_killed_run_goes_on_from_its_last_checkpoint(
     record = json.loads((result / "run.json").read_text())
     assert 1 < record["iterations"] < 100_000
     assert sorted(path.name for path in result.iterdir()) == [
+        ".pocketgs",
         "cameras.json",
         "checkpoint.npz",
         "held_out",

@@ -130,9 +130,14 @@ def read_listing(path: Path, images: str | None = None) -> Listing:
     return listing
 
 
+def holds_capture(path: Path) -> bool:
+    """Whether the path is a capture of a known format."""
+    return any(reader.recognises(path) for reader in READERS)
+
+
 def lacks_poses(path: Path) -> bool:
     """Whether the path is a video or a folder of photographs, and no capture of a known format."""
-    return holds_photographs(path) and not any(reader.recognises(path) for reader in READERS)
+    return holds_photographs(path) and not holds_capture(path)
 
 
 def _reader_for(path: Path) -> Reader:

@@ -104,6 +104,6 @@ def _picture(rendering: Rendering, show: Show) -> np.ndarray:
 
 
 def _write_pictures(folder: Path, names: list[str], pictures: Iterator[np.ndarray]) -> None:
-    with publishing(folder) as staging:
+    with publishing(folder, [f"{name}.png" for name in names]) as staging:
         for name, picture in zip(names, pictures, strict=True):
             Image.fromarray(picture).save(staging / f"{name}.png")

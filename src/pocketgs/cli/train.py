@@ -14,6 +14,8 @@ from pocketgs.cli.shown_run import show_run
 from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.view import FollowOptions
 from pocketgs.memory_bound import memory_bound
+from pocketgs.publishing.manifest import source_of
+from pocketgs.result_folder import check_free_for
 from pocketgs.run import Reporter, RunResult, run
 from pocketgs.structure_from_motion.pose import posed
 from pocketgs.training_options import TrainingOptions
@@ -42,7 +44,9 @@ def train(
     if resolved.is_file():
         resolved = resolved.parent if resolved.suffix.lower() == ".json" else resolved.with_suffix("")
     name = resolved.name or "capture"
-    folder = output or Path("output") / name
+    folder, source = output or Path("output") / name, source_of(resolved)
+    if output is None:
+        check_free_for(folder, source)
 
     def work(reporter: Reporter) -> RunResult:
         def listed() -> ListedCapture:
@@ -53,7 +57,7 @@ def train(
             console.say(message)
             return reading.listed(posed(capture, found, on_stage=reporter.on_stage, on_warning=reporter.on_warning))
 
-        return run(listed, folder, training, resume=resume, reporter=reporter)
+        return run(listed, folder, training, resume=resume, reporter=reporter, source=source)
 
     with memory_bound(training.max_memory):
         show_run(console, work, page, name, training.iterations)

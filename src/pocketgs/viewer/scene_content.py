@@ -14,6 +14,7 @@ from pocketgs.capture.json_fields import read_json
 from pocketgs.errors import PocketGSError
 from pocketgs.gaussians import Gaussians
 from pocketgs.opening import reading_inside
+from pocketgs.publishing.journal import settle
 from pocketgs.result_folder import CAMERAS, PICTURES, RECORD
 from pocketgs.viewer.content import UP, Content, View, capture_views, looked_at
 
@@ -35,6 +36,8 @@ def scene_content(
     Raises:
         PocketGSError: a file of the result folder cannot be read.
     """
+    if result:
+        settle(result)
     record = _record_of(result) if result else {}
     if capture:
         views, background = capture_views(capture), capture.background
