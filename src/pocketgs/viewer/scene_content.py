@@ -62,10 +62,10 @@ def _views_of_result(result: Path, record: dict[str, Any]) -> tuple[View, ...]:
     if not path.is_file():
         return ()
     images = record.get("images")
-    held_out = {each.get("name") for each in images if isinstance(each, dict)} if isinstance(images, list) else set()
+    named = [each.get("name") for each in images if isinstance(each, dict)] if isinstance(images, list) else []
     with reading_inside(result):
         cameras = read_cameras(path).cameras
-    return tuple(View(name, camera, name in held_out) for name, camera in sorted(cameras.items()))
+    return tuple(View(name, camera, name in named) for name, camera in sorted(cameras.items()))
 
 
 def _background(record: dict[str, Any]) -> tuple[float, float, float]:
