@@ -102,9 +102,8 @@ def try_case(original: Original, rng: Random, work: Path) -> tuple[str, str]:
         try:
             read(original.kind, copy / original.path.relative_to(original.folder))
         except PocketGSError as error:
-            return what, "refused" if str(error) and len(
-                str(error)
-            ) < 5000 else "refused without a word, or with too many"
+            length = len(str(error))
+            return what, "refused" if 0 < length <= LONGEST_ERROR else f"refused with {length} characters"
         except BaseException:
             return what, "".join(traceback.format_exc())
         return what, "read"
