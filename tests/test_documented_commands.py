@@ -120,10 +120,9 @@ def place(written_capture: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
     shutil.copytree(folder / "fern" / "images", folder / "fern" / "images_8")
     for name in ("fern", "lego", "fox"):
         shutil.copytree(folder / "fern", folder / "path" / "to" / name)
-    for target in ("output/fern", "result"):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.chdir(folder)
-            main(shlex.split(f"train fern --output {target} --prior none --iterations 20 --evaluate-every 0"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        main(shlex.split("train fern --output result --prior none --iterations 2 --evaluate-every 0"))
     return folder
 
 

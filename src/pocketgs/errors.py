@@ -21,4 +21,10 @@ def short(found: object) -> str:
         shown = repr(found)
     except ValueError:  # Python writes out no whole number of thousands of digits
         shown = f"{type(found).__name__} of thousands of digits"
+    return clipped(shown)
+
+
+def clipped(text: object) -> str:
+    """A text, of which files or other programs say what it is, no longer than a message should quote it."""
+    shown = str(text)
     return shown if len(shown) <= LONGEST_SHOWN else f"{shown[: LONGEST_SHOWN - 3]}..."

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from plyfile import PlyData
 
-from pocketgs.errors import LONGEST_SHOWN, PocketGSError
+from pocketgs.errors import PocketGSError, clipped
 from pocketgs.opening import checked
 
 LARGEST_HEADER = 1 << 20
@@ -40,7 +40,7 @@ def read_elements(path: Path) -> dict[str, np.ndarray]:
     except PocketGSError:
         raise
     except Exception as error:  # plyfile raises whatever its parser stumbles over
-        raise PocketGSError(f"{path}: not a readable .ply ({str(error)[:LONGEST_SHOWN]})") from error
+        raise PocketGSError(f"{path}: not a readable .ply ({clipped(error)})") from error
 
 
 def _check_size(path: Path) -> None:

@@ -14,7 +14,7 @@ from pocketgs.capture.colmap_model import (
     camera_from_parameters,
     unknown_model,
 )
-from pocketgs.errors import LONGEST_SHOWN, PocketGSError
+from pocketgs.errors import PocketGSError, clipped
 from pocketgs.opening import read_bytes
 from pocketgs.pointcloud import PointCloud
 
@@ -100,14 +100,14 @@ def _numbers(words: list[str], where: str) -> list[float]:
     try:
         return [float(word) for word in words]
     except ValueError as error:
-        raise PocketGSError(f"{where}: {str(error)[:LONGEST_SHOWN]}, expected numbers") from error
+        raise PocketGSError(f"{where}: {clipped(error)}, expected numbers") from error
 
 
 def _integers(words: list[str], where: str) -> list[int]:
     try:
         return [int(word) for word in words]
     except ValueError as error:
-        raise PocketGSError(f"{where}: {str(error)[:LONGEST_SHOWN]}, expected whole numbers") from error
+        raise PocketGSError(f"{where}: {clipped(error)}, expected whole numbers") from error
 
 
 def _malformed(where: str, line: str, expected: str) -> PocketGSError:

@@ -137,7 +137,7 @@ def _opened(path: Path, upright: bool) -> Iterator[cv2.VideoCapture]:
         raise PocketGSError(f"{path}: no such file, expected a video")
     # FFmpeg and OpenCV would print lines of their own on a file that is no video, before ours.
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", str(FFMPEG_QUIET))
-    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         # An absolute path, since FFmpeg takes what stands before a colon for a protocol.
         video = cv2.VideoCapture(str(checked(path).resolve()), cv2.CAP_FFMPEG)

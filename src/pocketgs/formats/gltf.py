@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pocketgs.atomic_file import replacing
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, clipped, short
 from pocketgs.formats.activations import colour_of, logit_of, opacity_of, opacity_to_byte, to_byte
 from pocketgs.formats.axes import LEFT_UP_FORWARD, half_turn
 from pocketgs.formats.checks import require_room, require_sound
@@ -115,7 +115,7 @@ def read_gaussians(path: Path) -> Gaussians:
         try:
             parts = _parts(document)
         except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
-            raise PocketGSError(f"{path}: not a sound glTF ({type(error).__name__}: {error})") from error
+            raise PocketGSError(f"{path}: not a sound glTF ({type(error).__name__}: {clipped(error)})") from error
         if not parts:
             raise PocketGSError(f"{path}: shows no Gaussians, expected a primitive with {EXTENSION}")
         degree = max(part.sh_degree for part in parts)
@@ -127,7 +127,9 @@ def read_gaussians(path: Path) -> Gaussians:
 def _parts(document: Document) -> list[Gaussians]:
     unknown = set(document.json.get("extensionsRequired", [])) - {EXTENSION, "KHR_mesh_quantization"}
     if unknown:
-        raise PocketGSError(f"{document.path}: requires {', '.join(sorted(unknown))}, which is not understood here")
+        raise PocketGSError(
+            f"{document.path}: requires {clipped(', '.join(sorted(unknown)))}, which is not understood here"
+        )
     shown = _shown(document)
     # Nodes may share a mesh and accessors bytes, but a small file must not become a scene of any size.
     counts = [_count(document, primitive) for primitive, _ in shown]
@@ -164,9 +166,11 @@ def _part(document: Document, primitive: dict[str, Any], placement: Placement) -
     """The Gaussians of one primitive where a node has them, still in glTF's axes."""
     where, attributes, shape = document.path, primitive["attributes"], primitive["extensions"][EXTENSION]
     if "extensions" in shape:
-        raise PocketGSError(f"{where}: packed with {', '.join(shape['extensions'])}, expected plain attributes")
+        raise PocketGSError(
+            f"{where}: packed with {clipped(', '.join(shape['extensions']))}, expected plain attributes"
+        )
     if shape.get("kernel", KERNEL) != KERNEL or shape.get("colorSpace", COLOUR_SPACE) != COLOUR_SPACE:
-        found = f"kernel {shape.get('kernel')!r} in {shape.get('colorSpace')!r}"
+        found = f"kernel {short(shape.get('kernel'))} in {short(shape.get('colorSpace'))}"
         raise PocketGSError(f"{where}: {found}, expected {KERNEL!r} in {COLOUR_SPACE!r}")
     count = _coefficients(primitive)
     if count not in SH_COEFFICIENTS:

@@ -11,7 +11,7 @@ from typing import Any
 from urllib.parse import unquote
 
 from pocketgs.capture.paths import inside
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, clipped, short
 from pocketgs.formats.checks import read_contents
 from pocketgs.memory_bound import JSON_BYTES, require_memory
 from pocketgs.opening import reading_inside
@@ -44,7 +44,7 @@ def read_document(path: Path) -> Document:
     try:
         document = dict(json.loads(text.decode("utf-8")))
     except (ValueError, TypeError, RecursionError) as error:
-        raise PocketGSError(f"{path}: not a glTF: its JSON cannot be read ({error})") from error
+        raise PocketGSError(f"{path}: not a glTF: its JSON cannot be read ({clipped(error)})") from error
     stated = document.get("buffers", [])
     if not isinstance(stated, list) or not all(isinstance(each, dict) for each in stated):
         raise PocketGSError(f"{path}: buffers are no list of objects, expected glTF 2.0")
@@ -91,16 +91,16 @@ def _buffer(
     """
     where, uri, length = f"{path}, buffer {index}", stated.get("uri"), stated.get("byteLength")
     if not isinstance(length, int) or length < 0:
-        raise PocketGSError(f"{where}: byteLength {length!r}, expected a number of bytes")
+        raise PocketGSError(f"{where}: byteLength {short(length)}, expected a number of bytes")
     if uri is None and index == 0 and binary is not None:
         data = binary
     elif not isinstance(uri, str):
-        raise PocketGSError(f"{where}: uri {uri!r}, expected a file or a data URI")
+        raise PocketGSError(f"{where}: uri {short(uri)}, expected a file or a data URI")
     else:
         data = contents[uri] if uri in contents else _content(path, uri, where)
         contents[uri] = data
     if len(data) < length:
-        raise PocketGSError(f"{where}: cut short: {len(data)} bytes, expected {length}")
+        raise PocketGSError(f"{where}: cut short: {len(data)} bytes, expected {short(length)}")
     return memoryview(data)[:length]
 
 
@@ -119,7 +119,7 @@ def _embedded(where: str, uri: str) -> bytes:
     try:
         return base64.b64decode(unquote(data), validate=True)
     except ValueError as error:
-        raise PocketGSError(f"{where}: its base64 cannot be read ({error})") from error
+        raise PocketGSError(f"{where}: its base64 cannot be read ({clipped(error)})") from error
 
 
 def glb_bytes(path: Path, document: dict[str, Any], binary: bytes) -> bytes:
