@@ -13,8 +13,10 @@ import pytest
 from PIL import Image
 from plyfile import PlyData, PlyElement
 
+from missing import unavailable
 from pocketgs.capture import Capture
 from pocketgs.capture.synthetic import true_capture
+from pocketgs.splat.webgpu.adapters import Adapter, adapters
 
 
 @pytest.fixture(scope="session")
@@ -25,6 +27,14 @@ def data_folder() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real captures at {folder}: set POCKETGS_DATA to their folder")
     return folder
+
+
+@pytest.fixture(scope="session")
+def adapter() -> Adapter:
+    """The best device with WebGPU, software ones included."""
+    if not adapters():
+        unavailable("no Vulkan, Metal or DX12 adapter: install a driver, such as Mesa's software Vulkan")
+    return adapters()[0]
 
 
 @pytest.fixture(scope="session")

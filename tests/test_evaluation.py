@@ -62,6 +62,10 @@ def test_mask_hides_what_lies_outside(photo: np.ndarray) -> None:
     spoilt[100:] = 0
     assert psnr(spoilt, photo, mask) == psnr(rendered, photo, mask)
     assert ssim(spoilt, photo, mask) == pytest.approx(ssim(rendered, photo, mask))
+    # Nor does anything right beside the mask count, in either image.
+    elsewhere = np.where(mask[:, :, None], photo, noisy(photo, 0.5))
+    assert ssim(np.where(mask[:, :, None], rendered, 1), elsewhere, mask) == ssim(rendered, photo, mask)
+    assert psnr(rendered, elsewhere, mask) == psnr(rendered, photo, mask)
     inside = photo[30:90, 40:150]
     assert psnr(rendered, photo, mask) == pytest.approx(psnr(rendered[30:90, 40:150], inside))
 

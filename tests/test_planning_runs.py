@@ -14,6 +14,7 @@ import numpy as np
 import psutil
 import pytest
 
+from missing import unavailable
 from pocketgs import freed_memory
 from pocketgs.capture import list_capture
 from pocketgs.compile import is_compiled
@@ -50,7 +51,7 @@ def _compiled(trained: Run, written_capture: Path) -> None:
 @pytest.mark.parametrize(("engine", "budget"), [("cpu", 520), ("webgpu", 700)])
 def test_a_run_keeps_to_its_memory(trained: Run, written_capture: Path, engine: str, budget: int) -> None:
     if engine == "webgpu" and not adapters():
-        pytest.skip("no device with WebGPU")
+        unavailable("no device with WebGPU")
     record = trained(written_capture, "--max-memory", budget, "--iterations", 20, "--engine", engine)
     plan, actual = record["plan"], record["plan"]["actual"]
     assert actual["peak_rss_mb"] == pytest.approx(record["peak_rss_mb"], rel=0.01)

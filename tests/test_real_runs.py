@@ -74,6 +74,7 @@ def test_fox(trained: Callable[..., dict[str, Any]]) -> None:
     check(record, psnr=29.3, ssim=0.90)
 
 
+@pytest.mark.usefixtures("adapter")
 def test_fern_on_the_gpu_engine(trained: Callable[..., dict[str, Any]]) -> None:
     """A short run follows the CPU engine's: on any adapter, software ones included."""
     options = ["--downscale", 3, "--max-gaussians", 6000, "--iterations", 60, "--evaluate-every", 15]

@@ -129,6 +129,18 @@ def test_masked_pixels_are_not_drawn(small_capture: Capture) -> None:
     assert drawn_here.all()
 
 
+def test_what_masks_leave_out_is_not_compared(small_capture: Capture) -> None:
+    mask = np.ones((72, 96), bool)
+    mask[:, 30:60] = False
+    frames = [replace(frame, mask=mask) for frame in small_capture.train]
+    noise = np.random.default_rng(5).integers(0, 255, (72, 96, 3), dtype=np.uint8)
+    spoilt = [replace(frame, image=np.where(mask[..., None], frame.image, noise)) for frame in frames]
+    columns = np.flatnonzero(mask[0])
+    points, others = draw_points(frames, 300), draw_points(spoilt, 300)
+    assert len(columns) == 66
+    np.testing.assert_array_equal(points.positions, others.positions)
+
+
 def test_silhouettes_of_nothing() -> None:
     frames = [photograph_of_a_ball(camera, (9, 9, 9)) for camera in ring(6, 2.0)]
     frames = [replace(frame, alpha=np.zeros((48, 48), np.uint8)) for frame in frames]

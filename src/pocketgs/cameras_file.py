@@ -14,6 +14,7 @@ from pocketgs.atomic_file import replacing
 from pocketgs.camera import Camera
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.json_fields import read_json
+from pocketgs.capture.origin import Origin, with_origin
 from pocketgs.errors import PocketGSError
 from pocketgs.publishing.journal import settle
 
@@ -25,19 +26,23 @@ class SavedCameras:
     Attributes:
         cameras: by frame name.
         refined: whether their poses are not the capture's own.
+        origin: where the origin of their coordinates lies in the capture's world, see `pocketgs.capture.origin`.
     """
 
     cameras: dict[str, Camera]
     refined: bool
+    origin: Origin = (0.0, 0.0, 0.0)
 
 
-def write_cameras(path: Path, frames: Sequence[Frame], refined: bool) -> None:
+def write_cameras(path: Path, frames: Sequence[Frame], refined: bool, origin: Origin = (0.0, 0.0, 0.0)) -> None:
     """Write the frames' cameras as JSON.
 
     Each is listed by its frame's name with `size` (width and height in pixels), `intrinsics` (fx, fy, cx and cy in
-    pixels, pixel centres at + 0.5) and `world_to_camera` (4x4, OpenCV axes).
+    pixels, pixel centres at + 0.5) and `world_to_camera` (4x4, OpenCV axes). `origin` is what must be added to the
+    coordinates of cameras and scene to get the capture's own; it is 0 unless these are far from 0.
     """
-    document = {"refined": refined, "cameras": {frame.name: _to_json(frame.camera) for frame in frames}}
+    cameras = {frame.name: _to_json(frame.camera) for frame in frames}
+    document = {"refined": refined, "origin": origin, "cameras": cameras}
     with replacing(path) as partial:
         partial.write_text(json.dumps(document) + "\n", encoding="utf-8")
 
@@ -53,20 +58,22 @@ def read_cameras(path: Path) -> SavedCameras:
         document = read_json(path).values
         cameras: dict[str, Any] = dict(document["cameras"])
         refined = document["refined"] is True
+        x, y, z = map(float, document.get("origin", (0, 0, 0)))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise PocketGSError(f"{path}: not a readable file of cameras ({error})") from error
-    return SavedCameras({name: _from_json(camera, name, path) for name, camera in cameras.items()}, refined)
+    return SavedCameras({name: _from_json(camera, name, path) for name, camera in cameras.items()}, refined, (x, y, z))
 
 
 def with_poses_of(capture: Capture, path: Path) -> Capture:
-    """The capture with the poses in a file of cameras, if they are refined; frames that it does not name keep theirs.
+    """The capture about the origin of a file of cameras, and with the poses there if they are refined.
 
-    Intrinsics stay the capture's: it may have been read at another size.
+    Frames that it does not name keep theirs. Intrinsics stay the capture's: it may have been read at another size.
 
     Raises:
         PocketGSError: the file cannot be read, or names no frame of the capture.
     """
     saved = read_cameras(path)
+    capture = with_origin(capture, saved.origin)
     if not saved.refined:
         return capture
     if not any(frame.name in saved.cameras for frame in capture.frames):

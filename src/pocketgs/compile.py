@@ -7,12 +7,17 @@ division.
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Protocol, TypeVar
 
 import numba
+
+# A thread that has done its share of a kernel is to sleep until the next. OpenMP lets it spin instead, and where other
+# programs need the cores too, that takes the time of those who still work: steps then took three to five times as long.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 _Function = TypeVar("_Function", bound=Callable[..., object])
 
@@ -32,7 +37,7 @@ def _folder_of(room: str) -> Path:
     """Where a room's machine code is kept: a folder for every state of its sources.
 
     Numba itself looks only at the file of the kernel, and would run old code after a change to a part of it that stands
-    in another file. Kernels are made of parts of their own room.
+    in another file. Kernels are made of parts of their own room, and of those of this module and `dealing`.
     """
     base = Path(numba.config.CACHE_DIR or Path(__file__).parent / "__pycache__")
     return base / f"{room}-{_digest_of(room)}"
@@ -43,7 +48,7 @@ def _digest_of(room: str) -> str:
     """What identifies the sources of a room, a package or a single module."""
     home = Path(__file__).parent
     digest = hashlib.sha256()
-    for path in [Path(__file__), *sorted((home / room).rglob("*.py")), *home.glob(f"{room}.py")]:
+    for path in [Path(__file__), home / "dealing.py", *sorted((home / room).rglob("*.py")), *home.glob(f"{room}.py")]:
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -66,6 +71,9 @@ def _cached(**options: bool) -> _Decorator:
 
 kernel: _Decorator = _cached()
 """Called from Python on one thread; its machine code is kept on disk for the next process."""
+
+unlocked_kernel: _Decorator = _cached(nogil=True)
+"""A kernel that lets other Python threads run meanwhile, for work that is dealt out to a pool of them."""
 
 parallel_kernel: _Decorator = _cached(parallel=True)
 """A kernel whose `prange` loops run on all threads."""

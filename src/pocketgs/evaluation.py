@@ -122,8 +122,8 @@ def ssim(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None
     Args:
         rendered: (H, W, 3) float RGB in [0, 1].
         photo: (H, W, 3) float RGB in [0, 1].
-        mask: (H, W) bool, True where the similarity map is averaged, or None for all. Windows centred on such pixels
-            reach five pixels beyond the mask.
+        mask: (H, W) bool, True where pixels count, or None for all. The similarity map is averaged there, and the
+            windows weigh other pixels by nothing.
 
     Returns:
         A number in [−1, 1], 1 for identical images.
@@ -138,7 +138,7 @@ def ssim(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None
         raise PocketGSError(f"SSIM of an image of {width}x{height} pixels, expected at least {SSIM_WINDOW} a side")
     border = SSIM_WINDOW // 2
     inner = (slice(border, height - border), slice(border, width - border))
-    similarity = _similarity_map(rendered.astype(np.float64), photo.astype(np.float64))[inner]
+    similarity = _similarity_map(rendered.astype(np.float64), photo.astype(np.float64), mask)[inner]
     if mask is None:
         return float(similarity.mean())
     if not mask[inner].any():
@@ -146,17 +146,25 @@ def ssim(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None
     return float(similarity[mask[inner]].mean())
 
 
-def _similarity_map(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def _similarity_map(first: np.ndarray, second: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
     """(H, W, 3) SSIM of the windows about each pixel; the names are those of the paper's equation 13."""
-    mean_1, mean_2 = _window_mean(first), _window_mean(second)
-    variance_1 = _window_mean(first * first) - mean_1**2
-    variance_2 = _window_mean(second * second) - mean_2**2
-    covariance = _window_mean(first * second) - mean_1 * mean_2
+    mean_1, mean_2 = _window_mean(first, mask), _window_mean(second, mask)
+    variance_1 = _window_mean(first * first, mask) - mean_1**2
+    variance_2 = _window_mean(second * second, mask) - mean_2**2
+    covariance = _window_mean(first * second, mask) - mean_1 * mean_2
     numerator = (2 * mean_1 * mean_2 + SSIM_C1) * (2 * covariance + SSIM_C2)
     return numerator / ((mean_1**2 + mean_2**2 + SSIM_C1) * (variance_1 + variance_2 + SSIM_C2))
 
 
-def _window_mean(image: np.ndarray) -> np.ndarray:
+def _window_mean(image: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
+    """The mean over the window about each pixel; with a mask, over those of its pixels that count."""
+    if mask is None:
+        return _blurred(image)
+    share = _blurred(mask.astype(np.float64))
+    return _blurred(image * mask[:, :, None]) / np.where(mask, share, 1.0)[:, :, None]
+
+
+def _blurred(image: np.ndarray) -> np.ndarray:
     return cv2.GaussianBlur(image, (SSIM_WINDOW, SSIM_WINDOW), SSIM_SIGMA)
 
 

@@ -14,7 +14,7 @@ class PointCloud:
     """Points on the scene's surfaces.
 
     Attributes:
-        positions: (N, 3) float32, in the world.
+        positions: (N, 3) float64, in the world: a file's may lie far from its origin.
         colours: (N, 3) float32 RGB in [0, 1], display-referred.
         directions: (N, 3) float32 unit vectors towards the cameras that saw the points, or None.
         confidences: (N,) float32 in [0, 1], or None.
@@ -30,7 +30,7 @@ class PointCloud:
 
     def __post_init__(self) -> None:
         for name, array in self._arrays().items():
-            array = np.ascontiguousarray(array, dtype=np.float32)
+            array = np.ascontiguousarray(array, dtype=np.float64 if name == "positions" else np.float32)
             object.__setattr__(self, name, array)
             columns = () if name == "confidences" else (3,)
             if array.ndim != 1 + len(columns) or array.shape[1:] != columns:

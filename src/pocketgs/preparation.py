@@ -8,27 +8,28 @@ import numba
 import numpy as np
 
 from pocketgs.capture.capture import Capture
+from pocketgs.cores import kernel_threads
 from pocketgs.errors import PocketGSError
+from pocketgs.planning.effort import sized
 from pocketgs.pointcloud import PointCloud
-from pocketgs.prior.fuse import FusionSettings
-from pocketgs.prior.gate import GateSettings
+from pocketgs.prior.keyframes import KeyframeSettings
 from pocketgs.prior.prior import Prior, PriorSettings, build_prior
 from pocketgs.prior.structure import StructureSettings
 from pocketgs.prior.sweep import SweepSettings
 from pocketgs.record import Stopwatch
 from pocketgs.structure_from_motion.process import check_installed
 from pocketgs.structure_from_motion.sparse_cloud import triangulate
-from pocketgs.training_options import TrainingOptions
+from pocketgs.training_options import SizedOptions, TrainingOptions
 from pocketgs.volume import draw_points
 
-FEWEST_POINTS, FEWEST_SPARSE_POINTS = 500, 16
-"""A prior with fewer points that several views confirm, or fewer of COLMAP's, is not worth starting from."""
+FEWEST_POINTS = 16
+"""A cloud of fewer is not worth starting from."""
 
 
 def prepare(capture: Capture, options: TrainingOptions | None = None, stopwatch: Stopwatch | None = None) -> Prior:
     """Build the prior that the options ask for.
 
-    Where it finds hardly a point, and where none is asked for, the capture's own points are taken, or points drawn
+    Where none is asked for, or a sparse one finds hardly a point, the capture's own points are taken, or points drawn
     where the photographs agree.
 
     Args:
@@ -41,21 +42,18 @@ def prepare(capture: Capture, options: TrainingOptions | None = None, stopwatch:
     """
     if not capture.train:
         raise PocketGSError(f"{capture.path}: no training view, expected at least one")
-    options = options or TrainingOptions()
+    options = sized(options or TrainingOptions(), [(f.camera.width, f.camera.height) for f in capture.train])
     stopwatch = stopwatch or Stopwatch()
     prior = Prior(capture, None)
     if options.prior == "colmap" and capture.points is None:
         check_installed()
     if options.prior != "none":
-        most = numba.config.NUMBA_NUM_THREADS
-        numba.set_num_threads(min(options.threads or most, most))
+        numba.set_num_threads(kernel_threads(options.threads))
         prior = build_prior(capture, options.max_gaussians, _settings(options), stopwatch)
         if options.prior == "colmap":
             prior = _with_colmap_cloud(capture, prior, options, stopwatch)
-            if len(prior.capture.points or ()) >= FEWEST_SPARSE_POINTS:
-                return prior
-        elif _confirmed_points(prior.capture.points) >= min(FEWEST_POINTS, options.max_gaussians // 2):
-            return prior
+        if prior.capture.points and len(prior.capture.points) >= FEWEST_POINTS:
+            return replace(prior, capture=replace(prior.capture, points=_at_most(prior.capture.points, options)))
     with stopwatch.stage("points"):
         points = starting_points(replace(prior.capture, points=capture.points), options)
     report = prior.report
@@ -65,40 +63,33 @@ def prepare(capture: Capture, options: TrainingOptions | None = None, stopwatch:
     return Prior(replace(prior.capture, points=points), report)
 
 
-def _with_colmap_cloud(capture: Capture, prior: Prior, options: TrainingOptions, stopwatch: Stopwatch) -> Prior:
+def _with_colmap_cloud(capture: Capture, prior: Prior, options: SizedOptions, stopwatch: Stopwatch) -> Prior:
     """The prior with a sparse cloud in place of its own: the capture's where its poses still hold, or COLMAP's."""
     assert prior.report is not None
     with stopwatch.stage("points"):
         points = None if prior.report.poses_refined else capture.points
         if points is None:
             points = triangulate(prior.capture.train, options.seed)
-    points = _at_most(points, options)
     return Prior(replace(prior.capture, points=points), replace(prior.report, points=len(points)))
 
 
-def starting_points(capture: Capture, options: TrainingOptions) -> PointCloud:
+def starting_points(capture: Capture, options: SizedOptions) -> PointCloud:
     """The capture's own points, or points drawn where it has none; at most `max_gaussians` of them."""
     if capture.points is None or len(capture.points) < 4:
         return draw_points(capture.train, options.max_gaussians, options.seed)
     return _at_most(capture.points, options)
 
 
-def _at_most(points: PointCloud, options: TrainingOptions) -> PointCloud:
+def _at_most(points: PointCloud, options: SizedOptions) -> PointCloud:
     if len(points) <= options.max_gaussians:
         return points
     chosen = np.random.default_rng(options.seed).permutation(len(points))[: options.max_gaussians]
     return points.select(np.sort(chosen))
 
 
-def _confirmed_points(cloud: PointCloud | None) -> int:
-    if cloud is None or cloud.confidences is None:
-        return len(cloud or ())
-    return int(np.count_nonzero(cloud.confidences >= FusionSettings.confidence))
-
-
-def _settings(options: TrainingOptions) -> PriorSettings:
+def _settings(options: SizedOptions) -> PriorSettings:
     return PriorSettings(
-        gate=GateSettings(max_keyframes=options.max_keyframes),
+        keyframes=KeyframeSettings(max_keyframes=options.max_keyframes),
         structure=StructureSettings(bundle=options.bundle),
         sweep=SweepSettings(references=options.references),
         dense=options.prior == "dense",

@@ -113,7 +113,7 @@ RECIPES = {
         length=pixel_footprint,
         schedule=cosine(final=0.02),
         # Squares that remember twenty steps, not a thousand, follow the gradients of a run of hundreds.
-        adam=AdamSettings(beta2=0.95),
+        adam=AdamSettings(beta2=0.95, seen_only=True),
         opacity=0.25,
         seed_size=0.6,
         sh_degree=2,

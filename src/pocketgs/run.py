@@ -20,6 +20,7 @@ from pocketgs.gaussians import Gaussians
 from pocketgs.interrupt import deferred_interrupt
 from pocketgs.memory_trace import MemoryTrace
 from pocketgs.planning.calibration import measure_speed
+from pocketgs.planning.effort import sized
 from pocketgs.planning.machine import this_machine
 from pocketgs.planning.plan import Plan, make_plan, plan_again, shrinking_warning
 from pocketgs.preparation import prepare
@@ -30,7 +31,7 @@ from pocketgs.splat.constants import SSIM_WINDOW
 from pocketgs.splat.engine import Engine, create_engine
 from pocketgs.summary import summarise
 from pocketgs.training import Checkpoint, Progress, render_frame, train
-from pocketgs.training_options import TrainingOptions
+from pocketgs.training_options import SizedOptions, TrainingOptions
 
 SECONDS_BETWEEN_CHECKPOINTS = 60.0
 LEAST_TIME = 1e-3
@@ -49,6 +50,7 @@ class Reporter:
         on_warning: called with what the user should know, in words.
         on_prepared: called with the capture as training sees it: its poses may have been refined.
         on_plan: called with the size that the run is planned at, before a photograph is decoded.
+        on_count: told how much of the stage is done, and of how much, where that is known.
     """
 
     on_stage: Callable[[str], None] = lambda stage: None
@@ -58,6 +60,7 @@ class Reporter:
     on_warning: Callable[[str], None] = lambda warning: None
     on_prepared: Callable[[Capture], None] = lambda capture: None
     on_plan: Callable[[Plan], None] = lambda plan: None
+    on_count: Callable[[int, int], None] = lambda done, of: None
 
 
 @dataclass(frozen=True)
@@ -126,6 +129,7 @@ def _run(
     with stopwatch.stage("capture"):
         listed = list_capture()
     with stopwatch.stage("planning"):
+        options = sized(options, listed.outline().training)
         size = result_folder.read_size(folder) if resume else None
         plan = _plan(listed, options, engine, size)
     del engine
@@ -167,7 +171,7 @@ def _run(
         return _publish(capture, prior.capture, claim, options, scene, identity, plan, stopwatch, memory)
 
 
-def _plan(listed: ListedCapture, options: TrainingOptions, engine: Engine, size: tuple[int, int] | None) -> Plan:
+def _plan(listed: ListedCapture, options: SizedOptions, engine: Engine, size: tuple[int, int] | None) -> Plan:
     """The run's plan; `size` is that of a run that goes on, see `result_folder.read_size`."""
     if options.time_budget is not None and options.prior == "colmap":
         raise PocketGSError("time budget: nobody knows how long COLMAP takes, expected another --prior or no budget")
@@ -182,7 +186,7 @@ def _plan(listed: ListedCapture, options: TrainingOptions, engine: Engine, size:
     return make_plan(listed, options, replace(machine, speed=speed, elapsed=seconds_since_start()))
 
 
-def _seconds_left(options: TrainingOptions, plan: Plan) -> float | None:
+def _seconds_left(options: SizedOptions, plan: Plan) -> float | None:
     """Of the time budget, what is left until the result must be evaluated and written."""
     if options.time_budget is None:
         return None
@@ -209,7 +213,7 @@ class _CheckpointSaver:
                 self._on_warning(f"training goes on without a checkpoint: {error}")
 
 
-def _identity(capture: Capture, options: TrainingOptions, plan: Plan) -> dict[str, Any]:
+def _identity(capture: Capture, options: SizedOptions, plan: Plan) -> dict[str, Any]:
     """What a run that is resumed must have in common with the one that wrote the checkpoint."""
     return {
         "capture": capture.name,
@@ -265,7 +269,7 @@ def _publish(
             scene.save(staging / result_folder.SCENE)
             checkpoint = Checkpoint(record.iterations, scene, record.optimiser_state)
             result_folder.write_checkpoint(staging / result_folder.CHECKPOINT, checkpoint, identity)
-            write_cameras(staging / result_folder.CAMERAS, prepared.frames, refined)
+            write_cameras(staging / result_folder.CAMERAS, prepared.frames, refined, prepared.origin)
         with stopwatch.stage("evaluation"):
             engine = create_engine(options.engine_options)
             engine.upload(scene)

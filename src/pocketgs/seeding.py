@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from pocketgs.cores import usable_cores
 from pocketgs.errors import PocketGSError
 from pocketgs.gaussians import SH_COEFFICIENTS, SH_DC, Gaussians
 from pocketgs.pointcloud import PointCloud
@@ -79,7 +80,7 @@ def _neighbourhoods(points: PointCloud) -> tuple[np.ndarray, np.ndarray]:
     if not np.isfinite(points.positions).all():
         raise PocketGSError("seeding: points to start from have coordinates that are not finite")
     tree = cKDTree(points.positions)
-    distances, neighbours = tree.query(points.positions, k=min(PLANE_NEIGHBOURS + 1, count), workers=-1)
+    distances, neighbours = tree.query(points.positions, k=min(PLANE_NEIGHBOURS + 1, count), workers=usable_cores())
     spacing = distances[:, 1 : SPACING_NEIGHBOURS + 1].mean(axis=1)
     # Points on top of each other would give Gaussians of no size.
     return neighbours, np.maximum(spacing, 0.01 * np.median(spacing) + np.finfo(np.float32).tiny)

@@ -13,6 +13,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.evaluation import psnr
 from pocketgs.gaussians import Gaussians
 from pocketgs.interrupt import Interrupt, deferred_interrupt
+from pocketgs.planning.effort import sized
 from pocketgs.preparation import prepare
 from pocketgs.prior.prior import Prior
 from pocketgs.recipes import Recipe, recipe_named
@@ -20,7 +21,7 @@ from pocketgs.record import LossSample, RunRecord, Stopwatch, peak_rss_mb
 from pocketgs.seeding import SEEDINGS
 from pocketgs.splat.engine import Engine, OptimiserState, create_engine
 from pocketgs.splat.settings import StepSettings
-from pocketgs.training_options import TrainingOptions
+from pocketgs.training_options import SizedOptions, TrainingOptions
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,7 @@ def train(
     """
     started = time.monotonic()
     options = replace(options or TrainingOptions(), **changes)  # type: ignore[arg-type]
+    options = sized(options, [(frame.camera.width, frame.camera.height) for frame in capture.train])
     stopwatch = stopwatch or Stopwatch()
     recipe = recipe_named(options.recipe)
     prepared = prepared or prepare(capture, options, stopwatch)
@@ -158,7 +160,7 @@ class _Loop:
     def __init__(
         self,
         capture: Capture,
-        options: TrainingOptions,
+        options: SizedOptions,
         recipe: Recipe,
         unit: float,
         engine: Engine,

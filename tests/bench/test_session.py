@@ -114,7 +114,7 @@ def test_compiling_covers_what_refines_poses(monkeypatch: pytest.MonkeyPatch) ->
     report = prepare(capture, options).report
     assert report is not None
     assert report.poses_refined
-    assert len(report.carried) < len(capture.frames) - sum(decision.kept for decision in report.decisions)
+    assert len(report.poses.carried) < len(capture.frames) - sum(decision.kept for decision in report.decisions)
 
 
 def test_the_first_seed_of_everything_comes_first(tmp_path: Path) -> None:

@@ -42,6 +42,13 @@ def expected_depth(frame: Frame) -> np.ndarray:
     return np.repeat(np.repeat(np.where(confidence > LOW, depth, 0), 2, axis=0), 2, axis=1)
 
 
+def arkit_intrinsics(frame: Frame) -> np.ndarray:
+    """The intrinsic matrix with a principal point that counts from the centre of the top left pixel."""
+    matrix = frame.camera.intrinsic_matrix.copy()
+    matrix[:2, 2] -= 0.5
+    return matrix
+
+
 def save_millimetres(depth: np.ndarray, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(np.round(depth * 1000).astype(np.uint16)).save(path)
@@ -66,7 +73,7 @@ def write_stray_scanner(capture: Capture, folder: Path) -> None:
         save_millimetres(depth, folder / f"depth/{index:06d}.png")
         save(confidence, folder / f"confidence/{index:06d}.png")
     (folder / "odometry.csv").write_text("\n".join(lines) + "\n")
-    rows = frames[0].camera.intrinsic_matrix
+    rows = arkit_intrinsics(frames[0])
     (folder / "camera_matrix.csv").write_text("\n".join(", ".join(map(repr, map(float, row))) for row in rows))
 
 
@@ -160,9 +167,31 @@ def write_nerfcapture(capture: Capture, folder: Path, depth_range: float | None 
     (folder / "transforms.json").write_text(json.dumps({**shared, **scale, "frames": entries}))
 
 
+def write_scanner_app(capture: Capture, folder: Path) -> None:
+    """A photograph for every third pose, as the app has it; the poses between are its neighbour's."""
+    folder.mkdir(parents=True)
+    frames = in_order(capture)
+    for number in range(3 * len(frames)):
+        frame, name = frames[number // 3], f"{number:05d}"
+        matrix, camera = arkit_intrinsics(frame), frame.camera
+        projection = np.zeros((4, 4))
+        projection[0, [0, 2]] = 2 * camera.fx / camera.width, 1 - 2 * camera.cx / camera.width
+        projection[1, [1, 2]] = 2 * camera.fy / camera.height, 2 * camera.cy / camera.height - 1
+        pose = camera.camera_to_world * np.array([*TO_ARKIT, 1.0])
+        fields = {"cameraPoseARFrame": pose, "intrinsics": matrix, "projectionMatrix": projection}
+        document = {"frame_index": number, **{name: value.ravel().tolist() for name, value in fields.items()}}
+        (folder / f"frame_{name}.json").write_text(json.dumps(document))
+        depth, confidence = depth_and_confidence(frame)
+        save_millimetres(depth, folder / f"depth_{name}.png")
+        save(confidence, folder / f"conf_{name}.png")
+        if number % 3 == 0:
+            save(frame.image, folder / f"frame_{name}.jpg", quality=95, subsampling=0)
+
+
 WRITERS: dict[str, Callable[[Capture, Path], None]] = {
     "stray-scanner": write_stray_scanner,
     "record3d": write_record3d,
+    "3d-scanner-app": write_scanner_app,
     "polycam": write_polycam,
     "nerfstudio": write_nerfcapture,
 }

@@ -33,7 +33,7 @@ def test_views_come_back(small_capture, written_phones, name):
     assert_same_views(frames_of(written_phones[name]), in_order(small_capture), BORDERS.get(name, 0))
 
 
-@pytest.mark.parametrize("name", ["stray-scanner", "polycam"])
+@pytest.mark.parametrize("name", ["stray-scanner", "polycam", "3d-scanner-app"])
 def test_reliable_depths_come_back_in_metres(small_capture, written_phones, name):
     border = BORDERS.get(name, 0)
     for frame, original in zip(frames_of(written_phones[name]), in_order(small_capture), strict=True):
@@ -71,7 +71,7 @@ def test_long_recordings_are_thinned(small_capture, tmp_path, name):
     assert "150 of 160 frames are used" in listing.warnings[-1]
 
 
-@pytest.mark.parametrize("name", ["stray-scanner", "record3d", "polycam"])
+@pytest.mark.parametrize("name", ["stray-scanner", "record3d", "polycam", "3d-scanner-app"])
 def test_an_image_folder_is_of_no_use(written_phones, name):
     with pytest.raises(PocketGSError, match="images='photos' given"):
         open_capture(written_phones[name], images="photos")
@@ -129,6 +129,33 @@ def test_broken_cameras(copied_phone, replaced, message):
     camera.write_text("{")
     with pytest.raises(PocketGSError, match="not valid JSON"):
         open_capture(folder)
+
+
+# 3D Scanner App
+
+
+@pytest.mark.parametrize(
+    ("replaced", "message"),
+    [
+        ({"cameraPoseARFrame": [1.0] * 12}, "field 'cameraPoseARFrame'"),
+        ({"intrinsics": [0.0] * 9}, "image size 0x0"),
+        ({"projectionMatrix": [0.0] * 16}, "no perspective projection"),
+        ({"projectionMatrix": [2.0] * 16}, "expected the shape of its camera"),
+    ],
+)
+def test_broken_poses_of_3d_scanner_app(copied_phone, replaced, message):
+    folder = copied_phone("3d-scanner-app")
+    edit_json(folder / "frame_00003.json", **replaced)
+    with pytest.raises(PocketGSError, match=message):
+        open_capture(folder)
+
+
+def test_3d_scanner_app_without_photographs(copied_phone):
+    folder = copied_phone("3d-scanner-app")
+    for photograph in folder.glob("*.jpg"):
+        photograph.unlink()
+    with pytest.raises(PocketGSError, match="none of its 24 poses has a photograph"):
+        read_listing(folder)
 
 
 # NeRFCapture

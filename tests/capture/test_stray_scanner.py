@@ -51,6 +51,23 @@ def test_further_columns_and_another_order_of_lines(small_capture, copied_phone)
     assert_same_views(frames_of(folder), in_order(small_capture))
 
 
+def test_intrinsics_of_each_frame_prevail(copied_phone):
+    folder = copied_phone("stray-scanner")
+    given = read_listing(folder).frames[0].camera
+    edit_lines(
+        folder / "odometry.csv",
+        lambda lines: [
+            f"{lines[0]}, fx, fy, cx, cy, distortion_center_x, distortion_center_y",
+            *(f"{line}, {90 + number}, 91, 47, 35, , " for number, line in enumerate(lines[1:8])),
+            f"{lines[8]}, , , , , , ",
+        ],
+    )
+    cameras = [frame.camera for frame in read_listing(folder).frames]
+    assert [camera.fx for camera in cameras[:7]] == [90 + number for number in range(7)]
+    assert (cameras[0].fy, cameras[0].cx, cameras[0].cy) == (91, 47.5, 35.5)
+    np.testing.assert_array_equal(cameras[7].intrinsic_matrix, given.intrinsic_matrix)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

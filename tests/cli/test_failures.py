@@ -111,7 +111,9 @@ def test_cloud_that_is_none(refused: Callable[..., str], capture_folder: Path, r
 
 
 def test_mask_that_leaves_nothing_to_compare(refused: Callable[..., str], capture_folder: Path, result: Path) -> None:
-    Image.new("L", (96, 72), 0).save(capture_folder / "mask.png")
+    mask = Image.new("L", (96, 72), 0)
+    mask.putpixel((0, 0), 255)
+    mask.save(capture_folder / "mask.png")
     document = json.loads((capture_folder / "transforms.json").read_text())
     document["frames"][0]["mask_path"] = "mask.png"
     (capture_folder / "transforms.json").write_text(json.dumps(document))

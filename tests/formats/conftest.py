@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from missing import unavailable
 from pocketgs.gaussians import Gaussians
 
 PACKAGES = {
@@ -19,13 +20,6 @@ PACKAGES = {
     "@gltf-transform/core": "4.5.1",
     "gltf-validator": "2.0.0-dev.3.10",
 }
-
-
-def unavailable(reason: str) -> None:
-    """Skip, but not where continuous integration must have what is missing."""
-    if os.environ.get("CI"):
-        pytest.fail(reason)
-    pytest.skip(reason)
 
 
 @pytest.fixture(scope="session")

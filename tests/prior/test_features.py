@@ -8,8 +8,7 @@ import pytest
 
 from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
-from pocketgs.prior.features import Features, agreeing, detect, match
-from prior.bundle_problem import make_problem
+from pocketgs.prior.features import Features, detect, match
 
 WIDTH, HEIGHT = 160, 120
 MOST = 2000
@@ -117,32 +116,3 @@ def test_what_looks_like_two_others_matches_neither() -> None:
     twice = Features(np.repeat(first.pixels, 2, axis=0), np.repeat(like, 2, axis=0) / 1.1)
     assert len(match(first, Features(first.pixels, like / 1.1))) == 30
     assert len(match(first, twice)) == 0
-
-
-def seen_twice(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels of points in two views."""
-    problem = make_problem(points=count)
-    first, second = (camera.project(problem.true_points)[0] for camera in problem.true_cameras[1:3])
-    return first, second
-
-
-def test_matches_of_one_motion_agree() -> None:
-    first, second = seen_twice(100)
-    wrong = np.arange(100) % 3 == 0
-    second[wrong] = np.random.default_rng(0).uniform(0, [640, 480], (wrong.sum(), 2))
-    found = agreeing(first, second)
-    assert found[~wrong].all()
-    assert found[wrong].mean() < 0.15
-
-
-@pytest.mark.parametrize("count", [0, 1, 6, 8, 20, 200])
-def test_random_pairs_do_not_agree(count: int) -> None:
-    rng = np.random.default_rng(count)
-    found = agreeing(*rng.uniform(0, 1000, (2, count, 2)))
-    assert found.shape == (count,)
-    assert found.sum() <= 0.1 * count
-
-
-def test_matches_in_one_place_do_not_crash() -> None:
-    found = agreeing(np.full((30, 2), 5.0), np.full((30, 2), 7.0))
-    assert found.shape == (30,)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,12 +14,11 @@ from pocketgs.capture import Capture, Frame, open_capture
 from pocketgs.capture.synthetic import demo_capture, demo_ground_truth
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.bundle import BundleSettings, adjust_bundle, huber_cost
-from pocketgs.prior.gate import GateSettings, choose_keyframes
-from pocketgs.prior.relocalise import Relocalisation, relocalise
 from pocketgs.prior.scale import Scale, estimate_scale
 from pocketgs.prior.structure import Structure, StructureSettings, build_structure
+from pocketgs.prior.tolerance import LEAST_ANGLE
 from pocketgs.prior.tracks import reprojection_errors, triangulate, triangulation_angles, view_distances
-from prior.bundle_problem import centres, pose_errors, position_errors, predicted, turned_and_moved
+from prior.bundle_problem import pose_errors, position_errors, predicted, turned_and_moved
 
 DEFAULT = StructureSettings()
 """Of the stages under test."""
@@ -27,39 +26,26 @@ DEFAULT = StructureSettings()
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """What the stages make of a capture."""
+    """What the stage makes of a capture."""
 
     capture: Capture
     scale: Scale
-    keyframes: list[Frame]
     structure: Structure
-
-    @property
-    def others(self) -> list[Frame]:
-        names = {frame.name for frame in self.keyframes}
-        return [frame for frame in self.capture.frames if frame.name not in names]
-
-    def relocalised(self, frames: Sequence[Frame]) -> Relocalisation:
-        return relocalise(frames, self.keyframes, self.structure, self.scale, DEFAULT)
 
 
 def refine(capture: Capture) -> Refined:
     scale = estimate_scale(capture)
-    decisions = choose_keyframes(capture.train, scale, GateSettings())
-    keyframes = [frame for frame, decision in zip(capture.train, decisions, strict=True) if decision.kept]
-    structure = build_structure(keyframes, scale, DEFAULT)
+    structure = build_structure(capture.frames, scale, DEFAULT, capture.photographs)
     assert structure is not None
-    return Refined(capture, scale, keyframes, structure)
+    return Refined(capture, scale, structure)
 
 
 def errors_given_and_refined(refined: Refined, true: dict[str, Camera]) -> tuple[np.ndarray, np.ndarray]:
-    """(F,) position errors of all frames, those that are no keyframes last."""
-    frames = refined.keyframes + refined.others
-    found = refined.relocalised(refined.others)
-    assert found.carried == ()
+    """(F,) position errors of all frames, held-out ones last."""
+    frames = refined.capture.frames
     truth = [true[frame.name] for frame in frames]
     given = position_errors([frame.camera for frame in frames], truth)
-    return given, position_errors(refined.structure.cameras + found.cameras, truth)
+    return given, position_errors(refined.structure.cameras, truth)
 
 
 def true_cameras(frames: int) -> dict[str, Camera]:
@@ -81,9 +67,9 @@ def test_a_phones_drift_is_undone(walk: Refined) -> None:
     assert walk.structure.rmse_after < 1.0 < walk.structure.rmse_before
     assert after.mean() < given.mean() / 5
     assert after.max() < given.mean()
-    # Frames that are placed one by one, held-out ones among them, stand in the keyframes' world.
-    others = slice(len(walk.keyframes), None)
-    assert after[others].mean() < given[others].mean() / 5
+    held_out = slice(len(walk.capture.train), None)
+    assert after[held_out].mean() < given[held_out].mean() / 5
+    assert walk.structure.carried == walk.structure.replaced == walk.structure.doubtful == ()
 
 
 @pytest.mark.slow
@@ -105,10 +91,10 @@ def test_points_are_well_seen(walk: Refined) -> None:
     structure = walk.structure
     errors = reprojection_errors(structure.cameras, structure.points, structure.observations)
     assert np.all(np.bincount(structure.observations.point, minlength=len(structure.points)) >= 2)
-    assert np.percentile(errors, 99) < DEFAULT.rounds[-1]
+    assert np.percentile(errors, 99) < structure.tolerance
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(structure.rmse_after)
     angles = triangulation_angles(structure.cameras, structure.points, structure.observations)
-    assert np.mean(angles >= DEFAULT.least_angle) > 0.99
+    assert np.mean(angles >= LEAST_ANGLE) > 0.99
 
 
 def test_landmarks_are_the_features_behind_the_points(walk: Refined) -> None:
@@ -121,13 +107,6 @@ def test_landmarks_are_the_features_behind_the_points(walk: Refined) -> None:
         assert sorted(zip(point.tolist(), features.pixels.tolist(), strict=True)) == expected
 
 
-def test_a_keyframe_is_placed_where_it_is(walk: Refined) -> None:
-    found = walk.relocalised(walk.keyframes[:4])
-    apart = np.linalg.norm(centres(found.cameras) - centres(walk.structure.cameras[:4]), axis=1)
-    assert found.carried == ()
-    assert apart.max() < 0.003
-
-
 def black(frame: Frame) -> Frame:
     return replace(frame, image=np.zeros_like(frame.image))
 
@@ -137,22 +116,33 @@ def noisy(frame: Frame) -> Frame:
     return replace(frame, image=np.random.default_rng(seed).integers(0, 256, frame.image.shape, np.uint8))
 
 
-@pytest.mark.parametrize("spoil", [black, noisy])
-def test_a_frame_that_sees_nothing_follows_the_nearest_keyframe(walk: Refined, spoil: Callable[[Frame], Frame]) -> None:
-    frame, seeing = spoil(walk.capture.held_out[1]), walk.capture.held_out[2]
-    found = walk.relocalised([frame, seeing])
-    assert found.carried == (frame.name,)
-    given = [keyframe.camera for keyframe in walk.keyframes]
-    nearest = int(view_distances([frame.camera], given, walk.scale.distance).argmin())
+def test_a_frame_that_sees_nothing_follows_the_nearest(walk: Refined) -> None:
+    frames = [black(frame) if number == 5 else frame for number, frame in enumerate(walk.capture.frames)]
+    structure = build_structure(frames, walk.scale, DEFAULT)
+    assert structure is not None
+    assert structure.carried == (frames[5].name,)
+    given = [frame.camera for frame in frames]
+    distances = view_distances([given[5]], given, walk.scale.distance)[0]
+    nearest = int(np.argsort(distances)[1])
     np.testing.assert_allclose(
-        found.cameras[0].world_to_camera @ walk.structure.cameras[nearest].camera_to_world,
-        frame.camera.world_to_camera @ given[nearest].camera_to_world,
+        structure.cameras[5].world_to_camera @ structure.cameras[nearest].camera_to_world,
+        given[5].world_to_camera @ given[nearest].camera_to_world,
         atol=1e-9,
     )
 
 
-def test_no_frames_to_place(walk: Refined) -> None:
-    assert walk.relocalised([]) == Relocalisation([], ())
+def test_a_part_of_the_frames(walk: Refined) -> None:
+    chosen = walk.capture.train[2:12:3]
+    part = walk.structure.of(chosen)
+    assert part.names == tuple(frame.name for frame in chosen)
+    assert 50 < len(part.points) < len(walk.structure.points)
+    assert np.all(np.bincount(part.observations.point, minlength=len(part.points)) >= 2)
+    errors = reprojection_errors(part.cameras, part.points, part.observations)
+    assert np.percentile(errors, 99) < part.tolerance
+    for view, (features, point) in enumerate(part.landmarks):
+        own = part.observations.frame == view
+        assert sorted(features.pixels.tolist()) == sorted(part.observations.pixels[own].tolist())
+        assert sorted(point.tolist()) == sorted(part.observations.point[own].tolist())
 
 
 def test_right_poses_are_kept(clean_walk: Capture, clean_structure: Structure) -> None:
@@ -174,11 +164,11 @@ def test_points_lie_on_surfaces(clean_walk: Capture, clean_structure: Structure)
 
 
 def test_without_bundle_adjustment_poses_stay(walk: Refined) -> None:
-    keyframes = walk.keyframes[:5]
-    structure = build_structure(keyframes, walk.scale, replace(DEFAULT, bundle=False))
+    frames = walk.capture.train[:5]
+    structure = build_structure(frames, walk.scale, replace(DEFAULT, bundle=False))
     assert structure is not None
     assert not structure.refined
-    assert structure.cameras == [frame.camera for frame in keyframes]
+    assert structure.cameras == [frame.camera for frame in frames]
     assert structure.rmse_after == structure.rmse_before
 
 

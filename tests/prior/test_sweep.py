@@ -12,6 +12,7 @@ from pocketgs import Camera, PocketGSError
 from pocketgs.camera import look_at
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.synthetic import true_capture
+from pocketgs.prior.depth_range import DepthRange
 from pocketgs.prior.sweep import MOST_PIXELS, DepthMap, SweepSettings, at_sweep_size, choose_references, sweep
 
 SETTINGS = SweepSettings()
@@ -56,7 +57,7 @@ def depth_of(frame: Frame) -> np.ndarray:
 def swept(frame: Frame, references: list[Frame], settings: SweepSettings = SETTINGS) -> DepthMap:
     """Swept over a range as wide as a run's."""
     near, far = np.quantile(depth_of(frame), [0.05, 0.95])
-    return sweep(frame, references, 0.7 * near, 1.6 * far, settings)
+    return sweep(frame, references, DepthRange(0.7 * near, 1.6 * far, 128), settings)
 
 
 def relative_errors(found: DepthMap, frame: Frame) -> np.ndarray:
@@ -107,11 +108,24 @@ def test_masks_and_alpha_leave_no_depth(plane: list[Frame]) -> None:
     left = np.arange(160) < 80
     mask = np.tile(left, (120, 1))
     alpha = np.where(np.arange(120) < 60, 255, 100).astype(np.uint8)[:, None] * np.ones((1, 160), np.uint8)
-    plain = swept(plane[0], plane[1:]).depth
     masked = swept(replace(plane[0], mask=mask), plane[1:]).depth
-    np.testing.assert_array_equal(masked, np.where(mask, plain, 0))
+    np.testing.assert_array_equal(masked > 0, mask)
     cut_out = swept(replace(plane[0], alpha=alpha), plane[1:]).depth
-    np.testing.assert_array_equal(cut_out, np.where(alpha > 127, plain, 0))
+    np.testing.assert_array_equal(cut_out > 0, alpha > 127)
+
+
+def test_what_masks_leave_out_has_no_say(plane: list[Frame]) -> None:
+    """Somebody walks through the pictures, the keyframe's as well."""
+    walking = []
+    for index, frame in enumerate(plane):
+        mask = np.ones((120, 160), bool)
+        mask[20:100, 20 + 25 * index : 50 + 25 * index] = False
+        walking.append(replace(frame, mask=mask))
+    noise = np.random.default_rng(5).integers(0, 255, (120, 160, 3), dtype=np.uint8)
+    spoilt = [replace(frame, image=np.where(frame.mask[..., None], frame.image, noise)) for frame in walking]
+    found = swept(spoilt[0], spoilt[1:])
+    np.testing.assert_array_equal(found.depth, swept(walking[0], walking[1:]).depth)
+    assert np.median(relative_errors(found, plane[0])[walking[0].mask]) < 0.008
 
 
 def test_references_of_other_sizes(plane: list[Frame]) -> None:

@@ -104,7 +104,7 @@ async def follow_to_the_end(url: str) -> Follower:
 def test_two_pages_follow_a_run(
     train: Callable[..., RunResult], small_capture: Capture, tmp_path: Path, often: None
 ) -> None:
-    followed = LiveRun("toys", SHORT.iterations, {"evaluation": "looking"})
+    followed = LiveRun("toys", {"evaluation": "looking"})
 
     async def two_pages(url: str) -> list[Follower]:
         return await asyncio.gather(follow_to_the_end(url), follow_to_the_end(url))
@@ -138,7 +138,7 @@ def test_two_pages_follow_a_run(
 
 
 def test_late_page_is_told_all(train: Callable[..., RunResult], tmp_path: Path) -> None:
-    followed = LiveRun("toys", SHORT.iterations)
+    followed = LiveRun("toys")
     with serving(followed) as page:
         result = train(followed, SHORT)
         follower = asyncio.run(follow_to_the_end(page.url))
@@ -155,7 +155,7 @@ def test_late_page_is_told_all(train: Callable[..., RunResult], tmp_path: Path) 
 
 
 def test_no_scene_is_taken_for_nobody(train: Callable[..., RunResult], often: None) -> None:
-    followed = LiveRun("toys", SHORT.iterations)
+    followed = LiveRun("toys")
     scenes: list[object] = []
 
     def look(progress: Progress) -> None:
@@ -167,7 +167,7 @@ def test_no_scene_is_taken_for_nobody(train: Callable[..., RunResult], often: No
 
 
 def test_pause_resume_and_stop(train: Callable[..., RunResult], often: None) -> None:
-    followed = LiveRun("toys", ENDLESS.iterations)
+    followed = LiveRun("toys")
     done: list[int] = []
 
     async def a_user(url: str) -> tuple[int, int, int]:
@@ -203,7 +203,7 @@ def test_pause_resume_and_stop(train: Callable[..., RunResult], often: None) -> 
 
 
 def test_stop_while_paused(train: Callable[..., RunResult]) -> None:
-    followed = LiveRun("toys", ENDLESS.iterations)
+    followed = LiveRun("toys")
 
     async def a_user(url: str) -> None:
         async with following(url) as page:
@@ -226,7 +226,7 @@ def test_stop_while_paused(train: Callable[..., RunResult]) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
 def test_ctrl_c_while_paused(train: Callable[..., RunResult]) -> None:
-    followed = LiveRun("toys", ENDLESS.iterations)
+    followed = LiveRun("toys")
 
     async def a_user(url: str) -> int:
         async with following(url) as page:
@@ -246,7 +246,7 @@ def test_ctrl_c_while_paused(train: Callable[..., RunResult]) -> None:
 
 
 def test_ctrl_c_in_the_step_that_pauses(train: Callable[..., RunResult]) -> None:
-    followed = LiveRun("toys", ENDLESS.iterations)
+    followed = LiveRun("toys")
 
     def pause_and_press(progress: Progress) -> None:
         if progress.iteration == 5:
@@ -259,7 +259,7 @@ def test_ctrl_c_in_the_step_that_pauses(train: Callable[..., RunResult]) -> None
 
 
 def test_stop_of_a_run_on_another_thread(train: Callable[..., RunResult]) -> None:
-    followed = LiveRun("toys", ENDLESS.iterations)
+    followed = LiveRun("toys")
 
     def stop(progress: Progress) -> None:
         if progress.iteration == 5:
@@ -272,7 +272,7 @@ def test_stop_of_a_run_on_another_thread(train: Callable[..., RunResult]) -> Non
 
 
 def test_page_that_never_reads_holds_nobody_up(train: Callable[..., RunResult]) -> None:
-    followed = LiveRun("toys", ENDLESS.iterations)
+    followed = LiveRun("toys")
     much = bytes(1 << 25)  # more than what the system takes on behalf of the deaf page
 
     def show_much(progress: Progress) -> None:
@@ -324,7 +324,7 @@ def test_page_that_never_reads_holds_nobody_up(train: Callable[..., RunResult]) 
     ],
 )
 def test_messages_that_are_none(message: str | bytes, code: int) -> None:
-    followed = LiveRun("toys", 1)
+    followed = LiveRun("toys")
 
     async def say(url: str) -> int | None:
         async with following(url) as page:
@@ -343,7 +343,7 @@ def test_messages_that_are_none(message: str | bytes, code: int) -> None:
 
 
 def test_pages_are_told_that_the_server_ends() -> None:
-    followed = LiveRun("toys", 1)
+    followed = LiveRun("toys")
     told: list[int | None] = []
 
     async def listen(url: str) -> None:
@@ -362,7 +362,7 @@ def test_pages_are_told_that_the_server_ends() -> None:
 
 
 def test_page_is_told_the_end_before_the_server_ends(train: Callable[..., RunResult]) -> None:
-    followed = LiveRun("toys", SHORT.iterations)
+    followed = LiveRun("toys")
     with ExitStack() as server:
         page = server.enter_context(serving(followed))
         with meanwhile(follow_to_the_end(page.url)) as told:
@@ -376,7 +376,7 @@ def test_refined_poses_are_shown(small_capture: Capture) -> None:
     pose[:3, 3] += 0.01
     name = small_capture.train[0].name
     moved = small_capture.with_refined_poses({name: replace(small_capture.train[0].camera, world_to_camera=pose)})
-    followed = LiveRun("toys", 1)
+    followed = LiveRun("toys")
     reporter = followed.reporter(Reporter())
     reporter.on_capture(small_capture)
     reporter.on_prepared(moved)
@@ -385,7 +385,7 @@ def test_refined_poses_are_shown(small_capture: Capture) -> None:
 
 
 def test_scene_that_cannot_be_shown_is_a_warning(scene: Gaussians, tmp_path: Path) -> None:
-    followed = LiveRun("toys", 1)
+    followed = LiveRun("toys")
     warnings: list[str] = []
     followed.reporter(Reporter(on_warning=warnings.append))
     scene.means[3] = np.inf

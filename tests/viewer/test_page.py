@@ -100,11 +100,11 @@ def test_values_for_the_shaders_are_those_of_python(visit: Visit, cameras: list[
     found = visit.page.evaluate(
         """async ([camera, background, symbols]) => {
             const { viewValues } = await import(new URL("page/view_values.js", document.baseURI));
-            return viewValues(camera, background, symbols);
+            return viewValues(camera, background, 0.25, symbols);
         }""",
         [described, BACKGROUND, symbols],
     )
-    expected = view_values(camera, BACKGROUND, symbols)
+    expected = view_values(camera, BACKGROUND, 0.25, symbols)
     assert found.keys() == expected.keys()
     for name, value in expected.items():
         np.testing.assert_allclose(found[name], value, err_msg=name, atol=1e-9)

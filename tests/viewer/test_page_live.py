@@ -23,7 +23,7 @@ SECONDS_OF_PAUSE = 2.0
 
 
 def test_page_follows_a_run(written_capture: Path, tmp_path: Path) -> None:
-    followed = LiveRun("toys", OPTIONS.iterations)
+    followed = LiveRun("toys")
     leave = threading.Event()
 
     def observe(_: object) -> None:

@@ -12,11 +12,11 @@ from playwright.sync_api import Page
 
 from pocketgs.camera import Camera
 from pocketgs.gaussians import SH_DC, Gaussians
+from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.webgpu.scene_columns import to_columns
 
 BACKGROUND = (0.2, 0.4, 0.6)
 LEAST_OPACITY = 0.1
-NEAR = 0.01
 LARGEST_RADIUS = 64.0
 CAMERA = Camera(40, 30, 30.0, 30.0, 20.7, 14.2, np.eye(4))
 
@@ -53,10 +53,11 @@ def nearest_discs(scene: Gaussians, share: float) -> tuple[np.ndarray, np.ndarra
     image = np.tile(np.round(255 * np.array(BACKGROUND)), (CAMERA.height, CAMERA.width, 1))
     depths, unsure = np.full(rows.shape, np.inf), np.zeros(rows.shape, bool)
     opacities = 1 / (1 + np.exp(-scene.opacity_logits.astype(float)))
+    near = near_plane(scene.means)
     for mean, log_scale, opacity, dc in zip(
         scene.means.astype(float), scene.log_scales.astype(float), opacities, scene.sh[:, 0].astype(float), strict=True
     ):
-        if opacity <= LEAST_OPACITY or mean[2] <= NEAR:
+        if opacity <= LEAST_OPACITY or mean[2] < near:
             continue
         x, y = CAMERA.fx * mean[0] / mean[2] + CAMERA.cx, CAMERA.fy * mean[1] / mean[2] + CAMERA.cy
         reach = np.exp(log_scale.mean()) * np.sqrt(2 * np.log(opacity / LEAST_OPACITY))

@@ -227,7 +227,7 @@ def test_a_broken_file_dropped_while_the_scene_comes_does_not_stop_it(browser: B
 
 
 def test_page_of_a_run_rests_until_its_first_scene(browser: Browser) -> None:
-    with serving(LiveRun("toys", 10)) as page, visiting(browser, page.url, WIDTH, HEIGHT) as visit:
+    with serving(LiveRun("toys")) as page, visiting(browser, page.url, WIDTH, HEIGHT) as visit:
         expect(visit["#canvas"]).to_have_attribute("aria-busy", "false", timeout=PATIENCE)
         expect(visit["#message"]).to_be_hidden()
         assert visit.complaints == []

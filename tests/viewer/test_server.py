@@ -248,7 +248,7 @@ def test_origins_on_the_websocket() -> None:
             except WSServerHandshakeError as error:
                 return error.status
 
-    with serving(LiveRun("toys", 1)) as page:
+    with serving(LiveRun("toys")) as page:
         here = origin_of(page.url)
         strangers = [
             "https://evil.example",

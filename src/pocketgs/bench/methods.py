@@ -29,7 +29,7 @@ _3DGS = ("--recipe", "reference", "--seeds", "balls")
 METHODS = {
     method.name: method
     for method in (
-        Method("pocketgs", "The default: refined poses, dense cloud, discs, fast recipe.", (), "PocketGS"),
+        Method("pocketgs", "Refined poses, dense cloud, discs, fast recipe.", (), "PocketGS"),
         Method(
             "3dgs-sfm",
             "COLMAP's sparse cloud, isotropic seeds, 3DGS's learning rates and loss; poses as PocketGS has them.",
@@ -47,7 +47,7 @@ METHODS = {
         Method("no-dense", "PocketGS on the points of matched features.", ("--prior", "sparse"), "w/o MVS"),
         Method("no-exposure", "PocketGS on photographs at their own exposures.", ("--exposure", "off")),
         Method("one-reference", "PocketGS with depth from one reference a keyframe.", ("--references", "1")),
-        Method("30-keyframes", "PocketGS with twice the keyframes.", ("--max-keyframes", "30")),
+        Method("15-keyframes", "PocketGS with as many keyframes as the source has.", ("--max-keyframes", "15")),
         Method("pocketgs-100k", "PocketGS with twice the Gaussians.", ("--max-gaussians", "100000")),
     )
 }

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -65,6 +66,23 @@ class Frame:
         return np.logical_and.reduce(parts) if parts else None
 
 
+Result = TypeVar("Result")
+
+
+class Photographs(Protocol):
+    """A capture's photographs where they are stored, to be looked at again in another size than that in memory."""
+
+    @property
+    def longest_side(self) -> int:
+        """Pixels of the longest side that any of them is stored with."""
+
+    def map(self, look: Callable[[Frame], Result], max_size: int) -> dict[str, Result]:
+        """What `look` makes of every frame, by name, decoded at most `max_size` pixels a side.
+
+        Few are decoded at a time and none is kept. `look` is called from several threads.
+        """
+
+
 @dataclass(frozen=True)
 class Capture:
     """A capture, read and ready for training.
@@ -78,8 +96,10 @@ class Capture:
         points: the capture's own point cloud, or None.
         background: RGB in [0, 1] behind everything.
         metric: whether lengths are metres.
+        origin: where the origin of these coordinates lies in the world of the files, see `pocketgs.capture.origin`.
         protocol: how images were prepared and split, in words; every reported figure carries it.
         warnings: what a user should know, such as listed frames whose files are absent.
+        photographs: where the frames come from, or None if there is no more than what is in memory.
 
     Raises:
         PocketGSError: the background is no colour.
@@ -93,8 +113,10 @@ class Capture:
     points: PointCloud | None = None
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
     metric: bool = False
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     protocol: str = ""
     warnings: tuple[str, ...] = field(default=())
+    photographs: Photographs | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         checked_background(self.background)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from pocketgs.capture import colmap_files
@@ -16,6 +17,7 @@ FORMAT = "colmap"
 LOOKED_FOR = "cameras and images .bin or .txt, there or in sparse/0, sparse, colmap/sparse or dense/sparse"
 MODEL_FOLDERS = ("", "sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "dense/sparse", "dense/0/sparse")
 DEFAULT_IMAGES = "images"
+POSED_RECORD = "posed.json"
 IMAGE_FOLDERS = (DEFAULT_IMAGES, "images_2", "images_4", "images_8", "rgb", "input", "photos")
 
 
@@ -47,7 +49,16 @@ def read(path: Path, images: str | None = None) -> Listing:
         for image, file in zip(registered, files, strict=True)
         if file is not None
     ]
-    return Listing(FORMAT, frames, points=colmap_files.read_points(model), warnings=warnings)
+    points = colmap_files.read_points(model)
+    return Listing(FORMAT, frames, points=points, metric=_is_metric(path), warnings=warnings)
+
+
+def _is_metric(path: Path) -> bool:
+    """Whether lengths are metres, as only what this package has made itself states."""
+    try:
+        return json.loads((path / POSED_RECORD).read_text(encoding="utf-8")).get("metric") is True
+    except (OSError, ValueError, AttributeError, RecursionError):
+        return False
 
 
 def _model_folder(path: Path) -> Path | None:

@@ -13,6 +13,7 @@ from pocketgs.capture.paths import CaptureFile
 from pocketgs.errors import PocketGSError
 from pocketgs.opening import read_bytes
 
+LARGEST_SIDE = 16_384
 LZFSE_MODULE, LZFSE_PACKAGE = "liblzfse", "pyliblzfse"
 
 
@@ -20,7 +21,8 @@ def read_depth(path: CaptureFile, unit: float, shape: tuple[int, int] | None = N
     """(H, W) float32 depth times `unit`; 0 where it is not known.
 
     Args:
-        path: an integer image or a .npy array; or, if there is a shape, float32 numbers compressed with LZFSE.
+        path: an integer image, an OpenEXR file or a .npy array; or, if there is a shape, float32 numbers compressed
+            with LZFSE.
         unit: length of one unit of the file.
         shape: rows and columns of a compressed map, which does not state them.
 
@@ -31,6 +33,8 @@ def read_depth(path: CaptureFile, unit: float, shape: tuple[int, int] | None = N
         raw = _decompressed(path, shape, np.dtype("<f4"))
     elif isinstance(path, Path) and path.suffix.lower() == ".npy":
         raw = read_array(path)
+    elif isinstance(path, Path) and path.suffix.lower() == ".exr":
+        raw = _only_channel(path)
     else:
         raw = read_whole_numbers(path)
     if raw.ndim == 3 and raw.shape[2] == 1:
@@ -55,6 +59,25 @@ def read_reliable(path: CaptureFile, shape: tuple[int, int] | None = None) -> np
     """
     raw = read_whole_numbers(path) if shape is None else _decompressed(path, shape, np.dtype(np.uint8))
     return raw > 0
+
+
+def _only_channel(path: Path) -> np.ndarray:
+    """(H, W) float: the depth of an OpenEXR file, its channel Z or else the first.
+
+    Raises:
+        PocketGSError: the file is missing, damaged or far too large.
+    """
+    if not path.is_file():
+        raise PocketGSError(f"{path}: no such file, expected a depth map")
+    openexr = importlib.import_module("OpenEXR")  # loaded where it is needed only
+    try:
+        first, last = openexr.File(str(path), header_only=True).header()["dataWindow"]
+        if max(last - first) >= LARGEST_SIDE:
+            raise ValueError(f"{last - first + 1} pixels, expected at most {LARGEST_SIDE} a side")
+        channels = openexr.File(str(path), separate_channels=True).channels()
+        return np.array(channels["Z" if "Z" in channels else sorted(channels)[0]].pixels)
+    except Exception as error:  # the library raises several kinds
+        raise PocketGSError(f"{path}: no readable OpenEXR file ({error})") from error
 
 
 def lzfse_is_installed() -> bool:

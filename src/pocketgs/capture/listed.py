@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from pocketgs.capture.capture import Capture, Frame
+from pocketgs.capture.capture import Capture, Frame, Result
 from pocketgs.capture.image_file import DECODING, DECODING_ALPHA, ImageHeader, read_header
 from pocketgs.capture.lens import inner_rectangle
 from pocketgs.capture.listing import FrameSource, Listing
@@ -15,13 +16,14 @@ from pocketgs.capture.loading import (
     Preparation,
     camera_of_size,
     load_frames,
+    map_frames,
     refers_to_turned_pixels,
     size_after,
 )
 from pocketgs.capture.video_file import VideoFrame
 from pocketgs.errors import PocketGSError
 from pocketgs.memory_bound import require_memory, room_for
-from pocketgs.opening import folder_of, reading_inside
+from pocketgs.opening import reading_inside
 
 RGB_BYTES = 3
 
@@ -65,6 +67,35 @@ class Outline:
     def image_bytes(self) -> int:
         """Memory that all photographs take, with what belongs to them."""
         return self.pixel_bytes * sum(width * height for width, height in (*self.training, *self.held_out))
+
+
+@dataclass(frozen=True)
+class StoredPhotographs:
+    """Photographs in their files: `pocketgs.capture.capture.Photographs`.
+
+    Attributes:
+        sources: the frames.
+        preparation: what is done to every image; sizes in it do not count here.
+    """
+
+    sources: list[FrameSource]
+    preparation: Preparation
+
+    @cached_property
+    def longest_side(self) -> int:
+        """Pixels of the longest side that any photograph is stored with."""
+        headers = [_header(source) for source in self.sources]
+        return max(max(header.width, header.height) for header in headers)
+
+    def map(self, look: Callable[[Frame], Result], max_size: int) -> dict[str, Result]:
+        """What `look` makes of every frame, by name, decoded at most `max_size` pixels a side.
+
+        Raises:
+            PocketGSError: a photograph cannot be used.
+        """
+        preparation = replace(self.preparation, downscale=1.0, max_size=max_size)
+        found = map_frames(self.sources, preparation, look)
+        return dict(zip((source.name for source in self.sources), found, strict=True))
 
 
 @dataclass(frozen=True)
@@ -120,7 +151,7 @@ class ListedCapture:
             PocketGSError: one cannot be used.
         """
         preparation = self._prepared(shrink)
-        loaded = load_frames(self.listing.frames, preparation, folder_of(self.path), self._workers(shrink))
+        loaded = load_frames(self.listing.frames, preparation, self._workers(shrink))
         frames = [frame for frame in loaded if frame.mask is None or frame.mask.any()]
         warnings = self.listing.warnings + _masked_out_warning(loaded, frames)
         if all(frame.name in self.held_out_names for frame in frames):
@@ -134,14 +165,16 @@ class ListedCapture:
             points=self.listing.points,
             background=preparation.background,
             metric=self.listing.metric,
+            origin=self.listing.origin,
             protocol=", ".join([describe_images(self.listing.frames, frames, preparation), self.split]),
             warnings=warnings,
+            photographs=StoredPhotographs(self.listing.frames, self.preparation),
         )
 
     @cached_property
     def _headers(self) -> dict[str, ImageHeader]:
         """By the frame's name."""
-        with reading_inside(folder_of(self.path)):
+        with reading_inside(self.preparation.folder):
             return {source.name: _header(source) for source in self.listing.frames}
 
     def _workers(self, shrink: int) -> int:

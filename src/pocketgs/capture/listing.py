@@ -53,6 +53,7 @@ class Listing:
         points: the capture's own cloud, or None.
         background: what to composite images with alpha on when the caller names nothing else.
         metric: whether lengths are metres.
+        origin: where the origin of these coordinates lies in the world of the files, see `pocketgs.capture.origin`.
         warnings: what the user should know.
     """
 
@@ -62,4 +63,5 @@ class Listing:
     points: PointCloud | None = None
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
     metric: bool = False
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     warnings: tuple[str, ...] = field(default=())

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import groupby, islice
 from pathlib import Path
 
@@ -14,7 +12,7 @@ import cv2
 import numpy as np
 
 from pocketgs.camera import Camera
-from pocketgs.capture.capture import Frame
+from pocketgs.capture.capture import Frame, Result
 from pocketgs.capture.depth_file import read_depth, read_reliable
 from pocketgs.capture.image_file import ImageHeader, read_colour, read_header
 from pocketgs.capture.lens import forget_undistortions, undistortion
@@ -22,6 +20,7 @@ from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.mask_file import read_mask
 from pocketgs.capture.paths import CaptureFile
 from pocketgs.capture.video_file import VideoFrame, read_frames
+from pocketgs.cores import usable_cores
 from pocketgs.errors import PocketGSError
 from pocketgs.opening import reading_inside
 
@@ -40,38 +39,56 @@ class Preparation:
         undistort: whether to undo the lens; otherwise images stay as published and are treated as pinhole ones.
         downscale: factor, at least 1, by which images shrink.
         max_size: bound on the longer side in pixels, or None.
+        folder: that the files may not leave, see `reading_inside`; None for wherever they lie.
     """
 
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
     undistort: bool = True
     downscale: float = 1.0
     max_size: int | None = None
+    folder: Path | None = None
 
 
-def load_frames(
-    sources: Sequence[FrameSource], preparation: Preparation, folder: Path | None = None, workers: int = MOST_WORKERS
-) -> list[Frame]:
+def load_frames(sources: Sequence[FrameSource], preparation: Preparation, workers: int = MOST_WORKERS) -> list[Frame]:
     """Load frames in parallel, in order. Only as many full-size images as there are workers exist at any time.
 
     Args:
         sources: the frames as listed.
         preparation: what is done to every image.
-        folder: that their files may not leave, see `reading_inside`.
         workers: most images to decode at the same time.
 
     Raises:
         PocketGSError: as `load_frame`, for the first frame that fails.
     """
-    frames: list[Frame] = []
+    return map_frames(sources, preparation, lambda frame: frame, workers)
+
+
+def map_frames(
+    sources: Sequence[FrameSource],
+    preparation: Preparation,
+    look: Callable[[Frame], Result],
+    workers: int = MOST_WORKERS,
+) -> list[Result]:
+    """What `look` makes of every frame, in order. It is called in parallel, and frames are kept only if it keeps them.
+
+    Raises:
+        PocketGSError: as `load_frame`, for the first frame that fails.
+    """
+    found: list[Result] = []
     try:
-        threads = min(workers, MOST_WORKERS, os.cpu_count() or 1)
-        with reading_inside(folder), ThreadPoolExecutor(threads) as pool:
+        threads = min(MOST_WORKERS, usable_cores(), workers)
+        with reading_inside(preparation.folder), ThreadPoolExecutor(threads) as pool:
+
+            def load(source: FrameSource) -> Result:
+                with reading_inside(preparation.folder):  # threads do not know of each other's
+                    return look(load_frame(source, preparation))
+
             for video, group in groupby(sources, key=_video_of):
                 if video is None:
-                    frames.extend(pool.map(partial(_load_inside, folder, preparation), group))
+                    found.extend(pool.map(load, group))
                 else:
-                    frames.extend(_load_from_video(video, list(group), preparation, folder, pool))
-        return frames
+                    found.extend(_map_video(video, list(group), preparation, look, pool))
+        return found
     finally:
         forget_undistortions()
 
@@ -80,26 +97,24 @@ def _video_of(source: FrameSource) -> Path | None:
     return source.image.path if isinstance(source.image, VideoFrame) else None
 
 
-def _load_from_video(
-    video: Path, sources: list[FrameSource], preparation: Preparation, folder: Path | None, pool: ThreadPoolExecutor
-) -> Iterator[Frame]:
+def _map_video(
+    video: Path,
+    sources: list[FrameSource],
+    preparation: Preparation,
+    look: Callable[[Frame], Result],
+    pool: ThreadPoolExecutor,
+) -> Iterator[Result]:
     """Decode a video once, in order; a few frames at a time are then prepared in parallel."""
     indices = [source.image.index for source in sources if isinstance(source.image, VideoFrame)]
     images = (image for _, image in read_frames(video, indices, upright=False))
     pairs = zip(sources, images, strict=True)
 
-    def finish(pair: tuple[FrameSource, np.ndarray]) -> Frame:
-        with reading_inside(folder):
-            return prepared(pair[0], pair[1], None, preparation)
+    def finish(pair: tuple[FrameSource, np.ndarray]) -> Result:
+        with reading_inside(preparation.folder):
+            return look(prepared(pair[0], pair[1], None, preparation))
 
     while batch := list(islice(pairs, MOST_WORKERS)):
         yield from pool.map(finish, batch)
-
-
-def _load_inside(folder: Path | None, preparation: Preparation, source: FrameSource) -> Frame:
-    """`load_frame` in a thread of its own, of which `reading_inside` knows nothing yet."""
-    with reading_inside(folder):
-        return load_frame(source, preparation)
 
 
 def load_frame(source: FrameSource, preparation: Preparation) -> Frame:

@@ -10,14 +10,11 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path, PureWindowsPath
 
-from pocketgs.capture.paths import existing_file, inside, is_image, relative_name
+from pocketgs.capture.paths import existing_file, inside, is_folder_of_photographs, is_image, relative_name
 from pocketgs.errors import PocketGSError
 
 DEEPEST = 4
 """Folders inside each other that are searched."""
-
-OTHER_PICTURES = ("mask", "depth", "conf", "normal", "seg", "label", "thumb", "preview", "held_out", ".", "__")
-"""How the names of folders begin whose pictures may bear photographs' names and are none."""
 
 
 def find_images(
@@ -114,7 +111,7 @@ def _images_below(folder: Path) -> list[Path]:
     for place, folders, files in os.walk(folder):
         path = Path(place)
         deep = len(path.relative_to(folder).parts) >= DEEPEST
-        folders[:] = [] if deep else sorted(name for name in folders if not name.lower().startswith(OTHER_PICTURES))
+        folders[:] = [] if deep else sorted(name for name in folders if is_folder_of_photographs(path / name))
         found += [path / name for name in sorted(files) if is_image(path / name) and not (path / name).is_symlink()]
     return found
 

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
 from pocketgs.background import checked_background
-from pocketgs.capture import blender, colmap, llff, nerfstudio, polycam, record3d, stray_scanner
+from pocketgs.capture import blender, colmap, llff, nerfstudio, polycam, record3d, scanner_app, stray_scanner
 from pocketgs.capture import masks as masks_of
 from pocketgs.capture.capture import Capture
 from pocketgs.capture.hold_out import choose_held_out
 from pocketgs.capture.listed import ListedCapture
 from pocketgs.capture.listing import Listing
 from pocketgs.capture.loading import Preparation
-from pocketgs.capture.unposed import holds_photographs
+from pocketgs.capture.origin import near_origin
+from pocketgs.capture.unposed import find_photographs_in, holds_photographs
 from pocketgs.errors import PocketGSError
 from pocketgs.opening import folder_of, reading_inside
 
@@ -35,7 +37,7 @@ class Reader(Protocol):
 # The first that recognises a folder reads it. A phone app's own data says more than what has been converted from it, a
 # blender split more than a single transforms.json, and COLMAP's full calibration more than poses_bounds.npy, where a
 # folder has both.
-READERS: tuple[Reader, ...] = (stray_scanner, record3d, polycam, blender, nerfstudio, colmap, llff)
+READERS: tuple[Reader, ...] = (stray_scanner, record3d, scanner_app, polycam, blender, nerfstudio, colmap, llff)
 
 
 def open_capture(
@@ -102,11 +104,13 @@ def list_capture(
     """
     path = Path(path)
     _check_options(downscale, max_size, background, hold_out_every)
-    listing = masks_of.with_masks(read_listing(path, images), path if path.is_dir() else path.parent, masks)
+    listing = read_listing(path, images)
+    folder = located(path)
+    listing = masks_of.with_masks(listing, folder if folder.is_dir() else folder.parent, masks)
     held_out_names, split = choose_held_out(listing, hold_out_every)
     if all(frame.name in held_out_names for frame in listing.frames):
         raise PocketGSError(f"{path}: all of its {len(listing.frames)} frames are held out, expected one to train on")
-    preparation = Preparation(background or listing.background, undistort, downscale or 1.0, max_size)
+    preparation = Preparation(background or listing.background, undistort, downscale or 1.0, max_size, folder_of(path))
     return ListedCapture(_name(path), path, listing, held_out_names, split, preparation, downscale is not None)
 
 
@@ -117,17 +121,21 @@ def read_listing(path: Path, images: str | None = None) -> Listing:
         PocketGSError: no format is recognised, the capture is malformed, or it has no frames.
     """
     try:
-        with reading_inside(folder_of(path)):
-            listing = _reader_for(path).read(path, images)
+        place = located(path)
+        with reading_inside(folder_of(place)):
+            listing = _reader_for(place).read(place, images)
     except OSError as error:  # such as a folder that may not be entered
         raise PocketGSError(f"{path}: cannot be read ({error})") from error
+    if place != path:
+        found = f"{path}: no capture itself, the one in its folder {place.name} is taken"
+        listing = replace(listing, warnings=(found, *listing.warnings))
     names = [frame.name for frame in listing.frames]
     if not names:
         raise PocketGSError(f"{path}: lists no frame, expected at least one")
     if len(set(names)) < len(names):
         repeated = next(name for name in names if names.count(name) > 1)
         raise PocketGSError(f"{path}: lists the image {repeated} more than once, expected each once")
-    return listing
+    return near_origin(listing)
 
 
 def holds_capture(path: Path) -> bool:
@@ -137,7 +145,21 @@ def holds_capture(path: Path) -> bool:
 
 def lacks_poses(path: Path) -> bool:
     """Whether the path is a video or a folder of photographs, and no capture of a known format."""
-    return holds_photographs(path) and not holds_capture(path)
+    return holds_photographs(path) and not holds_capture(located(path))
+
+
+def located(path: Path) -> Path:
+    """The path itself, or, where it is no capture, the only one of the folders in it that is one.
+
+    Archives are often unpacked into a folder of their own, which then holds one folder.
+
+    Raises:
+        OSError: the folder may not be entered.
+    """
+    if not path.is_dir() or holds_capture(path) or find_photographs_in(path):
+        return path
+    captures = [folder for folder in sorted(path.iterdir()) if folder.is_dir() and holds_capture(folder)]
+    return captures[0] if len(captures) == 1 else path
 
 
 def _reader_for(path: Path) -> Reader:

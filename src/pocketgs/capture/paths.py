@@ -14,6 +14,9 @@ CaptureFile: TypeAlias = Path | zipfile.Path
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".mpo", ".heic", ".heif", ".tif", ".tiff", ".webp", ".bmp"})
 
+OTHER_PICTURES = ("mask", "depth", "conf", "normal", "seg", "label", "thumb", "preview", "held_out", ".", "__")
+"""How the names of folders begin whose pictures may bear photographs' names and are none."""
+
 
 def inside(folder: Path, name: str, named_in: str) -> Path:
     """The path of `name` inside `folder`, whether or not it exists.
@@ -79,3 +82,8 @@ def list_images(folder: Path) -> list[Path]:
 def is_image(path: Path) -> bool:
     """Whether a path is a file with an image's suffix, and none of the hidden ones that macOS puts beside others."""
     return path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".") and path.is_file()
+
+
+def is_folder_of_photographs(path: Path) -> bool:
+    """Whether a path is a folder whose images are photographs, as far as its name tells."""
+    return path.is_dir() and not path.name.lower().startswith(OTHER_PICTURES)

@@ -11,6 +11,12 @@ ROTATION_TOLERANCE = 1e-2
 LARGEST_COORDINATE = 1e9
 SMALLEST_FOCAL_LENGTH, LARGEST_INTRINSIC = 1e-2, 1e7
 
+ARKIT_PIXEL_CENTRE = 0.5
+"""What to add to ARKit's principal point, which counts from the centre of the top left pixel, ours from its corner.
+
+The projection matrices of a real recording put it there, to 0.0001 pixels.
+"""
+
 
 def world_to_camera_of(rotation: np.ndarray, translation: np.ndarray, where: str) -> np.ndarray:
     """(4, 4) world_to_camera from its rotation and translation.

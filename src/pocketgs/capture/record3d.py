@@ -1,35 +1,71 @@
-"""Record3D: an iPhone's RGB-D recording, as an exported .r3d archive or unpacked.
+"""Record3D: an iPhone's RGB-D recording, as an exported .r3d archive or unpacked, or as its export "EXR + JPG".
 
-The layout is as the app's author describes it in issues 27, 93 and 99 of marek-simonik/record3d.
+The layout of archives is as the app's author describes it in issues 27, 93 and 99 of marek-simonik/record3d; that of
+the export is what a real one holds. Both have the same metadata.
 """
 
 from __future__ import annotations
 
 import zipfile
-from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from pocketgs.capture.depth_file import LZFSE_PACKAGE, lzfse_is_installed
-from pocketgs.capture.image_file import read_grey
 from pocketgs.capture.json_fields import Fields, parse_json
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.paths import CaptureFile, existing_file
 from pocketgs.capture.poses import camera_at, rotation_from_quaternion, world_to_camera_from_axes
-from pocketgs.capture.sharpness import MOST_FRAMES, REDUCED_SIDE, sharpest_in_windows, sharpness, thinning_warning
+from pocketgs.capture.sharpness import sharpest_photographs, thinning_warning
 from pocketgs.errors import PocketGSError
 from pocketgs.opening import read_bytes
 
 FORMAT = "record3d"
-LOOKED_FOR = "a .r3d file, or metadata and rgbd/"
+LOOKED_FOR = "a .r3d file, or metadata and rgbd/, or metadata.json and rgb/ with poses"
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the parts of a recording lie; `{}` stands for a frame's number, which counts the poses too.
+
+    Attributes:
+        metadata, image, depth, confidence: paths inside the recording.
+        compressed: whether depths and confidences are compressed with LZFSE.
+    """
+
+    metadata: str
+    image: str
+    depth: str
+    confidence: str
+    compressed: bool
+
+
+ARCHIVE = Layout("metadata", "rgbd/{}.jpg", "rgbd/{}.depth", "rgbd/{}.conf", compressed=True)
+EXPORT = Layout("metadata.json", "rgb/{}.jpg", "depth/{}.exr", "conf/{}.png", compressed=False)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The files of a recording, in a folder or in an archive."""
+
+    root: CaptureFile
+    layout: Layout
+
+    def file(self, part: str, number: int | None = None) -> CaptureFile | None:
+        """The file of a part, as `Layout` names it, or None where it is absent."""
+        name = getattr(self.layout, part).format(number)
+        if isinstance(self.root, Path):
+            return existing_file(self.root, name, str(self.root))
+        member = self.root / name
+        return member if member.is_file() else None
 
 
 def recognises(path: Path) -> bool:
-    """Whether the path is a .r3d file or a folder with the content of one."""
+    """Whether the path is a .r3d file, a folder with the content of one, or an export as EXR and JPG."""
     if path.is_file():
         return path.suffix.lower() == ".r3d"
-    return (path / "metadata").is_file() and (path / "rgbd").is_dir()
+    return _is_unpacked(path) or _is_export(path)
 
 
 def read(path: Path, images: str | None = None) -> Listing:
@@ -40,47 +76,57 @@ def read(path: Path, images: str | None = None) -> Listing:
             `images` is given, for which the format has no use.
     """
     if images is not None:
-        raise PocketGSError(f"{path}: images='{images}' given, but Record3D's captures keep theirs in rgbd")
-    root = path if path.is_dir() else _archive(path)
-    metadata = _read_metadata(root)
+        raise PocketGSError(f"{path}: images='{images}' given, but Record3D's captures have one folder of images")
+    archived = path.is_file() or _is_unpacked(path)
+    recording = Recording(path if path.is_dir() else _archive(path), ARCHIVE if archived else EXPORT)
+    metadata = _read_metadata(recording)
     poses = metadata.matrix("poses", columns=7)
     if len(poses) > 1 and np.all(poses == poses[0]):
         raise PocketGSError(
             f"{metadata.where}: all {len(poses)} poses are the same; recordings of the selfie camera have none"
         )
-    files = {index: _member(root, f"rgbd/{index}.jpg") for index in range(len(poses))}
-    present = {index: file for index, file in files.items() if file is not None}
+    files = {number: recording.file("image", number) for number in range(len(poses))}
+    present = {number: file for number, file in files.items() if file is not None}
     if not present:
-        raise PocketGSError(f"{metadata.where}: none of its {len(poses)} poses has an image rgbd/N.jpg")
-    chosen = _sharpest(present)
+        expected = recording.layout.image.format("N")
+        raise PocketGSError(f"{metadata.where}: none of its {len(poses)} poses has an image {expected}")
+    chosen = sharpest_photographs(present)
     intrinsics = _intrinsics(metadata, len(poses))
-    depth_shape, depth_warning = _depth_shape(root, metadata, chosen[0])
-    frames = [
-        _frame(root, metadata, index, present[index], poses[index], intrinsics[index], depth_shape) for index in chosen
-    ]
-    warnings = _mismatch_warning(root, metadata, len(present), len(poses)) + depth_warning
-    return Listing(
-        FORMAT, frames, metric=True, warnings=warnings + thinning_warning(str(path), len(chosen), len(present))
-    )
+    frames = [_frame(recording, metadata, number, poses[number], intrinsics[number]) for number in chosen]
+    warnings = _mismatch_warning(recording, metadata, len(present), len(poses))
+    if recording.layout.compressed and frames[0].depth_path is not None and not lzfse_is_installed():
+        frames = [replace(frame, depth_path=None, confidence_path=None) for frame in frames]
+        warnings += (f"{path}: its depth maps are left out, reading them needs the package {LZFSE_PACKAGE}",)
+    warnings += thinning_warning(str(path), len(chosen), len(present))
+    return Listing(FORMAT, frames, metric=True, warnings=warnings)
+
+
+def _is_unpacked(path: Path) -> bool:
+    return (path / ARCHIVE.metadata).is_file() and (path / "rgbd").is_dir()
+
+
+def _is_export(path: Path) -> bool:
+    """Other programs have a metadata.json too: only Record3D's holds poses and the camera's matrix K."""
+    file = path / EXPORT.metadata
+    if not file.is_file() or not (path / "rgb").is_dir():
+        return False
+    content = file.read_bytes()
+    return b'"poses"' in content and b'"K"' in content
 
 
 def _frame(
-    root: CaptureFile,
-    metadata: Fields,
-    index: int,
-    image: CaptureFile,
-    pose: np.ndarray,
-    intrinsics: np.ndarray,
-    depth_shape: tuple[int, int] | None,
+    recording: Recording, metadata: Fields, number: int, pose: np.ndarray, intrinsics: np.ndarray
 ) -> FrameSource:
-    where = f"{metadata.where}, frame {index}"
+    where = f"{metadata.where}, frame {number}"
     qx, qy, qz, qw = pose[:4]
     # From camera to world, in OpenGL axes: x right, y up, z back (issues 36 and 64).
     axes = rotation_from_quaternion(np.array([qw, qx, qy, qz]), where) * np.array([1.0, -1.0, -1.0])
     fx, fy, cx, cy = intrinsics
-    depth = None if depth_shape is None else _member(root, f"rgbd/{index}.depth")
+    image, depth = recording.file("image", number), recording.file("depth", number)
+    assert image is not None
+    compressed = depth is not None and recording.layout.compressed
     return FrameSource(
-        name=f"rgbd/{index}.jpg",
+        name=recording.layout.image.format(number),
         image=image,
         camera=camera_at(
             where,
@@ -91,8 +137,8 @@ def _frame(
         ),
         depth_path=depth,
         depth_unit=1.0,
-        depth_shape=depth_shape,
-        confidence_path=None if depth is None else _member(root, f"rgbd/{index}.conf"),
+        depth_shape=(round(metadata.number("dh")), round(metadata.number("dw"))) if compressed else None,
+        confidence_path=None if depth is None else recording.file("confidence", number),
     )
 
 
@@ -103,18 +149,10 @@ def _archive(path: Path) -> zipfile.Path:
         raise PocketGSError(f"{path}: not a readable .r3d archive ({error})") from error
 
 
-def _member(root: CaptureFile, name: str) -> CaptureFile | None:
-    """A file of the recording, or None where it is absent."""
-    if isinstance(root, Path):
-        return existing_file(root, name, str(root))
-    member = root / name
-    return member if member.is_file() else None
-
-
-def _read_metadata(root: CaptureFile) -> Fields:
-    file = _member(root, "metadata")
+def _read_metadata(recording: Recording) -> Fields:
+    file = recording.file("metadata")
     if file is None:
-        raise PocketGSError(f"{root}: no file metadata, expected the content of a .r3d archive")
+        raise PocketGSError(f"{recording.root}: no file metadata, expected the content of a .r3d archive")
     try:
         content = read_bytes(file)
     except PocketGSError:
@@ -122,16 +160,6 @@ def _read_metadata(root: CaptureFile) -> Fields:
     except Exception as error:
         raise PocketGSError(f"{file}: cannot be read ({error})") from error
     return parse_json(content, str(file))
-
-
-def _sharpest(files: dict[int, CaptureFile]) -> list[int]:
-    """The numbers of the frames to use, ascending."""
-    if len(files) <= MOST_FRAMES:
-        return list(files)
-    with ThreadPoolExecutor() as pool:
-        values = list(pool.map(lambda file: sharpness(read_grey(file, REDUCED_SIDE)), files.values()))
-    indices = list(files)
-    return [indices[place] for place in sharpest_in_windows(values, MOST_FRAMES)]
 
 
 def _intrinsics(metadata: Fields, count: int) -> np.ndarray:
@@ -148,18 +176,9 @@ def _intrinsics(metadata: Fields, count: int) -> np.ndarray:
     return np.tile([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]], (count, 1))
 
 
-def _depth_shape(root: CaptureFile, metadata: Fields, example: int) -> tuple[tuple[int, int] | None, tuple[str, ...]]:
-    """Rows and columns of the depth maps, None if there are none that can be read; and what to warn of."""
-    if _member(root, f"rgbd/{example}.depth") is None:
-        return None, ()
-    if not lzfse_is_installed():
-        return None, (f"{root}: its depth maps are left out, reading them needs the package {LZFSE_PACKAGE}",)
-    return (round(metadata.number("dh")), round(metadata.number("dw"))), ()
-
-
-def _mismatch_warning(root: CaptureFile, metadata: Fields, present: int, poses: int) -> tuple[str, ...]:
+def _mismatch_warning(recording: Recording, metadata: Fields, present: int, poses: int) -> tuple[str, ...]:
     if present < poses:
         return (f"{metadata.where}: {poses - present} of {poses} poses have no image",)
-    if _member(root, f"rgbd/{poses}.jpg") is not None:
+    if recording.file("image", poses) is not None:
         return (f"{metadata.where}: lists {poses} poses, the images beyond them are left out",)
     return ()

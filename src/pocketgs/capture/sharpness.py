@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
 
+from pocketgs.capture.image_file import read_grey
+from pocketgs.capture.paths import CaptureFile
 from pocketgs.errors import PocketGSError
 
 REDUCED_SIDE = 640
@@ -40,6 +43,20 @@ def sharpest_in_windows(values: Sequence[float], count: int) -> list[int]:
     windows = np.array_split(np.asarray(values, dtype=np.float64), min(count, max(1, len(values))))
     starts = np.cumsum([0, *map(len, windows[:-1])])
     return [int(start + window.argmax()) for start, window in zip(starts, windows, strict=True) if window.size]
+
+
+def sharpest_photographs(files: Mapping[int, CaptureFile], most: int = MOST_FRAMES) -> list[int]:
+    """The numbers of a recording's photographs to use, ascending: all, or the sharpest of each of `most` stretches.
+
+    Raises:
+        PocketGSError: there are more than `most` and one cannot be decoded.
+    """
+    if len(files) <= most:
+        return sorted(files)
+    numbers = sorted(files)
+    with ThreadPoolExecutor() as pool:
+        values = list(pool.map(lambda number: sharpness(read_grey(files[number], REDUCED_SIDE)), numbers))
+    return [numbers[place] for place in sharpest_in_windows(values, most)]
 
 
 def thinning_warning(where: str, chosen: int, available: int) -> tuple[str, ...]:

@@ -6,13 +6,15 @@ The layout is that of docs/format.md in the app's repository, strayrobots/scanne
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.paths import existing_file
-from pocketgs.capture.poses import camera_at, rotation_from_quaternion, world_to_camera_from_axes
+from pocketgs.capture.poses import ARKIT_PIXEL_CENTRE, camera_at, rotation_from_quaternion, world_to_camera_from_axes
 from pocketgs.capture.sharpness import MOST_FRAMES, sharpest_in_windows, thinning_warning
 from pocketgs.capture.video_file import VideoFrame, sharpness_of_frames, video_info
 from pocketgs.errors import PocketGSError
@@ -22,6 +24,15 @@ FORMAT = "stray-scanner"
 LOOKED_FOR = "odometry.csv and camera_matrix.csv"
 VIDEO, ODOMETRY, CAMERA_MATRIX = "rgb.mp4", "odometry.csv", "camera_matrix.csv"
 POSE_COLUMNS = ("frame", "x", "y", "z", "qx", "qy", "qz", "qw")
+INTRINSIC_COLUMNS = ("fx", "fy", "cx", "cy")
+
+
+@dataclass(frozen=True)
+class Odometry:
+    """What a line of `odometry.csv` states: the pose, (4, 4) world to camera, and fx, fy, cx, cy or None."""
+
+    pose: np.ndarray
+    intrinsics: tuple[float, ...] | None
 
 
 def recognises(path: Path) -> bool:
@@ -44,7 +55,8 @@ def read(path: Path, images: str | None = None) -> Listing:
     if video is None:
         raise PocketGSError(f"{path}: no {VIDEO}, expected the video that {ODOMETRY} belongs to")
     matrix = _read_camera_matrix(path / CAMERA_MATRIX)
-    poses = _read_poses(path / ODOMETRY)
+    shared = (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
+    poses = _read_odometry(path / ODOMETRY)
     sharpness = sharpness_of_frames(video)
     posed = [index for index in poses if index < len(sharpness)]
     if not posed:
@@ -52,22 +64,22 @@ def read(path: Path, images: str | None = None) -> Listing:
     chosen = [posed[place] for place in sharpest_in_windows([sharpness[index] for index in posed], MOST_FRAMES)]
     # Poses and intrinsics refer to the sensor's pixels, so the video is read as stored.
     info = video_info(video, upright=False)
-    frames = [_frame(path, video, index, matrix, (info.width, info.height), poses[index]) for index in chosen]
+    frames = [_frame(path, video, index, shared, (info.width, info.height), poses[index]) for index in chosen]
     warnings = _mismatch_warning(path, len(posed), len(poses), len(sharpness))
     warnings += thinning_warning(str(video), len(chosen), len(posed))
     return Listing(FORMAT, frames, metric=True, warnings=warnings)
 
 
 def _frame(
-    path: Path, video: Path, index: int, matrix: np.ndarray, size: tuple[int, int], pose: np.ndarray
+    path: Path, video: Path, index: int, shared: tuple[float, ...], size: tuple[int, int], odometry: Odometry
 ) -> FrameSource:
-    where = str(path / CAMERA_MATRIX)
+    where = f"{path / (CAMERA_MATRIX if odometry.intrinsics is None else ODOMETRY)}, frame {index}"
+    fx, fy, cx, cy = odometry.intrinsics or shared
     depth = existing_file(path, f"depth/{index:06d}", str(path), (".png", ".npy"))
     return FrameSource(
         name=f"{VIDEO}/{index:06d}",
         image=VideoFrame(video, index),
-        # ARKit counts the principal point from the corner of the top left pixel, as we do (ARCamera.intrinsics).
-        camera=camera_at(where, size, (matrix[0, 0], matrix[1, 1]), (matrix[0, 2], matrix[1, 2]), pose),
+        camera=camera_at(where, size, (fx, fy), (cx + ARKIT_PIXEL_CENTRE, cy + ARKIT_PIXEL_CENTRE), odometry.pose),
         depth_path=depth,
         confidence_path=None if depth is None else existing_file(path, f"confidence/{index:06d}.png", str(path)),
     )
@@ -91,37 +103,52 @@ def _read_camera_matrix(path: Path) -> np.ndarray:
     return matrix
 
 
-def _read_poses(path: Path) -> dict[int, np.ndarray]:
-    """World to camera by number of the video frame, ascending."""
+def _read_odometry(path: Path) -> dict[int, Odometry]:
+    """Pose and intrinsics by number of the video frame, ascending."""
     rows = _read_rows(path)
     header = [name.lower() for name in rows[0][1]] if rows else []
     if not set(POSE_COLUMNS) <= set(header):
         raise PocketGSError(f"{path}: its first line is not a header with the columns {', '.join(POSE_COLUMNS)}")
-    poses: dict[int, np.ndarray] = {}
+    found: dict[int, Odometry] = {}
     for line, row in rows[1:]:
         where = f"{path}, line {line}"
         if len(row) != len(header):
             raise PocketGSError(f"{where}: holds {len(row)} values, expected {len(header)} as in the header")
-        index, pose = _pose(dict(zip(header, row, strict=True)), where)
-        if index in poses:
+        values = dict(zip(header, row, strict=True))
+        index = _frame_number(values, where)
+        if index in found:
             raise PocketGSError(f"{where}: a second pose of frame {index}, expected one")
-        poses[index] = pose
-    return dict(sorted(poses.items()))
+        found[index] = Odometry(_pose(values, where), _intrinsics(values, where))
+    return dict(sorted(found.items()))
 
 
-def _pose(row: dict[str, str], where: str) -> tuple[int, np.ndarray]:
-    """Number of the frame, and world to camera."""
-    try:
-        index = int(row["frame"])
-        x, y, z, qx, qy, qz, qw = (float(row[name]) for name in POSE_COLUMNS[1:])
-    except ValueError as error:
-        raise PocketGSError(f"{where}: not a number where one is expected ({error})") from error
-    if index < 0:
-        raise PocketGSError(f"{where}: frame {index}, expected a number from 0")
+def _frame_number(row: dict[str, str], where: str) -> int:
+    index = _numbers(row, ("frame",), where)[0]
+    if index < 0 or not index.is_integer():
+        raise PocketGSError(f"{where}: frame {row['frame']}, expected a whole number from 0")
+    return int(index)
+
+
+def _pose(row: dict[str, str], where: str) -> np.ndarray:
+    """World to camera."""
+    x, y, z, qx, qy, qz, qw = _numbers(row, POSE_COLUMNS[1:], where)
     # The app turns ARKit's camera by 180 degrees about x before it writes the rotation from camera to world
     # (OdometryEncoder.swift, q_AC): the axes are OpenCV's already.
     axes = rotation_from_quaternion(np.array([qw, qx, qy, qz]), where)
-    return index, world_to_camera_from_axes(axes, np.array([x, y, z]), where)
+    return world_to_camera_from_axes(axes, np.array([x, y, z]), where)
+
+
+def _intrinsics(row: dict[str, str], where: str) -> tuple[float, ...] | None:
+    """fx, fy, cx, cy, or None where the app's version does not state them for each frame."""
+    stated = all(row.get(name) for name in INTRINSIC_COLUMNS)
+    return _numbers(row, INTRINSIC_COLUMNS, where) if stated else None
+
+
+def _numbers(row: dict[str, str], names: Sequence[str], where: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(row[name]) for name in names)
+    except ValueError as error:
+        raise PocketGSError(f"{where}: not a number where one is expected ({error})") from error
 
 
 def _read_rows(path: Path) -> list[tuple[int, list[str]]]:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pocketgs.capture.paths import list_images
+from pocketgs.capture.paths import IMAGE_SUFFIXES, is_folder_of_photographs, list_images
 from pocketgs.capture.video_file import VIDEO_SUFFIXES
 
-# Those image files that COLMAP reads too.
-PHOTOGRAPH_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp"})
-NESTED_FOLDER = "images"
+PHOTOGRAPH_SUFFIXES = IMAGE_SUFFIXES
+USUAL_FOLDER = "images"
 
 
 def is_video(path: Path) -> bool:
@@ -18,13 +17,21 @@ def is_video(path: Path) -> bool:
 
 
 def find_photographs(folder: Path) -> list[Path]:
-    """The photographs directly in a folder, or where it has none those in its folder `images`, sorted by name."""
-    for candidate in (folder, folder / NESTED_FOLDER):
-        if candidate.is_dir():
-            found = [path for path in list_images(candidate) if path.suffix.lower() in PHOTOGRAPH_SUFFIXES]
-            if found:
-                return found
-    return []
+    """The photographs directly in a folder, or where it has none those in its folder `images`, sorted by name.
+
+    Without either, those of the only folder in it that holds photographs.
+    """
+    for candidate in (folder, folder / USUAL_FOLDER):
+        if found := find_photographs_in(candidate):
+            return found
+    inner = [path for path in sorted(folder.iterdir()) if is_folder_of_photographs(path)] if folder.is_dir() else []
+    holding = [found for path in inner if (found := find_photographs_in(path))]
+    return holding[0] if len(holding) == 1 else []
+
+
+def find_photographs_in(folder: Path) -> list[Path]:
+    """The photographs directly in a folder, sorted by name; none if there is no such folder."""
+    return list_images(folder) if folder.is_dir() else []
 
 
 def holds_photographs(path: Path) -> bool:

@@ -28,6 +28,7 @@ from pocketgs.cli.flags import flags_of
 from pocketgs.cli.terminal import Terminal, printable
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.engine import EngineName
+from pocketgs.training_options import Effort
 
 
 @dataclass(frozen=True)
@@ -35,11 +36,13 @@ class Everywhere:
     """What all cells have in common.
 
     Attributes:
+        effort: What sizes the cells, see `pocketgs train`.
         iterations: Training steps of every cell.
         evaluate_every: Iterations between looks at the held-out views.
         engine: What renders and differentiates.
     """
 
+    effort: Effort = "quick"
     iterations: int = 500
     evaluate_every: int = 50
     engine: EngineName = "auto"
@@ -48,6 +51,7 @@ class Everywhere:
     def flags(self) -> tuple[str, ...]:
         """As flags of `pocketgs train`."""
         return (
+            *("--effort", self.effort),
             *("--iterations", str(self.iterations)),
             *("--evaluate-every", str(self.evaluate_every)),
             *("--engine", self.engine),

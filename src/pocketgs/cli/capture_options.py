@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pocketgs.capture import Capture, ListedCapture, list_capture
+from pocketgs.cli.terminal import Terminal
 
 
 @dataclass(frozen=True)
@@ -33,8 +34,11 @@ class CaptureOptions:
     masks: str = "found"
 
     def open(self, path: Path) -> Capture:
-        """Read the capture at `path`."""
-        return self.listed(path).load()
+        """Read the capture at `path`, and print on standard error what its reader warns of."""
+        capture = self.listed(path).load()
+        warnings = [f"warning: {warning}" for warning in capture.warnings]
+        Terminal(to_errors=True).say(*warnings, style="yellow")
+        return capture
 
     def listed(self, path: Path) -> ListedCapture:
         """What is known of the capture at `path` before its photographs are decoded."""

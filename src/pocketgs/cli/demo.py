@@ -17,7 +17,7 @@ from pocketgs.training_options import TrainingOptions
 def demo(
     output: Path = Path("output/demo"),
     capture: Path = Path("output/demo-capture"),
-    training: TrainingOptions = TrainingOptions(),  # noqa: B008 - a frozen dataclass
+    training: TrainingOptions = TrainingOptions(effort="quick"),  # noqa: B008 - a frozen dataclass
     page: FollowOptions = FollowOptions(),  # noqa: B008 - a frozen dataclass
 ) -> None:
     """Film a built-in scene with all the faults of a phone, and train on that: to see that everything works.
@@ -38,4 +38,4 @@ def demo(
 
     hint = "look at the pictures in held_out/ (photograph left, rendering right)"
     with memory_bound(training.max_memory):
-        show_run(Terminal(), work, page, "demo", training.iterations, closing_line=hint)
+        show_run(Terminal(), work, page, "demo", closing_line=hint)

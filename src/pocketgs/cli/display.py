@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -28,6 +29,7 @@ STAGES = {
     "poses": "matching features and refining poses",
     "depth": "computing depth (the first run compiles for it)",
     "fusion": "fusing depths into a cloud",
+    "coverage": "filling what the cloud leaves open",
     "planning": "planning",
     "points": "looking for points to start from",
     "seeding": "seeding Gaussians",
@@ -37,6 +39,9 @@ STAGES = {
     "evaluation": "evaluating the held-out views",
 }
 ITERATIONS_BETWEEN_LINES = 100
+SECONDS_BETWEEN_LINES = 10.0
+SECONDS_BEFORE_GUESSING = 2.0
+"""Before it says how long a stage will take."""
 
 
 class Display:
@@ -45,6 +50,8 @@ class Display:
     def __init__(self, console: Terminal) -> None:
         self._console = console
         self._live: Live | None = None
+        self._stage = ""
+        self._begun = self._next_line = 0.0
 
     @contextmanager
     def showing(self) -> Iterator[Reporter]:
@@ -64,13 +71,25 @@ class Display:
             on_progress=self._show_progress,
             on_warning=self._show_warning,
             on_plan=self._show_plan,
+            on_count=self._show_count,
         )
 
     def _show_stage(self, stage: str) -> None:
+        self._stage, self._begun = stage, time.monotonic()
+        self._next_line = self._begun + SECONDS_BETWEEN_LINES
         if stage in STAGES and self._live:
             self._live.update(Text(f"{STAGES[stage]} …"))
         elif stage == "compilation":
             self._console.say(STAGES[stage])
+
+    def _show_count(self, done: int, of: int) -> None:
+        now = time.monotonic()
+        line = count_line(self._stage, done, of, now - self._begun)
+        if self._live:
+            self._live.update(Text(line))
+        elif now >= self._next_line:
+            self._next_line = now + SECONDS_BETWEEN_LINES
+            self._console.print(line, markup=False, highlight=False, soft_wrap=True)
 
     def _show_capture(self, capture: Capture) -> None:
         for warning in capture.warnings:
@@ -109,6 +128,14 @@ def capture_lines(capture: Capture) -> list[str]:
     ]
 
 
+def count_line(stage: str, done: int, of: int, seconds: float) -> str:
+    """How much of a stage is done, and about how long the rest will take if it goes on like this."""
+    line = f"{STAGES.get(stage, stage)}: {done}/{of}"
+    if of / 10 < done < of and seconds >= SECONDS_BEFORE_GUESSING:
+        line += f", about {max(1, round(seconds / done * (of - done)))} s left"
+    return line
+
+
 def plan_line(plan: Plan) -> str:
     """What a run is planned to take, in one line."""
     parts = [f"photographs up to {plan.width}x{plan.height}", f"at most {plan.gaussians:,} Gaussians"]
@@ -122,15 +149,18 @@ def plan_line(plan: Plan) -> str:
 
 def prior_line(report: PriorReport) -> str:
     """What the geometry prior found, in one line."""
-    kept = sum(decision.kept for decision in report.decisions)
-    parts = [f"{kept} keyframes of {len(report.decisions)} frames"]
+    parts = [f"{report.keyframes} keyframes of {len(report.decisions)} frames"]
     if report.rmse is not None and report.rmse_given is not None:
         change = f"{report.rmse_given:.2f} -> {report.rmse:.2f} px" if report.poses_refined else f"{report.rmse:.2f} px"
         parts.append(f"{report.sparse_points:,} sparse points")
         parts.append(f"poses {'refined' if report.poses_refined else 'as given'} (reprojection {change})")
     if report.gains:
         parts.append("exposure from {:.0%} to {:.0%} evened out".format(*report.gains))
-    return "prior: " + ", ".join([*parts, f"cloud of {report.points:,} points"])
+    parts.append(f"cloud of {report.points:,} points")
+    if report.coverage is not None:
+        known = f" ({report.coverage_known:.1%} by known depths)"
+        parts.append(f"covers {report.coverage:.1%} of the training pixels{known}")
+    return "prior: " + ", ".join(parts)
 
 
 def progress_line(progress: Progress) -> str:

@@ -45,7 +45,7 @@ def info(
 
 
 def _path_lines(path: Path, reading: CaptureOptions) -> list[str]:
-    return _scene_lines(load_scene(path)) if names_scene(path) else _capture_lines(reading.open(path))
+    return _scene_lines(load_scene(path)) if names_scene(path) else _capture_lines(reading.listed(path).load())
 
 
 def _device_lines() -> list[str]:

@@ -27,10 +27,18 @@ def pose(
     """
     console = Terminal()
     with Display(console).showing() as reporter:
-        found = find_poses(images_or_video, output, options, on_stage=reporter.on_stage, on_warning=reporter.on_warning)
+        found = find_poses(
+            images_or_video,
+            output,
+            options,
+            on_stage=reporter.on_stage,
+            on_count=reporter.on_count,
+            on_warning=reporter.on_warning,
+        )
     lines = [
         f"{found.registered} of {found.frames} images posed, {found.points:,} points, "
-        f"mean reprojection error {found.reprojection_error:.2f} pixels",
+        f"mean reprojection error {found.reprojection_error:.2f} pixels"
+        + (", in metres by the photographs' GPS places" if found.metric else ""),
         f"capture in {found.folder}",
     ]
     console.say(*lines)

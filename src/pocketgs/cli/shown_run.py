@@ -15,7 +15,6 @@ def show_run(
     work: Callable[[Reporter], RunResult],
     page: FollowOptions,
     title: str,
-    iterations: int,
     closing_line: str | None = None,
 ) -> None:
     """Run, tell the terminal and the page of it, and print the result.
@@ -25,14 +24,13 @@ def show_run(
         work: the run, given whom to report to.
         page: whether and where a page follows it.
         title: of the page.
-        iterations: that the run is to take.
         closing_line: printed after the result.
 
     Raises:
         PocketGSError: the page cannot be served, or what the run raises.
     """
     display = Display(console)
-    with following(page, title, iterations) as followed:
+    with following(page, title) as followed:
         with display.showing() as shown:
             result = work(followed.reporter(shown) if followed else shown)
         if followed:

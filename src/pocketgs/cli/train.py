@@ -55,9 +55,16 @@ def train(
             found = folder / "posed" / name
             message = f"{capture} holds no poses: those that structure from motion finds are kept in {found}"
             console.say(message)
-            return reading.listed(posed(capture, found, on_stage=reporter.on_stage, on_warning=reporter.on_warning))
+            made = posed(
+                capture,
+                found,
+                on_stage=reporter.on_stage,
+                on_count=reporter.on_count,
+                on_warning=reporter.on_warning,
+            )
+            return reading.listed(made)
 
         return run(listed, folder, training, resume=resume, reporter=reporter, source=source)
 
     with memory_bound(training.max_memory):
-        show_run(console, work, page, name, training.iterations)
+        show_run(console, work, page, name)

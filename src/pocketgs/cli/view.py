@@ -101,13 +101,12 @@ def view(
 
 
 @contextmanager
-def following(options: FollowOptions, title: str, iterations: int) -> Iterator[LiveRun | None]:
+def following(options: FollowOptions, title: str) -> Iterator[LiveRun | None]:
     """A run for the block to report to, or None without a page. With `wait` it is served until Ctrl-C after the block.
 
     Args:
         options: whether and where.
         title: of the page.
-        iterations: that the run is to take.
 
     Raises:
         PocketGSError: it cannot be served, or there is to be none and yet options for it.
@@ -120,7 +119,7 @@ def following(options: FollowOptions, title: str, iterations: int) -> Iterator[L
     from pocketgs.viewer.live import LiveRun
     from pocketgs.viewer.server import serving
 
-    run = LiveRun(title, iterations, STAGES)
+    run = LiveRun(title, STAGES)
     with serving(run, network=options.host, port=options.port) as served:
         _announce(served, options)
         yield run

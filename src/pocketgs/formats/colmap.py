@@ -13,6 +13,7 @@ from PIL import Image
 
 from pocketgs.atomic_folder import replacing_folder
 from pocketgs.capture.capture import Capture, Frame
+from pocketgs.capture.origin import with_origin
 from pocketgs.errors import PocketGSError
 from pocketgs.pointcloud import PointCloud
 from pocketgs.result_folder import picture_names
@@ -28,7 +29,7 @@ def export_capture(folder: Path, capture: Capture) -> None:
 
     Args:
         folder: new or empty.
-        capture: what to write.
+        capture: what to write; a capture that is held about an origin of its own is moved back to where it was.
 
     Raises:
         PocketGSError: the folder holds something, or cannot be written.
@@ -37,7 +38,7 @@ def export_capture(folder: Path, capture: Capture) -> None:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise PocketGSError(f"{folder}: holds something already, expected a new or empty folder")
         with replacing_folder(folder) as (staging, _):
-            _write(staging, capture)
+            _write(staging, with_origin(capture, (0.0, 0.0, 0.0)))
     except OSError as error:
         raise PocketGSError(f"{folder}: cannot be written ({error.strerror or error})") from error
 

@@ -12,6 +12,7 @@ import numpy as np
 from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
 from pocketgs.gaussians import Gaussians
+from pocketgs.prior.depth_range import DepthRange
 from pocketgs.prior.sweep import SweepSettings, sweep
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.settings import LearningRates, StepSettings
@@ -21,6 +22,7 @@ GAUSSIANS = 30_000
 REPEATS = 3
 DISTANCE = 4.0
 BASELINE = 0.3
+HYPOTHESES = 128
 
 SWEEP_SECONDS, STEP_SECONDS = 0.068, 0.0095
 """What one sweep and one step take on the machine that `time_model` was measured on."""
@@ -58,7 +60,9 @@ def _frame(rng: np.random.Generator, index: int) -> Frame:
 
 def _sweep_seconds(frames: list[Frame]) -> float:
     """Of one sweep with two references."""
-    return _least_seconds(lambda: sweep(frames[0], frames[1:], DISTANCE / 2, DISTANCE * 2, SweepSettings()))
+    return _least_seconds(
+        lambda: sweep(frames[0], frames[1:], DepthRange(DISTANCE / 2, DISTANCE * 2, HYPOTHESES), SweepSettings())
+    )
 
 
 def _least_seconds(work: Callable[[], object]) -> float:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numba
 import psutil
 
 from pocketgs.compile import is_compiled
+from pocketgs.cores import kernel_threads, usable_cores
 from pocketgs.planning.calibration import Speed
 from pocketgs.splat.engine import Engine, MemoryNeed
-from pocketgs.training_options import TrainingOptions
+from pocketgs.training_options import SizedOptions
 
 
 @dataclass(frozen=True)
@@ -38,15 +37,14 @@ class Machine:
     elapsed: float = 0.0
 
 
-def this_machine(engine: Engine, options: TrainingOptions) -> Machine:
+def this_machine(engine: Engine, options: SizedOptions) -> Machine:
     """The machine that this process runs on, as fast as it may be."""
-    most = numba.config.NUMBA_NUM_THREADS
     rooms = ["splat"] if engine.name == "cpu" else []
     if options.prior != "none":
         rooms.append("prior")
     return Machine(
-        threads=min(options.threads or most, most),
-        readers=os.cpu_count() or 1,
+        threads=kernel_threads(options.threads),
+        readers=usable_cores(),
         resident=psutil.Process().memory_info().rss,
         compiles=not all(map(is_compiled, rooms)),
         memory_needed=engine.memory_needed,

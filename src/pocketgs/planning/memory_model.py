@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pocketgs.capture.loading import MOST_WORKERS
 from pocketgs.planning.work import Work
-from pocketgs.prior.sweep import SweepSettings
+from pocketgs.prior.depth_range import MOST as MOST_HYPOTHESES
 from pocketgs.splat.engine import MemoryNeed
 from pocketgs.volume import DEPTHS, KEPT
 
@@ -81,7 +81,7 @@ def stage_bytes(work: Work, engine: MemoryNeed, resident: int, compiles: bool, r
         copies = _sweep_copies(work)
         maps = work.keyframes * MAP_PIXEL * work.sweep_pixels
         by_pixel = SWEEP_PIXEL + SWEEP_REFERENCE * work.options.references
-        volume = work.sweep_pixels * (SWEEP_DEPTH * SweepSettings.hypotheses + by_pixel)
+        volume = work.sweep_pixels * (SWEEP_DEPTH * MOST_HYPOTHESES + by_pixel)
         stages["depth"] = held + copies + maps + volume + KERNELS
         stages["fusion"] = held + copies + maps + CANDIDATE * work.candidates + KERNELS // 2
     else:

@@ -17,7 +17,7 @@ from pocketgs.planning.machine import Machine
 from pocketgs.planning.memory_model import MB, stage_bytes
 from pocketgs.planning.time_model import Timetable, timetable
 from pocketgs.planning.work import Work
-from pocketgs.training_options import TrainingOptions
+from pocketgs.training_options import SizedOptions
 
 LEAST_SIDE = 100
 """Photographs are not shrunk until their shorter side has fewer pixels."""
@@ -76,7 +76,7 @@ class _Size:
         return max(self.rss.values())
 
 
-def make_plan(listed: ListedCapture, options: TrainingOptions, machine: Machine) -> Plan:
+def make_plan(listed: ListedCapture, options: SizedOptions, machine: Machine) -> Plan:
     """Choose the size of a run.
 
     Args:
@@ -102,7 +102,7 @@ def make_plan(listed: ListedCapture, options: TrainingOptions, machine: Machine)
     return _plan(last, options, machine)
 
 
-def plan_again(listed: ListedCapture, options: TrainingOptions, machine: Machine, shrink: int, gaussians: int) -> Plan:
+def plan_again(listed: ListedCapture, options: SizedOptions, machine: Machine, shrink: int, gaussians: int) -> Plan:
     """The plan of a run that goes on: of the size that it has.
 
     Args:
@@ -123,7 +123,7 @@ def plan_again(listed: ListedCapture, options: TrainingOptions, machine: Machine
     return _plan(size, options, machine)
 
 
-def shrinking_warning(plan: Plan, options: TrainingOptions) -> str | None:
+def shrinking_warning(plan: Plan, options: SizedOptions) -> str | None:
     """What the user should know of a plan for less than was asked for, or None."""
     parts = []
     if plan.shrink > 1:
@@ -151,7 +151,7 @@ def _sizes_to_try(listed: ListedCapture, gaussians: int) -> Iterator[tuple[int, 
         yield most, outline, fewer
 
 
-def _size(shrink: int, outline: Outline, options: TrainingOptions, machine: Machine) -> _Size:
+def _size(shrink: int, outline: Outline, options: SizedOptions, machine: Machine) -> _Size:
     work = Work(outline, options, machine.threads)
     times = timetable(work, machine.speed) if machine.speed else None
     try:
@@ -167,18 +167,18 @@ def _size(shrink: int, outline: Outline, options: TrainingOptions, machine: Mach
     )
 
 
-def _fits(size: _Size, options: TrainingOptions) -> bool:
+def _fits(size: _Size, options: SizedOptions) -> bool:
     return size.refusal is None and max(size.peak, size.device) <= options.max_memory * MB
 
 
-def _steps(size: _Size, options: TrainingOptions, machine: Machine) -> int:
+def _steps(size: _Size, options: SizedOptions, machine: Machine) -> int:
     """Iterations that there is time for, at most those that are asked for."""
     if size.times is None or options.time_budget is None:
         return options.iterations
     return min(options.iterations, size.times.steps_within(options.time_budget - machine.elapsed))
 
 
-def _plan(size: _Size, options: TrainingOptions, machine: Machine) -> Plan:
+def _plan(size: _Size, options: SizedOptions, machine: Machine) -> Plan:
     steps = _steps(size, options, machine)
     width, height = size.work.outline.largest
     return Plan(
@@ -195,7 +195,7 @@ def _plan(size: _Size, options: TrainingOptions, machine: Machine) -> Plan:
     )
 
 
-def _too_little_memory(size: _Size, listed: ListedCapture, options: TrainingOptions, machine: Machine) -> str:
+def _too_little_memory(size: _Size, listed: ListedCapture, options: SizedOptions, machine: Machine) -> str:
     needed = -(-max(size.peak, size.device) // (10 * MB)) * 10
     stage = max(size.rss, key=lambda name: size.rss[name])
     first = ", since kernels are compiled in the first run," if machine.compiles else ""
@@ -205,7 +205,7 @@ def _too_little_memory(size: _Size, listed: ListedCapture, options: TrainingOpti
     )
 
 
-def _too_little_time(size: _Size, listed: ListedCapture, options: TrainingOptions, machine: Machine) -> str:
+def _too_little_time(size: _Size, listed: ListedCapture, options: SizedOptions, machine: Machine) -> str:
     assert size.times is not None
     iterations = min(LEAST_ITERATIONS, options.iterations)
     needed = int(machine.elapsed + size.times.total(iterations)) + 1

@@ -10,14 +10,15 @@ from dataclasses import dataclass
 
 from pocketgs.planning.calibration import Speed
 from pocketgs.planning.work import Work
-from pocketgs.prior.tracks import PAIRS_PER_VIEW
+from pocketgs.prior.detection import LONGEST_SIDE, PIXELS
+from pocketgs.prior.pairs import PAIRS_PER_VIEW
 
 MEGA = 1e6
 
 DECODED_MEGAPIXEL = 0.03
 FEATURES_MEGAPIXEL = 0.2
 MATCHED_PAIR = 0.01
-ADJUSTMENT = 0.5
+ADJUSTED_VIEW = 0.1
 SWEPT_MEGAPIXEL = 0.5
 SWEPT_MEGAPIXEL_AND_REFERENCE = 0.25
 MERGED_MILLION = 0.6
@@ -70,7 +71,7 @@ def timetable(work: Work, speed: Speed) -> Timetable:
         prior += MERGED_MILLION * work.candidates / MEGA
     millions, megapixels = work.gaussians / MEGA, outline.pixels / MEGA
     seeding = SEEDED_MILLION * millions
-    step = (STEP_MILLION + STEP_MILLION_COLUMNS * work.columns) * millions + STEP_MEGAPIXEL * megapixels
+    step = step_seconds(work.gaussians, work.coefficients, outline.pixels)
     held_out = len(outline.held_out)
     look = held_out * (LOOK_VIEW + LOOK_MEGAPIXEL * megapixels)
     after = WRITTEN + WRITTEN_MILLION * millions + held_out * (EVALUATED_VIEW + EVALUATED_MEGAPIXEL * megapixels)
@@ -82,11 +83,23 @@ def timetable(work: Work, speed: Speed) -> Timetable:
     )
 
 
+def step_seconds(gaussians: int, coefficients: int, pixels: float) -> float:
+    """How long a step takes on the machine that the model was measured on.
+
+    Args:
+        gaussians: their number.
+        coefficients: of spherical harmonics per channel.
+        pixels: of a view.
+    """
+    columns = 10 + 3 * coefficients
+    return (STEP_MILLION + STEP_MILLION_COLUMNS * columns) * gaussians / MEGA + STEP_MEGAPIXEL * pixels / MEGA
+
+
 def _poses(work: Work) -> float:
-    """Features of all frames and matches of keyframes, as if poses were refined, which is found out on the way."""
-    outline, keyframes = work.outline, work.keyframes
+    """Features and matches of all frames, and adjusted poses if they may be: whether they are is found out later."""
+    outline = work.outline
     views = len(outline.training) + len(outline.held_out)
-    pairs = keyframes * min(PAIRS_PER_VIEW, keyframes - 1) / 2
-    others = views - keyframes if work.options.bundle else 0
-    features = FEATURES_MEGAPIXEL * outline.pixels / MEGA * (keyframes + others)
-    return ADJUSTMENT + features + MATCHED_PAIR * (pairs + 4 * others)
+    looked_at = min(outline.stored_pixels, LONGEST_SIDE**2, PIXELS / views)
+    features = (DECODED_MEGAPIXEL * outline.stored_pixels + FEATURES_MEGAPIXEL * looked_at) / MEGA * views
+    pairs = views * min(PAIRS_PER_VIEW, views - 1) / 2
+    return features + MATCHED_PAIR * pairs + (ADJUSTED_VIEW * views if work.options.bundle else 0.0)

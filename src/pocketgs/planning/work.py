@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pocketgs.capture.listed import Outline
+from pocketgs.prior.depth_maps import sweep_pixels
 from pocketgs.prior.fuse import MOST_CANDIDATES
-from pocketgs.prior.sweep import MOST_PIXELS
 from pocketgs.recipes import recipe_named
-from pocketgs.training_options import TrainingOptions
+from pocketgs.training_options import SizedOptions
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Work:
     """
 
     outline: Outline
-    options: TrainingOptions
+    options: SizedOptions
     threads: int
 
     @property
@@ -59,7 +59,7 @@ class Work:
     @property
     def sweep_pixels(self) -> int:
         """Of a photograph whose depths are searched."""
-        return min(self.outline.pixels, MOST_PIXELS)
+        return min(self.outline.pixels, sweep_pixels(self.keyframes))
 
     @property
     def candidates(self) -> int:

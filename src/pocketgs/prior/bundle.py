@@ -113,6 +113,7 @@ def adjust_bundle(
     observations: Observations,
     settings: BundleSettings,
     radial: float = 0.0,
+    start: Sequence[Camera] | None = None,
 ) -> BundleResult:
     """Adjust poses and points, and the lens if the settings say so.
 
@@ -120,11 +121,13 @@ def adjust_bundle(
     farthest from it; without either sigma the first camera's rotation does too.
 
     Args:
-        cameras: F cameras as the sensor or a file gives them: both the start and the centre of the prior.
+        cameras: F cameras as the sensor or a file gives them: the centre of the prior, and the start if no other is
+            named.
         points: (N, 3) start.
         observations: where points were seen.
         settings: see `BundleSettings`.
         radial: k1 to start from; kept where it is not refined.
+        start: poses to start from, of F cameras.
 
     Raises:
         PocketGSError: arrays do not fit together or hold numbers that are not finite, a point is seen from fewer than
@@ -134,9 +137,10 @@ def adjust_bundle(
     check(cameras, points, observations, fewest_views=2, poses_known=settings.holds_poses)
     order = np.argsort(observations.point, kind="stable")
     sightings = by_point(cameras, len(points), observations, order)
-    start = first_estimate(cameras, points, radial)
-    prior = pose_prior(start, settings.position_sigma, settings.rotation_sigma)
-    of_cameras = unheld(start, settings.position_sigma is not None, settings.rotation_sigma is not None)
+    first = first_estimate(start or cameras, points, radial)
+    given = first_estimate(cameras, points, radial)
+    prior = pose_prior(given, settings.position_sigma, settings.rotation_sigma)
+    of_cameras = unheld(first, settings.position_sigma is not None, settings.rotation_sigma is not None)
     free = np.append(of_cameras, [settings.refine_focal, settings.refine_distortion])
 
     def step(estimate: Estimate, damping: float) -> tuple[Estimate, float]:
@@ -147,14 +151,14 @@ def adjust_bundle(
         return _moved(estimate, camera_step)._replace(points=estimate.points + moves), expected
 
     cost = partial(_cost, sightings, prior, settings.huber)
-    outcome = minimise(start, cost, step, settings.iterations, settings.tolerance)
+    outcome = minimise(first, cost, step, settings.iterations, settings.tolerance)
     residuals = np.empty(len(order))
     residuals[order] = distances(sightings, outcome.state)
     return BundleResult(
         cameras=_posed(cameras, outcome.state),
         points=outcome.state.points,
         residuals=residuals,
-        rmse_before=_root_mean_square(distances(sightings, start)),
+        rmse_before=_root_mean_square(distances(sightings, first)),
         rmse_after=_root_mean_square(residuals),
         radial=float(outcome.state.radial),
         focal_scale=float(outcome.state.focal_scale),

@@ -18,6 +18,7 @@ class Views(NamedTuple):
         intrinsics: (K, 4) float64 fx, fy, cx, cy.
         sizes: (K, 2) int64 true heights and widths.
         rotations, translations: (K, 3, 3) and (K, 3) float64, world to camera.
+        steps: (K,) float64 by how much the inverse depths of neighbouring hypotheses differ.
     """
 
     depths: np.ndarray
@@ -25,11 +26,14 @@ class Views(NamedTuple):
     sizes: np.ndarray
     rotations: np.ndarray
     translations: np.ndarray
+    steps: np.ndarray
 
 
 @parallel_kernel
 def compare_depths(views: Views, view: int, tolerance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Compare every depth of a view with the depths that the other views have there.
+
+    Depths agree up to the tolerance, or up to what the coarser of the two sweeps can tell apart.
 
     Args:
         views: all of them.
@@ -65,7 +69,8 @@ def compare_depths(views: Views, view: int, tolerance: float) -> tuple[np.ndarra
                 theirs = views.depths[other, int(v), int(u)]
                 if theirs <= 0:
                     continue
-                if abs(z - theirs) < tolerance * z:
+                indistinct = max(views.steps[view], views.steps[other]) * z * theirs
+                if abs(z - theirs) < max(tolerance * z, indistinct):
                     agreeing[row, column] += 1
                     footprint = min(footprint, z / focal_x)
                 elif z < theirs:

@@ -1,32 +1,104 @@
-"""Between which depths a keyframe's surfaces lie, as its sparse points tell."""
+"""Between which depths a keyframe's surfaces lie, as a sweep of a small copy over all depths and sparse points tell."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from pocketgs.camera import Camera
+from pocketgs.capture.capture import Frame
+from pocketgs.capture.loading import downscaled
 
-QUANTILES = (0.05, 0.95)
-NEARER, FARTHER = 0.7, 1.6
-"""Factors that widen the range of the quantiles."""
+QUANTILES = (0.005, 0.995)
+"""Of inverse depth: what lies beyond is a wrong match rather than a surface."""
+
+NEAREST_SHARE, NEAREST_QUANTILE = 0.3, 0.02
+"""The wide sweep begins at this share of the depth that so few of the sparse points are nearer than."""
+
+UNKNOWN_NEAREST = 0.15
+"""Where there are too few sparse points it begins at this share of the distance to the scene."""
 
 FEWEST_POINTS = 20
 
-UNKNOWN = (0.4, 4.0)
-"""The range, in units of the distance to the scene, where there are too few points."""
+WIDE_HYPOTHESES, WIDE_PIXELS = 64, 25_000
+WIDENED = 1.5
+"""Steps of the wide sweep by which the range reaches beyond what was found."""
+
+PIXELS_PER_STEP = 0.7
+"""Neighbouring hypotheses lie so far apart in the reference that shifts most."""
+
+FEWEST, MOST = 48, 192
+"""Hypotheses of a sweep."""
 
 
-def depth_range(camera: Camera, points: np.ndarray, distance: float) -> tuple[float, float]:
-    """Nearest and farthest depth to search.
+@dataclass(frozen=True)
+class DepthRange:
+    """The depths that a sweep tries, evenly spaced in inverse depth.
+
+    Attributes:
+        nearest: least depth.
+        farthest: greatest depth; infinite where things are so far away that they hardly shift.
+        hypotheses: number of depths.
+    """
+
+    nearest: float
+    farthest: float
+    hypotheses: int
+
+    @property
+    def inverse_depths(self) -> np.ndarray:
+        """(D,) float32, rising. What is infinitely far counts as half a step from infinity."""
+        if np.isfinite(self.farthest):
+            return np.linspace(1 / self.farthest, 1 / self.nearest, self.hypotheses, dtype=np.float32)
+        return ((np.arange(self.hypotheses) + 0.5) / (self.hypotheses - 0.5) / self.nearest).astype(np.float32)
+
+
+def wide_range(frame: Frame, points: np.ndarray, distance: float) -> DepthRange:
+    """All depths that come into question: from well before the nearest sparse points to infinity.
 
     Args:
-        camera: of the keyframe.
+        frame: whose depths are sought.
         points: (N, 3) sparse points that it sees.
-        distance: typical distance to the scene, for keyframes that see too few points.
+        distance: typical distance to the scene, for frames that see too few points.
     """
-    depth = points @ camera.world_to_camera[2, :3] + camera.world_to_camera[2, 3]
-    depth = depth[depth > 0]
-    if len(depth) < FEWEST_POINTS:
-        return UNKNOWN[0] * distance, UNKNOWN[1] * distance
-    near, far = np.quantile(depth, QUANTILES)
-    return NEARER * float(near), FARTHER * float(far)
+    depths = depths_of(frame, points)
+    if len(depths) < FEWEST_POINTS:
+        return DepthRange(UNKNOWN_NEAREST * distance, np.inf, WIDE_HYPOTHESES)
+    return DepthRange(NEAREST_SHARE * float(np.quantile(depths, NEAREST_QUANTILE)), np.inf, WIDE_HYPOTHESES)
+
+
+def narrowed(wide: DepthRange, found: np.ndarray, frame: Frame, references: Sequence[Frame]) -> DepthRange:
+    """The range that holds what was found, with hypotheses as fine as the references can tell apart.
+
+    Args:
+        wide: the range that was searched.
+        found: (N,) depths: of the pixels that the wide sweep is sure of, and of sparse points.
+        frame: whose depths are sought.
+        references: frames that it is compared with.
+    """
+    inverse = wide.inverse_depths
+    step = float(inverse[1] - inverse[0])
+    low, high = float(inverse[0]), float(inverse[-1])
+    if len(found) >= FEWEST_POINTS:
+        far, near = np.quantile(1 / found, QUANTILES)
+        low, high = max(low, float(far) - WIDENED * step), min(high, float(near) + WIDENED * step)
+    farthest = np.inf if low <= step else 1 / low
+    baseline = max(
+        (float(np.linalg.norm(other.camera.centre - frame.camera.centre)) for other in references), default=0
+    )
+    shift = (high - (0.0 if np.isinf(farthest) else low)) * baseline * max(frame.camera.fx, frame.camera.fy)
+    return DepthRange(1 / high, farthest, int(np.clip(np.ceil(shift / PIXELS_PER_STEP), FEWEST, MOST)))
+
+
+def depths_of(frame: Frame, points: np.ndarray) -> np.ndarray:
+    """(M,) depths along the frame's optical axis of those of (N, 3) points that lie before it."""
+    pose = frame.camera.world_to_camera
+    depth = points @ pose[2, :3] + pose[2, 3]
+    return depth[depth > 0]
+
+
+def small_copy(frame: Frame) -> Frame:
+    """The frame at the size of the wide sweep."""
+    reduction = np.sqrt(frame.camera.width * frame.camera.height / WIDE_PIXELS)
+    return downscaled(frame, float(reduction), None) if reduction > 1 else frame

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from pocketgs.capture.capture import Frame
+from pocketgs.prior.observations import Observations, enough_for_each_view
 from pocketgs.prior.scale import Scale
 from pocketgs.prior.structure import Structure
 from pocketgs.prior.tracks import view_distances
@@ -19,8 +20,14 @@ DARKEST, BRIGHTEST = 8.0, 247.0
 SMOOTHING = 1.5
 """Standard deviation in pixels of the blur under which colours are compared: poses and noise then matter little."""
 
+BLUR_RADIUS = int(2 * SMOOTHING)
 ALTERNATIONS = 20
+SETTLED = 1e-4
+"""Gains have settled when none changes by more than this share."""
+
 FEWEST_POINTS = 50
+ENOUGH_POINTS = 200
+"""Points of a keyframe that its colours are measured on: more take time and tell the same."""
 
 NEIGHBOURS = 3
 """Keyframes, those with the most similar views, whose points a frame is taken to see."""
@@ -54,10 +61,11 @@ def exposure_gains(
         of them sees too few points.
     """
     distances = view_distances([f.camera for f in frames], [f.camera for f in keyframes], scale.distance)
-    colours = np.full((len(frames), len(structure.points), 3), np.nan)
+    points, seen_by = _chosen_points(structure)
+    colours = np.full((len(frames), len(points), 3), np.nan)
     for own, frame, order in zip(colours, frames, np.argsort(distances, axis=1, kind="stable"), strict=True):
-        visible = np.unique(np.concatenate([structure.landmarks[view][1] for view in order[:NEIGHBOURS]]))
-        own[visible] = np.log(_colours_at(frame, structure.points[visible]))
+        visible = np.unique(np.concatenate([seen_by[view] for view in order[:NEIGHBOURS]]))
+        own[visible] = np.log(_colours_at(frame, points[visible]))
     counted = np.isfinite(colours).all(axis=2)
     colours = colours[:, counted.sum(axis=0) >= 2]
     if np.isfinite(colours).all(axis=2).sum(axis=1).min() < FEWEST_POINTS:
@@ -65,9 +73,22 @@ def exposure_gains(
     gains = np.zeros((len(frames), 3))
     for _ in range(ALTERNATIONS):
         of_points = np.nanmedian(colours - gains[:, None], axis=0)
-        gains = np.nanmedian(colours - of_points, axis=1)
+        last, gains = gains, np.nanmedian(colours - of_points, axis=1)
         gains -= gains.mean(axis=0)
+        if np.abs(gains - last).max() < SETTLED:
+            break
     return np.exp(gains)
+
+
+def _chosen_points(structure: Structure) -> tuple[np.ndarray, list[np.ndarray]]:
+    """(N, 3) points that are enough to tell exposures, and for each keyframe the numbers of those that it sees."""
+    numbers = [point for _, point in structure.landmarks]
+    frame = np.repeat(np.arange(len(numbers)), [len(point) for point in numbers])
+    seen = Observations(frame, np.concatenate(numbers), np.zeros((len(frame), 2)))
+    chosen = np.zeros(len(structure.points), bool)
+    chosen[seen.point[enough_for_each_view(seen, len(numbers), ENOUGH_POINTS)]] = True
+    place = np.cumsum(chosen) - 1
+    return structure.points[chosen], [place[point[chosen[point]]] for point in numbers]
 
 
 def needs_compensation(frames: Sequence[Frame], gains: np.ndarray, scale: Scale) -> bool:
@@ -115,5 +136,7 @@ def _colours_at(frame: Frame, points: np.ndarray) -> np.ndarray:
     if frame.alpha is not None:
         seen &= frame.alpha[rows, columns] == 255
     if frame.mask is not None:
-        seen &= frame.mask[rows, columns]
+        # Blurred colours near the mask's edge are mixed with what it leaves out.
+        inner = cv2.erode(frame.mask.astype(np.uint8), np.ones((2 * BLUR_RADIUS + 1,) * 2, np.uint8))
+        seen &= inner[rows, columns] > 0
     return np.where(seen[:, None], colours, np.nan)

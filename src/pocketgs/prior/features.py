@@ -8,18 +8,13 @@ import cv2
 import numpy as np
 
 from pocketgs.capture.capture import Frame
+from pocketgs.compile import unlocked_kernel
 
 CONTRAST = 0.015
 """SIFT's threshold; lower than usual, since phones blur and geometry weeds out what is wrong."""
 
 RATIO = 0.85
 """The best match must be nearer than this times the second best (Lowe 2004, section 7.1)."""
-
-VERIFICATION = 1.5
-"""Distance in pixels from epipolar lines within which matches agree with one motion."""
-
-FEWEST_MATCHES = 12
-"""A pair with fewer that agree says nothing."""
 
 
 @dataclass(frozen=True)
@@ -29,10 +24,16 @@ class Features:
     Attributes:
         pixels: (N, 2) float64, the centre of the top left pixel being at (0.5, 0.5).
         descriptors: (N, 128) float32 of length 1.
+        grain: side of a pixel of the image that they were found in, in pixels of the frame that `pixels` refers to.
     """
 
     pixels: np.ndarray
     descriptors: np.ndarray
+    grain: float = 1.0
+
+    def select(self, chosen: np.ndarray) -> Features:
+        """The features that a boolean mask or an index array names."""
+        return Features(self.pixels[chosen], self.descriptors[chosen], self.grain)
 
 
 def detect(frame: Frame, most: int) -> Features:
@@ -65,31 +66,30 @@ def match(first: Features, second: Features) -> np.ndarray:
     if min(len(first.pixels), len(second.pixels)) < 2:
         return np.zeros((0, 2), np.int64)
     # Descriptors have length 1, so the distance falls as the product grows: d² = 2 - 2 p.
-    products = first.descriptors @ second.descriptors.T
-    forwards, backwards = products.argmax(axis=1), products.argmax(axis=0)
-    rows = np.flatnonzero(backwards[forwards] == np.arange(len(forwards)))
-    best = products[rows, forwards[rows]]
-    products[rows, forwards[rows]] = -1.0
-    second_best = products[rows].max(axis=1)
-    clear = 2 - 2 * best < RATIO**2 * (2 - 2 * second_best)
-    return np.stack([rows[clear], forwards[rows[clear]]], axis=1)
+    forwards, best, second_best, backwards = _nearest(first.descriptors @ second.descriptors.T)
+    mutual = backwards[forwards] == np.arange(len(forwards))
+    rows = np.flatnonzero(mutual & (2 - 2 * best < RATIO**2 * (2 - 2 * second_best)))
+    return np.stack([rows, forwards[rows]], axis=1)
 
 
-def agreeing(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Which matches one motion of the camera explains (a fundamental matrix, by RANSAC).
-
-    Args:
-        first: (M, 2) pixels in one view.
-        second: (M, 2) pixels in the other.
-
-    Returns:
-        (M,) bool; all False where too few agree.
-    """
-    nothing = np.zeros(len(first), bool)
-    if len(first) < FEWEST_MATCHES:
-        return nothing
-    cv2.setRNGSeed(0)
-    _, inliers = cv2.findFundamentalMat(first, second, cv2.FM_RANSAC, VERIFICATION, 0.999, 1000)
-    if inliers is None or inliers.sum() < FEWEST_MATCHES:
-        return nothing
-    return inliers.ravel() > 0
+@unlocked_kernel
+def _nearest(products: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of every row the column of the largest product, that product and the next; of every column the row."""
+    rows, columns = products.shape
+    forwards, backwards = np.zeros(rows, np.int64), np.zeros(columns, np.int64)
+    best, second_best = np.full(rows, np.float32(-2)), np.full(rows, np.float32(-2))
+    best_of_column = np.full(columns, np.float32(-2))
+    for row in range(rows):
+        largest, next_largest, at = np.float32(-2), np.float32(-2), 0
+        for column in range(columns):
+            product = products[row, column]
+            if product > next_largest:
+                if product > largest:
+                    largest, next_largest, at = product, largest, column
+                else:
+                    next_largest = product
+            if product > best_of_column[column]:
+                best_of_column[column] = product
+                backwards[column] = row
+        forwards[row], best[row], second_best[row] = at, largest, next_largest
+    return forwards, best, second_best, backwards

@@ -1,4 +1,4 @@
-"""Fusion: from the depth maps of the keyframes to one clean, coloured cloud."""
+"""Fusion: which pixels of the keyframes' depth maps can be believed, and where in the world they lie."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ import cv2
 import numpy as np
 
 from pocketgs.capture.capture import Frame
-from pocketgs.pointcloud import PointCloud
 from pocketgs.prior.consistency import Views, compare_depths
 from pocketgs.prior.detail import detail
-from pocketgs.prior.merge import Candidates, merged
+from pocketgs.prior.merge import Candidates
 from pocketgs.prior.sweep import DepthMap
 from pocketgs.visual_hull import outside_hull
 
@@ -27,6 +26,9 @@ FILLER_MARGIN, FILLER_CONFIDENCE = 0.05, 0.1
 
 Where a scene has no points at all, a few Gaussians have to grow over it, and do so badly.
 """
+
+SHELL_EXTENT = 4.0
+"""The sphere for what is far away is at least so many times as large as the space that the cameras stand in."""
 
 MOST_CANDIDATES = 2_000_000
 """Pixels that are merged, of all keyframes together: it bounds memory."""
@@ -49,31 +51,26 @@ def fuse(
     keyframes: Sequence[Frame],
     maps: Sequence[DepthMap],
     frames: Sequence[Frame],
-    count: int,
     settings: FusionSettings,
-) -> PointCloud:
-    """Keep the pixels that other keyframes confirm, and merge them into about `count` points.
+) -> Candidates:
+    """Keep the pixels that other keyframes confirm, and in the holes between them those that none contradicts.
 
     Args:
         keyframes: K frames.
         maps: their depth maps.
         frames: training frames, whose alpha bounds the cloud.
-        count: most points to give.
         settings: what is kept.
-
-    Returns:
-        At most `count` points, with the directions they were seen from and the mean confidence of their pixels; dense
-        where many pixels see the surface, and where they see much on it.
     """
     views = _views(keyframes, maps)
+    shell = _far_shell(keyframes, maps)
     stride = max(1, int(np.ceil(sum(map_.depth.size for map_ in maps) / MOST_CANDIDATES)))
     found = [
-        _candidates(keyframe, map_, views, index, stride, settings)
+        _candidates(keyframe, map_, views, index, stride, shell, settings)
         for index, (keyframe, map_) in enumerate(zip(keyframes, maps, strict=True))
     ]
     names = Candidates.__dataclass_fields__
     together = Candidates(**{name: np.concatenate([getattr(some, name) for some in found]) for name in names})
-    return merged(together.select(~outside_hull(together.positions, frames)), count)
+    return together.select(~outside_hull(together.positions, frames))
 
 
 def confidence(agreeing: np.ndarray, contradicting: np.ndarray, margin: np.ndarray) -> np.ndarray:
@@ -104,11 +101,18 @@ def _views(keyframes: Sequence[Frame], maps: Sequence[DepthMap]) -> Views:
         sizes,
         np.array([camera.world_to_camera[:3, :3] for camera in cameras]),
         np.array([camera.world_to_camera[:3, 3] for camera in cameras]),
+        np.array([map_.step for map_ in maps]),
     )
 
 
 def _candidates(
-    keyframe: Frame, map_: DepthMap, views: Views, index: int, stride: int, settings: FusionSettings
+    keyframe: Frame,
+    map_: DepthMap,
+    views: Views,
+    index: int,
+    stride: int,
+    shell: tuple[np.ndarray, float],
+    settings: FusionSettings,
 ) -> Candidates:
     """The pixels of a keyframe that are confident enough."""
     agreeing, contradicting, footprints = compare_depths(views, index, settings.tolerance)
@@ -119,14 +123,36 @@ def _candidates(
     rows, columns = (places[::stride] for places in np.nonzero(believed | fillers))
     camera = keyframe.camera
     rays = camera.rays(np.column_stack([columns, rows]) + 0.5)
+    depths, lengths = map_.depth[rows, columns].astype(np.float64), footprints[rows, columns]
+    unresolved = depths > map_.resolved
+    depths[unresolved] = _depths_on_shell(camera.centre, rays[unresolved], *shell)
+    lengths[unresolved] = depths[unresolved] / camera.fx
     return Candidates(
-        positions=camera.centre + rays * map_.depth[rows, columns, None],
+        positions=camera.centre + rays * depths[:, None],
         colours=keyframe.image[rows, columns] / np.float32(255),
         directions=-rays / np.linalg.norm(rays, axis=1, keepdims=True),
-        footprints=footprints[rows, columns],
+        footprints=lengths,
         details=detail(keyframe.image)[rows, columns],
         confidences=confidences[rows, columns],
     )
+
+
+def _far_shell(keyframes: Sequence[Frame], maps: Sequence[DepthMap]) -> tuple[np.ndarray, float]:
+    """Centre and radius of the sphere that carries what is too far away for its depth to be told.
+
+    Depth maps that cannot tell how far it is would put it at different places; on one sphere they agree.
+    """
+    centres = np.array([keyframe.camera.centre for keyframe in keyframes])
+    centre = centres.mean(axis=0)
+    extent = float(np.linalg.norm(centres - centre, axis=1).max())
+    return centre, max(float(np.median([map_.resolved for map_ in maps])), SHELL_EXTENT * extent)
+
+
+def _depths_on_shell(origin: np.ndarray, rays: np.ndarray, centre: np.ndarray, radius: float) -> np.ndarray:
+    """(N,) multiples of (N, 3) rays from a point inside a sphere to the sphere."""
+    offset = origin - centre
+    square, half = np.sum(rays * rays, axis=1), rays @ offset
+    return (np.sqrt(half**2 + square * (radius**2 - offset @ offset)) - half) / square
 
 
 def _holes(believed: np.ndarray) -> np.ndarray:

@@ -26,6 +26,9 @@ ROWS_AT_ONCE = 32
 """Rows that a thread works on: their costs for all hypotheses stay in its cache."""
 
 
+ALL_USABLE = np.zeros((0, 0, 0), np.bool_)
+
+
 class References(NamedTuple):
     """The images that a view is compared with, and where its pixels fall in them.
 
@@ -38,12 +41,15 @@ class References(NamedTuple):
         sizes: (R, 2) float32 their true heights and widths.
         turns: (R, 3, 3) float32.
         shifts: (R, 3) float32.
+        usable: (R, h, w) bool, the pixels that masks leave, or `ALL_USABLE` where there are no masks. A hypothesis that
+            falls on another pixel is not seen by the reference.
     """
 
     squares: np.ndarray
     sizes: np.ndarray
     turns: np.ndarray
     shifts: np.ndarray
+    usable: np.ndarray = ALL_USABLE
 
 
 def squares_of(image: np.ndarray) -> np.ndarray:
@@ -120,6 +126,10 @@ def warp(
         for column in range(columns):
             read[column] = squares[places[column]]
         interpolate(read, right_shares, below_shares, warped[row])
+        if len(references.usable):
+            usable = references.usable[reference].reshape(-1)
+            for column in range(columns):
+                visible[row, column] &= usable[places[column]]
 
 
 @part

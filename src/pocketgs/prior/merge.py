@@ -65,7 +65,8 @@ def merged(candidates: Candidates, count: int) -> PointCloud:
         count: most points to give.
 
     Returns:
-        At most `count` points, with their directions and the mean confidence of their pixels.
+        At most `count` points, with their directions and the mean confidence of their pixels; dense where many pixels
+        see the surface, and where they see much on it.
     """
     if len(candidates.positions) == 0:
         return PointCloud(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))

@@ -10,16 +10,16 @@ import numpy as np
 
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.pointcloud import PointCloud
-from pocketgs.prior.depth_range import depth_range
+from pocketgs.prior.complete import completion, joined
+from pocketgs.prior.depth_maps import depth_maps
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
 from pocketgs.prior.fuse import FusionSettings, fuse
-from pocketgs.prior.gate import GateSettings, choose_keyframes
-from pocketgs.prior.relocalise import relocalise
-from pocketgs.prior.report import PriorReport
+from pocketgs.prior.keyframes import KeyframeSettings, select_keyframes
+from pocketgs.prior.merge import merged
+from pocketgs.prior.report import Poses, PriorReport, nothing_found
 from pocketgs.prior.scale import Scale, estimate_scale
-from pocketgs.prior.sensor_depth import completed
 from pocketgs.prior.structure import Structure, StructureSettings, build_structure
-from pocketgs.prior.sweep import DepthMap, SweepSettings, at_sweep_size, choose_references, sweep
+from pocketgs.prior.sweep import SweepSettings
 from pocketgs.record import Stopwatch
 
 Exposure = Literal["auto", "on", "off"]
@@ -30,12 +30,12 @@ class PriorSettings:
     """How the prior is built.
 
     Attributes:
-        gate, structure, sweep, fusion: of the stages.
+        keyframes, structure, sweep, fusion: of the stages.
         dense: match pixels; otherwise the cloud is that of the sparse points.
         exposure: bring the training photographs to one exposure: always, never, or where similar views differ.
     """
 
-    gate: GateSettings = field(default_factory=GateSettings)
+    keyframes: KeyframeSettings = field(default_factory=KeyframeSettings)
     structure: StructureSettings = field(default_factory=StructureSettings)
     sweep: SweepSettings = field(default_factory=SweepSettings)
     fusion: FusionSettings = field(default_factory=FusionSettings)
@@ -64,59 +64,66 @@ def build_prior(
     A capture with too little texture keeps its poses; depths are then searched in a range that only the cameras tell.
 
     Args:
-        capture: posed frames; its own points are not looked at.
+        capture: posed frames; its own points fill gaps.
         max_points: bound on the cloud.
         settings: how; all at their defaults if None.
         stopwatch: times the stages; a new one if None.
     """
     settings = settings or PriorSettings()
     stopwatch = stopwatch or Stopwatch()
-    with stopwatch.stage("keyframes"):
-        scale = estimate_scale(capture)
-        decisions = choose_keyframes(capture.train, scale, settings.gate)
-
-    def keyframes_of(frames: Sequence[Frame]) -> list[Frame]:
-        return [frame for frame, decision in zip(frames, decisions, strict=True) if decision.kept]
-
     with stopwatch.stage("poses"):
-        given = keyframes_of(capture.train)
-        structure = build_structure(given, scale, settings.structure)
-        capture, carried = _with_refined_poses(capture, given, structure, scale, settings)
-        capture, gains = _with_one_exposure(capture, keyframes_of(capture.train), structure, scale, settings)
+        scale = estimate_scale(capture)
+        structure = build_structure(capture.frames, scale, settings.structure, capture.photographs)
+        capture = _with_poses_of(structure, capture)
+        found = Poses.of(structure, capture)
+        structure = structure.of(capture.train) if structure else None
+        capture, gains = _with_one_exposure(capture, capture.train, structure, scale, settings)
+    seen = _seen_points(structure, len(capture.train))
+    with stopwatch.stage("keyframes"):
+        decisions = select_keyframes(capture.train, seen, scale.distance, settings.keyframes)
+        chosen = [index for index, decision in enumerate(decisions) if decision.kept]
+    cloud, coverage = _sparse_cloud(capture.train, structure), None
     if settings.dense:
         with stopwatch.stage("depth"):
-            frames = [at_sweep_size(frame) for frame in capture.train]
-            keyframes = keyframes_of(frames)
-            maps = _depth_maps(keyframes, frames, structure, scale, settings.sweep)
+            keyframes = [capture.train[index] for index in chosen]
+            points = [seen[index] for index in chosen]
+            keyframes, maps = depth_maps(keyframes, capture.train, points, scale.distance, settings.sweep)
         with stopwatch.stage("fusion"):
-            cloud = fuse(keyframes, maps, capture.train, max_points, settings.fusion)
-    else:
-        cloud = _sparse_cloud(keyframes_of(capture.train), structure, max_points)
+            candidates = fuse(keyframes, maps, capture.train, settings.fusion)
+            del maps
+            fused = merged(candidates, max_points)
+        with stopwatch.stage("coverage"):
+            # The capture's own cloud lies in the world of the poses that it came with.
+            own = [capture.points] if capture.points and not (structure and structure.refined) else []
+            coverage = completion(fused, capture.train, [cloud, *own], scale.distance, max_points)
+            if len(fused) + len(coverage.added) > max_points:
+                fused = merged(candidates, max_points - len(coverage.added))
+            cloud = joined([fused, coverage.added])
     report = PriorReport(
         decisions=decisions,
         sparse_points=len(structure.points) if structure else 0,
         rmse_given=structure.rmse_before if structure else None,
         rmse=structure.rmse_after if structure else None,
         poses_refined=structure is not None and structure.refined,
-        carried=carried,
+        poses=found,
         gains=gains,
         points=len(cloud),
-        warnings=_warnings(structure, carried),
+        coverage=coverage.covered if coverage else None,
+        coverage_known=coverage.known if coverage else None,
+        guessed=coverage.guessed if coverage else 0,
+        warnings=found.warnings() if structure else (nothing_found(capture, scale),),
     )
     return Prior(replace(capture, points=cloud), report)
 
 
-def _with_refined_poses(
-    capture: Capture, keyframes: Sequence[Frame], structure: Structure | None, scale: Scale, settings: PriorSettings
-) -> tuple[Capture, tuple[str, ...]]:
-    """The capture in the world that bundle adjustment made, and which frames could not be placed in it by sight."""
-    if structure is None or not structure.refined:
-        return capture, ()
-    cameras = {frame.name: camera for frame, camera in zip(keyframes, structure.cameras, strict=True)}
-    others = [frame for frame in capture.frames if frame.name not in cameras]
-    found = relocalise(others, keyframes, structure, scale, settings.structure)
-    cameras |= {frame.name: camera for frame, camera in zip(others, found.cameras, strict=True)}
-    return capture.with_refined_poses(cameras), found.carried
+def _with_poses_of(structure: Structure | None, capture: Capture) -> Capture:
+    """The capture with the structure's poses, and without training frames whose poses are wrong beyond repair."""
+    if structure is None:
+        return capture
+    if structure.refined:
+        capture = capture.with_refined_poses(dict(zip(structure.names, structure.cameras, strict=True)))
+    sound = [frame for frame in capture.train if frame.name not in structure.doubtful]
+    return capture if len(sound) == len(capture.train) else replace(capture, train=sound)
 
 
 def _with_one_exposure(
@@ -131,45 +138,22 @@ def _with_one_exposure(
     return replace(capture, train=compensated(capture.train, gains)), (float(gains.min()), float(gains.max()))
 
 
-def _depth_maps(
-    keyframes: Sequence[Frame],
-    frames: Sequence[Frame],
-    structure: Structure | None,
-    scale: Scale,
-    settings: SweepSettings,
-) -> list[DepthMap]:
-    maps = []
-    for view, keyframe in enumerate(keyframes):
-        points = structure.points[structure.landmarks[view][1]] if structure else np.zeros((0, 3))
-        nearest, farthest = depth_range(keyframe.camera, points, scale.distance)
-        middle = 2 / (1 / nearest + 1 / farthest)
-        references = choose_references(keyframe, frames, middle, settings)
-        found = sweep(keyframe, references, nearest, farthest, settings)
-        maps.append(completed(found, keyframe))
-    return maps
-
-
-def _sparse_cloud(keyframes: Sequence[Frame], structure: Structure | None, most: int) -> PointCloud:
-    """The triangulated points, `most` of them, each with the colour of a feature that it was seen as."""
+def _seen_points(structure: Structure | None, frames: int) -> list[np.ndarray]:
+    """For each frame, (N, 3) the sparse points that it sees."""
     if structure is None:
-        return PointCloud(np.zeros((0, 3)), np.zeros((0, 3)))
-    colours = np.zeros((len(structure.points), 3), np.float32)
-    for keyframe, (features, point) in zip(keyframes, structure.landmarks, strict=True):
+        return [np.zeros((0, 3))] * frames
+    return [structure.points[point] for _, point in structure.landmarks]
+
+
+def _sparse_cloud(frames: Sequence[Frame], structure: Structure | None) -> PointCloud:
+    """The triangulated points, each with the colour of a feature that it was seen as and the way to its camera."""
+    if structure is None:
+        return PointCloud(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
+    colours, directions = np.zeros((2, len(structure.points), 3))
+    for frame, (features, point) in zip(frames, structure.landmarks, strict=True):
         columns, rows = features.pixels.astype(np.int64).T
-        colours[point] = keyframe.image[rows, columns] / np.float32(255)
-    finite = np.flatnonzero(np.isfinite(structure.points).all(axis=1))
-    chosen = finite[np.linspace(0, len(finite) - 1, min(most, len(finite))).astype(np.int64)]
-    return PointCloud(structure.points, colours).select(chosen)
-
-
-def _warnings(structure: Structure | None, carried: tuple[str, ...]) -> tuple[str, ...]:
-    found = []
-    if structure is None:
-        found.append("too little texture to refine poses or to tell how far things are: poses are used as given")
-    if carried:
-        found.append(
-            f"{len(carried)} frames see too little to be placed exactly and follow their neighbours: "
-            + ", ".join(carried[:5])
-            + (", ..." if len(carried) > 5 else "")
-        )
-    return tuple(found)
+        colours[point] = frame.image[rows, columns] / np.float32(255)
+        away = frame.camera.centre - structure.points[point]
+        directions[point] = away / np.linalg.norm(away, axis=1, keepdims=True)
+    finite = np.isfinite(structure.points).all(axis=1)
+    return PointCloud(structure.points, colours, directions).select(finite)

@@ -1,96 +1,78 @@
-"""Poses of the frames that are no keyframes: adjusted, one by one, to the points that the keyframes know."""
+"""Where one camera stands, from points that others know: no given pose is needed."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from pocketgs.camera import Camera
-from pocketgs.capture.capture import Frame
-from pocketgs.prior.bundle import adjust_pose
-from pocketgs.prior.features import Features, match
+from pocketgs.prior.bundle import BundleSettings, adjust_pose
 from pocketgs.prior.observations import Observations
-from pocketgs.prior.scale import Scale
-from pocketgs.prior.structure import Structure, StructureSettings, detect_all
-from pocketgs.prior.tracks import reprojection_errors, view_distances
+from pocketgs.prior.tracks import reprojection_errors
 
-NEIGHBOURS = 4
-"""Keyframes that a frame is matched with, those with the most similar views."""
+FEWEST_SIGHTINGS, FEWEST_CELLS = 24, 5
+"""A pose that fewer sightings agree on, or in fewer of 4 x 4 parts of the image, is not believed."""
 
-FEWEST_SIGHTINGS = 12
+CONFIDENCE, TRIALS = 0.9999, 2000
 
 
-@dataclass(frozen=True)
-class Relocalisation:
-    """Where frames were found to be.
+def pose_from_points(camera: Camera, points: np.ndarray, pixels: np.ndarray, tolerance: float) -> Camera | None:
+    """The camera at the pose that most sightings agree on, or None if too few do.
 
-    Attributes:
-        cameras: of the frames, in their order.
-        carried: names of frames that see too few points, and follow the keyframe nearest to them.
-    """
-
-    cameras: list[Camera]
-    carried: tuple[str, ...]
-
-
-def relocalise(
-    frames: Sequence[Frame],
-    keyframes: Sequence[Frame],
-    structure: Structure,
-    scale: Scale,
-    settings: StructureSettings,
-) -> Relocalisation:
-    """Place frames in the world that bundle adjustment has refined, by motion-only adjustment.
+    RANSAC over three points at a time (Gao et al. 2003, in OpenCV), then least squares over all that agree.
 
     Args:
-        frames: with given poses.
-        keyframes: K frames with given poses.
-        structure: what bundle adjustment made of the keyframes.
-        scale: of the scene.
-        settings: as for the keyframes.
+        camera: gives the intrinsics.
+        points: (M, 3) in the world.
+        pixels: (M, 2) where they may have been seen; wrong ones among them.
+        tolerance: distance in pixels within which a sighting agrees.
     """
-    given = [frame.camera for frame in keyframes]
-    distances = view_distances([frame.camera for frame in frames], given, scale.distance)
-    cameras, carried = [], []
-    features = detect_all(frames, settings.features)
-    for frame, own, order in zip(frames, features, np.argsort(distances, axis=1, kind="stable"), strict=True):
-        start = _carried(frame.camera, given[order[0]], structure.cameras[order[0]])
-        pixels, points = _sightings(own, structure, order[:NEIGHBOURS])
-        placed = _placed(start, pixels, points, scale, settings)
-        if placed is None:
-            carried.append(frame.name)
-        cameras.append(placed or start)
-    return Relocalisation(cameras, tuple(carried))
-
-
-def _carried(camera: Camera, keyframe: Camera, refined: Camera) -> Camera:
-    """The camera, with the pose relative to a keyframe that it was given."""
-    relative = camera.world_to_camera @ keyframe.camera_to_world
-    return replace(camera, world_to_camera=relative @ refined.world_to_camera)
-
-
-def _sightings(own: Features, structure: Structure, views: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(M, 2) pixels of a frame's features, and (M, 3) the points that keyframes' features like them belong to."""
-    pairs = [np.zeros((0, 2), np.int64)]
-    for view in views:
-        theirs, point = structure.landmarks[view]
-        found = match(own, theirs)
-        pairs.append(np.stack([found[:, 0], point[found[:, 1]]], axis=1))
-    feature, point = np.unique(np.concatenate(pairs), axis=0).T
-    return own.pixels[feature], structure.points[point]
-
-
-def _placed(
-    start: Camera, pixels: np.ndarray, points: np.ndarray, scale: Scale, settings: StructureSettings
-) -> Camera | None:
-    """The camera adjusted to its sightings, leaving out what lies far off round by round; None if too few are left."""
-    each = np.arange(len(points))
-    camera = start
-    for threshold in settings.rounds:
-        near = reprojection_errors([camera], points, Observations(np.zeros_like(each), each, pixels)) < threshold
-        if np.count_nonzero(near) < FEWEST_SIGHTINGS:
+    if len(points) < FEWEST_SIGHTINGS:
+        return None
+    # OpenCV's RANSAC works in single precision on the points: it takes them about their middle, and small.
+    middle, size = points.mean(axis=0), max(float(np.abs(points - points.mean(axis=0)).max()), 1e-300)
+    try:
+        found, turn, offset, _ = cv2.solvePnPRansac(
+            (points - middle) / size,
+            pixels,
+            camera.intrinsic_matrix,
+            None,
+            iterationsCount=TRIALS,
+            reprojectionError=tolerance,
+            confidence=CONFIDENCE,
+            flags=cv2.SOLVEPNP_AP3P,
+        )
+    except cv2.error:  # the solver meets a degenerate sample
+        return None
+    if not found:
+        return None
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_rotvec(np.ravel(turn)).as_matrix()
+    pose[:3, 3] = np.ravel(offset) * size - pose[:3, :3] @ middle
+    placed = replace(camera, world_to_camera=pose)
+    for _ in range(2):
+        near = agreeing(placed, points, pixels, tolerance)
+        if not enough(camera, pixels[near]):
             return None
-        camera = adjust_pose(start, points[near], pixels[near], settings.bundle_settings(scale)).camera
-    return camera
+        placed = adjust_pose(placed, points[near], pixels[near], BundleSettings(huber=tolerance / 2)).camera
+    return placed if enough(camera, pixels[agreeing(placed, points, pixels, tolerance)]) else None
+
+
+def agreeing(camera: Camera, points: np.ndarray, pixels: np.ndarray, tolerance: float) -> np.ndarray:
+    """(M,) bool: pixels within the tolerance of where the points fall."""
+    each = np.arange(len(points))
+    return reprojection_errors([camera], points, Observations(np.zeros_like(each), each, pixels)) < tolerance
+
+
+def enough(camera: Camera, pixels: np.ndarray) -> bool:
+    """Whether sightings at these pixels are enough, and spread enough, to tell a pose."""
+    return len(pixels) >= FEWEST_SIGHTINGS and cells(camera, pixels) >= FEWEST_CELLS
+
+
+def cells(camera: Camera, pixels: np.ndarray) -> int:
+    """In how many of 4 x 4 parts of the camera's image pixels lie."""
+    across, down = np.clip(pixels / (camera.width, camera.height) * 4, 0, 3).astype(np.int64).T
+    return len(np.unique(4 * down + across))

@@ -135,8 +135,8 @@ def extend(
 def winners(total: np.ndarray, inverse_depths: np.ndarray, paths: int) -> tuple[np.ndarray, np.ndarray]:
     """The cheapest hypothesis of every pixel, to a fraction of a step, and how clearly it wins.
 
-    A parabola through the winner and its neighbours gives the fraction. A winner at either end of the range is none:
-    the truth may lie beyond.
+    A parabola through the winner and its neighbours gives the fraction. A winner at the near end of the range is none:
+    the truth may lie beyond. At the far end it is the first hypothesis itself, for the caller to judge.
 
     Args:
         total: (H, W, D) uint16 aggregated costs.
@@ -157,13 +157,14 @@ def winners(total: np.ndarray, inverse_depths: np.ndarray, paths: int) -> tuple[
             for d in range(hypotheses):
                 if costs[d] < costs[best]:
                     best = d
-            if best == 0 or best == hypotheses - 1:
+            if best == hypotheses - 1:
                 continue
             rival = np.uint16(65535)
             for d in range(hypotheses):
                 if abs(d - best) > RIVAL_DISTANCE:
                     rival = min(rival, costs[d])
-            low, least, high = np.float32(costs[best - 1]), np.float32(costs[best]), np.float32(costs[best + 1])
+            least, high = np.float32(costs[best]), np.float32(costs[best + 1])
+            low = np.float32(costs[best - 1]) if best > 0 else high
             curvature = low - 2 * least + high
             fraction = np.float32(0.5) * (low - high) / curvature if curvature > 0 else np.float32(0.0)
             depths[row, column] = 1 / (inverse_depths[best] + fraction * spacing)

@@ -33,4 +33,5 @@ def completed(found: DepthMap, keyframe: Frame) -> DepthMap:
     return DepthMap(
         np.where(unsure, measured * np.float32(scale), found.depth),
         np.where(unsure, np.float32(SURE_MARGIN), found.margin),
+        found.step,
     )

@@ -1,55 +1,43 @@
-"""Structure and motion of the keyframes: sparse points that several of them see, and poses that agree with them."""
+"""Structure and motion of a capture: points that several frames see, and poses that agree with them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 
-import numba
 import numpy as np
 
 from pocketgs.camera import Camera
-from pocketgs.capture.capture import Frame
+from pocketgs.capture.capture import Frame, Photographs
 from pocketgs.errors import PocketGSError
-from pocketgs.prior.bundle import BundleSettings, adjust_bundle
-from pocketgs.prior.features import Features, detect
+from pocketgs.prior.bundle import BundleSettings
+from pocketgs.prior.consensus import consensus
+from pocketgs.prior.detection import detect_all
+from pocketgs.prior.features import Features
 from pocketgs.prior.observations import Observations
+from pocketgs.prior.pairs import choose_pairs
+from pocketgs.prior.placement import Placement
+from pocketgs.prior.refinement import refine
 from pocketgs.prior.scale import Scale
-from pocketgs.prior.tracks import (
-    link,
-    match_views,
-    overlapping_pairs,
-    reprojection_errors,
-    triangulate,
-    triangulation_angles,
-)
+from pocketgs.prior.suspects import contradicted, strangers
+from pocketgs.prior.tolerance import FINEST, LEAST_ANGLE, measured_tolerance, widest_tolerance
+from pocketgs.prior.tracks import link, reprojection_errors, triangulate, triangulation_angles
+from pocketgs.prior.two_view import VERIFICATION, Matches, match_views
 
-CHECKED_SHARE = 3
-"""One in so many points is kept from bundle adjustment to judge it by."""
-
-LEAST_GAIN = 0.1
-"""Poses are replaced when that lowers the reprojection error of points they were not fitted to by this share, at least.
-
-Poses that were computed from larger images, or from more of them, are often better than what features of small images
-tell. Fitting poses anew lowers the error of the points that they are fitted to even then.
-"""
+MOST_STEPS, NEGLIGIBLE_GAIN = 15, 1e-4
+"""Adjustment ends after so many steps, or when one gains less than this share of the cost: far below noise."""
 
 
 @dataclass(frozen=True)
 class StructureSettings:
-    """How sparse points are found and poses refined.
+    """How points are found and poses refined.
 
     Attributes:
-        bundle: adjust the poses; otherwise they stay as given and points are only triangulated.
+        bundle: adjust the poses, and place wrong ones anew; otherwise they stay as given.
         features: most features of a frame.
         position_sigma: standard deviation of given positions, in metres, or where the capture is not metric in units of
             the distance to the scene.
         rotation_sigma: that of given rotations, in radians.
-        rounds: reprojection errors in pixels beyond which a sighting is left out, round by round. The first is wide,
-            since given poses may be off by many pixels.
-        least_angle: triangulation angle in radians below which a point is left out.
         fewest_points: fewer say too little to go by.
     """
 
@@ -57,8 +45,6 @@ class StructureSettings:
     features: int = 2000
     position_sigma: float = 0.05
     rotation_sigma: float = np.radians(2)
-    rounds: tuple[float, ...] = (16.0, 4.0, 2.0)
-    least_angle: float = np.radians(1.5)
     fewest_points: int = 50
 
     def __post_init__(self) -> None:
@@ -67,118 +53,168 @@ class StructureSettings:
 
     def bundle_settings(self, scale: Scale) -> BundleSettings:
         """Those of bundle adjustment in a scene of this scale."""
-        return BundleSettings(position_sigma=self.position_sigma * scale.unit, rotation_sigma=self.rotation_sigma)
+        return BundleSettings(
+            iterations=MOST_STEPS,
+            position_sigma=self.position_sigma * scale.unit,
+            rotation_sigma=self.rotation_sigma,
+            tolerance=NEGLIGIBLE_GAIN,
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """Sparse points and the poses of the keyframes that see them.
+    """Points and the poses of the frames that see them.
 
     Attributes:
-        cameras: of the K keyframes.
+        names: of the F frames.
+        cameras: of the frames.
         points: (N, 3) float64.
-        observations: where the keyframes see the points.
-        landmarks: for each keyframe the features that are points, and (L,) the index of each one's point.
-        rmse_before, rmse_after: root mean square reprojection error in pixels with the given poses, and with those in
-            `cameras`.
-        refined: whether `cameras` are other than given.
+        observations: where the frames see the points: what agrees with `cameras` within `tolerance`.
+        landmarks: for each frame the features that are points, and (L,) the index of each one's point.
+        rmse_before, rmse_after: root mean square reprojection error in pixels with the given poses (of replaced frames,
+            as they were placed), and with those in `cameras`.
+        tolerance: pixels within which sightings agree with points.
+        refined: whether some of `cameras` are other than given.
+        carried: names of frames that see too little to be refined, and moved with the nearest frame that was.
+        replaced: names of frames whose given poses are wrong and that were placed anew.
+        doubtful: names of frames whose poses are contradicted by the others and that could not be placed.
     """
 
+    names: tuple[str, ...]
     cameras: list[Camera]
     points: np.ndarray
     observations: Observations
     landmarks: list[tuple[Features, np.ndarray]]
     rmse_before: float
     rmse_after: float
+    tolerance: float
     refined: bool
+    carried: tuple[str, ...] = ()
+    replaced: tuple[str, ...] = ()
+    doubtful: tuple[str, ...] = ()
+
+    def of(self, frames: Sequence[Frame]) -> Structure:
+        """What some frames see: their cameras, and the points that two of them or more see, numbered anew.
+
+        Args:
+            frames: some of those that it was built from, in any order.
+        """
+        number = {name: index for index, name in enumerate(self.names)}
+        chosen = np.array([number[frame.name] for frame in frames], np.int64)
+        place = np.full(len(self.names), -1, np.int32)
+        place[chosen] = np.arange(len(chosen))
+        inside = place[self.observations.frame] >= 0
+        kept = np.bincount(self.observations.point[inside], minlength=len(self.points)) >= 2
+        numbers = np.cumsum(kept, dtype=np.int32) - 1
+        seen = self.observations.select(inside & kept[self.observations.point])
+        landmarks = []
+        for features, point in (self.landmarks[index] for index in chosen):
+            landmarks.append((features.select(kept[point]), numbers[point[kept[point]]]))
+        return replace(
+            self,
+            names=tuple(self.names[index] for index in chosen),
+            cameras=[self.cameras[index] for index in chosen],
+            points=self.points[kept],
+            observations=Observations(place[seen.frame], numbers[seen.point], seen.pixels),
+            landmarks=landmarks,
+        )
 
 
-def detect_all(frames: Sequence[Frame], most: int) -> list[Features]:
-    """Features of every frame, found on all cores."""
-    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
-        return list(pool.map(partial(detect, most=most), frames))
-
-
-def build_structure(keyframes: Sequence[Frame], scale: Scale, settings: StructureSettings) -> Structure | None:
-    """Find points that several keyframes see, and refine the poses where the points contradict them.
+def build_structure(
+    frames: Sequence[Frame], scale: Scale, settings: StructureSettings, photographs: Photographs | None = None
+) -> Structure | None:
+    """Find points that several frames see, and refine the poses where the points contradict them.
 
     Args:
-        keyframes: K frames with given poses.
+        frames: F frames with given poses, held-out ones among them: nothing is looked at but geometry.
         scale: of the scene.
         settings: how.
+        photographs: what the frames were made of, to find features in larger images; None: in the frames themselves.
 
     Returns:
         None if there is too little texture to tell.
     """
-    given = [frame.camera for frame in keyframes]
-    features = detect_all(keyframes, settings.features)
-    matches = match_views(given, features, overlapping_pairs(given, scale.distance))
-    tracks, feature = link(features, matches)
-    cameras, points = given, triangulate(given, tracks)
-    for threshold in settings.rounds:
-        trusted = _trusted(cameras, points, tracks, threshold, settings.least_angle)
-        numbers, seen = _renumbered(tracks.select(trusted))
-        if len(numbers) < settings.fewest_points:
-            return None
-        if settings.bundle:
-            # Every round starts from the given poses: from the last round's, the prior would let them wander off.
-            cameras = adjust_bundle(given, points[numbers], seen, settings.bundle_settings(scale)).cameras
-            points = triangulate(cameras, tracks)
-    refined = settings.bundle and _generalises(given, tracks, trusted, settings, scale)
-    cameras = cameras if refined else given
-    points = triangulate(cameras, seen)
-    landmarks = [_landmarks(features[view], feature[trusted], seen, view) for view in range(len(keyframes))]
-    before = _rmse(given, triangulate(given, seen), seen)
-    return Structure(cameras, points, seen, landmarks, before, _rmse(cameras, points, seen), refined)
-
-
-def _generalises(
-    given: Sequence[Camera], tracks: Observations, trusted: np.ndarray, settings: StructureSettings, scale: Scale
-) -> bool:
-    """Whether poses adjusted to some of the trusted points suit the others better than the given poses do.
-
-    The others are those that the given poses do not rule out, good or bad: to judge by trusted sightings would favour
-    the poses that they were chosen with. Hence medians.
-    """
-    checked = tracks.point % CHECKED_SHARE == 0
-    points = triangulate(given, tracks)
-    finite = np.isfinite(points).all(axis=1)[tracks.point]
-    numbers, fitted = _renumbered(tracks.select(trusted & ~checked & finite))
-    plausible = _trusted(given, points, tracks, settings.rounds[0], settings.least_angle)
-    others, unseen = _renumbered(tracks.select(plausible & checked))
-    if min(len(numbers), len(others)) < settings.fewest_points // CHECKED_SHARE:
-        return False
-    adjusted = adjust_bundle(given, points[numbers], fitted, settings.bundle_settings(scale)).cameras
-    before, after = (
-        np.median(reprojection_errors(cameras, triangulate(cameras, unseen), unseen)) for cameras in (given, adjusted)
+    names = tuple(frame.name for frame in frames)
+    given = [frame.camera for frame in frames]
+    features = detect_all(frames, settings.features, photographs)
+    finest = FINEST * float(np.median([view.grain for view in features])) if features else FINEST
+    pairs = choose_pairs(names, given, features, scale.distance)
+    matches = match_views(given, features, pairs)
+    placed, matches, wrong = _placed(given, features, matches, finest, settings.bundle, scale)
+    sound = {pair: found for pair, found in matches.items() if not wrong[list(pair)].any()}
+    tracks, feature = link(features, sound)
+    if not len(tracks):
+        return None
+    cameras, carried = placed, np.zeros(len(frames), bool)
+    if settings.bundle:
+        widest, how = widest_tolerance(given), settings.bundle_settings(scale)
+        refinement = refine(placed, tracks, widest, finest, how, scale.distance)
+        cameras, carried = refinement.cameras, refinement.carried
+    tolerance = measured_tolerance(cameras, tracks, finest)
+    points, seen, behind = _agreeing(cameras, tracks, tolerance)
+    if len(points) < settings.fewest_points:
+        return None
+    changed = [new is not old for new, old in zip(placed, given, strict=True)]
+    return Structure(
+        names=names,
+        cameras=cameras,
+        points=points,
+        observations=seen,
+        landmarks=[_landmarks(features[view], feature[behind], seen, view) for view in range(len(frames))],
+        rmse_before=_rmse(placed, triangulate(placed, seen), seen),
+        rmse_after=_rmse(cameras, points, seen),
+        tolerance=tolerance,
+        refined=any(new is not old for new, old in zip(cameras, given, strict=True)),
+        carried=_chosen(names, carried),
+        replaced=_chosen(names, changed),
+        doubtful=_chosen(names, wrong),
     )
-    return bool(after <= (1 - LEAST_GAIN) * before)
+
+
+def _placed(
+    given: list[Camera], features: Sequence[Features], matches: Matches, finest: float, may_move: bool, scale: Scale
+) -> tuple[list[Camera], Matches, np.ndarray]:
+    """Cameras, wrong ones placed anew where that is possible; all matches; and (F,) bool what stays wrong."""
+    tracks, _ = link(features, matches)
+    tolerance = max(VERIFICATION * finest, measured_tolerance(given, tracks, finest))
+    wrong = contradicted(given, features, matches, tolerance) | strangers(given, features, matches, scale.distance)
+    if not (wrong.any() and may_move):
+        return given, matches, wrong
+    placement = Placement(given, features, matches, wrong, tolerance, scale.distance)
+    placement.run()
+    return placement.cameras, placement.matches, placement.wrong
+
+
+def _chosen(names: Sequence[str], which: Sequence[bool] | np.ndarray) -> tuple[str, ...]:
+    return tuple(name for name, chosen in zip(names, which, strict=True) if chosen)
+
+
+def _agreeing(
+    cameras: Sequence[Camera], tracks: Observations, tolerance: float
+) -> tuple[np.ndarray, Observations, np.ndarray]:
+    """The points that sightings agree on, those sightings, and (M,) which of the tracks' they are."""
+    kept = np.flatnonzero(consensus(cameras, tracks, tolerance, LEAST_ANGLE).agrees)
+    for _ in range(2):
+        _, point = np.unique(tracks.point[kept], return_inverse=True)
+        seen = Observations(tracks.frame[kept], point.astype(np.int32), tracks.pixels[kept])
+        points = triangulate(cameras, seen)
+        near = reprojection_errors(cameras, points, seen) < tolerance
+        views = np.bincount(seen.point[near], minlength=len(points))
+        angles = triangulation_angles(cameras, points, seen.select(near))
+        kept = kept[near & ((views >= 2) & (angles >= LEAST_ANGLE))[seen.point]]
+    _, point = np.unique(tracks.point[kept], return_inverse=True)
+    seen = Observations(tracks.frame[kept], point.astype(np.int32), tracks.pixels[kept])
+    return triangulate(cameras, seen), seen, kept
 
 
 def _rmse(cameras: Sequence[Camera], points: np.ndarray, observations: Observations) -> float:
     errors = reprojection_errors(cameras, points, observations)
-    return float(np.sqrt(np.mean(errors[np.isfinite(errors)] ** 2)))
-
-
-def _trusted(
-    cameras: Sequence[Camera], points: np.ndarray, tracks: Observations, threshold: float, least_angle: float
-) -> np.ndarray:
-    """(M,) bool: sightings near where their point falls, of points that two views see from angles far enough apart."""
-    near = reprojection_errors(cameras, points, tracks) < threshold
-    views = np.bincount(tracks.point[near], minlength=len(points))
-    angles = triangulation_angles(cameras, points, tracks.select(near))
-    return near & ((views >= 2) & (angles >= least_angle))[tracks.point]
-
-
-def _renumbered(observations: Observations) -> tuple[np.ndarray, Observations]:
-    """The points that are seen, and the observations with these numbered from 0."""
-    numbers, point = np.unique(observations.point, return_inverse=True)
-    return numbers, Observations(observations.frame, point.astype(np.int32), observations.pixels)
+    finite = errors[np.isfinite(errors)]
+    return float(np.sqrt(np.mean(finite**2))) if len(finite) else 0.0
 
 
 def _landmarks(
     features: Features, feature: np.ndarray, observations: Observations, view: int
 ) -> tuple[Features, np.ndarray]:
     here = observations.frame == view
-    chosen = feature[here]
-    return Features(features.pixels[chosen], features.descriptors[chosen]), observations.point[here]
+    return features.select(feature[here]), observations.point[here]

@@ -1,4 +1,4 @@
-"""Plane-sweep stereo: a depth for every pixel of a keyframe, from the frames around it."""
+"""Plane-sweep stereo: a depth for every pixel of a keyframe, from frames that see the same."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
 from pocketgs.capture.loading import downscaled
 from pocketgs.errors import PocketGSError
-from pocketgs.prior.matching_cost import References, matching_costs, squares_of
+from pocketgs.prior.depth_range import DepthRange
+from pocketgs.prior.matching_cost import ALL_USABLE, BITS, References, matching_costs, squares_of
 from pocketgs.prior.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners
-
-FEWEST_HYPOTHESES = 8
 
 SMOOTHING_WINDOW, SMOOTHING_WIDTH, SMOOTHING_STEPS = 9, 4.0, 3.0
 """Side and standard deviation in pixels of the window in which depths are smoothed, and, in hypotheses, that of what
@@ -24,6 +23,12 @@ counts as the same surface."""
 MOST_PIXELS = 400_000
 """Larger frames are searched at a smaller size: it bounds the memory and the time of a sweep."""
 
+BASELINE_SPREAD = 0.5
+"""Standard deviation of the baseline's score, as a share of the baseline aimed at."""
+
+THIRD_VIEW = 0.2
+"""What a reference counts for where two better ones see the same point: their costs are what is averaged."""
+
 
 @dataclass(frozen=True)
 class SweepSettings:
@@ -31,7 +36,6 @@ class SweepSettings:
 
     Attributes:
         references: frames that a keyframe is compared with.
-        hypotheses: depths tried, uniform in inverse depth.
         paths: directions of semi-global matching, 4 or 8.
         small_step, large_step: its penalties, in census bits.
         angle: that the baseline to a reference should span, seen from the scene, in radians.
@@ -42,7 +46,6 @@ class SweepSettings:
     """
 
     references: int = 4
-    hypotheses: int = 128
     paths: int = 8
     small_step: int = 8
     large_step: int = 60
@@ -52,8 +55,6 @@ class SweepSettings:
     def __post_init__(self) -> None:
         if self.references < 1:
             raise PocketGSError(f"references: found {self.references}, expected at least 1")
-        if self.hypotheses < FEWEST_HYPOTHESES:
-            raise PocketGSError(f"depth hypotheses: found {self.hypotheses}, expected at least {FEWEST_HYPOTHESES}")
         if self.paths not in (4, 8):
             raise PocketGSError(f"paths of semi-global matching: found {self.paths}, expected 4 or 8")
 
@@ -65,76 +66,99 @@ class DepthMap:
     Attributes:
         depth: (H, W) float32 along the optical axis, 0 where unknown.
         margin: (H, W) float32 in [0, 1]: by what share the depth is cheaper than the best other one.
+        step: by how much the inverse depths of neighbouring hypotheses differ.
     """
 
     depth: np.ndarray
     margin: np.ndarray
+    step: float
+
+    @property
+    def resolved(self) -> float:
+        """Depth beyond which things shift by less than one hypothesis: how far away they are cannot be told."""
+        return 1 / self.step
 
 
-def at_sweep_size(frame: Frame) -> Frame:
+def at_sweep_size(frame: Frame, most_pixels: int = MOST_PIXELS) -> Frame:
     """The frame, smaller if it has more pixels than a sweep takes."""
     width, height = frame.camera.width, frame.camera.height
-    reduction = np.sqrt(width * height / MOST_PIXELS)
+    reduction = np.sqrt(width * height / most_pixels)
     return downscaled(frame, float(reduction), None) if reduction > 1 else frame
 
 
 def choose_references(
-    keyframe: Frame, frames: Sequence[Frame], scene_depth: float, settings: SweepSettings
+    keyframe: Frame, frames: Sequence[Frame], points: np.ndarray, settings: SweepSettings
 ) -> list[Frame]:
-    """The frames to compare a keyframe with: those of the highest scores, best first.
+    """The frames to compare a keyframe with, so that most of what it sees is seen well by two of them.
 
-    The score is exp(-(b - b_target)² / 2 σ²) · min(α / α_min, 1), where b is the baseline and α the viewing angle at
-    the point that lies at the scene's depth before the keyframe.
+    A frame's score at a point is exp(-(b - b_target)² / 2 σ²) · min(α / α_min, 1), where b is the baseline and α the
+    viewing angle at the point; 0 where it does not see the point. Frames are chosen one by one, each for what it adds
+    to the two best scores of every point.
 
     Args:
         keyframe: the frame whose depth is sought.
         frames: to choose from; the keyframe itself is passed over.
-        scene_depth: median depth of what the keyframe sees.
+        points: (N, 3) what the keyframe sees.
         settings: number of references, and angles.
     """
-    target = float(np.tan(settings.angle)) * scene_depth
-    point = keyframe.camera.centre + scene_depth * keyframe.camera.forward
-
-    def score(other: Frame) -> float:
-        _, depth = other.camera.project(point[None])
-        if depth[0] <= 0:
-            return -1.0
-        here, there = keyframe.camera.centre - point, other.camera.centre - point
-        baseline = float(np.linalg.norm(here - there))
-        cosine = here @ there / (np.linalg.norm(here) * np.linalg.norm(there))
-        angle = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
-        return float(np.exp(-((baseline / target - 1) ** 2) / (2 * 0.5**2))) * min(angle / settings.least_angle, 1.0)
-
     others = [frame for frame in frames if frame.name != keyframe.name]
-    return sorted(others, key=score, reverse=True)[: settings.references]
+    scores = np.array([_scores(keyframe.camera, other.camera, points, settings) for other in others])
+    best, second = np.zeros((2, len(points)))
+    chosen: list[int] = []
+    for _ in range(min(settings.references, len(others))):
+        added = np.maximum(scores, second) - second + THIRD_VIEW * scores
+        added[chosen] = -1.0
+        index = int(np.argmax(added.sum(axis=1)))
+        if not scores[index].any():
+            break
+        chosen.append(index)
+        second = np.maximum(second, np.minimum(best, scores[index]))
+        best = np.maximum(best, scores[index])
+    return [others[index] for index in chosen]
 
 
-def sweep(
-    keyframe: Frame, references: Sequence[Frame], nearest: float, farthest: float, settings: SweepSettings
-) -> DepthMap:
+def _scores(view: Camera, other: Camera, points: np.ndarray, settings: SweepSettings) -> np.ndarray:
+    """(N,) how well another camera helps to tell the depths of points."""
+    pixels, depth = other.project(points)
+    seen = (depth > 0) & np.all((pixels >= 0) & (pixels < (other.width, other.height)), axis=1)
+    here, there = view.centre - points, other.centre - points
+    distances = np.linalg.norm(here, axis=1)
+    cosine = np.sum(here * there, axis=1) / np.maximum(distances * np.linalg.norm(there, axis=1), 1e-30)
+    angle = np.arccos(np.clip(cosine, -1.0, 1.0))
+    target = np.tan(settings.angle) * distances
+    baseline = np.linalg.norm(view.centre - other.centre)
+    fit = np.exp(-((baseline / target - 1) ** 2) / (2 * BASELINE_SPREAD**2))
+    return np.where(seen, fit * np.minimum(angle / settings.least_angle, 1.0), 0.0)
+
+
+def sweep(keyframe: Frame, references: Sequence[Frame], search: DepthRange, settings: SweepSettings) -> DepthMap:
     """Find the depths of a keyframe.
 
-    Pixels that a mask or alpha leaves out have no depth.
+    Pixels that a mask or alpha leaves out have no depth; those that a mask leaves out, here or in references, have no
+    say in that of others. What alpha leaves out lies on the background and tells where an object ends.
 
     Args:
         keyframe: the frame whose depth is sought.
         references: frames to compare it with; without any, no depth is known.
-        nearest: least depth to try.
-        farthest: greatest depth to try.
+        search: the depths to try.
         settings: how.
     """
     view = _grey(keyframe)
+    inverse_depths = search.inverse_depths
+    step = float(inverse_depths[1] - inverse_depths[0])
     if not references:
-        return DepthMap(*np.zeros((2, *view.shape), np.float32))
-    inverse_depths = np.linspace(1 / farthest, 1 / nearest, settings.hypotheses, dtype=np.float32)
+        return DepthMap(np.zeros(view.shape, np.float32), np.zeros(view.shape, np.float32), step)
     costs = matching_costs(view, _references(keyframe.camera, references), inverse_depths)
+    if keyframe.mask is not None:
+        costs[~keyframe.mask] = BITS // 2  # as where no reference sees a hypothesis
     paths = EIGHT_PATHS if settings.paths == 8 else FOUR_PATHS
     total = aggregate(costs, view, paths, settings.small_step, settings.large_step)
     depth, margin = winners(total, inverse_depths, len(paths))
-    depth = _smoothed(depth, float(inverse_depths[1] - inverse_depths[0]))
+    if np.isfinite(search.farthest):  # the truth may lie beyond the end of the range
+        depth[depth * inverse_depths[0] > 1 - 1e-6] = 0
     if keyframe.usable is not None:
         depth[~keyframe.usable] = 0
-    return DepthMap(depth, margin)
+    return DepthMap(_smoothed(depth, step), margin, step)
 
 
 def _smoothed(depth: np.ndarray, spacing: float) -> np.ndarray:
@@ -152,7 +176,11 @@ def _smoothed(depth: np.ndarray, spacing: float) -> np.ndarray:
 
 
 def _grey(frame: Frame) -> np.ndarray:
-    return cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY)
+    """The grey image, black where it is masked: whatever is there has no say."""
+    grey = cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY)
+    if frame.mask is not None:
+        grey[~frame.mask] = 0
+    return grey
 
 
 def _references(view: Camera, frames: Sequence[Frame]) -> References:
@@ -166,4 +194,15 @@ def _references(view: Camera, frames: Sequence[Frame]) -> References:
         relative = frame.camera.world_to_camera @ view.camera_to_world
         turns[index] = frame.camera.intrinsic_matrix @ relative[:3, :3] @ np.linalg.inv(view.intrinsic_matrix)
         shifts[index] = frame.camera.intrinsic_matrix @ relative[:3, 3]
-    return References(squares, sizes.astype(np.float32), turns, shifts)
+    return References(squares, sizes.astype(np.float32), turns, shifts, _usable_of(frames, squares.shape))
+
+
+def _usable_of(frames: Sequence[Frame], shape: tuple[int, ...]) -> np.ndarray:
+    """What the masks of the references leave, padded to one size."""
+    if all(frame.mask is None for frame in frames):
+        return ALL_USABLE
+    usable = np.ones(shape, np.bool_)
+    for padded, frame in zip(usable, frames, strict=True):
+        if frame.mask is not None:
+            padded[: frame.mask.shape[0], : frame.mask.shape[1]] = frame.mask
+    return usable

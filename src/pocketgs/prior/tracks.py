@@ -9,38 +9,13 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from pocketgs.camera import Camera
-from pocketgs.prior.features import Features, agreeing, match
+from pocketgs.prior.features import Features
 from pocketgs.prior.observations import Observations
 
 WIDEST_ANGLE = np.radians(60)
 """Optical axes further apart see nothing that SIFT would recognise."""
 
-PAIRS_PER_VIEW = 14
-"""Each view is matched with at most so many others, those whose poses are most alike."""
-
-POSE_TOLERANCE = 0.03
-"""Distance from the given poses' epipolar lines that a match may have, as a share of the image's longer side.
-
-Loose, because a phone's poses drift by degrees: what disagrees by more is not the fault of the poses.
-"""
-
 REWEIGHTINGS = 3
-
-Matches = dict[tuple[int, int], np.ndarray]
-
-
-def overlapping_pairs(cameras: Sequence[Camera], scene_distance: float) -> list[tuple[int, int]]:
-    """Pairs of views that the poses say may see the same, each once, (first < second)."""
-    forwards = np.array([camera.forward for camera in cameras])
-    apart = view_distances(cameras, cameras, scene_distance)
-    apart[forwards @ forwards.T < np.cos(WIDEST_ANGLE)] = np.inf
-    np.fill_diagonal(apart, np.inf)
-    pairs = set()
-    for view, distances in enumerate(apart):
-        for other in np.argsort(distances, kind="stable")[:PAIRS_PER_VIEW]:
-            if np.isfinite(distances[other]):
-                pairs.add((min(view, int(other)), max(view, int(other))))
-    return sorted(pairs)
 
 
 def view_distances(first: Sequence[Camera], second: Sequence[Camera], scene_distance: float) -> np.ndarray:
@@ -53,44 +28,6 @@ def view_distances(first: Sequence[Camera], second: Sequence[Camera], scene_dist
     (centres, forwards), (other_centres, other_forwards) = traits(first), traits(second)
     apart = np.linalg.norm(centres[:, None] - other_centres, axis=2)
     return apart + np.linalg.norm(forwards[:, None] - other_forwards, axis=2)
-
-
-def match_views(cameras: Sequence[Camera], features: Sequence[Features], pairs: Sequence[tuple[int, int]]) -> Matches:
-    """Match pairs of views and keep what one motion explains that the given poses do not rule out.
-
-    Returns:
-        For every pair with matches left, (M, 2) int64 indices of features.
-    """
-    matches = {}
-    for first, second in pairs:
-        found = match(features[first], features[second])
-        here, there = features[first].pixels[found[:, 0]], features[second].pixels[found[:, 1]]
-        tolerance = POSE_TOLERANCE * max(cameras[second].width, cameras[second].height)
-        plausible = epipolar_distance(cameras[first], cameras[second], here, there) < tolerance
-        found, here, there = found[plausible], here[plausible], there[plausible]
-        found = found[agreeing(here, there)]
-        if len(found):
-            matches[first, second] = found
-    return matches
-
-
-def epipolar_distance(first: Camera, second: Camera, here: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """(M,) distance in pixels of points in the second image from the epipolar lines of points in the first.
-
-    Args:
-        first: one camera.
-        second: the other.
-        here: (M, 2) pixels in the first image.
-        there: (M, 2) pixels in the second.
-    """
-    relative = second.world_to_camera @ first.camera_to_world
-    x, y, z = relative[:3, 3]
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    essential = cross @ relative[:3, :3]
-    fundamental = np.linalg.inv(second.intrinsic_matrix).T @ essential @ np.linalg.inv(first.intrinsic_matrix)
-    lines = np.column_stack([here, np.ones(len(here))]) @ fundamental.T
-    distances = np.abs(np.sum(lines * np.column_stack([there, np.ones(len(there))]), axis=1))
-    return distances / np.maximum(np.linalg.norm(lines[:, :2], axis=1), 1e-12)
 
 
 def link(

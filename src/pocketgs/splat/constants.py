@@ -1,7 +1,8 @@
 """Numbers of the image formation that every engine shares."""
 
-NEAR = 0.01
-"""Gaussians whose centre is nearer to the camera's plane than this, in scene units, are not drawn."""
+NEAR = 0.005
+"""Gaussians whose centre is nearer to the camera's plane than this share of the scene's extent are not drawn; see
+`pocketgs.splat.near_plane`."""
 
 LOW_PASS = 0.3
 """Added to both variances of a projected Gaussian, in pixels², so that none falls between pixels (3DGS, section 4)."""

@@ -59,11 +59,20 @@ class LossSettings:
 
 @dataclass(frozen=True)
 class AdamSettings:
-    """Decay rates and the guard against division by zero (Kingma and Ba 2015, algorithm 1)."""
+    """How gradients are averaged (Kingma and Ba 2015, algorithm 1).
+
+    Attributes:
+        beta1, beta2: decay rates of the moments.
+        epsilon: guard against division by zero.
+        seen_only: Gaussians that a view does not see keep their parameters and moments. Otherwise they drift on, and
+            what is seen rarely moves the further for it: a gradient that comes every n-th step is divided by a root
+            mean square that has decayed in between.
+    """
 
     beta1: float = 0.9
     beta2: float = 0.999
     epsilon: float = 1e-15
+    seen_only: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,71 +1,135 @@
-"""COLMAP's pipeline, run as `python -m pocketgs.structure_from_motion.colmap` in a process of its own; see `job`."""
+"""COLMAP's matching and mapping, run as `python -m pocketgs.structure_from_motion.colmap` in a process of its own.
+
+See `job`. No image is decoded here: features and colours come as arrays.
+"""
 
 from __future__ import annotations
 
+from itertools import count
 from pathlib import Path
 
+import numpy as np
 import pycolmap
 
-from pocketgs.structure_from_motion.extraction import extract_features, import_images
-from pocketgs.structure_from_motion.job import Job, Outcome, announce, serve
+from pocketgs.structure_from_motion.job import Job, Outcome, announce, announce_count, serve
+from pocketgs.structure_from_motion.world import from_places, upright
 
-# A phone's main camera without EXIF data: focal length over the longer side. COLMAP's own 1.2 is that of a short
-# telephoto lens. Bundle adjustment refines it.
-PHONE_FOCAL_LENGTH = 0.8
 SMALLEST_MODEL = 3
+FAR, AS_GOOD = 0.1, 1.1
+"""The logarithm of a ratio of focal lengths that is worth a look; a ratio of reprojection errors that is as good as 1."""
+
+PAIRS_AT_ONCE = 60
+"""Pairs that are matched between two lines of progress."""
 
 
 def run(job: Job) -> Outcome:
     """Find the poses of some images and write the largest model that comes of it.
 
     Args:
-        job: `images` and `model`, folders; `database`, a file to be made; `groups`, lists of image names, each taken
-            by one camera; `ordered`, whether neighbours by name overlap; `camera_model`, `max_size`, `seed`, `threads`
-            as in COLMAP.
+        job: `database`, a file, made and filled with `cameras` if it is not there; `pairs` of names to match, besides
+            those matched before, or none to verify all of these again; `least_matches` of a pair; `model` and
+            `raw_model`, folders: for the model of the full-size images in its final world, and that of the reduced
+            images in COLMAP's; `better_than`, how many images must be placed at least to write them; `go_on`, whether
+            to place more images into an earlier `raw_model`; `places` in metres, by image name; `seed`.
+            A camera has `model`, `focal_length`, `focal_length_is_known`, `size` of the reduced and `full_size` of the
+            full images, and `images`: `name` and `features`, an .npz file, each.
 
     Returns:
-        What was found: images `registered`, `points`, mean `reprojection_error` in pixels, and by how much of the
-        images: `features`, `matched_pairs`.
+        What was found: names of images `placed`, `points`, mean `reprojection_error` in pixels of the full images, mean
+        `track_length`, number of `matched_pairs`, sizes of other `models`, whether the world is `metric`.
     """
     database = Path(job["database"])
     pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
     pycolmap.set_random_seed(job["seed"])
-    announce("features")
-    _extract(job, database)
+    if not database.exists():
+        _fill(job, database)
     announce("matching")
     _match(job, database)
     announce("mapping")
     models = _map(job, database)
     with pycolmap.Database.open(database) as found:
         _, inliers = found.read_two_view_geometry_num_inliers()
-        matched_pairs = sum(count > 0 for count in inliers)
-        outcome = {"features": found.num_keypoints(), "matched_pairs": matched_pairs}
+    matched_pairs = sum(number > 0 for number in inliers)
     if not models:
-        return {**outcome, "registered": 0}
-    largest = max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()))
+        return {"placed": [], "matched_pairs": matched_pairs}
+    models.sort(key=lambda model: (model.num_reg_images(), model.num_points3D()), reverse=True)
+    largest = models[0]
+    placed = sorted(image.name for image in largest.images.values() if image.has_pose)
+    outcome = {"placed": placed, "matched_pairs": matched_pairs}
+    if len(placed) <= job["better_than"]:
+        return outcome
+    largest = _with_stated_focal_lengths(job, largest)
+    largest.write_binary(job["raw_model"])
+    _enlarge(job, largest)
+    _colour(job, largest)
+    metric = _settle(job, largest)
     largest.write_binary(job["model"])
     return {
         **outcome,
-        "registered": largest.num_reg_images(),
         "points": largest.num_points3D(),
         "reprojection_error": largest.compute_mean_reprojection_error(),
+        "track_length": largest.compute_mean_track_length(),
+        "other_models": [model.num_reg_images() for model in models[1:]],
+        "metric": metric,
     }
 
 
-def _extract(job: Job, database: Path) -> None:
-    reader = pycolmap.ImageReaderOptions()
-    reader.camera_model = job["camera_model"]
-    reader.default_focal_length_factor = PHONE_FOCAL_LENGTH
-    import_images(job, database, job["groups"], pycolmap.CameraMode.SINGLE, reader)
-    extract_features(job, database, job["groups"], pycolmap.CameraMode.SINGLE, reader)
+def _fill(job: Job, database: Path) -> None:
+    """Make the database: cameras, images and their features."""
+    with pycolmap.Database.open(database) as made, pycolmap.DatabaseTransaction(made):
+        for number, camera in enumerate(job["cameras"], start=1):
+            width, height = camera["size"]
+            lens = pycolmap.Camera.create_from_model_name(
+                number, camera["model"], camera["focal_length"], width, height
+            )
+            lens.has_prior_focal_length = camera["focal_length_is_known"]
+            made.write_camera(lens, use_camera_id=True)
+            rig = pycolmap.Rig()
+            rig.add_ref_sensor(lens.sensor_id)
+            rig_id = made.write_rig(rig)
+            for image in camera["images"]:
+                _add_image(made, image, number, rig_id)
+
+
+def _add_image(database: pycolmap.Database, listed: Job, camera: int, rig: int) -> None:
+    image = pycolmap.Image(name=listed["name"], camera_id=camera)
+    image.image_id = database.write_image(image)
+    frame = pycolmap.Frame()
+    frame.rig_id = rig
+    frame.add_data_id(image.data_id)
+    database.write_frame(frame)
+    with np.load(listed["features"]) as features:
+        descriptors = pycolmap.FeatureDescriptors(type=pycolmap.FeatureExtractorType.SIFT, data=features["descriptors"])
+        database.write_keypoints(image.image_id, features["keypoints"])
+        database.write_descriptors(image.image_id, descriptors)
 
 
 def _match(job: Job, database: Path) -> None:
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = job["seed"]
-    # In sequence an image meets its 10 neighbours, and ever fewer at 16, 32, ... to 512, which closes loops.
-    match = pycolmap.match_sequential if job["ordered"] else pycolmap.match_exhaustive
-    match(database, verification_options=verification, device=pycolmap.Device.cpu)
+    verification.min_num_inliers = job["least_matches"]
+    if not job["pairs"]:
+        with pycolmap.Database.open(database) as found:
+            found.clear_two_view_geometries()
+    pairs = job["pairs"] or _matched(database)
+    listed = database.with_name("pairs.txt")
+    pairing = pycolmap.ImportedPairingOptions()
+    pairing.match_list_path = str(listed)
+    for start in range(0, len(pairs), PAIRS_AT_ONCE):
+        some = pairs[start : start + PAIRS_AT_ONCE]
+        listed.write_text("".join(f"{first} {second}\n" for first, second in some), encoding="utf-8")
+        pycolmap.match_image_pairs(
+            database, pairing_options=pairing, verification_options=verification, device=pycolmap.Device.cpu
+        )
+        announce_count(start + len(some), len(pairs))
+
+
+def _matched(database: Path) -> list[tuple[str, str]]:
+    """The pairs whose features have been matched."""
+    with pycolmap.Database.open(database) as found:
+        names = {image.image_id: image.name for image in found.read_all_images()}
+        numbers = [pycolmap.pair_id_to_image_pair(pair) for pair in found.read_num_matches()[0]]
+    return [(names[first], names[second]) for first, second in numbers]
 
 
 def _map(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
@@ -74,9 +138,101 @@ def _map(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
     # The sums of several threads come in any order, and bundle adjustment makes their last bits visible.
     options.num_threads = 1
     options.min_model_size = SMALLEST_MODEL
+    options.extract_colors = False
+    options.min_num_matches = job["least_matches"]
+    options.mapper.abs_pose_min_num_inliers = 2 * job["least_matches"]
+    options.multiple_models = not job["go_on"]
     working = database.with_name("models")
-    working.mkdir()
-    return list(pycolmap.incremental_mapping(database, job["images"], working, options).values())
+    working.mkdir(exist_ok=True)
+    images = sum(len(camera["images"]) for camera in job["cameras"])
+    tries = count(1)
+    found = pycolmap.incremental_mapping(
+        database,
+        database.parent,
+        working,
+        options,
+        input_path=job["raw_model"] if job["go_on"] else "",
+        next_image_callback=lambda: announce_count(min(next(tries) + 1, images), images),
+    )
+    return list(found.values())
+
+
+def _with_stated_focal_lengths(job: Job, model: pycolmap.Reconstruction) -> pycolmap.Reconstruction:
+    """The model with the focal lengths that EXIF data state, where these are far from those found and do as well.
+
+    From straight above flat ground, for one, no focal length can be found: every one explains the photographs.
+    """
+    stated = {
+        number: camera["focal_length"]
+        for number, camera in enumerate(job["cameras"], start=1)
+        if camera["focal_length_is_known"] and number in model.cameras
+    }
+    far = [number for number in stated if abs(_log_ratio(model.cameras[number], stated[number])) > FAR]
+    if not far:
+        return model
+    other = pycolmap.Reconstruction(model)
+    for number in far:
+        camera = other.cameras[number]
+        parameters = np.array(camera.params)
+        parameters[list(camera.focal_length_idxs())] = stated[number]
+        camera.params = parameters.tolist()
+    options = pycolmap.BundleAdjustmentOptions()
+    options.refine_focal_length = False
+    options.ceres.solver_options.num_threads = 1
+    pycolmap.bundle_adjustment(other, options)
+    other.update_point_3d_errors()
+    as_good = other.compute_mean_reprojection_error() <= AS_GOOD * model.compute_mean_reprojection_error()
+    return other if as_good else model
+
+
+def _log_ratio(camera: pycolmap.Camera, focal_length: float) -> float:
+    return float(np.log(camera.mean_focal_length() / focal_length))
+
+
+def _enlarge(job: Job, model: pycolmap.Reconstruction) -> None:
+    """From pixels of the reduced images to those of the full ones."""
+    for number, camera in enumerate(job["cameras"], start=1):
+        if number not in model.cameras:
+            continue
+        width, height = camera["full_size"]
+        factors = np.array(camera["full_size"]) / np.array(camera["size"])
+        model.cameras[number].rescale(width, height)
+        for image in model.images.values():
+            if image.camera_id == number:
+                for point in image.points2D:
+                    point.xy = point.xy * factors
+    model.update_point_3d_errors()
+
+
+def _colour(job: Job, model: pycolmap.Reconstruction) -> None:
+    """Each point gets the mean of its features' colours."""
+    files = {image["name"]: image["features"] for camera in job["cameras"] for image in camera["images"]}
+    numbers = {number: row for row, number in enumerate(model.points3D)}
+    sums = np.zeros((len(numbers), 4))
+    for image in model.images.values():
+        if not image.has_pose:
+            continue
+        seen = [(i, numbers[point.point3D_id]) for i, point in enumerate(image.points2D) if point.has_point3D()]
+        if not seen:
+            continue
+        features, points = np.array(seen).T
+        with np.load(files[image.name]) as stored:
+            np.add.at(sums, points, np.insert(stored["colours"][features], 3, 1, axis=1))
+    for number, row in numbers.items():
+        model.points3D[number].color = np.rint(sums[row, :3] / max(sums[row, 3], 1.0)).astype(np.uint8)
+
+
+def _settle(job: Job, model: pycolmap.Reconstruction) -> bool:
+    """Bring the model into its final world; whether lengths in it are metres."""
+    images = [image for image in model.images.values() if image.has_pose]
+    rotations = np.array([image.cam_from_world().rotation.matrix() for image in images])
+    centres = np.array([image.projection_center() for image in images])
+    points = np.array([point.xyz for point in model.points3D.values()])
+    places = np.array([job["places"].get(image.name) or [np.nan] * 3 for image in images])
+    found = from_places(centres, places)
+    chosen = found or upright(rotations, centres, points)
+    model.transform(pycolmap.Sim3d(chosen.scale, pycolmap.Rotation3d(chosen.rotation), chosen.shift))
+    return found is not None
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from typing import Any
 
 from pocketgs.errors import PocketGSError
 
-IMAGES, MODEL, RECORD = "images", "sparse", "posed.json"
+IMAGES, MASKS, MODEL, RECORD = "images", "masks", "sparse", "posed.json"
 
 
 def read_record(folder: Path) -> dict[str, Any] | None:
@@ -32,7 +32,7 @@ def check_replaceable(folder: Path) -> None:
     if not folder.is_dir():
         raise PocketGSError(f"{folder}: is a file, expected a folder for the posed capture")
     found = {path.name for path in folder.iterdir()}
-    foreign = found - {IMAGES, MODEL, RECORD} if read_record(folder) is not None else found
+    foreign = found - {IMAGES, MASKS, MODEL, RECORD} if read_record(folder) is not None else found
     if foreign:
         raise PocketGSError(
             f"{folder}: holds {sorted(foreign)[0]}, expected an empty folder or an earlier result of pocketgs pose"

@@ -1,18 +1,16 @@
-"""The images that structure from motion works on, gathered in one folder as stored."""
+"""The images that structure from motion works on, gathered in one folder."""
 
 from __future__ import annotations
 
-import os
-import shutil
-from collections import defaultdict
 from pathlib import Path
 
 from PIL import Image
 
-from pocketgs.capture.image_file import read_grey, read_size
+from pocketgs.capture.photograph_copy import place_masks, place_photograph
 from pocketgs.capture.unposed import PHOTOGRAPH_SUFFIXES, find_photographs, is_video
 from pocketgs.capture.video_file import read_frames, sharpest_frames
 from pocketgs.errors import PocketGSError
+from pocketgs.structure_from_motion.work import Count, each
 
 FEWEST = 3
 JPEG_QUALITY = 95
@@ -37,11 +35,18 @@ def source_files(source: Path) -> list[Path]:
     return photographs
 
 
-def gather(source: Path, folder: Path, most_frames: int) -> None:
+def gather(source: Path, folder: Path, most_frames: int, threads: int, on_count: Count) -> None:
     """Put a video's sharpest frames or the photographs into a new folder; the originals stay as they are.
 
-    Photographs are hard links where the file system has them, else copies, and keep the orientation they are stored
-    in: poses refer to stored pixels.
+    Photographs stand upright, see `place_photograph`; masks that lie beside them go into a folder `masks` beside the
+    new one.
+
+    Args:
+        source: the video, or the folder with photographs.
+        folder: to be made.
+        most_frames: of a video.
+        threads: to work with.
+        on_count: told how many are done.
 
     Raises:
         PocketGSError: a file cannot be decoded, or there are too few.
@@ -49,32 +54,16 @@ def gather(source: Path, folder: Path, most_frames: int) -> None:
     files = source_files(source)
     folder.mkdir()
     if is_video(source):
-        _extract(source, folder, most_frames)
+        _extract(source, folder, most_frames, on_count)
         return
-    for photograph in files:
-        # A file that is cut off would otherwise come to light after minutes of work. JPEG is decoded at 1/8 only.
-        read_grey(photograph, least_side=1)
-        _link_or_copy(photograph, folder / photograph.name)
+    placed = dict(zip(files, each(files, lambda path: place_photograph(path, folder), threads, on_count), strict=True))
+    place_masks(source, placed, folder.parent / "masks")
 
 
-def names_by_size(folder: Path) -> list[list[str]]:
-    """The names of a folder's images, sorted, apart for each image size: what one camera took has one size."""
-    groups: dict[tuple[int, int], list[str]] = defaultdict(list)
-    for path in sorted(folder.iterdir()):
-        groups[read_size(path)].append(path.name)
-    return list(groups.values())
-
-
-def _extract(video: Path, folder: Path, most_frames: int) -> None:
+def _extract(video: Path, folder: Path, most_frames: int, on_count: Count) -> None:
     chosen = sharpest_frames(video, most_frames)
     if len(chosen) < FEWEST:
         raise PocketGSError(f"{video}: {len(chosen)} frames, expected at least {FEWEST}")
-    for index, frame in read_frames(video, chosen):
+    for done, (index, frame) in enumerate(read_frames(video, chosen), start=1):
         Image.fromarray(frame).save(folder / f"frame_{index:06d}.jpg", quality=JPEG_QUALITY, subsampling=0)
-
-
-def _link_or_copy(source: Path, target: Path) -> None:
-    try:
-        os.link(source.resolve(), target)
-    except OSError:  # another file system, or one without hard links
-        shutil.copyfile(source, target)
+        on_count(done, len(chosen))

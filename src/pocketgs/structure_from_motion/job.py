@@ -1,4 +1,4 @@
-"""The child process of a job for COLMAP: the job as JSON on stdin; on stdout a line of JSON a stage, and the outcome.
+"""The child process of a job for COLMAP: the job as JSON on stdin; on stdout lines of JSON: stages, counts, outcome.
 
 Why a process of its own: pycolmap brings copies of libraries such as zlib, which crash Pillow when both are loaded; its
 memory is given back before training begins; and whatever stops it cannot stop the program that asked.
@@ -19,6 +19,11 @@ Outcome = dict[str, Any]
 def announce(stage: str) -> None:
     """Tell the parent process that a stage begins."""
     print(json.dumps({"stage": stage}), flush=True)
+
+
+def announce_count(done: int, of: int) -> None:
+    """Tell the parent process how much of the stage is done."""
+    print(json.dumps({"done": done, "of": of}), flush=True)
 
 
 def serve(run: Callable[[Job], Outcome]) -> None:

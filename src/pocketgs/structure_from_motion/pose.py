@@ -9,24 +9,30 @@ from pathlib import Path
 from typing import Any
 
 from pocketgs.atomic_folder import replacing_folder
-from pocketgs.capture.image_file import read_size
+from pocketgs.capture.image_file import read_header
 from pocketgs.capture.unposed import is_video
 from pocketgs.errors import PocketGSError
+from pocketgs.structure_from_motion.attempts import place_all
 from pocketgs.structure_from_motion.folder import (
     IMAGES,
+    MASKS,
     MODEL,
     RECORD,
     check_replaceable,
     read_record,
 )
-from pocketgs.structure_from_motion.images import gather, names_by_size, source_files
+from pocketgs.structure_from_motion.images import gather, source_files
 from pocketgs.structure_from_motion.options import PoseOptions
-from pocketgs.structure_from_motion.process import check_installed, run_colmap, threads_that_fit
+from pocketgs.structure_from_motion.photographs import read_photographs
+from pocketgs.structure_from_motion.process import check_installed, threads_that_fit
+from pocketgs.structure_from_motion.work import Count
 
-# All pairs of 60 photographs are 1770; beyond that only neighbours by name are matched, and a few far ones.
-MOST_FOR_ALL_PAIRS = 60
 STAGES = ("frames", "features", "matching", "mapping")
-ADVICE = "expected sharp, textured views that overlap by two thirds, taken from places that differ"
+ADVICE = (
+    "photograph sharply and in good light something that has texture, from places that differ, such that each "
+    "photograph shows two thirds of what the one before shows"
+)
+MOST_NAMES = 12
 
 
 @dataclass(frozen=True)
@@ -39,6 +45,7 @@ class Posed:
         registered: images whose pose was found.
         points: in the sparse cloud.
         reprojection_error: mean, in pixels.
+        metric: whether lengths are metres, by the photographs' GPS places.
     """
 
     folder: Path
@@ -46,6 +53,7 @@ class Posed:
     registered: int
     points: int
     reprojection_error: float
+    metric: bool
 
 
 def pose(
@@ -54,18 +62,23 @@ def pose(
     options: PoseOptions | None = None,
     *,
     on_stage: Callable[[str], None] = lambda stage: None,
+    on_count: Count = lambda done, of: None,
     on_warning: Callable[[str], None] = lambda warning: None,
 ) -> Posed:
     """Find the poses of photographs or of a video's frames, and write a capture that `open_capture` reads.
+
+    The capture's world is upright, with y down, and centred on what is seen. Where photographs state GPS places that
+    are spread far enough, it is in metres, x to the east and z to the north.
 
     The same input, options and version of pycolmap give the same poses on the same machine, on any number of threads.
 
     Args:
         images_or_video: a folder with photographs, directly or in a folder `images`, or a video file.
-        output: folder for the capture: `images/`, `sparse/0/` and `posed.json`. An earlier one stays until the new one
-            is complete.
+        output: folder for the capture: `images/`, `sparse/0/`, `posed.json`, and `masks/` where photographs have masks.
+            An earlier one stays until the new one is complete.
         options: how; all at their defaults if None.
-        on_stage: called with one of `STAGES` when it begins.
+        on_stage: called with one of `STAGES` when it begins; matching and mapping may come twice.
+        on_count: told how many images or pairs of the stage are done, and of how many.
         on_warning: called with what the user should know, in words.
 
     Raises:
@@ -77,21 +90,35 @@ def pose(
     check_replaceable(output)
     try:
         with replacing_folder(output) as (staging, workspace):
+            threads = _threads(source, options)
             on_stage("frames")
-            gather(source, staging / IMAGES, options.most_frames)
-            groups = names_by_size(staging / IMAGES)
-            job = _job(staging, workspace, groups, is_video(source), options)
-            outcome = run_colmap("colmap", job, workspace / "log.txt", on_stage)
-            frames, registered = sum(map(len, groups)), int(outcome["registered"])
-            if registered == 0:
-                raise PocketGSError(_nothing_registered(source, frames, outcome))
-            record = {**made_from, "frames": frames, **outcome}
+            gather(source, staging / IMAGES, options.most_frames, threads, on_count)
+            on_stage("features")
+            photographs = read_photographs(
+                staging / IMAGES, staging / MASKS, workspace, options.max_size, threads, on_count
+            )
+            model = staging / MODEL / "0"
+            model.mkdir(parents=True)
+            outcome = place_all(photographs, is_video(source), model, workspace, options, on_stage, on_count)
+            unplaced = sorted({photograph.name for photograph in photographs} - set(outcome["placed"]))
+            features = sum(photograph.features for photograph in photographs) // len(photographs)
+            if not outcome["placed"]:
+                found = f"{features:,} features an image, {outcome['matched_pairs']} pairs that match"
+                raise PocketGSError(f"{source}: no poses found for {len(photographs)} images ({found}): {ADVICE}")
+            record = {**made_from, **outcome, "frames": len(photographs), "unplaced": unplaced, "features": features}
             (staging / RECORD).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
         raise PocketGSError(f"{output.resolve()}: cannot be written ({error.strerror or error})") from error
-    if registered < frames:
-        on_warning(f"poses of {registered} of {frames} images were found; the others are left out")
-    return Posed(output, frames, registered, int(outcome["points"]), float(outcome["reprojection_error"]))
+    if unplaced:
+        on_warning(_lacking(unplaced, len(photographs), outcome.get("other_models", [])))
+    return Posed(
+        output,
+        len(photographs),
+        len(outcome["placed"]),
+        int(outcome["points"]),
+        float(outcome["reprojection_error"]),
+        bool(outcome["metric"]),
+    )
 
 
 def posed(
@@ -100,6 +127,7 @@ def posed(
     options: PoseOptions | None = None,
     *,
     on_stage: Callable[[str], None] = lambda stage: None,
+    on_count: Count = lambda done, of: None,
     on_warning: Callable[[str], None] = lambda warning: None,
 ) -> Path:
     """The folder with the posed capture of some photographs or a video, made now unless that has been done before.
@@ -111,6 +139,7 @@ def posed(
         folder: for the capture, as `output` of `pose`.
         options: as for `pose`.
         on_stage: as for `pose`.
+        on_count: as for `pose`.
         on_warning: as for `pose`.
 
     Raises:
@@ -119,7 +148,7 @@ def posed(
     made_from = _made_from(Path(images_or_video), options or PoseOptions())
     record = read_record(Path(folder)) or {}
     if not (made_from.items() <= record.items() and (Path(folder) / MODEL).is_dir()):
-        pose(images_or_video, folder, options, on_stage=on_stage, on_warning=on_warning)
+        pose(images_or_video, folder, options, on_stage=on_stage, on_count=on_count, on_warning=on_warning)
     return Path(folder)
 
 
@@ -130,26 +159,26 @@ def _made_from(source: Path, options: PoseOptions) -> dict[str, Any]:
     return {"files": files, "options": asdict(options)}
 
 
-def _job(
-    staging: Path, workspace: Path, groups: list[list[str]], from_video: bool, options: PoseOptions
-) -> dict[str, Any]:
-    images, model = staging / IMAGES, staging / MODEL / "0"
-    model.mkdir(parents=True)
-    width, height = read_size(images / groups[0][0])
-    reduction = max(1.0, max(width, height) / options.max_size)
-    return {
-        "images": str(images),
-        "model": str(model),
-        "database": str(workspace / "features.db"),
-        "groups": groups,
-        "ordered": from_video or sum(map(len, groups)) > MOST_FOR_ALL_PAIRS,
-        "camera_model": options.camera_model,
-        "max_size": options.max_size,
-        "seed": options.seed,
-        "threads": threads_that_fit(int(width * height / reduction**2)),
-    }
+def _threads(source: Path, options: PoseOptions) -> int:
+    """How many images may be decoded and searched for features at a time."""
+    if is_video(source):
+        return threads_that_fit(options.max_size**2)
+    header = read_header(source_files(source)[0])
+    factor = min(1.0, options.max_size / max(header.width, header.height))
+    return threads_that_fit(int(header.width * header.height * factor**2))
 
 
-def _nothing_registered(source: Path, frames: int, outcome: dict[str, Any]) -> str:
-    found = f"{outcome['features'] // frames:,} features an image, {outcome['matched_pairs']} pairs that match"
-    return f"{source}: no poses found for {frames} images ({found}), {ADVICE}"
+def _lacking(unplaced: list[str], frames: int, other_models: list[int]) -> str:
+    """What to say of images that have no pose."""
+    names = ", ".join(unplaced[:MOST_NAMES]) + (
+        f" and {len(unplaced) - MOST_NAMES} more" if unplaced[MOST_NAMES:] else ""
+    )
+    said = f"poses of {frames - len(unplaced)} of {frames} images were found; left out: {names}"
+    if other_models:
+        parts = ", ".join(map(str, other_models))
+        said += (
+            f". Parts of {parts} images fit together but not with the rest: photographs between them would join them"
+        )
+    if 2 * len(unplaced) > frames:
+        said += f". To get more, {ADVICE}"
+    return said

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -12,8 +11,10 @@ from pathlib import Path
 
 import psutil
 
+from pocketgs.cores import usable_cores
 from pocketgs.errors import PocketGSError
 from pocketgs.structure_from_motion.job import Job, Outcome
+from pocketgs.structure_from_motion.work import Count
 
 # Measured for SIFT, which begins with the image at twice its size.
 BYTES_PER_PIXEL_AND_THREAD = 300
@@ -26,16 +27,26 @@ def check_installed() -> None:
         PocketGSError: it is not.
     """
     if find_spec("pycolmap") is None:
-        raise PocketGSError("COLMAP is needed, which is the package pycolmap: pip install 'pocketgs[pose]'")
+        raise PocketGSError(
+            "poses of photographs are found by COLMAP, whose package pycolmap is not installed: pip install "
+            "'pycolmap>=4.0' (it is built for Linux and Windows on x86-64 and for macOS 14 or later on Apple silicon), "
+            "or find poses on such a machine with pocketgs pose and bring the folder here"
+        )
 
 
 def threads_that_fit(pixels: int) -> int:
     """How many threads may extract features from images of so many pixels within half of the free memory."""
     fitting = psutil.virtual_memory().available // 2 // (BYTES_PER_PIXEL_AND_THREAD * max(1, pixels))
-    return max(1, min(os.cpu_count() or 1, int(fitting)))
+    return max(1, min(usable_cores(), int(fitting)))
 
 
-def run_colmap(module: str, job: Job, log: Path, on_stage: Callable[[str], None]) -> Outcome:
+def run_colmap(
+    module: str,
+    job: Job,
+    log: Path,
+    on_stage: Callable[[str], None],
+    on_count: Count = lambda done, of: None,
+) -> Outcome:
     """Run a job and give its outcome.
 
     Args:
@@ -43,6 +54,7 @@ def run_colmap(module: str, job: Job, log: Path, on_stage: Callable[[str], None]
         job: what to do.
         log: file for what COLMAP says on stderr, in a folder of this program's own.
         on_stage: called with a stage's name when it begins.
+        on_count: told how much of the stage is done.
 
     Raises:
         PocketGSError: COLMAP failed or was killed.
@@ -70,6 +82,8 @@ def run_colmap(module: str, job: Job, log: Path, on_stage: Callable[[str], None]
                 message = json.loads(line)
                 if "stage" in message:
                     on_stage(message["stage"])
+                if "done" in message:
+                    on_count(message["done"], message["of"])
                 outcome = message.get("outcome")
         except BaseException:
             process.kill()
@@ -77,5 +91,5 @@ def run_colmap(module: str, job: Job, log: Path, on_stage: Callable[[str], None]
     if process.returncode != 0 or outcome is None:
         said = log.read_text(encoding="utf-8", errors="replace").split("\n")
         reason = next((line for line in reversed(said) if line.strip()), f"status {process.returncode}")
-        raise PocketGSError(f"{job['images']}: COLMAP failed ({reason.strip()})")
+        raise PocketGSError(f"COLMAP failed ({reason.strip()})")
     return dict(outcome)

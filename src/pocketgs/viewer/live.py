@@ -44,13 +44,11 @@ class LiveRun:
 
     Args:
         title: a short name.
-        iterations: that the run is to take.
         stages: what to call stages, by name; those that are not in it keep their name.
     """
 
-    def __init__(self, title: str, iterations: int, stages: dict[str, str] | None = None) -> None:
+    def __init__(self, title: str, stages: dict[str, str] | None = None) -> None:
         self.news = News(Content(title, live=True))
-        self.news.post_progress(iterations=iterations)
         self._stages, self._stage = stages or {}, ""
         self._changed = threading.Condition()
         self._paused = self._stop_asked = self._over = False
@@ -67,6 +65,7 @@ class LiveRun:
         return replace(
             shown,
             on_stage=_both(shown.on_stage, self._show_stage),
+            on_plan=_both(shown.on_plan, lambda plan: self.news.post_progress(iterations=plan.iterations)),
             on_capture=_both(shown.on_capture, self._show_capture),
             on_prepared=_both(shown.on_prepared, self._show_capture),
             on_progress=_both(shown.on_progress, self._observe),

@@ -20,6 +20,7 @@ from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
 from pocketgs.gaussians import SH_DC, Gaussians
 from pocketgs.splat.engine import EngineOptions
+from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.settings import AdamSettings, LearningRates, LossSettings, StepSettings
 from pocketgs.splat.webgpu.adapters import Adapter
 from pocketgs.splat.webgpu.engine import WebGpuEngine
@@ -130,7 +131,7 @@ def replayed(page: Page, variant: Variant, scene: Gaussians, photograph: Frame) 
         "given": given,
         "floats": plain({name: values.reshape(-1) for name, values in floats.items()}),
         "words": plain({"photographs": packed(photograph), "status": [0, 0, 0]}),
-        "view": plain(view_values(camera, SETTINGS.background, description.symbols(given))),
+        "view": plain(view_values(camera, SETTINGS.background, near_plane(scene.means), description.symbols(given))),
         "updates": [plain(update) for update in updates],
         "results": {"shape": shape.size, "sh": sh.size, "losses": STEPS},
     }

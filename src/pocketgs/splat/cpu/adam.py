@@ -8,6 +8,7 @@ import numpy as np
 from numba import prange
 
 from pocketgs.compile import parallel_kernel, part
+from pocketgs.dealing import PIECE, first_piece, take
 from pocketgs.splat.cpu.layout import (
     GRADIENT_LOG_SCALE,
     GRADIENT_MEAN,
@@ -58,7 +59,8 @@ def adam(
     decay2: float,
     epsilon: float,
     steps: int,
-    shares: int,
+    seen_only: bool,
+    threads: int,
 ) -> None:
     """One step of Adam (Kingma and Ba 2015, algorithm 1), in place.
 
@@ -76,7 +78,8 @@ def adam(
         decay2: β₂.
         epsilon: ε.
         steps: number of steps including this one.
-        shares: number of shares of the work.
+        seen_only: leave Gaussians alone whose gradient is zero, their moments too.
+        threads: number of threads that share the work.
     """
     columns = gradients.shape[1]
     keep1, take1 = np.float32(decay1), np.float32(1.0 - decay1)
@@ -84,24 +87,30 @@ def adam(
     unbias1 = np.float32(1.0 / (1.0 - decay1**steps))
     unbias2 = np.float32(1.0 / (1.0 - decay2**steps))
     guard = np.float32(epsilon)
-    for share in prange(shares):
+    counter = first_piece()
+    for _ in prange(threads):
         step = np.empty(columns, np.float32)
-        for i in range(share * len(means) // shares, (share + 1) * len(means) // shares):
-            gradient, first, second = gradients[i], first_moments[i], second_moments[i]
-            for c in range(columns):
-                g = gradient[c]
-                first[c] = keep1 * first[c] + take1 * g
-                second[c] = keep2 * second[c] + take2 * g * g
-                step[c] = rates[c] * first[c] * unbias1 / (np.sqrt(second[c] * unbias2) + guard)
-            for k in range(3):
-                means[i, k] -= step[GRADIENT_MEAN + k]
-                log_scales[i, k] -= step[GRADIENT_LOG_SCALE + k]
-            x, y, z = step[GRADIENT_ROTATION], step[GRADIENT_ROTATION + 1], step[GRADIENT_ROTATION + 2]
-            _turn(quaternions[i], -x, -y, -z)
-            opacity_logits[i] -= step[GRADIENT_OPACITY]
-            for k in range(sh.shape[1]):
-                for channel in range(3):
-                    sh[i, k, channel] -= step[GRADIENT_SH + 3 * k + channel]
+        piece = PIECE * take(counter)
+        while piece < len(means):
+            for i in range(piece, min(piece + PIECE, len(means))):
+                gradient, first, second = gradients[i], first_moments[i], second_moments[i]
+                if seen_only and not np.any(gradient):
+                    continue
+                for c in range(columns):
+                    g = gradient[c]
+                    first[c] = keep1 * first[c] + take1 * g
+                    second[c] = keep2 * second[c] + take2 * g * g
+                    step[c] = rates[c] * first[c] * unbias1 / (np.sqrt(second[c] * unbias2) + guard)
+                for k in range(3):
+                    means[i, k] -= step[GRADIENT_MEAN + k]
+                    log_scales[i, k] -= step[GRADIENT_LOG_SCALE + k]
+                x, y, z = step[GRADIENT_ROTATION], step[GRADIENT_ROTATION + 1], step[GRADIENT_ROTATION + 2]
+                _turn(quaternions[i], -x, -y, -z)
+                opacity_logits[i] -= step[GRADIENT_OPACITY]
+                for k in range(sh.shape[1]):
+                    for channel in range(3):
+                        sh[i, k, channel] -= step[GRADIENT_SH + 3 * k + channel]
+            piece = PIECE * take(counter)
 
 
 def regularise(

@@ -13,6 +13,7 @@ import numpy as np
 from numba import prange
 
 from pocketgs.compile import inlined, kernel, parallel_kernel, part
+from pocketgs.dealing import first_piece, take
 from pocketgs.splat.cpu.layout import (
     ENTRY_FIELDS,
     ENTRY_ROWS,
@@ -30,6 +31,9 @@ from pocketgs.splat.cpu.layout import (
     View,
     tiles_down,
 )
+
+SHARES_PER_THREAD = 4
+"""Shares of the splats are dealt out to threads; each takes a row of counts, of which there is one for every tile."""
 
 _LISTED_TILE, _LISTED_SPLAT, _LISTED_ROWS = range(3)
 
@@ -152,6 +156,7 @@ def _list_entries(
     order: np.ndarray,
     width: int,
     height: int,
+    threads: int,
     first_slots: np.ndarray,
     counts: np.ndarray,
     listed: np.ndarray,
@@ -159,10 +164,15 @@ def _list_entries(
 ) -> None:
     """Each share lists the entries of its run of `order`."""
     shares = len(counts)
-    for share in prange(shares):
-        counts[share] = 0
-        first, end = share * len(order) // shares, (share + 1) * len(order) // shares
-        found[share] = _list_range(splats, order, first, end, width, height, first_slots, counts[share], listed[share])
+    counter = first_piece()
+    for _ in prange(threads):
+        share = take(counter)
+        while share < shares:
+            own = counts[share]
+            own[:] = 0
+            first, end = share * len(order) // shares, (share + 1) * len(order) // shares
+            found[share] = _list_range(splats, order, first, end, width, height, first_slots, own, listed[share])
+            share = take(counter)
 
 
 @kernel
@@ -184,22 +194,27 @@ def _distribute(
     found: np.ndarray,
     places: np.ndarray,
     order: np.ndarray,
+    threads: int,
     first_slots: np.ndarray,
     entries: np.ndarray,
 ) -> None:
     """Move the listed entries to their tiles. A share's slots follow those of the shares before it."""
     shares = len(found)
-    for share in prange(shares):
-        first_slot = found[:share].sum()
-        place = places[share]
-        for index in range(found[share]):
-            entry = entries[place[listed[share, index, _LISTED_TILE]]]
-            place[listed[share, index, _LISTED_TILE]] += 1
-            entry[ENTRY_SPLAT] = listed[share, index, _LISTED_SPLAT]
-            entry[ENTRY_SLOT] = first_slot + index
-            entry[ENTRY_ROWS] = listed[share, index, _LISTED_ROWS]
-        for rank in range(share * len(order) // shares, (share + 1) * len(order) // shares):
-            first_slots[rank] += first_slot
+    counter = first_piece()
+    for _ in prange(threads):
+        share = take(counter)
+        while share < shares:
+            first_slot = found[:share].sum()
+            place = places[share]
+            for index in range(found[share]):
+                entry = entries[place[listed[share, index, _LISTED_TILE]]]
+                place[listed[share, index, _LISTED_TILE]] += 1
+                entry[ENTRY_SPLAT] = listed[share, index, _LISTED_SPLAT]
+                entry[ENTRY_SLOT] = first_slot + index
+                entry[ENTRY_ROWS] = listed[share, index, _LISTED_ROWS]
+            for rank in range(share * len(order) // shares, (share + 1) * len(order) // shares):
+                first_slots[rank] += first_slot
+            share = take(counter)
     first_slots[len(order)] = found.sum()
 
 
@@ -207,12 +222,13 @@ class Binner:
     """Makes tiles' lists, and keeps the working memory from one image to the next.
 
     Args:
-        shares: number of shares of the work. The lists do not depend on it: each share is a run of the splats in order
-            of depth, and a tile takes the shares' parts in turn.
+        threads: number of threads that share the work. The lists do not depend on it: each share is a run of the splats
+            in order of depth, and a tile takes the shares' parts in turn.
     """
 
-    def __init__(self, shares: int) -> None:
-        self._listed = np.empty((shares, 1 << 14, 3), np.int32)
+    def __init__(self, threads: int) -> None:
+        self._threads, shares = threads, SHARES_PER_THREAD * threads
+        self._listed = np.empty((shares, (1 << 14) // SHARES_PER_THREAD, 3), np.int32)
         self._entries = np.empty((1 << 14, ENTRY_FIELDS), np.int32)
 
     @property
@@ -231,15 +247,16 @@ class Binner:
         shares = len(self._listed)
         first_slots = np.empty(len(order) + 1, np.int32)
         counts, found = np.empty((shares, view.tiles), np.int32), np.empty(shares, np.int64)
-        _list_entries(splats, order, view.width, view.height, first_slots, counts, self._listed, found)
+        size = (view.width, view.height, self._threads)
+        _list_entries(splats, order, *size, first_slots, counts, self._listed, found)
         if found.max() > self._listed.shape[1]:
             self._listed = np.empty((shares, int(found.max() * 5 // 4), 3), np.int32)
-            _list_entries(splats, order, view.width, view.height, first_slots, counts, self._listed, found)
+            _list_entries(splats, order, *size, first_slots, counts, self._listed, found)
         ranges = np.empty(view.tiles + 1, np.int32)
         _place(counts, ranges)
         # Fresh memory costs a page fault every 4 KB, so the entries' is kept too.
         if len(self._entries) < ranges[-1]:
             self._entries = np.empty((ranges[-1] * 5 // 4, ENTRY_FIELDS), np.int32)
         entries = self._entries[: ranges[-1]]
-        _distribute(self._listed, found, counts, order, first_slots, entries)
+        _distribute(self._listed, found, counts, order, self._threads, first_slots, entries)
         return TileLists(entries, ranges, first_slots)

@@ -11,6 +11,7 @@ import numpy as np
 from numba import prange
 
 from pocketgs.compile import parallel_kernel, part
+from pocketgs.dealing import first_piece, take
 from pocketgs.splat.constants import SSIM_C1, SSIM_C2, SSIM_WINDOW
 from pocketgs.splat.cpu.image_rows import read_row, row_sum
 from pocketgs.splat.cpu.lanes import LANES, broadcast, load, store
@@ -190,7 +191,7 @@ def dssim(
     photo: np.ndarray,
     mask: np.ndarray,
     weight: float,
-    shares: int,
+    threads: int,
     gradient: np.ndarray,
     row_losses: np.ndarray,
 ) -> None:
@@ -200,9 +201,16 @@ def dssim(
     """
     height, width = rendered.shape[1:]
     scale = np.float32(weight / (3.0 * (width - WINDOW + 1) * (height - WINDOW + 1)))
-    for task in prange(3 * shares):
-        channel, share = task % 3, task // 3
-        first, end = share * height // shares, (share + 1) * height // shares
-        _dssim_band(rendered[channel], photo[channel], mask, scale, first, end, gradient[channel], row_losses[channel])
+    # A band begins and ends with rows that its neighbours filter too, so there is no more than one for each thread.
+    counter = first_piece()
+    for _ in prange(threads):
+        piece = take(counter)
+        while piece < 3 * threads:
+            channel, band = piece % 3, piece // 3
+            first, end = band * height // threads, (band + 1) * height // threads
+            _dssim_band(
+                rendered[channel], photo[channel], mask, scale, first, end, gradient[channel], row_losses[channel]
+            )
+            piece = take(counter)
     for channel in range(3):
         row_losses[channel, 0] += weight / 3.0

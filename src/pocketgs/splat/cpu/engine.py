@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ import numpy as np
 from pocketgs.background import checked_background
 from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
+from pocketgs.cores import kernel_threads
 from pocketgs.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.checks import check_state, check_view, checked_scene
 from pocketgs.splat.cpu.adam import adam, rates_by_column, regularise
@@ -27,6 +27,7 @@ from pocketgs.splat.cpu.rasterize import rasterize
 from pocketgs.splat.cpu.rasterize_backward import rasterize_backward
 from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.splat.engine import KEPT_LOSSES, MemoryNeed, OptimiserState, Rendering
+from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.settings import LearningRates, LossSettings, StepSettings
 
 
@@ -70,7 +71,7 @@ class CpuEngine:
     name = "cpu"
 
     def __init__(self, threads: int | None = None) -> None:
-        self.threads = min(threads or _usable_cores(), numba.config.NUMBA_NUM_THREADS)
+        self.threads = kernel_threads(threads)
         self.device = f"CPU, {self.threads} threads"
         self._views: list[_TrainingView] = []
         self._binner = Binner(self.threads)
@@ -109,6 +110,7 @@ class CpuEngine:
             check_state(gaussians, state)
         self._scene = Gaussians(*(getattr(gaussians, name).copy() for name in PARAMETERS))
         self._scene.quaternions = gaussians.unit_quaternions
+        self._near = near_plane(gaussians.means)
         count, columns = len(gaussians), GRADIENT_SH + 3 * gaussians.sh.shape[1]
         self._first_moments = np.zeros((count, columns), np.float32) if state is None else state.first_moments.copy()
         self._second_moments = np.zeros((count, columns), np.float32) if state is None else state.second_moments.copy()
@@ -183,6 +185,7 @@ class CpuEngine:
             scene.opacity_logits,
             scene.sh,
             view,
+            self._near,
             self.threads,
             self._splats,
             self._depth_keys,
@@ -270,11 +273,7 @@ class CpuEngine:
             settings.adam.beta2,
             settings.adam.epsilon,
             self._steps,
+            settings.adam.seen_only,
             self.threads,
         )
         return value
-
-
-def _usable_cores() -> int:
-    affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity else os.cpu_count() or 1

@@ -44,7 +44,7 @@ def photometric(
     photo: np.ndarray,
     mask: np.ndarray,
     settings: LossSettings,
-    shares: int,
+    threads: int,
     gradient: np.ndarray,
     row_losses: np.ndarray,
 ) -> None:
@@ -55,7 +55,7 @@ def photometric(
         photo: (3, H, W) uint8.
         mask: (H, W) bool, or (0, 0) for none. Outside it the photograph counts as showing what was rendered.
         settings: which loss. Images too small for a window of SSIM have no structural term.
-        shares: number of shares of the work.
+        threads: number of threads that share the work.
         gradient: (3, H, W) float32, written: ∂loss/∂rendered.
         row_losses: (3, H) float32, written: parts of the loss, to be summed.
     """
@@ -65,6 +65,6 @@ def photometric(
         structural = settings.dssim_weight if min(rendered.shape[1:]) >= SSIM_WINDOW else 0.0
         pointwise(rendered, photo, mask, 1.0 - structural, 0.0, gradient, row_losses)
         if structural > 0.0:
-            dssim(rendered, photo, mask, structural, shares, gradient, row_losses)
+            dssim(rendered, photo, mask, structural, threads, gradient, row_losses)
     if mask.size:
         gradient[:, ~mask] = 0.0

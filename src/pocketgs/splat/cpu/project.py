@@ -8,6 +8,7 @@ import numpy as np
 from numba import prange
 
 from pocketgs.compile import inlined, parallel_kernel, part
+from pocketgs.dealing import PIECE, first_piece, take
 from pocketgs.splat.constants import (
     ALPHA_MIN,
     BRIGHTEST,
@@ -15,7 +16,6 @@ from pocketgs.splat.constants import (
     LARGEST_VARIANCE,
     LEAST_DETERMINANT,
     LOW_PASS,
-    NEAR,
 )
 from pocketgs.splat.cpu.layout import (
     DEPTH,
@@ -86,11 +86,17 @@ def _reaches_a_pixel(centre: float, radius: float, size: int) -> bool:
 
 @inlined
 def _project_shape(
-    view: View, local: Vector, log_scale: np.ndarray, quaternion: np.ndarray, logit: float, splat: np.ndarray
+    view: View,
+    near: float,
+    local: Vector,
+    log_scale: np.ndarray,
+    quaternion: np.ndarray,
+    logit: float,
+    splat: np.ndarray,
 ) -> bool:
     """Fill in a splat's centre, falloff, opacity and depth; False if it cannot be seen."""
     opacity = 1.0 / (1.0 + math.exp(-float(logit)))
-    if not (local[2] >= NEAR and opacity >= ALPHA_MIN):
+    if not (local[2] >= near and opacity >= ALPHA_MIN):
         return False
     jacobian, axes = jacobian_at(view, local), axes_of(quaternion)
     _, p = footprint(view, jacobian, axes[0], math.exp(float(log_scale[0])))
@@ -144,6 +150,7 @@ def _project_range(
     opacity_logits: np.ndarray,
     sh: np.ndarray,
     view: View,
+    near: float,
     first: int,
     end: int,
     splats: np.ndarray,
@@ -157,7 +164,7 @@ def _project_range(
         splat = splats[i]
         local = to_camera(view, means[i])
         depth_keys[i] = CULLED
-        if _project_shape(view, local, log_scales[i], quaternions[i], opacity_logits[i], splat):
+        if _project_shape(view, near, local, log_scales[i], quaternions[i], opacity_logits[i], splat):
             (x, y, z), _ = direction_to(view, means[i])
             sh_basis(x, y, z, sh.shape[1], basis)
             sound = True
@@ -178,7 +185,8 @@ def project(
     opacity_logits: np.ndarray,
     sh: np.ndarray,
     view: View,
-    shares: int,
+    near: float,
+    threads: int,
     splats: np.ndarray,
     depth_keys: np.ndarray,
 ) -> None:
@@ -191,10 +199,17 @@ def project(
         opacity_logits: (N,) float32.
         sh: (N, K, 3) float32.
         view: the camera.
-        shares: number of shares of the work.
+        near: least depth of what is drawn.
+        threads: number of threads that project.
         splats: (N, SPLAT_FIELDS) float32, written where visible.
         depth_keys: (N,) uint32, written: the bits of the depth, which sort as the depth does, or CULLED.
     """
-    for share in prange(shares):
-        first, end = share * len(means) // shares, (share + 1) * len(means) // shares
-        _project_range(means, log_scales, quaternions, opacity_logits, sh, view, first, end, splats, depth_keys)
+    counter = first_piece()
+    for _ in prange(threads):
+        first = PIECE * take(counter)
+        while first < len(means):
+            end = min(first + PIECE, len(means))
+            _project_range(
+                means, log_scales, quaternions, opacity_logits, sh, view, near, first, end, splats, depth_keys
+            )
+            first = PIECE * take(counter)

@@ -8,6 +8,7 @@ import numpy as np
 from numba import prange
 
 from pocketgs.compile import inlined, parallel_kernel, part
+from pocketgs.dealing import PIECE, first_piece, take
 from pocketgs.splat.cpu.lanes import LANES, broadcast, load, store
 from pocketgs.splat.cpu.layout import (
     EXPONENT_XX,
@@ -213,7 +214,7 @@ def project_backward(
     quaternions: np.ndarray,
     sh: np.ndarray,
     view: View,
-    shares: int,
+    threads: int,
     splats: np.ndarray,
     order: np.ndarray,
     first_slots: np.ndarray,
@@ -228,15 +229,19 @@ def project_backward(
         quaternions: (N, 4) float32 of unit length.
         sh: (N, K, 3) float32.
         view: the camera.
-        shares: number of shares of the work.
+        threads: number of threads that share the work.
         splats: what `project` wrote.
         order: (V,) the visible Gaussians by depth: π.
         first_slots: (V + 1,) where each one's rows of `entry_sums` begin.
         entry_sums: what `rasterize_backward` wrote.
         gradients: (N, GRADIENT_SH + 3 K) float32, all 0; written where visible.
     """
-    for share in prange(shares):
-        first, end = share * len(order) // shares, (share + 1) * len(order) // shares
-        _project_range_backward(
-            means, log_scales, quaternions, sh, view, first, end, splats, order, first_slots, entry_sums, gradients
-        )
+    counter = first_piece()
+    for _ in prange(threads):
+        first = PIECE * take(counter)
+        while first < len(order):
+            end = min(first + PIECE, len(order))
+            _project_range_backward(
+                means, log_scales, quaternions, sh, view, first, end, splats, order, first_slots, entry_sums, gradients
+            )
+            first = PIECE * take(counter)

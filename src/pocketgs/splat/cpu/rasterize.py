@@ -6,6 +6,7 @@ import numpy as np
 from numba import prange
 
 from pocketgs.compile import inlined, parallel_kernel, part
+from pocketgs.dealing import first_piece, take
 from pocketgs.splat.cpu.lanes import LANES, load, store
 from pocketgs.splat.cpu.layout import (
     BLUE,
@@ -69,7 +70,7 @@ def rasterize(
     entries: np.ndarray,
     ranges: np.ndarray,
     background: np.ndarray,
-    shares: int,
+    threads: int,
     image: np.ndarray,
     transmittance_image: np.ndarray,
     drawn_ends: np.ndarray,
@@ -81,19 +82,20 @@ def rasterize(
         entries: (E, ENTRY_FIELDS) int32, the tiles' lists; see `TileLists`.
         ranges: (tiles + 1,) int32, where each tile's entries begin.
         background: (3,) float32 RGB.
-        shares: number of shares of the work.
+        threads: number of threads that draw.
         image: (3, H, W) float32, written.
         transmittance_image: (H, W) float32, written.
         drawn_ends: (tiles,) int32, written: one past the last entry drawn before the tile saturated.
     """
     height = image.shape[1]
-    for share in prange(shares):
+    counter = first_piece()
+    for _ in prange(threads):
         transmittance = np.empty(TILE_PIXELS, np.float32)
         red = np.empty(TILE_PIXELS, np.float32)
         green = np.empty(TILE_PIXELS, np.float32)
         blue = np.empty(TILE_PIXELS, np.float32)
-        # Neighbouring tiles cost alike: dealing them out in turn keeps the shares even.
-        for tile in range(share, len(drawn_ends), shares):
+        tile = take(counter)
+        while tile < len(drawn_ends):
             left, top = origin(tile, height)
             transmittance[:], red[:], green[:], blue[:] = 1.0, 0.0, 0.0, 0.0
             end = ranges[tile + 1]
@@ -113,3 +115,4 @@ def rasterize(
             _write(red, left, top, image[0])
             _write(green, left, top, image[1])
             _write(blue, left, top, image[2])
+            tile = take(counter)

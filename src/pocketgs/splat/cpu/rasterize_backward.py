@@ -11,6 +11,7 @@ import numpy as np
 from numba import prange
 
 from pocketgs.compile import inlined, parallel_kernel, part
+from pocketgs.dealing import first_piece, take
 from pocketgs.splat.cpu.lanes import LANES, Floats, broadcast, load, select, store, sums
 from pocketgs.splat.cpu.layout import (
     BLUE,
@@ -102,7 +103,7 @@ def rasterize_backward(
     entries: np.ndarray,
     ranges: np.ndarray,
     drawn_ends: np.ndarray,
-    shares: int,
+    threads: int,
     image: np.ndarray,
     d_image: np.ndarray,
     entry_sums: np.ndarray,
@@ -114,19 +115,21 @@ def rasterize_backward(
         entries: (E, ENTRY_FIELDS) int32, the tiles' lists; see `TileLists`.
         ranges: (tiles + 1,) int32, where each tile's entries begin.
         drawn_ends: (tiles,) int32 that `rasterize` wrote.
-        shares: number of shares of the work.
+        threads: number of threads that replay.
         image: (3, H, W) float32 that `rasterize` wrote.
         d_image: (3, H, W) float32 gradient with respect to `image`.
         entry_sums: (entries · LANES,) float32, written: a row of LANES for each entry, the sums first, at its slot.
     """
     height = image.shape[1]
-    for share in prange(shares):
+    counter = first_piece()
+    for _ in prange(threads):
         transmittance = np.empty(TILE_PIXELS, np.float32)
         behind = np.empty(TILE_PIXELS, np.float32)
         d_red = np.empty(TILE_PIXELS, np.float32)
         d_green = np.empty(TILE_PIXELS, np.float32)
         d_blue = np.empty(TILE_PIXELS, np.float32)
-        for tile in range(share, len(drawn_ends), shares):
+        tile = take(counter)
+        while tile < len(drawn_ends):
             left, top = origin(tile, height)
             _read(d_image[0], left, top, d_red)
             _read(d_image[1], left, top, d_green)
@@ -141,3 +144,4 @@ def rasterize_backward(
                 store(entry_sums, entry[ENTRY_SLOT] * LANES, total)
             for index in range(drawn_ends[tile], ranges[tile + 1]):
                 store(entry_sums, entries[index, ENTRY_SLOT] * LANES, broadcast(ZERO))
+            tile = take(counter)

@@ -31,21 +31,29 @@ class Moments:
 def adam(scene: Scene, gradient: SceneGradient, moments: Moments, rates: LearningRates, settings: AdamSettings) -> None:
     """One step, in place (Kingma and Ba 2015, algorithm 1)."""
     moments.steps += 1
+    moving = _has_gradient(gradient) if settings.seen_only else np.ones(len(gradient.means), bool)
     updates = {}
     for group in fields(gradient):
-        g = getattr(gradient, group.name)
+        g = getattr(gradient, group.name)[moving]
         first, second = getattr(moments.first, group.name), getattr(moments.second, group.name)
-        first += (1 - settings.beta1) * (g - first)
-        second += (1 - settings.beta2) * (g * g - second)
-        mean = first / (1 - settings.beta1**moments.steps)
-        spread = np.sqrt(second / (1 - settings.beta2**moments.steps))
-        updates[group.name] = mean / (spread + settings.epsilon)
+        first[moving] += (1 - settings.beta1) * (g - first[moving])
+        second[moving] += (1 - settings.beta2) * (g * g - second[moving])
+        mean = first[moving] / (1 - settings.beta1**moments.steps)
+        spread = np.sqrt(second[moving] / (1 - settings.beta2**moments.steps))
+        updates[group.name] = np.zeros_like(first)
+        updates[group.name][moving] = mean / (spread + settings.epsilon)
     scene.means -= rates.means * updates["means"]
     scene.log_scales -= rates.log_scales * updates["log_scales"]
     scene.opacity_logits -= rates.opacity_logits * updates["opacity_logits"]
     scene.sh[:, :1] -= rates.sh_dc * updates["sh"][:, :1]
     scene.sh[:, 1:] -= rates.sh_rest * updates["sh"][:, 1:]
     scene.quaternions[:] = rotate(scene.quaternions, -rates.rotations * updates["rotations"])
+
+
+def _has_gradient(gradient: SceneGradient) -> np.ndarray:
+    """(N,) bool: Gaussians that the loss depends on."""
+    groups = [getattr(gradient, group.name) for group in fields(gradient)]
+    return np.any([np.any(g.reshape(len(g), -1) != 0, axis=1) for g in groups], axis=0)
 
 
 def rotate(quaternions: np.ndarray, tangents: np.ndarray) -> np.ndarray:

@@ -14,8 +14,8 @@ from pocketgs.splat.constants import (
     LARGEST_VARIANCE,
     LEAST_DETERMINANT,
     LOW_PASS,
-    NEAR,
 )
+from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.reference.scene import Scene, SceneGradient
 from pocketgs.splat.reference.spherical_harmonics import basis, basis_gradient
 
@@ -87,7 +87,7 @@ def _jacobian(local: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray
 def project(scene: Scene, camera: Camera) -> Projection:
     """Project every Gaussian: Σ' = J W Σ Wᵀ Jᵀ + 0.3 I (3DGS, equation 5).
 
-    Gaussians behind the camera's near plane, with an opacity under 1/255, with parameters that are not finite, thinner
+    Gaussians before the scene's near plane, with an opacity under 1/255, with parameters that are not finite, thinner
     than float32 can hold, or whose bounds at that opacity hold no pixel centre, are not visible.
     """
     with np.errstate(all="ignore"):
@@ -112,8 +112,9 @@ def project(scene: Scene, camera: Camera) -> Projection:
         sound_colour = np.all(np.abs(colours) < BRIGHTEST, axis=1)
         sound_shape = np.linalg.det(covariances) > LEAST_DETERMINANT * covariances[:, 0, 0] * covariances[:, 1, 1]
         variances = np.stack([covariances[:, 0, 0], covariances[:, 1, 1]], axis=1)
+        in_front = local[:, 2] >= near_plane(scene.means)
         sound_shape &= np.all(variances < LARGEST_VARIANCE, axis=1)
-        visible = finite & sound_shape & sound_colour & on_screen & (local[:, 2] >= NEAR) & (opacities >= ALPHA_MIN)
+        visible = finite & sound_shape & sound_colour & on_screen & in_front & (opacities >= ALPHA_MIN)
         covariances[~visible] = np.eye(2)
     return Projection(means, np.linalg.inv(covariances), opacities, np.maximum(colours, 0.0), local[:, 2], visible)
 

@@ -29,7 +29,6 @@ _BINDING = re.compile(
     re.MULTILINE,
 )
 _IMAGE_FORMATION = (
-    "NEAR",
     "LOW_PASS",
     "LEAST_DETERMINANT",
     "LARGEST_VARIANCE",

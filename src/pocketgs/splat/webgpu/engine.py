@@ -15,6 +15,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.gaussians import Gaussians
 from pocketgs.splat.checks import check_state, check_view, checked_scene
 from pocketgs.splat.engine import KEPT_LOSSES, EngineOptions, MemoryNeed, OptimiserState, Rendering
+from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.adapters import BUFFER_LIMITS, choose_adapter, open_device
 from pocketgs.splat.webgpu.frame_values import is_regularised, structural_share, update_values, view_values
@@ -71,6 +72,7 @@ class WebGpuEngine:
     name = "webgpu"
     _extent: Extent
     _plan: MemoryPlan
+    _near: float
 
     def __init__(self, options: EngineOptions | None = None) -> None:
         options = options or EngineOptions()
@@ -122,6 +124,7 @@ class WebGpuEngine:
         self._pending.clear()
         self._completed = self._completed_before = state.steps if state else 0
         self._write_status()
+        self._near = near_plane(gaussians.means)
         for name, values in zip(("shape", "sh"), to_columns(gaussians), strict=True):
             self._replayer.write(name, values)
         if trains:
@@ -239,7 +242,7 @@ class WebGpuEngine:
             self._replayer.write("photographs", packed(frame), PIXEL_BYTES * place)
         symbols = self._symbols(camera, step.settings)
         number = self._completed + len(self._pending) + 1
-        self._replayer.write_uniform("view", view_values(camera, step.settings.background, symbols, place))
+        self._replayer.write_uniform("view", view_values(camera, step.settings.background, self._near, symbols, place))
         self._replayer.write_uniform("update", update_values(step.settings, camera, symbols["gaussians"], number))
         self._replayer.submit("step", symbols)
         self._pending.append(step)
@@ -279,7 +282,7 @@ class WebGpuEngine:
             self._fit(replace(self._extent, drawn_sizes=self._extent.drawn_sizes | {size}))
         while True:
             symbols = self._symbols(camera)
-            self._replayer.write_uniform("view", view_values(camera, background, symbols))
+            self._replayer.write_uniform("view", view_values(camera, background, self._near, symbols))
             self._replayer.submit(sequence, symbols)
             pixels = self._replayer.read("image", np.float32, 4 * symbols["pixels"])
             _, halted, needed = self._replayer.read("status", np.uint32, 3)

@@ -16,13 +16,14 @@ from pocketgs.splat.webgpu.sizes import Symbols, ceil_div
 
 
 def view_values(
-    camera: Camera, background: tuple[float, float, float], symbols: Symbols, photograph: int = 0
+    camera: Camera, background: tuple[float, float, float], near: float, symbols: Symbols, photograph: int = 0
 ) -> dict[str, ArrayLike]:
     """Fields of the struct `View`.
 
     Args:
         camera: from where.
         background: RGB.
+        near: least depth of what is drawn, see `near_plane`.
         symbols: gives gaussians, coefficients, entries and replay_depth.
         photograph: where it begins, in pixels.
     """
@@ -48,6 +49,7 @@ def view_values(
         "entry_capacity": symbols["entries"],
         "photograph": photograph,
         "replay_depth": symbols["replay_depth"],
+        "near": near,
     }
 
 
@@ -96,4 +98,5 @@ def update_values(settings: StepSettings, camera: Camera, gaussians: int, step: 
         "unbias2": 1.0 / -math.expm1(step * math.log(adam.beta2)) if adam.beta2 > 0.0 else 1.0,
         "epsilon": adam.epsilon,
         "loss_slot": (step - 1) % KEPT_LOSSES,
+        "seen_only": int(adam.seen_only),
     }

@@ -9,9 +9,6 @@
  * @typedef {import("./points.js").Points} Points
  */
 
-/** As in `splat/constants.py`. */
-const NEAR = 0.01;
-
 /** Pixels of the full resolution that a disc's radius has at most, lest the nearest hold up a camera amid points. */
 const LARGEST_RADIUS = 64;
 
@@ -43,11 +40,11 @@ export class PointImage {
         this.#pixels.fill(0xff000000 | (blue << 16) | (green << 8) | red);
         this.#depths.fill(Infinity);
         const { fx, fy, cx, cy, world_to_camera: m } = camera;
-        const { x, y, z, radii, colours } = points;
+        const { x, y, z, radii, colours, near } = points;
         const largest = share * LARGEST_RADIUS;
         for (let i = 0; i < points.count; i++) {
             const depth = m[8] * x[i] + m[9] * y[i] + m[10] * z[i] + m[11];
-            if (radii[i] > 0 && depth > NEAR) {
+            if (radii[i] > 0 && depth >= near) {
                 const across = cx + (fx * (m[0] * x[i] + m[1] * y[i] + m[2] * z[i] + m[3])) / depth;
                 const down = cy + (fy * (m[4] * x[i] + m[5] * y[i] + m[6] * z[i] + m[7])) / depth;
                 const radius = Math.min((fy * radii[i]) / depth, largest);

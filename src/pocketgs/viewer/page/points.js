@@ -5,6 +5,7 @@
  */
 
 import { LOG_SCALE, MEAN, OPACITY_LOGIT, SH_DC } from "./gaussian_columns.js";
+import { nearPlane } from "./near_plane.js";
 
 /** @typedef {import("./gaussian_columns.js").GaussianColumns} GaussianColumns */
 
@@ -19,6 +20,8 @@ export class Points {
     constructor(scene) {
         this.#scene = scene;
         this.count = 0;
+        /** Least depth of what is drawn. */
+        this.near = 0;
         /** (N,) each in the world. */
         [this.x, this.y, this.z] = [0, 1, 2].map((axis) => scene.column(MEAN + axis));
         /** (N,) in scene units, 0 where nothing is to be seen. */
@@ -55,6 +58,7 @@ export class Points {
             }
         }
         this.count = count;
+        this.near = nearPlane([this.x, this.y, this.z], count);
     }
 }
 

@@ -8,6 +8,8 @@ import { BUFFER_LIMITS, openDevice } from "../webgpu/adapters.js";
 import { Description } from "../webgpu/description.js";
 import { Replayer } from "../webgpu/replay.js";
 import { Display } from "./display.js";
+import { MEAN } from "./gaussian_columns.js";
+import { nearPlane } from "./near_plane.js";
 import { viewValues } from "./view_values.js";
 
 /**
@@ -38,6 +40,7 @@ export class Renderer {
     /** @type {GaussianColumns | null} */
     #scene = null;
     #entries = 0;
+    #near = 0;
     /** Sizes of images that there is room for. */
     #reserved = new Set();
     /** What is being done: two things at once would take each other's buffers away. */
@@ -147,6 +150,7 @@ export class Renderer {
         const entries = Math.max(this.#entries, LEAST_ENTRIES, ENTRIES_PER_GAUSSIAN * scene.count);
         this.#reserved.clear();
         await this.#makeRoom(this.#symbols(1, 1, scene, entries));
+        this.#near = nearPlane([0, 1, 2].map((axis) => scene.column(MEAN + axis)), scene.count);
         this.#replayer.write("shape", scene.shape);
         this.#replayer.write("sh", scene.sh);
         this.#resume();
@@ -162,7 +166,7 @@ export class Renderer {
         for (;;) {
             const symbols = this.#symbols(camera.width, camera.height, this.#scene, entries);
             await this.#makeRoom(symbols);
-            this.#replayer.writeUniform("view", viewValues(camera, behind, symbols));
+            this.#replayer.writeUniform("view", viewValues(camera, behind, this.#near, symbols));
             this.#replayer.submit(sequence, symbols);
             const [, halted, needed] = await this.#replayer.read("status", Uint32Array, 3);
             if (!halted) {

@@ -13,10 +13,11 @@ const TILE = 8;
  *
  * @param {import("./camera.js").Camera} camera from where
  * @param {[number, number, number]} background RGB
+ * @param {number} near least depth of what is drawn, see `nearPlane`
  * @param {Object<string, number>} symbols gives gaussians, coefficients, entries and replay_depth
  * @returns {Object<string, number | number[]>}
  */
-export function viewValues(camera, background, symbols) {
+export function viewValues(camera, background, near, symbols) {
     const { width, height, fx, fy, cx, cy, world_to_camera: m } = camera;
     const [x, y, z] = [m.slice(0, 4), m.slice(4, 8), m.slice(8, 12)];
     const centre = [0, 1, 2].map((axis) => -(x[axis] * x[3] + y[axis] * y[3] + z[axis] * z[3]));
@@ -40,5 +41,6 @@ export function viewValues(camera, background, symbols) {
         entry_capacity: symbols.entries,
         photograph: 0,
         replay_depth: symbols.replay_depth,
+        near,
     };
 }

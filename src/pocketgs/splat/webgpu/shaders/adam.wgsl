@@ -22,6 +22,15 @@ fn direction(column: u32, i: u32) -> f32 {
     return first * update.unbias1 / (sqrt(second * update.unbias2) + update.epsilon);
 }
 
+fn has_gradient(i: u32) -> bool {
+    for (var column = 0u; column < GRADIENT_SH + 3u * view.coefficients; column++) {
+        if (gradients[column * view.gaussians + i] != 0.0) {
+            return true;
+        }
+    }
+    return false;
+}
+
 fn direction3(column: u32, i: u32) -> vec3f {
     return vec3f(direction(column, i), direction(column + 1u, i), direction(column + 2u, i));
 }
@@ -49,6 +58,9 @@ fn main(
     let i = folded(workgroup) * THREADS + thread;
     let n = view.gaussians;
     if (i >= n || status[HALTED] != 0u) {
+        return;
+    }
+    if (update.seen_only != 0u && !has_gradient(i)) {
         return;
     }
     move_shape(MEAN, i, update.mean_rate * direction3(GRADIENT_MEAN, i));

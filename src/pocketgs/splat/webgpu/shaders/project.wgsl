@@ -28,7 +28,7 @@ fn project_shape(gaussian: Gaussian) -> Projected {
     let log2_opacity = min(logit, 0.0) * LOG2_E - log2(1.0 + exp2(-abs(logit) * LOG2_E));
     let sound = all_finite(vec4f(gaussian.mean, logit)) && all_finite(gaussian.quaternion)
         && all_finite(vec4f(gaussian.log_scale, 0.0)) && all(gaussian.log_scale < vec3f(LARGEST_LOG_SCALE));
-    if (!(sound && local.z >= NEAR && log2_opacity >= LOG2_ALPHA_MIN)) {
+    if (!(sound && local.z >= view.near && log2_opacity >= LOG2_ALPHA_MIN)) {
         return result;
     }
     let jacobian = jacobian_at(view, local);

@@ -24,4 +24,6 @@ struct Update {
     epsilon: f32,
     // Where in `losses` this step's loss goes.
     loss_slot: u32,
+    // 1 if Gaussians without a gradient keep their parameters and moments.
+    seen_only: u32,
 }

@@ -25,6 +25,8 @@ struct View {
     photograph: u32,
     // Contributions of each pixel that the replay cache has room for.
     replay_depth: u32,
+    // Least depth of the centre of a Gaussian that is drawn, in scene units.
+    near: f32,
 }
 
 fn to_camera(view: View, point: vec3f) -> vec3f {

@@ -1,0 +1,92 @@
+"""Captures far from their world's origin, such as those in a country's grid, are held near an origin of their own.
+
+Scenes are float32, with 24 bits a coordinate: 100,000 units away these are steps of 0.008 units.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pocketgs.camera import Camera
+from pocketgs.capture.listing import Listing
+from pocketgs.pointcloud import PointCloud
+
+if TYPE_CHECKING:
+    from pocketgs.capture.capture import Capture, Frame
+
+FAR = 1000.0
+"""Cameras are far away from this many times their own extent on: steps are then as large as a tenth of a pixel."""
+
+METRIC_EXTENT = 1.0
+"""Captures in metres count as at least so large: what is less than a kilometre from the origin stays where it is."""
+
+Origin = tuple[float, float, float]
+"""Where the origin of a capture's coordinates lies in its own world."""
+
+
+def near_origin(listing: Listing) -> Listing:
+    """The listing about an origin in its middle, a round number of units from its world's, if that is far away."""
+    origin = middle_if_far(np.array([frame.camera.centre for frame in listing.frames]), listing.metric)
+    if origin is None:
+        return listing
+    frames = [replace(frame, camera=moved_camera(frame.camera, np.array(origin))) for frame in listing.frames]
+    added = ", ".join(f"{value:.12g}" for value in origin)
+    warning = f"the capture lies far from its origin: add ({added}) to the scene's coordinates to get the capture's"
+    return replace(
+        listing,
+        frames=frames,
+        points=moved_points(listing.points, np.array(origin)),
+        origin=origin,
+        warnings=(*listing.warnings, warning),
+    )
+
+
+def middle_if_far(centres: np.ndarray, metric: bool) -> Origin | None:
+    """The middle of the cameras, rounded to a power of ten of about their extent; None if the origin is near enough.
+
+    Args:
+        centres: (N, 3) of the cameras.
+        metric: whether lengths are metres.
+    """
+    middle = np.median(centres, axis=0)
+    extent = max(float(np.abs(centres - middle).max()), METRIC_EXTENT if metric else 0.0)
+    distance = float(np.abs(middle).max())
+    if distance <= FAR * extent:
+        return None
+    digits = -math.floor(math.log10(extent if extent > 0 else distance / FAR))
+    x, y, z = (round(float(value), digits) for value in middle)
+    return x, y, z
+
+
+def moved_camera(camera: Camera, offset: np.ndarray) -> Camera:
+    """The camera in coordinates whose origin lies at `offset`."""
+    pose = camera.world_to_camera.copy()
+    pose[:3, 3] += pose[:3, :3] @ offset
+    return replace(camera, world_to_camera=pose)
+
+
+def moved_points(points: PointCloud | None, offset: np.ndarray) -> PointCloud | None:
+    """The cloud in coordinates whose origin lies at `offset`."""
+    return points if points is None else replace(points, positions=points.positions - offset)
+
+
+def with_origin(capture: Capture, origin: Origin) -> Capture:
+    """The capture in coordinates whose origin lies at `origin` in its world."""
+    if capture.origin == origin:
+        return capture
+    offset = np.subtract(origin, capture.origin)
+
+    def moved(frames: list[Frame]) -> list[Frame]:
+        return [replace(frame, camera=moved_camera(frame.camera, offset)) for frame in frames]
+
+    return replace(
+        capture,
+        train=moved(capture.train),
+        held_out=moved(capture.held_out),
+        points=moved_points(capture.points, offset),
+        origin=origin,
+    )

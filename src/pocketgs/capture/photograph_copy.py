@@ -1,0 +1,89 @@
+"""Photographs without poses as structure from motion takes them: upright, 8 bits a channel, in a format it reads."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+from PIL import ExifTags, Image, ImageOps
+
+from pocketgs.capture.image_file import UPRIGHT, read_colour, read_header, read_image
+from pocketgs.capture.mask_file import read_mask
+from pocketgs.capture.masks import folders_of_masks, match
+from pocketgs.capture.paths import relative_name
+
+READ_BY_COLMAP = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp"})
+JPEG_QUALITY = 97
+
+
+def place_photograph(photograph: Path, folder: Path) -> Path:
+    """Put a photograph into a folder.
+
+    It is a hard link where the file system has them, else a copy, if it stands upright as it is stored, in a format
+    that COLMAP reads. Others, HEIF for one, are turned as EXIF states and kept as JPEG, with the rest of their EXIF.
+
+    Returns:
+        The new file.
+
+    Raises:
+        PocketGSError: the photograph cannot be decoded.
+    """
+    if photograph.suffix.lower() in READ_BY_COLMAP and read_header(photograph).orientation == UPRIGHT:
+        target = folder / photograph.name
+        _link_or_copy(photograph, target)
+        return target
+    taken = (folder / f"{photograph.stem}.jpg").exists() or photograph.with_suffix(".jpg").exists()
+    is_jpeg = photograph.suffix.lower() in (".jpg", ".jpeg")
+    target = folder / (photograph.name if is_jpeg else f"{photograph.name if taken else photograph.stem}.jpg")
+    exif = read_image(photograph, _exif_upright)
+    colours, _ = read_colour(photograph, upright=True)
+    Image.fromarray(colours).save(target, quality=JPEG_QUALITY, subsampling=0, exif=exif)
+    return target
+
+
+def place_masks(source: Path, placed: Mapping[Path, Path], folder: Path) -> int:
+    """Put the masks that lie beside photographs into a folder of their own, named as COLMAP names masks.
+
+    Args:
+        source: the folder that the photographs were found in.
+        placed: by photograph, where `place_photograph` has put it.
+        folder: for the masks, made if there are any.
+
+    Returns:
+        How many there were.
+
+    Raises:
+        PocketGSError: a mask cannot be decoded, or fits several photographs.
+    """
+    names = {relative_name(photograph, source): photograph for photograph in placed}
+    matches = (match(list(names), masks) for masks in folders_of_masks(list(names), source))
+    found = next(filter(None, matches), {})
+    if found:
+        folder.mkdir()
+    for name, mask in found.items():
+        usable = Image.fromarray(read_mask(mask))
+        header = read_header(names[name])
+        if header.upright_size != (header.width, header.height) and usable.size == (header.width, header.height):
+            usable = _turned(usable, header.orientation)  # made of the pixels as stored
+        usable.save(folder / f"{placed[names[name]].name}.png")
+    return len(found)
+
+
+def _turned(image: Image.Image, orientation: int) -> Image.Image:
+    image.getexif()[ExifTags.Base.Orientation] = orientation
+    return ImageOps.exif_transpose(image)
+
+
+def _exif_upright(image: Image.Image) -> Image.Exif:
+    exif = image.getexif()
+    exif.pop(ExifTags.Base.Orientation, None)
+    return exif
+
+
+def _link_or_copy(source: Path, target: Path) -> None:
+    try:
+        os.link(source.resolve(), target)
+    except OSError:  # another file system, or one without hard links
+        shutil.copyfile(source, target)

@@ -1,0 +1,61 @@
+"""Effort: how many Gaussians, keyframes and iterations a capture is worth.
+
+A capture with four times the pixels shows more, but not four times as much, since its views overlap: sizes grow with
+the square root of the pixels of all training views together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import fields
+
+from pocketgs.planning.time_model import step_seconds
+from pocketgs.recipes import recipe_named
+from pocketgs.training_options import SizedOptions, TrainingOptions
+
+QUICK_ITERATIONS, QUICK_GAUSSIANS, QUICK_KEYFRAMES = 500, 50_000, 40
+STANDARD_KEYFRAMES = 100
+
+SMALL_CAPTURE = 3_000_000
+"""Pixels of a capture that the least of `standard` is made for: some twenty photographs of 500 x 370."""
+
+LEAST_GAUSSIANS, MOST_GAUSSIANS = 50_000, 150_000
+LEAST_SECONDS, MOST_SECONDS = 35.0, 170.0
+"""Of training, on the machine that the time model was measured on."""
+
+FEWEST_ITERATIONS, MOST_ITERATIONS = 500, 3000
+
+
+def sized(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> SizedOptions:
+    """The options with the sizes that their effort gives to a capture; sizes that the user has given stay.
+
+    Sizes follow from the capture alone, never from the machine: the same command gives the same scene everywhere.
+
+    Args:
+        options: of the run.
+        views: width and height of every training view.
+    """
+    if isinstance(options, SizedOptions):
+        return options
+    given = {field.name: getattr(options, field.name) for field in fields(options)}
+    sizes = _quick() if options.effort == "quick" else _standard(options, views)
+    return SizedOptions(**{**given, **{name: size for name, size in sizes.items() if given[name] is None}})
+
+
+def _quick() -> dict[str, int]:
+    return {"iterations": QUICK_ITERATIONS, "max_gaussians": QUICK_GAUSSIANS, "max_keyframes": QUICK_KEYFRAMES}
+
+
+def _standard(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> dict[str, int]:
+    pixels = sum(width * height for width, height in views)
+    growth = math.sqrt(max(pixels / SMALL_CAPTURE, 1.0))
+    gaussians = options.max_gaussians or min(int(LEAST_GAUSSIANS * growth), MOST_GAUSSIANS)
+    degree = recipe_named(options.recipe).sh_degree if options.sh_degree is None else options.sh_degree
+    step = step_seconds(gaussians, (degree + 1) ** 2, pixels / max(len(views), 1))
+    iterations = int(min(LEAST_SECONDS * growth, MOST_SECONDS) / step)
+    return {
+        "iterations": min(max(iterations, FEWEST_ITERATIONS), MOST_ITERATIONS),
+        "max_gaussians": gaussians,
+        "max_keyframes": STANDARD_KEYFRAMES,
+    }

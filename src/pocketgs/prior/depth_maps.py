@@ -1,0 +1,73 @@
+"""The depth maps of all keyframes: for each its references, its range of depths, and a sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pocketgs.capture.capture import Frame
+from pocketgs.prior.depth_range import depths_of, narrowed, small_copy, wide_range
+from pocketgs.prior.sensor_depth import SURE_MARGIN, completed
+from pocketgs.prior.sweep import MOST_PIXELS, DepthMap, SweepSettings, at_sweep_size, choose_references, sweep
+
+MOST_SWEPT_PIXELS = 16_000_000
+"""Of all keyframes together: with more keyframes each is searched at a smaller size, which bounds the time it takes."""
+
+FEWEST_POINTS, MOST_POINTS = 20, 200
+"""Sparse points that tell which frames to compare a keyframe with; with fewer, points on a grid do."""
+
+GRID = 5
+
+
+def sweep_pixels(keyframes: int) -> int:
+    """Pixels that each of so many keyframes is searched at, at most."""
+    return min(MOST_PIXELS, MOST_SWEPT_PIXELS // max(keyframes, 1))
+
+
+def depth_maps(
+    keyframes: Sequence[Frame],
+    frames: Sequence[Frame],
+    points: Sequence[np.ndarray],
+    distance: float,
+    settings: SweepSettings,
+) -> tuple[list[Frame], list[DepthMap]]:
+    """Search the depths of every keyframe, one after the other.
+
+    Args:
+        keyframes: K frames.
+        frames: the training frames, keyframes among them, to compare with.
+        points: for each keyframe, (N, 3) the sparse points that it sees.
+        distance: typical distance to the scene.
+        settings: of the sweeps.
+
+    Returns:
+        The keyframes at the size at which they were searched, and their depth maps.
+    """
+    most = sweep_pixels(len(keyframes))
+    sized = {frame.name: at_sweep_size(frame, most) for frame in frames}
+    found = [
+        _depth_map(sized[keyframe.name], list(sized.values()), seen, distance, settings)
+        for keyframe, seen in zip(keyframes, points, strict=True)
+    ]
+    return [sized[keyframe.name] for keyframe in keyframes], found
+
+
+def _depth_map(
+    keyframe: Frame, frames: Sequence[Frame], points: np.ndarray, distance: float, settings: SweepSettings
+) -> DepthMap:
+    references = choose_references(keyframe, frames, _representative(keyframe, points, distance), settings)
+    wide = wide_range(keyframe, points, distance)
+    first = sweep(small_copy(keyframe), [small_copy(frame) for frame in references], wide, settings)
+    sure = first.depth[(first.depth > 0) & (first.margin >= SURE_MARGIN)]
+    search = narrowed(wide, np.concatenate([sure, depths_of(keyframe, points)]), keyframe, references)
+    return completed(sweep(keyframe, references, search, settings), keyframe)
+
+
+def _representative(keyframe: Frame, points: np.ndarray, distance: float) -> np.ndarray:
+    """(M, 3) what the keyframe sees: some of its sparse points, or a grid at the typical distance."""
+    if len(points) >= FEWEST_POINTS:
+        return points[np.linspace(0, len(points) - 1, min(len(points), MOST_POINTS)).astype(np.int64)]
+    camera = keyframe.camera
+    x, y = np.meshgrid((np.arange(GRID) + 0.5) * camera.width / GRID, (np.arange(GRID) + 0.5) * camera.height / GRID)
+    return camera.centre + distance * camera.rays(np.stack([x.ravel(), y.ravel()], axis=1))

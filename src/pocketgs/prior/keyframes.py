@@ -1,0 +1,192 @@
+"""Keyframe selection: frames whose depth maps together cover what the training views see, each part more than once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pocketgs.camera import Camera
+from pocketgs.capture.capture import Frame
+from pocketgs.capture.sharpness import sharpness
+from pocketgs.errors import PocketGSError
+
+CELLS = 12
+"""Cells along the longer side of a view: its coverage is counted in these."""
+
+NEIGHBOURING_FRAMES = 4
+"""A frame's sharpness is compared with that of so many frames before and after it."""
+
+HIDDEN = 1.5
+"""Where a keyframe's own depth is smaller by this factor, something stands in front of the point."""
+
+COARSER = 2.0
+"""A keyframe whose pixels cover more than this times the length that the view's do shows too little detail."""
+
+WIDEST_ANGLE = np.radians(60)
+"""Surfaces seen from directions further apart look too different to be matched."""
+
+MOST_VIEWS = 300
+"""Of more frames, every so many are looked at: it bounds memory and time."""
+
+
+@dataclass(frozen=True)
+class KeyframeSettings:
+    """How keyframes are selected.
+
+    Attributes:
+        max_keyframes: hard bound.
+        views: keyframes that every part of a training view should be seen in. Two, because a depth that no second
+            depth map confirms is hardly believed.
+        least_gain: share of all cells that another keyframe must cover to be worth its time.
+
+    Raises:
+        PocketGSError: there would be fewer than two keyframes.
+    """
+
+    max_keyframes: int = 100
+    views: int = 2
+    least_gain: float = 5e-4
+
+    def __post_init__(self) -> None:
+        if self.max_keyframes < 2:
+            raise PocketGSError(f"max keyframes: found {self.max_keyframes}, expected at least 2")
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Whether a frame is a keyframe, and why.
+
+    Attributes:
+        name: the frame's.
+        kept: whether it is a keyframe.
+        reason: in words.
+        sharpness: mean absolute difference of neighbouring grey levels, see `pocketgs.capture.sharpness`.
+    """
+
+    name: str
+    kept: bool
+    reason: str
+    sharpness: float
+
+
+def select_keyframes(
+    frames: Sequence[Frame], points: Sequence[np.ndarray], distance: float, settings: KeyframeSettings
+) -> list[Decision]:
+    """Select keyframes greedily: the next is the one that sees most of what too few of those before it see.
+
+    Every view is divided into cells; the sparse points that it sees tell roughly how far away each cell is. A keyframe
+    sees a cell whose middle falls into its image, unless something nearer hides it, or the keyframe looks from too far
+    away or from too different a direction. A frame that is less sharp than its neighbours counts for less.
+
+    Args:
+        frames: the training frames, in the order they were taken.
+        points: for each frame, (M, 3) the sparse points that it sees.
+        distance: typical distance to the scene, for frames that see no points.
+        settings: the thresholds.
+
+    Returns:
+        One decision per frame. At least one is kept if there is a frame.
+    """
+    sharpnesses = np.array([sharpness(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY)) for frame in frames])
+    looked_at = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), MOST_VIEWS)).round().astype(np.int64))
+    views = [_Cells.of(frames[index], points[index], distance) for index in looked_at]
+    relative = _relative_sharpness(sharpnesses)[looked_at] ** 2
+    chosen = {int(looked_at[view]): gain for view, gain in _greedy(views, relative, settings)}
+    decisions = []
+    for index, frame in enumerate(frames):
+        reason = f"covers {chosen[index]:.1%} more" if index in chosen else "what it sees is covered"
+        decisions.append(Decision(frame.name, index in chosen, reason, float(sharpnesses[index])))
+    return decisions
+
+
+def _relative_sharpness(sharpnesses: np.ndarray) -> np.ndarray:
+    """(F,) at most 1: each frame's sharpness over the median of its neighbours'."""
+    around = [
+        np.median(sharpnesses[max(0, index - NEIGHBOURING_FRAMES) : index + NEIGHBOURING_FRAMES + 1])
+        for index in range(len(sharpnesses))
+    ]
+    return np.minimum(sharpnesses / np.maximum(around, 1e-9), 1.0)
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """The cells of one view.
+
+    Attributes:
+        camera: of the view.
+        depths: (rows, columns) of all cells.
+        positions: (C, 3) middles of the cells that are not masked, in the world.
+        lengths: (C,) that a pixel covers there.
+    """
+
+    camera: Camera
+    depths: np.ndarray
+    positions: np.ndarray
+    lengths: np.ndarray
+
+    @staticmethod
+    def of(frame: Frame, points: np.ndarray, distance: float) -> _Cells:
+        camera = frame.camera
+        side = max(camera.width, camera.height) / CELLS
+        rows, columns = max(1, round(camera.height / side)), max(1, round(camera.width / side))
+        depths = _cell_depths(camera, points, rows, columns, distance)
+        row, column = (index.ravel() for index in np.indices((rows, columns)))
+        pixels = np.stack([(column + 0.5) * camera.width / columns, (row + 0.5) * camera.height / rows], axis=1)
+        if frame.usable is not None:
+            x, y = pixels.astype(np.int64).T
+            used = frame.usable[y, x]
+            row, column, pixels = row[used], column[used], pixels[used]
+        depth = depths[row, column]
+        return _Cells(camera, depths, camera.centre + camera.rays(pixels) * depth[:, None], depth / camera.fx)
+
+
+def _cell_depths(camera: Camera, points: np.ndarray, rows: int, columns: int, distance: float) -> np.ndarray:
+    """(rows, columns) the depth of the sparse point that is nearest to each cell in the image."""
+    pixels, depth = camera.project(points)
+    seen = depth > 0
+    if not seen.any():
+        return np.full((rows, columns), distance)
+    middles = np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=2).reshape(-1, 1, 2)
+    places = pixels[seen] * (columns / camera.width, rows / camera.height)
+    nearest = np.argmin(np.sum((middles - places) ** 2, axis=2), axis=1)
+    return depth[seen][nearest].reshape(rows, columns)
+
+
+def _greedy(views: Sequence[_Cells], weights: np.ndarray, settings: KeyframeSettings) -> list[tuple[int, float]]:
+    """The views selected, in turn, each with the share of all cells that it covers anew."""
+    if not views:
+        return []
+    positions, lengths = (np.concatenate([getattr(view, name) for view in views]) for name in ("positions", "lengths"))
+    origins = np.repeat([view.camera.centre for view in views], [len(view.positions) for view in views], axis=0)
+    rays = positions - origins
+    seen = np.stack([_sees(view, positions, lengths, rays) for view in views]).astype(np.float32)
+    wanted = np.full(len(positions), settings.views)
+    left = np.ones(len(views), bool)
+    selected: list[tuple[int, float]] = []
+    while len(selected) < min(settings.max_keyframes, len(views)):
+        gains = seen @ (wanted > 0).astype(np.float32) / max(len(positions), 1)
+        best = int(np.argmax(np.where(left, gains * weights, -1.0)))
+        if len(selected) >= settings.views and gains[best] < settings.least_gain:
+            break
+        selected.append((best, float(gains[best])))
+        wanted -= seen[best] > 0
+        left[best] = False
+    return selected
+
+
+def _sees(view: _Cells, positions: np.ndarray, lengths: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    """(C,) bool: whether a view shows what lies at positions that others see along rays."""
+    camera = view.camera
+    pixels, depth = camera.project(positions)
+    inside = (depth > 0) & np.all((pixels >= 0) & (pixels < (camera.width, camera.height)), axis=1)
+    rows, columns = view.depths.shape
+    column, row = (np.where(inside[:, None], pixels, 0) * (columns / camera.width, rows / camera.height)).astype(int).T
+    unhidden = depth < HIDDEN * view.depths[row, column]
+    fine_enough = depth / camera.fx < COARSER * lengths
+    own_rays = positions - camera.centre
+    cosines = np.sum(own_rays * rays, axis=1)
+    norms = np.linalg.norm(own_rays, axis=1) * np.linalg.norm(rays, axis=1)
+    return inside & unhidden & fine_enough & (cosines > np.cos(WIDEST_ANGLE) * norms)

@@ -1,0 +1,107 @@
+"""Which views are worth matching: those that the poses say are alike, those taken in a row, and those that look alike.
+
+A camera whose pose is wrong has the wrong neighbours by its pose. The other two ways still find the right ones.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from pocketgs.camera import Camera
+from pocketgs.prior.features import Features
+from pocketgs.prior.tracks import WIDEST_ANGLE, view_distances
+
+Pair = tuple[int, int]
+"""Two views, the lower number first."""
+
+RANKS_BY_POSE = (0, 1, 2, 4, 7, 11, 16)
+"""Among the views that the poses say are alike: the most similar, and some further ones for longer baselines."""
+
+STEPS_IN_SEQUENCE = (1, 2)
+MOST_ALIKE = 4
+"""So many of those that look most alike."""
+
+PAIRS_PER_VIEW = len(RANKS_BY_POSE) + len(STEPS_IN_SEQUENCE) + MOST_ALIKE
+"""No more pairs than this times the number of views."""
+
+WORDS = 1024
+"""Kinds of features that images are compared by."""
+
+
+def choose_pairs(
+    names: Sequence[str], cameras: Sequence[Camera], features: Sequence[Features], scene_distance: float
+) -> list[Pair]:
+    """Pairs of views to match, each once, sorted.
+
+    Args:
+        names: of F frames; sorted, they are in the order that they were taken.
+        cameras: with given poses.
+        features: of the frames.
+        scene_distance: typical distance to the scene.
+    """
+    chosen = set(by_pose(cameras, scene_distance)) | set(in_sequence(names)) | set(by_appearance(features))
+    return sorted(chosen)
+
+
+def by_pose(cameras: Sequence[Camera], scene_distance: float) -> list[Pair]:
+    """Pairs of views that the poses say may see the same."""
+    forwards = np.array([camera.forward for camera in cameras])
+    apart = view_distances(cameras, cameras, scene_distance)
+    apart[forwards @ forwards.T < np.cos(WIDEST_ANGLE)] = np.inf
+    np.fill_diagonal(apart, np.inf)
+    pairs = set()
+    for view, distances in enumerate(apart):
+        order = np.argsort(distances, kind="stable")
+        for other in order[[rank for rank in RANKS_BY_POSE if rank < len(order)]]:
+            if np.isfinite(distances[other]):
+                pairs.add(_pair(view, int(other)))
+    return sorted(pairs)
+
+
+def in_sequence(names: Sequence[str]) -> list[Pair]:
+    """Pairs of frames that follow each other when names are sorted, numbers in them counting as numbers."""
+    order = sorted(range(len(names)), key=lambda index: _by_number(names[index]))
+    return sorted(
+        _pair(first, second) for step in STEPS_IN_SEQUENCE for first, second in zip(order, order[step:], strict=False)
+    )
+
+
+def by_appearance(features: Sequence[Features]) -> list[Pair]:
+    """Pairs of views whose features are of the same kinds, rare kinds counting more (Sivic and Zisserman 2003)."""
+    rows = likeness(features)
+    np.fill_diagonal(rows, -1.0)
+    pairs = set()
+    for view, row in enumerate(rows):
+        for other in np.argsort(-row, kind="stable")[:MOST_ALIKE]:
+            if row[other] > 0:
+                pairs.add(_pair(view, int(other)))
+    return sorted(pairs)
+
+
+def likeness(features: Sequence[Features]) -> np.ndarray:
+    """(F, F) cosine between the views' histograms of words, weighted by tf-idf.
+
+    Words are features drawn at random: clustering them would be slower, and hardly better at this number of views.
+    """
+    everything = np.concatenate([np.zeros((0, 128), np.float32), *[view.descriptors for view in features]])
+    drawn = np.random.default_rng(0).permutation(len(everything))[:WORDS]
+    words = everything[np.sort(drawn)]
+    counts = np.zeros((len(features), max(len(words), 1)))
+    for row, view in zip(counts, features, strict=True):
+        if len(view.descriptors):
+            np.add.at(row, (view.descriptors @ words.T).argmax(axis=1), 1)
+    rarity = np.log((1 + len(features)) / (1 + np.count_nonzero(counts, axis=0)))
+    weighted = np.sqrt(counts) * rarity
+    weighted /= np.maximum(np.linalg.norm(weighted, axis=1, keepdims=True), 1e-12)
+    return weighted @ weighted.T
+
+
+def _pair(first: int, second: int) -> Pair:
+    return min(first, second), max(first, second)
+
+
+def _by_number(name: str) -> list[tuple[int, str]]:
+    return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", name)]

@@ -1,0 +1,42 @@
+"""One photograph placed anew against a structure: for views that something else than geometry calls into question."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pocketgs.camera import Camera
+from pocketgs.capture.capture import Frame
+from pocketgs.prior.features import detect, match
+from pocketgs.prior.pairs import likeness
+from pocketgs.prior.relocalise import pose_from_points
+from pocketgs.prior.structure import Structure
+from pocketgs.prior.two_view import VERIFICATION, agreeing
+
+FEATURES = 2000
+MOST_ALIKE = 12
+"""Views that the photograph is matched with: those that look most alike, wherever it is said to stand."""
+
+
+def placed_again(frame: Frame, structure: Structure) -> Camera | None:
+    """The frame's camera where its photograph says that it stands, or None if that is not enough to tell.
+
+    What the structure holds of the frame itself does not count, and neither does its pose.
+
+    Args:
+        frame: with its intrinsics.
+        structure: points, and the features of other frames that see them.
+    """
+    own = detect(frame, FEATURES)
+    others = [view for view, name in enumerate(structure.names) if name != frame.name]
+    alike = likeness([own, *(structure.landmarks[view][0] for view in others)])[0, 1:]
+    pixels, points = [np.zeros((0, 2))], [np.zeros((0, 3))]
+    for place in np.argsort(-alike, kind="stable")[:MOST_ALIKE].tolist():
+        view = others[place]
+        theirs, point = structure.landmarks[view]
+        found = match(own, theirs)
+        here, there = own.pixels[found[:, 0]], theirs.pixels[found[:, 1]]
+        good = agreeing(frame.camera, structure.cameras[view], here, there, VERIFICATION * max(own.grain, theirs.grain))
+        pixels.append(here[good])
+        points.append(structure.points[point[found[good, 1]]])
+    both = np.unique(np.concatenate([np.concatenate(points), np.concatenate(pixels)], axis=1), axis=0)
+    return pose_from_points(frame.camera, both[:, :3], both[:, 3:], 2 * structure.tolerance)

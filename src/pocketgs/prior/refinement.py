@@ -1,0 +1,251 @@
+"""Refined poses: bundle adjustment over all frames, kept only where it explains what it was not fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from pocketgs.camera import Camera
+from pocketgs.prior.bundle import BundleSettings, adjust_bundle, adjust_pose
+from pocketgs.prior.consensus import consensus
+from pocketgs.prior.observations import Observations, enough_for_each_view
+from pocketgs.prior.tolerance import LEAST_ANGLE, next_tolerance
+from pocketgs.prior.tracks import reprojection_errors, triangulate, view_distances
+
+CHECKED_SHARE = 3
+"""One in so many points is kept from bundle adjustment to judge it by."""
+
+LEFT_OUT_SHARE = 5
+"""One in so many views likewise: it is then placed against the points that the others agree on."""
+
+LEAST_GAIN = 0.1
+"""Poses are replaced when that lowers the error of points they were not fitted to by this share, at least.
+
+Poses that were computed from larger images, or from more of them, are often better than what our features tell.
+Fitting poses anew lowers the error of the points that they are fitted to even then.
+"""
+
+ROUNDS = 4
+SIGHTINGS_PER_VIEW = 250
+"""Points are used until every view has so many sightings, those that most views see first."""
+
+FEWEST_SIGHTINGS, FEWEST_CELLS = 30, 5
+"""A view with fewer sightings, or in fewer of 4 x 4 parts of its image, is not adjusted: it follows its neighbours."""
+
+FEWEST_VIEWS = 3
+"""A part of the capture with fewer is not adjusted."""
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """What refinement made of F cameras.
+
+    Attributes:
+        cameras: refined where that is accepted, otherwise as given.
+        moved: (F,) bool: refined.
+        carried: (F,) bool: see too little, and moved with the nearest refined camera.
+    """
+
+    cameras: list[Camera]
+    moved: np.ndarray
+    carried: np.ndarray
+
+
+def refine(
+    given: Sequence[Camera],
+    tracks: Observations,
+    tolerance: float,
+    finest: float,
+    settings: BundleSettings,
+    scene_distance: float,
+) -> Refinement:
+    """Adjust poses, part by part of what is connected, and keep what stands the tests.
+
+    Args:
+        given: F cameras.
+        tracks: sightings sorted by point; wrong ones among them.
+        tolerance: pixels that a sighting may be off under the given poses.
+        finest: pixels below which errors are noise.
+        settings: of bundle adjustment.
+        scene_distance: typical distance to the scene.
+    """
+    nothing = Refinement(list(given), np.zeros(len(given), bool), np.zeros(len(given), bool))
+    accepted = _accepted(given, tracks, tolerance, finest, settings)
+    if not accepted.any():
+        return nothing
+    adjusted, supported, _ = _adjusted(given, tracks, tolerance, finest, settings)
+    moved = accepted & supported
+    if not moved.any():
+        return nothing
+    cameras = [new if move else old for old, new, move in zip(given, adjusted, moved, strict=True)]
+    carried = _thin(given, moved, supported, scene_distance)
+    for view in np.flatnonzero(carried).tolist():
+        nearest = _nearest(given[view], given, moved, scene_distance)
+        cameras[view] = carried_along(given[view], given[nearest], adjusted[nearest])
+    return Refinement(cameras, moved, carried)
+
+
+def carried_along(camera: Camera, given: Camera, refined: Camera) -> Camera:
+    """The camera, with the pose that it was given relative to another one that has been refined."""
+    relative = camera.world_to_camera @ given.camera_to_world
+    return replace(camera, world_to_camera=relative @ refined.world_to_camera)
+
+
+def _adjusted(
+    given: Sequence[Camera], tracks: Observations, tolerance: float, finest: float, settings: BundleSettings
+) -> tuple[list[Camera], np.ndarray, float]:
+    """Cameras adjusted to what agrees, which of them see enough, and how far sightings are off in the end."""
+    cameras, supported = list(given), np.zeros(len(given), bool)
+    for _ in range(ROUNDS):
+        agreeing = tracks.select(consensus(cameras, tracks, tolerance, LEAST_ANGLE).agrees)
+        chosen, supported = _well_seen(given, agreeing)
+        if not supported.any():
+            return list(given), supported, tolerance
+        _, point = np.unique(chosen.point, return_inverse=True)
+        seen = Observations(chosen.frame, point.astype(np.int32), chosen.pixels)
+        points = triangulate(cameras, seen)
+        finite = np.isfinite(points).all(axis=1)
+        seen = _renumbered(seen.select(finite[seen.point]))
+        result = adjust_bundle(given, points[finite], seen, settings, start=cameras)
+        cameras = [new if own else old for old, new, own in zip(given, result.cameras, supported, strict=True)]
+        last, tolerance = tolerance, next_tolerance(result.residuals, tolerance, finest)
+        if tolerance > 0.8 * last:
+            break
+    return cameras, supported, tolerance
+
+
+def _accepted(
+    given: Sequence[Camera],
+    tracks: Observations,
+    tolerance: float,
+    finest: float,
+    settings: BundleSettings,
+) -> np.ndarray:
+    """(F,) bool: cameras whose part of the capture is better explained by refined poses.
+
+    Judged by points and by views that take no part in an adjustment made for the purpose.
+    """
+    checked = tracks.point % CHECKED_SHARE == 0
+    absent = np.arange(len(given)) % LEFT_OUT_SHARE == LEFT_OUT_SHARE // 2
+    fitted = _renumbered(tracks.select(~checked & ~absent[tracks.frame]))
+    adjusted, present, final = _adjusted(given, fitted, tolerance, finest, settings)
+    by_points = [_errors_of_points(cameras, tracks.select(checked), final) for cameras in (given, adjusted)]
+    by_views = [
+        _errors_of_views(cameras, tracks.select(~checked), absent, final, settings) for cameras in (given, adjusted)
+    ]
+    accepted = np.zeros(len(given), bool)
+    for part in _parts(tracks, present | absent):
+        if (part & present).sum() < FEWEST_VIEWS:
+            continue
+        inside = part[tracks.frame[checked]] & present[tracks.frame[checked]]
+        before, after = (_truncated(by_points, inside, final, which) for which in (0, 1))
+        views_before, views_after = (
+            _truncated(by_views, part[tracks.frame[~checked]], final, which) for which in (0, 1)
+        )
+        if after <= (1 - LEAST_GAIN) * before and views_after <= views_before:
+            accepted |= part
+    return accepted
+
+
+def _truncated(errors: Sequence[np.ndarray], inside: np.ndarray, tolerance: float, which: int) -> float:
+    """Root mean square error, none counting more than the tolerance, of sightings good under either set of poses."""
+    either = inside & ((errors[0] < tolerance) | (errors[1] < tolerance))
+    if not either.any():
+        return 0.0
+    return float(np.sqrt(np.mean(np.minimum(errors[which][either], tolerance) ** 2)))
+
+
+def _errors_of_points(cameras: Sequence[Camera], tracks: Observations, tolerance: float) -> np.ndarray:
+    """(M,) how far sightings are from where the point falls that two others or more agree on; infinite without one."""
+    tracks = _renumbered(tracks)
+    found = consensus(cameras, tracks, tolerance, LEAST_ANGLE)
+    return np.where(found.support >= 2, found.error, np.inf)
+
+
+def _errors_of_views(
+    cameras: Sequence[Camera], tracks: Observations, absent: np.ndarray, tolerance: float, settings: BundleSettings
+) -> np.ndarray:
+    """(M,) how far the absent views' sightings are off once these are placed by half of them, judged by the other half.
+
+    The points are those that the other views agree on.
+    """
+    errors = np.full(len(tracks), np.inf)
+    others = tracks.select(~absent[tracks.frame])
+    numbers, point = np.unique(others.point, return_inverse=True)
+    theirs = Observations(others.frame, point.astype(np.int32), others.pixels)
+    theirs = theirs.select(consensus(cameras, theirs, tolerance, LEAST_ANGLE).agrees)
+    positions = np.full((int(tracks.point.max()) + 1, 3), np.nan)
+    if len(theirs):
+        found = triangulate(cameras, theirs)
+        seen = np.bincount(theirs.point, minlength=len(found)) >= 2
+        positions[numbers[: len(found)][seen]] = found[seen]
+    known = np.isfinite(positions[tracks.point]).all(axis=1)
+    for view in np.flatnonzero(absent).tolist():
+        own = np.flatnonzero((tracks.frame == view) & known)
+        fitted, judged = own[::2], own[1::2]
+        if len(fitted) < FEWEST_SIGHTINGS // 2:
+            continue
+        points, pixels = positions[tracks.point], tracks.pixels
+        placed = adjust_pose(cameras[view], points[fitted], pixels[fitted], settings).camera
+        each = np.arange(len(judged))
+        sightings = Observations(np.zeros_like(each), each, pixels[judged])
+        errors[judged] = reprojection_errors([placed], points[judged], sightings)
+    return errors
+
+
+def _well_seen(cameras: Sequence[Camera], tracks: Observations) -> tuple[Observations, np.ndarray]:
+    """Sightings enough to adjust by, and (F,) bool which cameras have enough of them, well spread."""
+    supported = np.ones(len(cameras), bool)
+    while True:
+        tracks = tracks.select(supported[tracks.frame])
+        views = np.bincount(tracks.point, minlength=1)
+        tracks = tracks.select(views[tracks.point] >= 2)
+        sightings = np.bincount(tracks.frame, minlength=len(cameras))
+        enough = supported & (sightings >= FEWEST_SIGHTINGS) & (_cells(cameras, tracks) >= FEWEST_CELLS)
+        if np.array_equal(enough, supported):
+            break
+        supported = enough
+    return tracks.select(enough_for_each_view(tracks, len(cameras), SIGHTINGS_PER_VIEW)), supported
+
+
+def _cells(cameras: Sequence[Camera], tracks: Observations) -> np.ndarray:
+    """(F,) in how many of 4 x 4 parts of its image each camera sees a point."""
+    sizes = np.array([(camera.width, camera.height) for camera in cameras])
+    across, down = np.clip(tracks.pixels / sizes[tracks.frame] * 4, 0, 3).astype(np.int64).T
+    occupied = np.zeros((len(cameras), 16), bool)
+    occupied[tracks.frame, 4 * down + across] = True
+    return occupied.sum(axis=1)
+
+
+def _parts(tracks: Observations, supported: np.ndarray) -> list[np.ndarray]:
+    """(F,) bool each: cameras that see points in common, directly or by way of others, if they are enough."""
+    tracks = tracks.select(supported[tracks.frame])
+    same = tracks.point[1:] == tracks.point[:-1]
+    one, other = tracks.frame[:-1][same], tracks.frame[1:][same]
+    graph = coo_matrix((np.ones(len(one)), (one, other)), shape=(len(supported), len(supported)))
+    _, label = connected_components(graph, directed=False)
+    return [(label == number) & supported for number in np.unique(label[supported])]
+
+
+def _thin(given: Sequence[Camera], moved: np.ndarray, supported: np.ndarray, scene_distance: float) -> np.ndarray:
+    """(F,) bool: cameras that see too little, and whose nearest neighbour that sees enough has moved."""
+    thin = np.zeros(len(given), bool)
+    for view in np.flatnonzero(~supported).tolist():
+        thin[view] = moved[_nearest(given[view], given, supported, scene_distance)]
+    return thin
+
+
+def _nearest(camera: Camera, others: Sequence[Camera], among: np.ndarray, scene_distance: float) -> int:
+    numbers = np.flatnonzero(among).tolist()
+    distances = view_distances([camera], [others[number] for number in numbers], scene_distance)[0]
+    return int(numbers[int(distances.argmin())])
+
+
+def _renumbered(observations: Observations) -> Observations:
+    """The sightings, their points numbered from 0."""
+    _, point = np.unique(observations.point, return_inverse=True)
+    return Observations(observations.frame, point.astype(np.int32), observations.pixels)

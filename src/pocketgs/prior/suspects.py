@@ -1,0 +1,126 @@
+"""Cameras that the photographs contradict: those whose matches with the others another motion explains.
+
+Wrong cameras often come in groups that agree among themselves, say all views of the far side of a thing that looks
+alike from both. So views are first joined into groups, the pairs with the most in common first, for as long as what two
+groups have in common suits their poses. What does not join the largest group although it has matches with it is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from pocketgs.camera import Camera
+from pocketgs.prior.features import Features
+from pocketgs.prior.pairs import Pair
+from pocketgs.prior.tracks import view_distances
+
+LEAST_FIT = 0.6
+"""Share of the matches between two groups that suits the poses, below which they contradict each other.
+
+Matches that one motion explains suit right poses nearly all. Of matches that do not belong together about half lie near
+epipolar lines, since these are long.
+"""
+
+FEWEST_MATCHES = 32
+"""Matches between two groups below which they say nothing about each other."""
+
+NEIGHBOURS = 4
+LEAST_FEATURES = 0.5
+"""A view that matches nothing is a stranger if it has this share of its neighbours' features, at least."""
+
+FEWEST_VIEWS = 3
+LEAST_MAIN = 0.25
+"""The largest group decides if it has so many views, and this share of all."""
+
+
+def contradicted(
+    cameras: Sequence[Camera], features: Sequence[Features], matches: Mapping[Pair, np.ndarray], tolerance: float
+) -> np.ndarray:
+    """(F,) bool: views whose poses contradict those of most others.
+
+    Args:
+        cameras: of F views.
+        features: of the views.
+        matches: verified without poses, see `two_view.match_views`.
+        tolerance: distance in pixels from epipolar lines that right poses explain.
+    """
+    total, fitting = np.zeros((2, len(cameras), len(cameras)))
+    for (first, second), found in matches.items():
+        here, there = features[first].pixels[found[:, 0]], features[second].pixels[found[:, 1]]
+        near = epipolar_distance(cameras[first], cameras[second], here, there) < tolerance
+        total[first, second] = total[second, first] = len(found)
+        fitting[first, second] = fitting[second, first] = np.count_nonzero(near)
+    group = _groups(sorted(matches), total, fitting)
+    largest = np.bincount(group).argmax()
+    main = group == largest
+    found = np.zeros(len(cameras), bool)
+    if main.sum() < max(FEWEST_VIEWS, LEAST_MAIN * len(cameras)):
+        return found
+    for number in np.unique(group[~main]):
+        between = np.ix_(group == number, main)
+        if total[between].sum() >= FEWEST_MATCHES and fitting[between].sum() < LEAST_FIT * total[between].sum():
+            found |= group == number
+    return found
+
+
+def strangers(
+    cameras: Sequence[Camera], features: Sequence[Features], matches: Mapping[Pair, np.ndarray], scene_distance: float
+) -> np.ndarray:
+    """(F,) bool: views with features that match nothing, though views on all sides of them match each other.
+
+    They show another place than their poses say. Views with few features may just see a blank wall.
+
+    Args:
+        cameras: of F views.
+        features: of the views.
+        matches: verified without poses.
+        scene_distance: typical distance to the scene.
+    """
+    matched = np.zeros((len(cameras), len(cameras)), bool)
+    for first, second in matches:
+        matched[first, second] = matched[second, first] = True
+    counts = np.array([len(view.pixels) for view in features])
+    apart = view_distances(cameras, cameras, scene_distance)
+    np.fill_diagonal(apart, np.inf)
+    found = np.zeros(len(cameras), bool)
+    for view in np.flatnonzero(~matched.any(axis=1)):
+        near = np.argsort(apart[view], kind="stable")[:NEIGHBOURS]
+        linked = matched[np.ix_(near, near)]
+        reach = apart[np.ix_(near, near)][linked].max(initial=0.0)
+        expected = linked.any(axis=1) & (apart[view, near] <= reach)
+        found[view] = expected.sum() >= NEIGHBOURS - 1 and counts[view] >= LEAST_FEATURES * np.median(counts[near])
+    return found
+
+
+def _groups(pairs: Sequence[Pair], total: np.ndarray, fitting: np.ndarray) -> np.ndarray:
+    """(F,) the group of each view."""
+    group = np.arange(len(total))
+    for first, second in sorted(pairs, key=lambda pair: -fitting[pair]):
+        if group[first] == group[second] or fitting[first, second] < LEAST_FIT * total[first, second]:
+            continue
+        one, other = group == group[first], group == group[second]
+        if fitting[np.ix_(one, other)].sum() >= LEAST_FIT * total[np.ix_(one, other)].sum():
+            group[other] = group[first]
+    return group
+
+
+def epipolar_distance(first: Camera, second: Camera, here: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """(M,) how far in pixels two views' sightings are from seeing one point, to first order (Sampson 1982).
+
+    Args:
+        first: one camera.
+        second: the other.
+        here: (M, 2) pixels in the first image.
+        there: (M, 2) pixels in the second.
+    """
+    relative = second.world_to_camera @ first.camera_to_world
+    x, y, z = relative[:3, 3]
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    essential = cross @ relative[:3, :3]
+    fundamental = np.linalg.inv(second.intrinsic_matrix).T @ essential @ np.linalg.inv(first.intrinsic_matrix)
+    one, other = (np.column_stack([pixels, np.ones(len(pixels))]) for pixels in (here, there))
+    lines, other_lines = one @ fundamental.T, other @ fundamental
+    slope = np.sum(lines[:, :2] ** 2 + other_lines[:, :2] ** 2, axis=1)
+    return np.abs(np.sum(lines * other, axis=1)) / np.sqrt(np.maximum(slope, 1e-30))

@@ -1,0 +1,83 @@
+"""What two photographs say about each other whatever the poses: matches that one rigid motion explains."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import cv2
+import numba
+import numpy as np
+
+from pocketgs.camera import Camera
+from pocketgs.prior.features import Features, match
+from pocketgs.prior.pairs import Pair
+
+VERIFICATION = 1.5
+"""Distance from epipolar lines within which matches agree with one motion, in pixels of the images matched."""
+
+FEWEST_MATCHES = 16
+LEAST_SHARE = 0.25
+"""Fewer matches that agree, or a smaller share of all, are what a motion fitted to chance would find as well."""
+
+CONFIDENCE, TRIALS = 0.999, 1000
+
+Matches = dict[Pair, np.ndarray]
+"""For a pair of views (M, 2) int64 indices of features."""
+
+
+def match_views(cameras: Sequence[Camera], features: Sequence[Features], pairs: Sequence[Pair]) -> Matches:
+    """Match pairs of views and keep what one motion explains. Only intrinsics are looked at, never poses.
+
+    Args:
+        cameras: of F views.
+        features: of the views.
+        pairs: to match.
+
+    Returns:
+        The pairs that have something in common, in the order given.
+    """
+
+    def matched(pair: Pair) -> np.ndarray:
+        first, second = pair
+        found = match(features[first], features[second])
+        here, there = features[first].pixels[found[:, 0]], features[second].pixels[found[:, 1]]
+        grain = max(features[first].grain, features[second].grain)
+        return found[agreeing(cameras[first], cameras[second], here, there, VERIFICATION * grain)]
+
+    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
+        found = list(pool.map(matched, pairs))
+    return {pair: matches for pair, matches in zip(pairs, found, strict=True) if len(matches)}
+
+
+def agreeing(first: Camera, second: Camera, here: np.ndarray, there: np.ndarray, tolerance: float) -> np.ndarray:
+    """Which matches one rigid motion explains: an essential matrix, by RANSAC (OpenCV's USAC).
+
+    Args:
+        first: gives the intrinsics of one view.
+        second: those of the other.
+        here: (M, 2) pixels in the first view.
+        there: (M, 2) pixels in the second.
+        tolerance: distance from epipolar lines in pixels.
+
+    Returns:
+        (M,) bool; all False where too few agree.
+    """
+    nothing = np.zeros(len(here), bool)
+    if len(here) < FEWEST_MATCHES:
+        return nothing
+    focal = float(np.sqrt(np.sqrt(first.fx * first.fy * second.fx * second.fy)))
+    one, other = (_normalised(camera, pixels) * focal for camera, pixels in ((first, here), (second, there)))
+    matrix = np.diag([focal, focal, 1.0])
+    try:
+        _, inliers = cv2.findEssentialMat(one, other, matrix, cv2.USAC_FAST, CONFIDENCE, tolerance, maxIters=TRIALS)
+    except cv2.error:  # the solver meets a degenerate sample
+        return nothing
+    if inliers is None:
+        return nothing
+    agrees = np.asarray(inliers).ravel() > 0
+    return agrees if agrees.sum() >= max(FEWEST_MATCHES, LEAST_SHARE * len(here)) else nothing
+
+
+def _normalised(camera: Camera, pixels: np.ndarray) -> np.ndarray:
+    return (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)

@@ -1,0 +1,118 @@
+"""Placing photographs step by step: with the likeliest pairs, with more of them, and with less asked of a match."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pocketgs.structure_from_motion.gps import local_metres
+from pocketgs.structure_from_motion.job import Job, Outcome
+from pocketgs.structure_from_motion.options import PoseOptions
+from pocketgs.structure_from_motion.pairs import MOST_FOR_ALL_PAIRS, Pairs, all_pairs, are_in_order, chosen_pairs
+from pocketgs.structure_from_motion.photographs import Photograph, cameras_of, focal_length
+from pocketgs.structure_from_motion.process import run_colmap
+from pocketgs.structure_from_motion.retrieval import similarities
+from pocketgs.structure_from_motion.work import Count
+
+LEAST_MATCHES, FEWEST_MATCHES = 15, 10
+"""That a pair must have, COLMAP's default; and where too few photographs are placed with it."""
+
+LEAST_SHARE = 0.8
+"""Of the photographs, that must be placed before less is asked of a match."""
+
+MOST_MORE_PAIRS = 5000
+
+
+def place_all(
+    photographs: Sequence[Photograph],
+    in_order: bool,
+    model: Path,
+    workspace: Path,
+    options: PoseOptions,
+    on_stage: Callable[[str], None],
+    on_count: Count,
+) -> Outcome:
+    """Find the poses of as many photographs as can be placed together.
+
+    Args:
+        photographs: with their features.
+        in_order: whether they are known to be in the order in which they were taken.
+        model: folder, where COLMAP's model is written.
+        workspace: folder for what is needed in between.
+        options: of structure from motion.
+        on_stage: told "matching" and "mapping".
+        on_count: told how much of a stage is done.
+
+    Returns:
+        See `colmap.run`; of the attempt that placed most.
+
+    Raises:
+        PocketGSError: COLMAP failed.
+    """
+    names = [photograph.name for photograph in photographs]
+    places = local_metres([photograph.exif.place for photograph in photographs])
+    pairs = _first_pairs(photographs, in_order, places, options.seed)
+    job = _job(photographs, places, model, workspace, options)
+
+    def attempt(pairs: Pairs, **changes: Any) -> Outcome:
+        listed = [(names[first], names[second]) for first, second in sorted(pairs)]
+        return run_colmap("colmap", {**job, "pairs": listed, **changes}, workspace / "log.txt", on_stage, on_count)
+
+    best = attempt(pairs)
+    # A later attempt leaves the model alone unless it places more.
+    lacking = [index for index, name in enumerate(names) if name not in best["placed"]]
+    more = all_pairs(len(names), lacking) - pairs
+    if lacking and 0 < len(more) <= MOST_MORE_PAIRS:
+        go_on = len(lacking) < len(names) / 4
+        best = max(best, attempt(more, go_on=go_on, better_than=_placed(best)), key=_placed)
+    if len(best["placed"]) < LEAST_SHARE * len(names):
+        tolerant = attempt(set(), least_matches=FEWEST_MATCHES, better_than=_placed(best))
+        best = max(best, tolerant, key=_placed)
+    return best
+
+
+def _placed(outcome: Outcome) -> int:
+    return len(outcome["placed"])
+
+
+def _first_pairs(photographs: Sequence[Photograph], in_order: bool, places: np.ndarray | None, seed: int) -> Pairs:
+    count = len(photographs)
+    if count <= MOST_FOR_ALL_PAIRS:
+        return all_pairs(count)
+    likeness = similarities([photograph.strongest for photograph in photographs], seed)
+    in_order = in_order or are_in_order([photograph.name for photograph in photographs])
+    return chosen_pairs(likeness, in_order, places)
+
+
+def _job(
+    photographs: Sequence[Photograph], places: np.ndarray | None, model: Path, workspace: Path, options: PoseOptions
+) -> Job:
+    raw_model = workspace / "raw"
+    raw_model.mkdir()
+    known = [] if places is None else zip(photographs, places.tolist(), strict=True)
+    return {
+        "database": str(workspace / "features.db"),
+        "model": str(model),
+        "raw_model": str(raw_model),
+        "cameras": [_camera(group, options) for group in cameras_of(photographs)],
+        "places": {photograph.name: place for photograph, place in known if np.isfinite(place).all()},
+        "least_matches": LEAST_MATCHES,
+        "go_on": False,
+        "better_than": 0,
+        "seed": options.seed,
+    }
+
+
+def _camera(group: Sequence[Photograph], options: PoseOptions) -> Job:
+    focal, is_known = focal_length(group[0])
+    return {
+        "model": options.camera_model,
+        "focal_length": focal,
+        "focal_length_is_known": is_known,
+        "size": list(group[0].reduced_size),
+        "full_size": list(group[0].size),
+        "images": [{"name": photograph.name, "features": str(photograph.file)} for photograph in group],
+    }

@@ -1,0 +1,120 @@
+"""Photographs as COLMAP's process needs them: their features on a reduced copy, and what EXIF says of the camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from PIL import Image
+
+from pocketgs.capture.image_file import high_bytes, read_image
+from pocketgs.capture.mask_file import read_mask
+from pocketgs.structure_from_motion.exif import Exif, read_exif
+from pocketgs.structure_from_motion.features import find_features
+from pocketgs.structure_from_motion.pairs import MOST_FOR_ALL_PAIRS
+from pocketgs.structure_from_motion.retrieval import FEATURES_OF_AN_IMAGE
+from pocketgs.structure_from_motion.work import Count, each
+
+PHONE_FOCAL_RATIO = 0.64
+"""Focal length over the diagonal of a phone's main camera, where EXIF data do not state it. It is refined later."""
+
+FEATURES_OF_FEW, FEATURES_OF_MANY = 8000, 4500
+"""At most, of each of few images, all pairs of which are matched, and of each of many: matching takes the most time."""
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """One image.
+
+    Attributes:
+        name: of its file.
+        size: width and height of the file.
+        reduced_size: width and height that features were sought at; their coordinates count its pixels.
+        exif: what is known of the camera.
+        features: their number.
+        file: .npz file with their `keypoints`, `descriptors` and `colours`.
+        strongest: (N, 128) uint8 descriptors for retrieval.
+    """
+
+    name: str
+    size: tuple[int, int]
+    reduced_size: tuple[int, int]
+    exif: Exif
+    features: int
+    file: Path
+    strongest: np.ndarray
+
+
+def read_photographs(
+    images: Path, masks: Path, workspace: Path, max_size: int, threads: int, on_count: Count
+) -> list[Photograph]:
+    """Find the features of a folder's images.
+
+    Args:
+        images: the folder.
+        masks: folder with masks, named as the images with `.png` behind; it need not exist.
+        workspace: for the features.
+        max_size: features are sought in images reduced to this many pixels at the longer side.
+        threads: to work with; each needs memory for one image.
+        on_count: told how many are done.
+
+    Raises:
+        PocketGSError: an image cannot be decoded.
+    """
+    paths = sorted(images.iterdir())
+    most = FEATURES_OF_FEW if len(paths) <= MOST_FOR_ALL_PAIRS else FEATURES_OF_MANY
+
+    def read(path: Path) -> Photograph:
+        size, image, exif = read_image(path, lambda opened: _reduced(opened, max_size))
+        features = find_features(image, most)
+        mask = masks / f"{path.name}.png"
+        if mask.is_file():
+            features = features.within(read_mask(mask), (image.shape[1], image.shape[0]))
+        columns, rows = np.minimum(features.keypoints[:, :2].astype(int), np.array(image.shape[1::-1]) - 1).T
+        file = workspace / f"{path.name}.npz"
+        np.savez(file, keypoints=features.keypoints, descriptors=features.descriptors, colours=image[rows, columns])
+        strongest = features.descriptors[:FEATURES_OF_AN_IMAGE].copy()
+        return Photograph(
+            path.name, size, (image.shape[1], image.shape[0]), exif, len(features.keypoints), file, strongest
+        )
+
+    # The threads here work on images of their own; more inside OpenCV would only get in their way.
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        return each(paths, read, threads, on_count)
+    finally:
+        cv2.setNumThreads(before)
+
+
+def cameras_of(photographs: Sequence[Photograph]) -> list[list[Photograph]]:
+    """The photographs by the camera that took them: those that agree in size and in what EXIF says of it."""
+    groups: dict[tuple, list[Photograph]] = {}
+    for photograph in photographs:
+        groups.setdefault((photograph.size, photograph.exif.camera), []).append(photograph)
+    return list(groups.values())
+
+
+def focal_length(photograph: Photograph) -> tuple[float, bool]:
+    """In pixels of the reduced image, and whether EXIF data state it."""
+    ratio = photograph.exif.focal_ratio
+    diagonal = float(np.hypot(*photograph.reduced_size))
+    return (ratio or PHONE_FOCAL_RATIO) * diagonal, ratio is not None
+
+
+def _reduced(image: Image.Image, max_size: int) -> tuple[tuple[int, int], np.ndarray, Exif]:
+    """The full size, the colours at the reduced one, (H, W, 3) uint8, and EXIF data."""
+    exif, size = read_exif(image), image.size
+    factor = min(1.0, max_size / max(size))
+    reduced = (max(1, round(size[0] * factor)), max(1, round(size[1] * factor)))
+    # JPEG can be decoded at 1/2, 1/4 or 1/8 of its size in a fraction of the time; other formats ignore this.
+    image.draft(None, reduced)
+    colours = high_bytes(image) if image.mode.startswith("I") else np.asarray(image.convert("RGB"))
+    if colours.ndim == 2:
+        colours = np.repeat(colours[:, :, None], 3, axis=2)
+    if image.size != reduced:
+        colours = cv2.resize(colours, reduced, interpolation=cv2.INTER_AREA)
+    return size, colours, exif

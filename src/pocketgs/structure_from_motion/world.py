@@ -1,0 +1,148 @@
+"""The world of a model whose scale, origin and directions are arbitrary: turned upright, centred and scaled.
+
+Axes are x right, y down, z forward, as those of the 3DGS `.ply`; down is y. Imported by COLMAP's process: NumPy only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+MEDIAN_DISTANCE = 3.0
+"""From cameras to the points that they see, where nothing tells the scale: as from a person to what is photographed."""
+
+LEAST_GPS_SPREAD = 10.0
+"""How many times as far as GPS places differ from the cameras' they must be spread to tell the scale."""
+
+LEAST_VARIETY, CLEARER = 0.001, 8.0
+"""Variance of level axes across their main direction that tells what is horizontal: 2 degrees of heading, and clearly
+more than hands let a camera lean."""
+
+FEWEST_PLACES = 5
+LEAST_SHARE_OF_PLACES = 0.6
+ROBUST_ROUNDS = 10
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """x -> scale * rotation @ x + shift."""
+
+    scale: float
+    rotation: np.ndarray
+    shift: np.ndarray
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """(N, 3) points in the other world."""
+        return self.scale * points @ self.rotation.T + self.shift
+
+
+def similarity(source: np.ndarray, target: np.ndarray, weights: np.ndarray | None = None) -> Similarity:
+    """What takes (N, 3) points to others best in the least squares sense (Umeyama, 1991, eqs. 40-42).
+
+    Args:
+        source: points not all in one place.
+        target: where they should go.
+        weights: (N,), or None for 1 each.
+    """
+    shares = np.ones(len(source)) if weights is None else weights
+    shares = shares / shares.sum()
+    source_mean, target_mean = shares @ source, shares @ target
+    centred = source - source_mean
+    left, singular, right = np.linalg.svd((target - target_mean).T @ (shares[:, None] * centred))
+    signs = np.array([1, 1, np.sign(np.linalg.det(left @ right))])
+    rotation = left @ np.diag(signs) @ right
+    scale = float((singular * signs).sum() / max(float(shares @ (centred**2).sum(axis=1)), 1e-300))
+    return Similarity(scale, rotation, target_mean - scale * rotation @ source_mean)
+
+
+def from_places(centres: np.ndarray, places: np.ndarray) -> Similarity | None:
+    """The similarity from cameras' centres to places measured by GPS, or None where these tell too little.
+
+    They must be spread in two directions, many times as far as they differ from the cameras' centres, and most must
+    agree.
+
+    Args:
+        centres: (N, 3) of cameras.
+        places: (N, 3) metres, NaN where unknown.
+    """
+    known = np.isfinite(places).all(axis=1)
+    centres, places = centres[known], places[known]
+    if len(places) < FEWEST_PLACES:
+        return None
+    weights = np.ones(len(places))
+    for _ in range(ROBUST_ROUNDS):
+        found = similarity(centres, places, weights)
+        errors = np.linalg.norm(found.apply(centres) - places, axis=1)
+        # Geman and McClure's weights: places that differ by many times the median hardly count.
+        unit = max(float(np.median(errors)) * 2, 1e-9)
+        weights = 1 / (1 + (errors / unit) ** 2) ** 2
+    agree = errors < 3 * unit
+    if agree.mean() < LEAST_SHARE_OF_PLACES or found.scale <= 0:
+        return None
+    spreads = np.linalg.svd(places[agree] - places[agree].mean(axis=0), compute_uv=False) / np.sqrt(agree.sum())
+    error = float(np.sqrt(np.mean(errors[agree] ** 2)))
+    return found if spreads[0] > LEAST_GPS_SPREAD * error and spreads[1] > LEAST_GPS_SPREAD / 2 * error else None
+
+
+def upright(rotations: np.ndarray, centres: np.ndarray, points: np.ndarray) -> Similarity:
+    """The similarity to a world that is upright, centred on what is seen, at the scale of `MEDIAN_DISTANCE`.
+
+    Args:
+        rotations: (N, 3, 3) world to camera.
+        centres: (N, 3) of cameras.
+        points: (M, 3) that they see.
+    """
+    down = -up_direction(rotations)
+    forward = rotations[:, 2].mean(axis=0)
+    forward = forward - (forward @ down) * down
+    if np.linalg.norm(forward) < 0.05:  # cameras all around: any direction will do
+        forward = np.eye(3)[np.argmin(np.abs(down))]
+        forward = forward - (forward @ down) * down
+    forward = forward / np.linalg.norm(forward)
+    rotation = np.stack([np.cross(down, forward), down, forward])
+    middle = np.median(points, axis=0)
+    distance = float(np.median(np.linalg.norm(centres - middle, axis=1)))
+    scale = MEDIAN_DISTANCE / distance if distance > 0 else 1.0
+    return Similarity(scale, rotation, -scale * rotation @ middle)
+
+
+def up_direction(rotations: np.ndarray) -> np.ndarray:
+    """(3,) the direction that is up for cameras which are held level, be it upright or on their side.
+
+    A level camera's horizontal axis is horizontal however far it looks up or down, so up is what all of these are at
+    right angles to; where they have one direction, the one nearest to the images' upward directions.
+
+    Args:
+        rotations: (N, 3, 3) world to camera.
+    """
+    ups = np.stack([-rotations[:, 1], rotations[:, 1], rotations[:, 0], -rotations[:, 0]], axis=1)
+    up = _most_common(ups[:, 0])
+    for _ in range(ROBUST_ROUNDS):
+        # Photographs whose turn nobody has recorded: of an image's four sides, the one that points up most.
+        side = np.argmax(ups @ up, axis=1)
+        own = np.take_along_axis(ups, side[:, None, None], axis=1)[:, 0]
+        across = np.cross(own, rotations[:, 2])
+        tilt = np.abs(across @ up)
+        weights = 1 / (1 + (tilt / max(0.05, 2 * float(np.median(tilt)))) ** 2) ** 2
+        found = _at_right_angles(across, own, weights)
+        if found @ up > 1 - 1e-12:
+            break
+        up = found
+    return up
+
+
+def _at_right_angles(across: np.ndarray, ups: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    mean_up = (weights[:, None] * ups).sum(axis=0)
+    values, vectors = np.linalg.eigh((weights[:, None] * across).T @ across / weights.sum())
+    if values[1] > max(LEAST_VARIETY, CLEARER * values[0]):
+        up = vectors[:, 0]
+        return up if up @ mean_up >= 0 else -up
+    up = mean_up - (mean_up @ vectors[:, 2]) * vectors[:, 2]
+    length = float(np.linalg.norm(up))
+    return up / length if length > 1e-6 else ups[0]
+
+
+def _most_common(directions: np.ndarray) -> np.ndarray:
+    """The direction that most others are near to."""
+    return directions[np.argmax(np.maximum(directions @ directions.T, 0).sum(axis=1))]

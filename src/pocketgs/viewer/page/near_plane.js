@@ -1,0 +1,35 @@
+/**
+ * How near to a camera a Gaussian may be; the twin of `splat/near_plane.py`.
+ *
+ * @module
+ */
+
+/** As in `splat/constants.py`. */
+const NEAR = 0.005;
+const SAMPLES = 4096;
+
+/**
+ * Least depth of the centre of a Gaussian that is drawn, in proportion to the scene.
+ *
+ * @param {Float32Array[]} means x, y and z of the Gaussians, N each
+ * @param {number} count of those that are there, from the first on
+ * @returns {number}
+ */
+export function nearPlane(means, count) {
+    const step = Math.max(1, Math.ceil(count / SAMPLES));
+    const sample = [];
+    for (let i = 0; i < count; i += step) {
+        const mean = means.map((column) => column[i]);
+        if (mean.every(Number.isFinite)) {
+            sample.push(mean);
+        }
+    }
+    const middle = [0, 1, 2].map((axis) => middleOf(sample.map((mean) => mean[axis])));
+    const extent = middleOf(sample.map((mean) => Math.max(...mean.map((value, axis) => Math.abs(value - middle[axis])))));
+    return extent > 0 ? NEAR * 2 ** Math.round(Math.log2(extent)) : NEAR;
+}
+
+/** @param {number[]} numbers */
+function middleOf(numbers) {
+    return Float64Array.from(numbers).sort()[numbers.length >> 1];
+}

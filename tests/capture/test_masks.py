@@ -1,0 +1,162 @@
+"""Masks: where they are found, which photograph each belongs to, and what they leave of it."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pocketgs.capture import open_capture
+from pocketgs.capture.mask_file import read_mask
+from pocketgs.capture.masks import match
+from pocketgs.errors import PocketGSError
+
+MASK = np.zeros((12, 16), np.uint8)
+MASK[:, 4:] = 255
+
+
+def save(path: Path, mask: np.ndarray = MASK) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(mask).save(path)
+
+
+@pytest.mark.parametrize("folder", ["masks", "mask"])
+@pytest.mark.parametrize("name", ["view_{:02d}.png.png", "view_{:02d}.png", "view_{:02d}.JPG", "{:03d}.png"])
+def test_masks_are_found_in_the_usual_places(write_transforms, folder, name):
+    capture = write_transforms()
+    for number in range(10):
+        save(capture / folder / name.format(number), np.roll(MASK, number, axis=1))
+    opened = open_capture(capture, hold_out_every=0)
+    assert (opened.warnings, opened.protocol) == ((), "16x12, masked, nothing held out")
+    for number, frame in enumerate(opened.train):
+        np.testing.assert_array_equal(frame.mask, np.roll(MASK, number, axis=1) > 0)
+        np.testing.assert_array_equal(frame.usable, frame.mask)
+
+
+def test_masks_elsewhere_and_none(write_transforms, tmp_path_factory):
+    capture, elsewhere = write_transforms(), tmp_path_factory.mktemp("elsewhere")
+    for number in range(10):
+        save(elsewhere / f"view_{number:02d}.png")
+        save(capture / f"people/view_{number:02d}.png", 255 - MASK)
+        save(capture / f"masks/view_{number:02d}.png", np.full_like(MASK, 255))
+    for masks, mean in ((str(elsewhere), 0.75), ("people", 0.25), ("found", 1.0)):
+        assert open_capture(capture, masks=masks).train[0].mask.mean() == mean
+    assert open_capture(capture, masks="none").train[0].mask is None
+    with pytest.raises(PocketGSError, match="absent: no such folder, expected one with masks"):
+        open_capture(capture, masks="absent")
+    save(capture / "others/something.png")
+    with pytest.raises(PocketGSError, match=r"none of its 1 images is the mask of a frame.* view_00\.png\.png"):
+        open_capture(capture, masks="others")
+
+
+def test_stated_masks_go_before_found_ones(ring, write_transforms):
+    frames = ring.transforms()["frames"]
+    frames[0]["mask_path"] = "stated.png"
+    capture = write_transforms(frames=frames)
+    save(capture / "stated.png")
+    save(capture / "masks/view_01.png")
+    opened = open_capture(capture, hold_out_every=0)
+    assert [frame.mask is not None for frame in opened.train] == [True] + 9 * [False]
+    assert opened.protocol == "16x12, 1 of 10 masked, nothing held out"
+    assert all(frame.mask is None for frame in open_capture(capture, masks="none").frames)
+
+
+def test_frames_without_a_mask_are_used_whole(write_transforms):
+    capture = write_transforms()
+    for number in range(3):
+        save(capture / f"masks/view_{number:02d}.png")
+    opened = open_capture(capture)
+    assert "no masks for 7 of 10 frames, which are used whole, the first images/view_03.png" in opened.warnings[0]
+    assert sum(frame.mask is not None for frame in opened.frames) == 3
+
+
+def test_masks_that_leave_nothing(write_transforms):
+    capture = write_transforms()
+    for number in range(10):
+        save(capture / f"masks/view_{number:02d}.png", MASK * (number not in (0, 3)))
+    opened = open_capture(capture)
+    assert len(opened.frames) == 8
+    assert "the masks of 2 of 10 frames leave no pixel, the first images/view_00.png" in opened.warnings[0]
+    for number in range(10):
+        save(capture / f"masks/view_{number:02d}.png", 0 * MASK)
+    with pytest.raises(PocketGSError, match=r"leave no pixel.* white where pixels are to be used; no frame is left"):
+        open_capture(capture)
+
+
+def test_masks_of_another_size_and_shape(write_transforms):
+    capture = write_transforms()
+    save(capture / "masks/view_01.png", np.kron(MASK, np.ones((3, 3), np.uint8)))
+    save(capture / "masks/view_02.png", MASK[::2, ::2])
+    frames = open_capture(capture, hold_out_every=0).train
+    for number in (1, 2):
+        np.testing.assert_array_equal(frames[number].mask, MASK > 0)
+    save(capture / "masks/view_02.png", MASK.T)
+    with pytest.raises(PocketGSError, match=r"view_02\.png: mask of 12x16 pixels, expected the shape .* 16x12"):
+        open_capture(capture)
+
+
+def test_broken_masks_are_named(write_transforms):
+    capture = write_transforms()
+    save(capture / "masks/view_02.png")
+    whole = (capture / "masks/view_02.png").read_bytes()
+    (capture / "masks/view_02.png").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(PocketGSError, match=r"masks.view_02\.png: cannot be decoded"):
+        open_capture(capture)
+
+
+def test_folders_that_fit_nothing_are_no_reason_to_fail(write_transforms):
+    capture = write_transforms()
+    save(capture / "masks/skin.png")
+    opened = open_capture(capture)
+    assert "these masks are not used" in opened.warnings[0]
+    assert all(frame.mask is None for frame in opened.frames)
+
+
+def test_masks_in_folders_as_the_photographs(tmp_path):
+    names = [f"images/cam{camera}/{number}.jpg" for camera in "ab" for number in range(3)]
+    for name in names:
+        save(tmp_path / f"masks/{Path(name).parent.name}/{Path(name).name}.png")
+    found = match(names, tmp_path / "masks")
+    assert {name: mask.parent.name for name, mask in found.items()} == {name: name[7:11] for name in names}
+    shutil.rmtree(tmp_path / "masks/camb")
+    assert set(match(names, tmp_path / "masks")) == set(names[:3])
+    shutil.move(tmp_path / "masks/cama/0.jpg.png", tmp_path / "masks/0.jpg.png")
+    with pytest.raises(PocketGSError, match=r"fits both images/cama/0\.jpg and images/camb/0\.jpg"):
+        match(names, tmp_path / "masks")
+
+
+def test_numbers_decide_only_where_all_agree(tmp_path):
+    names = [f"images/IMG_{number}.jpg" for number in (7, 8, 9)]
+    for number in (7, 8):
+        save(tmp_path / f"masks/{number:04d}.png")
+    assert match(names, tmp_path / "masks") == {}
+    save(tmp_path / "masks/0009.png")
+    assert [mask.name for mask in match(names, tmp_path / "masks").values()] == ["0007.png", "0008.png", "0009.png"]
+    save(tmp_path / "masks/overview.png")
+    assert match(names, tmp_path / "masks") == {}
+
+
+def test_kinds_of_masks(tmp_path):
+    """Every way of storing the same mask reads alike."""
+    soft = np.where(MASK > 0, 200, 90).astype(np.uint8)
+    palette = Image.fromarray(MASK // 255).convert("P")
+    palette.putpalette([0, 0, 0, 128, 0, 0])
+    cut_out = np.dstack([np.zeros((12, 16, 3), np.uint8), MASK])
+    kinds = {
+        "zeros and ones.png": Image.fromarray(MASK // 255),
+        "bits.png": Image.fromarray(MASK > 0),
+        "smoothed.png": Image.fromarray(soft),
+        "sixteen.png": Image.fromarray(MASK.astype(np.uint16) * 257),
+        "coloured.png": palette,
+        "rgb.png": Image.fromarray(np.dstack([MASK] * 3)),
+        "cut_out.png": Image.fromarray(cut_out),
+        "white_with_alpha.png": Image.fromarray(np.dstack([MASK] * 3 + [np.full_like(MASK, 255)])),
+        "lossy.jpg": Image.fromarray(np.kron(MASK, np.ones((8, 8), np.uint8))),
+    }
+    for name, image in kinds.items():
+        image.save(tmp_path / name)
+        found = read_mask(tmp_path / name)
+        np.testing.assert_array_equal(found[:: len(found) // 12, :: len(found) // 12], MASK > 0, err_msg=name)

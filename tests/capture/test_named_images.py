@@ -1,0 +1,133 @@
+"""Images that are not where the capture says."""
+
+from __future__ import annotations
+
+import shutil
+import unicodedata
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pocketgs.capture import open_capture
+from pocketgs.capture.open import lacks_poses, read_listing
+from pocketgs.capture.unposed import find_photographs
+from pocketgs.errors import PocketGSError
+
+
+@pytest.mark.parametrize(
+    "stated", ["/home/someone/scan/images/{}", "C:\\scans\\images\\{}", "../images/{}", "input/{}", "./frames/rgb/{}"]
+)
+def test_paths_of_another_machine(ring, write_transforms, stated):
+    frames = ring.transforms()["frames"]
+    for frame, name in zip(frames, ring.names, strict=True):
+        frame["file_path"] = stated.format(name)
+    folder = write_transforms(frames=frames)
+    (folder / "depths").mkdir()
+    shutil.copy(folder / "images/view_00.png", folder / "depths")
+    capture = open_capture(folder, hold_out_every=0)
+    assert [frame.name for frame in capture.train] == [f"images/{name}" for name in ring.names]
+    assert "10 of 10 were found by their names, such as images/view_00.png for" in capture.warnings[0]
+    np.testing.assert_array_equal(capture.train[3].image, ring.images[3])
+
+
+def test_the_fullest_resolution_is_taken(ring, write_transforms):
+    frames = ring.transforms("photographs")["frames"]
+    folder = write_transforms(frames=frames)
+    shutil.copytree(folder / "images", folder / "images_2")
+    assert read_listing(folder).frames[0].name == "images/view_00.png"
+    shutil.copytree(folder / "images", folder / "copies")
+    with pytest.raises(PocketGSError, match="none of the 10 listed frames has an image file"):
+        read_listing(folder)
+
+
+def test_missing_ones_are_not_sought_where_others_are_found(write_transforms):
+    folder = write_transforms()
+    (folder / "other").mkdir()
+    shutil.move(folder / "images/view_02.png", folder / "other/view_02.png")
+    listing = read_listing(folder)
+    assert len(listing.frames) == 9
+    assert "1 of 10 listed frames have no image file" in listing.warnings[0]
+
+
+def test_spellings(ring, write_transforms):
+    stated = ["VIEW_00.PNG", unicodedata.normalize("NFC", "café été.png"), "view_02.jpg", "a b.png", "view_04"]
+    frames = ring.transforms()["frames"][:5]
+    for frame, name in zip(frames, stated, strict=True):
+        frame["file_path"] = f"images/{name}"
+    folder = write_transforms(frames=frames)
+    images = folder / "images"
+    images.joinpath("view_01.png").rename(images / unicodedata.normalize("NFD", "café été.png"))
+    images.joinpath("view_03.png").rename(images / "a b.png")
+    images.joinpath("view_04.png").rename(images / "view_04.JPEG")
+    listing = read_listing(folder)
+    assert (len(listing.frames), listing.warnings) == (5, ())
+
+
+def test_colmap_images_beside_the_model(ring, colmap_files, tmp_path):
+    colmap_files.write(tmp_path / "dense/sparse")
+    ring.write_images(tmp_path / "my photos")
+    assert read_listing(tmp_path).frames[0].name == "my photos/view_00.png"
+    shutil.move(tmp_path / "my photos", tmp_path / "images_4")
+    for file in sorted((tmp_path / "images_4").iterdir()):
+        Image.open(file).resize((8, 6)).save(file.with_suffix(".JPG"))
+        file.unlink()
+    capture = open_capture(tmp_path)
+    assert (capture.warnings, capture.train[0].camera.fx) == ((), 10.0)
+
+
+def test_one_folder_too_high(write_transforms, tmp_path):
+    folder = write_transforms()
+    outer = tmp_path / "unpacked"
+    outer.mkdir()
+    for name in ("images", "transforms.json"):
+        shutil.move(folder / name, outer / name)
+    (tmp_path / "__MACOSX").mkdir()
+    (outer / "images/._view_00.png").write_bytes(b"\0\5\x16\7")
+    capture = open_capture(tmp_path)
+    assert "the one in its folder unpacked is taken" in capture.warnings[0]
+    assert len(capture.frames) == 10
+    assert not lacks_poses(tmp_path)
+    shutil.copytree(outer, tmp_path / "second")
+    with pytest.raises(PocketGSError, match="no capture of a known format"):
+        open_capture(tmp_path)
+
+
+def test_photographs_in_the_only_folder_of_photographs(ring, tmp_path):
+    ring.write_images(tmp_path / "photos")
+    ring.write_images(tmp_path / "masks")
+    assert [path.name for path in find_photographs(tmp_path)] == ring.names
+    assert lacks_poses(tmp_path)
+    ring.write_images(tmp_path / "more")
+    assert find_photographs(tmp_path) == []
+
+
+def test_real_photographs_one_folder_down(data_folder: Path):
+    for name, count in (("plush", 97), ("brighton", 18)):
+        if (data_folder / name).is_dir():
+            assert len(find_photographs(data_folder / name)) == count
+
+
+MATRIX = [[20.0, 0.0, 8.5], [0.0, 21.0, 6.5], [0.0, 0.0, 1.0]]
+
+
+@pytest.mark.parametrize("field", ["K", "intrinsics", "intrinsic_matrix", "camera_intrinsics"])
+@pytest.mark.parametrize(
+    "matrix",
+    [MATRIX, np.transpose(MATRIX).tolist(), np.ravel(MATRIX).tolist(), np.pad(MATRIX, ((0, 1), (0, 1))).tolist()],
+)
+def test_matrices_of_intrinsics(ring, write_transforms, field, matrix):
+    frames = [{**frame, field: matrix} for frame in ring.transforms()["frames"]]
+    nothing = dict.fromkeys(("fl_x", "fl_y", "cx", "cy"))
+    folder = write_transforms(**nothing, frames=frames)
+    camera = read_listing(folder).frames[0].camera
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == (20, 21, 8.5, 6.5)
+
+
+@pytest.mark.parametrize("matrix", [[1, 2], [[1, 0], [0, 1]], "K", [[0] * 3] * 3, np.ones((3, 3)).tolist(), MATRIX[:2]])
+def test_broken_matrices_of_intrinsics(ring, write_transforms, matrix):
+    frames = [{**frame, "K": matrix} for frame in ring.transforms()["frames"]]
+    nothing = dict.fromkeys(("fl_x", "fl_y", "cx", "cy"))
+    with pytest.raises(PocketGSError, match="'K'"):
+        read_listing(write_transforms(**nothing, frames=frames))

@@ -1,0 +1,29 @@
+"""The near plane: in proportion to the scene, and where a few Gaussians far away or broken do not move it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pocketgs.splat.constants import NEAR
+from pocketgs.splat.near_plane import near_plane
+
+
+@pytest.mark.parametrize("exponent", [-20, -1, 0, 3, 20])
+def test_it_grows_with_the_scene(exponent: int) -> None:
+    means = np.random.default_rng(0).normal(size=(9000, 3)).astype(np.float32)
+    assert near_plane(means * np.float32(2.0**exponent)) == 2.0**exponent * near_plane(means)
+    assert NEAR / 2 <= near_plane(means) <= 2 * NEAR
+
+
+def test_what_is_far_or_broken_does_not_move_it() -> None:
+    means = np.random.default_rng(1).normal(size=(1000, 3))
+    strange = means.copy()
+    strange[::5] *= 1e4
+    strange[1::5] = np.nan
+    assert near_plane(strange) <= 2 * near_plane(means)
+
+
+@pytest.mark.parametrize("means", [np.zeros((0, 3)), np.ones((7, 3)), np.full((3, 3), np.nan)])
+def test_a_scene_without_extent_counts_as_one_unit_wide(means: np.ndarray) -> None:
+    assert near_plane(means) == NEAR
