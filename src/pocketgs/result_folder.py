@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PIL import Image
@@ -26,7 +26,9 @@ from pocketgs.publishing.claim import Claim, claimed
 from pocketgs.publishing.journal import settle
 from pocketgs.publishing.manifest import read_manifest
 from pocketgs.splat.engine import OptimiserState
-from pocketgs.training import Checkpoint
+
+if TYPE_CHECKING:
+    from pocketgs.training import Checkpoint
 
 SCENE, RECORD, CHECKPOINT, PICTURES = "scene.ply", "run.json", "checkpoint.npz", "held_out"
 CAMERAS = "cameras.json"
@@ -191,6 +193,9 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
     Raises:
         PocketGSError: there is none, it is broken, or it belongs to another run.
     """
+    # Most who want something of this module do not train, which takes a second to load.
+    from pocketgs.training import Checkpoint
+
     path = _newest_checkpoint(folder)
     try:
         with np.load(path, allow_pickle=False) as data:

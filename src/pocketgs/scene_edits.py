@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 
 from pocketgs.errors import PocketGSError
-from pocketgs.formats.quaternions import composed
 from pocketgs.gaussians import SH_COEFFICIENTS, Gaussians
+from pocketgs.quaternions import composed
 from pocketgs.splat.reference.spherical_harmonics import basis
 
 SMALLEST, LARGEST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)

@@ -161,9 +161,11 @@ def attack(folder: Path, cases: int, seed: int, first: int = 0, seconds: float =
                 number = message
         process.kill()
         process.join()
+        if number < first:
+            raise RuntimeError(f"the sound examples cannot be read: {ending or 'no time was left'}")
         if ending:
             outcomes.append(Outcome(number, "", ending))
-        first = max(first, number) + 1 if ending else last
+        first = number + 1 if ending else last
     return outcomes
 
 

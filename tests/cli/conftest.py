@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+import pocketgs.cli.demo
 from pocketgs.capture.synthetic import write_demo
 from pocketgs.cli import main
 
@@ -70,7 +71,7 @@ def _small_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("demo")
     with pytest.MonkeyPatch.context() as patch:
         small = partial(write_demo, width=160, height=120, frames=20)
-        patch.setattr(sys.modules["pocketgs.cli.demo"], "write_demo", small)
+        patch.setattr(pocketgs.cli.demo, "write_demo", small)
         options = ["--iterations", "100", "--sh-degree", "1", "--max-gaussians", "3000"]
         main(["demo", "--output", str(folder / "result"), "--capture", str(folder / "capture"), *options])
     return folder

@@ -217,7 +217,7 @@ def test_full_disk(
 def test_in_a_process_of_its_own(pocketgs_process: Callable[..., subprocess.Popen[str]], tmp_path: Path) -> None:
     output_folder = tmp_path / "output" / "deep"
     command = ["train", tmp_path / "none", "--output", output_folder]
-    process = pocketgs_process(*command, program="import runpy; runpy.run_module('pocketgs')")
+    process = pocketgs_process(*command, program="import runpy; runpy.run_module('pocketgs', run_name='__main__')")
     output, errors = process.communicate(timeout=60)
     assert (process.returncode, output) == (2, "")
     assert not output_folder.parent.exists()

@@ -89,7 +89,7 @@ class Display:
             self._live.update(Text(line))
         elif now >= self._next_line:
             self._next_line = now + SECONDS_BETWEEN_LINES
-            self._console.print(line, markup=False, highlight=False, soft_wrap=True)
+            self._console.say(line)
 
     def _show_capture(self, capture: Capture) -> None:
         for warning in capture.warnings:

@@ -18,9 +18,9 @@ from pocketgs.errors import PocketGSError
 from pocketgs.formats.activations import colour_of, dc_of, opacity_from_byte, opacity_of
 from pocketgs.formats.checks import require_room, require_sound
 from pocketgs.formats.morton import morton_order
-from pocketgs.formats.quaternions import LARGEST_OTHER, drop_largest, restore_largest, unit
 from pocketgs.gaussians import SH_COEFFICIENTS, Gaussians
 from pocketgs.ply_file import LARGEST_HEADER, read_elements
+from pocketgs.quaternions import LARGEST_OTHER, drop_largest, restore_largest, unit
 
 CHUNK = 256
 CENTRE = ("min_x", "min_y", "min_z", "max_x", "max_y", "max_z")

@@ -20,8 +20,8 @@ from pocketgs.formats.checks import require_room, require_sound
 from pocketgs.formats.gltf_accessors import item, read_accessor, whole_number
 from pocketgs.formats.gltf_document import Document, glb_bytes, read_document
 from pocketgs.formats.gltf_placements import Placement, placed, placements
-from pocketgs.formats.quaternions import unit
 from pocketgs.gaussians import SH_COEFFICIENTS, Gaussians, concatenate
+from pocketgs.quaternions import unit
 from pocketgs.scene_edits import with_sh_degree
 
 EXTENSION = "KHR_gaussian_splatting"

@@ -15,8 +15,8 @@ from pocketgs.atomic_file import replacing
 from pocketgs.errors import PocketGSError
 from pocketgs.formats.activations import colour_of, dc_of, opacity_from_byte, opacity_to_byte, to_byte
 from pocketgs.formats.checks import read_contents, require_room, require_sound
-from pocketgs.formats.quaternions import unit
 from pocketgs.gaussians import Gaussians
+from pocketgs.quaternions import unit
 
 RECORD = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("colours", "u1", 4), ("quaternions", "u1", 4)])
 SMALLEST_SCALE = np.finfo(np.float32).tiny
