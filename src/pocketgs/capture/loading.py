@@ -40,6 +40,7 @@ class Preparation:
         downscale: factor, at least 1, by which images shrink.
         max_size: bound on the longer side in pixels, or None.
         folder: that the files may not leave, see `reading_inside`; None for wherever they lie.
+        masks: the folder of masks that a user has named, which may lie elsewhere, or None.
     """
 
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -47,6 +48,7 @@ class Preparation:
     downscale: float = 1.0
     max_size: int | None = None
     folder: Path | None = None
+    masks: Path | None = None
 
 
 def load_frames(sources: Sequence[FrameSource], preparation: Preparation, workers: int = MOST_WORKERS) -> list[Frame]:
@@ -148,7 +150,7 @@ def prepared(source: FrameSource, colours: np.ndarray, alpha: np.ndarray | None,
         camera=camera_of_size(source, width, height),
         image=colours if alpha is None else composite(colours, alpha, preparation.background),
         alpha=alpha,
-        mask=None if source.mask_path is None else _mask_of_size(source.mask_path, width, height),
+        mask=None if source.mask_path is None else _mask_of_size(source.mask_path, width, height, preparation),
         depth=None if source.depth_path is None else _nearest(reliable_depth(source), width, height),
     )
     try:
@@ -193,13 +195,14 @@ def _has_shape_of(camera: Camera, width: int, height: int) -> bool:
     return abs((width / camera.width) / (height / camera.height) - 1) <= ASPECT_TOLERANCE
 
 
-def _mask_of_size(path: CaptureFile, width: int, height: int) -> np.ndarray:
+def _mask_of_size(path: CaptureFile, width: int, height: int, preparation: Preparation) -> np.ndarray:
     """A mask, brought to its photograph's size.
 
     Raises:
         PocketGSError: it has another shape.
     """
-    mask = read_mask(path)
+    with reading_inside(preparation.masks or preparation.folder):
+        mask = read_mask(path)
     rows, columns = mask.shape
     if abs((columns / width) / (rows / height) - 1) > MASK_ASPECT_TOLERANCE:
         raise PocketGSError(

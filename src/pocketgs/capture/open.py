@@ -110,7 +110,14 @@ def list_capture(
     held_out_names, split = choose_held_out(listing, hold_out_every)
     if all(frame.name in held_out_names for frame in listing.frames):
         raise PocketGSError(f"{path}: all of its {len(listing.frames)} frames are held out, expected one to train on")
-    preparation = Preparation(background or listing.background, undistort, downscale or 1.0, max_size, folder_of(path))
+    preparation = Preparation(
+        background or listing.background,
+        undistort,
+        downscale or 1.0,
+        max_size,
+        folder=folder_of(path),
+        masks=masks_of.named_folder(folder, masks),
+    )
     return ListedCapture(_name(path), path, listing, held_out_names, split, preparation, downscale is not None)
 
 
