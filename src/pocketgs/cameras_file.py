@@ -15,7 +15,7 @@ from pocketgs.camera import Camera
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.json_fields import read_json
 from pocketgs.capture.origin import Origin, with_origin
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, clipped
 from pocketgs.publishing.journal import settle
 
 
@@ -59,8 +59,10 @@ def read_cameras(path: Path) -> SavedCameras:
         cameras: dict[str, Any] = dict(document["cameras"])
         refined = document["refined"] is True
         x, y, z = map(float, document.get("origin", (0, 0, 0)))
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise PocketGSError(f"{path}: not a readable file of cameras ({error})") from error
+        if not np.all(np.isfinite((x, y, z))):
+            raise ValueError("its origin is not finite")
+    except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
+        raise PocketGSError(f"{path}: not a readable file of cameras ({clipped(error)})") from error
     return SavedCameras({name: _from_json(camera, name, path) for name, camera in cameras.items()}, refined, (x, y, z))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from pocketgs.capture.image_file import read_array, read_whole_numbers
 from pocketgs.capture.paths import CaptureFile
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, clipped
 from pocketgs.opening import read_bytes
 
 LARGEST_SIDE = 16_384
@@ -93,7 +93,7 @@ def _decompressed(path: CaptureFile, shape: tuple[int, int], kind: np.dtype) -> 
     except PocketGSError:
         raise
     except Exception as error:  # damaged archives and damaged LZFSE raise whatever they trip over
-        raise PocketGSError(f"{path}: cannot be decompressed with LZFSE ({error})") from error
+        raise PocketGSError(f"{path}: cannot be decompressed with LZFSE ({clipped(error)})") from error
     rows, columns = shape
     expected = rows * columns * kind.itemsize
     if len(content) != expected:

@@ -13,7 +13,7 @@ import numpy as np
 from PIL import ExifTags, Image, ImageOps
 
 from pocketgs.capture.paths import CaptureFile
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, clipped
 from pocketgs.memory_bound import require_memory
 from pocketgs.opening import checked, open_file
 
@@ -166,7 +166,7 @@ def _opened(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
     except PocketGSError:
         raise
     except Exception as error:  # Pillow's decoders raise whatever the damage trips over
-        raise PocketGSError(f"{path}: cannot be decoded ({error}), expected a whole image file") from error
+        raise PocketGSError(f"{path}: cannot be decoded ({clipped(error)}), expected a whole image file") from error
 
 
 @cache

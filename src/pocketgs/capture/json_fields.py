@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pocketgs.errors import PocketGSError, short
+from pocketgs.errors import PocketGSError, clipped, short
 from pocketgs.memory_bound import JSON_BYTES, require_memory
 from pocketgs.opening import read_bytes
 
@@ -128,7 +128,7 @@ def parse_json(content: bytes, where: str) -> Fields:
     try:
         value = json.loads(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
-        raise PocketGSError(f"{where}: not valid JSON in UTF-8 ({error})") from error
+        raise PocketGSError(f"{where}: not valid JSON in UTF-8 ({clipped(error)})") from error
     if not isinstance(value, dict):
         raise PocketGSError(f"{where}: holds a JSON {type(value).__name__}, expected an object")
     return Fields(value, where)
