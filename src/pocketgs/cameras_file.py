@@ -61,7 +61,7 @@ def read_cameras(path: Path) -> SavedCameras:
         x, y, z = map(float, document.get("origin", (0, 0, 0)))
         if not np.all(np.isfinite((x, y, z))):
             raise ValueError("its origin is not finite")
-    except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
+    except (PocketGSError, OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise PocketGSError(f"{path}: not a readable file of cameras ({clipped(error)})") from error
     return SavedCameras({name: _from_json(camera, name, path) for name, camera in cameras.items()}, refined, (x, y, z))
 
