@@ -154,6 +154,9 @@ def _shown(document: Document) -> list[tuple[dict[str, Any], Placement]]:
 
 def _count(document: Document, primitive: dict[str, Any]) -> int:
     """How many Gaussians a primitive states."""
+    if _coefficients(primitive) not in SH_COEFFICIENTS:
+        stated = f"{_coefficients(primitive)} coefficients of spherical harmonics"
+        raise PocketGSError(f"{document.path}: {stated}, expected 1, 4, 9 or 16")
     return whole_number(item(document, "accessors", primitive["attributes"]["POSITION"]).get("count"), "count")
 
 
@@ -173,8 +176,6 @@ def _part(document: Document, primitive: dict[str, Any], placement: Placement) -
         found = f"kernel {short(shape.get('kernel'))} in {short(shape.get('colorSpace'))}"
         raise PocketGSError(f"{where}: {found}, expected {KERNEL!r} in {COLOUR_SPACE!r}")
     count = _coefficients(primitive)
-    if count not in SH_COEFFICIENTS:
-        raise PocketGSError(f"{where}: {count} coefficients of spherical harmonics, expected 1, 4, 9 or 16")
     scales = read_accessor(document, attributes[f"{EXTENSION}:SCALE"], 3)
     if np.any(scales < 0):
         raise PocketGSError(f"{where}: negative scales, expected standard deviations; earlier drafts had logarithms")
