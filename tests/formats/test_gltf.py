@@ -260,7 +260,7 @@ def test_numbers_that_are_none(tmp_path: Path, parts: tuple[dict[str, Any], byte
 def test_one_buffer_shown_too_often(tmp_path: Path, parts: tuple[dict[str, Any], bytes]) -> None:
     document, binary = parts
     document["meshes"][0]["primitives"] *= 10_000
-    with pytest.raises(PocketGSError, match="more Gaussians than it has bytes|more than 4096 groups of Gaussians"):
+    with pytest.raises(PocketGSError, match=r"more Gaussians than it has bytes|more than 4096 groups of Gaussians"):
         gltf.read_gaussians(save(tmp_path / "scene.glb", document, binary))
 
 
