@@ -21,6 +21,13 @@ FOLDERS = ("masks", "mask")
 NUMBERLESS, MOST_DIGITS = -1, 18
 
 
+def named_folder(capture: Path, masks: str) -> Path | None:
+    """The folder of masks that a user has named, inside the capture or anywhere; None where masks are found or not."""
+    if masks in (FOUND, NONE):
+        return None
+    return capture / masks if (capture / masks).is_dir() else Path(masks)
+
+
 def with_masks(listing: Listing, capture: Path, masks: str) -> Listing:
     """The listing with a mask for each frame that has one.
 
@@ -36,15 +43,15 @@ def with_masks(listing: Listing, capture: Path, masks: str) -> Listing:
     if masks == NONE:
         return replace(listing, frames=[replace(frame, mask_path=None) for frame in listing.frames])
     names = [frame.name for frame in listing.frames]
-    if masks != FOUND:
-        folder = capture / masks if (capture / masks).is_dir() else Path(masks)
+    folder = named_folder(capture, masks)
+    if folder is not None:
         return _with(listing, _match_all(names, folder), folder)
     if any(frame.mask_path is not None for frame in listing.frames):
         return listing
-    for folder in folders_of_masks(names, capture):
+    for beside in folders_of_masks(names, capture):
         # Nobody asked for these: what is wrong with them is no reason to fail.
         try:
-            return _with(listing, _match_all(names, folder), folder)
+            return _with(listing, _match_all(names, beside), beside)
         except PocketGSError as error:
             listing = replace(listing, warnings=(*listing.warnings, f"{error}; these masks are not used"))
     return listing

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
+from pocketgs.background import checked_background
 from pocketgs.capture import blender, colmap, llff, nerfstudio, polycam, record3d, scanner_app, stray_scanner
 from pocketgs.capture import masks as masks_of
 from pocketgs.capture.capture import Capture
@@ -17,6 +18,7 @@ from pocketgs.capture.loading import Preparation
 from pocketgs.capture.origin import near_origin
 from pocketgs.capture.unposed import find_photographs_in, holds_photographs
 from pocketgs.errors import PocketGSError
+from pocketgs.opening import folder_of, reading_inside
 
 
 class Reader(Protocol):
@@ -108,7 +110,14 @@ def list_capture(
     held_out_names, split = choose_held_out(listing, hold_out_every)
     if all(frame.name in held_out_names for frame in listing.frames):
         raise PocketGSError(f"{path}: all of its {len(listing.frames)} frames are held out, expected one to train on")
-    preparation = Preparation(background or listing.background, undistort, downscale or 1.0, max_size)
+    preparation = Preparation(
+        background or listing.background,
+        undistort,
+        downscale or 1.0,
+        max_size,
+        folder=folder_of(path),
+        masks=masks_of.named_folder(folder, masks),
+    )
     return ListedCapture(_name(path), path, listing, held_out_names, split, preparation, downscale is not None)
 
 
@@ -120,7 +129,8 @@ def read_listing(path: Path, images: str | None = None) -> Listing:
     """
     try:
         place = located(path)
-        listing = _reader_for(place).read(place, images)
+        with reading_inside(folder_of(place)):
+            listing = _reader_for(place).read(place, images)
     except OSError as error:  # such as a folder that may not be entered
         raise PocketGSError(f"{path}: cannot be read ({error})") from error
     if place != path:
@@ -187,5 +197,5 @@ def _check_options(
         raise PocketGSError(f"max_size {max_size}, expected at least 1 pixel")
     if hold_out_every < 0 or hold_out_every == 1:
         raise PocketGSError(f"hold_out_every {hold_out_every}, expected 0 (none) or at least 2")
-    if background is not None and (len(background) != 3 or not all(0 <= value <= 1 for value in background)):
-        raise PocketGSError(f"background {background}, expected three numbers from 0 to 1")
+    if background is not None:
+        checked_background(background)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any
 
 import tyro
-from rich.console import Console
 
+from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.interrupt import STOPPED
 
@@ -33,7 +34,9 @@ SUBCOMMANDS = {
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit: 0 on success, 2 for anything the user can put right, 130 for Ctrl-C."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    errors = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # they name lines of source, and are for whoever writes it
+    errors = Terminal(to_errors=True)
     try:
         if given and given[0] in SUBCOMMANDS:
             name, *rest = given
@@ -47,13 +50,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 config=(tyro.conf.OmitArgPrefixes,),
             )
     except (PocketGSError, OSError) as error:  # OSError: a full disk, a path that is too long
-        errors.print("pocketgs:", " ".join(str(error).split()), style="red", markup=False)
+        errors.say("pocketgs: " + " ".join(str(error).split()), style="red")
         sys.exit(USER_ERROR)
     except MemoryError:
-        errors.print("pocketgs: out of memory: try --downscale 2 or fewer --max-gaussians", style="red", markup=False)
+        errors.say("pocketgs: out of memory: try --downscale 2 or fewer --max-gaussians", style="red")
         sys.exit(USER_ERROR)
     except KeyboardInterrupt:
-        errors.print("pocketgs: stopped", style="red")
+        errors.say("pocketgs: stopped", style="red")
         sys.exit(STOPPED)
 
 

@@ -63,6 +63,11 @@ class Content:
     target: Sequence[float] = (0.0, 0.0, 0.0)
     previews: Mapping[str, Path] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        # Whoever replaces a file by a link later does not have it served: see `open_in_place`.
+        object.__setattr__(self, "scene", self.scene and self.scene.resolve())
+        object.__setattr__(self, "previews", {name: path.resolve() for name, path in self.previews.items()})
+
     @property
     def scene_files(self) -> dict[str, Path]:
         """The scene's file, if there is one, by what it is called on the page."""
