@@ -55,7 +55,12 @@ def test_record_of_the_prior(small_demo: Path) -> None:
     assert prior["points"] == record["gaussians"] <= 3000
     assert [decision["name"] for decision in prior["decisions"]] == [frame.name for frame in capture.train]
     assert 2 <= sum(decision["kept"] for decision in prior["decisions"]) <= record["options"]["max_keyframes"]
-    assert {"keyframes", "poses", "depth", "fusion", "training"} <= set(record["seconds"])
+    assert {"keyframes", "poses", "depth", "fusion", "coverage", "training"} <= set(record["seconds"])
+    assert record["keyframes"] == sum(decision["kept"] for decision in prior["decisions"])
+    assert record["coverage"] == prior["coverage"]
+    assert 0.9 < record["coverage"] <= 1
+    assert 0.3 < prior["coverage_known"] <= prior["coverage"]
+    assert (record["options"]["effort"], record["options"]["max_keyframes"]) == ("quick", 40)
     assert (record["options"]["prior"], record["options"]["seeds"]) == ("dense", "discs")
     saved = read_cameras(small_demo / "result" / "cameras.json")
     assert saved.refined

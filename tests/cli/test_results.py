@@ -63,6 +63,7 @@ def test_result_folder(result: Path) -> None:
     stages = sum(value for stage, value in seconds.items() if stage != "total")
     assert stages <= seconds["total"] * 1.01 + 0.01
     assert record["options"]["iterations"] == 40
+    assert (record["coverage"], record["keyframes"]) == (None, None)  # nobody has looked
     assert [sample["iteration"] for sample in record["progress"]] == [20, 40]
     assert record["progress"][0]["loss"] > record["progress"][1]["loss"]
     assert record["capture"]["training_views"] == 7
