@@ -81,7 +81,7 @@ def test_coverage_is_that_of_the_twin(directions: bool) -> None:
     radii = rng.exponential(0.1, 40) * (rng.random(40) > 0.2)
     views, depths = covered(frames, points, radii)
     expected = twin(frames, points, radii)
-    assert 0.05 < np.mean([np.isfinite(of_view).mean() for of_view in expected]) < 0.9
+    assert 0.01 < np.mean([np.isfinite(of_view).mean() for of_view in expected]) < 0.9
     for of_view, (rows, columns), cells in zip(expected, views.sizes, depths, strict=True):
         assert (rows, columns) == of_view.shape
         np.testing.assert_allclose(cells[:rows, :columns], of_view, rtol=1e-5)
@@ -130,7 +130,8 @@ def test_sparse_points_cover_what_lies_between_them() -> None:
 
 
 def test_nearer_points_hide_farther_ones() -> None:
-    near, far = wall(), replace(wall(), positions=wall().positions + np.float32([0, 0, 3]))
+    near = wall()
+    far = replace(near, positions=near.positions * np.float32(7 / 4) + np.float32([0, 0, 3]))
     views, depths = covered([frame((0, 0, -4))], far)
     np.testing.assert_allclose(depths, 7, rtol=1e-6)
     views.cover(depths, near, point_radii(near.positions))

@@ -98,7 +98,7 @@ def test_a_walk_is_covered_with_few(count: int, step: float) -> None:
     decisions = select(frames)
     needed = 2 * (1 + (count - 1) * step / DISTANCE)
     assert needed - 2 <= len(kept(decisions)) <= 1.5 * needed + 4
-    assert np.mean(times_seen(frames, kept(decisions)) >= 2) > 0.95
+    assert np.mean(times_seen(frames, kept(decisions)) >= 2) > 0.9
 
 
 def test_a_bound_that_is_too_low_is_spent_on_all_of_the_walk() -> None:

@@ -128,7 +128,7 @@ class ViewCells:
             used = self.usable[view][cells]
             shown[inside] += used
             bare[inside] += used & ~np.isfinite(depths[view][cells])
-        return bare / np.maximum(shown, 1)
+        return np.divide(bare, shown, out=np.zeros(len(positions)), where=shown > 0)
 
 
 def point_radii(positions: np.ndarray) -> np.ndarray:

@@ -103,11 +103,13 @@ def select_keyframes(
 
 
 def _relative_sharpness(sharpnesses: np.ndarray) -> np.ndarray:
-    """(F,) at most 1: each frame's sharpness over the median of its neighbours'."""
-    around = [
-        np.median(sharpnesses[max(0, index - NEIGHBOURING_FRAMES) : index + NEIGHBOURING_FRAMES + 1])
-        for index in range(len(sharpnesses))
-    ]
+    """(F,) at most 1: each frame's sharpness over the median of its neighbours', itself not among them."""
+    if len(sharpnesses) < 2:
+        return np.ones(len(sharpnesses))
+    around = []
+    for index in range(len(sharpnesses)):
+        before = sharpnesses[max(0, index - NEIGHBOURING_FRAMES) : index]
+        around.append(np.median([*before, *sharpnesses[index + 1 : index + 1 + NEIGHBOURING_FRAMES]]))
     return np.minimum(sharpnesses / np.maximum(around, 1e-9), 1.0)
 
 
