@@ -34,11 +34,11 @@ FINE, COARSE = 1.5, 4.0
 LEAST_CONTRAST = 2.0
 """Grey levels by which this difference varies in a cell that shows texture."""
 
-LEAST_TEXTURED = 0.1
+LEAST_TEXTURED = 0.25
 """Share of a photograph's cells that show texture, below which it shows hardly any."""
 
-HIGHLIGHT, DARK = 98, 70
-"""Percentile of the grey levels that counts as a photograph's brightest, and the level below which it is dark."""
+HIGHLIGHT, DARK = 98, 90
+"""Percentile of the grey levels that counts as a photograph's brightest, and the level below which it is dark: a third."""
 
 MANY = 0.2
 """Share of the photographs above which a mistake is worth a hint."""
