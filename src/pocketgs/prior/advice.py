@@ -38,7 +38,7 @@ LEAST_TEXTURED = 0.25
 """Share of a photograph's cells that show texture, below which it shows hardly any."""
 
 HIGHLIGHT, DARK = 98, 90
-"""Percentile of the grey levels that counts as a photograph's brightest, and the level below which it is dark: a third."""
+"""Percentile of the grey levels that counts as a photograph's brightest, and the level below which it is dark."""
 
 MANY = 0.2
 """Share of the photographs above which a mistake is worth a hint."""
