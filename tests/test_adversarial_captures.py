@@ -100,6 +100,7 @@ def test_two_photographs(attempt: Callable[[str], Attempt]) -> None:
         attempt("two")
 
 
+@pytest.mark.slow
 def test_duplicates(attempt: Callable[[str], Attempt]) -> None:
     assert attempt("duplicates").gain > GOOD
 
@@ -128,6 +129,7 @@ def test_exposure_that_alternates(attempt: Callable[[str], Attempt]) -> None:
     assert flicker.was_told("stops between photographs", "Exposure that jumps")
 
 
+@pytest.mark.slow
 def test_a_mirror(attempt: Callable[[str], Attempt]) -> None:
     assert attempt("mirror").gain > GOOD
 
