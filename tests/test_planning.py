@@ -25,7 +25,7 @@ from pocketgs.planning.machine import Machine, this_machine
 from pocketgs.planning.plan import LEAST_GAUSSIANS, LEAST_SIDE, Plan, make_plan, shrinking_warning
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.engine import EngineOptions, MemoryNeed, create_engine
-from pocketgs.training_options import TrainingOptions
+from pocketgs.training_options import SizedOptions
 
 MACHINE = Machine(threads=2, readers=2, resident=160_000_000, compiles=False, memory_needed=CpuEngine(1).memory_needed)
 
@@ -51,7 +51,7 @@ def photographs(width: int = 504, height: int = 378, count: int = 20, **changes:
 
 CAPTURES = st.builds(photographs, st.integers(20, 4000), st.integers(20, 4000), st.integers(1, 200))
 OPTIONS = st.builds(
-    TrainingOptions,
+    SizedOptions,
     prior=st.sampled_from(["dense", "sparse", "none"]),
     max_gaussians=st.integers(4, 400_000),
     sh_degree=st.integers(0, 3),
@@ -60,7 +60,7 @@ OPTIONS = st.builds(
 SPEEDS = st.builds(Speed, st.floats(0.1, 20), st.floats(0.1, 20))
 
 
-def planned(listed: ListedCapture, options: TrainingOptions, machine: Machine = MACHINE) -> Plan | None:
+def planned(listed: ListedCapture, options: SizedOptions, machine: Machine = MACHINE) -> Plan | None:
     try:
         return make_plan(listed, options, machine)
     except PocketGSError:
@@ -74,7 +74,7 @@ def assert_no_less(larger: Plan | None, smaller: Plan | None) -> None:
 
 
 @given(CAPTURES, OPTIONS, st.integers(1, 20_000), st.integers(0, 20_000))
-def test_more_memory_never_gives_less(listed: ListedCapture, options: TrainingOptions, memory: int, more: int) -> None:
+def test_more_memory_never_gives_less(listed: ListedCapture, options: SizedOptions, memory: int, more: int) -> None:
     smaller, larger = (planned(listed, replace(options, max_memory=size)) for size in (memory, memory + more))
     assert_no_less(larger, smaller)
     if smaller:
@@ -83,7 +83,7 @@ def test_more_memory_never_gives_less(listed: ListedCapture, options: TrainingOp
 
 @given(CAPTURES, OPTIONS, SPEEDS, st.floats(0.01, 2000), st.floats(0, 2000))
 def test_more_time_never_gives_less(
-    listed: ListedCapture, options: TrainingOptions, speed: Speed, seconds: float, more: float
+    listed: ListedCapture, options: SizedOptions, speed: Speed, seconds: float, more: float
 ) -> None:
     machine = replace(MACHINE, speed=speed, elapsed=1.5)
     options = replace(options, max_memory=100_000)
@@ -98,7 +98,7 @@ def test_more_time_never_gives_less(
 
 
 @given(CAPTURES, OPTIONS, st.integers(1, 5000))
-def test_a_refusal_names_a_budget_that_will_do(listed: ListedCapture, options: TrainingOptions, memory: int) -> None:
+def test_a_refusal_names_a_budget_that_will_do(listed: ListedCapture, options: SizedOptions, memory: int) -> None:
     if planned(listed, replace(options, max_memory=memory)):
         return
     with pytest.raises(PocketGSError, match="expected --max-memory") as refusal:
@@ -111,23 +111,23 @@ def test_a_refusal_names_a_budget_that_will_do(listed: ListedCapture, options: T
 def test_a_refusal_of_time_names_a_budget_that_will_do() -> None:
     machine = replace(MACHINE, speed=Speed(1.0, 1.0), elapsed=2.0)
     with pytest.raises(PocketGSError, match="time budget: found 3 s") as refusal:
-        make_plan(photographs(), TrainingOptions(time_budget=3.0), machine)
+        make_plan(photographs(), SizedOptions(time_budget=3.0), machine)
     enough = float(str(refusal.value).split("--time-budget ")[1].split()[0])
-    plan = make_plan(photographs(), TrainingOptions(time_budget=enough), machine)
+    plan = make_plan(photographs(), SizedOptions(time_budget=enough), machine)
     assert 50 <= plan.iterations < 500
 
 
 def test_what_fits_is_left_as_it_is() -> None:
-    plan = make_plan(photographs(), TrainingOptions(), MACHINE)
+    plan = make_plan(photographs(), SizedOptions(), MACHINE)
     assert (plan.shrink, plan.width, plan.height, plan.gaussians, plan.iterations) == (1, 504, 378, 50_000, 500)
     assert (plan.seconds, plan.device_mb) == (None, 0.0)
-    assert shrinking_warning(plan, TrainingOptions()) is None
+    assert shrinking_warning(plan, SizedOptions()) is None
 
 
 def test_fewer_gaussians_come_before_smaller_photographs() -> None:
     def sizes(memory: int) -> tuple[int, int]:
-        plan = make_plan(photographs(), TrainingOptions(prior="none", max_memory=memory), MACHINE)
-        assert shrinking_warning(plan, TrainingOptions(max_memory=memory)) is not None or (
+        plan = make_plan(photographs(), SizedOptions(prior="none", max_memory=memory), MACHINE)
+        assert shrinking_warning(plan, SizedOptions(max_memory=memory)) is not None or (
             plan.shrink,
             plan.gaussians,
         ) == (1, 50_000)
@@ -138,7 +138,7 @@ def test_fewer_gaussians_come_before_smaller_photographs() -> None:
 
 
 def test_the_warning_says_what_was_done() -> None:
-    options = TrainingOptions(max_memory=1000)
+    options = SizedOptions(max_memory=1000)
     plan = make_plan(photographs(4032, 3024, 60), options, MACHINE)
     assert plan.shrink > 1
     size = f"photographs at 1/{plan.shrink} of their size, {plan.width}x{plan.height} (--downscale {plan.shrink})"
@@ -147,7 +147,7 @@ def test_the_warning_says_what_was_done() -> None:
 
 @given(st.integers(1, 1500))
 def test_a_size_that_is_given_is_kept(memory: int) -> None:
-    listed, options = photographs(2016, 1512, size_is_given=True), TrainingOptions(max_memory=memory)
+    listed, options = photographs(2016, 1512, size_is_given=True), SizedOptions(max_memory=memory)
     plan = planned(listed, options)
     if plan:
         assert plan.shrink == 1
@@ -157,7 +157,7 @@ def test_a_size_that_is_given_is_kept(memory: int) -> None:
 
 
 @given(CAPTURES, OPTIONS, st.integers(1, 20_000))
-def test_nothing_becomes_senselessly_small(listed: ListedCapture, options: TrainingOptions, memory: int) -> None:
+def test_nothing_becomes_senselessly_small(listed: ListedCapture, options: SizedOptions, memory: int) -> None:
     plan = planned(listed, replace(options, max_memory=memory))
     if plan:
         assert plan.gaussians >= min(LEAST_GAUSSIANS, options.max_gaussians)
@@ -166,13 +166,13 @@ def test_nothing_becomes_senselessly_small(listed: ListedCapture, options: Train
 
 def test_a_first_run_is_refused_for_what_compiling_takes() -> None:
     compiling = replace(MACHINE, compiles=True)
-    enough = int(make_plan(photographs(), TrainingOptions(), MACHINE).peak_rss_mb) + 1
-    first = int(make_plan(photographs(), TrainingOptions(), compiling).peak_rss_mb) + 1
+    enough = int(make_plan(photographs(), SizedOptions(), MACHINE).peak_rss_mb) + 1
+    first = int(make_plan(photographs(), SizedOptions(), compiling).peak_rss_mb) + 1
     assert first > enough + 300
-    assert make_plan(photographs(), TrainingOptions(max_memory=enough), MACHINE).shrink == 1
-    assert make_plan(photographs(), TrainingOptions(max_memory=first), compiling).shrink == 1
+    assert make_plan(photographs(), SizedOptions(max_memory=enough), MACHINE).shrink == 1
+    assert make_plan(photographs(), SizedOptions(max_memory=first), compiling).shrink == 1
     with pytest.raises(PocketGSError, match="since kernels are compiled in the first run"):
-        make_plan(photographs(), TrainingOptions(max_memory=500), compiling)
+        make_plan(photographs(), SizedOptions(max_memory=500), compiling)
 
 
 def test_what_the_engine_refuses_is_made_smaller() -> None:
@@ -181,12 +181,12 @@ def test_what_the_engine_refuses_is_made_smaller() -> None:
             raise PocketGSError("too many")
         return MemoryNeed(0, 100_000_000)
 
-    plan = make_plan(photographs(), TrainingOptions(), replace(MACHINE, memory_needed=memory_needed))
+    plan = make_plan(photographs(), SizedOptions(), replace(MACHINE, memory_needed=memory_needed))
     assert (plan.shrink, plan.gaussians, plan.device_mb) == (1, 25_000, 100.0)
     with pytest.raises(PocketGSError, match="too many"):
         make_plan(
             photographs(),
-            TrainingOptions(),
+            SizedOptions(),
             replace(MACHINE, memory_needed=lambda *_: memory_needed(40_000, 1, ())),
         )
 
@@ -211,7 +211,7 @@ def test_the_smallest_photograph_bounds_shrinking(side: int, memory: int) -> Non
     small = FrameSource("small", Path("small.png"), camera)
     listed = replace(mixed, listing=replace(mixed.listing, frames=[*mixed.listing.frames, small]))
     with suppress(PocketGSError):
-        plan = make_plan(listed, TrainingOptions(max_memory=memory), MACHINE)
+        plan = make_plan(listed, SizedOptions(max_memory=memory), MACHINE)
         assert plan.shrink == 1
 
 
@@ -257,7 +257,7 @@ def test_the_cpu_engine_holds_no_more_than_it_says(written_capture: Path) -> Non
 
 
 def test_speed_is_measured_on_any_engine() -> None:
-    options = TrainingOptions(engine="cpu")
+    options = SizedOptions(engine="cpu")
     engine = create_engine(EngineOptions(engine="cpu"))
     machine = this_machine(engine, options)
     assert machine.resident > 50_000_000

@@ -13,7 +13,7 @@ from pocketgs.camera import look_at
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.preparation import FEWEST_POINTS, prepare, starting_points
 from pocketgs.record import Stopwatch
-from pocketgs.training_options import TrainingOptions
+from pocketgs.training_options import SizedOptions, TrainingOptions
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,8 @@ def test_prior_takes_the_place_of_the_captures_own_points(textured: Capture, mod
         assert prior.capture.points is textured.points
     assert mode == "sparse" or prior.report.points > 2500
     assert {"keyframes", "poses"} <= set(stopwatch.seconds)
-    assert ({"depth", "fusion"} <= set(stopwatch.seconds)) == (mode == "dense")
+    assert ({"depth", "fusion", "coverage"} <= set(stopwatch.seconds)) == (mode == "dense")
+    assert (prior.report.coverage is not None) == (mode == "dense")
     assert sum(decision.kept for decision in prior.report.decisions) <= 6
 
 
@@ -107,8 +108,8 @@ def test_cameras_that_look_apart_with_nothing_to_start_from(small_capture: Captu
 def test_starting_points_are_the_captures_own_as_far_as_they_may(small_capture: Capture) -> None:
     points = small_capture.points
     assert points is not None
-    assert starting_points(small_capture, TrainingOptions(max_gaussians=2000)) is points
-    options = TrainingOptions(max_gaussians=321)
+    assert starting_points(small_capture, SizedOptions(max_gaussians=2000)) is points
+    options = SizedOptions(max_gaussians=321)
     chosen = starting_points(small_capture, options)
     rows = {row.tobytes() for row in points.positions}
     assert all(row.tobytes() in rows for row in chosen.positions)
@@ -121,4 +122,4 @@ def test_starting_points_are_the_captures_own_as_far_as_they_may(small_capture: 
 def test_starting_points_are_drawn_where_there_are_too_few(small_capture: Capture, count: int | None) -> None:
     assert small_capture.points is not None
     few = None if count is None else small_capture.points.select(np.arange(count))
-    assert len(starting_points(replace(small_capture, points=few), TrainingOptions(max_gaussians=100))) == 100
+    assert len(starting_points(replace(small_capture, points=few), SizedOptions(max_gaussians=100))) == 100

@@ -33,7 +33,7 @@ def test_workstation_methods_train_as_3dgs_does(name: str, prior: str) -> None:
         ("no-dense", "prior", "sparse"),
         ("no-exposure", "exposure", "off"),
         ("one-reference", "references", 1),
-        ("30-keyframes", "max_keyframes", 30),
+        ("15-keyframes", "max_keyframes", 15),
         ("pocketgs-100k", "max_gaussians", 100_000),
     ],
 )
@@ -41,14 +41,16 @@ def test_an_ablation_differs_in_one_thing(name: str, option: str, value: object)
     assert vars(options_of(name)) == {**vars(TrainingOptions()), option: value}
 
 
-def test_every_method_has_the_same_iterations_and_threads() -> None:
+def test_every_method_has_the_same_effort_iterations_and_threads() -> None:
     for name in METHODS:
-        assert (options_of(name).iterations, options_of(name).threads) == (500, None)
+        options = tyro.cli(TrainingOptions, args=[*METHODS[name].flags, *Everywhere().flags])
+        assert (options.effort, options.iterations, options.threads) == ("quick", 500, None)
 
 
 def test_all_cells_share_their_flags() -> None:
-    options = tyro.cli(TrainingOptions, args=list(Everywhere(iterations=7, evaluate_every=3, engine="cpu").flags))
-    assert (options.iterations, options.evaluate_every, options.engine) == (7, 3, "cpu")
+    everywhere = Everywhere(effort="standard", iterations=7, evaluate_every=3, engine="cpu")
+    options = tyro.cli(TrainingOptions, args=list(everywhere.flags))
+    assert (options.effort, options.iterations, options.evaluate_every, options.engine) == ("standard", 7, 3, "cpu")
 
 
 def test_an_unknown_method_is_refused() -> None:

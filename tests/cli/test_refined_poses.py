@@ -22,7 +22,8 @@ def record_of(folder: Path) -> dict[str, Any]:
 
 
 def names_in(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.iterdir())
+    """What a user sees."""
+    return sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
 
 
 def figures(pocketgs: Callable[..., Any], *arguments: Path) -> dict[str, Any]:
@@ -54,7 +55,12 @@ def test_record_of_the_prior(small_demo: Path) -> None:
     assert prior["points"] == record["gaussians"] <= 3000
     assert [decision["name"] for decision in prior["decisions"]] == [frame.name for frame in capture.train]
     assert 2 <= sum(decision["kept"] for decision in prior["decisions"]) <= record["options"]["max_keyframes"]
-    assert {"keyframes", "poses", "depth", "fusion", "training"} <= set(record["seconds"])
+    assert {"keyframes", "poses", "depth", "fusion", "coverage", "training"} <= set(record["seconds"])
+    assert record["keyframes"] == sum(decision["kept"] for decision in prior["decisions"])
+    assert record["coverage"] == prior["coverage"]
+    assert 0.9 < record["coverage"] <= 1
+    assert 0.3 < prior["coverage_known"] <= prior["coverage"]
+    assert (record["options"]["effort"], record["options"]["max_keyframes"]) == ("quick", 40)
     assert (record["options"]["prior"], record["options"]["seeds"]) == ("dense", "discs")
     saved = read_cameras(small_demo / "result" / "cameras.json")
     assert saved.refined
@@ -82,7 +88,7 @@ def test_rendered_views_are_those_of_the_run(pocketgs: Callable[..., Any], small
     command = ["render", result, small_demo / "capture", "--output", rendered, "--views", "held-out"]
     assert pocketgs(*command).status == 0
     assert names_in(rendered) == names_in(result / "held_out")
-    for path in rendered.iterdir():
+    for path in rendered.glob("*.png"):
         pair = np.asarray(Image.open(result / "held_out" / path.name))
         np.testing.assert_array_equal(np.asarray(Image.open(path)), pair[:, 160:])
 

@@ -13,7 +13,8 @@ from pocketgs.camera import look_at
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.prior.consistency import Views, compare_depths
-from pocketgs.prior.fuse import FusionSettings, confidence, fuse
+from pocketgs.prior.fuse import SHELL_EXTENT, FusionSettings, confidence, fuse
+from pocketgs.prior.merge import merged
 from pocketgs.prior.sweep import DepthMap
 
 SETTINGS = FusionSettings()
@@ -30,8 +31,12 @@ def exact(table: Capture) -> list[DepthMap]:
     return [certain(frame.depth) for frame in table.train if frame.depth is not None]
 
 
-def certain(depth: np.ndarray) -> DepthMap:
-    return DepthMap(depth, np.ones(depth.shape, np.float32))
+def certain(depth: np.ndarray, step: float = 1e-5) -> DepthMap:
+    return DepthMap(depth, np.ones(depth.shape, np.float32), step)
+
+
+def cloud_of(keyframes: list[Frame], maps: list[DepthMap], frames: list[Frame], count: int) -> PointCloud:
+    return merged(fuse(keyframes, maps, frames, SETTINGS), count)
 
 
 def random_views(seed: int) -> Views:
@@ -43,7 +48,8 @@ def random_views(seed: int) -> Views:
     for depth, (height, width) in zip(depths, sizes, strict=True):
         depth[height:], depth[:, width:] = 4.0, 4.0  # never to be looked at
     intrinsics = np.array([(12.0, 13.0, width / 2, height / 2 + 1) for height, width in sizes])
-    return Views(depths, intrinsics, sizes, np.array([p[:3, :3] for p in poses]), np.array([p[:3, 3] for p in poses]))
+    rotations, translations = np.array([p[:3, :3] for p in poses]), np.array([p[:3, 3] for p in poses])
+    return Views(depths, intrinsics, sizes, rotations, translations, np.array([1e-4, 0.005, 0.001]))
 
 
 def cameras_of(views: Views) -> list[Camera]:
@@ -76,7 +82,8 @@ def twin(views: Views, view: int, tolerance: float) -> tuple[np.ndarray, np.ndar
             if other == view or distance <= 0 or np.any(pixel < 0) or np.any(pixel >= views.sizes[other][::-1]):
                 continue
             theirs = views.depths[other, int(pixel[1]), int(pixel[0])]
-            if theirs > 0 and abs(distance - theirs) < tolerance * distance:
+            indistinct = max(views.steps[view], views.steps[other]) * distance * theirs
+            if theirs > 0 and abs(distance - theirs) < max(tolerance * distance, indistinct):
                 agreeing[row, column] += 1
                 covered.append(distance / camera.fx)
             elif theirs > distance:
@@ -111,7 +118,7 @@ def test_confidence() -> None:
 def test_depths_that_others_contradict_are_left_out(table: Capture, exact: list[DepthMap]) -> None:
     """One view claims to see something half-way to everything; the others look through it."""
     wrong = [certain(exact[0].depth * np.float32(0.5)), *exact[1:]]
-    cloud = fuse(table.train, wrong, table.train, 5000, SETTINGS)
+    cloud = cloud_of(table.train, wrong, table.train, 5000)
     assert np.mean(on_surface(cloud, table.train)) > 0.97
 
 
@@ -136,13 +143,13 @@ def projected(frame: Frame, positions: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 @pytest.mark.parametrize("count", [200, 1000, 6000, 30_000])
 def test_exact_depths_give_nearly_the_count_and_never_more(table: Capture, exact: list[DepthMap], count: int) -> None:
-    cloud = fuse(table.train, exact, table.train, count, SETTINGS)
+    cloud = cloud_of(table.train, exact, table.train, count)
     assert 0.9 * count <= len(cloud) <= count
     assert np.isfinite(cloud.positions).all()
 
 
 def test_points_lie_on_the_surface_with_its_colour(table: Capture, exact: list[DepthMap]) -> None:
-    cloud = fuse(table.train, exact, table.train, 20_000, SETTINGS)
+    cloud = cloud_of(table.train, exact, table.train, 20_000)
     assert np.mean(on_surface(cloud, table.train)) > 0.98
     differences = []
     for frame in table.train:
@@ -155,7 +162,7 @@ def test_points_lie_on_the_surface_with_its_colour(table: Capture, exact: list[D
 
 
 def test_directions_lead_to_the_cameras(table: Capture, exact: list[DepthMap]) -> None:
-    cloud = fuse(table.train, exact, table.train, 3000, SETTINGS)
+    cloud = cloud_of(table.train, exact, table.train, 3000)
     assert cloud.directions is not None
     np.testing.assert_allclose(np.linalg.norm(cloud.directions, axis=1), 1, atol=1e-5)
     offsets = np.array([frame.camera.centre for frame in table.train])[:, None] - cloud.positions
@@ -173,7 +180,7 @@ def test_points_are_denser_where_pixels_are() -> None:
     near = [wall_frame(f"near{x}", np.array([-0.6 + x, 0, -1.0]), 64) for x in (-0.05, 0.0, 0.05)]
     frames = far + near
     maps = [certain(frame.depth) for frame in frames if frame.depth is not None]
-    cloud = fuse(frames, maps, frames, 2000, SETTINGS)
+    cloud = cloud_of(frames, maps, frames, 2000)
     nearest, _ = cKDTree(cloud.positions).query(cloud.positions, k=2)
     spacing = nearest[:, 1]
     left = (np.abs(cloud.positions[:, 0] + 0.6) < 0.2) & (np.abs(cloud.positions[:, 1]) < 0.2)
@@ -191,7 +198,7 @@ def test_points_are_denser_where_there_is_more_to_see() -> None:
         image[:, :32] = pattern
         frames.append(replace(frame, image=image))
     maps = [certain(frame.depth) for frame in frames if frame.depth is not None]
-    cloud = fuse(frames, maps, frames, 1000, SETTINGS)
+    cloud = cloud_of(frames, maps, frames, 1000)
     across = cloud.positions[:, 0]
     left, right = np.count_nonzero(np.abs(across + 1) < 0.5), np.count_nonzero(np.abs(across - 1) < 0.5)
     assert left > 4 * right > 0
@@ -208,7 +215,7 @@ def wall_frame(name: str, eye: np.ndarray, size: int) -> Frame:
 
 def test_no_depths_give_no_points(table: Capture, exact: list[DepthMap]) -> None:
     unknown = [certain(np.zeros_like(map_.depth)) for map_ in exact]
-    cloud = fuse(table.train, unknown, table.train, 100, SETTINGS)
+    cloud = cloud_of(table.train, unknown, table.train, 100)
     assert len(cloud) == 0
     assert cloud.directions is not None
     assert cloud.directions.shape == (0, 3)
@@ -216,14 +223,14 @@ def test_no_depths_give_no_points(table: Capture, exact: list[DepthMap]) -> None
 
 def test_one_keyframe_gives_none_but_its_own_points(table: Capture, exact: list[DepthMap]) -> None:
     """Nothing confirms them, and nothing speaks against them."""
-    cloud = fuse(table.train[:1], exact[:1], table.train, 5000, SETTINGS)
+    cloud = cloud_of(table.train[:1], exact[:1], table.train, 5000)
     assert len(cloud) <= 5000
     assert np.count_nonzero(~on_surface(cloud, table.train[:1])) <= 0.03 * len(cloud)
 
 
 def test_an_unclear_margin_keeps_a_depth_out(table: Capture, exact: list[DepthMap]) -> None:
     unclear = [replace(map_, margin=np.zeros_like(map_.margin)) for map_ in exact]
-    assert len(fuse(table.train, unclear, table.train, 100, SETTINGS)) == 0
+    assert len(cloud_of(table.train, unclear, table.train, 100)) == 0
 
 
 def test_maps_of_different_sizes(table: Capture, exact: list[DepthMap]) -> None:
@@ -233,7 +240,7 @@ def test_maps_of_different_sizes(table: Capture, exact: list[DepthMap]) -> None:
         camera = frames[index].camera.resized(80, 60)
         frames[index] = replace(frames[index], camera=camera, image=frames[index].image[::2, ::2])
         maps[index] = certain(np.ascontiguousarray(exact[index].depth[::2, ::2]))
-    cloud = fuse(frames, maps, table.train, 3000, SETTINGS)
+    cloud = cloud_of(frames, maps, table.train, 3000)
     assert 0.9 * 3000 <= len(cloud) <= 3000
     assert np.mean(on_surface(cloud, table.train)) > 0.95
 
@@ -244,9 +251,50 @@ def test_alpha_of_any_training_frame_bounds_the_cloud(table: Capture, exact: lis
     judge = replace(table.train[3], alpha=left)
     others = [index for index in range(len(table.train)) if index != 3]
     keyframes, maps = [table.train[index] for index in others], [exact[index] for index in others]
-    cloud = fuse(keyframes, maps, [*keyframes, judge], 2000, SETTINGS)
+    cloud = cloud_of(keyframes, maps, [*keyframes, judge], 2000)
     assert len(cloud) > 1500
     _, columns, _, _ = projected(judge, cloud.positions.astype(np.float64))
     assert len(columns) > 500
     # Points are means of several: those on a border may lie a little off.
     assert np.mean(columns <= 81) > 0.99
+
+
+@pytest.mark.parametrize("step", [0.05, 0.001])
+def test_what_is_too_far_to_tell_lies_on_one_sphere(step: float) -> None:
+    """Three cameras see the same far stars, each at another depth that it cannot tell from infinity."""
+    eyes = np.array([[-1.0, 0, 0], [0, 0.3, 0], [1.0, 0, 0.2]])
+    frames = [wall_frame(f"{index}", eye, 64) for index, eye in enumerate(eyes)]
+    resolved = 1 / step
+    maps = [certain(np.full((64, 64), resolved * far, np.float32), step) for far in (1.5, 3.0, 40.0)]
+    maps[0].depth[:32] = 0.05 * resolved  # what can be told stays where it is
+    found = fuse(frames, maps, frames, SETTINGS)
+    far = np.abs(found.positions[:, 2] - 0.05 * resolved) > 0.04 * resolved
+    assert np.count_nonzero(far) > 2.4 * 64 * 64
+    middle = eyes.mean(axis=0)
+    radius = max(resolved, SHELL_EXTENT * np.linalg.norm(eyes - middle, axis=1).max())
+    np.testing.assert_allclose(np.linalg.norm(found.positions[far] - middle, axis=1), radius, rtol=1e-6)
+    for frame in frames:
+        away = frame.camera.centre - found.positions[far]
+        own = np.linalg.norm(np.cross(away, found.directions[far]), axis=1) < 1e-6 * radius
+        assert np.count_nonzero(own) >= 32 * 64
+        pixels, depth = frame.camera.project(found.positions[far][own])
+        # They are seen where they were found: in the middles of pixels, in front of the camera.
+        np.testing.assert_allclose(pixels % 1, 0.5, atol=1e-3)
+        np.testing.assert_allclose(found.footprints[far][own], depth / frame.camera.fx, rtol=1e-6)
+        assert np.all(depth > 0)
+
+
+def test_stars_that_three_views_see_are_at_the_same_pixels_of_all() -> None:
+    """A star that each camera sees in one direction lies, from all of them, within a pixel of that direction."""
+    eyes = np.array([[-1.0, 0, 0], [0, 0.3, 0], [1.0, 0, 0.2]])
+    frames = [wall_frame(f"{index}", eye, 64) for index, eye in enumerate(eyes)]
+    step = 1 / (64 * 3.0)  # a pixel's shift over the widest baseline
+    maps = [certain(np.full((64, 64), far / step, np.float32), step) for far in (1.2, 3.0, 40.0)]
+    found = fuse(frames, maps, frames, SETTINGS)
+    for frame in frames:
+        pixels, depth = frame.camera.project(found.positions)
+        assert np.all(depth > 0)
+        # The cameras look along z: a direction's pixel is the same in all.
+        directions = -found.directions / -found.directions[:, 2:]
+        expected = 64 * directions[:, :2] + 32
+        assert np.abs(pixels - expected).max() < 1.0

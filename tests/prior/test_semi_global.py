@@ -101,11 +101,17 @@ def test_vertex_of_a_parabola_is_found(steps: int, vertex: float, lift: int) -> 
     assert 1 / depths[0, 0] == pytest.approx(0.2 + 0.1 * numerator / steps, rel=1e-5)
 
 
-@pytest.mark.parametrize("end", [0, 15])
-def test_a_winner_at_the_end_of_the_range_is_none(end: int) -> None:
-    total = (10 * np.abs(np.arange(16) - end) + 3).astype(np.uint16).reshape(1, 1, 16)
+def test_a_winner_at_the_near_end_of_the_range_is_none() -> None:
+    total = (10 * np.abs(np.arange(16) - 15) + 3).astype(np.uint16).reshape(1, 1, 16)
     depths, margins = winners(total, np.linspace(0.2, 1.7, 16, dtype=np.float32), 8)
     assert (depths[0, 0], margins[0, 0]) == (0, 0)
+
+
+def test_a_winner_at_the_far_end_of_the_range_is_that_end() -> None:
+    total = (10 * np.arange(16) + 3).astype(np.uint16).reshape(1, 1, 16)
+    depths, margins = winners(total, np.linspace(0.2, 1.7, 16, dtype=np.float32), 8)
+    assert depths[0, 0] == pytest.approx(1 / 0.2)
+    assert margins[0, 0] > 0
 
 
 def test_margin_is_the_share_by_which_the_winner_is_cheaper_than_its_best_rival() -> None:

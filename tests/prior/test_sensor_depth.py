@@ -11,6 +11,7 @@ from pocketgs.prior.sensor_depth import completed
 from pocketgs.prior.sweep import DepthMap
 
 SHAPE = 20, 30
+STEP = 0.01
 UNSURE, UNKNOWN, UNMEASURED = (slice(0, 4), slice(None)), (slice(4, 6), slice(None)), (slice(5, 9), slice(0, 10))
 
 
@@ -25,7 +26,7 @@ def matched(truth: np.ndarray) -> DepthMap:
     depth, margin = truth.copy(), np.full(SHAPE, 0.5, np.float32)
     depth[UNSURE], margin[UNSURE] = 9, 0.001
     depth[UNKNOWN], margin[UNKNOWN] = 0, 0
-    return DepthMap(depth, margin)
+    return DepthMap(depth, margin, STEP)
 
 
 def frame(depth: np.ndarray | None, mask: np.ndarray | None = None) -> Frame:
@@ -59,6 +60,7 @@ def test_measured_depth_where_matching_is_unsure(truth: np.ndarray, matched: Dep
     believed = (found.depth > 0) & (matched.margin < 0.01)
     assert np.all(found.margin[believed] > 0.01)
     np.testing.assert_array_equal(found.margin[~believed], matched.margin[~believed])
+    assert found.step == STEP
 
 
 def test_some_wrong_measurements_do_not_change_the_scale(truth: np.ndarray, matched: DepthMap) -> None:
@@ -69,5 +71,5 @@ def test_some_wrong_measurements_do_not_change_the_scale(truth: np.ndarray, matc
 
 
 def test_where_matching_is_sure_of_nothing_measured_depths_stay(truth: np.ndarray) -> None:
-    nothing = DepthMap(*np.zeros((2, *SHAPE), np.float32))
+    nothing = DepthMap(*np.zeros((2, *SHAPE), np.float32), STEP)
     np.testing.assert_array_equal(completed(nothing, frame(truth)).depth, truth)

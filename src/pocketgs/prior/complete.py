@@ -67,6 +67,7 @@ def completion(
     known = views.share(depths)
     guessed = _guessed(views, depths, distance)
     guessed = guessed.select(_spread(np.arange(len(guessed)), room))
+    views.cover(depths, guessed, point_radii(guessed.positions))
     return Completion(joined([*found, guessed]), known, views.share(depths), len(guessed))
 
 
@@ -76,7 +77,8 @@ def _spread(indices: np.ndarray, most: int) -> np.ndarray:
 
 
 def _guessed(views: ViewCells, depths: np.ndarray, distance: float) -> PointCloud:
-    """Points for the cells that nothing covers, at the depths of what is around them; `depths` is brought up to date."""
+    """Points for the cells that nothing covers, at the depths of what is around them."""
+    depths = depths.copy()
     bare = [np.count_nonzero(views.usable[view] & ~np.isfinite(depths[view])) for view in range(len(depths))]
     found: list[PointCloud] = []
     for view in np.argsort(bare, kind="stable")[::-1]:

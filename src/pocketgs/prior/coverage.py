@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from pocketgs.capture.capture import Frame
 from pocketgs.compile import parallel_kernel
+from pocketgs.cores import usable_cores
 from pocketgs.pointcloud import PointCloud
 
 CELLS = 96
@@ -67,10 +68,10 @@ class ViewCells:
         usable, colours = np.zeros(shape, bool), np.zeros((*shape, 3), np.uint8)
         for view, (frame, (rows, columns)) in enumerate(zip(frames, sizes, strict=True)):
             colours[view, :rows, :columns] = cv2.resize(frame.image, (columns, rows), interpolation=cv2.INTER_AREA)
-            used = np.ones((rows, columns), np.float32)
+            usable[view, :rows, :columns] = True
             if frame.usable is not None:
                 used = cv2.resize(frame.usable.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA)
-            usable[view, :rows, :columns] = used > 0.5
+                usable[view, :rows, :columns] = used > 0.5
         poses = np.array([frame.camera.world_to_camera for frame in frames])
         return ViewCells(
             np.array(sizes, np.int64),
@@ -110,11 +111,12 @@ class ViewCells:
 
     def share(self, depths: np.ndarray) -> float:
         """Share of the usable cells that are covered."""
-        return float(np.count_nonzero(np.isfinite(depths) & self.usable) / max(np.count_nonzero(self.usable), 1))
+        usable = int(np.count_nonzero(self.usable))
+        return int(np.count_nonzero(np.isfinite(depths) & self.usable)) / max(usable, 1)
 
     def uncovered_share(self, depths: np.ndarray, positions: np.ndarray) -> np.ndarray:
         """(N,) in what share of the views that show a position its cell is not covered; 0 where no view shows it."""
-        shown, bare = np.zeros((2, len(positions)), np.int64)
+        shown, bare = np.zeros(len(positions)), np.zeros(len(positions))
         for view, (rows, columns) in enumerate(self.sizes):
             fx, fy, cx, cy = self.intrinsics[view]
             x, y, z = (positions @ self.rotations[view].T + self.translations[view]).T
@@ -133,7 +135,7 @@ def point_radii(positions: np.ndarray) -> np.ndarray:
     """(N,) mean distance of each point to its nearest neighbours: as far as it may speak for its surroundings."""
     if len(positions) <= NEIGHBOURS:
         return np.zeros(len(positions))
-    distances, _ = cKDTree(positions).query(positions, k=NEIGHBOURS + 1, workers=-1)
+    distances, _ = cKDTree(positions).query(positions, k=NEIGHBOURS + 1, workers=usable_cores())
     return np.asarray(distances[:, 1:].mean(axis=1))
 
 

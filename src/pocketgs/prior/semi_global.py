@@ -163,6 +163,9 @@ def winners(total: np.ndarray, inverse_depths: np.ndarray, paths: int) -> tuple[
             for d in range(hypotheses):
                 if abs(d - best) > RIVAL_DISTANCE:
                     rival = min(rival, costs[d])
+            # Where all depths cost the same, the first is not what wins.
+            if best == 0 and rival == costs[0]:
+                continue
             least, high = np.float32(costs[best]), np.float32(costs[best + 1])
             low = np.float32(costs[best - 1]) if best > 0 else high
             curvature = low - 2 * least + high
