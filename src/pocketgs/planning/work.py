@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pocketgs.capture.listed import Outline
-from pocketgs.prior.fuse import MOST_CANDIDATES
 from pocketgs.prior.depth_maps import sweep_pixels
+from pocketgs.prior.fuse import MOST_CANDIDATES
 from pocketgs.recipes import recipe_named
 from pocketgs.training_options import SizedOptions
 
