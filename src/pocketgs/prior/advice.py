@@ -34,10 +34,10 @@ FINE, COARSE = 1.5, 4.0
 LEAST_CONTRAST = 2.0
 """Grey levels by which this difference varies in a cell that shows texture."""
 
-LEAST_TEXTURED = 0.1
+LEAST_TEXTURED = 0.25
 """Share of a photograph's cells that show texture, below which it shows hardly any."""
 
-HIGHLIGHT, DARK = 98, 70
+HIGHLIGHT, DARK = 98, 90
 """Percentile of the grey levels that counts as a photograph's brightest, and the level below which it is dark."""
 
 MANY = 0.2
@@ -100,6 +100,16 @@ def exposure_hint(gains: tuple[float, float] | None) -> tuple[str, ...]:
     return (f"exposure differs by {stops:.1f} stops between photographs: lock it; {_see('Exposure that jumps')}",)
 
 
+def poses_hint(wrong: int, frames: int) -> tuple[str, ...]:
+    """A hint where many of a capture's poses turned out wrong."""
+    if wrong <= MANY * frames:
+        return ()
+    return (
+        f"{wrong} of {frames} poses were wrong: film again, slowly, with textured things in view; "
+        f"{_see('When some poses are wrong')}",
+    )
+
+
 def nothing_found(capture: Capture, scale: Scale) -> str:
     """Why no points were found, and what to photograph differently, in words."""
     centres = np.array([frame.camera.centre for frame in capture.frames])
@@ -130,9 +140,11 @@ def _look(frame: Frame) -> tuple[bool, bool]:
         used = cv2.resize(frame.usable.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
     if not used.any():
         return False, False
+    # Blurs carry what is masked across the mask's border.
+    inside = cv2.erode(used.astype(np.uint8), np.ones((CELL + 1, CELL + 1), np.uint8)) > 0
     fine, coarse = (cv2.GaussianBlur(small.astype(np.float32), (0, 0), sigma) for sigma in (FINE, COARSE))
     contrast = _cells(fine - coarse).std(axis=1)
-    textured = contrast[_cells(used).all(axis=1)] >= LEAST_CONTRAST
+    textured = contrast[_cells(inside).all(axis=1)] >= LEAST_CONTRAST
     blank = bool(len(textured)) and float(textured.mean()) < LEAST_TEXTURED
     return blank, float(np.percentile(small[used], HIGHLIGHT)) < DARK
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.pointcloud import PointCloud
-from pocketgs.prior.advice import exposure_hint, nothing_found, photograph_hints
+from pocketgs.prior.advice import exposure_hint, nothing_found, photograph_hints, poses_hint
 from pocketgs.prior.complete import completion, joined
 from pocketgs.prior.depth_maps import depth_maps
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
@@ -101,6 +101,10 @@ def build_prior(
             if len(fused) + len(coverage.added) > max_points:
                 fused = merged(candidates, max_points - len(coverage.added))
             cloud = joined([fused, coverage.added])
+    wrong = len(found.replaced) + len(found.left_out) + len(found.doubtful)
+    said = (*poses_hint(wrong, len(capture.frames) + len(found.left_out)), *found.warnings())
+    if structure is None:
+        said = (nothing_found(capture, scale),)
     report = PriorReport(
         decisions=decisions,
         sparse_points=len(structure.points) if structure else 0,
@@ -113,11 +117,7 @@ def build_prior(
         coverage=coverage.covered if coverage else None,
         coverage_known=coverage.known if coverage else None,
         guessed=coverage.guessed if coverage else 0,
-        warnings=(
-            *hints,
-            *exposure_hint(gains),
-            *(found.warnings() if structure else (nothing_found(capture, scale),)),
-        ),
+        warnings=(*hints, *exposure_hint(gains), *said),
     )
     return Prior(replace(capture, points=cloud), report)
 

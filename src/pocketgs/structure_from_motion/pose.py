@@ -31,7 +31,7 @@ from pocketgs.structure_from_motion.work import Count
 STAGES = ("frames", "features", "matching", "mapping")
 ADVICE = (
     "photograph sharply and in good light something that has texture, from places that differ, such that each "
-    "photograph shows two thirds of what the one before shows"
+    "photograph shows two thirds of what the one before shows; see docs/photographing.md"
 )
 MOST_NAMES = 12
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -69,12 +69,22 @@ def read_ground_truth(folder: Path) -> GroundTruth:
     )
 
 
-def write_frames(folder: Path, frames: Sequence[Frame]) -> None:
-    """Write posed photographs, in metres, as nerfstudio does; the folder must not exist yet."""
+def write_frames(folder: Path, frames: Sequence[Frame], held_out: Collection[int] = ()) -> None:
+    """Write posed photographs, in metres, as nerfstudio does; the folder must not exist yet.
+
+    Args:
+        folder: where to.
+        frames: what to write.
+        held_out: numbers of the frames to hold out; without any, the file states no split.
+    """
     (folder / "images").mkdir(parents=True)
     for frame in frames:
         _write_png(folder / frame.name, frame.image)
-    document = _transforms([frame.camera for frame in frames], [frame.name for frame in frames])
+    names = [frame.name for frame in frames]
+    document = _transforms([frame.camera for frame in frames], names)
+    if held_out:
+        document["test_filenames"] = [names[number] for number in held_out]
+        document["train_filenames"] = [name for name in names if name not in document["test_filenames"]]
     _write_json(folder / "transforms.json", document)
 
 

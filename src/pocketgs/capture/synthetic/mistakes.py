@@ -21,13 +21,18 @@ from pocketgs.capture.synthetic.tracing import Scene
 from pocketgs.capture.synthetic.walk import LOOK_AT, true_camera
 from pocketgs.errors import PocketGSError
 
-STRETCH = (4.0, 22.0)
-"""Seconds of the walk that these captures show: some 115 degrees of the arc."""
+STRETCH = (6.0, 18.0)
+"""Seconds of the walk that these captures show: some 75 degrees of the arc."""
 
-HOLD_OUT_EVERY = 8
+HELD_OUT = (4, 12)
+"""Frames that are held out: none at an end, where nothing but a guess could be shown."""
+
 SAMPLES, BLURRED_SAMPLES = 4, 16
 SHAKE = np.radians(7)
 """How far a phone that is swung turns while the shutter is open."""
+
+STRANGER = 9
+"""The photograph of another place."""
 
 STOPS_APART = 2.0
 WRONG_BY = 0.2
@@ -115,16 +120,15 @@ def _displaced(cameras: Sequence[Camera]) -> list[Taken]:
 def _stranger(cameras: Sequence[Camera]) -> list[Taken]:
     """One photograph of another place among them."""
     taken = _good(cameras)
-    middle = len(taken) // 2 + 1
     elsewhere = look_at(np.array([6.5, -1.0, 1.4]), np.array([7.5, WALL, 1.0]), np.array([0.0, 0.0, 1.0]))
-    taken[middle] = replace(taken[middle], camera=replace(taken[middle].camera, world_to_camera=elsewhere))
+    taken[STRANGER] = replace(taken[STRANGER], camera=replace(taken[STRANGER].camera, world_to_camera=elsewhere))
     return taken
 
 
 def _flicker(cameras: Sequence[Camera]) -> list[Taken]:
     """Exposure alternates by two stops; held-out photographs are taken at the mean."""
     factor = 2 ** (STOPS_APART / 2 / 2)  # half of it to either side; a display's value is the root of the light
-    gains = [1.0 if number % HOLD_OUT_EVERY == 0 else factor ** (-1) ** number for number in range(len(cameras))]
+    gains = [1.0 if number in HELD_OUT else factor ** (-1) ** number for number in range(len(cameras))]
     return [replace(shot, gain=gain) for shot, gain in zip(_good(cameras), gains, strict=True)]
 
 
@@ -168,7 +172,7 @@ def write_mistake(name: str, folder: Path, width: int = 160, height: int = 120, 
         folder: where to; it must not exist yet.
         width: of the images, in pixels.
         height: of the images, in pixels.
-        frames: number of images; "two" writes two.
+        frames: number of images, ten at least; "two" writes two.
 
     Returns:
         What was taken, in order.
@@ -186,8 +190,15 @@ def write_mistake(name: str, folder: Path, width: int = 160, height: int = 120, 
             Frame(f"images/{number:04d}.png", shot.believed, _photographed(shot, number))
             for number, shot in enumerate(taken)
         ],
+        HELD_OUT if len(taken) > max(HELD_OUT) else (),
     )
     return taken
+
+
+def noiseless(shot: Taken) -> np.ndarray:
+    """(H, W, 3) float32 display values in [0, 1]: what a shot would show if nothing but its exposure were wrong."""
+    light, _ = expose(shot.scene, shot.camera, _through(replace(shot, turn=0.0)))
+    return np.clip(np.sqrt(light) * np.float32(shot.gain), 0, 1)
 
 
 def _photographed(shot: Taken, number: int) -> np.ndarray:
