@@ -1,8 +1,8 @@
 """Effort: how many Gaussians, keyframes and iterations a capture is worth.
 
-A capture with four times the pixels shows more, but not four times as much, since its views overlap: Gaussians grow with
-the square root of the pixels of all training views together, and the time of training a little faster, since each
-Gaussian is seen in a smaller share of the steps.
+A capture with four times the pixels shows more, but not four times as much, since its views overlap: Gaussians grow
+with the square root of the pixels of all training views together. The time of training grows a little faster, since
+each Gaussian is seen in a smaller share of the steps.
 """
 
 from __future__ import annotations
@@ -28,6 +28,9 @@ GAUSSIANS_POWER, SECONDS_POWER = 0.5, 0.75
 """With which powers of the pixels they grow."""
 
 FEWEST_ITERATIONS, MOST_ITERATIONS = 500, 3000
+
+MOST_EPOCHS = 40
+"""Times that each photograph is trained on: of few photographs, more learn the noise of each rather than the scene."""
 
 
 def sized(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> SizedOptions:
@@ -57,8 +60,9 @@ def _standard(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> dic
     degree = recipe_named(options.recipe).sh_degree if options.sh_degree is None else options.sh_degree
     step = step_seconds(gaussians, (degree + 1) ** 2, pixels / max(len(views), 1))
     iterations = int(min(LEAST_SECONDS * growth**SECONDS_POWER, MOST_SECONDS) / step)
+    iterations = min(iterations, MOST_EPOCHS * len(views), MOST_ITERATIONS)
     return {
-        "iterations": min(max(iterations, FEWEST_ITERATIONS), MOST_ITERATIONS),
+        "iterations": max(iterations, FEWEST_ITERATIONS),
         "max_gaussians": gaussians,
         "max_keyframes": STANDARD_KEYFRAMES,
     }
