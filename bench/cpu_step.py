@@ -1,7 +1,10 @@
 """One training step of the CPU engine: time by stage, splat-pixel pairs per second, memory.
 
-    python bench/cpu_step.py                             # random scenes of several sizes
-    python bench/cpu_step.py ../data/fern --images images_8     # a capture, after 100 iterations
+    python bench/cpu_step.py                                    # random scenes of several sizes
+    python bench/cpu_step.py ../data/fern --images images_8     # a capture
+
+A capture's scene is its own sparse cloud after 100 iterations, one Gaussian a point, so that rows compare from version
+to version whatever a run would start from by default.
 
 A pair is one splat at one pixel. Visited pairs are those that a vector of 16 pixels covers; contributing ones have an
 alpha of at least 1/255 at a pixel that is not saturated.
@@ -38,16 +41,19 @@ from pocketgs.splat.settings import StepSettings
 from pocketgs.training import train
 
 SIZES = ((10_000, 504, 378), (50_000, 504, 378), (50_000, 1008, 756), (170_000, 504, 378), (170_000, 1008, 756))
-STAGES = (
-    "project",
-    "sort_by_depth",
-    "bin",
-    "rasterize",
-    "photometric",
-    "rasterize_backward",
-    "project_backward",
-    "adam",
-)
+STAGES = {
+    "project": "project",
+    "sort_by_depth": "sort",
+    "bin": "bin",
+    "rasterize": "rasterize",
+    "photometric": "loss",
+    "rasterize_backward": "backward",
+    "project_backward": "project backward",
+    "adam": "Adam",
+}
+"""The engine's functions, and what tables call them."""
+
+ITERATIONS = 100
 
 
 def main(
@@ -65,24 +71,30 @@ def main(
         reading: How to read the capture.
     """
     CpuEngine(threads).prepare()
-    table = Table("Gaussians", "image", *(f"{stage}\n(ms)" for stage in STAGES), "step\n(ms)", "loss\n/ step")
+    if steps < 1:
+        raise SystemExit(f"steps: found {steps}, expected at least 1")
+    table = Table("one step, in ms", *STAGES.values(), "step")
     pairs = Table(
-        "Gaussians", "image", "visited\n(M)", "contribute", "forward\n(G/s)", "backward\n(G/s)", "bwd / fwd", "MB"
+        "splat-pixel pairs", "visited (M)", "contribute", "forward (G/s)", "backward (G/s)", "bwd / fwd", "buffers (MB)"
     )
-    for gaussians, frames in scenes(capture, reading):
-        add_rows(table, pairs, gaussians, frames, threads, steps)
+    for name, gaussians, frames in scenes(capture, reading):
+        add_rows(table, pairs, name, gaussians, frames, threads, steps)
     console = Console(width=180)
     console.print(table, pairs, f"peak resident memory {peak_rss_mb():.0f} MB", sep="\n")
 
 
-def scenes(capture: Path | None, reading: CaptureOptions) -> Iterator[tuple[Gaussians, Sequence[Frame]]]:
-    """Scenes to time, with their views."""
+def scenes(capture: Path | None, reading: CaptureOptions) -> Iterator[tuple[str, Gaussians, Sequence[Frame]]]:
+    """Scenes to time, with their names and views."""
     if capture is None:
         for count, width, height in SIZES:
-            yield random_scene(count, width, height)
+            yield "random", *random_scene(count, width, height)
     else:
         opened = reading.open(capture)
-        yield train(opened, iterations=100, evaluate_every=0, max_gaussians=1_000_000), opened.train
+        if opened.points is None:
+            raise SystemExit(f"{capture}: has no cloud of its own, expected one with points to start from")
+        most = len(opened.points)
+        scene = train(opened, prior="none", iterations=ITERATIONS, evaluate_every=0, max_gaussians=most)
+        yield opened.name, scene, opened.train
 
 
 def random_scene(count: int, width: int, height: int) -> tuple[Gaussians, Sequence[Frame]]:
@@ -104,7 +116,13 @@ def random_scene(count: int, width: int, height: int) -> tuple[Gaussians, Sequen
 
 
 def add_rows(
-    table: Table, pairs: Table, gaussians: Gaussians, frames: Sequence[Frame], threads: int | None, steps: int
+    table: Table,
+    pairs: Table,
+    name: str,
+    gaussians: Gaussians,
+    frames: Sequence[Frame],
+    threads: int | None,
+    steps: int,
 ) -> None:
     """Time one scene and add a row to each table."""
     engine = CpuEngine(threads)
@@ -121,12 +139,10 @@ def add_rows(
             milliseconds["step"].append(1e3 * (time.perf_counter() - started))
     median = {stage: float(np.median(values)) for stage, values in milliseconds.items()}
     visited, contributing = np.mean([count_pairs(engine, frame) for frame in frames[:5]], axis=0)
-    size = f"{frames[0].camera.width}x{frames[0].camera.height}"
-    times = [f"{median[stage]:.2f}" for stage in (*STAGES, "step")]
-    table.add_row(f"{len(gaussians):,}", size, *times, f"{median['photometric'] / median['step']:.3f}")
+    scene = f"{name}, {len(gaussians):,} Gaussians, {frames[0].camera.width}x{frames[0].camera.height}"
+    table.add_row(scene, *(f"{median[stage]:.2f}" for stage in (*STAGES, "step")))
     pairs.add_row(
-        f"{len(gaussians):,}",
-        size,
+        scene,
         f"{visited / 1e6:.1f}",
         f"{contributing / visited:.0%}",
         f"{visited / median['rasterize'] / 1e6:.2f}",

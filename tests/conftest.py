@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +18,13 @@ from missing import unavailable
 from pocketgs.capture import Capture
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.splat.webgpu.adapters import Adapter, adapters
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _ctrl_c_can_come() -> None:
+    """Tests press Ctrl-C. Under `nohup` it would be ignored, here and in all processes that tests start."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pocketgs.camera import Camera, look_at
-from pocketgs.camera_geometry import focus_point, looks_at, mean_up
+from pocketgs.camera_geometry import focus_point, looks_at, upward
 from pocketgs.camera_path import orbit, path
 from pocketgs.errors import PocketGSError
 
@@ -67,8 +67,8 @@ def test_looks_at_tells_inwards_from_outwards() -> None:
     np.testing.assert_allclose(focus_point(outwards), TARGET, atol=1e-9)
 
 
-def test_mean_up() -> None:
-    np.testing.assert_allclose(mean_up(ring(2 * np.pi * np.arange(5) / 5)), UP, atol=1e-9)
+def test_upward() -> None:
+    np.testing.assert_allclose(upward(ring(2 * np.pi * np.arange(5) / 5)), UP, atol=1e-9)
 
 
 def test_orbit_of_a_surrounding_capture_is_a_full_circle() -> None:

@@ -21,6 +21,20 @@ def test_the_first_is_noted_and_the_second_raised() -> None:
     assert signal.getsignal(signal.SIGINT) is before
 
 
+def test_what_is_ignored_stays_so() -> None:
+    """As in a shell script's background job: Ctrl-C in the terminal is not for it."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with deferred_interrupt() as interrupt:
+            signal.raise_signal(signal.SIGINT)
+            assert not interrupt.requested
+            signal.raise_signal(signal.SIGTERM)
+            assert interrupt.requested
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def test_a_request_by_somebody_else_is_no_ctrl_c() -> None:
     with deferred_interrupt() as interrupt:
         interrupt.requested = True

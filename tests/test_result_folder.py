@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -23,7 +20,7 @@ from pocketgs.gaussians import PARAMETERS, SH_COEFFICIENTS, Gaussians
 from pocketgs.result_folder import (
     CHECKPOINT,
     UNFINISHED,
-    check_writable,
+    claimed_for_run,
     picture_names,
     publishing,
     read_checkpoint,
@@ -37,46 +34,6 @@ from pocketgs.training import Checkpoint
 from pocketgs.training_options import TrainingOptions
 
 RUN = {"capture": "toys", "seed": 3}
-
-KILLED_PUBLISHERS = """
-import json, os, random, signal, sys, time
-from pathlib import Path
-import numpy as np
-from pocketgs.gaussians import Gaussians
-from pocketgs.result_folder import publishing, write_json
-
-folder = Path(sys.argv[1])
-COUNT = 3000
-
-def publish(version):
-    with publishing(folder) as staging:
-        shapes = [(COUNT, 3), (COUNT, 3), (COUNT, 4), (COUNT,), (COUNT, 1, 3)]
-        Gaussians(*(np.full(shape, version) for shape in shapes)).save(staging / "scene.ply")
-        (staging / "held_out").mkdir()
-        (staging / "held_out" / "0000.png").write_text(str(version))
-        write_json(staging / "run.json", {"version": version})
-
-publish(1)
-seen, leftovers = set(), 0
-for round in range(60):
-    child = os.fork()
-    if child == 0:
-        while True:
-            publish(2)
-            publish(3)
-    time.sleep(random.uniform(0.0, 0.1))
-    os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    scene = Gaussians.load(folder / "scene.ply")
-    values = set(np.unique(np.concatenate([scene.means.ravel(), scene.opacity_logits, scene.sh.ravel()])))
-    assert len(scene) == COUNT and len(values) == 1, "torn scene"
-    seen.add(int(values.pop()))
-    assert json.loads((folder / "run.json").read_text())["version"] in (1, 2, 3), "torn record"
-    leftovers += any(path.name.startswith(".") for path in folder.iterdir())
-publish(4)
-names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*"))
-print(json.dumps([sorted(seen), leftovers, names]))
-"""
 
 
 @pytest.fixture
@@ -98,25 +55,18 @@ def test_publishing_replaces_files_and_folders(tmp_path: Path, contents: Callabl
             (staging / "a.txt").write_bytes(number)
             (staging / "held_out").mkdir()
             (staging / "held_out" / number.decode()).touch()
-    assert contents(tmp_path / "deep" / "result") == {"a.txt": b"2", "held_out/2": b""}
-
-
-def test_files_and_folders_replace_each_other(tmp_path: Path, contents: Callable[[Path], dict[str, bytes]]) -> None:
-    (tmp_path / "a").mkdir()
-    (tmp_path / "a" / "old").touch()
-    (tmp_path / "b").touch()
-    with publishing(tmp_path) as staging:
-        (staging / "a").write_bytes(b"file")
-        (staging / "b").mkdir()
-        (staging / "b" / "new").touch()
-    assert contents(tmp_path) == {"a": b"file", "b/new": b""}
+    found = contents(tmp_path / "deep" / "result")
+    found.pop(".pocketgs/manifest.json")
+    assert found == {"a.txt": b"2", "held_out/1": b"", "held_out/2": b""}
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, OSError("disk full"), PocketGSError])
 def test_exception_leaves_the_earlier_result(
     tmp_path: Path, contents: Callable[[Path], dict[str, bytes]], error: Any
 ) -> None:
-    (tmp_path / "a.txt").write_text("old")
+    with publishing(tmp_path) as staging:
+        (staging / "a.txt").write_text("old")
+    before = contents(tmp_path)
 
     def publish() -> None:
         with publishing(tmp_path) as staging:
@@ -125,49 +75,39 @@ def test_exception_leaves_the_earlier_result(
 
     with pytest.raises(PocketGSError if isinstance(error, OSError) else error):
         publish()
-    assert contents(tmp_path) == {"a.txt": b"old"}
-    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+    assert contents(tmp_path) == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".pocketgs", "a.txt"]
 
 
 def test_folder_that_cannot_be(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("old")
     for folder in (tmp_path / "file", tmp_path / "file" / "result", tmp_path / ("long" * 100)):
-        with pytest.raises(PocketGSError, match="cannot be written to"):
-            check_writable(folder)
+        with pytest.raises(PocketGSError, match="cannot be written to"), claimed_for_run(folder):
+            pass
     assert (tmp_path / "file").read_text() == "old"
 
 
 def test_empty_folders_do_not_stay(tmp_path: Path) -> None:
-    check_writable(tmp_path / "deep" / "result")
+    with claimed_for_run(tmp_path / "deep" / "result"):
+        pass
     with pytest.raises(ValueError, match="stop"), publishing(tmp_path / "deep" / "result"):
         raise ValueError("stop")
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "given").mkdir()
-    check_writable(tmp_path / "given" / "result")
-    check_writable(tmp_path / "given")
+    with claimed_for_run(tmp_path / "given" / "result"), claimed_for_run(tmp_path / "given"):
+        pass
     assert list(tmp_path.rglob("*")) == [tmp_path / "given"]
 
 
-def test_check_clears_away_what_was_left(tmp_path: Path) -> None:
-    (tmp_path / ".unpublished-0123abcd").mkdir()
-    (tmp_path / ".unpublished-0123abcd" / "scene.ply").touch()
+def test_what_a_killed_run_left_is_cleared_away(tmp_path: Path, checkpoint: Checkpoint) -> None:
+    staging = tmp_path / ".pocketgs" / "staging-0123abcd" / "new"
+    staging.mkdir(parents=True)
+    (staging / "scene.ply").touch()
     (tmp_path / ".unfinished.0123abcd.partial.npz").touch()
-    (tmp_path / "scene.ply").touch()
-    (tmp_path / UNFINISHED).touch()
-    check_writable(tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["scene.ply", UNFINISHED]
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-def test_kill_at_any_moment(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", KILLED_PUBLISHERS, str(tmp_path)]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert result.returncode == 0, result.stderr
-    seen, leftovers, names = json.loads(result.stdout)
-    # The kills must have met publishers that had finished, and publishers in the middle.
-    assert {2, 3} <= set(seen)
-    assert leftovers > 0
-    assert names == ["held_out", "held_out/0000.png", "run.json", "scene.ply"]
+    write_checkpoint(tmp_path / UNFINISHED, checkpoint, RUN)
+    with claimed_for_run(tmp_path):
+        pass
+    assert sorted(path.name for path in tmp_path.iterdir()) == [UNFINISHED]
 
 
 def test_json_of_odd_numbers(tmp_path: Path) -> None:

@@ -170,7 +170,7 @@ def test_sh_degree(small_capture: Capture, degree: int) -> None:
     ("change", "message"),
     [
         ({"iterations": 0}, "iterations: found 0, expected at least 1"),
-        ({"time_budget": 0.0}, "time budget: found 0.0, expected a positive number of seconds"),
+        ({"time_budget": 0.0}, "time budget: found 0.0, expected seconds above 0"),
         ({"time_budget": float("nan")}, "time budget: found nan"),
         ({"max_gaussians": 3}, "max gaussians: found 3, expected at least 4"),
         ({"sh_degree": 4}, "SH degree: found 4, expected 0, 1, 2 or 3"),

@@ -84,5 +84,5 @@ def test_what_cannot_be_written_is_named(
 
 def test_target_that_is_a_folder(tmp_path: Path) -> None:
     (tmp_path / "a.mp4").mkdir()
-    with pytest.raises(PocketGSError, match="cannot write the video"):
+    with pytest.raises(PocketGSError, match="cannot be written"):
         write_video(tmp_path / "a.mp4", grey_frames(1))

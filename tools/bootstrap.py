@@ -51,7 +51,7 @@ def main(extras: list[str]) -> None:
     key = stamp_key(ROOT / "pyproject.toml")
     if is_current(STAMP, key, extras) and PYTHON.exists():
         return
-    print(f"Setting up {ENVIRONMENT.name}: the first time this downloads about 200 MB of packages", flush=True)
+    print(f"Setting up {ENVIRONMENT.name}: the first time this downloads about 240 MB of packages", flush=True)
     if not PYTHON.exists():
         create_environment(ENVIRONMENT)
     bundle = certificate_bundle(ENVIRONMENT / "certificates.pem")

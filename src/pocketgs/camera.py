@@ -6,7 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, short
+
+LARGEST_SIDE = 100_000
+"""No photograph is larger; the product of two such sides is still a number of pixels that can be counted."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +25,8 @@ class Camera:
         world_to_camera: (4, 4) float64 rigid transform.
 
     Raises:
-        PocketGSError: a size or focal length is not positive, a number is not finite, or the pose is not rigid.
+        PocketGSError: a size is no whole number from 1 to LARGEST_SIDE, a focal length is not positive, a number is
+            not finite, or the pose is not rigid.
     """
 
     width: int
@@ -34,13 +38,19 @@ class Camera:
     world_to_camera: np.ndarray
 
     def __post_init__(self) -> None:
-        pose = np.asarray(self.world_to_camera, dtype=np.float64)
+        try:
+            pose = np.array(self.world_to_camera, dtype=np.float64)
+            intrinsics = np.array([self.fx, self.fy, self.cx, self.cy], dtype=np.float64)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise PocketGSError(f"camera: its pose or its intrinsics are no numbers ({error})") from error
         object.__setattr__(self, "world_to_camera", pose)
-        if self.width < 1 or self.height < 1:
-            raise PocketGSError(f"camera: image size {self.width}x{self.height}, expected at least 1x1")
-        intrinsics = (self.fx, self.fy, self.cx, self.cy)
-        if not np.all(np.isfinite(intrinsics)) or self.fx <= 0 or self.fy <= 0:
-            raise PocketGSError(f"camera: fx, fy, cx, cy = {intrinsics}, expected finite and positive focal lengths")
+        sides = (self.width, self.height)
+        if not all(isinstance(side, int | np.integer) and 1 <= side <= LARGEST_SIDE for side in sides):
+            found = "x".join(map(short, sides))
+            raise PocketGSError(f"camera: image size {found}, expected whole numbers from 1 to {LARGEST_SIDE}")
+        if intrinsics.shape != (4,) or not np.all(np.isfinite(intrinsics)) or self.fx <= 0 or self.fy <= 0:
+            found = ", ".join(map(short, (self.fx, self.fy, self.cx, self.cy)))
+            raise PocketGSError(f"camera: fx, fy, cx, cy = {found}, expected finite and positive focal lengths")
         if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
             raise PocketGSError("camera: the pose is not a 4x4 matrix of finite numbers")
         rotation = pose[:3, :3]

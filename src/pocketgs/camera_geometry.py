@@ -8,6 +8,7 @@ import numpy as np
 
 from pocketgs.camera import Camera
 from pocketgs.errors import PocketGSError
+from pocketgs.up_direction import up_direction
 
 # Optical axes that all lie within about 1.8 degrees of each other (sin² below this) say nothing about distance.
 LEAST_CONVERGENCE = 1e-3
@@ -43,9 +44,9 @@ def looks_at(cameras: Sequence[Camera], point: np.ndarray) -> bool:
     return 2 * sum(in_front) > len(in_front)
 
 
-def mean_up(cameras: Sequence[Camera]) -> np.ndarray:
-    """(3,) unit mean of the cameras' upward directions in the world."""
-    return mean_direction(np.array([-camera.world_to_camera[1, :3] for camera in cameras]))
+def upward(cameras: Sequence[Camera]) -> np.ndarray:
+    """(3,) the direction that is up in the world, see `up_direction`."""
+    return up_direction(np.array([camera.world_to_camera[:3, :3] for camera in cameras]))
 
 
 def mean_direction(directions: np.ndarray) -> np.ndarray:

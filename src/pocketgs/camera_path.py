@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from pocketgs.camera import Camera, look_at
-from pocketgs.camera_geometry import focus_point, looks_at, mean_up
+from pocketgs.camera_geometry import focus_point, looks_at, upward
 from pocketgs.errors import PocketGSError
 
 SURROUNDED_BELOW_GAP = np.radians(120)
@@ -95,7 +95,7 @@ def path(cameras: Sequence[Camera], count: int, closed: bool = False) -> list[Ca
 
 def _frame_about(cameras: Sequence[Camera], target: np.ndarray) -> np.ndarray:
     """(3, 3) axes in rows: towards the cameras, sideways, up. The cut in azimuth, at π, lies behind the target."""
-    up = mean_up(cameras)
+    up = upward(cameras)
     towards = np.mean([camera.centre for camera in cameras], axis=0) - target
     flat = towards - (towards @ up) * up
     if np.linalg.norm(flat) < 1e-9:

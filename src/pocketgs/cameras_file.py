@@ -13,8 +13,10 @@ import numpy as np
 from pocketgs.atomic_file import replacing
 from pocketgs.camera import Camera
 from pocketgs.capture.capture import Capture, Frame
+from pocketgs.capture.json_fields import read_json
 from pocketgs.capture.origin import Origin, with_origin
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, clipped
+from pocketgs.publishing.journal import settle
 
 
 @dataclass(frozen=True)
@@ -51,13 +53,16 @@ def read_cameras(path: Path) -> SavedCameras:
     Raises:
         PocketGSError: the file cannot be read, or holds what is no camera.
     """
+    settle(path.parent)
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = read_json(path).values
         cameras: dict[str, Any] = dict(document["cameras"])
         refined = document["refined"] is True
         x, y, z = map(float, document.get("origin", (0, 0, 0)))
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise PocketGSError(f"{path}: not a readable file of cameras ({error})") from error
+        if not np.all(np.isfinite((x, y, z))):
+            raise ValueError("its origin is not finite")
+    except (PocketGSError, OSError, ValueError, KeyError, TypeError, OverflowError) as error:
+        raise PocketGSError(f"{path}: not a readable file of cameras ({clipped(error)})") from error
     return SavedCameras({name: _from_json(camera, name, path) for name, camera in cameras.items()}, refined, (x, y, z))
 
 

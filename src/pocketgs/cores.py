@@ -7,8 +7,6 @@ import os
 from functools import cache
 from pathlib import Path
 
-import numba
-
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
 
 
@@ -26,6 +24,8 @@ def usable_cores() -> int:
 
 def kernel_threads(asked: int | None) -> int:
     """Threads for kernels: as many as are asked for, or one for each usable core; never more than Numba has."""
+    import numba  # the compiler takes half a second to load, which reading a capture need not wait for
+
     return min(asked or usable_cores(), numba.config.NUMBA_NUM_THREADS)
 
 

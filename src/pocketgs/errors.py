@@ -8,3 +8,23 @@ class PocketGSError(Exception):
 
     The command line prints the message as one line and exits with status 2.
     """
+
+
+LONGEST_SHOWN = 80
+
+
+def short(found: object) -> str:
+    """What was found, as a message may quote it: in Python's notation, cut where it is long."""
+    if isinstance(found, float):
+        return f"{found:g}"
+    try:
+        shown = repr(found)
+    except ValueError:  # Python writes out no whole number of thousands of digits
+        shown = f"{type(found).__name__} of thousands of digits"
+    return clipped(shown)
+
+
+def clipped(text: object) -> str:
+    """A text, of which files or other programs say what it is, no longer than a message should quote it."""
+    shown = str(text)
+    return shown if len(shown) <= LONGEST_SHOWN else f"{shown[: LONGEST_SHOWN - 3]}..."

@@ -30,10 +30,11 @@ class Gaussians:
         sh: (N, K, 3) spherical-harmonics coefficients of RGB, K = 1, 4, 9 or 16 for degree 0 to 3.
         record: what training took, or None for a scene that was loaded.
 
-    All arrays are float32 and contiguous.
+    All arrays are float32 and contiguous. Numbers that are not finite are kept, since training may end in some: engines
+    draw nothing of a Gaussian that holds one.
 
     Raises:
-        PocketGSError: shapes disagree.
+        PocketGSError: an array is no array of real numbers, or shapes disagree.
     """
 
     means: np.ndarray
@@ -45,7 +46,9 @@ class Gaussians:
 
     def __post_init__(self) -> None:
         for name in PARAMETERS:
-            setattr(self, name, np.ascontiguousarray(getattr(self, name), dtype=np.float32))
+            setattr(self, name, _float32(name, getattr(self, name)))
+        if self.means.ndim != 2:
+            raise PocketGSError(f"Gaussians: means has shape {self.means.shape}, expected (N, 3)")
         count = len(self.means)
         expected = {"means": (3,), "log_scales": (3,), "quaternions": (4,), "opacity_logits": ()}
         for name, tail in expected.items():
@@ -107,6 +110,18 @@ class Gaussians:
         from pocketgs.formats import read_scene
 
         return read_scene(Path(path))
+
+
+def _float32(name: str, values: object) -> np.ndarray:
+    """Numbers beyond what float32 holds become infinite."""
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind not in "fiub":
+            raise TypeError(f"of type {array.dtype}")
+        with np.errstate(over="ignore"):
+            return np.ascontiguousarray(array, dtype=np.float32)
+    except (TypeError, ValueError) as error:
+        raise PocketGSError(f"Gaussians: {name} is no array of real numbers ({error})") from error
 
 
 PARAMETERS = tuple(field.name for field in fields(Gaussians) if field.name != "record")

@@ -1,12 +1,35 @@
-"""Ctrl-C that waits for a good moment."""
+"""Ctrl-C, and SIGTERM which means the same here; and how they wait for a good moment."""
 
 from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+
+STOPPED = 130
+"""Exit status of a command that Ctrl-C has ended, as shells have it."""
+
+Handler = Callable[[int, FrameType | None], None]
+
+
+def listen(handler: Handler) -> dict[signal.Signals, signal.Handlers | Handler | int | None]:
+    """Have a handler called on Ctrl-C and SIGTERM.
+
+    What is ignored stays ignored: `nohup` starts commands like that, and shell scripts their jobs in the background, so
+    that Ctrl-C in the terminal does not end them.
+
+    Returns:
+        What was called before, by signal, where that has changed.
+    """
+    heard = [each for each in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(each) is not signal.SIG_IGN]
+    return {number: signal.signal(number, handler) for number in heard}
+
+
+def raise_interrupt(number: int, frame: FrameType | None) -> None:
+    """A handler that raises KeyboardInterrupt."""
+    raise KeyboardInterrupt
 
 
 class Interrupt:
@@ -17,7 +40,7 @@ class Interrupt:
 
 @contextmanager
 def deferred_interrupt() -> Iterator[Interrupt]:
-    """Note the first Ctrl-C (or SIGTERM) instead of raising it; a second Ctrl-C raises KeyboardInterrupt as usual.
+    """Note the first Ctrl-C (or SIGTERM) instead of raising it; the second raises KeyboardInterrupt.
 
     Only the main thread receives signals: elsewhere only others can request it.
     """
@@ -29,11 +52,11 @@ def deferred_interrupt() -> Iterator[Interrupt]:
 
     def note(number: int, frame: FrameType | None) -> None:
         nonlocal pressed
-        if pressed and number == signal.SIGINT:
+        if pressed:
             raise KeyboardInterrupt
         pressed = interrupt.requested = True
 
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = listen(note)
     try:
         yield interrupt
     finally:

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from plyfile import PlyData
 
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, clipped
+from pocketgs.opening import checked
 
 LARGEST_HEADER = 1 << 20
 
@@ -32,14 +33,14 @@ def read_elements(path: Path) -> dict[str, np.ndarray]:
         PocketGSError: the file is missing or broken.
     """
     try:
-        if not path.is_file():
+        if not checked(path).is_file():
             raise PocketGSError(f"{path}: no such file, expected a .ply")
         _check_size(path)
         return {element.name: element.data for element in PlyData.read(str(path)).elements}
     except PocketGSError:
         raise
     except Exception as error:  # plyfile raises whatever its parser stumbles over
-        raise PocketGSError(f"{path}: not a readable .ply ({error})") from error
+        raise PocketGSError(f"{path}: not a readable .ply ({clipped(error)})") from error
 
 
 def _check_size(path: Path) -> None:

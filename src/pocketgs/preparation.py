@@ -12,6 +12,7 @@ from pocketgs.cores import kernel_threads
 from pocketgs.errors import PocketGSError
 from pocketgs.planning.effort import sized
 from pocketgs.pointcloud import PointCloud
+from pocketgs.prior.advice import check_photographs
 from pocketgs.prior.keyframes import KeyframeSettings
 from pocketgs.prior.prior import Prior, PriorSettings, build_prior
 from pocketgs.prior.structure import StructureSettings
@@ -38,10 +39,11 @@ def prepare(capture: Capture, options: TrainingOptions | None = None, stopwatch:
         stopwatch: times the stages; a new one if None.
 
     Raises:
-        PocketGSError: there is no training view, or nothing to start from.
+        PocketGSError: there is no training view, there are too few photographs, or there is nothing to start from.
     """
     if not capture.train:
         raise PocketGSError(f"{capture.path}: no training view, expected at least one")
+    check_photographs(capture)
     options = sized(options or TrainingOptions(), [(f.camera.width, f.camera.height) for f in capture.train])
     stopwatch = stopwatch or Stopwatch()
     prior = Prior(capture, None)

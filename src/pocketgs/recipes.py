@@ -109,7 +109,7 @@ RECIPES = {
     # For a few hundred iterations: large steps, measured in pixels, that fall together.
     "pocketgs": Recipe(
         name="pocketgs",
-        rates=LearningRates(means=0.2, log_scales=0.08, rotations=0.032, opacity_logits=0.1, sh_dc=0.03, sh_rest=0.008),
+        rates=LearningRates(means=0.2, log_scales=0.16, rotations=0.032, opacity_logits=0.1, sh_dc=0.03, sh_rest=0.008),
         length=pixel_footprint,
         schedule=cosine(final=0.02),
         # Squares that remember twenty steps, not a thousand, follow the gradients of a run of hundreds.

@@ -1,8 +1,8 @@
 """The folder that a run leaves behind: `scene.ply`, `run.json`, `checkpoint.npz`, pictures of the held-out views,
 and `cameras.json`.
 
-A run's files are gathered in a hidden folder and put in place together at its end: until then, and if the run fails or
-is killed, an earlier result stays as it was.
+A run's files are gathered in a hidden folder and put in place together at its end, see `pocketgs.publishing`: until
+then, and if the run fails or is killed, an earlier result stays as it was.
 """
 
 from __future__ import annotations
@@ -11,12 +11,10 @@ import json
 import math
 import os
 import re
-import shutil
-import uuid
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PIL import Image
@@ -24,8 +22,13 @@ from PIL import Image
 from pocketgs.atomic_file import remove_leftovers, replacing
 from pocketgs.errors import PocketGSError
 from pocketgs.gaussians import PARAMETERS, Gaussians
+from pocketgs.publishing.claim import Claim, claimed
+from pocketgs.publishing.journal import settle
+from pocketgs.publishing.manifest import read_manifest
 from pocketgs.splat.engine import OptimiserState
-from pocketgs.training import Checkpoint
+
+if TYPE_CHECKING:
+    from pocketgs.training import Checkpoint
 
 SCENE, RECORD, CHECKPOINT, PICTURES = "scene.ply", "run.json", "checkpoint.npz", "held_out"
 CAMERAS = "cameras.json"
@@ -37,64 +40,58 @@ UNFINISHED = "unfinished.npz"
 
 LONGEST_PICTURE_NAME = 50
 
-_STAGING = ".unpublished-"
+FILES = (SCENE, RECORD, CHECKPOINT, CAMERAS)
+"""What every result has."""
 
 
 @contextmanager
-def publishing(folder: Path) -> Iterator[Path]:
-    """Give an empty folder to write a result to; when the block succeeds, move what is in it to `folder`.
+def claimed_for_run(folder: Path, source: str | None = None) -> Iterator[Claim]:
+    """Claim a folder for a run's result: nobody else writes there meanwhile, and nothing of anybody else's is lost.
 
-    If nothing comes of it, a folder that had to be made goes again.
-
-    Raises:
-        PocketGSError: the folder cannot be made or written to.
-    """
-    try:
-        made = [path for path in (folder, *folder.parents) if not path.exists()]
-        folder.mkdir(parents=True, exist_ok=True)
-        # What a killed run left behind.
-        for leftover in folder.glob(f"{_STAGING}*"):
-            shutil.rmtree(leftover, ignore_errors=True)
-        staging = folder / f"{_STAGING}{uuid.uuid4().hex[:8]}"
-        staging.mkdir()
-    except OSError as error:
-        raise PocketGSError(f"{folder}: cannot be written to ({error.strerror or error})") from error
-    try:
-        yield staging
-        for item in sorted(staging.iterdir()):
-            _move(item, folder / item.name)
-    except OSError as error:
-        raise PocketGSError(f"{folder}: the result cannot be written ({error.strerror or error})") from error
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-        with suppress(OSError):
-            for path in made:
-                path.rmdir()  # refuses if anything is in there
-
-
-def _move(source: Path, target: Path) -> None:
-    """Put a file or folder in place of whatever is there."""
-    if target.is_dir() or (source.is_dir() and os.path.lexists(target)):
-        # Only a file can replace a file in one go: move the old one aside, into the staging folder that goes away.
-        os.replace(target, source.with_name(f"old-{source.name}"))
-    os.replace(source, target)
-
-
-def check_writable(folder: Path) -> None:
-    """Find out before the work starts that a result can be written, and clear away what a killed run left behind.
+    Args:
+        folder: made if need be.
+        source: what tells the run's capture from others of its name, see `pocketgs.publishing.manifest.source_of`.
 
     Raises:
-        PocketGSError: it cannot.
+        PocketGSError: the folder cannot be used.
     """
-    with publishing(folder):
+    with claimed(folder, (*FILES, f"{PICTURES}/*.png"), source) as claim:
         remove_leftovers(folder / UNFINISHED)
+        if os.path.lexists(folder / UNFINISHED) and not _is_checkpoint(folder / UNFINISHED):
+            raise PocketGSError(f"{folder / UNFINISHED}: is no checkpoint of ours, expected it moved away")
+        yield claim
 
 
-def remove_outdated(folder: Path, keep_pictures: bool) -> None:
-    """Delete what a new result did not replace: an earlier run's unfinished checkpoint and pictures."""
-    (folder / UNFINISHED).unlink(missing_ok=True)
-    if not keep_pictures:
-        shutil.rmtree(folder / PICTURES, ignore_errors=True)
+@contextmanager
+def publishing(folder: Path, names: Iterable[str] = ()) -> Iterator[Path]:
+    """Claim a folder, give an empty one to write to, and when the block succeeds put what is in it in place as one.
+
+    Args:
+        folder: made if need be.
+        names: files that the block is to write, so that one of somebody else in their way is found out at once.
+
+    Raises:
+        PocketGSError: the folder cannot be used.
+    """
+    with claimed(folder, names) as claim, claim.publishing() as staging:
+        yield staging
+
+
+def check_free_for(folder: Path, source: str) -> None:
+    """Refuse to let the result of one capture take the place of another's that happens to have the same name.
+
+    Args:
+        folder: that the capture's name has led to.
+        source: what tells the capture from others, see `pocketgs.publishing.manifest.source_of`.
+
+    Raises:
+        PocketGSError: the folder holds the result of another capture.
+    """
+    settle(folder)
+    before = read_manifest(folder).source
+    if before is not None and before != source:
+        found = "holds the result of another capture of this name, or of this one at another place"
+        raise PocketGSError(f"{folder}: {found}; expected --output {folder} to replace it, or another folder there")
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
@@ -164,6 +161,14 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) ->
         )
 
 
+def _is_checkpoint(path: Path) -> bool:
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            return {"run", "first_moments", *PARAMETERS} <= set(data)
+    except Exception:  # a file that is something else fails in many ways
+        return False
+
+
 def read_size(folder: Path) -> tuple[int, int]:
     """By what factor photographs are shrunk in the run of a folder's newest checkpoint, and how many Gaussians it has.
 
@@ -188,6 +193,9 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
     Raises:
         PocketGSError: there is none, it is broken, or it belongs to another run.
     """
+    # Most who want something of this module do not train, which takes a second to load.
+    from pocketgs.training import Checkpoint
+
     path = _newest_checkpoint(folder)
     try:
         with np.load(path, allow_pickle=False) as data:

@@ -25,6 +25,7 @@ from pocketgs.planning.machine import this_machine
 from pocketgs.planning.plan import Plan, make_plan, plan_again, shrinking_warning
 from pocketgs.preparation import prepare
 from pocketgs.prior.report import PriorReport
+from pocketgs.publishing.claim import Claim
 from pocketgs.record import Stopwatch, seconds_since_start
 from pocketgs.splat.constants import SSIM_WINDOW
 from pocketgs.splat.engine import Engine, create_engine
@@ -86,6 +87,7 @@ def run(
     *,
     resume: bool = False,
     reporter: Reporter | None = None,
+    source: str | None = None,
 ) -> RunResult:
     """Train on a capture and write the result to a folder; see `pocketgs.result_folder` for what is in it.
 
@@ -95,6 +97,7 @@ def run(
         options: how to train.
         resume: go on from the checkpoint in the folder.
         reporter: is told what is going on.
+        source: what tells the capture from others of its name, see `pocketgs.publishing.manifest.source_of`.
 
     Raises:
         PocketGSError: the capture, an option or the folder cannot be used, or a budget is too small.
@@ -108,21 +111,21 @@ def run(
 
     stopwatch = Stopwatch(begin)
     stopwatch.seconds["startup"] = seconds_since_start()
-    with MemoryTrace(lambda: stopwatch.current) as memory:
-        return _run(list_capture, folder, options, resume, reporter, stopwatch, memory)
+    with result_folder.claimed_for_run(folder, source) as claim, MemoryTrace(lambda: stopwatch.current) as memory:
+        return _run(list_capture, claim, options, resume, reporter, stopwatch, memory)
 
 
 def _run(
     list_capture: Callable[[], ListedCapture],
-    folder: Path,
+    claim: Claim,
     options: TrainingOptions,
     resume: bool,
     reporter: Reporter,
     stopwatch: Stopwatch,
     memory: MemoryTrace,
 ) -> RunResult:
+    folder = claim.folder
     engine = create_engine(options.engine_options)  # one that is not there is found out before the work starts
-    result_folder.check_writable(folder)
     with stopwatch.stage("capture"):
         listed = list_capture()
     with stopwatch.stage("planning"):
@@ -165,7 +168,7 @@ def _run(
         prepared=prior,
     )
     with deferred_interrupt():
-        return _publish(capture, prior.capture, folder, options, scene, identity, plan, stopwatch, memory)
+        return _publish(capture, prior.capture, claim, options, scene, identity, plan, stopwatch, memory)
 
 
 def _plan(listed: ListedCapture, options: SizedOptions, engine: Engine, size: tuple[int, int] | None) -> Plan:
@@ -204,7 +207,6 @@ class _CheckpointSaver:
         if time.monotonic() - self._last >= SECONDS_BETWEEN_CHECKPOINTS:
             self._last = time.monotonic()
             try:
-                self._folder.mkdir(parents=True, exist_ok=True)
                 path = self._folder / result_folder.UNFINISHED
                 result_folder.write_checkpoint(path, progress.checkpoint(), self._identity)
             except (PocketGSError, OSError) as error:
@@ -250,7 +252,7 @@ def _check_comparable(capture: Capture) -> None:
 def _publish(
     capture: Capture,
     prepared: Capture,
-    folder: Path,
+    claim: Claim,
     options: TrainingOptions,
     scene: Gaussians,
     identity: dict[str, Any],
@@ -262,7 +264,7 @@ def _publish(
     record = scene.record
     assert record is not None
     refined = record.prior is not None and record.prior.poses_refined
-    with result_folder.publishing(folder) as staging:
+    with claim.publishing(result_folder.FILES, outdated=[f"{result_folder.PICTURES}/*"]) as staging:
         with stopwatch.stage("writing"):
             scene.save(staging / result_folder.SCENE)
             checkpoint = Checkpoint(record.iterations, scene, record.optimiser_state)
@@ -271,14 +273,15 @@ def _publish(
         with stopwatch.stage("evaluation"):
             engine = create_engine(options.engine_options)
             engine.upload(scene)
+            (staging / result_folder.PICTURES).mkdir()
             evaluation = evaluate_held_out(engine, prepared, staging / result_folder.PICTURES)
         stopwatch.seconds["total"] = seconds_since_start()
         summary = summarise(
             capture, prepared.protocol, options, plan, scene, evaluation, stopwatch.seconds, memory.samples
         )
         result_folder.write_json(staging / result_folder.RECORD, summary)
-    result_folder.remove_outdated(folder, keep_pictures=evaluation is not None)
-    return RunResult(folder, scene, evaluation, summary)
+    (claim.folder / result_folder.UNFINISHED).unlink(missing_ok=True)
+    return RunResult(claim.folder, scene, evaluation, summary)
 
 
 def evaluate_held_out(engine: Engine, capture: Capture, pictures: Path | None = None) -> Evaluation | None:
@@ -287,12 +290,10 @@ def evaluate_held_out(engine: Engine, capture: Capture, pictures: Path | None = 
     Args:
         engine: holds the scene.
         capture: gives the held-out frames and the background.
-        pictures: folder for side-by-side pictures, made here, or None for no pictures.
+        pictures: an existing folder for side-by-side pictures, or None for no pictures.
     """
     if not capture.held_out:
         return None
-    if pictures:
-        pictures.mkdir(parents=True, exist_ok=True)
 
     def pairs() -> Iterator[Pair]:
         names = result_folder.picture_names(frame.name for frame in capture.held_out)

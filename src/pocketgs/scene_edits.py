@@ -7,9 +7,12 @@ from itertools import pairwise
 import numpy as np
 
 from pocketgs.errors import PocketGSError
-from pocketgs.formats.quaternions import composed
 from pocketgs.gaussians import SH_COEFFICIENTS, Gaussians
+from pocketgs.quaternions import composed
 from pocketgs.splat.reference.spherical_harmonics import basis
+
+SMALLEST, LARGEST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
+"""Of the numbers that a scene holds."""
 
 DIRECTIONS = 64
 """Many more than the 7 coefficients of degree 3, spread evenly: the fit below is exact up to rounding."""
@@ -63,17 +66,26 @@ def scaled(gaussians: Gaussians, factor: float) -> Gaussians:
     """The scene enlarged about the origin.
 
     Raises:
-        PocketGSError: the factor is not positive and finite.
+        PocketGSError: the factor is not positive and finite, or a centre would lie beyond what float32 holds.
     """
-    if not (np.isfinite(factor) and factor > 0):
-        raise PocketGSError(f"scale {factor}, expected a positive number")
+    if not SMALLEST <= factor <= LARGEST:
+        raise PocketGSError(f"scale {factor}, expected a positive number that scenes can hold (1.2e-38 to 3.4e38)")
+    means = gaussians.means.astype(np.float64) * factor
+    _check_representable(gaussians.means, means, f"scale {factor:g}")
     return Gaussians(
-        gaussians.means * np.float32(factor),
+        means,
         gaussians.log_scales + np.float32(np.log(factor)),
         gaussians.quaternions,
         gaussians.opacity_logits,
         gaussians.sh,
     )
+
+
+def _check_representable(before: np.ndarray, after: np.ndarray, cause: str) -> None:
+    """Refuse coordinates beyond what float32 holds, where they were within before."""
+    largest = float(np.abs(after[np.isfinite(before)]).max(initial=0.0))
+    if largest > LARGEST:
+        raise PocketGSError(f"{cause}: moves a centre to {largest:.2g}, beyond what scenes can hold (3.4e38)")
 
 
 def rotated(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:
@@ -104,12 +116,14 @@ def translated(gaussians: Gaussians, offset: np.ndarray) -> Gaussians:
     """The scene moved by (3,) scene units.
 
     Raises:
-        PocketGSError: the offset is not finite.
+        PocketGSError: the offset is not finite, or a centre would lie beyond what float32 holds.
     """
     if not np.all(np.isfinite(offset)):
         raise PocketGSError(f"translation {offset}, expected finite numbers")
+    means = gaussians.means + np.asarray(offset, np.float64)
+    _check_representable(gaussians.means, means, f"translation {offset}")
     return Gaussians(
-        gaussians.means + np.asarray(offset, np.float32),
+        means,
         gaussians.log_scales,
         gaussians.quaternions,
         gaussians.opacity_logits,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -76,7 +77,7 @@ class TrainingOptions:
         checks = {
             "effort": (self.effort in get_args(Effort), "quick or standard"),
             "iterations": (self.iterations is None or self.iterations >= 1, "at least 1"),
-            "time budget": (self.time_budget is None or self.time_budget > 0, "a positive number of seconds"),
+            "time budget": (self.time_budget is None or 0 < self.time_budget < math.inf, "seconds above 0"),
             "prior": (self.prior in ("dense", "sparse", "colmap", "none"), "dense, sparse, colmap or none"),
             "seeds": (self.seeds in ("discs", "balls"), "discs or balls"),
             "references": (self.references >= 1, "at least 1"),

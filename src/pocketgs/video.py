@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from pocketgs.atomic_file import replacing
 from pocketgs.errors import PocketGSError
 
 SLOWEST, FASTEST = 0.1, 1000.0
@@ -37,20 +37,15 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float = 30.
         raise PocketGSError(f"fps: found {fps}, expected {SLOWEST} to {FASTEST}")
     if not path.parent.is_dir():
         raise PocketGSError(f"{path}: there is no folder {path.parent}")
-    partial = path.with_name(f".{path.stem}.partial.mp4")
-    try:
-        _encode(partial, frames, fps, path)
-        os.replace(partial, path)
-    except OSError as error:
-        raise PocketGSError(f"{path}: cannot write the video ({error.strerror})") from error
-    finally:
-        partial.unlink(missing_ok=True)
+    with replacing(path) as partial:
+        count, size = _encode(partial, frames, fps, path)
+        _check(partial, count, size, path)
 
 
-def _encode(partial: Path, frames: Iterable[np.ndarray], fps: float, path: Path) -> None:
-    """Write to `partial`; errors name `path`."""
+def _encode(partial: Path, frames: Iterable[np.ndarray], fps: float, path: Path) -> tuple[int, tuple[int, int]]:
+    """Write to `partial`; errors name `path`. Returns how many frames there were, and their width and height."""
     writer: cv2.VideoWriter | None = None
-    size = (0, 0)
+    size, count = (0, 0), 0
     try:
         for number, frame in enumerate(frames):
             if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8 or min(frame.shape[:2]) < 2:
@@ -63,11 +58,57 @@ def _encode(partial: Path, frames: Iterable[np.ndarray], fps: float, path: Path)
             if frame_size != size:
                 raise PocketGSError(f"{path}: frame {number} has size {frame_size}, expected {size} like the first")
             writer.write(cv2.cvtColor(frame[: size[1], : size[0]], cv2.COLOR_RGB2BGR))
+            count += 1
     finally:
         if writer is not None:
             writer.release()
     if writer is None:
         raise PocketGSError(f"{path}: no frames to write, expected at least one")
+    return count, size
+
+
+def _check(written: Path, count: int, size: tuple[int, int], path: Path) -> None:
+    """Decode what was written: OpenCV says nothing where the disk is full, and leaves a file that nobody can play.
+
+    Raises:
+        PocketGSError: it is not whole.
+    """
+    if not _has_all_boxes(written):
+        raise PocketGSError(f"{path}: only a part of the video could be written, expected more room; is the disk full?")
+    reader = cv2.VideoCapture(str(written))
+    decoded = 0
+    try:
+        while True:
+            found, frame = reader.read()
+            if not found:
+                break
+            if frame.shape != (size[1], size[0], 3):
+                raise PocketGSError(f"{path}: frame {decoded} was not written as it is, expected another codec or size")
+            decoded += 1
+    finally:
+        reader.release()
+    if decoded != count:
+        raise PocketGSError(f"{path}: {decoded} of {count} frames can be read back from what was written, expected all")
+
+
+def _has_all_boxes(path: Path) -> bool:
+    """Whether the boxes of an MP4 file reach just to its end, and the one that lists frames is among them.
+
+    Each begins with its size in 4 bytes and its name in 4 more; a size of 1 stands for one in the next 8 bytes
+    (ISO 14496-12, 4.2).
+    """
+    length, start, names = path.stat().st_size, 0, set()
+    with path.open("rb") as file:
+        while start < length:
+            file.seek(start)
+            size, name = int.from_bytes(file.read(4), "big"), file.read(4)
+            if size == 1:
+                size = int.from_bytes(file.read(8), "big")
+            if size < 8:
+                return False
+            start += size
+            names.add(name)
+    return start == length and b"moov" in names
 
 
 def _open(partial: Path, fps: float, size: tuple[int, int], path: Path) -> cv2.VideoWriter:

@@ -142,6 +142,8 @@ def _costs(frame: Frame, neighbours: list[Frame], pixels: np.ndarray, depths: np
             inside, index = _pixels_of(other.camera, frame.camera.centre, directions, depths)
             if other.mask is not None:
                 inside &= other.mask.reshape(-1)[index]
+            if frame.mask is not None:
+                inside &= frame.mask[around[:, 1], around[:, 0], None]
             theirs = other.image.reshape(-1, 3).take(index, axis=0)
             total += np.abs(theirs - own[:, None]).sum(axis=2) * inside
             views += inside

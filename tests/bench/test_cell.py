@@ -99,7 +99,8 @@ def test_an_interrupted_cell_may_tidy_up_but_not_stay(
     stubborn: bool, written_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     program = f"""
-import os, time
+import os, signal, time
+signal.signal(signal.SIGTERM, signal.default_int_handler)
 print(os.getpid(), "ready", flush=True)
 while True:
     try:

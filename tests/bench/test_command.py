@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import psutil
@@ -20,7 +21,7 @@ from pocketgs.bench.methods import METHODS
 from pocketgs.bench.results import Cell, CellResult, read_results, write_result
 from pocketgs.cli import main
 
-command = sys.modules["pocketgs.cli.bench"]
+command = import_module("pocketgs.cli.bench")
 """The module; the package has a function of that name."""
 
 

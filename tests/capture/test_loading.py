@@ -14,6 +14,7 @@ from PIL import Image
 
 from pocketgs.camera import Camera
 from pocketgs.capture.image_file import read_colour
+from pocketgs.capture.listed import StoredPhotographs
 from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.loading import Preparation, composite, load_frame
 from pocketgs.capture.mask_file import read_mask
@@ -157,3 +158,10 @@ def test_damaged_images_never_crash(source, position, replacement):
     damaged.write_bytes(whole[:position] + replacement + whole[position + len(replacement) :])
     with contextlib.suppress(PocketGSError):
         assert read_colour(damaged)[0].ndim == 3
+
+
+def test_stored_photographs_are_seen_at_any_size(source: FrameSource) -> None:
+    photographs = StoredPhotographs([source], Preparation(downscale=4, max_size=5))
+    assert photographs.longest_side == 38
+    assert photographs.map(lambda frame: frame.image.shape, 100) == {"a.png": (29, 38, 3)}
+    assert photographs.map(lambda frame: (frame.camera.width, frame.camera.height), 20) == {"a.png": (20, 15)}

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from pocketgs.capture.synthetic import write_demo
-from pocketgs.cli import main
+from pocketgs.cli import demo, main
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def _small_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("demo")
     with pytest.MonkeyPatch.context() as patch:
         small = partial(write_demo, width=160, height=120, frames=20)
-        patch.setattr(sys.modules["pocketgs.cli.demo"], "write_demo", small)
+        patch.setattr(demo, "write_demo", small)
         options = ["--iterations", "100", "--sh-degree", "1", "--max-gaussians", "3000"]
         main(["demo", "--output", str(folder / "result"), "--capture", str(folder / "capture"), *options])
     return folder

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -14,16 +15,21 @@ from PIL import Image
 
 from pocketgs import Gaussians
 from pocketgs.capture import list_capture
+from pocketgs.errors import PocketGSError
 from pocketgs.run import Reporter, run
 from pocketgs.training import Progress
 from pocketgs.training_options import TrainingOptions
+
+FILES = ["cameras.json", "checkpoint.npz"]
 
 PLAIN = ["--prior", "none"]
 """Options of runs that start from the capture's own points, where what they start from makes no difference."""
 
 
 def names_in(folder: Path) -> list[str]:
-    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*"))
+    """What a user sees."""
+    paths = (path.relative_to(folder) for path in folder.rglob("*"))
+    return sorted(path.as_posix() for path in paths if not path.parts[0].startswith("."))
 
 
 def record_of(folder: Path) -> dict[str, Any]:
@@ -212,3 +218,59 @@ def test_info(pocketgs: Callable[..., Any], result: Path, written_capture: Path)
 def test_info_of_an_empty_scene(pocketgs: Callable[..., Any], tmp_path: Path) -> None:
     Gaussians(*(np.zeros((0, *tail)) for tail in [(3,), (3,), (4,), (), (1, 3)])).save(tmp_path / "empty.ply")
     assert pocketgs("info", tmp_path / "empty.ply").output == "0 Gaussians\n"
+
+
+def test_a_second_run_is_refused_and_the_first_one_ends_well(
+    pocketgs: Callable[..., Any], written_capture: Path, tmp_path: Path
+) -> None:
+    said = []
+
+    def meddle(progress: Progress) -> None:
+        if progress.iteration == 2:
+            said.append(pocketgs("train", written_capture, "--output", tmp_path / "out", "--downscale", 5000))
+
+    options = TrainingOptions(iterations=3, prior="none")
+    run(lambda: list_capture(written_capture), tmp_path / "out", options, reporter=Reporter(on_progress=meddle))
+    (refused,) = said
+    assert refused.status == 2
+    assert refused.errors == f"pocketgs: {tmp_path / 'out'}: another pocketgs process is writing there, " + (
+        "expected it to end first\n"
+    )
+    assert names_in(tmp_path / "out") == [*FILES, "held_out", "held_out/images_0000.png", "run.json", "scene.ply"]
+
+
+def test_a_staging_folder_that_vanishes_fails_the_run(written_capture: Path, tmp_path: Path) -> None:
+    def remove(stage: str) -> None:
+        if stage == "evaluation":
+            (staging,) = (tmp_path / "out" / ".pocketgs").glob("staging-*")
+            shutil.rmtree(staging)
+
+    options = TrainingOptions(iterations=1, prior="none")
+    with pytest.raises(PocketGSError, match="cannot be written"):
+        run(lambda: list_capture(written_capture), tmp_path / "out", options, reporter=Reporter(on_stage=remove))
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_capture_itself_is_no_place_for_a_result(
+    pocketgs: Callable[..., Any], capture_folder: Path, contents: Callable[[Path], dict[str, bytes]]
+) -> None:
+    before = contents(capture_folder)
+    outcome = pocketgs("train", capture_folder, "--output", capture_folder, "--iterations", 1, *PLAIN)
+    assert outcome.status == 2
+    assert "holds a capture, expected another folder for the result" in outcome.errors
+    assert contents(capture_folder) == before
+
+
+def test_captures_of_one_name_are_told_apart(
+    pocketgs: Callable[..., Any], capture_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    other = Path(shutil.copytree(capture_folder, tmp_path / "elsewhere" / "toys"))
+    command = ["--iterations", 1, *PLAIN]
+    assert pocketgs("train", capture_folder, *command).status == 0
+    assert pocketgs("train", "toys/transforms.json", *command).status == 0
+    refused = pocketgs("train", other, *command)
+    assert refused.status == 2
+    assert "output/toys: holds the result of another capture of this name" in refused.errors.replace("\\", "/")
+    assert pocketgs("train", other, *command, "--output", "output/toys").status == 0
+    assert str(tmp_path) not in (tmp_path / "output" / "toys" / "run.json").read_text()

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pocketgs import Gaussians
@@ -20,8 +21,8 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no 
 # One thread, so that a busy machine does not make the threads wait for each other.
 ENDLESS = ["--prior", "none", "--iterations", 1_000_000, "--threads", 1]
 WITH_THE_DEMO_THAT_IS_THERE = (
-    "import sys; from pocketgs.cli import main\n"
-    "sys.modules['pocketgs.cli.demo'].write_demo = lambda folder: None\n"
+    "import pocketgs.cli.demo; from pocketgs.cli import main\n"
+    "pocketgs.cli.demo.write_demo = lambda folder: None\n"
     "main()"
 )
 WITH_MANY_CHECKPOINTS = (
@@ -62,6 +63,7 @@ def test_result_is_written(
     assert record["psnr"] > (12 if demo else 20)
     assert len(Gaussians.load(output / "scene.ply")) == record["gaussians"]
     assert sorted(path.name for path in output.iterdir()) == [
+        ".pocketgs",
         "cameras.json",
         "checkpoint.npz",
         "held_out",
@@ -87,6 +89,62 @@ def test_ctrl_c_before_training_ends_it_at_once(
     assert list(tmp_path.iterdir()) == []
 
 
+AT_AN_IMPORT = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+class Press:
+    def find_spec(self, name, path=None, target=None):
+        if name == "tyro":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Press())
+from pocketgs.__main__ import main
+main()
+"""
+AT_THE_END = """
+import atexit, os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+atexit.register(os.kill, os.getpid(), signal.SIGINT)
+from pocketgs.__main__ import main
+main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("program", "command"),
+    [
+        (AT_AN_IMPORT, "bench --list"),
+        (AT_AN_IMPORT, "view none"),
+        (AT_AN_IMPORT, "pose none --output none"),
+        (AT_THE_END, "info none"),
+    ],
+)
+def test_ctrl_c_while_nothing_is_done_is_one_line(
+    pocketgs_process: Callable[..., subprocess.Popen[str]], program: str, command: str
+) -> None:
+    process = pocketgs_process(*command.split(), program=program)
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert errors.splitlines()[-1] == "pocketgs: stopped"
+    assert "Traceback" not in errors
+    assert "ignored" not in errors
+
+
+def test_sigterm_before_training_is_ctrl_c(
+    pocketgs_process: Callable[..., subprocess.Popen[str]], tmp_path: Path
+) -> None:
+    program = (
+        "import signal; import pocketgs.capture.synthetic.recording as recording\n"
+        "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"  # as under nohup
+        "recording.room = lambda: signal.raise_signal(signal.SIGTERM)\n"
+        "from pocketgs.__main__ import main; main()"
+    )
+    command = ["demo", "--output", tmp_path / "result", "--capture", tmp_path / "capture"]
+    process = pocketgs_process(*command, program=program)
+    _, errors = process.communicate(timeout=120)
+    assert (process.returncode, errors) == (130, "pocketgs: stopped\n")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_kill_leaves_the_earlier_result(
     pocketgs_process: Callable[..., subprocess.Popen[str]],
     written_capture: Path,
@@ -98,7 +156,8 @@ def test_kill_leaves_the_earlier_result(
     wait_until_it_trains(process)
     process.kill()
     process.communicate()
-    assert contents(result) == before
+    # The lock's file stays, and nobody holds it.
+    assert contents(result) == {**before, ".pocketgs/lock": b""}
 
 
 def test_killed_run_goes_on_from_its_last_checkpoint(
@@ -120,12 +179,15 @@ def test_killed_run_goes_on_from_its_last_checkpoint(
     assert before.items() <= contents(result).items()
     leftover = result / ".unfinished.0123abcd.partial.npz"
     leftover.touch()
-    resumed = pocketgs_process(*command, "--iterations", 100_000, "--resume", "--time-budget", 8)
+    with np.load(unfinished) as data:
+        done = int(data["iteration"])
+    resumed = pocketgs_process(*command, "--iterations", done + 3, "--resume")
     resumed.communicate()
     assert resumed.returncode == 0
     record = json.loads((result / "run.json").read_text())
-    assert 1 < record["iterations"] < 100_000
+    assert (record["resumed_from"], record["iterations"]) == (done, done + 3)
     assert sorted(path.name for path in result.iterdir()) == [
+        ".pocketgs",
         "cameras.json",
         "checkpoint.npz",
         "held_out",

@@ -204,7 +204,7 @@ SHAPE = (*PRIMITIVE, "extensions", EXTENSION)
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (put("accessors", 0, "count", 10**12), "1000000000000 elements pass the end"),
+        (put("accessors", 0, "count", 10**12), "shows more Gaussians than it has bytes"),
         (put("accessors", 0, "count", 6), "6 elements pass the end"),
         (put("accessors", 0, "count", -1), "count is -1"),
         (put("accessors", 0, "count", 4), r"attributes of \[4, 5\] Gaussians"),
@@ -260,7 +260,7 @@ def test_numbers_that_are_none(tmp_path: Path, parts: tuple[dict[str, Any], byte
 def test_one_buffer_shown_too_often(tmp_path: Path, parts: tuple[dict[str, Any], bytes]) -> None:
     document, binary = parts
     document["meshes"][0]["primitives"] *= 10_000
-    with pytest.raises(PocketGSError, match="more Gaussians than it has bytes"):
+    with pytest.raises(PocketGSError, match=r"more Gaussians than it has bytes|more than 4096 groups of Gaussians"):
         gltf.read_gaussians(save(tmp_path / "scene.glb", document, binary))
 
 

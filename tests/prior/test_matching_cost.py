@@ -41,7 +41,7 @@ def twin(view: np.ndarray, among: References, inverse_depths: np.ndarray) -> np.
     costs = np.empty((height, width, len(inverse_depths)), np.uint8)
     for hypothesis, inverse_depth in enumerate(inverse_depths):
         counts = []
-        for squares, size, turn, shift in zip(*among, strict=True):
+        for squares, size, turn, shift in zip(*among[:4], strict=True):
             image = (squares[: int(size[0]), : int(size[1])] & 255).astype(np.float32)
             warped, visible = warp(image, turn, shift * inverse_depth, height, width)
             count = np.sum(census(warped) != own, axis=0).astype(float)
@@ -171,3 +171,15 @@ def test_a_reference_that_stands_on_the_ray() -> None:
     costs = matching_costs(view, ahead, depths)
     np.testing.assert_array_equal(costs, twin(view, ahead, depths))
     assert np.all(costs[:, :, 1] == BITS // 2)
+
+
+def test_a_masked_reference_is_as_none() -> None:
+    view, images = noise(HEIGHT, WIDTH), [noise(HEIGHT, WIDTH, seed=seed) for seed in (1, 2, 3)]
+    among = references(*images, turns=[STILL] * 3, shifts=[[3, 0, 0], [0, 2, 0], [-2, 1, 0]])
+    usable = np.ones(among.squares.shape, np.bool_)
+    plain = matching_costs(view, among, INVERSE_DEPTHS)
+    np.testing.assert_array_equal(matching_costs(view, among._replace(usable=usable), INVERSE_DEPTHS), plain)
+    usable[2] = False
+    without = matching_costs(view, References(*(array[:2] for array in among)), INVERSE_DEPTHS)
+    np.testing.assert_array_equal(matching_costs(view, among._replace(usable=usable), INVERSE_DEPTHS), without)
+    assert np.any(plain != without)

@@ -13,9 +13,9 @@ from pocketgs.structure_from_motion.world import (
     Similarity,
     from_places,
     similarity,
-    up_direction,
     upright,
 )
+from pocketgs.up_direction import up_direction
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -150,18 +150,26 @@ def test_paths_that_climb(page: Page, folder: Path, start: str, climb: str) -> N
 def test_links_that_lead_out_are_not_previews(folder: Path, tmp_path: Path) -> None:
     from pocketgs.viewer.scene_content import previews_in
 
-    inside = tmp_path / "held_out"
-    inside.mkdir()
+    inside = tmp_path / "result" / "held_out"
+    inside.mkdir(parents=True)
     (inside / "a.png").write_bytes((folder / "secret.png").read_bytes())
     try:
         (inside / "out.png").symlink_to(folder / "secret.png")
         (inside / "in.png").symlink_to(inside / "a.png")
     except OSError as error:
         pytest.skip(f"no links here: {error}")
-    with serving(Content("x", previews=previews_in(inside))) as page:
+    with serving(Content("x", previews=previews_in(inside.parent))) as page:
         assert fetch(page.url, "viewer.json").json["previews"] == ["previews/a.png", "previews/in.png"]
         assert fetch(page.url, "previews/a.png").body == b"secret"
         assert fetch(page.url, "previews/out.png").status == 404
+        # Swapped while the page is open.
+        (inside / "a.png").unlink()
+        (inside / "a.png").symlink_to(folder / "secret.png")
+        assert fetch(page.url, "previews/a.png").status == 404
+    elsewhere = tmp_path / "other"
+    elsewhere.mkdir()
+    (elsewhere / "held_out").symlink_to(inside, target_is_directory=True)
+    assert previews_in(elsewhere) == {}
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "HEAD", "OPTIONS", "PATCH", "TRACE"])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shlex
-import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -95,12 +94,12 @@ def _run(command: Sequence[str], log: Path) -> int:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """Ask a process to stop as Ctrl-C does, so that it ends its own processes too, and kill it if it does not."""
+    """Ask a process to stop, so that it ends its own processes too, and kill it if it does not.
+
+    SIGTERM means to the command what Ctrl-C does, and reaches it even where Ctrl-C is ignored, as under `nohup`.
+    """
     try:
-        if sys.platform == "win32":
-            process.terminate()
-        else:
-            process.send_signal(signal.SIGINT)
+        process.terminate()
         with suppress(subprocess.TimeoutExpired):
             process.wait(GRACE)
     finally:

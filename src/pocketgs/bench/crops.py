@@ -13,6 +13,8 @@ from PIL import Image
 
 from pocketgs.bench.aggregate import number, rows_of
 from pocketgs.bench.results import CellResult
+from pocketgs.errors import PocketGSError
+from pocketgs.publishing.journal import settle
 from pocketgs.result_folder import PICTURES, RECORD, picture_names
 
 CROP = (200, 150)
@@ -96,8 +98,9 @@ def _runs_with_pictures(
 def _is_of(folder: Path, result: CellResult) -> bool:
     """Whether a folder holds what the result's run has left, and not that of another run of its cell."""
     try:
+        settle(folder)
         left = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, PocketGSError):
         return False
     return isinstance(left, dict) and left.get("psnr") == result.run.get("psnr")
 

@@ -9,7 +9,9 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
+from pocketgs.background import checked_background
 from pocketgs.camera import Camera
+from pocketgs.errors import PocketGSError
 from pocketgs.pointcloud import PointCloud
 
 
@@ -24,6 +26,9 @@ class Frame:
         alpha: (H, W) uint8 opacity of the file's pixels, or None.
         mask: (H, W) bool, True where the pixel is to be used, or None for all.
         depth: (H, W) float32 depth along the optical axis in the capture's units, 0 where unknown, or None.
+
+    Raises:
+        PocketGSError: an array is not of the camera's size, or not of the type that is stated here.
     """
 
     name: str
@@ -32,6 +37,27 @@ class Frame:
     alpha: np.ndarray | None = None
     mask: np.ndarray | None = None
     depth: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.camera, Camera):
+            raise PocketGSError(f"frame {self.name!r}: camera is {type(self.camera).__name__}, expected a Camera")
+        size = (self.camera.height, self.camera.width)
+        self._check("image", self.image, np.dtype(np.uint8), (*size, 3))
+        self._check("alpha", self.alpha, np.dtype(np.uint8), size)
+        self._check("mask", self.mask, np.dtype(np.bool_), size)
+        self._check("depth", self.depth, np.dtype(np.float32), size)
+        if self.depth is not None and not np.isfinite(self.depth).all():
+            raise PocketGSError(f"frame {self.name!r}: depth holds NaN or infinity, expected 0 where it is unknown")
+
+    def _check(self, what: str, array: np.ndarray | None, dtype: np.dtype, shape: tuple[int, ...]) -> None:
+        """Kernels trust these arrays: what does not fit would be read out of bounds."""
+        if array is None and what != "image":
+            return
+        if not isinstance(array, np.ndarray) or array.dtype != dtype or array.shape != shape:
+            found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
+            raise PocketGSError(
+                f"frame {self.name!r}: {what} is {found}, expected {dtype} {shape} as its camera has it"
+            )
 
     @property
     def usable(self) -> np.ndarray | None:
@@ -74,6 +100,9 @@ class Capture:
         protocol: how images were prepared and split, in words; every reported figure carries it.
         warnings: what a user should know, such as listed frames whose files are absent.
         photographs: where the frames come from, or None if there is no more than what is in memory.
+
+    Raises:
+        PocketGSError: the background is no colour.
     """
 
     name: str
@@ -88,6 +117,9 @@ class Capture:
     protocol: str = ""
     warnings: tuple[str, ...] = field(default=())
     photographs: Photographs | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        checked_background(self.background)
 
     @property
     def frames(self) -> list[Frame]:

@@ -15,6 +15,7 @@ from pocketgs.capture.colmap_model import (
     unknown_model,
 )
 from pocketgs.errors import PocketGSError
+from pocketgs.opening import read_bytes
 from pocketgs.pointcloud import PointCloud
 
 CAMERA_HEADER = struct.Struct("<iiQQ")
@@ -31,7 +32,7 @@ class _Cursor:
 
     def __init__(self, path: Path) -> None:
         try:
-            self.data = path.read_bytes()
+            self.data = read_bytes(path)
         except OSError as error:
             raise PocketGSError(f"{path}: cannot be read ({error.strerror})") from error
         self.path = path

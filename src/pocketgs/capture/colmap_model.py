@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pocketgs.capture.lens import PINHOLE, Lens
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, clipped
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def camera_from_parameters(
         PocketGSError: a parameter is not finite.
     """
     if not np.all(np.isfinite(values)):
-        raise PocketGSError(f"{where}: parameters {values}, expected finite numbers")
+        raise PocketGSError(f"{where}: parameters {clipped(values)}, expected finite numbers")
     named = dict(zip(model.parameters, values, strict=True))
     focal = (named.get("fx", named.get("f", 0.0)), named.get("fy", named.get("f", 0.0)))
     order = ("k1", "k2", "k3", "k4") if model.fisheye else ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
@@ -94,4 +94,6 @@ def camera_from_parameters(
 def unknown_model(where: str, found: object) -> PocketGSError:
     """The error for a camera model that this reader cannot undo."""
     known = ", ".join(model.name for model in CAMERA_MODELS.values())
-    return PocketGSError(f"{where}: camera model {found}, expected one of {known}; undistort with COLMAP first")
+    return PocketGSError(
+        f"{where}: camera model {clipped(found)}, expected one of {known}; undistort with COLMAP first"
+    )

@@ -14,7 +14,8 @@ from pocketgs.capture.colmap_model import (
     camera_from_parameters,
     unknown_model,
 )
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, clipped
+from pocketgs.opening import read_bytes
 from pocketgs.pointcloud import PointCloud
 
 MODELS_BY_NAME = {model.name: model for model in CAMERA_MODELS.values()}
@@ -82,7 +83,7 @@ def read_points(path: Path) -> PointCloud:
 def _lines(path: Path) -> Iterator[tuple[str, str]]:
     """Every line with the place it stands at, for error messages."""
     try:
-        text = path.read_bytes().decode("utf-8")
+        text = read_bytes(path).decode("utf-8")
     except OSError as error:
         raise PocketGSError(f"{path}: cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:
@@ -99,14 +100,14 @@ def _numbers(words: list[str], where: str) -> list[float]:
     try:
         return [float(word) for word in words]
     except ValueError as error:
-        raise PocketGSError(f"{where}: {error}, expected numbers") from error
+        raise PocketGSError(f"{where}: {clipped(error)}, expected numbers") from error
 
 
 def _integers(words: list[str], where: str) -> list[int]:
     try:
         return [int(word) for word in words]
     except ValueError as error:
-        raise PocketGSError(f"{where}: {error}, expected whole numbers") from error
+        raise PocketGSError(f"{where}: {clipped(error)}, expected whole numbers") from error
 
 
 def _malformed(where: str, line: str, expected: str) -> PocketGSError:

@@ -10,7 +10,8 @@ import numpy as np
 
 from pocketgs.capture.image_file import read_array, read_whole_numbers
 from pocketgs.capture.paths import CaptureFile
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, clipped
+from pocketgs.opening import read_bytes
 
 LARGEST_SIDE = 16_384
 LZFSE_MODULE, LZFSE_PACKAGE = "liblzfse", "pyliblzfse"
@@ -88,9 +89,11 @@ def _decompressed(path: CaptureFile, shape: tuple[int, int], kind: np.dtype) -> 
     if not lzfse_is_installed():
         raise PocketGSError(f"{path}: compressed with LZFSE, which needs the package {LZFSE_PACKAGE}")
     try:
-        content = importlib.import_module(LZFSE_MODULE).decompress(path.read_bytes())
+        content = importlib.import_module(LZFSE_MODULE).decompress(read_bytes(path))
+    except PocketGSError:
+        raise
     except Exception as error:  # damaged archives and damaged LZFSE raise whatever they trip over
-        raise PocketGSError(f"{path}: cannot be decompressed with LZFSE ({error})") from error
+        raise PocketGSError(f"{path}: cannot be decompressed with LZFSE ({clipped(error)})") from error
     rows, columns = shape
     expected = rows * columns * kind.itemsize
     if len(content) != expected:

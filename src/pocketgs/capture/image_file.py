@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -12,12 +13,21 @@ import numpy as np
 from PIL import ExifTags, Image, ImageOps
 
 from pocketgs.capture.paths import CaptureFile
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, clipped
+from pocketgs.memory_bound import require_memory
+from pocketgs.opening import checked, open_file
 
 Result = TypeVar("Result")
 
+# What Pillow warns of names a line of its own source; sizes are checked here.
+warnings.filterwarnings("ignore", module=r"PIL\.")
+
 SIXTEEN_BIT_MODES = ("I", "I;16", "I;16B", "I;16L", "I;16N")
 HEIF_SUFFIXES = frozenset({".heic", ".heif"})
+
+DECODING, DECODING_ALPHA = 24, 40
+"""Bytes by pixel of a photograph that is being read, and of one with alpha."""
+
 UPRIGHT, QUARTER_TURNS = 1, (5, 6, 7, 8)  # values of EXIF's tag Orientation
 
 
@@ -76,7 +86,7 @@ def read_colour(path: CaptureFile, upright: bool = False) -> tuple[np.ndarray, n
     Raises:
         PocketGSError: the file is missing, truncated, damaged or far too large.
     """
-    return _opened(path, lambda image: _colour_and_alpha(ImageOps.exif_transpose(image) if upright else image))
+    return _decoded(path, lambda image: _colour_and_alpha(ImageOps.exif_transpose(image) if upright else image))
 
 
 def read_image(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
@@ -85,7 +95,7 @@ def read_image(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Resu
     Raises:
         PocketGSError: as `read_colour`, or whatever else the function raises, with the file's name.
     """
-    return _opened(path, read)
+    return _decoded(path, read)
 
 
 def read_grey(path: CaptureFile, least_side: int) -> np.ndarray:
@@ -100,7 +110,7 @@ def read_grey(path: CaptureFile, least_side: int) -> np.ndarray:
         image.draft("L", (least_side, least_side))
         return high_bytes(image) if image.mode in SIXTEEN_BIT_MODES else np.asarray(image.convert("L"))
 
-    return _opened(path, reduced)
+    return _decoded(path, reduced)
 
 
 def read_whole_numbers(path: CaptureFile) -> np.ndarray:
@@ -109,7 +119,7 @@ def read_whole_numbers(path: CaptureFile) -> np.ndarray:
     Raises:
         PocketGSError: as `read_colour`, or the image has colours.
     """
-    return _opened(path, _whole_numbers)
+    return _decoded(path, _whole_numbers)
 
 
 def read_array(path: Path) -> np.ndarray:
@@ -120,8 +130,11 @@ def read_array(path: Path) -> np.ndarray:
     """
     try:
         # Mapping the file first means that a header which states a huge array allocates nothing.
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
+        array = np.load(checked(path), mmap_mode="r", allow_pickle=False)
+        require_memory(path, 2 * array.nbytes, f"an array of shape {array.shape}")
         return np.array(array)
+    except PocketGSError:
+        raise
     except Exception as error:  # what NumPy's header parser raises depends on where the damage is
         raise PocketGSError(f"{path}: not a readable .npy array ({error})") from error
 
@@ -131,18 +144,29 @@ def high_bytes(image: Image.Image) -> np.ndarray:
     return (np.clip(np.asarray(image), 0, 65535) >> 8).astype(np.uint8)
 
 
+def _decoded(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
+    """What a function makes of an image whose pixels there is room for."""
+
+    def bounded(image: Image.Image) -> Result:
+        pixel_bytes = DECODING_ALPHA if _has_alpha(image) else DECODING
+        require_memory(path, pixel_bytes * image.width * image.height, f"{image.width}x{image.height} pixels")
+        return read(image)
+
+    return _opened(path, bounded)
+
+
 def _opened(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
     if not path.is_file():
         raise PocketGSError(f"{path}: no such file, expected an image")
     if Path(path.name).suffix.lower() in HEIF_SUFFIXES:
         _know_heif()
     try:
-        with path.open("rb") as file, Image.open(file) as image:
+        with open_file(path) as file, Image.open(file) as image:
             return read(image)
     except PocketGSError:
         raise
     except Exception as error:  # Pillow's decoders raise whatever the damage trips over
-        raise PocketGSError(f"{path}: cannot be decoded ({error}), expected a whole image file") from error
+        raise PocketGSError(f"{path}: cannot be decoded ({clipped(error)}), expected a whole image file") from error
 
 
 @cache
@@ -170,6 +194,8 @@ def _has_alpha(image: Image.Image) -> bool:
 
 def _orientation(image: Image.Image) -> int:
     if image.format == "TIFF":  # Pillow turns these by itself, and states the size that they then have
+        return UPRIGHT
+    if image.format == "PNG" and "exif" not in image.info:  # Pillow would decode all pixels to look behind them
         return UPRIGHT
     stated = image.getexif().get(ExifTags.Base.Orientation, UPRIGHT)
     return stated if isinstance(stated, int) and UPRIGHT < stated <= max(QUARTER_TURNS) else UPRIGHT

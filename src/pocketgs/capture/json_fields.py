@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, clipped, short
+from pocketgs.memory_bound import JSON_BYTES, require_memory
+from pocketgs.opening import read_bytes
 
 
 @dataclass(frozen=True)
@@ -96,9 +98,7 @@ class Fields:
         return self.values[name]
 
     def _wrong(self, name: str, found: Any, expected: str) -> PocketGSError:
-        shown = repr(found)
-        shown = shown if len(shown) <= 80 else shown[:77] + "..."
-        return PocketGSError(f"{self.where}: field '{name}' is {shown}, expected {expected}")
+        return PocketGSError(f"{self.where}: field '{name}' is {short(found)}, expected {expected}")
 
 
 def read_json(path: Path) -> Fields:
@@ -108,7 +108,7 @@ def read_json(path: Path) -> Fields:
         PocketGSError: the file cannot be read, is not UTF-8 or not JSON, or holds something else than an object.
     """
     try:
-        content = path.read_bytes()
+        content = read_bytes(path)
     except OSError as error:
         raise PocketGSError(f"{path}: cannot be read ({error.strerror})") from error
     return parse_json(content, str(path))
@@ -124,10 +124,11 @@ def parse_json(content: bytes, where: str) -> Fields:
     Raises:
         PocketGSError: the content is not UTF-8 or not JSON, or is something else than an object.
     """
+    require_memory(where, JSON_BYTES * len(content), f"JSON of {len(content):,} bytes")
     try:
         value = json.loads(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
-        raise PocketGSError(f"{where}: not valid JSON in UTF-8 ({error})") from error
+        raise PocketGSError(f"{where}: not valid JSON in UTF-8 ({clipped(error)})") from error
     if not isinstance(value, dict):
         raise PocketGSError(f"{where}: holds a JSON {type(value).__name__}, expected an object")
     return Fields(value, where)

@@ -8,10 +8,11 @@ from functools import cached_property
 from pathlib import Path
 
 from pocketgs.capture.capture import Capture, Frame, Result
-from pocketgs.capture.image_file import ImageHeader, read_header
+from pocketgs.capture.image_file import DECODING, DECODING_ALPHA, ImageHeader, read_header
 from pocketgs.capture.lens import inner_rectangle
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.loading import (
+    MOST_WORKERS,
     Preparation,
     camera_of_size,
     load_frames,
@@ -21,6 +22,10 @@ from pocketgs.capture.loading import (
 )
 from pocketgs.capture.video_file import VideoFrame
 from pocketgs.errors import PocketGSError
+from pocketgs.memory_bound import require_memory, room_for
+from pocketgs.opening import reading_inside
+
+RGB_BYTES = 3
 
 Size = tuple[int, int]
 """Width and height in pixels."""
@@ -146,7 +151,7 @@ class ListedCapture:
             PocketGSError: one cannot be used.
         """
         preparation = self._prepared(shrink)
-        loaded = load_frames(self.listing.frames, preparation)
+        loaded = load_frames(self.listing.frames, preparation, self._workers(shrink))
         frames = [frame for frame in loaded if frame.mask is None or frame.mask.any()]
         warnings = self.listing.warnings + _masked_out_warning(loaded, frames)
         if all(frame.name in self.held_out_names for frame in frames):
@@ -169,7 +174,21 @@ class ListedCapture:
     @cached_property
     def _headers(self) -> dict[str, ImageHeader]:
         """By the frame's name."""
-        return {source.name: _header(source) for source in self.listing.frames}
+        with reading_inside(self.preparation.folder):
+            return {source.name: _header(source) for source in self.listing.frames}
+
+    def _workers(self, shrink: int) -> int:
+        """How many photographs may be decoded at the same time.
+
+        Raises:
+            PocketGSError: memory does not hold all of them when they are decoded.
+        """
+        outline = self.outline(shrink)
+        width, height = outline.largest
+        count = len(self.listing.frames)
+        require_memory(self.path, outline.image_bytes, f"{count} photographs of up to {width}x{height} pixels")
+        pixel_bytes = DECODING_ALPHA if outline.pixel_bytes > RGB_BYTES else DECODING
+        return room_for(pixel_bytes * outline.stored_pixels, MOST_WORKERS)
 
     @cached_property
     def _cropped_sizes(self) -> dict[str, Size]:
@@ -261,4 +280,4 @@ def _held_size(source: FrameSource, size: Size, preparation: Preparation) -> Siz
 
 def _pixel_bytes(source: FrameSource, header: ImageHeader) -> int:
     """RGB, and alpha, mask (a byte each) and depth (float32) where the frame has them."""
-    return 3 + header.has_alpha + (source.mask_path is not None) + 4 * (source.depth_path is not None)
+    return RGB_BYTES + header.has_alpha + (source.mask_path is not None) + 4 * (source.depth_path is not None)

@@ -22,6 +22,7 @@ from pocketgs.capture.paths import CaptureFile
 from pocketgs.capture.video_file import VideoFrame, read_frames
 from pocketgs.cores import usable_cores
 from pocketgs.errors import PocketGSError
+from pocketgs.opening import reading_inside
 
 # Every worker holds a few full-size copies of one image; more workers decode little faster.
 MOST_WORKERS = 8
@@ -38,25 +39,37 @@ class Preparation:
         undistort: whether to undo the lens; otherwise images stay as published and are treated as pinhole ones.
         downscale: factor, at least 1, by which images shrink.
         max_size: bound on the longer side in pixels, or None.
+        folder: that the files may not leave, see `reading_inside`; None for wherever they lie.
+        masks: the folder of masks that a user has named, which may lie elsewhere, or None.
     """
 
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
     undistort: bool = True
     downscale: float = 1.0
     max_size: int | None = None
+    folder: Path | None = None
+    masks: Path | None = None
 
 
-def load_frames(sources: Sequence[FrameSource], preparation: Preparation) -> list[Frame]:
+def load_frames(sources: Sequence[FrameSource], preparation: Preparation, workers: int = MOST_WORKERS) -> list[Frame]:
     """Load frames in parallel, in order. Only as many full-size images as there are workers exist at any time.
+
+    Args:
+        sources: the frames as listed.
+        preparation: what is done to every image.
+        workers: most images to decode at the same time.
 
     Raises:
         PocketGSError: as `load_frame`, for the first frame that fails.
     """
-    return map_frames(sources, preparation, lambda frame: frame)
+    return map_frames(sources, preparation, lambda frame: frame, workers)
 
 
 def map_frames(
-    sources: Sequence[FrameSource], preparation: Preparation, look: Callable[[Frame], Result]
+    sources: Sequence[FrameSource],
+    preparation: Preparation,
+    look: Callable[[Frame], Result],
+    workers: int = MOST_WORKERS,
 ) -> list[Result]:
     """What `look` makes of every frame, in order. It is called in parallel, and frames are kept only if it keeps them.
 
@@ -65,10 +78,16 @@ def map_frames(
     """
     found: list[Result] = []
     try:
-        with ThreadPoolExecutor(min(MOST_WORKERS, usable_cores())) as pool:
+        threads = min(MOST_WORKERS, usable_cores(), workers)
+        with reading_inside(preparation.folder), ThreadPoolExecutor(threads) as pool:
+
+            def load(source: FrameSource) -> Result:
+                with reading_inside(preparation.folder):  # threads do not know of each other's
+                    return look(load_frame(source, preparation))
+
             for video, group in groupby(sources, key=_video_of):
                 if video is None:
-                    found.extend(pool.map(lambda source: look(load_frame(source, preparation)), group))
+                    found.extend(pool.map(load, group))
                 else:
                     found.extend(_map_video(video, list(group), preparation, look, pool))
         return found
@@ -91,8 +110,13 @@ def _map_video(
     indices = [source.image.index for source in sources if isinstance(source.image, VideoFrame)]
     images = (image for _, image in read_frames(video, indices, upright=False))
     pairs = zip(sources, images, strict=True)
+
+    def finish(pair: tuple[FrameSource, np.ndarray]) -> Result:
+        with reading_inside(preparation.folder):
+            return look(prepared(pair[0], pair[1], None, preparation))
+
     while batch := list(islice(pairs, MOST_WORKERS)):
-        yield from pool.map(lambda pair: look(prepared(pair[0], pair[1], None, preparation)), batch)
+        yield from pool.map(finish, batch)
 
 
 def load_frame(source: FrameSource, preparation: Preparation) -> Frame:
@@ -126,7 +150,7 @@ def prepared(source: FrameSource, colours: np.ndarray, alpha: np.ndarray | None,
         camera=camera_of_size(source, width, height),
         image=colours if alpha is None else composite(colours, alpha, preparation.background),
         alpha=alpha,
-        mask=None if source.mask_path is None else _mask_of_size(source.mask_path, width, height),
+        mask=None if source.mask_path is None else _mask_of_size(source.mask_path, width, height, preparation),
         depth=None if source.depth_path is None else _nearest(reliable_depth(source), width, height),
     )
     try:
@@ -171,13 +195,14 @@ def _has_shape_of(camera: Camera, width: int, height: int) -> bool:
     return abs((width / camera.width) / (height / camera.height) - 1) <= ASPECT_TOLERANCE
 
 
-def _mask_of_size(path: CaptureFile, width: int, height: int) -> np.ndarray:
+def _mask_of_size(path: CaptureFile, width: int, height: int, preparation: Preparation) -> np.ndarray:
     """A mask, brought to its photograph's size.
 
     Raises:
         PocketGSError: it has another shape.
     """
-    mask = read_mask(path)
+    with reading_inside(preparation.masks or preparation.folder):
+        mask = read_mask(path)
     rows, columns = mask.shape
     if abs((columns / width) / (rows / height) - 1) > MASK_ASPECT_TOLERANCE:
         raise PocketGSError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -9,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 from pocketgs.capture.listing import Listing
-from pocketgs.capture.paths import inside, list_images
+from pocketgs.capture.paths import list_images
 from pocketgs.errors import PocketGSError
 
 FOUND, NONE = "found", "none"
@@ -18,6 +19,13 @@ FOUND, NONE = "found", "none"
 FOLDERS = ("masks", "mask")
 
 NUMBERLESS, MOST_DIGITS = -1, 18
+
+
+def named_folder(capture: Path, masks: str) -> Path | None:
+    """The folder of masks that a user has named, inside the capture or anywhere; None where masks are found or not."""
+    if masks in (FOUND, NONE):
+        return None
+    return capture / masks if (capture / masks).is_dir() else Path(masks)
 
 
 def with_masks(listing: Listing, capture: Path, masks: str) -> Listing:
@@ -35,15 +43,15 @@ def with_masks(listing: Listing, capture: Path, masks: str) -> Listing:
     if masks == NONE:
         return replace(listing, frames=[replace(frame, mask_path=None) for frame in listing.frames])
     names = [frame.name for frame in listing.frames]
-    if masks != FOUND:
-        folder = capture / masks if (capture / masks).is_dir() else Path(masks)
+    folder = named_folder(capture, masks)
+    if folder is not None:
         return _with(listing, _match_all(names, folder), folder)
     if any(frame.mask_path is not None for frame in listing.frames):
         return listing
-    for folder in folders_of_masks(names, capture):
+    for beside in folders_of_masks(names, capture):
         # Nobody asked for these: what is wrong with them is no reason to fail.
         try:
-            return _with(listing, _match_all(names, folder), folder)
+            return _with(listing, _match_all(names, beside), beside)
         except PocketGSError as error:
             listing = replace(listing, warnings=(*listing.warnings, f"{error}; these masks are not used"))
     return listing
@@ -62,7 +70,7 @@ def folders_of_masks(names: Sequence[str], capture: Path) -> list[Path]:
     sizes = sorted({size[0] for folder in folders if (size := re.search(r"_\d+$", folder.name))})
     usual = [f"{name}{size}" for size in (*sizes, "") for name in FOLDERS]
     places = [".", *sorted({folder.parent.as_posix() for folder in folders})]
-    found = [inside(capture, f"{place}/{name}", "masks") for place in places for name in usual]
+    found = (Path(os.path.normpath(capture / place / name)) for place in places for name in usual)
     return [folder for folder in dict.fromkeys(found) if folder.is_dir()]
 
 

@@ -10,11 +10,14 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path, PureWindowsPath
 
-from pocketgs.capture.paths import existing_file, inside, is_folder_of_photographs, is_image, relative_name
+from pocketgs.capture.paths import existing_file, inside, is_folder_of_photographs, is_image, list_images, relative_name
 from pocketgs.errors import PocketGSError
 
 DEEPEST = 4
 """Folders inside each other that are searched."""
+
+ANY_SUFFIX = "/*"
+"""Stands for the suffix where it does not matter; no name of a file ends like that."""
 
 
 def find_images(
@@ -65,20 +68,32 @@ def find_stated(
     Raises:
         PocketGSError: a path is not usable, or leaves the folder.
     """
-    images_in = cache(_images_in)
+    spelt_in = cache(_spelt_in)
     files: list[Path | None] = []
     for name in named:
         file = existing_file(folder, name, where, suffixes)
-        files.append(file or _spelt_otherwise(images_in(inside(folder, name, where).parent), name, suffixes))
+        if file is None:
+            file = _spelt_otherwise(spelt_in(inside(folder, name, where).parent), name, suffixes)
+        files.append(file)
     return files, ()
 
 
-def _spelt_otherwise(present: list[Path], stated: str, suffixes: tuple[str, ...]) -> Path | None:
+def _spelt_otherwise(present: dict[str, list[Path]], stated: str, suffixes: tuple[str, ...]) -> Path | None:
     """The one file of a folder whose name differs only in how it is spelt, or else in its suffix."""
     spelling = _spelling(_last_part(stated))
-    same = [file for file in present if _spelling(file.name) in {spelling + suffix for suffix in suffixes}]
-    same = same or [file for file in present if _spelling(file.stem) == os.path.splitext(spelling)[0]]
+    same = [file for suffix in suffixes for file in present.get(spelling + suffix, ())]
+    same = same or present.get(os.path.splitext(spelling)[0] + ANY_SUFFIX, [])
     return same[0] if len(same) == 1 else None
+
+
+def _spelt_in(folder: Path) -> dict[str, list[Path]]:
+    """The images directly in a folder by the spelling of their names, and of their names with any suffix."""
+    found: dict[str, list[Path]] = defaultdict(list)
+    for file in list_images(folder) if folder.is_dir() else ():
+        if not file.is_symlink():
+            found[_spelling(file.name)].append(file)
+            found[_spelling(file.stem) + ANY_SUFFIX].append(file)
+    return found
 
 
 def _by_name_alone(folder: Path, named: Sequence[str], suffixes: tuple[str, ...]) -> list[Path | None]:
@@ -114,15 +129,6 @@ def _images_below(folder: Path) -> list[Path]:
         folders[:] = [] if deep else sorted(name for name in folders if is_folder_of_photographs(path / name))
         found += [path / name for name in sorted(files) if is_image(path / name) and not (path / name).is_symlink()]
     return found
-
-
-def _images_in(folder: Path) -> list[Path]:
-    """The images directly in a folder, sorted; none if there is no such folder."""
-    try:
-        files = sorted(folder.iterdir())
-    except OSError:
-        return []
-    return [file for file in files if is_image(file) and not file.is_symlink()]
 
 
 def _last_part(stated: str) -> str:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
+from pocketgs.background import checked_background
 from pocketgs.capture import blender, colmap, llff, nerfstudio, polycam, record3d, scanner_app, stray_scanner
 from pocketgs.capture import masks as masks_of
 from pocketgs.capture.capture import Capture
@@ -17,6 +18,7 @@ from pocketgs.capture.loading import Preparation
 from pocketgs.capture.origin import near_origin
 from pocketgs.capture.unposed import find_photographs_in, holds_photographs
 from pocketgs.errors import PocketGSError
+from pocketgs.opening import folder_of, reading_inside
 
 
 class Reader(Protocol):
@@ -108,7 +110,14 @@ def list_capture(
     held_out_names, split = choose_held_out(listing, hold_out_every)
     if all(frame.name in held_out_names for frame in listing.frames):
         raise PocketGSError(f"{path}: all of its {len(listing.frames)} frames are held out, expected one to train on")
-    preparation = Preparation(background or listing.background, undistort, downscale or 1.0, max_size)
+    preparation = Preparation(
+        background or listing.background,
+        undistort,
+        downscale or 1.0,
+        max_size,
+        folder=folder_of(path),
+        masks=masks_of.named_folder(folder, masks),
+    )
     return ListedCapture(_name(path), path, listing, held_out_names, split, preparation, downscale is not None)
 
 
@@ -120,7 +129,8 @@ def read_listing(path: Path, images: str | None = None) -> Listing:
     """
     try:
         place = located(path)
-        listing = _reader_for(place).read(place, images)
+        with reading_inside(folder_of(place)):
+            listing = _reader_for(place).read(place, images)
     except OSError as error:  # such as a folder that may not be entered
         raise PocketGSError(f"{path}: cannot be read ({error})") from error
     if place != path:
@@ -135,9 +145,14 @@ def read_listing(path: Path, images: str | None = None) -> Listing:
     return near_origin(listing)
 
 
+def holds_capture(path: Path) -> bool:
+    """Whether the path is a capture of a known format."""
+    return any(reader.recognises(path) for reader in READERS)
+
+
 def lacks_poses(path: Path) -> bool:
     """Whether the path is a video or a folder of photographs, and no capture of a known format."""
-    return holds_photographs(path) and not _is_recognised(located(path))
+    return holds_photographs(path) and not holds_capture(located(path))
 
 
 def located(path: Path) -> Path:
@@ -148,14 +163,10 @@ def located(path: Path) -> Path:
     Raises:
         OSError: the folder may not be entered.
     """
-    if not path.is_dir() or _is_recognised(path) or find_photographs_in(path):
+    if not path.is_dir() or holds_capture(path) or find_photographs_in(path):
         return path
-    captures = [folder for folder in sorted(path.iterdir()) if folder.is_dir() and _is_recognised(folder)]
+    captures = [folder for folder in sorted(path.iterdir()) if folder.is_dir() and holds_capture(folder)]
     return captures[0] if len(captures) == 1 else path
-
-
-def _is_recognised(path: Path) -> bool:
-    return any(reader.recognises(path) for reader in READERS)
 
 
 def _reader_for(path: Path) -> Reader:
@@ -186,5 +197,5 @@ def _check_options(
         raise PocketGSError(f"max_size {max_size}, expected at least 1 pixel")
     if hold_out_every < 0 or hold_out_every == 1:
         raise PocketGSError(f"hold_out_every {hold_out_every}, expected 0 (none) or at least 2")
-    if background is not None and (len(background) != 3 or not all(0 <= value <= 1 for value in background)):
-        raise PocketGSError(f"background {background}, expected three numbers from 0 to 1")
+    if background is not None:
+        checked_background(background)

@@ -7,7 +7,7 @@ import zipfile
 from pathlib import Path
 from typing import TypeAlias
 
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, short
 
 CaptureFile: TypeAlias = Path | zipfile.Path
 """A file of a capture: on disk, or inside an archive, which is then read without unpacking it."""
@@ -35,9 +35,14 @@ def inside(folder: Path, name: str, named_in: str) -> Path:
         path = Path(os.path.normpath(folder / name))
         stays = not Path(name).is_absolute() and path.resolve().is_relative_to(folder.resolve())
     except (OSError, ValueError, RuntimeError) as error:
-        raise PocketGSError(f"{named_in}: names the file {name!r}, which is not a usable path ({error})") from error
+        reason = getattr(error, "strerror", None) or short(str(error))
+        raise PocketGSError(
+            f"{named_in}: names the file {short(name)}, which is not a usable path ({reason})"
+        ) from error
     if not stays:
-        raise PocketGSError(f"{named_in}: names the file {name!r}, which lies outside the capture's folder {folder}")
+        raise PocketGSError(
+            f"{named_in}: names the file {short(name)}, which lies outside the capture's folder {folder}"
+        )
     return path
 
 
@@ -53,7 +58,8 @@ def existing_file(folder: Path, name: str, named_in: str, suffixes: tuple[str, .
             if path.is_file():
                 return path
         except OSError as error:
-            raise PocketGSError(f"{named_in}: names the file {name!r}, which cannot be looked up ({error})") from error
+            found = f"{named_in}: names the file {short(name)}, which cannot be looked up ({error.strerror or error})"
+            raise PocketGSError(found) from error
     return None
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Mapping
+from glob import escape
 from pathlib import Path
 
 from PIL import ExifTags, Image, ImageOps
@@ -34,7 +35,7 @@ def place_photograph(photograph: Path, folder: Path) -> Path:
         target = folder / photograph.name
         _link_or_copy(photograph, target)
         return target
-    taken = (folder / f"{photograph.stem}.jpg").exists() or photograph.with_suffix(".jpg").exists()
+    taken = len(list(photograph.parent.glob(f"{escape(photograph.stem)}.*"))) > 1
     is_jpeg = photograph.suffix.lower() in (".jpg", ".jpeg")
     target = folder / (photograph.name if is_jpeg else f"{photograph.name if taken else photograph.stem}.jpg")
     exif = read_image(photograph, _exif_upright)

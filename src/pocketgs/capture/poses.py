@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.camera import Camera
-from pocketgs.errors import PocketGSError
+from pocketgs.camera import LARGEST_SIDE, Camera
+from pocketgs.errors import PocketGSError, short
 
 ROTATION_TOLERANCE = 1e-2
 LARGEST_COORDINATE = 1e9
-LARGEST_SIDE = 100_000
 SMALLEST_FOCAL_LENGTH, LARGEST_INTRINSIC = 1e-2, 1e7
 
 ARKIT_PIXEL_CENTRE = 0.5
@@ -92,10 +91,13 @@ def camera_at(
         PocketGSError: a number is not finite, not positive or beyond reason.
     """
     if not all(1 <= side <= LARGEST_SIDE for side in size):
-        raise PocketGSError(f"{where}: image size {size[0]:g}x{size[1]:g}, expected 1 to {LARGEST_SIDE} pixels a side")
+        found = "x".join(map(short, size))
+        raise PocketGSError(f"{where}: image size {found}, expected 1 to {LARGEST_SIDE} pixels a side")
     if not all(SMALLEST_FOCAL_LENGTH <= value <= LARGEST_INTRINSIC for value in focal):
-        raise PocketGSError(f"{where}: focal lengths {focal[0]:g}, {focal[1]:g}, expected positive numbers of pixels")
+        raise PocketGSError(
+            f"{where}: focal lengths {', '.join(map(short, focal))}, expected positive numbers of pixels"
+        )
     if not all(abs(value) <= LARGEST_INTRINSIC for value in centre):
-        raise PocketGSError(f"{where}: principal point {centre[0]:g}, {centre[1]:g}, expected pixels of the image")
+        raise PocketGSError(f"{where}: principal point {', '.join(map(short, centre))}, expected pixels of the image")
     (width, height), (fx, fy), (cx, cy) = size, focal, centre
     return Camera(round(width), round(height), float(fx), float(fy), float(cx), float(cy), pose)

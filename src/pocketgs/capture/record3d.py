@@ -18,7 +18,8 @@ from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.paths import CaptureFile, existing_file
 from pocketgs.capture.poses import camera_at, rotation_from_quaternion, world_to_camera_from_axes
 from pocketgs.capture.sharpness import sharpest_photographs, thinning_warning
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, clipped
+from pocketgs.opening import read_bytes
 
 FORMAT = "record3d"
 LOOKED_FOR = "a .r3d file, or metadata and rgbd/, or metadata.json and rgb/ with poses"
@@ -145,7 +146,7 @@ def _archive(path: Path) -> zipfile.Path:
     try:
         return zipfile.Path(zipfile.ZipFile(path))
     except Exception as error:  # zipfile raises whatever a damaged archive makes it trip over
-        raise PocketGSError(f"{path}: not a readable .r3d archive ({error})") from error
+        raise PocketGSError(f"{path}: not a readable .r3d archive ({clipped(error)})") from error
 
 
 def _read_metadata(recording: Recording) -> Fields:
@@ -153,9 +154,11 @@ def _read_metadata(recording: Recording) -> Fields:
     if file is None:
         raise PocketGSError(f"{recording.root}: no file metadata, expected the content of a .r3d archive")
     try:
-        content = file.read_bytes()
+        content = read_bytes(file)
+    except PocketGSError:
+        raise
     except Exception as error:
-        raise PocketGSError(f"{file}: cannot be read ({error})") from error
+        raise PocketGSError(f"{file}: cannot be read ({clipped(error)})") from error
     return parse_json(content, str(file))
 
 

@@ -27,7 +27,7 @@ CAMERA_FILES = "frame_*.json"
 def recognises(path: Path) -> bool:
     """Whether the folder holds a camera file of the app."""
     first = min(path.glob(CAMERA_FILES), default=None) if path.is_dir() else None
-    return first is not None and b'"cameraPoseARFrame"' in first.read_bytes()
+    return first is not None and first.is_file() and b'"cameraPoseARFrame"' in first.read_bytes()
 
 
 def read(path: Path, images: str | None = None) -> Listing:

@@ -30,7 +30,7 @@ class Intrinsics:
 
 
 def read_intrinsics(fields: Fields, image_size: Callable[[], tuple[int, int]]) -> Intrinsics:
-    """The intrinsics of a frame. What `fl_x` and its like state goes before a matrix.
+    """The intrinsics of a frame. A matrix is looked at only where no focal length or field of view is stated.
 
     Args:
         fields: the frame's, over those of the whole file.
@@ -40,10 +40,10 @@ def read_intrinsics(fields: Fields, image_size: Callable[[], tuple[int, int]]) -
         PocketGSError: no focal length is stated, or a field is malformed.
     """
     width, height = _stated_size(fields) or image_size()
-    matrix = _matrix(fields)
     fx = _focal_length(fields, "fl_x", "camera_angle_x", width)
     fy = _focal_length(fields, "fl_y", "camera_angle_y", height)
-    if matrix is not None and fx is None and fy is None:
+    matrix = _matrix(fields) if fx is None and fy is None else None
+    if matrix is not None:
         fx, fy = float(matrix[0, 0]), float(matrix[1, 1])
     # Pixels are square unless the file says otherwise.
     fx, fy = (fy if fx is None else fx), (fx if fy is None else fy)

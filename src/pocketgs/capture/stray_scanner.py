@@ -17,7 +17,8 @@ from pocketgs.capture.paths import existing_file
 from pocketgs.capture.poses import ARKIT_PIXEL_CENTRE, camera_at, rotation_from_quaternion, world_to_camera_from_axes
 from pocketgs.capture.sharpness import MOST_FRAMES, sharpest_in_windows, thinning_warning
 from pocketgs.capture.video_file import VideoFrame, sharpness_of_frames, video_info
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, clipped
+from pocketgs.opening import read_bytes
 
 FORMAT = "stray-scanner"
 LOOKED_FOR = "odometry.csv and camera_matrix.csv"
@@ -96,7 +97,8 @@ def _read_camera_matrix(path: Path) -> np.ndarray:
     try:
         matrix = np.array([[float(value) for value in row] for _, row in rows])
     except ValueError as error:
-        raise PocketGSError(f"{path}: not a table of numbers ({error}), expected a 3x3 intrinsic matrix") from error
+        found = f"{path}: not a table of numbers ({clipped(error)})"
+        raise PocketGSError(f"{found}, expected a 3x3 intrinsic matrix") from error
     if matrix.shape != (3, 3) or not np.all(np.isfinite(matrix)):
         raise PocketGSError(f"{path}: holds an array of shape {matrix.shape}, expected 3x3 finite numbers")
     return matrix
@@ -147,14 +149,14 @@ def _numbers(row: dict[str, str], names: Sequence[str], where: str) -> tuple[flo
     try:
         return tuple(float(row[name]) for name in names)
     except ValueError as error:
-        raise PocketGSError(f"{where}: not a number where one is expected ({error})") from error
+        raise PocketGSError(f"{where}: not a number where one is expected ({clipped(error)})") from error
 
 
 def _read_rows(path: Path) -> list[tuple[int, list[str]]]:
     """The lines of a CSV file that are not empty, each with its number from 1."""
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        lines = read_bytes(path).decode("utf-8-sig").splitlines()
         rows = [(number, next(csv.reader([line]))) for number, line in enumerate(lines, 1) if line.strip()]
     except (OSError, ValueError, csv.Error) as error:
-        raise PocketGSError(f"{path}: not a readable CSV file in UTF-8 ({error})") from error
+        raise PocketGSError(f"{path}: not a readable CSV file in UTF-8 ({clipped(error)})") from error
     return [(number, [value.strip() for value in row]) for number, row in rows]

@@ -14,9 +14,13 @@ import numpy as np
 
 from pocketgs.capture.sharpness import sharpest_in_windows, sharpness
 from pocketgs.errors import PocketGSError
+from pocketgs.memory_bound import require_memory
+from pocketgs.opening import checked
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".3gp"})
 FFMPEG_QUIET = -8  # AV_LOG_QUIET
+DECODING = 24
+"""Bytes by pixel of a frame that is being decoded: its planes, the frames that it refers to, and its colours."""
 
 
 @dataclass(frozen=True)
@@ -133,15 +137,17 @@ def _opened(path: Path, upright: bool) -> Iterator[cv2.VideoCapture]:
         raise PocketGSError(f"{path}: no such file, expected a video")
     # FFmpeg and OpenCV would print lines of their own on a file that is no video, before ours.
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", str(FFMPEG_QUIET))
-    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         # An absolute path, since FFmpeg takes what stands before a colon for a protocol.
-        video = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG)
+        video = cv2.VideoCapture(str(checked(path).resolve()), cv2.CAP_FFMPEG)
     finally:
         cv2.utils.logging.setLogLevel(level)
     try:
         if not video.isOpened():
             raise PocketGSError(f"{path}: cannot be opened as a video")
+        width, height = (max(0.0, video.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+        require_memory(path, DECODING * width * height, f"frames of {width:.0f}x{height:.0f} pixels")
         video.set(cv2.CAP_PROP_ORIENTATION_AUTO, float(upright))
         yield video
     finally:

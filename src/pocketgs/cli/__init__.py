@@ -3,55 +3,64 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import Any
 
 import tyro
-from rich.console import Console
 
-from pocketgs.cli.bench import bench
-from pocketgs.cli.convert import convert
-from pocketgs.cli.demo import demo
-from pocketgs.cli.evaluate import evaluate
-from pocketgs.cli.export_colmap import export_colmap
-from pocketgs.cli.info import info
-from pocketgs.cli.pose import pose
-from pocketgs.cli.render import render
-from pocketgs.cli.train import train
-from pocketgs.cli.view import view
+from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
+from pocketgs.interrupt import STOPPED
 
-USER_ERROR, INTERRUPTED = 2, 130
+USER_ERROR = 2
+
+SUBCOMMANDS = {
+    "train": "train",
+    "pose": "pose",
+    "eval": "evaluate",
+    "render": "render",
+    "view": "view",
+    "info": "info",
+    "convert": "convert",
+    "export-colmap": "export_colmap",
+    "demo": "demo",
+    "bench": "bench",
+}
+"""The module of each, and the function in it: only the one that is asked for is loaded, as all together take long."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit: 0 on success, 2 for anything the user can put right, 130 for Ctrl-C."""
-    subcommands: dict[str, Callable[..., None]] = {
-        "train": train,
-        "pose": pose,
-        "eval": evaluate,
-        "render": render,
-        "view": view,
-        "info": info,
-        "convert": convert,
-        "export-colmap": export_colmap,
-        "demo": demo,
-        "bench": bench,
-    }
-    errors = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # they name lines of source, and are for whoever writes it
+    errors = Terminal(to_errors=True)
     try:
-        tyro.extras.subcommand_cli_from_dict(
-            subcommands,
-            prog="pocketgs",
-            description="Turn a phone capture into a 3D Gaussian splat on whatever device is at hand.",
-            args=arguments,
-            config=(tyro.conf.OmitArgPrefixes,),
-        )
+        if given and given[0] in SUBCOMMANDS:
+            name, *rest = given
+            tyro.cli(_subcommand(name), prog=f"pocketgs {name}", args=rest, config=(tyro.conf.OmitArgPrefixes,))
+        else:
+            tyro.extras.subcommand_cli_from_dict(
+                {name: _subcommand(name) for name in SUBCOMMANDS},
+                prog="pocketgs",
+                description="Turn a phone capture into a 3D Gaussian splat on whatever device is at hand.",
+                args=given,
+                config=(tyro.conf.OmitArgPrefixes,),
+            )
     except (PocketGSError, OSError) as error:  # OSError: a full disk, a path that is too long
-        errors.print("pocketgs:", " ".join(str(error).split()), style="red", markup=False)
+        errors.say("pocketgs: " + " ".join(str(error).split()), style="red")
         sys.exit(USER_ERROR)
     except MemoryError:
-        errors.print("pocketgs: out of memory: try --downscale 2 or fewer --max-gaussians", style="red", markup=False)
+        errors.say("pocketgs: out of memory: try --downscale 2 or fewer --max-gaussians", style="red")
         sys.exit(USER_ERROR)
     except KeyboardInterrupt:
-        errors.print("pocketgs: stopped", style="red")
-        sys.exit(INTERRUPTED)
+        errors.say("pocketgs: stopped", style="red")
+        sys.exit(STOPPED)
+
+
+def _subcommand(name: str) -> Callable[..., Any]:
+    module = SUBCOMMANDS[name]
+    function: Callable[..., Any] = getattr(import_module(f"{__name__}.{module}"), module)
+    return function

@@ -9,9 +9,8 @@ from typing import Annotated
 
 import tyro
 from rich import box
-from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from pocketgs.atomic_file import replacing
 from pocketgs.bench.captures import DEMO, BenchCapture, captures_named, data_folder, known_captures
@@ -26,6 +25,7 @@ from pocketgs.bench.table import markdown_table
 from pocketgs.capture.synthetic import write_demo
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.flags import flags_of
+from pocketgs.cli.terminal import Terminal, printable
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.engine import EngineName
 from pocketgs.training_options import Effort
@@ -90,7 +90,7 @@ def bench(
         reading: How to read captures of your own; refused where only known ones are asked for, which are read as
             published results read them.
     """
-    console = Console()
+    console = Terminal()
     known = known_captures(data_folder(data), demo)
     if show:
         _print_list(console, known)
@@ -100,7 +100,7 @@ def bench(
     jobs = plan_jobs(methods_named(methods), chosen, seeds, everywhere.flags)
     conditions = present_conditions(everywhere.flags)
     left = jobs if again else remaining(jobs, read_results(output), conditions)
-    _say(console, f"{len(jobs)} cells, {len(jobs) - len(left)} of them done before")
+    console.say(f"{len(jobs)} cells, {len(jobs) - len(left)} of them done before")
     found: list[CellResult] = []
     try:
         if left:
@@ -110,28 +110,28 @@ def bench(
         try:
             _write_report(console, jobs, conditions, output, work)
         except Exception as error:  # whatever it is, what ended the runs is to be told
-            _say(console, f"no report: {error}")
+            console.say(f"no report: {error}")
         raise
     _write_report(console, jobs, conditions, output, work)
     _check_failures(found)
 
 
-def _prepare(console: Console, jobs: Sequence[Job], demo: Path) -> None:
+def _prepare(console: Terminal, jobs: Sequence[Job], demo: Path) -> None:
     with console.status("compiling kernels, and filming the demo if it is not there: no cell's time includes that"):
         compile_kernels()
         if any(job.capture.name == DEMO for job in jobs):
             write_demo(demo)
 
 
-def _run(console: Console, jobs: Sequence[Job], output: Path, work: Path) -> list[CellResult]:
+def _run(console: Terminal, jobs: Sequence[Job], output: Path, work: Path) -> list[CellResult]:
     with console.status("") as status:
 
         def show_step(step: Step) -> None:
             left = "" if step.seconds_left is None else f", about {step.seconds_left / 60:.0f} min left"
-            status.update(f"{escape(step.cell.name)}: {step.number} of {step.count}{left}")
+            status.update(Text(f"{printable(step.cell.name)}: {step.number} of {step.count}{left}"))
 
         def show_result(result: CellResult) -> None:
-            _say(console, _line(result))
+            console.say(_line(result))
 
         return run_jobs(jobs, output, work, show_step, show_result)
 
@@ -144,11 +144,11 @@ def _line(result: CellResult) -> str:
     return f"{result.cell.name}: {quality}, {result.wall_seconds:.1f} s, {run['peak_rss_mb']:.0f} MB"
 
 
-def _write_report(console: Console, jobs: Sequence[Job], conditions: Conditions, output: Path, work: Path) -> None:
+def _write_report(console: Terminal, jobs: Sequence[Job], conditions: Conditions, output: Path, work: Path) -> None:
     kept = read_results(output)
     results = comparable(kept, jobs, conditions)
     if len(results) < len(kept):
-        _say(console, f"{len(kept) - len(results)} results of other versions, machines or settings are left out")
+        console.say(f"{len(kept) - len(results)} results of other versions, machines or settings are left out")
     if not results:
         return
     table, overview, report = output / "results.md", output / "overview.png", output / "report.html"
@@ -156,11 +156,7 @@ def _write_report(console: Console, jobs: Sequence[Job], conditions: Conditions,
         partial.write_text(markdown_table(results), encoding="utf-8")
     write_overview(results, overview)
     write_report(results, work, report)
-    _say(console, f"{len(results)} results: {table}, {overview}, {report}")
-
-
-def _say(console: Console, line: str) -> None:
-    console.print(line, markup=False, highlight=False, soft_wrap=True)
+    console.say(f"{len(results)} results: {table}, {overview}, {report}")
 
 
 def _check_failures(results: Sequence[CellResult]) -> None:
@@ -169,12 +165,12 @@ def _check_failures(results: Sequence[CellResult]) -> None:
         raise PocketGSError(f"bench: {len(failed)} of {len(results)} cells failed: {', '.join(failed)}; see their logs")
 
 
-def _print_list(console: Console, known: dict[str, BenchCapture]) -> None:
+def _print_list(console: Terminal, known: dict[str, BenchCapture]) -> None:
     methods = Table("method", "what it is", "flags of pocketgs train", box=box.SIMPLE)
     for method in METHODS.values():
         methods.add_row(method.name, method.what, " ".join(method.flags))
     captures = Table("capture", "what it is", "where", box=box.SIMPLE)
     for capture in known.values():
         where = str(capture.path) if capture.is_there else f"missing: expected in {capture.path}; {capture.origin}"
-        captures.add_row(capture.name, capture.what, escape(where))
-    console.print(methods, captures)
+        captures.add_row(*(Text(printable(cell)) for cell in (capture.name, capture.what, where)))
+    console.print(methods, captures, soft_wrap=False)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich.console import Console
-
 from pocketgs.capture import Capture, ListedCapture, list_capture
+from pocketgs.cli.terminal import Terminal
 
 
 @dataclass(frozen=True)
@@ -37,9 +36,8 @@ class CaptureOptions:
     def open(self, path: Path) -> Capture:
         """Read the capture at `path`, and print on standard error what its reader warns of."""
         capture = self.listed(path).load()
-        console = Console(stderr=True)
-        for warning in capture.warnings:
-            console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+        warnings = [f"warning: {warning}" for warning in capture.warnings]
+        Terminal(to_errors=True).say(*warnings, style="yellow")
         return capture
 
     def listed(self, path: Path) -> ListedCapture:

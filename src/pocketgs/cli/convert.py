@@ -9,13 +9,14 @@ from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 import tyro
-from rich.console import Console
 
 from pocketgs.cli.scene_file import load_scene
+from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.formats import SceneFormat, format_of, spz
 from pocketgs.formats.spz_precision import PRECISIONS, Detail
 from pocketgs.gaussians import Gaussians
+from pocketgs.memory_bound import DEFAULT_MB, memory_bound
 from pocketgs.scene_edits import cropped, rotated, scaled, translated, with_sh_degree, without_faint
 
 Triple: TypeAlias = tuple[float, float, float]
@@ -33,6 +34,7 @@ def convert(
     translate: Triple | None = None,
     detail: Detail = "small",
     spz_version: spz.Version = spz.CURRENT,
+    max_memory: int = DEFAULT_MB,
 ) -> None:
     """Write a scene in another format, cut, thinned out or moved on the way.
 
@@ -49,9 +51,11 @@ def convert(
         translate: Move along x, y and z, in scene units.
         detail: Of a .spz; "fine" is close to lossless, "small" 0.6 as large and 0.1 to 0.2 dB worse where measured.
         spz_version: Of a .spz; older viewers read 3 only.
+        max_memory: Megabytes that reading may take; what would take more is refused.
     """
     chosen = _chosen_format(output, detail, spz_version)
-    original = load_scene(scene)
+    with memory_bound(max_memory):
+        original = load_scene(scene)
     edited = original
     if crop_box is not None:
         edited = cropped(edited, np.array(crop_box[:3]), np.array(crop_box[3:]))
@@ -66,7 +70,7 @@ def convert(
     lines = [f"{len(edited):,} Gaussians in {output}, {output.stat().st_size:,} bytes"]
     lines += [f"{chosen.name} drops {chosen.drops}"] if chosen.drops else []
     lines += [f"{chosen.name} rounds {chosen.rounds}"] if chosen.rounds else []
-    Console().print(*lines, sep="\n", markup=False, highlight=False, soft_wrap=True)
+    Terminal().say(*lines)
 
 
 def _chosen_format(output: Path, detail: Detail, spz_version: spz.Version) -> SceneFormat:

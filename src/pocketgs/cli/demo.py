@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rich.console import Console
-
 from pocketgs.capture import ListedCapture, list_capture
 from pocketgs.capture.synthetic import write_demo
 from pocketgs.cli.shown_run import show_run
+from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.view import FollowOptions
+from pocketgs.memory_bound import memory_bound
 from pocketgs.run import Reporter, RunResult, run
 from pocketgs.training_options import TrainingOptions
 
@@ -37,4 +37,5 @@ def demo(
         return run(film, output, training, reporter=reporter)
 
     hint = "look at the pictures in held_out/ (photograph left, rendering right)"
-    show_run(Console(), work, page, "demo", closing_line=hint)
+    with memory_bound(training.max_memory):
+        show_run(Terminal(), work, page, "demo", closing_line=hint)

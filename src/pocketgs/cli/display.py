@@ -6,12 +6,12 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
 from pocketgs.capture.capture import Capture
+from pocketgs.cli.terminal import Terminal, printable
 from pocketgs.evaluation import Evaluation
 from pocketgs.planning.plan import Plan
 from pocketgs.prior.report import PriorReport
@@ -47,7 +47,7 @@ SECONDS_BEFORE_GUESSING = 2.0
 class Display:
     """Shows stages and progress on one line that is redrawn, or as plain lines where the output is no terminal."""
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Terminal) -> None:
         self._console = console
         self._live: Live | None = None
         self._stage = ""
@@ -80,7 +80,7 @@ class Display:
         if stage in STAGES and self._live:
             self._live.update(Text(f"{STAGES[stage]} …"))
         elif stage == "compilation":
-            self._console.print(STAGES[stage])
+            self._console.say(STAGES[stage])
 
     def _show_count(self, done: int, of: int) -> None:
         now = time.monotonic()
@@ -89,29 +89,29 @@ class Display:
             self._live.update(Text(line))
         elif now >= self._next_line:
             self._next_line = now + SECONDS_BETWEEN_LINES
-            self._console.print(line, markup=False, highlight=False, soft_wrap=True)
+            self._console.say(line)
 
     def _show_capture(self, capture: Capture) -> None:
         for warning in capture.warnings:
             self._show_warning(warning)
-        self._console.print(*capture_lines(capture), sep="\n", markup=False, highlight=False, soft_wrap=True)
+        self._console.say(*capture_lines(capture))
 
     def _show_plan(self, plan: Plan) -> None:
-        self._console.print(plan_line(plan), markup=False, highlight=False, soft_wrap=True)
+        self._console.say(plan_line(plan))
 
     def _show_prior(self, report: PriorReport) -> None:
         for warning in report.warnings:
             self._show_warning(warning)
-        self._console.print(prior_line(report), markup=False, highlight=False, soft_wrap=True)
+        self._console.say(prior_line(report))
 
     def _show_warning(self, warning: str) -> None:
-        self._console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+        self._console.say(f"warning: {warning}", style="yellow")
 
     def _show_progress(self, progress: Progress) -> None:
         if self._live:
             self._live.update(Text(progress_line(progress)))
         elif progress.iteration % ITERATIONS_BETWEEN_LINES == 0:
-            self._console.print(progress_line(progress), markup=False, highlight=False, soft_wrap=True)
+            self._console.say(progress_line(progress))
 
 
 def capture_lines(capture: Capture) -> list[str]:
@@ -179,7 +179,7 @@ def progress_line(progress: Progress) -> str:
     return "  ".join(parts)
 
 
-def print_result(console: Console, result: RunResult) -> None:
+def print_result(console: Terminal, result: RunResult) -> None:
     """Quality, time and memory of a run, and where its result is."""
     summary = result.summary
     if result.evaluation:
@@ -194,19 +194,19 @@ def print_result(console: Console, result: RunResult) -> None:
         f"{seconds['total']:.1f} s in all ({stages}), peak memory {summary['peak_rss_mb']:.0f} MB",
         f"result in {result.folder}: scene.ply, run.json{', held_out/' if result.evaluation else ''}",
     ]
-    console.print(*lines, sep="\n", markup=False, highlight=False, soft_wrap=True)
+    console.say(*lines)
 
 
-def print_evaluation(console: Console, evaluation: Evaluation) -> None:
+def print_evaluation(console: Terminal, evaluation: Evaluation) -> None:
     """A table of metrics by image, with their means."""
     with_lpips = evaluation.lpips is not None
     table = Table("held-out view", "PSNR (dB)", "SSIM", *(["LPIPS"] if with_lpips else []))
     for image in evaluation.images:
         lpips = [f"{image.lpips:.4f}" if image.lpips is not None else "n/a"] if with_lpips else []
-        table.add_row(Text(image.name), f"{image.psnr:.2f}", f"{image.ssim:.4f}", *lpips)
+        table.add_row(Text(printable(image.name)), f"{image.psnr:.2f}", f"{image.ssim:.4f}", *lpips)
     table.add_section()
     means = [f"{evaluation.psnr:.2f}", f"{evaluation.ssim:.4f}"]
     table.add_row("mean", *means, *([f"{evaluation.lpips:.4f}"] if with_lpips else []))
-    console.print(table)
+    console.print(table, soft_wrap=False)
     if evaluation.lpips_note:
-        console.print(evaluation.lpips_note, style="dim", markup=False, highlight=False, soft_wrap=True)
+        console.say(evaluation.lpips_note, style="dim")

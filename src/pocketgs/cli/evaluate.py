@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.display import capture_lines, print_evaluation
 from pocketgs.cli.scene_file import in_world_of, load_scene
+from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
-from pocketgs.result_folder import publishing, write_json
+from pocketgs.memory_bound import memory_bound
+from pocketgs.result_folder import picture_names, publishing, write_json
 from pocketgs.run import evaluate_held_out
 from pocketgs.splat.engine import EngineOptions, create_engine
 
@@ -37,17 +38,19 @@ def evaluate(
         engine: What renders, and how.
         reading: How to read the capture.
     """
-    console = Console()
-    gaussians = load_scene(scene)
-    opened = in_world_of(scene, reading.open(capture))
+    console = Terminal()
+    with memory_bound(engine.max_memory):
+        gaussians = load_scene(scene)
+        opened = in_world_of(scene, reading.open(capture))
     renderer = create_engine(engine)
     renderer.upload(gaussians)
     if not opened.held_out:
         raise PocketGSError(f"{capture}: no view is held out, expected --hold-out of at least 2")
-    with publishing(pictures) if pictures else nullcontext() as staging:
+    names = [f"{name}.png" for name in picture_names(frame.name for frame in opened.held_out)]
+    with publishing(pictures, names) if pictures else nullcontext() as staging:
         evaluation = evaluate_held_out(renderer, opened, staging)
     assert evaluation is not None
-    console.print(*capture_lines(opened), sep="\n", markup=False, highlight=False, soft_wrap=True)
+    console.say(*capture_lines(opened))
     print_evaluation(console, evaluation)
     if json:
         images = [asdict(image) for image in evaluation.images]

@@ -6,18 +6,20 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.scene_file import in_world_of, names_scene
+from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.formats.colmap import export_capture
+from pocketgs.memory_bound import DEFAULT_MB, memory_bound
 
 
 def export_colmap(
     capture: Annotated[Path, tyro.conf.Positional],
     output: Annotated[Path, tyro.conf.Positional],
     poses_of: Path | None = None,
+    max_memory: int = DEFAULT_MB,
     reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
 ) -> None:
     """Write a capture's images, cameras and points as a COLMAP text model.
@@ -26,9 +28,11 @@ def export_colmap(
         capture: The capture's folder, or its transforms.json.
         output: A new or empty folder, for images/ and sparse/0/.
         poses_of: A result folder whose refined poses are written instead of the capture's own.
+        max_memory: Megabytes that reading may take; what would take more is refused.
         reading: How to read the capture; the images are written as they are then.
     """
-    opened = reading.open(capture)
+    with memory_bound(max_memory):
+        opened = reading.open(capture)
     if poses_of is not None:
         if not names_scene(poses_of):
             raise PocketGSError(f"{poses_of}: expected a result folder")
@@ -36,4 +40,4 @@ def export_colmap(
     export_capture(output, opened)
     points = 0 if opened.points is None else len(opened.points)
     said = f"{len(opened.frames)} images and cameras, {points:,} points in {output} ({opened.protocol})"
-    Console().print(said, markup=False, highlight=False, soft_wrap=True)
+    Terminal().say(said)

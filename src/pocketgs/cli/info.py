@@ -7,20 +7,22 @@ from typing import Annotated
 
 import numpy as np
 import tyro
-from rich.console import Console
 
 from pocketgs.capture import Capture
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.devices import device_lines
 from pocketgs.cli.display import capture_lines
 from pocketgs.cli.scene_file import load_scene, names_scene
+from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.gaussians import Gaussians
+from pocketgs.memory_bound import DEFAULT_MB, memory_bound
 
 
 def info(
     path: Annotated[Path | None, tyro.conf.Positional] = None,
     devices: bool = False,
+    max_memory: int = DEFAULT_MB,
     reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
 ) -> None:
     """Say what a capture or a scene holds, or which devices there are to compute on.
@@ -28,16 +30,18 @@ def info(
     Args:
         path: A capture's folder or transforms.json, a scene file (.ply, .spz, .splat, .glb …), or a result folder.
         devices: List the GPUs and what the engines make of them.
+        max_memory: Megabytes that reading may take; what would take more is refused.
         reading: How to read a capture.
     """
     lines = []
     if path is not None:
-        lines += _path_lines(path, reading)
+        with memory_bound(max_memory):
+            lines += _path_lines(path, reading)
     if devices:
         lines += _device_lines()
     if not lines:
         raise PocketGSError("info: found neither a path nor --devices, expected one of them")
-    Console().print(*lines, sep="\n", markup=False, highlight=False, soft_wrap=True)
+    Terminal().say(*lines)
 
 
 def _path_lines(path: Path, reading: CaptureOptions) -> list[str]:

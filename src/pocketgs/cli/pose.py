@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 
 from pocketgs.cli.display import Display
+from pocketgs.cli.terminal import Terminal
 from pocketgs.structure_from_motion.options import PoseOptions
 from pocketgs.structure_from_motion.pose import pose as find_poses
 
@@ -25,7 +25,7 @@ def pose(
         output: Folder for the capture, which train and the others take.
         options: How to find poses.
     """
-    console = Console()
+    console = Terminal()
     with Display(console).showing() as reporter:
         found = find_poses(
             images_or_video,
@@ -41,4 +41,4 @@ def pose(
         + (", in metres by the photographs' GPS places" if found.metric else ""),
         f"capture in {found.folder}",
     ]
-    console.print(*lines, sep="\n", markup=False, highlight=False, soft_wrap=True)
+    console.say(*lines)

@@ -9,17 +9,20 @@ from typing import Annotated, Literal
 import numpy as np
 import tyro
 from PIL import Image
-from rich.console import Console
 
 from pocketgs.camera import Camera
 from pocketgs.capture import Capture
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.scene_file import in_world_of, load_scene
+from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
+from pocketgs.memory_bound import memory_bound
 from pocketgs.rendering import render_all
 from pocketgs.result_folder import picture_names, publishing
 from pocketgs.splat.engine import EngineOptions, Rendering
 from pocketgs.video import write_video
+
+MOST_FRAMES = 100_000
 
 Views = Literal["held-out", "train", "orbit", "path"]
 Show = Literal["colour", "depth", "alpha"]
@@ -50,8 +53,9 @@ def render(
         engine: What renders, and how.
         reading: How to read the capture.
     """
-    gaussians = load_scene(scene)
-    opened = in_world_of(scene, reading.open(capture))
+    with memory_bound(engine.max_memory):
+        gaussians = load_scene(scene)
+        opened = in_world_of(scene, reading.open(capture))
     named_cameras = _cameras(opened, views, frames)
     cameras = [camera for _, camera in named_cameras]
     renderings = render_all(gaussians, cameras, opened.background, depth=show == "depth", engine=engine)
@@ -64,7 +68,7 @@ def render(
         write_video(output, pictures, fps)
     else:
         _write_pictures(output, [name for name, _ in named_cameras], pictures)
-    Console().print(f"{len(cameras)} views in {output}", markup=False, highlight=False, soft_wrap=True)
+    Terminal().say(f"{len(cameras)} views in {output}")
 
 
 def _cameras(capture: Capture, views: Views, frames: int) -> list[tuple[str, Camera]]:
@@ -78,8 +82,8 @@ def _cameras(capture: Capture, views: Views, frames: int) -> list[tuple[str, Cam
     # SciPy's splines take as long to load as a short training run's first steps: only this command needs them.
     from pocketgs.camera_path import orbit, path
 
-    if frames < 1:
-        raise PocketGSError(f"frames: found {frames}, expected at least 1")
+    if not 1 <= frames <= MOST_FRAMES:
+        raise PocketGSError(f"frames: found {frames}, expected at least 1 and at most {MOST_FRAMES}")
     given = [frame.camera for frame in capture.train]
     made = orbit(given, frames) if views == "orbit" else path(given, frames)
     return [(f"{number:04d}", camera) for number, camera in enumerate(made)]
@@ -100,6 +104,6 @@ def _picture(rendering: Rendering, show: Show) -> np.ndarray:
 
 
 def _write_pictures(folder: Path, names: list[str], pictures: Iterator[np.ndarray]) -> None:
-    with publishing(folder) as staging:
+    with publishing(folder, [f"{name}.png" for name in names]) as staging:
         for name, picture in zip(names, pictures, strict=True):
             Image.fromarray(picture).save(staging / f"{name}.png")

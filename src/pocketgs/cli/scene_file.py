@@ -8,11 +8,13 @@ from pocketgs.cameras_file import with_poses_of
 from pocketgs.capture.capture import Capture
 from pocketgs.formats import is_scene_name, read_scene
 from pocketgs.gaussians import Gaussians
+from pocketgs.publishing.journal import settle
 from pocketgs.result_folder import CAMERAS, RECORD, SCENE
 
 
 def names_scene(path: Path) -> bool:
     """Whether a path is that of a scene file or a result folder, and not of a capture."""
+    settle(path)
     return is_scene_name(path) or all((path / name).is_file() for name in (SCENE, RECORD))
 
 

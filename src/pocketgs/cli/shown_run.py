@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rich.console import Console
-
 from pocketgs.cli.display import Display, print_result
+from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.view import FollowOptions, following
 from pocketgs.run import Reporter, RunResult
 
 
 def show_run(
-    console: Console,
+    console: Terminal,
     work: Callable[[Reporter], RunResult],
     page: FollowOptions,
     title: str,
@@ -38,4 +37,4 @@ def show_run(
             followed.finish(result)
         print_result(console, result)
         if closing_line:
-            console.print(closing_line, highlight=False)
+            console.say(closing_line)

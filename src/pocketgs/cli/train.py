@@ -6,13 +6,16 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 
 from pocketgs.capture import ListedCapture
 from pocketgs.capture.open import lacks_poses
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.shown_run import show_run
+from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.view import FollowOptions
+from pocketgs.memory_bound import memory_bound
+from pocketgs.publishing.manifest import source_of
+from pocketgs.result_folder import check_free_for
 from pocketgs.run import Reporter, RunResult, run
 from pocketgs.structure_from_motion.pose import posed
 from pocketgs.training_options import TrainingOptions
@@ -36,12 +39,14 @@ def train(
         training: How to train.
         page: Whether and where a page follows the run.
     """
-    console = Console()
+    console = Terminal()
     resolved = capture.resolve()
     if resolved.is_file():
         resolved = resolved.parent if resolved.suffix.lower() == ".json" else resolved.with_suffix("")
     name = resolved.name or "capture"
-    folder = output or Path("output") / name
+    folder, source = output or Path("output") / name, source_of(resolved)
+    if output is None:
+        check_free_for(folder, source)
 
     def work(reporter: Reporter) -> RunResult:
         def listed() -> ListedCapture:
@@ -49,7 +54,7 @@ def train(
                 return reading.listed(capture)
             found = folder / "posed" / name
             message = f"{capture} holds no poses: those that structure from motion finds are kept in {found}"
-            console.print(message, markup=False, highlight=False, soft_wrap=True)
+            console.say(message)
             made = posed(
                 capture,
                 found,
@@ -59,6 +64,7 @@ def train(
             )
             return reading.listed(made)
 
-        return run(listed, folder, training, resume=resume, reporter=reporter)
+        return run(listed, folder, training, resume=resume, reporter=reporter, source=source)
 
-    show_run(console, work, page, name)
+    with memory_bound(training.max_memory):
+        show_run(console, work, page, name)

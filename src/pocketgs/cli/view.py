@@ -13,12 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
-from rich.console import Console
 
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.display import STAGES
 from pocketgs.cli.scene_file import in_world_of, load_scene
+from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
+from pocketgs.memory_bound import DEFAULT_MB, memory_bound
+from pocketgs.opening import reading_inside
 from pocketgs.result_folder import SCENE
 
 if TYPE_CHECKING:
@@ -65,6 +67,7 @@ class FollowOptions(PageOptions):
 def view(
     scene: Annotated[Path, tyro.conf.Positional],
     capture: Path | None = None,
+    max_memory: int = DEFAULT_MB,
     page: PageOptions = PageOptions(),
     reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
 ) -> None:
@@ -73,6 +76,7 @@ def view(
     Args:
         scene: A file with Gaussians, or a result folder.
         capture: The capture's folder or its transforms.json, for its cameras and for photographs to compare with.
+        max_memory: Megabytes that reading may take; what would take more is refused.
         page: Where the page is served.
         reading: How to read the capture.
     """
@@ -80,17 +84,19 @@ def view(
     from pocketgs.viewer.scene_content import scene_content
     from pocketgs.viewer.server import serving
 
-    gaussians = load_scene(scene)
+    with memory_bound(max_memory):
+        with reading_inside(scene if scene.is_dir() else None):
+            gaussians = load_scene(scene)
+        opened = in_world_of(scene, reading.open(capture)) if capture else None
     if len(gaussians) == 0:
         raise PocketGSError(f"{scene}: holds no Gaussian, expected at least one")
-    opened = in_world_of(scene, reading.open(capture)) if capture else None
     is_result = scene.is_dir()
     title = scene.resolve().name if is_result else scene.stem
     with readable_file(scene / SCENE if is_result else scene, gaussians) as file:
         content = scene_content(title, file, gaussians, scene if is_result else None, opened)
         with serving(content, network=page.host, port=page.port) as served:
             _announce(served, page)
-            _console().print("Ctrl-C ends it")
+            Terminal().say("Ctrl-C ends it")
             _wait_for_ctrl_c()
 
 
@@ -118,27 +124,22 @@ def following(options: FollowOptions, title: str) -> Iterator[LiveRun | None]:
         _announce(served, options)
         yield run
         if options.wait:
-            _console().print(f"the page stays at {served.url} until Ctrl-C")
+            Terminal().say(f"the page stays at {served.url} until Ctrl-C")
             _wait_for_ctrl_c()
-
-
-def _console() -> Console:
-    """Prints addresses as they are."""
-    return Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
 
 
 def _announce(served: Page, options: PageOptions) -> None:
     """Say where the page is, and open it."""
-    console = _console()
-    console.print(f"page at {served.url}")
+    console = Terminal()
+    console.say(f"page at {served.url}")
     if served.network_url:
         from pocketgs.viewer.address import qr_code
 
-        console.print(f"in the local network at {served.network_url}")
+        console.say(f"in the local network at {served.network_url}")
         if console.is_terminal and console.encoding.lower().startswith("utf"):
             console.print(qr_code(served.network_url), style="bright_white on black")
     if served.fingerprint:
-        console.print(f"{WHY_A_WARNING} {served.fingerprint} (SHA-256).")
+        console.say(f"{WHY_A_WARNING} {served.fingerprint} (SHA-256).")
     if options.open and _has_screen():
         webbrowser.open(served.url)
 

@@ -10,6 +10,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.formats import compressed_ply, gltf, ply, splat, spz
 from pocketgs.formats.spz_precision import FINE
 from pocketgs.gaussians import Gaussians
+from pocketgs.publishing.journal import settle
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,7 @@ def read_scene(path: Path) -> Gaussians:
         PocketGSError: the name is of no format, or the file is missing or broken.
     """
     read = format_of(path).read
+    settle(path.parent)
     if read is ply.read_gaussians and compressed_ply.recognises(path):
         read = compressed_ply.read_gaussians
     return read(path)

@@ -8,20 +8,38 @@ import numpy as np
 
 from pocketgs.errors import PocketGSError
 from pocketgs.gaussians import Gaussians
+from pocketgs.memory_bound import require_memory
+from pocketgs.opening import read_bytes
 
 
 def read_contents(path: Path) -> bytes:
     """The bytes of a scene file.
 
     Raises:
-        PocketGSError: there is no such file, or it cannot be read.
+        PocketGSError: there is no such file, it cannot be read, or memory would not hold it.
     """
     try:
         if not path.is_file():
             raise PocketGSError(f"{path}: no such file, expected a scene")
-        return path.read_bytes()
+        return read_bytes(path)
     except OSError as error:
         raise PocketGSError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+
+def require_room(path: Path, count: int, coefficients: int, reading: tuple[int, int]) -> None:
+    """Refuse a scene before it is unpacked that memory would not hold.
+
+    Args:
+        path: the file.
+        count: of Gaussians that it states.
+        coefficients: of spherical harmonics a channel.
+        reading: bytes that a format's reader takes at most for a Gaussian, and for a coefficient of each.
+
+    Raises:
+        PocketGSError: it would take more than there may be.
+    """
+    base, each = reading
+    require_memory(path, count * (base + each * coefficients), f"{count:,} Gaussians")
 
 
 def require_sound(path: Path, gaussians: Gaussians) -> None:

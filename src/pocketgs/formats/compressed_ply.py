@@ -16,11 +16,11 @@ from plyfile import PlyData, PlyElement
 from pocketgs.atomic_file import replacing
 from pocketgs.errors import PocketGSError
 from pocketgs.formats.activations import colour_of, dc_of, opacity_from_byte, opacity_of
-from pocketgs.formats.checks import require_sound
+from pocketgs.formats.checks import require_room, require_sound
 from pocketgs.formats.morton import morton_order
-from pocketgs.formats.quaternions import LARGEST_OTHER, drop_largest, restore_largest, unit
 from pocketgs.gaussians import SH_COEFFICIENTS, Gaussians
 from pocketgs.ply_file import LARGEST_HEADER, read_elements
+from pocketgs.quaternions import LARGEST_OTHER, drop_largest, restore_largest, unit
 
 CHUNK = 256
 CENTRE = ("min_x", "min_y", "min_z", "max_x", "max_y", "max_z")
@@ -28,6 +28,9 @@ SCALE = ("min_scale_x", "min_scale_y", "min_scale_z", "max_scale_x", "max_scale_
 COLOUR = ("min_r", "min_g", "min_b", "max_r", "max_g", "max_b")
 PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 LARGEST_LOG_SCALE = 20.0
+# Bytes by Gaussian and by coefficient of spherical harmonics that reading takes at most, as measured.
+READING = (280, 80)
+
 SH_RANGE, SH_STEPS = 8.0, 256
 """Coefficients from -4 to 4 fall into this many steps; a byte stands for the middle of its step."""
 
@@ -123,6 +126,8 @@ def read_gaussians(path: Path) -> Gaussians:
     elements = read_elements(path)
     vertices = _columns(path, elements, "vertex", PACKED, "u4").T
     count = vertices.shape[1]
+    rest = len(elements["sh"].dtype.names or ()) if "sh" in elements else 0
+    require_room(path, count, 1 + rest // 3, READING)
     chunk = np.arange(count) // CHUNK
     expected = -(-count // CHUNK)
     if len(elements.get("chunk", ())) != expected:

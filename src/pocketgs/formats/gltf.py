@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 
 from pocketgs.atomic_file import replacing
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, clipped, short
 from pocketgs.formats.activations import colour_of, logit_of, opacity_of, opacity_to_byte, to_byte
 from pocketgs.formats.axes import LEFT_UP_FORWARD, half_turn
-from pocketgs.formats.checks import require_sound
-from pocketgs.formats.gltf_accessors import item, read_accessor
+from pocketgs.formats.checks import require_room, require_sound
+from pocketgs.formats.gltf_accessors import item, read_accessor, whole_number
 from pocketgs.formats.gltf_document import Document, glb_bytes, read_document
 from pocketgs.formats.gltf_placements import Placement, placed, placements
-from pocketgs.formats.quaternions import unit
 from pocketgs.gaussians import SH_COEFFICIENTS, Gaussians, concatenate
+from pocketgs.quaternions import unit
 from pocketgs.scene_edits import with_sh_degree
 
 EXTENSION = "KHR_gaussian_splatting"
@@ -30,6 +30,12 @@ POINTS, ARRAY_BUFFER = 0, 34962
 TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 FLOAT, UNSIGNED_BYTE = 5126, 5121
 SMALLEST_SCALE, LARGEST_SCALE = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
+MOST_PARTS = 4096
+"""Groups of Gaussians, each with a place of its own; each takes about a millisecond."""
+
+# Bytes by Gaussian and by coefficient of spherical harmonics that reading takes at most, as measured.
+READING = (360, 48)
+
 OPACITY_MARGIN = 2.0**-25
 """Half of the step between the largest float32 below 1 and 1."""
 
@@ -109,7 +115,7 @@ def read_gaussians(path: Path) -> Gaussians:
         try:
             parts = _parts(document)
         except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
-            raise PocketGSError(f"{path}: not a sound glTF ({type(error).__name__}: {error})") from error
+            raise PocketGSError(f"{path}: not a sound glTF ({type(error).__name__}: {clipped(error)})") from error
         if not parts:
             raise PocketGSError(f"{path}: shows no Gaussians, expected a primitive with {EXTENSION}")
         degree = max(part.sh_degree for part in parts)
@@ -121,31 +127,55 @@ def read_gaussians(path: Path) -> Gaussians:
 def _parts(document: Document) -> list[Gaussians]:
     unknown = set(document.json.get("extensionsRequired", [])) - {EXTENSION, "KHR_mesh_quantization"}
     if unknown:
-        raise PocketGSError(f"{document.path}: requires {', '.join(sorted(unknown))}, which is not understood here")
-    parts: list[Gaussians] = []
-    # Nodes may share a mesh, but a small file must not become a scene of any size.
-    room = sum(map(len, document.buffers))
+        raise PocketGSError(
+            f"{document.path}: requires {clipped(', '.join(sorted(unknown)))}, which is not understood here"
+        )
+    shown = _shown(document)
+    # Nodes may share a mesh and accessors bytes, but a small file must not become a scene of any size.
+    counts = [_count(document, primitive) for primitive, _ in shown]
+    coefficients = max(map(_coefficients, (primitive for primitive, _ in shown)), default=0)
+    if sum(counts) > sum(map(len, document.buffers)):
+        raise PocketGSError(f"{document.path}: shows more Gaussians than it has bytes")
+    require_room(document.path, sum(counts), coefficients, READING)
+    return [_part(document, primitive, placement) for primitive, placement in shown]
+
+
+def _shown(document: Document) -> list[tuple[dict[str, Any], Placement]]:
+    """The primitives that are Gaussians, each as often as a node shows it."""
+    shown: list[tuple[dict[str, Any], Placement]] = []
     for placement in placements(document):
         for primitive in item(document, "meshes", placement.mesh)["primitives"]:
             if EXTENSION in primitive.get("extensions", {}):
-                parts.append(_part(document, primitive, placement))
-                room -= len(parts[-1])
-                if room < 0:
-                    raise PocketGSError(f"{document.path}: shows more Gaussians than it has bytes")
-    return parts
+                shown.append((primitive, placement))
+                if len(shown) > MOST_PARTS:
+                    raise PocketGSError(f"{document.path}: shows more than {MOST_PARTS} groups of Gaussians")
+    return shown
+
+
+def _count(document: Document, primitive: dict[str, Any]) -> int:
+    """How many Gaussians a primitive states."""
+    if _coefficients(primitive) not in SH_COEFFICIENTS:
+        stated = f"{_coefficients(primitive)} coefficients of spherical harmonics"
+        raise PocketGSError(f"{document.path}: {stated}, expected 1, 4, 9 or 16")
+    return whole_number(item(document, "accessors", primitive["attributes"]["POSITION"]).get("count"), "count")
+
+
+def _coefficients(primitive: dict[str, Any]) -> int:
+    """How many spherical-harmonics coefficients a primitive states."""
+    return sum(name.startswith(f"{EXTENSION}:SH_DEGREE_") for name in primitive["attributes"])
 
 
 def _part(document: Document, primitive: dict[str, Any], placement: Placement) -> Gaussians:
     """The Gaussians of one primitive where a node has them, still in glTF's axes."""
     where, attributes, shape = document.path, primitive["attributes"], primitive["extensions"][EXTENSION]
     if "extensions" in shape:
-        raise PocketGSError(f"{where}: packed with {', '.join(shape['extensions'])}, expected plain attributes")
+        raise PocketGSError(
+            f"{where}: packed with {clipped(', '.join(shape['extensions']))}, expected plain attributes"
+        )
     if shape.get("kernel", KERNEL) != KERNEL or shape.get("colorSpace", COLOUR_SPACE) != COLOUR_SPACE:
-        found = f"kernel {shape.get('kernel')!r} in {shape.get('colorSpace')!r}"
+        found = f"kernel {short(shape.get('kernel'))} in {short(shape.get('colorSpace'))}"
         raise PocketGSError(f"{where}: {found}, expected {KERNEL!r} in {COLOUR_SPACE!r}")
-    count = sum(name.startswith(f"{EXTENSION}:SH_DEGREE_") for name in attributes)
-    if count not in SH_COEFFICIENTS:
-        raise PocketGSError(f"{where}: {count} coefficients of spherical harmonics, expected 1, 4, 9 or 16")
+    count = _coefficients(primitive)
     scales = read_accessor(document, attributes[f"{EXTENSION}:SCALE"], 3)
     if np.any(scales < 0):
         raise PocketGSError(f"{where}: negative scales, expected standard deviations; earlier drafts had logarithms")

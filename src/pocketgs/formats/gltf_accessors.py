@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, clipped, short
 from pocketgs.formats.gltf_document import Document
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5126: "<f4"}
@@ -20,7 +20,7 @@ def whole_number(value: Any, what: str) -> int:
         ValueError: it is none.
     """
     if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-        raise ValueError(f"{what} is {value!r}, expected a whole number")
+        raise ValueError(f"{what} is {short(value)}, expected a whole number")
     return value
 
 
@@ -50,7 +50,7 @@ def read_accessor(document: Document, index: Any, width: int) -> np.ndarray:
         raise PocketGSError(f"{where}: compressed or sparse, expected plain numbers in a buffer")
     kind, found = COMPONENTS.get(accessor.get("componentType", 0)), WIDTHS.get(accessor.get("type", ""))
     if kind is None or found != width:
-        stated = f"{accessor.get('type')} of {accessor.get('componentType')}"
+        stated = clipped(f"{accessor.get('type')} of {accessor.get('componentType')}")
         raise PocketGSError(f"{where}: {stated}, expected {width} components of one of {list(COMPONENTS)}")
     numbers = _strided(document, accessor, np.dtype((kind, (width,))), where)
     if kind == "<f4":
@@ -64,7 +64,7 @@ def read_accessor(document: Document, index: Any, width: int) -> np.ndarray:
 def _strided(document: Document, accessor: dict[str, Any], element: np.dtype, where: str) -> np.ndarray:
     view = item(document, "bufferViews", accessor["bufferView"])
     if view.get("extensions"):
-        raise PocketGSError(f"{where}: packed with {', '.join(view['extensions'])}, expected plain numbers")
+        raise PocketGSError(f"{where}: packed with {clipped(', '.join(view['extensions']))}, expected plain numbers")
     buffer_index = whole_number(view.get("buffer"), "buffer")
     if buffer_index >= len(document.buffers):
         raise ValueError(f"buffers[{buffer_index}] is missing")
@@ -76,6 +76,8 @@ def _strided(document: Document, accessor: dict[str, Any], element: np.dtype, wh
     stride = whole_number(view.get("byteStride", element.itemsize), "byteStride")
     end = offset + stride * (count - 1) + element.itemsize if count else offset
     if stride < element.itemsize or end > length or start - offset + length > len(buffer):
-        raise PocketGSError(f"{where}: {count} elements pass the end of their {length} bytes in {len(buffer)}")
+        raise PocketGSError(
+            f"{where}: {short(count)} elements pass the end of their {short(length)} bytes in {len(buffer)}"
+        )
     base, width = element.subdtype or (element, (1,))
     return np.ndarray((count, *width), base, buffer, start, (stride, base.itemsize))

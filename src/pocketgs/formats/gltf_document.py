@@ -11,8 +11,10 @@ from typing import Any
 from urllib.parse import unquote
 
 from pocketgs.capture.paths import inside
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, clipped, short
 from pocketgs.formats.checks import read_contents
+from pocketgs.memory_bound import JSON_BYTES, require_memory
+from pocketgs.opening import reading_inside
 
 GLB_MAGIC, GLB_VERSION = b"glTF", 2
 GLB_HEADER, CHUNK_HEADER = struct.Struct("<4sII"), struct.Struct("<I4s")
@@ -27,7 +29,7 @@ class Document:
 
     path: Path
     json: dict[str, Any]
-    buffers: list[bytes]
+    buffers: list[memoryview]
 
 
 def read_document(path: Path) -> Document:
@@ -36,16 +38,20 @@ def read_document(path: Path) -> Document:
     Raises:
         PocketGSError: a file is missing, broken or cut short, or a buffer lies outside the file's folder.
     """
-    contents = read_contents(path)
-    text, binary = _chunks(path, contents) if contents.startswith(GLB_MAGIC) else (contents, None)
+    whole = read_contents(path)
+    text, binary = _chunks(path, whole) if whole.startswith(GLB_MAGIC) else (whole, None)
+    require_memory(path, JSON_BYTES * len(text), f"JSON of {len(text):,} bytes")
     try:
         document = dict(json.loads(text.decode("utf-8")))
     except (ValueError, TypeError, RecursionError) as error:
-        raise PocketGSError(f"{path}: not a glTF: its JSON cannot be read ({error})") from error
+        raise PocketGSError(f"{path}: not a glTF: its JSON cannot be read ({clipped(error)})") from error
     stated = document.get("buffers", [])
     if not isinstance(stated, list) or not all(isinstance(each, dict) for each in stated):
         raise PocketGSError(f"{path}: buffers are no list of objects, expected glTF 2.0")
-    return Document(path, document, [_buffer(path, index, each, binary) for index, each in enumerate(stated)])
+    contents: dict[str, bytes] = {}
+    buffers = [_buffer(path, index, each, binary, contents) for index, each in enumerate(stated)]
+    require_memory(path, sum(map(len, contents.values())), "its buffers")
+    return Document(path, document, buffers)
 
 
 def _chunks(path: Path, contents: bytes) -> tuple[bytes, bytes | None]:
@@ -71,21 +77,39 @@ def _chunks(path: Path, contents: bytes) -> tuple[bytes, bytes | None]:
     return chunks[0][1], next((data for kind, data in chunks[1:] if kind == BINARY_CHUNK), None)
 
 
-def _buffer(path: Path, index: int, stated: dict[str, Any], binary: bytes | None) -> bytes:
+def _buffer(
+    path: Path, index: int, stated: dict[str, Any], binary: bytes | None, contents: dict[str, bytes]
+) -> memoryview:
+    """The bytes of a buffer, without a copy: many buffers may name one file.
+
+    Args:
+        path: the asset.
+        index: of the buffer.
+        stated: what the JSON says of it.
+        binary: the binary chunk of a `.glb`.
+        contents: by URI what was read before, and now this too.
+    """
     where, uri, length = f"{path}, buffer {index}", stated.get("uri"), stated.get("byteLength")
     if not isinstance(length, int) or length < 0:
-        raise PocketGSError(f"{where}: byteLength {length!r}, expected a number of bytes")
+        raise PocketGSError(f"{where}: byteLength {short(length)}, expected a number of bytes")
     if uri is None and index == 0 and binary is not None:
         data = binary
     elif not isinstance(uri, str):
-        raise PocketGSError(f"{where}: uri {uri!r}, expected a file or a data URI")
-    elif uri.startswith("data:"):
-        data = _embedded(where, uri)
+        raise PocketGSError(f"{where}: uri {short(uri)}, expected a file or a data URI")
     else:
-        data = read_contents(inside(path.parent, unquote(uri), where))
+        data = contents[uri] if uri in contents else _content(path, uri, where)
+        contents[uri] = data
     if len(data) < length:
-        raise PocketGSError(f"{where}: cut short: {len(data)} bytes, expected {length}")
-    return data[:length]
+        raise PocketGSError(f"{where}: cut short: {len(data)} bytes, expected {short(length)}")
+    return memoryview(data)[:length]
+
+
+def _content(path: Path, uri: str, where: str) -> bytes:
+    """What a URI stands for: a file beside the asset, or the bytes that it holds itself."""
+    if uri.startswith("data:"):
+        return _embedded(where, uri)
+    with reading_inside(path.parent):
+        return read_contents(inside(path.parent, unquote(uri), where))
 
 
 def _embedded(where: str, uri: str) -> bytes:
@@ -95,7 +119,7 @@ def _embedded(where: str, uri: str) -> bytes:
     try:
         return base64.b64decode(unquote(data), validate=True)
     except ValueError as error:
-        raise PocketGSError(f"{where}: its base64 cannot be read ({error})") from error
+        raise PocketGSError(f"{where}: its base64 cannot be read ({clipped(error)})") from error
 
 
 def glb_bytes(path: Path, document: dict[str, Any], binary: bytes) -> bytes:

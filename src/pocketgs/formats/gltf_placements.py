@@ -11,8 +11,8 @@ import numpy as np
 from pocketgs.errors import PocketGSError
 from pocketgs.formats.gltf_accessors import item
 from pocketgs.formats.gltf_document import Document
-from pocketgs.formats.quaternions import unit
 from pocketgs.gaussians import Gaussians
+from pocketgs.quaternions import unit
 from pocketgs.scene_edits import rotated, scaled, translated
 
 TOLERANCE = 1e-4

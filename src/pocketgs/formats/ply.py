@@ -13,8 +13,12 @@ from plyfile import PlyData, PlyElement
 
 from pocketgs.atomic_file import replacing
 from pocketgs.errors import PocketGSError
+from pocketgs.formats.checks import require_room
 from pocketgs.gaussians import SH_COEFFICIENTS, Gaussians
 from pocketgs.ply_file import read_vertices
+
+# Bytes by Gaussian and by coefficient of spherical harmonics that reading takes at most, as measured.
+READING = (100, 38)
 
 
 def _property_names(rest: int) -> list[str]:
@@ -61,6 +65,8 @@ def read_gaussians(path: Path) -> Gaussians:
         raise PocketGSError(f"{path}: holds no Gaussians: vertex property {missing[0]!r} is missing or no number")
     if 1 + rest // 3 not in SH_COEFFICIENTS or rest % 3:
         raise PocketGSError(f"{path}: {rest} f_rest properties, expected 0, 9, 24 or 45 (SH degree 0 to 3)")
+
+    require_room(path, len(data), 1 + rest // 3, READING)
 
     def stack(*names: str) -> np.ndarray:
         return np.stack([np.asarray(data[name], dtype=np.float32) for name in names], axis=1)

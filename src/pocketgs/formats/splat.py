@@ -14,12 +14,15 @@ import numpy as np
 from pocketgs.atomic_file import replacing
 from pocketgs.errors import PocketGSError
 from pocketgs.formats.activations import colour_of, dc_of, opacity_from_byte, opacity_to_byte, to_byte
-from pocketgs.formats.checks import read_contents, require_sound
-from pocketgs.formats.quaternions import unit
+from pocketgs.formats.checks import read_contents, require_room, require_sound
 from pocketgs.gaussians import Gaussians
+from pocketgs.quaternions import unit
 
 RECORD = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("colours", "u1", 4), ("quaternions", "u1", 4)])
 SMALLEST_SCALE = np.finfo(np.float32).tiny
+# Bytes by Gaussian and by coefficient of spherical harmonics that reading takes at most, as measured.
+READING = (200, 0)
+
 ZERO, STEPS = 128, 128
 """Byte that stands for 0 in a rotation, and the number of steps to 1."""
 
@@ -58,6 +61,7 @@ def read_gaussians(path: Path) -> Gaussians:
     if not contents or len(contents) % RECORD.itemsize:
         expected = f"a multiple of {RECORD.itemsize}, one record a Gaussian"
         raise PocketGSError(f"{path}: not a whole .splat: {len(contents)} bytes, expected {expected}")
+    require_room(path, len(contents) // RECORD.itemsize, 1, READING)
     records = np.frombuffer(contents, RECORD)
     if np.any(records["scales"] < 0):
         raise PocketGSError(f"{path}: not a .splat: negative scales, expected standard deviations")

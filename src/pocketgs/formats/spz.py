@@ -16,7 +16,7 @@ from typing import Literal, TypeAlias
 from pocketgs.atomic_file import replacing
 from pocketgs.errors import PocketGSError
 from pocketgs.formats.axes import RIGHT_UP_BACK, half_turn
-from pocketgs.formats.checks import read_contents, require_sound
+from pocketgs.formats.checks import read_contents, require_room, require_sound
 from pocketgs.formats.spz_arrangement import rearranged
 from pocketgs.formats.spz_attributes import LARGEST_FIXED, Layout, fractional_bits_for, pack, unpack
 from pocketgs.formats.spz_precision import FINE, Precision
@@ -49,6 +49,8 @@ LARGEST_DEGREE = 4
 HAS_EXTENSIONS = 2
 AXES_EXTENSION, AXES_RIGHT_UP_BACK = 0xADBE0003, 4
 GZIP_LEVEL = 9
+# Bytes by Gaussian and by coefficient of spherical harmonics that reading takes at most, as measured.
+READING = (320, 28)
 GZIP_WINDOW = 16 + zlib.MAX_WBITS
 ZSTD_OPTIONS: tuple[dict[int, int], ...] = (
     {zstd.CompressionParameter.compression_level: 19},
@@ -124,7 +126,8 @@ def _layout(path: Path, header: bytes, versions: tuple[int, ...]) -> tuple[Layou
     """The layout, the flags and the header's last byte.
 
     Raises:
-        PocketGSError: the header is cut short, of another version, or its degree or count are out of range.
+        PocketGSError: the header is cut short or of another version, its degree or count are out of range, or memory
+            would not hold what it states.
     """
     if len(header) < HEADER.size:
         raise PocketGSError(f"{path}: cut short: {len(header)} bytes of a header of {HEADER.size}")
@@ -137,6 +140,7 @@ def _layout(path: Path, header: bytes, versions: tuple[int, ...]) -> tuple[Layou
         raise PocketGSError(f"{path}: spherical harmonics of degree {degree}, expected 0 to {LARGEST_DEGREE}")
     if not count:
         raise PocketGSError(f"{path}: 0 Gaussians, expected at least one")
+    require_room(path, count, (degree + 1) ** 2, READING)
     return Layout(version, count, degree, bits), flags, last
 
 

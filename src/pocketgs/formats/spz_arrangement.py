@@ -11,10 +11,10 @@ from itertools import combinations, product
 
 import numpy as np
 
-from pocketgs.formats.quaternions import composed, unit
 from pocketgs.formats.spz_attributes import pack_rotations
 from pocketgs.formats.spz_precision import Precision
 from pocketgs.gaussians import Gaussians
+from pocketgs.quaternions import composed, unit
 
 _CONJUGATE = np.array([1, -1, -1, -1])
 

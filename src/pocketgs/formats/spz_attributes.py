@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pocketgs.formats.activations import OPACITY_STEPS, opacity_from_byte, opacity_of
-from pocketgs.formats.quaternions import LARGEST_OTHER, drop_largest, restore_largest, unit
 from pocketgs.formats.spz_precision import Precision
 from pocketgs.gaussians import SH_COEFFICIENTS, Gaussians
+from pocketgs.quaternions import LARGEST_OTHER, drop_largest, restore_largest, unit
 
 LARGEST_FIXED = 2**23 - 1
 COLOUR_SCALE = 0.15 * 255

@@ -38,8 +38,8 @@ class KeyframeSettings:
 
     Attributes:
         max_keyframes: hard bound.
-        views: keyframes that every part of a training view should be seen in. Two, because a depth that no second
-            depth map confirms is hardly believed.
+        views: keyframes that every part of a training view should be seen in: a depth is believed the more, the more
+            other depth maps confirm it, and hardly if none does.
         least_gain: share of all cells that another keyframe must cover to be worth its time.
 
     Raises:
@@ -47,7 +47,7 @@ class KeyframeSettings:
     """
 
     max_keyframes: int = 100
-    views: int = 2
+    views: int = 4
     least_gain: float = 5e-4
 
     def __post_init__(self) -> None:

@@ -10,13 +10,14 @@ import numpy as np
 
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.pointcloud import PointCloud
+from pocketgs.prior.advice import exposure_hint, nothing_found, photograph_hints, poses_hint
 from pocketgs.prior.complete import completion, joined
 from pocketgs.prior.depth_maps import depth_maps
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
 from pocketgs.prior.fuse import FusionSettings, fuse
 from pocketgs.prior.keyframes import KeyframeSettings, select_keyframes
 from pocketgs.prior.merge import merged
-from pocketgs.prior.report import Poses, PriorReport, nothing_found
+from pocketgs.prior.report import Poses, PriorReport
 from pocketgs.prior.scale import Scale, estimate_scale
 from pocketgs.prior.structure import Structure, StructureSettings, build_structure
 from pocketgs.prior.sweep import SweepSettings
@@ -71,6 +72,7 @@ def build_prior(
     """
     settings = settings or PriorSettings()
     stopwatch = stopwatch or Stopwatch()
+    hints = photograph_hints(capture.frames)
     with stopwatch.stage("poses"):
         scale = estimate_scale(capture)
         structure = build_structure(capture.frames, scale, settings.structure, capture.photographs)
@@ -99,6 +101,10 @@ def build_prior(
             if len(fused) + len(coverage.added) > max_points:
                 fused = merged(candidates, max_points - len(coverage.added))
             cloud = joined([fused, coverage.added])
+    wrong = len(found.replaced) + len(found.left_out) + len(found.doubtful)
+    said = (*poses_hint(wrong, len(capture.frames) + len(found.left_out)), *found.warnings())
+    if structure is None:
+        said = (nothing_found(capture, scale),)
     report = PriorReport(
         decisions=decisions,
         sparse_points=len(structure.points) if structure else 0,
@@ -111,7 +117,7 @@ def build_prior(
         coverage=coverage.covered if coverage else None,
         coverage_known=coverage.known if coverage else None,
         guessed=coverage.guessed if coverage else 0,
-        warnings=found.warnings() if structure else (nothing_found(capture, scale),),
+        warnings=(*hints, *exposure_hint(gains), *said),
     )
     return Prior(replace(capture, points=cloud), report)
 

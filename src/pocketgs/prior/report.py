@@ -5,18 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from pocketgs.capture.capture import Capture
 from pocketgs.prior.keyframes import Decision
-from pocketgs.prior.scale import Scale
 from pocketgs.prior.structure import Structure
 
 MOST_NAMES = 8
 """Names that a warning lists."""
-
-LEAST_WALK = 0.02
-"""Share of the distance to the scene that cameras lie apart, below which they stand in one place."""
 
 
 @dataclass(frozen=True)
@@ -60,20 +54,6 @@ class Poses:
             ),
         )
         return tuple(f"{len(names)} frames {words}: {_listed(names)}" for names, words in said if names)
-
-
-def nothing_found(capture: Capture, scale: Scale) -> str:
-    """Why no points were found, and what to photograph differently, in words."""
-    centres = np.array([frame.camera.centre for frame in capture.frames])
-    if np.ptp(centres, axis=0).max() < LEAST_WALK * scale.distance:
-        return (
-            "the photographs were taken from nearly one place, which tells nothing of distances: poses are used as "
-            "given; walk around what you photograph, a step to the side between photographs"
-        )
-    return (
-        "too little texture to refine poses or to tell how far things are: poses are used as given; photograph from "
-        "nearer, sharply, in more light, with something patterned in view"
-    )
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -9,6 +9,12 @@ import numpy as np
 from pocketgs.camera_geometry import GUESSED_DISTANCE, focus_point, looks_at
 from pocketgs.capture.capture import Capture
 
+ONE_PLACE, ROUNDING = 1e-3, 1e-9
+"""Metres, and share of the distance to the origin, within which cameras stand in one place.
+
+Their axes then meet in that place, which says nothing.
+"""
+
 METRIC_DISTANCE = 2.0
 """Metres from a phone to what it looks at, where its poses do not tell."""
 
@@ -29,16 +35,22 @@ class Scale:
 def estimate_scale(capture: Capture) -> Scale:
     """The median distance from the training cameras to where their optical axes meet.
 
-    Where they look apart: 2 m, or if the capture is not metric a multiple of how far the cameras are spread.
+    Where they look apart or stand in one place: 2 m, or if the capture is not metric a multiple of how far the cameras
+    are spread; 1 where they are not.
     """
     cameras = [frame.camera for frame in capture.train]
     centres = np.array([camera.centre for camera in cameras])
+    spread = float(np.sqrt(centres.var(axis=0).sum()))
+    within = ONE_PLACE if capture.metric else max(ROUNDING * float(np.abs(centres).max()), ROUNDING**2)
+    in_one_place = len(cameras) > 1 and spread <= within
     focus = focus_point(cameras)
-    if looks_at(cameras, focus):
+    if in_one_place and not capture.metric:
+        distance = 1.0
+    elif looks_at(cameras, focus) and not in_one_place:
         distance = float(np.median(np.linalg.norm(centres - focus, axis=1)))
     elif capture.metric:
         distance = METRIC_DISTANCE
     else:
-        distance = GUESSED_DISTANCE * float(np.sqrt(centres.var(axis=0).sum()))
+        distance = GUESSED_DISTANCE * spread
     distance = max(distance, np.finfo(np.float32).tiny)
     return Scale(distance, 1.0 if capture.metric else distance)

@@ -177,7 +177,9 @@ def _placed(
     """Cameras, wrong ones placed anew where that is possible; all matches; and (F,) bool what stays wrong."""
     tracks, _ = link(features, matches)
     tolerance = max(VERIFICATION * finest, measured_tolerance(given, tracks, finest))
-    wrong = contradicted(given, features, matches, tolerance) | strangers(given, features, matches, scale.distance)
+    # Drift adds up along a walk: what is a little more than usual is no contradiction.
+    gross = max(tolerance, widest_tolerance(given) / 2)
+    wrong = contradicted(given, features, matches, gross) | strangers(given, features, matches, scale.distance)
     if not (wrong.any() and may_move):
         return given, matches, wrong
     placement = Placement(given, features, matches, wrong, tolerance, scale.distance)

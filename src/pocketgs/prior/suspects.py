@@ -16,11 +16,17 @@ from pocketgs.prior.features import Features
 from pocketgs.prior.pairs import Pair
 from pocketgs.prior.tracks import view_distances
 
-LEAST_FIT = 0.6
-"""Share of the matches between two groups that suits the poses, below which they contradict each other.
+PAIR_FIT = 0.8
+"""Share of a pair's matches that must suit the poses for the pair to speak for them.
 
 Matches that one motion explains suit right poses nearly all. Of matches that do not belong together about half lie near
 epipolar lines, since these are long.
+"""
+
+LEAST_SUPPORT = 1 / 3
+"""Share of the matches between two groups that must be of pairs that speak for the poses.
+
+Not more, since patterns that repeat give wrong matches that agree on a motion, even between views that stand right.
 """
 
 FEWEST_MATCHES = 32
@@ -46,13 +52,14 @@ def contradicted(
         matches: verified without poses, see `two_view.match_views`.
         tolerance: distance in pixels from epipolar lines that right poses explain.
     """
-    total, fitting = np.zeros((2, len(cameras), len(cameras)))
+    total, supporting = np.zeros((2, len(cameras), len(cameras)))
     for (first, second), found in matches.items():
         here, there = features[first].pixels[found[:, 0]], features[second].pixels[found[:, 1]]
         near = epipolar_distance(cameras[first], cameras[second], here, there) < tolerance
         total[first, second] = total[second, first] = len(found)
-        fitting[first, second] = fitting[second, first] = np.count_nonzero(near)
-    group = _groups(sorted(matches), total, fitting)
+        if near.sum() >= PAIR_FIT * len(found):
+            supporting[first, second] = supporting[second, first] = len(found)
+    group = _groups(sorted(matches), total, supporting)
     largest = np.bincount(group).argmax()
     main = group == largest
     found = np.zeros(len(cameras), bool)
@@ -60,7 +67,7 @@ def contradicted(
         return found
     for number in np.unique(group[~main]):
         between = np.ix_(group == number, main)
-        if total[between].sum() >= FEWEST_MATCHES and fitting[between].sum() < LEAST_FIT * total[between].sum():
+        if total[between].sum() >= FEWEST_MATCHES and supporting[between].sum() < LEAST_SUPPORT * total[between].sum():
             found |= group == number
     return found
 
@@ -94,14 +101,14 @@ def strangers(
     return found
 
 
-def _groups(pairs: Sequence[Pair], total: np.ndarray, fitting: np.ndarray) -> np.ndarray:
+def _groups(pairs: Sequence[Pair], total: np.ndarray, supporting: np.ndarray) -> np.ndarray:
     """(F,) the group of each view."""
     group = np.arange(len(total))
-    for first, second in sorted(pairs, key=lambda pair: -fitting[pair]):
-        if group[first] == group[second] or fitting[first, second] < LEAST_FIT * total[first, second]:
+    for first, second in sorted(pairs, key=lambda pair: -supporting[pair]):
+        if group[first] == group[second] or not supporting[first, second]:
             continue
         one, other = group == group[first], group == group[second]
-        if fitting[np.ix_(one, other)].sum() >= LEAST_FIT * total[np.ix_(one, other)].sum():
+        if supporting[np.ix_(one, other)].sum() >= LEAST_SUPPORT * total[np.ix_(one, other)].sum():
             group[other] = group[first]
     return group
 

@@ -130,7 +130,10 @@ class EngineOptions:
         accumulation: how the gradients of a GPU's tiles come together: "ordered" gives the same bits every time;
             "atomic" takes less memory, on GPUs that can add floats atomically.
         portable: use only what every GPU with WebGPU has.
-        max_memory: megabytes of GPU memory that the engine may take.
+        max_memory: megabytes of GPU memory that the engine may take, and, in a command, that reading may.
+
+    Raises:
+        PocketGSError: a number is none that there can be of what it counts.
     """
 
     engine: EngineName = "auto"
@@ -141,6 +144,12 @@ class EngineOptions:
     accumulation: Accumulation = "ordered"
     portable: bool = False
     max_memory: int = 3000
+
+    def __post_init__(self) -> None:
+        if self.threads is not None and self.threads < 1:
+            raise PocketGSError(f"threads: found {self.threads}, expected at least 1")
+        if self.max_memory < 1:
+            raise PocketGSError(f"max memory: found {self.max_memory}, expected at least 1")
 
 
 def create_engine(options: EngineOptions | None = None) -> Engine:

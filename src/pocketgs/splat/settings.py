@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from pocketgs.background import Background, checked_background
+
 
 @dataclass(frozen=True)
 class LearningRates:
@@ -80,4 +82,7 @@ class StepSettings:
     rates: LearningRates
     loss: LossSettings = field(default_factory=LossSettings)
     adam: AdamSettings = field(default_factory=AdamSettings)
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    background: Background = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        checked_background(self.background)

@@ -16,7 +16,7 @@ from pocketgs.structure_from_motion.world import from_places, upright
 
 SMALLEST_MODEL = 3
 FAR, AS_GOOD = 0.1, 1.1
-"""The logarithm of a ratio of focal lengths that is worth a look; a ratio of reprojection errors as good as 1."""
+"""Logarithm of a ratio of focal lengths that is worth a look; ratio of reprojection errors that is as good as 1."""
 
 PAIRS_AT_ONCE = 60
 """Pairs that are matched between two lines of progress."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from pocketgs.camera import LARGEST_SIDE
 from pocketgs.errors import PocketGSError
 
 CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
@@ -29,7 +30,7 @@ class PoseOptions:
     def __post_init__(self) -> None:
         checks = {
             "most frames": (self.most_frames, self.most_frames >= 3, "at least 3"),
-            "max size": (self.max_size, self.max_size >= 64, "at least 64 pixels"),
+            "max size": (self.max_size, 64 <= self.max_size <= LARGEST_SIDE, f"64 to {LARGEST_SIDE} pixels"),
             "camera model": (
                 self.camera_model,
                 self.camera_model in get_args(CameraModel),

@@ -10,6 +10,7 @@ from typing import Any
 
 from pocketgs.atomic_folder import replacing_folder
 from pocketgs.capture.image_file import read_header
+from pocketgs.capture.open import read_listing
 from pocketgs.capture.unposed import is_video
 from pocketgs.errors import PocketGSError
 from pocketgs.structure_from_motion.attempts import place_all
@@ -30,7 +31,7 @@ from pocketgs.structure_from_motion.work import Count
 STAGES = ("frames", "features", "matching", "mapping")
 ADVICE = (
     "photograph sharply and in good light something that has texture, from places that differ, such that each "
-    "photograph shows two thirds of what the one before shows"
+    "photograph shows two thirds of what the one before shows; see docs/photographing.md"
 )
 MOST_NAMES = 12
 
@@ -105,6 +106,7 @@ def pose(
             if not outcome["placed"]:
                 found = f"{features:,} features an image, {outcome['matched_pairs']} pairs that match"
                 raise PocketGSError(f"{source}: no poses found for {len(photographs)} images ({found}): {ADVICE}")
+            read_listing(staging)  # whoever wrote the poses may not have said that the disk is full
             record = {**made_from, **outcome, "frames": len(photographs), "unplaced": unplaced, "features": features}
             (staging / RECORD).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     except OSError as error:

@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 from pocketgs.camera import Camera
-from pocketgs.camera_geometry import focus_point, looks_at, mean_up
+from pocketgs.camera_geometry import focus_point, looks_at, upward
 from pocketgs.capture.capture import Capture
 
 UP = (0.0, -1.0, 0.0)
@@ -62,6 +62,11 @@ class Content:
     up: Sequence[float] = UP
     target: Sequence[float] = (0.0, 0.0, 0.0)
     previews: Mapping[str, Path] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        # Whoever replaces a file by a link later does not have it served: see `open_in_place`.
+        object.__setattr__(self, "scene", self.scene and self.scene.resolve())
+        object.__setattr__(self, "previews", {name: path.resolve() for name, path in self.previews.items()})
 
     @property
     def scene_files(self) -> dict[str, Path]:
@@ -118,7 +123,7 @@ def looked_at(views: Sequence[View]) -> tuple[list[float], list[float]]:
         # From cameras that look outwards there is nothing to go around: the first one's view will do.
         centres = np.array([camera.centre for camera in cameras])
         target = cameras[0].centre + cameras[0].forward * (float(np.ptp(centres, axis=0).max()) or 1.0)
-    return mean_up(cameras).tolist(), target.tolist()
+    return upward(cameras).tolist(), target.tolist()
 
 
 def jpeg(photo: np.ndarray) -> bytes:

@@ -15,7 +15,6 @@ from pocketgs.errors import PocketGSError
 from pocketgs.formats import spz
 from pocketgs.gaussians import Gaussians
 from pocketgs.record import peak_rss_mb
-from pocketgs.result_folder import PICTURES
 from pocketgs.run import Reporter, RunResult
 from pocketgs.training import Progress
 from pocketgs.viewer.content import Content, capture_views, looked_at
@@ -90,7 +89,7 @@ class LiveRun:
         """Show what came of the run."""
         with self._changed:
             self._over = True
-        self.news.post_content(replace(self.news.content, previews=previews_in(result.folder / PICTURES)))
+        self.news.post_content(replace(self.news.content, previews=previews_in(result.folder)))
         iteration = int(result.summary["iterations"])
         self._encoder.submit(self._encode, iteration, result.scene).result()
         self._encoder.shutdown()

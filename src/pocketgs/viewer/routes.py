@@ -7,13 +7,14 @@ import json
 import os
 from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
-from typing import get_args
+from typing import BinaryIO, get_args
 
 from aiohttp import web
 from aiohttp.typedefs import Middleware
 
 import pocketgs.splat.webgpu
 import pocketgs.viewer
+from pocketgs.opening import open_in_place
 from pocketgs.splat.webgpu.passes import Appearance, Variant, describe
 from pocketgs.viewer.access import Access, is_same_origin
 from pocketgs.viewer.content import Content, jpeg
@@ -49,6 +50,7 @@ HEADERS = {
 }
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+Opener = Callable[[Path], BinaryIO]
 
 
 def application(access: Access, content: Callable[[], Content], run: LiveRun | None) -> web.Application:
@@ -143,10 +145,10 @@ class _Routes:
         return web.Response(body=await asyncio.to_thread(jpeg, photo), content_type="image/jpeg")
 
     async def preview(self, request: web.Request) -> web.StreamResponse:
-        return await _file_named(request, self._content().previews)
+        return await _file_named(request, self._content().previews, open_in_place)
 
     async def scene(self, request: web.Request) -> web.StreamResponse:
-        return await _file_named(request, self._content().scene_files)
+        return await _file_named(request, self._content().scene_files, open_in_place)
 
     async def live(self, request: web.Request) -> web.StreamResponse:
         if self.followers is None:
@@ -160,18 +162,23 @@ def _json(content: object) -> web.Response:
     return web.Response(text=json.dumps(content), content_type="application/json")
 
 
-async def _file_named(request: web.Request, files: Mapping[str, Path]) -> web.StreamResponse:
+def _open(path: Path) -> BinaryIO:
+    """A file of this package."""
+    return path.open("rb")
+
+
+async def _file_named(request: web.Request, files: Mapping[str, Path], opened: Opener = _open) -> web.StreamResponse:
     """The file that a request names, out of those there are: no path is ever made of what a request says."""
     path = files.get(request.match_info["name"])
     if path is None:
         raise web.HTTPNotFound
-    return await _file(request, path)
+    return await _file(request, path, opened)
 
 
-async def _file(request: web.Request, path: Path) -> web.StreamResponse:
+async def _file(request: web.Request, path: Path, opened: Opener = _open) -> web.StreamResponse:
     """A file as it is; aiohttp's own FileResponse would send a packed file that happens to lie beside it instead."""
     try:
-        file = await asyncio.to_thread(path.open, "rb")
+        file = await asyncio.to_thread(opened, path)
     except OSError as error:
         raise web.HTTPNotFound from error
     with file:

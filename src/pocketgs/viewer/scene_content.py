@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from pocketgs.background import checked_background
 from pocketgs.cameras_file import read_cameras
 from pocketgs.capture.capture import Capture
+from pocketgs.capture.json_fields import read_json
 from pocketgs.errors import PocketGSError
 from pocketgs.gaussians import Gaussians
+from pocketgs.opening import reading_inside
+from pocketgs.publishing.journal import settle
 from pocketgs.result_folder import CAMERAS, PICTURES, RECORD
 from pocketgs.viewer.content import UP, Content, View, capture_views, looked_at
 
@@ -33,22 +36,24 @@ def scene_content(
     Raises:
         PocketGSError: a file of the result folder cannot be read.
     """
-    record = _read_json(result / RECORD) if result else {}
+    if result:
+        settle(result)
+    record = _record_of(result) if result else {}
     if capture:
         views, background = capture_views(capture), capture.background
     else:
         views = _views_of_result(result, record) if result else ()
         background = _background(record)
     up, target = looked_at(views) if views else (UP, np.median(gaussians.means, axis=0).tolist())
-    previews = previews_in(result / PICTURES) if result else {}
+    previews = previews_in(result) if result else {}
     return Content(title, scene, background=background, views=views, up=up, target=target, previews=previews)
 
 
-def previews_in(folder: Path) -> dict[str, Path]:
-    """The PNGs of a folder by name, empty if there is no such folder; links that lead out of it are left out."""
-    root = folder.resolve()
-    found = (path for path in sorted(folder.glob("*.png")) if path.is_file())
-    return {path.name: path for path in found if path.resolve().parent == root}
+def previews_in(result: Path) -> dict[str, Path]:
+    """A result's pictures by name, none if it has none; those that lie elsewhere, by a link, are left out."""
+    root = result.resolve()
+    found = (path for path in sorted((result / PICTURES).glob("*.png")) if path.is_file())
+    return {path.name: path for path in found if path.resolve().is_relative_to(root)}
 
 
 def _views_of_result(result: Path, record: dict[str, Any]) -> tuple[View, ...]:
@@ -56,30 +61,30 @@ def _views_of_result(result: Path, record: dict[str, Any]) -> tuple[View, ...]:
     path = result / CAMERAS
     if not path.is_file():
         return ()
-    held_out = {image["name"] for image in record.get("images", [])}
-    return tuple(View(name, camera, name in held_out) for name, camera in sorted(read_cameras(path).cameras.items()))
+    images = record.get("images")
+    named = [each.get("name") for each in images if isinstance(each, dict)] if isinstance(images, list) else []
+    with reading_inside(result):
+        cameras = read_cameras(path).cameras
+    return tuple(View(name, camera, name in named) for name, camera in sorted(cameras.items()))
 
 
 def _background(record: dict[str, Any]) -> tuple[float, float, float]:
     capture = record.get("capture")
     colour = capture.get("background") if isinstance(capture, dict) else None
-    if isinstance(colour, list) and len(colour) == 3 and all(isinstance(value, int | float) for value in colour):
-        return (colour[0], colour[1], colour[2])
-    return (0.0, 0.0, 0.0)
+    try:
+        return checked_background(colour)
+    except PocketGSError:  # a record of another program, or of a run whose colour nobody can show
+        return (0.0, 0.0, 0.0)
 
 
-def _read_json(path: Path) -> dict[str, Any]:
-    """An object in a file; empty if there is no such file.
+def _record_of(result: Path) -> dict[str, Any]:
+    """The content of `run.json`; empty if there is none.
 
     Raises:
-        PocketGSError: it cannot be read, or holds no object.
+        PocketGSError: it cannot be read, lies elsewhere, or holds no object.
     """
+    path = result / RECORD
     if not path.is_file():
         return {}
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise PocketGSError(f"{path}: cannot be read ({error})") from error
-    if not isinstance(found, dict):
-        raise PocketGSError(f"{path}: holds no JSON object")
-    return found
+    with reading_inside(result):
+        return read_json(path).values

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from PIL import Image
 
 from pocketgs.atomic_folder import replacing_folder
 from pocketgs.camera import Camera
+from pocketgs.capture.capture import Frame
 from pocketgs.capture.loading import reliable_depth
 from pocketgs.capture.open import read_listing
 from pocketgs.capture.synthetic.phone import Shot
@@ -66,6 +67,25 @@ def read_ground_truth(folder: Path) -> GroundTruth:
         cameras={name: source.camera for name, source in sources.items()},
         depths={name: reliable_depth(source) for name, source in sources.items()},
     )
+
+
+def write_frames(folder: Path, frames: Sequence[Frame], held_out: Collection[int] = ()) -> None:
+    """Write posed photographs, in metres, as nerfstudio does; the folder must not exist yet.
+
+    Args:
+        folder: where to.
+        frames: what to write.
+        held_out: numbers of the frames to hold out; without any, the file states no split.
+    """
+    (folder / "images").mkdir(parents=True)
+    for frame in frames:
+        _write_png(folder / frame.name, frame.image)
+    names = [frame.name for frame in frames]
+    document = _transforms([frame.camera for frame in frames], names)
+    if held_out:
+        document["test_filenames"] = [names[number] for number in held_out]
+        document["train_filenames"] = [name for name in names if name not in document["test_filenames"]]
+    _write_json(folder / "transforms.json", document)
 
 
 def _write(folder: Path, width: int, height: int, frames: int) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from pocketgs.capture.synthetic import materials
@@ -30,8 +32,13 @@ BLACK_METAL = Finish((0.2, 0.2, 0.22))
 
 def room() -> Scene:
     """The demo scene for the ray caster."""
+    return furnished()
+
+
+def furnished(more: Sequence[Part] = ()) -> Scene:
+    """The demo scene with more things in it."""
     furniture = [_rug(), _table(), _tray(), _books(), _toys(), _rack(), _chair(), _lamp(), _sideboard()]
-    return assemble(_shell(), [part for group in furniture for part in group])
+    return assemble(_shell(), [part for group in [*furniture, more] for part in group])
 
 
 def _shell() -> list[Part]:

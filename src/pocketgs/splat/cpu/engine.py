@@ -9,10 +9,12 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from pocketgs.background import checked_background
 from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
 from pocketgs.cores import kernel_threads
 from pocketgs.gaussians import PARAMETERS, Gaussians
+from pocketgs.splat.checks import check_state, check_view, checked_scene
 from pocketgs.splat.cpu.adam import adam, rates_by_column, regularise
 from pocketgs.splat.cpu.bin import Binner, TileLists
 from pocketgs.splat.cpu.lanes import LANES
@@ -103,6 +105,9 @@ class CpuEngine:
 
     def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
         """Take a copy of the scene, and of the optimiser's state or start it anew."""
+        gaussians = checked_scene(gaussians)
+        if state is not None:
+            check_state(gaussians, state)
         self._scene = Gaussians(*(getattr(gaussians, name).copy() for name in PARAMETERS))
         self._scene.quaternions = gaussians.unit_quaternions
         self._near = near_plane(gaussians.means)
@@ -117,6 +122,7 @@ class CpuEngine:
 
     def step(self, view: int, settings: StepSettings) -> None:
         """Train on one view."""
+        check_view(view, self._views)
         numba.set_num_threads(self.threads)
         training_view = self._views[view]
         raster = self._forward(training_view.view, np.array(settings.background, np.float32))
@@ -134,7 +140,7 @@ class CpuEngine:
         """Render the scene as it stands."""
         numba.set_num_threads(self.threads)
         view = View.of(camera)
-        raster = self._forward(view, np.array(background, np.float32))
+        raster = self._forward(view, np.array(checked_background(background), np.float32))
         image = np.moveaxis(raster.canvas.image, 0, 2).copy()
         alpha = 1.0 - raster.canvas.transmittance
         expected_depth = None

@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pocketgs.background import checked_background
 from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.gaussians import Gaussians
+from pocketgs.splat.checks import check_state, check_view, checked_scene
 from pocketgs.splat.engine import KEPT_LOSSES, EngineOptions, MemoryNeed, OptimiserState, Rendering
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.settings import StepSettings
@@ -112,6 +114,9 @@ class WebGpuEngine:
         Raises:
             PocketGSError: the GPU's memory does not hold it.
         """
+        gaussians = checked_scene(gaussians)
+        if state is not None:
+            check_state(gaussians, state)
         count, coefficients = len(gaussians), gaussians.sh.shape[1]
         trains = self._extent.trains or state is not None
         extent = replace(self._extent, gaussians=count, coefficients=coefficients, trains=trains)
@@ -129,6 +134,7 @@ class WebGpuEngine:
 
     def step(self, view: int, settings: StepSettings) -> None:
         """Train on one view. Returns before it is done."""
+        check_view(view, self._frames)
         if not self._pending:
             self._first_pending = time.monotonic()
         self._submit(_Step(view, settings))
@@ -148,7 +154,7 @@ class WebGpuEngine:
         self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False
     ) -> Rendering:
         """Render the scene as it stands."""
-        image = self._draw("render", camera, background)
+        image = self._draw("render", camera, checked_background(background))
         alpha = 1.0 - image[..., 3]
         expected_depth = None
         if depth:

@@ -11,11 +11,30 @@ export const QUATERNION = 6;
 export const OPACITY_LOGIT = 10;
 const SHAPE_COLUMNS = 11;
 
+/** Bytes that a scene may take while it is read, as `pocketgs` allows by itself: a file can state any number. */
+const MOST_BYTES = 3e9;
+
 /** The spherical harmonic of degree 0: colour = 0.5 + SH_DC · coefficient. */
 export const SH_DC = 0.28209479177387814;
 
 /** The coefficient of degree 0 of a colour in [0, 1]. @type {(colour: number) => number} */
 export const dcOf = (colour) => (colour - 0.5) / SH_DC;
+
+/**
+ * Refuse a scene before anything is allocated for it that memory would not hold.
+ *
+ * @param {number} count
+ * @param {number} coefficients
+ * @param {number} unpacked bytes that its file's content takes besides the scene
+ * @throws {Error} it would take too much
+ */
+export function requireRoom(count, coefficients, unpacked = 0) {
+    const needed = 4 * (SHAPE_COLUMNS + 3 * coefficients) * count + unpacked;
+    if (needed > MOST_BYTES) {
+        const [found, most] = [needed, MOST_BYTES].map((bytes) => Math.ceil(bytes / 1e6).toLocaleString("en"));
+        throw new Error(`${count.toLocaleString("en")} Gaussians would take ${found} MB, expected at most ${most} MB`);
+    }
+}
 
 /** N Gaussians with K spherical-harmonics coefficients a channel. */
 export class GaussianColumns {
@@ -24,6 +43,7 @@ export class GaussianColumns {
      * @param {number} coefficients 1, 4, 9 or 16
      */
     constructor(count, coefficients) {
+        requireRoom(count, coefficients);
         this.count = count;
         this.coefficients = coefficients;
         /** (11, N): mean, log scale, quaternion of unit length, opacity logit. */

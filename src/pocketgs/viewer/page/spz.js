@@ -4,6 +4,7 @@
  * @module
  */
 
+import { requireRoom } from "./gaussian_columns.js";
 import { streamSizes, unpack } from "./spz_attributes.js";
 import { unpackZstd } from "./zstd.js";
 
@@ -61,7 +62,10 @@ function layoutOf(header, versions) {
     if (degree > LARGEST_DEGREE) {
         throw new Error(`the .spz has spherical harmonics of degree ${degree}, expected 0 to ${LARGEST_DEGREE}`);
     }
-    return { version, count: header.getUint32(8, true), degree, fractionalBits: header.getUint8(13) };
+    const layout = { version, count: header.getUint32(8, true), degree, fractionalBits: header.getUint8(13) };
+    const unpacked = streamSizes(layout).reduce((sum, size) => sum + size, 0);
+    requireRoom(layout.count, (Math.min(degree, 3) + 1) ** 2, unpacked);
+    return layout;
 }
 
 /** The streams of version 4: a table of their sizes, then each packed by itself. */

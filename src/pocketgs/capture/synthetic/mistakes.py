@@ -1,0 +1,224 @@
+"""Captures as beginners make them: one mistake each, in the demo's room, to test by and to show in the docs.
+
+The poses are the true ones unless they are the mistake. Photographs carry a phone's noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from pocketgs.camera import Camera, look_at
+from pocketgs.capture.capture import Frame
+from pocketgs.capture.synthetic.folder import write_frames
+from pocketgs.capture.synthetic.phone import READ_NOISE, SHOT_NOISE, expose, quantised
+from pocketgs.capture.synthetic.room import WALL, furnished, room
+from pocketgs.capture.synthetic.scene import Finish, assemble, box
+from pocketgs.capture.synthetic.tracing import Scene
+from pocketgs.capture.synthetic.walk import LOOK_AT, true_camera
+from pocketgs.errors import PocketGSError
+
+STRETCH = (6.0, 18.0)
+"""Seconds of the walk that these captures show: some 75 degrees of the arc."""
+
+HELD_OUT = (4, 12)
+"""Frames that are held out: none at an end, where nothing but a guess could be shown."""
+
+SAMPLES, BLURRED_SAMPLES = 4, 16
+SHAKE = np.radians(7)
+"""How far a phone that is swung turns while the shutter is open."""
+
+STRANGER = 9
+"""The photograph of another place."""
+
+STOPS_APART = 2.0
+WRONG_BY = 0.2
+"""Metres."""
+
+NIGHT, AMPLIFIED = 1 / 600, 0.3
+"""Light there is, of that by day; and display values after the camera has amplified it, of those by day."""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A photograph and what its camera is believed to be.
+
+    Attributes:
+        scene: that it shows.
+        camera: the true one.
+        believed: the one that is written down.
+        gain: factor on its display-referred values.
+        light: factor on the light, which the sensor amplifies back.
+        turn: angle in radians by which the camera turns while the shutter is open.
+    """
+
+    scene: Scene
+    camera: Camera
+    believed: Camera
+    gain: float = 1.0
+    light: float = 1.0
+    turn: float = 0.0
+
+
+def _good(cameras: Sequence[Camera]) -> list[Taken]:
+    scene = room()
+    return [Taken(scene, camera, camera) for camera in cameras]
+
+
+def _turning(cameras: Sequence[Camera]) -> list[Taken]:
+    """On the spot, from one wall to the other."""
+    eye = cameras[len(cameras) // 2].centre
+    ahead = np.arctan2(*(LOOK_AT - eye)[1::-1])
+    angles = ahead + np.linspace(-0.6, 0.6, len(cameras))
+    towards = np.stack([np.cos(angles), np.sin(angles), np.full(len(angles), -0.3)], axis=1)
+    up = np.array([0.0, 0.0, 1.0])
+    turned = [
+        replace(camera, world_to_camera=look_at(eye, eye + way, up))
+        for camera, way in zip(cameras, towards, strict=True)
+    ]
+    return _good(turned)
+
+
+def _two(cameras: Sequence[Camera]) -> list[Taken]:
+    middle = len(cameras) // 2
+    return _good([cameras[middle - 1], cameras[middle]])
+
+
+def _duplicates(cameras: Sequence[Camera]) -> list[Taken]:
+    """Every photograph three times over, as from a phone that was held still now and then."""
+    return _good([camera for camera in cameras[::3] for _ in range(3)][: len(cameras)])
+
+
+def _blank(cameras: Sequence[Camera]) -> list[Taken]:
+    """A white cupboard between white walls, on a white floor."""
+    white = Finish((0.93, 0.92, 0.9))
+    shell = [
+        box((2.5, -2.5, -0.05), (6.5, 6.5, 0.05), white),
+        box((2.5, WALL + 0.05, 1.6), (6.5, 0.05, 1.6), white),
+        box((-WALL - 0.05, -2.5, 1.6), (0.05, 6.5, 1.6), white),
+    ]
+    scene = assemble(shell, [box((0.55, WALL - 0.19, 0.3), (0.48, 0.19, 0.3), white, dimming=0.3)])
+    return [Taken(scene, camera, camera) for camera in cameras]
+
+
+def _displaced(cameras: Sequence[Camera]) -> list[Taken]:
+    """Every other pose wrong by 20 cm, each in a direction of its own."""
+    generator = np.random.default_rng(5)
+    taken = []
+    for number, shot in enumerate(_good(cameras)):
+        way = generator.normal(size=3)
+        shift = WRONG_BY * way / np.linalg.norm(way) * (number % 2)
+        pose = shot.camera.world_to_camera.copy()
+        pose[:3, 3] -= pose[:3, :3] @ shift
+        taken.append(replace(shot, believed=replace(shot.camera, world_to_camera=pose)))
+    return taken
+
+
+def _stranger(cameras: Sequence[Camera]) -> list[Taken]:
+    """One photograph of another place among them."""
+    taken = _good(cameras)
+    elsewhere = look_at(np.array([6.5, -1.0, 1.4]), np.array([7.5, WALL, 1.0]), np.array([0.0, 0.0, 1.0]))
+    taken[STRANGER] = replace(taken[STRANGER], camera=replace(taken[STRANGER].camera, world_to_camera=elsewhere))
+    return taken
+
+
+def _flicker(cameras: Sequence[Camera]) -> list[Taken]:
+    """Exposure alternates by two stops; held-out photographs are taken at the mean."""
+    factor = 2 ** (STOPS_APART / 2 / 2)  # half of it to either side; a display's value is the root of the light
+    gains = [1.0 if number in HELD_OUT else factor ** (-1) ** number for number in range(len(cameras))]
+    return [replace(shot, gain=gain) for shot, gain in zip(_good(cameras), gains, strict=True)]
+
+
+def _mirror(cameras: Sequence[Camera]) -> list[Taken]:
+    """A mirror of 1.6 x 1.3 m behind the table."""
+    glass = Finish((0.05, 0.05, 0.06), gloss=0.92)
+    scene = furnished([box((-0.35, WALL - 0.03, 1.15), (0.8, 0.02, 0.65), glass)])
+    return [Taken(scene, camera, camera) for camera in cameras]
+
+
+def _night(cameras: Sequence[Camera]) -> list[Taken]:
+    return [replace(shot, light=NIGHT, gain=AMPLIFIED) for shot in _good(cameras)]
+
+
+def _swung(cameras: Sequence[Camera]) -> list[Taken]:
+    """The phone is swung, and the shutter is too slow for it."""
+    return [replace(shot, turn=SHAKE) for shot in _good(cameras)]
+
+
+MISTAKES: dict[str, Callable[[Sequence[Camera]], list[Taken]]] = {
+    "none": _good,
+    "turning": _turning,
+    "two": _two,
+    "duplicates": _duplicates,
+    "blank": _blank,
+    "displaced": _displaced,
+    "stranger": _stranger,
+    "flicker": _flicker,
+    "mirror": _mirror,
+    "night": _night,
+    "swung": _swung,
+}
+"""What goes wrong, by name."""
+
+
+def write_mistake(name: str, folder: Path, width: int = 160, height: int = 120, frames: int = 16) -> list[Taken]:
+    """Write a capture with one mistake as nerfstudio does: `transforms.json` and `images/`.
+
+    Args:
+        name: one of `MISTAKES`.
+        folder: where to; it must not exist yet.
+        width: of the images, in pixels.
+        height: of the images, in pixels.
+        frames: number of images, ten at least; "two" writes two.
+
+    Returns:
+        What was taken, in order.
+
+    Raises:
+        PocketGSError: there is no mistake of that name.
+    """
+    if name not in MISTAKES:
+        raise PocketGSError(f"mistake: found {name!r}, expected one of {', '.join(MISTAKES)}")
+    cameras = [true_camera(time, width, height) for time in np.linspace(*STRETCH, frames).tolist()]
+    taken = MISTAKES[name](cameras)
+    write_frames(
+        folder,
+        [
+            Frame(f"images/{number:04d}.png", shot.believed, _photographed(shot, number))
+            for number, shot in enumerate(taken)
+        ],
+        HELD_OUT if len(taken) > max(HELD_OUT) else (),
+    )
+    return taken
+
+
+def noiseless(shot: Taken) -> np.ndarray:
+    """(H, W, 3) float32 display values in [0, 1]: what a shot would show if nothing but its exposure were wrong."""
+    light, _ = expose(shot.scene, shot.camera, _through(replace(shot, turn=0.0)))
+    return np.clip(np.sqrt(light) * np.float32(shot.gain), 0, 1)
+
+
+def _photographed(shot: Taken, number: int) -> np.ndarray:
+    """(H, W, 3) uint8: what the sensor makes of a shot."""
+    light, _ = expose(shot.scene, shot.camera, _through(shot))
+    shown = np.sqrt(light)
+    # Of less light fewer photons arrive: amplified, their noise grows with the root, the sensor's own in proportion.
+    # A display's value is the root of the light, so that the amplification counts by its root too.
+    spread = np.sqrt(READ_NOISE**2 / shot.light + SHOT_NOISE**2 * np.minimum(shown, 1) / shot.light)
+    noise = np.random.default_rng((7, number)).standard_normal(shown.shape, np.float32)
+    return quantised(((shown + noise * spread) * shot.gain).astype(np.float32))
+
+
+def _through(shot: Taken) -> np.ndarray:
+    """(S, 3, 4) poses through the exposure, camera to world."""
+    samples = BLURRED_SAMPLES if shot.turn else SAMPLES
+    poses = []
+    for angle in (shot.turn * np.fft.fftfreq(samples)).tolist():
+        sideways = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+        pose = shot.camera.camera_to_world[:3].copy()
+        pose[:, :3] = pose[:, :3] @ sideways
+        poses.append(pose)
+    return np.array(poses)

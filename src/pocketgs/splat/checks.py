@@ -1,0 +1,47 @@
+"""What every engine asks of what it is given, once, before a kernel that checks nothing reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pocketgs.errors import PocketGSError
+from pocketgs.gaussians import PARAMETERS, Gaussians
+from pocketgs.splat.engine import OptimiserState
+
+
+def checked_scene(gaussians: Gaussians) -> Gaussians:
+    """The scene as it stands, whose arrays may have been replaced since it was made.
+
+    Raises:
+        PocketGSError: it is no scene, or its arrays disagree.
+    """
+    if not isinstance(gaussians, Gaussians):
+        raise PocketGSError(f"upload: found {type(gaussians).__name__}, expected Gaussians")
+    return Gaussians(*(getattr(gaussians, name) for name in PARAMETERS))
+
+
+def check_state(gaussians: Gaussians, state: OptimiserState) -> None:
+    """Refuse an optimiser's state that does not belong to the scene.
+
+    Raises:
+        PocketGSError: it is of another shape or type, or counts no whole number of steps.
+    """
+    shape = (len(gaussians), 10 + 3 * gaussians.sh.shape[1])
+    for name in ("first_moments", "second_moments"):
+        moments = np.asarray(getattr(state, name))
+        if moments.shape != shape or moments.dtype != np.float32:
+            raise PocketGSError(f"upload: {name} are {moments.dtype} {moments.shape}, expected float32 {shape}")
+    if not isinstance(state.steps, int | np.integer) or state.steps < 0:
+        raise PocketGSError(f"upload: the state counts {state.steps!r} steps, expected 0 or more")
+
+
+def check_view(view: int, views: Sequence[object]) -> None:
+    """Refuse to step on a view that there is not.
+
+    Raises:
+        PocketGSError: it is none of the views.
+    """
+    if not 0 <= view < len(views):
+        raise PocketGSError(f"step: found view {view!r}, expected 0 to {len(views) - 1}: set_views gives {len(views)}")

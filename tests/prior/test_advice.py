@@ -1,0 +1,89 @@
+"""Hints follow from what photographs show, not from their size or masks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pocketgs.camera import Camera
+from pocketgs.capture import Capture, Frame
+from pocketgs.errors import PocketGSError
+from pocketgs.prior.advice import FEW, check_photographs, exposure_hint, photograph_hints
+from pocketgs.prior.scale import METRIC_DISTANCE, estimate_scale
+
+PAGE = (Path(__file__).parents[2] / "docs" / "photographing.md").read_text(encoding="utf-8")
+
+
+def frames_of(image: np.ndarray, count: int = FEW) -> list[Frame]:
+    height, width = image.shape[:2]
+    camera = Camera(width, height, width, width, width / 2, height / 2, np.eye(4))
+    return [Frame(f"{number}.png", camera, image) for number in range(count)]
+
+
+def noise(shape: tuple[int, ...], level: float, spread: float) -> np.ndarray:
+    values = np.random.default_rng(1).normal(level, spread, shape)
+    return np.clip(values, 0, 255).astype(np.uint8)
+
+
+def test_good_photographs_need_no_hint(small_capture: Capture) -> None:
+    assert photograph_hints(small_capture.train * 2) == ()
+
+
+@pytest.mark.parametrize("size", [(90, 120), (600, 800)])
+def test_noise_on_a_wall_is_no_texture(size: tuple[int, int]) -> None:
+    (hint,) = photograph_hints(frames_of(noise((*size, 3), 200, 3)))
+    assert f"{FEW} of {FEW} photographs show hardly any texture" in hint
+
+
+def test_dark_photographs(small_capture: Capture) -> None:
+    dark = [replace(frame, image=frame.image // 6) for frame in small_capture.train * 2]
+    assert "photographs are dark" in photograph_hints(dark)[0]
+
+
+def test_masked_pixels_do_not_count(small_capture: Capture) -> None:
+    frame = small_capture.train[0]
+    image, mask = frame.image.copy(), np.ones(frame.image.shape[:2], bool)
+    image[:, :48], mask[:, 48:] = 180, False
+    assert photograph_hints([replace(frame, image=image)] * FEW) == ()
+    (hint,) = photograph_hints([replace(frame, image=image, mask=mask)] * FEW)
+    assert "hardly any texture" in hint
+    assert photograph_hints([replace(frame, mask=np.zeros_like(mask))] * FEW) == ()
+
+
+def test_few_photographs_are_worth_a_hint_and_fewer_an_error(small_capture: Capture) -> None:
+    (hint,) = photograph_hints(small_capture.train[:7])
+    assert "only 7 photographs" in hint
+    two = replace(small_capture, train=small_capture.train[:2], held_out=[])
+    check_photographs(two)  # its points help
+    bare = [replace(frame, depth=None) for frame in two.train]
+    with pytest.raises(PocketGSError, match="only 2 photographs, expected 3 at least"):
+        check_photographs(replace(two, train=bare, points=None))
+
+
+def test_exposure_counts_in_stops() -> None:
+    assert exposure_hint(None) == ()
+    assert exposure_hint((0.9, 1.1)) == ()
+    assert "differs by 2.2 stops" in exposure_hint((0.7, 1.4))[0]
+
+
+def test_hints_name_parts_of_the_page(small_capture: Capture) -> None:
+    dull = noise((90, 120, 3), 20, 1)
+    hints = (*photograph_hints(frames_of(dull, 4)), *exposure_hint((0.5, 2)))
+    assert len(hints) == 4
+    for hint in hints:
+        assert f"\n## {hint.split(chr(34))[1]}\n" in PAGE
+
+
+@pytest.mark.parametrize("metric", [True, False])
+def test_axes_that_meet_in_the_camera_say_nothing_of_distance(small_capture: Capture, metric: bool) -> None:
+    eye = np.array([0.3, -1.2, 1.5])
+    turned = []
+    for frame in small_capture.train:
+        pose = frame.camera.world_to_camera.copy()
+        pose[:3, 3] = -pose[:3, :3] @ eye
+        turned.append(replace(frame, camera=replace(frame.camera, world_to_camera=pose)))
+    scale = estimate_scale(replace(small_capture, train=turned, metric=metric))
+    assert scale.distance == (METRIC_DISTANCE if metric else 1.0)

@@ -1,0 +1,140 @@
+"""Captures with one mistake each, run whole: a usable scene, or a refusal that says what to photograph differently."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from pocketgs.camera import Camera
+from pocketgs.capture import Capture, list_capture
+from pocketgs.capture.synthetic.mistakes import STRANGER, noiseless, write_mistake
+from pocketgs.errors import PocketGSError
+from pocketgs.evaluation import psnr
+from pocketgs.prior.report import PriorReport
+from pocketgs.rendering import render_all
+from pocketgs.run import Reporter, run
+from pocketgs.training_options import TrainingOptions
+
+OPTIONS = TrainingOptions(effort="quick", iterations=200, max_gaussians=15_000, engine="cpu")
+FOG = 4.0
+"""Pixels, of 160 in a row, by which a photograph is blurred to look like a fogged scene."""
+
+GOOD, USABLE = 4.0, 2.0
+"""Decibels by which a scene must be nearer to the truth than fog is."""
+
+PAGE = Path(__file__).parents[1] / "docs" / "photographing.md"
+
+
+@dataclass
+class Attempt:
+    """What a run came to.
+
+    Attributes:
+        gain: mean PSNR in dB of held-out views against what was there to see by day, beyond that of fog.
+        said: warnings.
+    """
+
+    gain: float = np.nan
+    said: list[str] = field(default_factory=list)
+
+    def was_told(self, words: str, part: str) -> bool:
+        """Whether a warning holds the words and names a part of the docs that exists."""
+        warned = [warning for warning in self.said if words in warning]
+        return bool(warned) and f'see "{part}"' in warned[0] and f"\n## {part}\n" in PAGE.read_text()
+
+
+@pytest.fixture(scope="module")
+def attempt(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Attempt]:
+    """A function that films a capture with a mistake, trains on it and says what came of it."""
+
+    @lru_cache
+    def made(mistake: str) -> Attempt:
+        folder = tmp_path_factory.mktemp(mistake)
+        shots = write_mistake(mistake, folder / "capture")
+        found = Attempt()
+
+        def prepared(capture: Capture) -> None:
+            held_out.extend((frame.name, frame.camera) for frame in capture.held_out)
+
+        def told(report: PriorReport) -> None:
+            found.said.extend(report.warnings)
+
+        held_out: list[tuple[str, Camera]] = []
+        reporter = Reporter(on_prior=told, on_prepared=prepared, on_warning=found.said.append)
+        result = run(lambda: list_capture(folder / "capture"), folder / "result", OPTIONS, reporter=reporter)
+        for array in (result.scene.means, result.scene.log_scales, result.scene.sh, result.scene.opacity_logits):
+            assert np.isfinite(array).all()
+        views = render_all(result.scene, [camera for _, camera in held_out], engine=OPTIONS.engine_options)
+        gains = []
+        for (name, _), view in zip(held_out, views, strict=True):
+            shot = shots[int(Path(name).stem)]
+            truth, shown = (np.clip(image / shot.gain, 0, 1) for image in (noiseless(shot), view.image))
+            gains.append(psnr(shown, truth) - psnr(cv2.GaussianBlur(truth, (0, 0), FOG), truth))
+        found.gain = float(np.mean(gains))
+        print(f"{mistake}: {found.gain:.2f} dB, {found.said}")
+        return found
+
+    return made
+
+
+def test_without_a_mistake(attempt: Callable[[str], Attempt]) -> None:
+    good = attempt("none")
+    assert good.gain > GOOD
+    assert good.said == []
+
+
+def test_turning_on_the_spot(attempt: Callable[[str], Attempt]) -> None:
+    turning = attempt("turning")
+    assert turning.gain > GOOD
+    assert turning.was_told("from nearly one place", "Turning on the spot")
+
+
+def test_two_photographs(attempt: Callable[[str], Attempt]) -> None:
+    with pytest.raises(PocketGSError, match=r'only 2 photographs, expected 3 at least .* see "How many"'):
+        attempt("two")
+
+
+@pytest.mark.slow
+def test_duplicates(attempt: Callable[[str], Attempt]) -> None:
+    assert attempt("duplicates").gain > GOOD
+
+
+def test_blank_walls(attempt: Callable[[str], Attempt]) -> None:
+    blank = attempt("blank")
+    assert blank.gain > GOOD
+    assert blank.was_told("too little texture", "Blank walls")
+
+
+def test_half_the_poses_wrong(attempt: Callable[[str], Attempt]) -> None:
+    displaced = attempt("displaced")
+    assert displaced.gain > USABLE
+    assert displaced.was_told("poses were wrong", "When some poses are wrong")
+
+
+def test_a_photograph_of_another_place(attempt: Callable[[str], Attempt]) -> None:
+    stranger = attempt("stranger")
+    assert stranger.gain > GOOD
+    assert any("left out" in warning and f"{STRANGER:04d}.png" in warning for warning in stranger.said)
+
+
+def test_exposure_that_alternates(attempt: Callable[[str], Attempt]) -> None:
+    flicker = attempt("flicker")
+    assert flicker.gain > USABLE
+    assert flicker.was_told("stops between photographs", "Exposure that jumps")
+
+
+@pytest.mark.slow
+def test_a_mirror(attempt: Callable[[str], Attempt]) -> None:
+    assert attempt("mirror").gain > GOOD
+
+
+def test_night(attempt: Callable[[str], Attempt]) -> None:
+    night = attempt("night")
+    assert night.gain > USABLE
+    assert night.was_told("are dark", "Too dark")

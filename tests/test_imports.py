@@ -1,0 +1,77 @@
+"""Modules can be imported, each before all others: whoever needs one need not know what else to import first."""
+
+from __future__ import annotations
+
+import ast
+import pkgutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+import pocketgs
+
+MODULES = [
+    module.name
+    for module in pkgutil.walk_packages(pocketgs.__path__, "pocketgs.")
+    if not module.name.endswith(".__main__")
+]
+
+# One process for all, as other packages take seconds to load: only ours are forgotten in between. The decorators of
+# kernels are told apart from the kernels' own modules, as reading sources for the cache's name takes longest.
+IMPORT_EACH_ALONE = """
+import sys, traceback
+from importlib import import_module
+import numba
+numba.njit = lambda function=None, **options: function or (lambda function: function)
+import pocketgs.compile
+failed = []
+for name in sys.argv[1:]:
+    for loaded in [each for each in sys.modules if each.split(".")[0] == "pocketgs" and each != "pocketgs.compile"]:
+        del sys.modules[loaded]
+    try:
+        import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name.startswith("pocketgs"):
+            failed.append(f"{name}: {error}")
+    except ImportError as error:
+        failed.append(f"{name}: {error}")
+print("\\n".join(failed))
+"""
+
+
+def imported_at_once(path: Path) -> Iterator[str]:
+    """The modules of ours that a module imports when it is imported, and not only when a function is called."""
+    waiting: list[ast.stmt] = list(ast.parse(path.read_text(encoding="utf-8")).body)
+    while waiting:
+        statement = waiting.pop()
+        if isinstance(statement, ast.If) and not ast.unparse(statement.test).endswith("TYPE_CHECKING"):
+            waiting += [*statement.body, *statement.orelse]
+        elif isinstance(statement, ast.Import):
+            yield from (name.name for name in statement.names)
+        elif isinstance(statement, ast.ImportFrom) and statement.module:
+            yield statement.module
+            yield from (f"{statement.module}.{name.name}" for name in statement.names)
+
+
+def test_no_module_imports_itself_by_a_detour() -> None:
+    """A package counts as imported by whoever imports one of its modules, but for the modules inside it."""
+    root = Path(pocketgs.__file__).parent
+    needs: dict[str, set[str]] = {}
+    for path in root.rglob("*.py"):
+        name = ".".join(("pocketgs", *path.relative_to(root).with_suffix("").parts)).removesuffix(".__init__")
+        found = set(imported_at_once(path))
+        packages = {each.rpartition(".")[0] for each in found}
+        needs[name] = {each for each in found | packages if not f"{name}.".startswith(f"{each}.")}
+    TopologicalSorter({name: needs[name] & set(needs) - {"pocketgs"} for name in needs}).prepare()
+
+
+@pytest.mark.slow
+def test_every_module_can_be_imported_first() -> None:
+    assert "pocketgs.scene_edits" in MODULES
+    command = [sys.executable, "-c", IMPORT_EACH_ALONE, *MODULES]
+    found = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == ""
