@@ -123,7 +123,7 @@ def test_a_run_with_poses_as_given_says_so(pocketgs: Callable[..., Any], small_d
 
 def test_resumed_run_goes_on_in_the_same_world(pocketgs: Callable[..., Any], small_demo: Path) -> None:
     before, poses = record_of(small_demo / "result"), (small_demo / "result" / "cameras.json").read_bytes()
-    options = ["--output", small_demo / "result", "--sh-degree", 1, "--max-gaussians", 3000]
+    options = ["--output", small_demo / "result", "--effort", "quick", "--sh-degree", 1, "--max-gaussians", 3000]
     outcome = pocketgs("train", small_demo / "capture", *options, "--resume", "--iterations", 105)
     assert (outcome.status, outcome.errors) == (0, "")
     after = record_of(small_demo / "result")
