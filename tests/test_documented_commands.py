@@ -118,7 +118,7 @@ def place(written_capture: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
     folder = tmp_path_factory.mktemp("reader")
     shutil.copytree(written_capture, folder / "fern")
     shutil.copytree(folder / "fern" / "images", folder / "fern" / "images_8")
-    for name in ("fern", "lego", "fox"):
+    for name in ("fern", "lego", "fox", "photographs"):
         shutil.copytree(folder / "fern", folder / "path" / "to" / name)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
@@ -129,7 +129,11 @@ def place(written_capture: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
 def runnable() -> list[Command]:
     """Commands to be copied that take seconds, in the order in which they stand."""
     typed = [command for command in of("pocketgs") if command.typed and command.arguments[0] in RUN]
-    return [command for command in typed if not set(command.arguments) & {"--view", "SCENE", "--max-memory"}]
+    return [
+        command
+        for command in typed
+        if not set(command.arguments) & {"--view", "SCENE", "--max-memory", "PHOTOGRAPHS_OR_VIDEO"}
+    ]
 
 
 def test_commands_run_as_they_stand(

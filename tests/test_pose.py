@@ -54,11 +54,15 @@ def photographs(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def colmap_outcome(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """What a stand-in for COLMAP finds, for the test to change; it writes its model as one byte."""
+    """What a stand-in for COLMAP finds, for the test to change; it writes a model of cameras side by side."""
     outcome = dict(OUTCOME)
 
     def run(module: str, job: dict[str, Any], *others: Any) -> dict[str, Any]:
-        (Path(job["model"]) / "cameras.bin").write_bytes(b"!")
+        model = Path(job["model"])
+        (model / "cameras.txt").write_text("1 PINHOLE 64 48 60 60 32 24\n")
+        lines = [f"{number + 1} 1 0 0 0 {number} 0 0 1 {name}\n\n" for number, name in enumerate(NAMES)]
+        (model / "images.txt").write_text("".join(lines))
+        (model / "points3D.txt").write_text("")
         return outcome
 
     monkeypatch.setattr("pocketgs.structure_from_motion.attempts.run_colmap", run)
@@ -116,7 +120,7 @@ def test_photograph_cut_off(photographs: Path, tmp_path: Path, length: int) -> N
     ("options", "message"),
     [
         ({"most_frames": 2}, "most frames: found 2, expected at least 3"),
-        ({"max_size": 0}, "max size: found 0, expected at least 64 pixels"),
+        ({"max_size": 0}, "max size: found 0, expected 64 to"),
         ({"camera_model": "LENS"}, "camera model: found LENS, expected one of SIMPLE_PINHOLE"),
         ({"seed": -1}, "seed: found -1"),
     ],

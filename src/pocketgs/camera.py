@@ -8,7 +8,7 @@ import numpy as np
 
 from pocketgs.errors import PocketGSError, short
 
-LARGEST_SIDE = 100_000
+LARGEST_SIDE = 2**24
 """No photograph is larger; the product of two such sides is still a number of pixels that can be counted."""
 
 

@@ -55,13 +55,19 @@ def prepare(capture: Capture, options: TrainingOptions | None = None, stopwatch:
         if options.prior == "colmap":
             prior = _with_colmap_cloud(capture, prior, options, stopwatch)
         if prior.capture.points and len(prior.capture.points) >= FEWEST_POINTS:
-            return replace(prior, capture=replace(prior.capture, points=_at_most(prior.capture.points, options)))
+            return _with_points(prior, _at_most(prior.capture.points, options))
     with stopwatch.stage("points"):
         points = starting_points(replace(prior.capture, points=capture.points), options)
     report = prior.report
     if report is not None:
         found = f"too few points were found ({report.points}): training starts from others"
         report = replace(report, warnings=(*report.warnings, found))
+    return Prior(replace(prior.capture, points=points), report)
+
+
+def _with_points(prior: Prior, points: PointCloud) -> Prior:
+    """The prior with another cloud, of which its report tells too."""
+    report = replace(prior.report, points=len(points)) if prior.report else None
     return Prior(replace(prior.capture, points=points), report)
 
 
@@ -72,7 +78,7 @@ def _with_colmap_cloud(capture: Capture, prior: Prior, options: SizedOptions, st
         points = None if prior.report.poses_refined else capture.points
         if points is None:
             points = triangulate(prior.capture.train, options.seed)
-    return Prior(replace(prior.capture, points=points), replace(prior.report, points=len(points)))
+    return _with_points(prior, points)
 
 
 def starting_points(capture: Capture, options: SizedOptions) -> PointCloud:

@@ -91,6 +91,8 @@ class Recipe:
         opacity: initial opacity of the seeds.
         seed_size: scale of a seed, as a multiple of the distance to its neighbours.
         sh_degree: degree of the spherical harmonics.
+        scales_for: iterations that the rate of the scales is made for, or None for any. Noise in the gradients lets
+            scales wander with the square root of the number of steps: in longer runs their rate falls with it.
     """
 
     name: str
@@ -102,6 +104,17 @@ class Recipe:
     opacity: float = 0.1
     seed_size: float = 1.0
     sh_degree: int = 0
+    scales_for: int | None = None
+
+    def rates_for(self, iterations: int, unit: float) -> LearningRates:
+        """The initial rates of a run.
+
+        Args:
+            iterations: of the run.
+            unit: what `length` measured.
+        """
+        longer = math.sqrt(self.scales_for / iterations) if self.scales_for else 1.0
+        return replace(self.rates, means=self.rates.means * unit, log_scales=self.rates.log_scales * min(longer, 1.0))
 
 
 # Rotations move in the tangent space, q ⊗ exp(½δ), so their rates are twice those of quaternion components.
@@ -117,6 +130,7 @@ RECIPES = {
         opacity=0.25,
         seed_size=0.6,
         sh_degree=2,
+        scales_for=500,
     ),
     # 3DGS's own, made for 30,000 iterations: spherical harmonics would stay at degree 0 for the first 1000.
     "reference": Recipe(

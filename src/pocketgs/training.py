@@ -172,7 +172,7 @@ class _Loop:
         self.interrupted = False
         self.samples: list[LossSample] = []
         self._capture, self._options, self._recipe = capture, options, recipe
-        self._rates = replace(recipe.rates, means=recipe.rates.means * unit)
+        self._rates = recipe.rates_for(options.iterations, unit)
         self._engine, self._stopwatch = engine, stopwatch
         self._loss, self._loss_asked = float("nan"), float("-inf")
         self._held_out_psnr: float | None = None

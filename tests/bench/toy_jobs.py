@@ -17,7 +17,7 @@ from pocketgs.bench.results import CellResult
 
 ON_POSIX = pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
 
-COMMON = ("--iterations", "10", "--evaluate-every", "5", "--engine", "cpu")
+COMMON = ("--effort", "quick", "--iterations", "10", "--evaluate-every", "5", "--engine", "cpu")
 QUICK = ("--iterations", "12", "--evaluate-every", "4", "--engine", "cpu", "--max-gaussians", "1000")
 
 

@@ -40,7 +40,7 @@ def refused(
         (["--max-keyframes", "1"], "max keyframes: found 1, expected at least 2"),
         (["--iterations", "0"], "iterations: found 0, expected at least 1"),
         (["--iterations", "-5"], "iterations: found -5"),
-        (["--time-budget", "0"], "time budget: found 0.0, expected a positive number"),
+        (["--time-budget", "0"], "time budget: found 0.0, expected seconds above 0"),
         (["--time-budget", "nan"], "time budget: found nan"),
         (["--max-gaussians", "3"], "max gaussians: found 3, expected at least 4"),
         (["--sh-degree", "4"], "SH degree: found 4, expected 0, 1, 2 or 3"),
@@ -51,7 +51,7 @@ def refused(
         (["--downscale", "nan"], "downscale nan"),
         (["--downscale", "1000"], "cannot be downscaled by 1000"),
         (["--max-size", "0"], "max_size 0, expected at least 1"),
-        (["--background", "0", "0", "2"], "background (0.0, 0.0, 2.0), expected three numbers from 0 to 1"),
+        (["--background", "0", "0", "2"], "background: found (0.0, 0.0, 2.0), expected three numbers from 0 to 1"),
         (["--hold-out", "1"], "hold_out_every 1, expected 0 (none) or at least 2"),
         (["--images", "images_99"], "none of the 8 listed frames has an image file"),
         # Too small for SSIM: to be found out before training, not after.

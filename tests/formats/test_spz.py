@@ -224,11 +224,11 @@ def test_count_beyond_what_is_there(tmp_path: Path, count: int) -> None:
     whole = [part for part in streams(4) if part]
     lying = [len(part) * count for part in whole]
     with little_memory():
-        with pytest.raises(PocketGSError, match="cut short"):
+        with pytest.raises(PocketGSError, match=r"cut short|would take"):
             read(tmp_path, in_gzip(header(3, count), *streams(3)))
-        with pytest.raises(PocketGSError, match="bytes, expected"):
+        with pytest.raises(PocketGSError, match=r"bytes, expected|would take"):
             read(tmp_path, in_zstd(header(4, count, last=5), whole))
-        with pytest.raises(PocketGSError, match="unpacks to"):
+        with pytest.raises(PocketGSError, match=r"unpacks to|would take"):
             read(tmp_path, in_zstd(header(4, count, last=5), whole, sizes=lying))
 
 

@@ -142,16 +142,20 @@ TEXTURE = cv2.GaussianBlur(np.random.default_rng(3).random((768, 768), np.float3
 TEXTURE = np.float32(255) * (TEXTURE - TEXTURE.min()) / (TEXTURE.max() - TEXTURE.min())
 
 
+SKY = 1e9
+"""Depth of what is as good as infinitely far away."""
+
+
 def three_layers(x: float) -> Frame:
     """Bars near the camera, a wall, and far behind it, in the upper third, a sky: `NEAR`, 4 and infinitely far away."""
     seen = frame(x)
     rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float32) + np.float32(0.5)
-    depth = np.where(rows < HEIGHT / 3, np.inf, 4.0)
+    depth = np.where(rows < HEIGHT / 3, SKY, 4.0)
     across = (columns - WIDTH / 2) / np.float32(FOCAL)
     bar = np.abs(across * NEAR + x) < 0.18
     depth = np.where(bar & (rows > HEIGHT / 2), NEAR, depth)
     layer = np.select([depth == NEAR, depth == 4.0], [400, 200], 0)
-    shift = np.where(np.isfinite(depth), FOCAL * x / np.where(np.isfinite(depth), depth, 1.0), 0)
+    shift = FOCAL * x / depth
     where_x, where_y = (columns + shift + 250).astype(np.float32), (rows + layer).astype(np.float32)
     grey = cv2.remap(TEXTURE, where_x, where_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_WRAP)
     image = np.repeat(np.clip(np.round(grey), 0, 255).astype(np.uint8)[:, :, None], 3, axis=2)
@@ -172,10 +176,10 @@ def test_depth_maps_tell_near_wall_and_sky(know_points: bool) -> None:
     inner = np.zeros(depth.shape, bool)
     inner[6:-6, 10:-10] = True
     same = cv2.erode((depth == cv2.erode(depth, np.ones((9, 9)))).astype(np.uint8), np.ones((9, 9))) > 0
-    for true_depth in (NEAR, 4.0, np.inf):
+    for true_depth in (NEAR, 4.0, SKY):
         where = (depth == true_depth) & same & inner
         assert np.count_nonzero(where) > 300
-        if np.isfinite(true_depth):
+        if true_depth < SKY:
             assert np.mean(np.abs(found.depth[where] / true_depth - 1) < 0.03) > 0.9
         else:
             assert np.mean(found.depth[where] > found.resolved) > 0.9

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from pocketgs.camera import Camera, look_at
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.errors import PocketGSError
-from pocketgs.prior.depth_range import depth_range
 from pocketgs.prior.scale import METRIC_DISTANCE, estimate_scale
 
 FOCUS = np.array([1.0, 2.0, 3.0])
@@ -86,36 +85,3 @@ def test_what_tells_nothing_still_gives_a_positive_scale(cameras: list[Camera], 
 def test_no_cameras_are_refused() -> None:
     with pytest.raises(PocketGSError, match="no cameras"):
         estimate_scale(capture_of([], ring(3.0)))
-
-
-def before(depths: np.ndarray) -> tuple[Camera, np.ndarray]:
-    """A camera at `FOCUS`, and points at these depths before it."""
-    camera = camera_at(FOCUS, FOCUS + np.array([1.0, 1.0, 0.0]))
-    sideways = np.random.default_rng(0).normal(size=(len(depths), 3))
-    sideways -= sideways @ camera.forward[:, None] * camera.forward
-    return camera, FOCUS + np.asarray(depths)[:, None] * camera.forward + sideways
-
-
-@settings(max_examples=50, deadline=None)
-@given(seed=st.integers(0, 1000), nearest=st.floats(0.01, 100), ratio=st.floats(1.0, 30), count=st.integers(20, 300))
-def test_range_holds_nearly_all_points(seed: int, nearest: float, ratio: float, count: int) -> None:
-    depths = np.random.default_rng(seed).uniform(nearest, ratio * nearest, count)
-    near, far = depth_range(*before(depths), distance=1.0)
-    assert 0 < near < far
-    assert np.mean((near <= depths) & (depths <= far)) >= 0.9
-    assert near >= 0.5 * nearest
-    assert far <= 2 * ratio * nearest
-
-
-def test_stray_points_do_not_widen_the_range() -> None:
-    depths = np.random.default_rng(0).uniform(2.0, 3.0, 200)
-    strays = np.array([1e-3, 1e4, -5.0, -1e4])
-    expected = depth_range(*before(depths), distance=1.0)
-    assert depth_range(*before(np.append(depths, strays)), distance=1.0) == pytest.approx(expected, rel=0.05)
-
-
-@pytest.mark.parametrize("depths", [[], [2.0], [-2.0] * 100])
-def test_too_few_points_leave_it_to_the_cameras(depths: list[float]) -> None:
-    near, far = depth_range(*before(np.array(depths)), distance=3.0)
-    assert 0 < near < 3.0 < far
-    assert depth_range(*before(np.array(depths)), distance=30.0) == pytest.approx((10 * near, 10 * far))

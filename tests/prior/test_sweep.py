@@ -142,7 +142,7 @@ def test_references_of_other_sizes(plane: list[Frame]) -> None:
 
 def at_half_size(frame: Frame) -> Frame:
     image = cv2.resize(frame.image, (80, 60), interpolation=cv2.INTER_AREA)
-    return replace(frame, camera=frame.camera.resized(80, 60), image=image)
+    return replace(frame, camera=frame.camera.resized(80, 60), image=image, depth=None)
 
 
 def test_references_that_see_nothing_give_nothing(plane: list[Frame]) -> None:

@@ -150,7 +150,7 @@ def test_view_refuses(capsys: pytest.CaptureFixture[str], result: Path, tmp_path
     (result / "cameras.json").write_text("[]")
     assert "cameras.json: not a readable file of cameras" in refused(capsys, "view", result)
     (result / "run.json").write_text("{")
-    assert "run.json: cannot be read" in refused(capsys, "view", result)
+    assert "run.json: not valid JSON" in refused(capsys, "view", result)
     (result / "scene.ply").write_bytes(b"ply\n")
     assert "scene.ply: not a" in refused(capsys, "view", result)
     Gaussians(*(np.zeros((0, *tail)) for tail in ((3,), (3,), (4,), (), (1, 3)))).save(result / "scene.ply")

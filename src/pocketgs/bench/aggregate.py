@@ -22,7 +22,7 @@ STAGES = {
     "start": ("startup", "capture", "planning", "compilation", "upload"),
     "poses": ("keyframes", "poses"),
     "depth": ("depth",),
-    "fusion, seeds": ("fusion", "seeding"),
+    "fusion, seeds": ("fusion", "coverage", "seeding"),
     "points": ("points",),
     "training": ("training",),
     "evaluation": ("evaluation",),

@@ -39,11 +39,11 @@ def estimate_scale(capture: Capture) -> Scale:
     are spread; 1 where they are not.
     """
     cameras = [frame.camera for frame in capture.train]
+    focus = focus_point(cameras)
     centres = np.array([camera.centre for camera in cameras])
     spread = float(np.sqrt(centres.var(axis=0).sum()))
     within = ONE_PLACE if capture.metric else max(ROUNDING * float(np.abs(centres).max()), ROUNDING**2)
     in_one_place = len(cameras) > 1 and spread <= within
-    focus = focus_point(cameras)
     if in_one_place and not capture.metric:
         distance = 1.0
     elif looks_at(cameras, focus) and not in_one_place:
