@@ -29,7 +29,9 @@ def scaled(capture: Capture, factor: float) -> Capture:
             result.append(replace(frame, camera=replace(frame.camera, world_to_camera=pose)))
         return result
 
-    return replace(capture, train=of(capture.train), held_out=of(capture.held_out), metric=False)
+    assert capture.points is not None
+    points = replace(capture.points, positions=factor * capture.points.positions)
+    return replace(capture, train=of(capture.train), held_out=of(capture.held_out), points=points, metric=False)
 
 
 def quality(capture: Capture) -> float:
