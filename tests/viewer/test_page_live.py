@@ -18,7 +18,7 @@ from pocketgs.viewer.server import serving
 from viewer.browsing import PATIENCE, open_browser, visiting
 
 # One thread, so that the browser gets some of the machine too.
-OPTIONS = TrainingOptions(iterations=20_000, prior="none", engine="cpu", threads=1, evaluate_every=100)
+OPTIONS = TrainingOptions(iterations=10**6, prior="none", engine="cpu", threads=1, evaluate_every=100)
 SECONDS_OF_PAUSE = 2.0
 
 

@@ -192,7 +192,9 @@ class WebGpuEngine:
         entries = max(LEAST_ENTRIES, min(max(entries, ENTRIES_PER_GAUSSIAN * gaussians), self._most_entries))
         sizes = frozenset(photographs)
         extent = Extent(gaussians, coefficients, entries, tuple(photographs), sizes, trains=True)
-        device = plan_memory(self._replayer.description, extent, self._limits).total
+        description = self._replayer.description
+        uniforms = sum(layout.size for layout in description.uniforms.values())
+        device = plan_memory(description, extent, self._limits).total + uniforms
         return MemoryNeed(DRIVER_BYTES + (device if self._shares_memory else 0), device)
 
     @property
