@@ -16,6 +16,9 @@ from pocketgs.splat.settings import AdamSettings, LearningRates, LossSettings
 Schedule = Callable[[LearningRates, float], LearningRates]
 """From the initial rates and the fraction of the run that is over, the rates of this iteration."""
 
+SLOWEST_SCALES = 0.5
+"""Share of their rate that scales keep in the longest runs, which are often stopped early."""
+
 LEAST_EXTENT = 1e-6
 """Cameras nearer to each other than this times their distance from the points differ by rounding only."""
 
@@ -113,8 +116,9 @@ class Recipe:
             iterations: of the run.
             unit: what `length` measured.
         """
-        longer = math.sqrt(self.scales_for / iterations) if self.scales_for else 1.0
-        return replace(self.rates, means=self.rates.means * unit, log_scales=self.rates.log_scales * min(longer, 1.0))
+        slower = math.sqrt(self.scales_for / iterations) if self.scales_for else 1.0
+        slower = min(max(slower, SLOWEST_SCALES), 1.0)
+        return replace(self.rates, means=self.rates.means * unit, log_scales=self.rates.log_scales * slower)
 
 
 # Rotations move in the tangent space, q ⊗ exp(½δ), so their rates are twice those of quaternion components.
