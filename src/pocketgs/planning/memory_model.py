@@ -6,11 +6,9 @@ with whole runs. They are upper bounds: of a capture without texture fusion merg
 
 from __future__ import annotations
 
-from pocketgs.capture.listed import Outline
 from pocketgs.capture.loading import MOST_WORKERS
 from pocketgs.planning.work import Work
 from pocketgs.prior.depth_range import MOST as MOST_HYPOTHESES
-from pocketgs.prior.detection import LONGEST_SIDE, PIXELS
 from pocketgs.splat.engine import MemoryNeed
 from pocketgs.volume import DEPTHS, KEPT
 
@@ -31,11 +29,8 @@ OBJECTS = 1.1
 DECODING, DECODING_ALPHA = 24, 40
 """Bytes by pixel of a photograph that is being read, and more where it has alpha."""
 
-SIFT_PIXEL = 175
+SIFT_PIXEL = 210
 """Bytes by pixel of features being found: grey levels at twice the size, six blurred copies, and their differences."""
-
-FEATURES = 2500 * 528
-"""Bytes of a photograph's features that are kept until all are matched: descriptors of 128 numbers, and places."""
 
 MATCHING = 70 * MB
 SPARSE = 75 * MB
@@ -80,8 +75,7 @@ def stage_bytes(work: Work, engine: MemoryNeed, resident: int, compiles: bool, r
         views = min(work.threads, len(outline.training))
         held += ADJUSTMENT if work.options.bundle else 0
         held += images if work.options.exposure != "off" else 0  # a second copy, at one exposure
-        found = FEATURES * (len(outline.training) + len(outline.held_out))
-        stages["poses"] = held + MATCHING + found + views * SIFT_PIXEL * _looked_at(outline)
+        stages["poses"] = held + MATCHING + views * SIFT_PIXEL * outline.pixels
         held += SPARSE
     if work.has_depth:
         copies = _sweep_copies(work)
@@ -96,14 +90,6 @@ def stage_bytes(work: Work, engine: MemoryNeed, resident: int, compiles: bool, r
     seeds = work.gaussians * _bytes_outside_engine(work.columns)
     stages["training"] = held + KERNELS + seeds + engine.process + COMPARED_PIXEL * outline.pixels
     return stages
-
-
-def _looked_at(outline: Outline) -> int:
-    """Pixels of a photograph in which features are sought: as it is stored, up to a longest side."""
-    width, height = outline.largest
-    bound = LONGEST_SIDE**2 * min(width, height) / max(width, height)
-    views = len(outline.training) + len(outline.held_out)
-    return max(outline.pixels, int(min(outline.stored_pixels, bound, PIXELS / views)))
 
 
 def _sweep_copies(work: Work) -> int:

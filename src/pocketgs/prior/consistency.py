@@ -9,9 +9,6 @@ from numba import prange
 
 from pocketgs.compile import parallel_kernel, part
 
-INDISTINCT = 0.5
-"""Share of a hypothesis's step by which sweeps that see the same surface may differ: they tell fractions of a step."""
-
 
 class Views(NamedTuple):
     """Depth maps of several views, padded to one size.
@@ -72,7 +69,7 @@ def compare_depths(views: Views, view: int, tolerance: float) -> tuple[np.ndarra
                 theirs = views.depths[other, int(v), int(u)]
                 if theirs <= 0:
                     continue
-                indistinct = INDISTINCT * max(views.steps[view], views.steps[other]) * z * theirs
+                indistinct = max(views.steps[view], views.steps[other]) * z * theirs
                 if abs(z - theirs) < max(tolerance * z, indistinct):
                     agreeing[row, column] += 1
                     footprint = min(footprint, z / focal_x)

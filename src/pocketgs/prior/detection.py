@@ -14,7 +14,7 @@ from pocketgs.capture.capture import Frame, Photographs
 from pocketgs.capture.loading import downscaled
 from pocketgs.prior.features import Features, detect
 
-LONGEST_SIDE = 1600
+LONGEST_SIDE = 1280
 """Features of larger images are no easier to recognise: phones blur by more than a pixel."""
 
 PIXELS = 160e6
