@@ -120,7 +120,7 @@ def test_photograph_cut_off(photographs: Path, tmp_path: Path, length: int) -> N
     ("options", "message"),
     [
         ({"most_frames": 2}, "most frames: found 2, expected at least 3"),
-        ({"max_size": 0}, "max size: found 0, expected 64 to"),
+        ({"max_size": 0}, "max size: found 0, expected 64 to 16777216 pixels"),
         ({"camera_model": "LENS"}, "camera model: found LENS, expected one of SIMPLE_PINHOLE"),
         ({"seed": -1}, "seed: found -1"),
     ],

@@ -223,12 +223,13 @@ def test_no_gaussians(tmp_path: Path) -> None:
 def test_count_beyond_what_is_there(tmp_path: Path, count: int) -> None:
     whole = [part for part in streams(4) if part]
     lying = [len(part) * count for part in whole]
+    too_many = "would take" if count == 2**32 - 1 else None
     with little_memory():
-        with pytest.raises(PocketGSError, match=r"cut short|would take"):
+        with pytest.raises(PocketGSError, match=too_many or "cut short"):
             read(tmp_path, in_gzip(header(3, count), *streams(3)))
-        with pytest.raises(PocketGSError, match=r"bytes, expected|would take"):
+        with pytest.raises(PocketGSError, match=too_many or "bytes, expected"):
             read(tmp_path, in_zstd(header(4, count, last=5), whole))
-        with pytest.raises(PocketGSError, match=r"unpacks to|would take"):
+        with pytest.raises(PocketGSError, match=too_many or "unpacks to"):
             read(tmp_path, in_zstd(header(4, count, last=5), whole, sizes=lying))
 
 
