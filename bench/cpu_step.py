@@ -26,19 +26,19 @@ from numba import njit
 from rich.console import Console
 from rich.table import Table
 
-from pocketgs.camera import Camera, look_at
 from pocketgs.capture import Frame
 from pocketgs.cli.capture_options import CaptureOptions
-from pocketgs.gaussians import Gaussians
-from pocketgs.recipes import recipe_named
-from pocketgs.record import peak_rss_mb
+from pocketgs.geometry.camera import Camera, look_at
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.constants import ALPHA_MAX, TRANSMITTANCE_MIN
 from pocketgs.splat.cpu import bin as bin_module
 from pocketgs.splat.cpu import engine as engine_module
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.cpu.layout import ENTRY_ROWS, ENTRY_SPLAT, LOG2_ALPHA_MIN, TILE_HEIGHT, TILE_WIDTH, View, tiles_down
 from pocketgs.splat.settings import StepSettings
-from pocketgs.training import train
+from pocketgs.system.process import peak_rss_mb
+from pocketgs.training.loop import train
+from pocketgs.training.recipes import recipe_named
 
 SIZES = ((10_000, 504, 378), (50_000, 504, 378), (50_000, 1008, 756), (170_000, 504, 378), (170_000, 1008, 756))
 STAGES = {
@@ -93,7 +93,7 @@ def scenes(capture: Path | None, reading: CaptureOptions) -> Iterator[tuple[str,
         if opened.points is None:
             raise SystemExit(f"{capture}: has no cloud of its own, expected one with points to start from")
         most = len(opened.points)
-        scene = train(opened, prior="none", iterations=ITERATIONS, evaluate_every=0, max_gaussians=most)
+        scene = train(opened, prior="none", iterations=ITERATIONS, evaluate_every=0, max_gaussians=most).scene
         yield opened.name, scene, opened.train
 
 

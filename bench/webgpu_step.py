@@ -22,15 +22,15 @@ from rich.console import Console
 from cpu_step import random_scene
 from pocketgs.capture import Frame
 from pocketgs.cli.capture_options import CaptureOptions
-from pocketgs.gaussians import Gaussians
-from pocketgs.preparation import prepare
-from pocketgs.recipes import recipe_named
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Accumulation, EngineOptions, Precision, Replay
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.adapters import choose_adapter, open_device
 from pocketgs.splat.webgpu.engine import WebGpuEngine
-from pocketgs.training import train
-from pocketgs.training_options import TrainingOptions
+from pocketgs.training.loop import train
+from pocketgs.training.options import TrainingOptions
+from pocketgs.training.preparation import prepare
+from pocketgs.training.recipes import recipe_named
 from webgpu_passes import (
     TIMESTAMPS,
     engine_to_time,
@@ -134,7 +134,7 @@ def scene_of(path: Path, reading: CaptureOptions, iterations: int, options: Engi
         max_memory=options.max_memory,
     )
     prepared = prepare(reading.open(path), training)
-    return train(prepared.capture, training, prepared=prepared), prepared.capture.train
+    return train(prepared, training).scene, prepared.train
 
 
 def _settings() -> StepSettings:

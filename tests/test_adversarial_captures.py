@@ -11,15 +11,16 @@ import cv2
 import numpy as np
 import pytest
 
-from pocketgs.camera import Camera
 from pocketgs.capture import Capture, list_capture
 from pocketgs.capture.synthetic.mistakes import STRANGER, noiseless, write_mistake
 from pocketgs.errors import PocketGSError
-from pocketgs.evaluation import psnr
+from pocketgs.geometry.camera import Camera
+from pocketgs.metrics.evaluation import psnr
 from pocketgs.prior.report import PriorReport
-from pocketgs.rendering import render_all
-from pocketgs.run import Reporter, run
-from pocketgs.training_options import TrainingOptions
+from pocketgs.results.reporter import Reporter
+from pocketgs.results.run import run
+from pocketgs.splat.rendering import render_all
+from pocketgs.training.options import TrainingOptions
 
 OPTIONS = TrainingOptions(effort="quick", iterations=200, max_gaussians=15_000, engine="cpu")
 FOG = 4.0

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-import pocketgs.formats  # noqa: F401
+import pocketgs.scene.formats  # noqa: F401
 from pocketgs import Camera, PocketGSError, render
-from pocketgs.background import checked_background
 from pocketgs.capture import Capture, Frame, open_capture
-from pocketgs.gaussians import Gaussians
-from pocketgs.scene_edits import scaled, translated
+from pocketgs.scene.background import checked_background
+from pocketgs.scene.edits import scaled, translated
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import EngineOptions, OptimiserState, create_engine
 from pocketgs.splat.settings import LearningRates, StepSettings
-from pocketgs.training_options import TrainingOptions
+from pocketgs.training.options import TrainingOptions
 
 CAMERA = Camera(32, 16, 30.0, 30.0, 16.0, 8.0, np.eye(4))
 IMAGE = np.zeros((16, 32, 3), np.uint8)

@@ -27,10 +27,10 @@ import sys, traceback
 from importlib import import_module
 import numba
 numba.njit = lambda function=None, **options: function or (lambda function: function)
-import pocketgs.compile
-failed = []
+import pocketgs.system.compile
+failed, kept = [], ("pocketgs.system", "pocketgs.system.compile")
 for name in sys.argv[1:]:
-    for loaded in [each for each in sys.modules if each.split(".")[0] == "pocketgs" and each != "pocketgs.compile"]:
+    for loaded in [each for each in sys.modules if each.split(".")[0] == "pocketgs" and each not in kept]:
         del sys.modules[loaded]
     try:
         import_module(name)
@@ -71,7 +71,54 @@ def test_no_module_imports_itself_by_a_detour() -> None:
 
 @pytest.mark.slow
 def test_every_module_can_be_imported_first() -> None:
-    assert "pocketgs.scene_edits" in MODULES
+    assert "pocketgs.scene.edits" in MODULES
     command = [sys.executable, "-c", IMPORT_EACH_ALONE, *MODULES]
     found = subprocess.run(command, capture_output=True, text=True, check=True)
     assert found.stdout.strip() == ""
+
+
+ROOMS = {
+    "errors": "",
+    "system": "",
+    "files": "errors system",
+    "geometry": "errors",
+    "scene": "errors files geometry",
+    "capture": "errors files geometry scene system",
+    "structure_from_motion": "capture errors files geometry scene system",
+    "prior": "capture errors geometry scene system",
+    "splat": "capture errors geometry scene system",
+    "metrics": "errors splat",
+    "training": "capture errors geometry metrics prior scene splat structure_from_motion system",
+    "results": "capture errors files geometry metrics prior scene splat system training",
+    "viewer": "capture errors files geometry results scene splat system training",
+    "bench": "capture errors files results scene system training",
+    "cli": "bench capture errors files geometry metrics prior results scene splat structure_from_motion system training"
+    " viewer",
+}
+"""The rooms of the house, each below those that follow, and which others each may import."""
+
+
+def test_rooms_import_only_what_lies_below_them() -> None:
+    root = Path(pocketgs.__file__).parent
+    order = list(ROOMS)
+    assert {path.stem for path in root.iterdir() if path.stem.isidentifier()} == {
+        *ROOMS,
+        "__init__",
+        "__main__",
+        "__pycache__",
+    }
+    for room, allowed in ROOMS.items():
+        assert all(order.index(other) < order.index(room) for other in allowed.split()), room
+        for path in [root / f"{room}.py", *(root / room).rglob("*.py")]:
+            found = {name.split(".")[1] for name in imported_anywhere(path) if name.startswith("pocketgs.")}
+            assert found <= {room, *allowed.split()}, path.relative_to(root)
+
+
+def imported_anywhere(path: Path) -> Iterator[str]:
+    """The modules that a module imports, wherever it does so."""
+    if path.is_file():
+        for statement in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(statement, ast.Import):
+                yield from (name.name for name in statement.names)
+            elif isinstance(statement, ast.ImportFrom) and statement.module:
+                yield statement.module

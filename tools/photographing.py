@@ -20,18 +20,18 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from pocketgs.camera import Camera, look_at
 from pocketgs.capture import list_capture
 from pocketgs.capture.synthetic.mistakes import MISTAKES, write_mistake
 from pocketgs.capture.synthetic.phone import expose, quantised
 from pocketgs.capture.synthetic.room import room
 from pocketgs.capture.synthetic.walk import LOOK_AT
 from pocketgs.errors import PocketGSError
-from pocketgs.formats import read_scene
-from pocketgs.rendering import render
-from pocketgs.run import Reporter, run
+from pocketgs.geometry.camera import Camera, look_at
+from pocketgs.results.run import Reporter, run
+from pocketgs.scene.formats import read_scene
 from pocketgs.splat.engine import EngineOptions
-from pocketgs.training_options import TrainingOptions
+from pocketgs.splat.rendering import render
+from pocketgs.training.options import TrainingOptions
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 SHOWN = ("none", "turning", "swung", "night", "blank", "mirror", "flicker")

@@ -2,8 +2,8 @@
 
     import pocketgs
     capture = pocketgs.open_capture("fern", images="images_8")
-    scene = pocketgs.train(capture, iterations=500)
-    scene.save("fern.ply")
+    result = pocketgs.train(capture, iterations=500)
+    result.scene.save("fern.ply")
 
 Names are loaded when they are first used, so importing the package is quick and needs no engine.
 """
@@ -14,19 +14,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pocketgs.camera import Camera
     from pocketgs.capture.capture import Capture, Frame
     from pocketgs.capture.open import open_capture
     from pocketgs.capture.synthetic import demo_capture
     from pocketgs.errors import PocketGSError
-    from pocketgs.evaluation import evaluate
-    from pocketgs.gaussians import Gaussians
-    from pocketgs.pointcloud import PointCloud
-    from pocketgs.preparation import prepare
-    from pocketgs.rendering import render
+    from pocketgs.geometry.camera import Camera
+    from pocketgs.metrics.evaluation import evaluate
+    from pocketgs.scene.gaussians import Gaussians
+    from pocketgs.scene.point_cloud import PointCloud
     from pocketgs.splat.engine import EngineOptions, Rendering
-    from pocketgs.training import train
-    from pocketgs.training_options import TrainingOptions
+    from pocketgs.splat.rendering import render
+    from pocketgs.training.loop import train
+    from pocketgs.training.options import TrainingOptions
+    from pocketgs.training.preparation import prepare
 
 __all__ = [
     "Camera",
@@ -47,21 +47,21 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Camera": "camera",
+    "Camera": "geometry.camera",
     "Capture": "capture.capture",
     "EngineOptions": "splat.engine",
     "Frame": "capture.capture",
-    "Gaussians": "gaussians",
+    "Gaussians": "scene.gaussians",
     "PocketGSError": "errors",
-    "PointCloud": "pointcloud",
+    "PointCloud": "scene.point_cloud",
     "Rendering": "splat.engine",
-    "TrainingOptions": "training_options",
+    "TrainingOptions": "training.options",
     "demo_capture": "capture.synthetic",
-    "evaluate": "evaluation",
+    "evaluate": "metrics.evaluation",
     "open_capture": "capture.open",
-    "prepare": "preparation",
-    "render": "rendering",
-    "train": "training",
+    "prepare": "training.preparation",
+    "render": "splat.rendering",
+    "train": "training.loop",
 }
 
 

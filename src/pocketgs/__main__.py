@@ -6,7 +6,7 @@ import os
 import sys
 from types import FrameType
 
-from pocketgs.interrupt import STOPPED, listen, raise_interrupt
+from pocketgs.system.interrupt import STOPPED, listen, raise_interrupt
 
 
 def main() -> None:

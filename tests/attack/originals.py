@@ -14,12 +14,12 @@ from plyfile import PlyData, PlyElement
 from scipy.spatial.transform import Rotation
 
 from capture import phone_layouts
-from pocketgs.cameras_file import write_cameras
 from pocketgs.capture import Capture
+from pocketgs.capture.colmap_export import export_capture
 from pocketgs.capture.synthetic import true_capture
-from pocketgs.formats import spz, write_scene
-from pocketgs.formats.colmap import export_capture
-from pocketgs.gaussians import Gaussians
+from pocketgs.results.cameras_file import write_cameras
+from pocketgs.scene.formats import spz, write_scene
+from pocketgs.scene.gaussians import Gaussians
 
 TO_OPENGL = np.array([1.0, -1.0, -1.0, 1.0])
 

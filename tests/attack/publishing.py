@@ -26,10 +26,10 @@ from typing import Any, Literal
 from unittest.mock import patch
 
 from pocketgs.errors import PocketGSError
-from pocketgs.publishing.claim import claimed
-from pocketgs.publishing.journal import PENDING, settle
-from pocketgs.publishing.lock import InUseError
-from pocketgs.publishing.manifest import read_manifest
+from pocketgs.files.journal import PENDING, settle
+from pocketgs.files.lock import InUseError
+from pocketgs.files.manifest import read_manifest
+from pocketgs.results.claim import claimed
 
 Trouble = Literal["none", "error", "errors from then on", "kill"]
 TROUBLES: tuple[Trouble, ...] = ("error", "errors from then on", "kill")

@@ -31,9 +31,9 @@ from attack.mutations import break_tree, mutated
 from attack.originals import small_capture, write_captures, write_result, write_scenes
 from pocketgs.capture import open_capture
 from pocketgs.errors import PocketGSError
-from pocketgs.formats import read_scene
-from pocketgs.memory_bound import memory_bound
-from pocketgs.record import peak_rss_mb
+from pocketgs.files.memory_bound import memory_bound
+from pocketgs.scene.formats import read_scene
+from pocketgs.system.process import peak_rss_mb
 from pocketgs.viewer.scene_content import scene_content
 
 SECONDS_A_CASE = 20.0

@@ -15,9 +15,9 @@ import sys, time
 from pathlib import Path
 from pocketgs import PocketGSError
 from pocketgs.capture import open_capture
-from pocketgs.formats import is_scene_name, read_scene
-from pocketgs.memory_bound import memory_bound
-from pocketgs.record import peak_rss_mb
+from pocketgs.scene.formats import is_scene_name, read_scene
+from pocketgs.files.memory_bound import memory_bound
+from pocketgs.system.process import peak_rss_mb
 
 before = peak_rss_mb()
 with memory_bound(300):

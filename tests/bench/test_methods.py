@@ -8,7 +8,7 @@ import tyro
 from pocketgs.bench.methods import METHODS, methods_named
 from pocketgs.cli.bench import Everywhere
 from pocketgs.errors import PocketGSError
-from pocketgs.training_options import TrainingOptions
+from pocketgs.training.options import TrainingOptions
 
 
 def options_of(name: str) -> TrainingOptions:

@@ -18,8 +18,8 @@ from pocketgs.bench.methods import METHODS
 from pocketgs.bench.results import Cell, CellResult, read_results, write_result
 from pocketgs.capture import Capture
 from pocketgs.errors import PocketGSError
-from pocketgs.preparation import prepare
-from pocketgs.training_options import TrainingOptions
+from pocketgs.training.options import TrainingOptions
+from pocketgs.training.preparation import prepare
 
 
 def test_what_has_a_result_is_not_run_again(tmp_path: Path) -> None:

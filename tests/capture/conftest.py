@@ -16,8 +16,8 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from capture.phone_layouts import WRITERS
-from pocketgs.camera import Camera, look_at
 from pocketgs.capture import Capture
+from pocketgs.geometry.camera import Camera, look_at
 
 WIDTH, HEIGHT, FOCAL = 16, 12, 20.0
 

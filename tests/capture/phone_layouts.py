@@ -15,7 +15,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from pocketgs.capture import Capture, Frame, open_capture
-from pocketgs.evaluation import psnr
+from pocketgs.metrics.evaluation import psnr
 
 LOW, MEDIUM, HIGH = 0, 1, 2
 TO_ARKIT = np.array([1.0, -1.0, -1.0])

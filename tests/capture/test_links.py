@@ -11,9 +11,9 @@ import pytest
 
 from capture.phone_layouts import write_polycam, write_record3d, write_stray_scanner
 from pocketgs.capture import Capture, open_capture
+from pocketgs.capture.colmap_export import export_capture
 from pocketgs.capture.open import list_capture
 from pocketgs.errors import PocketGSError
-from pocketgs.formats.colmap import export_capture
 
 OUTSIDE = "outside the capture's folder"
 

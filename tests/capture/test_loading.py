@@ -12,13 +12,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from pocketgs.camera import Camera
 from pocketgs.capture.image_file import read_colour
 from pocketgs.capture.listed import StoredPhotographs
 from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.loading import Preparation, composite, load_frame
 from pocketgs.capture.mask_file import read_mask
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
 
 
 @pytest.fixture

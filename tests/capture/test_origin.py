@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pocketgs import Capture, open_capture
-from pocketgs.cameras_file import read_cameras, with_poses_of, write_cameras
+from pocketgs.capture.colmap_export import export_capture
 from pocketgs.capture.origin import FAR, middle_if_far, with_origin
-from pocketgs.formats.colmap import export_capture
+from pocketgs.results.cameras_file import read_cameras, with_poses_of, write_cameras
 
 ELSEWHERE = (456_789.25, -5_412_345.5, 312.125)
 

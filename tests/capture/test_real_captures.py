@@ -95,7 +95,7 @@ def matches(one: Frame, other: Frame) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.slow
 def test_peak_memory_stays_bounded(data_folder):
     program = (
-        "import sys; from pocketgs.capture import open_capture; from pocketgs.record import peak_rss_mb\n"
+        "import sys; from pocketgs.capture import open_capture; from pocketgs.system.process import peak_rss_mb\n"
         "print(open_capture(sys.argv[1]).image_bytes, peak_rss_mb())"
     )
     command = [sys.executable, "-c", program, str(data_folder / "fox")]

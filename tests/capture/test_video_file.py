@@ -14,7 +14,7 @@ from capture.phone_layouts import with_quarter_turn
 from pocketgs.capture.sharpness import sharpest_in_windows, sharpness
 from pocketgs.capture.video_file import VideoInfo, read_frames, sharpest_frames, video_info
 from pocketgs.errors import PocketGSError
-from pocketgs.video import write_video
+from pocketgs.results.video import write_video
 
 COUNT, HEIGHT, WIDTH = 12, 48, 64
 SHARP = (2, 4, 9)

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from formats.scenes import random_scene
-from pocketgs.cameras_file import write_cameras
 from pocketgs.capture import open_capture
-from pocketgs.formats import read_scene
-from pocketgs.gaussians import Gaussians
-from pocketgs.scene_edits import rotated, scaled, translated
+from pocketgs.results.cameras_file import write_cameras
+from pocketgs.scene.edits import rotated, scaled, translated
+from pocketgs.scene.formats import read_scene
+from pocketgs.scene.gaussians import Gaussians
+from scene.formats.scenes import random_scene
 
 
 @pytest.fixture

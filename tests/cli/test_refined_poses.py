@@ -13,8 +13,8 @@ import pytest
 from PIL import Image
 
 from pocketgs import Gaussians
-from pocketgs.cameras_file import read_cameras
 from pocketgs.capture import open_capture
+from pocketgs.results.cameras_file import read_cameras
 
 
 def record_of(folder: Path) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from pocketgs import Capture, Gaussians
-from pocketgs.rendering import render, render_all
+from pocketgs.splat.rendering import render, render_all
 
 
 def pictures_in(folder: Path) -> dict[str, np.ndarray]:

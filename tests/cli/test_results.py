@@ -16,9 +16,10 @@ from PIL import Image
 from pocketgs import Gaussians
 from pocketgs.capture import list_capture
 from pocketgs.errors import PocketGSError
-from pocketgs.run import Reporter, run
-from pocketgs.training import Progress
-from pocketgs.training_options import TrainingOptions
+from pocketgs.results.reporter import Reporter
+from pocketgs.results.run import run
+from pocketgs.training.loop import Progress
+from pocketgs.training.options import TrainingOptions
 
 FILES = ["cameras.json", "checkpoint.npz"]
 

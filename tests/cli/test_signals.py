@@ -26,7 +26,7 @@ WITH_THE_DEMO_THAT_IS_THERE = (
     "main()"
 )
 WITH_MANY_CHECKPOINTS = (
-    "import pocketgs.run; from pocketgs.cli import main\npocketgs.run.SECONDS_BETWEEN_CHECKPOINTS = 0.0\nmain()"
+    "import pocketgs.results.run; from pocketgs.cli import main\npocketgs.run.SECONDS_BETWEEN_CHECKPOINTS = 0.0\nmain()"
 )
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pocketgs.camera import Camera, look_at
+from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.prior.observations import Observations
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pocketgs.camera import Camera
 from pocketgs.capture import Capture, Frame
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.advice import FEW, check_photographs, exposure_hint, photograph_hints
 from pocketgs.prior.scale import METRIC_DISTANCE, estimate_scale
 

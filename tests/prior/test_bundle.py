@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from pocketgs.camera import Camera
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle import BundleResult, BundleSettings, adjust_bundle, adjust_pose, huber_cost
 from pocketgs.prior.reprojection import BEHIND
 from prior.bundle_problem import Problem, centres, make_problem, pose_errors, predicted, turned_and_moved

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pocketgs.camera import Camera, look_at
 from pocketgs.capture.capture import Frame
-from pocketgs.pointcloud import PointCloud
+from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.prior.complete import GUESSED_CONFIDENCE, MOST_ADDED, completion, joined
 from pocketgs.prior.coverage import ViewCells, point_radii
+from pocketgs.scene.point_cloud import PointCloud
 
 DISTANCE = 7.0
 SIZE = 96

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pocketgs.camera import Camera, look_at
 from pocketgs.capture.capture import Frame
-from pocketgs.pointcloud import PointCloud
+from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.prior.coverage import CELLS, LARGEST, WIDEST_ANGLE, ViewCells, point_radii
+from pocketgs.scene.point_cloud import PointCloud
 
 TOWARDS = np.array([0.0, 0.0, -1.0])
 

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.depth_maps import MOST_SWEPT_PIXELS, depth_maps, sweep_pixels
 from pocketgs.prior.depth_range import (
     FEWEST,

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.features import Features, detect, match
 
 WIDTH, HEIGHT = 160, 120

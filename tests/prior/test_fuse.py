@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from pocketgs import Camera, PointCloud
-from pocketgs.camera import look_at
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.synthetic import true_capture
+from pocketgs.geometry.camera import look_at
 from pocketgs.prior.consistency import Views, compare_depths
 from pocketgs.prior.fuse import SHELL_EXTENT, FusionSettings, confidence, fuse
 from pocketgs.prior.merge import merged
@@ -82,7 +82,8 @@ def twin(views: Views, view: int, tolerance: float) -> tuple[np.ndarray, np.ndar
             if other == view or distance <= 0 or np.any(pixel < 0) or np.any(pixel >= views.sizes[other][::-1]):
                 continue
             theirs = views.depths[other, int(pixel[1]), int(pixel[0])]
-            indistinct = max(views.steps[view], views.steps[other]) * distance * theirs
+            step = max(views.steps[view], views.steps[other])
+            indistinct = max(0.5, min(1.0, step * distance)) * step * distance * theirs
             if theirs > 0 and abs(distance - theirs) < max(tolerance * distance, indistinct):
                 agreeing[row, column] += 1
                 covered.append(distance / camera.fx)

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pocketgs.camera import Camera, look_at
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.prior import keyframes
 from pocketgs.prior.keyframes import WIDEST_ANGLE, Decision, KeyframeSettings, select_keyframes
 

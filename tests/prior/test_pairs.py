@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.camera import Camera, look_at
+from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.prior.features import Features
 from pocketgs.prior.pairs import PAIRS_PER_VIEW, by_appearance, by_pose, choose_pairs, in_sequence
 

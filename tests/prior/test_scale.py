@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pocketgs.camera import Camera, look_at
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.prior.scale import METRIC_DISTANCE, estimate_scale
 
 FOCUS = np.array([1.0, 2.0, 3.0])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.sensor_depth import completed
 from pocketgs.prior.sweep import DepthMap
 

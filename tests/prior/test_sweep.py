@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from pocketgs import Camera, PocketGSError
-from pocketgs.camera import look_at
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.synthetic import true_capture
+from pocketgs.geometry.camera import look_at
 from pocketgs.prior.depth_range import DepthRange
 from pocketgs.prior.sweep import MOST_PIXELS, DepthMap, SweepSettings, at_sweep_size, choose_references, sweep
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pocketgs.camera import Camera, look_at
+from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.prior.features import Features
 from pocketgs.prior.observations import Observations
 from pocketgs.prior.tracks import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pocketgs.camera import Camera
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.features import Features
 from pocketgs.prior.two_view import VERIFICATION, agreeing, match_views
 from prior.bundle_problem import Problem, make_problem, turned_and_moved

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pocketgs.camera import Camera
 from pocketgs.capture import Capture, Frame
 from pocketgs.capture.synthetic import true_capture
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.placed_again import placed_again
 from pocketgs.prior.scale import estimate_scale
 from pocketgs.prior.structure import Structure, StructureSettings, build_structure

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pocketgs.camera import Camera, look_at
-from pocketgs.gaussians import SH_COEFFICIENTS, SH_DC, Gaussians
+from pocketgs.geometry.camera import Camera, look_at
+from pocketgs.scene.gaussians import SH_COEFFICIENTS, SH_DC, Gaussians
 
 
 @pytest.fixture

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
-from pocketgs.gaussians import PARAMETERS, Gaussians
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.reference.scene import Scene
 from pocketgs.splat.settings import AdamSettings, LossSettings, StepSettings

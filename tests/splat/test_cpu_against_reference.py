@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pocketgs.camera import Camera
-from pocketgs.gaussians import Gaussians
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.cpu.loss import photometric
 from pocketgs.splat.reference.loss import photometric_loss

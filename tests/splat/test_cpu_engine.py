@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
-from pocketgs.gaussians import PARAMETERS, Gaussians
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.cpu.adam import adam
 from pocketgs.splat.cpu.dssim import dssim
 from pocketgs.splat.cpu.engine import CpuEngine

@@ -7,8 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pocketgs.camera import Camera
-from pocketgs.gaussians import Gaussians
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.scene.spherical_harmonics import basis, basis_gradient
 from pocketgs.splat.reference import project as reference_project
 from pocketgs.splat.reference import rasterize as reference_rasterize
 from pocketgs.splat.reference.adam import rotate
@@ -16,7 +17,6 @@ from pocketgs.splat.reference.loss import photometric_loss, regularise, ssim
 from pocketgs.splat.reference.project import project, project_backward
 from pocketgs.splat.reference.rasterize import rasterize, rasterize_backward
 from pocketgs.splat.reference.scene import Scene, SceneGradient
-from pocketgs.splat.reference.spherical_harmonics import basis, basis_gradient
 from pocketgs.splat.settings import LossSettings
 
 STEP = 1e-6

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pocketgs.gaussians import Gaussians
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.reference.scene import Scene
 from splat.seen_only import (

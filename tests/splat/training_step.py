@@ -8,9 +8,9 @@ from typing import TypeVar
 import numpy as np
 from hypothesis import strategies as st
 
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
-from pocketgs.gaussians import PARAMETERS, Gaussians
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.reference.adam import Moments, adam
 from pocketgs.splat.reference.loss import photometric_loss, regularise

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pocketgs.geometry.up_direction import up_direction
 from pocketgs.structure_from_motion.gps import local_metres
 from pocketgs.structure_from_motion.world import (
     MEDIAN_DISTANCE,
@@ -15,7 +16,6 @@ from pocketgs.structure_from_motion.world import (
     similarity,
     upright,
 )
-from pocketgs.up_direction import up_direction
 
 seeds = st.integers(0, 2**32 - 1)
 

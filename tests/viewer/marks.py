@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pocketgs.camera import Camera, look_at
-from pocketgs.gaussians import SH_DC, Gaussians
+from pocketgs.geometry.camera import Camera, look_at
+from pocketgs.scene.gaussians import SH_DC, Gaussians
 
 WIDTH, HEIGHT = 400, 300
 UP = np.array([0.0, -1.0, 0.0])

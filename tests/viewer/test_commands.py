@@ -16,9 +16,9 @@ import pytest
 from PIL import Image
 
 from pocketgs import Capture, Gaussians
-from pocketgs.cameras_file import write_cameras
 from pocketgs.cli import main
-from pocketgs.formats import write_scene
+from pocketgs.results.cameras_file import write_cameras
+from pocketgs.scene.formats import write_scene
 from viewer.client import fetch, following
 
 # A shell starts jobs in the background with Ctrl-C ignored.

@@ -22,9 +22,10 @@ import pytest
 
 from pocketgs import Capture, Gaussians, TrainingOptions
 from pocketgs.capture import list_capture
-from pocketgs.formats.spz import read_gaussians
-from pocketgs.run import Reporter, RunResult, run
-from pocketgs.training import Progress
+from pocketgs.results.reporter import Reporter
+from pocketgs.results.run import RunResult, run
+from pocketgs.scene.formats.spz import read_gaussians
+from pocketgs.training.loop import Progress
 from pocketgs.viewer import live
 from pocketgs.viewer.live import LiveRun
 from pocketgs.viewer.news import Read

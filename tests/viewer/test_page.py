@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, expect
 
-from pocketgs.camera import Camera
-from pocketgs.formats import ply, splat, spz
-from pocketgs.gaussians import Gaussians
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.formats import ply, splat, spz
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.webgpu.frame_values import view_values
 from pocketgs.viewer.content import Content, View

@@ -12,7 +12,8 @@ from playwright.sync_api import Locator, expect
 
 from pocketgs import TrainingOptions
 from pocketgs.capture import list_capture
-from pocketgs.run import Reporter, run
+from pocketgs.results.reporter import Reporter
+from pocketgs.results.run import run
 from pocketgs.viewer.live import LiveRun
 from pocketgs.viewer.server import serving
 from viewer.browsing import PATIENCE, open_browser, visiting

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from playwright.sync_api import Error, Page
 
-from pocketgs.formats import ply, splat, spz
-from pocketgs.formats.spz_precision import SMALL
-from pocketgs.gaussians import Gaussians
+from pocketgs.scene.formats import ply, splat, spz
+from pocketgs.scene.formats.spz_precision import SMALL
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.webgpu.scene_columns import to_columns
 
 READ = """async ([name, content]) => {

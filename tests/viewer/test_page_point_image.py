@@ -10,8 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from playwright.sync_api import Page
 
-from pocketgs.camera import Camera
-from pocketgs.gaussians import SH_DC, Gaussians
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import SH_DC, Gaussians
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.webgpu.scene_columns import to_columns
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, expect
 
-from pocketgs.formats import ply
-from pocketgs.gaussians import SH_DC, Gaussians
+from pocketgs.scene.formats import ply
+from pocketgs.scene.gaussians import SH_DC, Gaussians
 from pocketgs.viewer.content import Content, View
 from pocketgs.viewer.live import LiveRun
 from pocketgs.viewer.server import serving

@@ -11,8 +11,8 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, expect
 
-from pocketgs.formats import ply, splat
-from pocketgs.gaussians import Gaussians
+from pocketgs.scene.formats import ply, splat
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.viewer.content import Content, View
 from pocketgs.viewer.server import serving
 from viewer.browsing import PATIENCE, Visit, visiting

@@ -12,14 +12,14 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pocketgs import result_folder
 from pocketgs.bench.captures import BenchCapture
 from pocketgs.bench.conditions import present_conditions
 from pocketgs.bench.methods import Method
 from pocketgs.bench.results import Cell, CellResult
 from pocketgs.errors import PocketGSError
-from pocketgs.formats import read_scene, spz
-from pocketgs.formats.spz_precision import SMALL
+from pocketgs.results import folder as result_folder
+from pocketgs.scene.formats import read_scene, spz
+from pocketgs.scene.formats.spz_precision import SMALL
 
 GRACE = 15.0
 """Seconds that an interrupted command has to end what it has started, COLMAP for one."""

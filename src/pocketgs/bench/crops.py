@@ -14,8 +14,9 @@ from PIL import Image
 from pocketgs.bench.aggregate import number, rows_of
 from pocketgs.bench.results import CellResult
 from pocketgs.errors import PocketGSError
-from pocketgs.publishing.journal import settle
-from pocketgs.result_folder import PICTURES, RECORD, picture_names
+from pocketgs.files.journal import settle
+from pocketgs.files.plain_names import plain_names
+from pocketgs.results.folder import PICTURES, RECORD
 
 CROP = (200, 150)
 """Width and height in pixels, at most: a smaller picture is taken whole."""
@@ -138,5 +139,5 @@ def _most_telling(photo: np.ndarray, renderings: Mapping[str, np.ndarray]) -> tu
 
 def _psnr_of(result: CellResult, view: str) -> float | None:
     images = result.run.get("images") or []
-    names = picture_names(str(image.get("name")) for image in images)
+    names = plain_names(str(image.get("name")) for image in images)
     return next((number(image.get("psnr")) for image, name in zip(images, names, strict=True) if name == view), None)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import psutil
 
-from pocketgs.cores import usable_cores
+from pocketgs.system.cores import usable_cores
 
 
 def describe_machine() -> dict[str, str]:

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from pocketgs.atomic_file import replacing
 from pocketgs.bench.aggregate import captures_of
 from pocketgs.bench.crops import Crop, choose_crop
 from pocketgs.bench.plots import colour_of, curves_svg, memory_svg, stages_svg
@@ -31,6 +30,7 @@ from pocketgs.bench.sections import (
     summary_table,
 )
 from pocketgs.errors import PocketGSError
+from pocketgs.files.atomic_file import replacing
 
 TEMPLATE = "report.html.jinja"
 

@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pocketgs.atomic_file import replacing
 from pocketgs.bench.conditions import Conditions
 from pocketgs.errors import PocketGSError
+from pocketgs.files.atomic_file import replacing
 
 FORMAT = 1
 """Grows when older files can no longer be compared with newer ones."""
@@ -39,7 +39,7 @@ class CellResult:
         error: why it failed, in one line, or None. The fields below are empty then.
         wall_seconds: from the command's start to the written scene, looks at held-out views left out.
         scene_bytes: size of the scene by file format: "ply", "spz".
-        run: the content of `run.json`; see `pocketgs.summary`.
+        run: the content of `run.json`; see `pocketgs.results.summary`.
         settings, sources, machine: under which conditions; see `pocketgs.bench.conditions`.
     """
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from pocketgs.bench.aggregate import number, rows_of
 from pocketgs.bench.results import CellResult
-from pocketgs.memory_trace import MemorySample
+from pocketgs.results.memory_trace import MemorySample
 
 
 @dataclass(frozen=True)

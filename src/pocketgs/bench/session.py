@@ -14,8 +14,8 @@ from pocketgs.bench.methods import METHODS, Method
 from pocketgs.bench.results import Cell, CellResult, read_results, write_result
 from pocketgs.capture.synthetic import demo_capture
 from pocketgs.errors import PocketGSError
-from pocketgs.training import train
-from pocketgs.training_options import TrainingOptions
+from pocketgs.training.loop import train
+from pocketgs.training.options import TrainingOptions
 
 OVERHEAD = 1.5
 """A cell takes about this many times its own seconds: looks at held-out views, starting, and measuring come on top."""

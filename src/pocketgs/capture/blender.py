@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pocketgs.capture.json_fields import read_json
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.named_images import find_stated
 from pocketgs.capture.transforms_file import absent_warning, read_frames
 from pocketgs.errors import PocketGSError
+from pocketgs.files.json_fields import read_json
 
 FORMAT = "blender"
 LOOKED_FOR = "transforms_train.json"

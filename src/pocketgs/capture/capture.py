@@ -9,10 +9,10 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from pocketgs.background import checked_background
-from pocketgs.camera import Camera
 from pocketgs.errors import PocketGSError
-from pocketgs.pointcloud import PointCloud
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.background import checked_background
+from pocketgs.scene.point_cloud import PointCloud
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import numpy as np
 
 from pocketgs.capture.poses import LARGEST_COORDINATE
 from pocketgs.errors import PocketGSError
-from pocketgs.ply_file import read_vertices
-from pocketgs.pointcloud import PointCloud
+from pocketgs.files.ply_file import read_vertices
+from pocketgs.scene.point_cloud import PointCloud
 
 UNKNOWN_COLOUR = 0.5
 

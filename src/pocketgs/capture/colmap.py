@@ -9,9 +9,9 @@ from pocketgs.capture import colmap_files
 from pocketgs.capture.colmap_model import ColmapCamera, ColmapImage
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.named_images import find_images, find_stated
-from pocketgs.capture.paths import inside, list_images, relative_name
 from pocketgs.capture.poses import camera_at, rotation_from_quaternion, world_to_camera_of
 from pocketgs.errors import PocketGSError
+from pocketgs.files.paths import inside, list_images, relative_name
 
 FORMAT = "colmap"
 LOOKED_FOR = "cameras and images .bin or .txt, there or in sparse/0, sparse, colmap/sparse or dense/sparse"

@@ -10,7 +10,7 @@ from pocketgs.capture import colmap_binary, colmap_text
 from pocketgs.capture.colmap_model import ColmapCamera, ColmapImage
 from pocketgs.capture.poses import LARGEST_COORDINATE
 from pocketgs.errors import PocketGSError
-from pocketgs.pointcloud import PointCloud
+from pocketgs.scene.point_cloud import PointCloud
 
 
 def find_part(folder: Path, part: str) -> Path | None:

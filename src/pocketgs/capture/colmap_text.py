@@ -15,8 +15,8 @@ from pocketgs.capture.colmap_model import (
     unknown_model,
 )
 from pocketgs.errors import PocketGSError, clipped
-from pocketgs.opening import read_bytes
-from pocketgs.pointcloud import PointCloud
+from pocketgs.files.opening import read_bytes
+from pocketgs.scene.point_cloud import PointCloud
 
 MODELS_BY_NAME = {model.name: model for model in CAMERA_MODELS.values()}
 

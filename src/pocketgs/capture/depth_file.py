@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from pocketgs.capture.image_file import read_array, read_whole_numbers
-from pocketgs.capture.paths import CaptureFile
 from pocketgs.errors import PocketGSError, clipped
-from pocketgs.opening import read_bytes
+from pocketgs.files.opening import read_bytes
+from pocketgs.files.paths import CaptureFile
 
 LARGEST_SIDE = 16_384
 LZFSE_MODULE, LZFSE_PACKAGE = "liblzfse", "pyliblzfse"

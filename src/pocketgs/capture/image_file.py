@@ -12,10 +12,10 @@ from typing import TypeVar
 import numpy as np
 from PIL import ExifTags, Image, ImageOps
 
-from pocketgs.capture.paths import CaptureFile
 from pocketgs.errors import PocketGSError, clipped
-from pocketgs.memory_bound import require_memory
-from pocketgs.opening import checked, open_file
+from pocketgs.files.memory_bound import require_memory
+from pocketgs.files.opening import checked, open_file
+from pocketgs.files.paths import CaptureFile
 
 Result = TypeVar("Result")
 

@@ -12,8 +12,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from pocketgs.camera import Camera
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
 
 COEFFICIENT_COUNTS = {"opencv": (0, 4, 5, 8), "fisheye": (4,)}
 

@@ -22,8 +22,8 @@ from pocketgs.capture.loading import (
 )
 from pocketgs.capture.video_file import VideoFrame
 from pocketgs.errors import PocketGSError
-from pocketgs.memory_bound import require_memory, room_for
-from pocketgs.opening import reading_inside
+from pocketgs.files.memory_bound import require_memory, room_for
+from pocketgs.files.opening import reading_inside
 
 RGB_BYTES = 3
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from pocketgs.camera import Camera
 from pocketgs.capture.lens import PINHOLE, Lens
-from pocketgs.capture.paths import CaptureFile
 from pocketgs.capture.video_file import VideoFrame
-from pocketgs.pointcloud import PointCloud
+from pocketgs.files.paths import CaptureFile
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.point_cloud import PointCloud
 
 
 @dataclass(frozen=True)

@@ -11,18 +11,18 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame, Result
 from pocketgs.capture.depth_file import read_depth, read_reliable
 from pocketgs.capture.image_file import ImageHeader, read_colour, read_header
 from pocketgs.capture.lens import forget_undistortions, undistortion
 from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.mask_file import read_mask
-from pocketgs.capture.paths import CaptureFile
 from pocketgs.capture.video_file import VideoFrame, read_frames
-from pocketgs.cores import usable_cores
 from pocketgs.errors import PocketGSError
-from pocketgs.opening import reading_inside
+from pocketgs.files.opening import reading_inside
+from pocketgs.files.paths import CaptureFile
+from pocketgs.geometry.camera import Camera
+from pocketgs.system.cores import usable_cores
 
 # Every worker holds a few full-size copies of one image; more workers decode little faster.
 MOST_WORKERS = 8

@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image
 
 from pocketgs.capture.image_file import SIXTEEN_BIT_MODES, high_bytes, read_image
-from pocketgs.capture.paths import CaptureFile
+from pocketgs.files.paths import CaptureFile
 
 HALF = 127
 

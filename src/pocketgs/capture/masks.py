@@ -10,8 +10,8 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 from pocketgs.capture.listing import Listing
-from pocketgs.capture.paths import list_images
 from pocketgs.errors import PocketGSError
+from pocketgs.files.paths import list_images
 
 FOUND, NONE = "found", "none"
 """Values of the option `masks` that name no folder: take what the capture states or has; take none."""

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path, PureWindowsPath
 
-from pocketgs.capture.paths import existing_file, inside, is_folder_of_photographs, is_image, list_images, relative_name
 from pocketgs.errors import PocketGSError
+from pocketgs.files.paths import existing_file, inside, is_folder_of_photographs, is_image, list_images, relative_name
 
 DEEPEST = 4
 """Folders inside each other that are searched."""

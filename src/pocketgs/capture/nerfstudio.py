@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path, PurePosixPath
 
 from pocketgs.capture.cloud_file import read_cloud
-from pocketgs.capture.json_fields import Fields, read_json
 from pocketgs.capture.listing import FrameSource, Listing
-from pocketgs.capture.paths import existing_file
 from pocketgs.capture.transforms_file import absent_warning, depth_warning, read_frames
 from pocketgs.errors import PocketGSError
-from pocketgs.pointcloud import PointCloud
+from pocketgs.files.json_fields import Fields, read_json
+from pocketgs.files.paths import existing_file
+from pocketgs.scene.point_cloud import PointCloud
 
 FORMAT = "nerfstudio"
 LOOKED_FOR = "transforms.json"

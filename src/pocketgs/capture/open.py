@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
-from pocketgs.background import checked_background
 from pocketgs.capture import blender, colmap, llff, nerfstudio, polycam, record3d, scanner_app, stray_scanner
 from pocketgs.capture import masks as masks_of
 from pocketgs.capture.capture import Capture
@@ -18,7 +17,8 @@ from pocketgs.capture.loading import Preparation
 from pocketgs.capture.origin import near_origin
 from pocketgs.capture.unposed import find_photographs_in, holds_photographs
 from pocketgs.errors import PocketGSError
-from pocketgs.opening import folder_of, reading_inside
+from pocketgs.files.opening import folder_of, reading_inside
+from pocketgs.scene.background import checked_background
 
 
 class Reader(Protocol):

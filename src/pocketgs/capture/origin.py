@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pocketgs.camera import Camera
 from pocketgs.capture.listing import Listing
-from pocketgs.pointcloud import PointCloud
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.point_cloud import PointCloud
 
 if TYPE_CHECKING:
     from pocketgs.capture.capture import Capture, Frame

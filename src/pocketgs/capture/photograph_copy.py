@@ -13,7 +13,7 @@ from PIL import ExifTags, Image, ImageOps
 from pocketgs.capture.image_file import UPRIGHT, read_colour, read_header, read_image
 from pocketgs.capture.mask_file import read_mask
 from pocketgs.capture.masks import folders_of_masks, match
-from pocketgs.capture.paths import relative_name
+from pocketgs.files.paths import relative_name
 
 READ_BY_COLMAP = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp"})
 JPEG_QUALITY = 97

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pocketgs.capture.json_fields import Fields, read_json
 from pocketgs.capture.listing import FrameSource, Listing
-from pocketgs.capture.paths import existing_file
 from pocketgs.capture.poses import camera_at, world_to_camera_from_axes
 from pocketgs.errors import PocketGSError
+from pocketgs.files.json_fields import Fields, read_json
+from pocketgs.files.paths import existing_file
 
 FORMAT = "polycam"
 LOOKED_FOR = "keyframes/cameras or keyframes/corrected_cameras"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.camera import LARGEST_SIDE, Camera
 from pocketgs.errors import PocketGSError, short
+from pocketgs.geometry.camera import LARGEST_SIDE, Camera
 
 ROTATION_TOLERANCE = 1e-2
 LARGEST_COORDINATE = 1e9

@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from pocketgs.capture.depth_file import LZFSE_PACKAGE, lzfse_is_installed
-from pocketgs.capture.json_fields import Fields, parse_json
 from pocketgs.capture.listing import FrameSource, Listing
-from pocketgs.capture.paths import CaptureFile, existing_file
 from pocketgs.capture.poses import camera_at, rotation_from_quaternion, world_to_camera_from_axes
 from pocketgs.capture.sharpness import sharpest_photographs, thinning_warning
 from pocketgs.errors import PocketGSError, clipped
-from pocketgs.opening import read_bytes
+from pocketgs.files.json_fields import Fields, parse_json
+from pocketgs.files.opening import read_bytes
+from pocketgs.files.paths import CaptureFile, existing_file
 
 FORMAT = "record3d"
 LOOKED_FOR = "a .r3d file, or metadata and rgbd/, or metadata.json and rgb/ with poses"

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pocketgs.camera import Camera
 from pocketgs.capture.image_file import read_size
-from pocketgs.capture.json_fields import Fields, read_json
 from pocketgs.capture.listing import FrameSource, Listing
-from pocketgs.capture.paths import existing_file
 from pocketgs.capture.poses import ARKIT_PIXEL_CENTRE, camera_at, world_to_camera_from_axes
 from pocketgs.capture.sharpness import sharpest_photographs, thinning_warning
 from pocketgs.errors import PocketGSError
+from pocketgs.files.json_fields import Fields, read_json
+from pocketgs.files.paths import existing_file
+from pocketgs.geometry.camera import Camera
 
 FORMAT = "3d-scanner-app"
 LOOKED_FOR = "frame_00000.json with cameraPoseARFrame"

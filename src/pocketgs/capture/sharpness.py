@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from pocketgs.capture.image_file import read_grey
-from pocketgs.capture.paths import CaptureFile
 from pocketgs.errors import PocketGSError
+from pocketgs.files.paths import CaptureFile
 
 REDUCED_SIDE = 640
 """The longer side at which sharpness is measured: sensor noise averages out, the blur of a moving hand does not."""

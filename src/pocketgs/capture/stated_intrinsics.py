@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pocketgs.capture.json_fields import Fields
 from pocketgs.errors import PocketGSError
+from pocketgs.files.json_fields import Fields
 
 MATRIX_FIELDS = ("K", "intrinsics", "intrinsic_matrix", "camera_intrinsics")
 

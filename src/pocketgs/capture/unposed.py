@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pocketgs.capture.paths import IMAGE_SUFFIXES, is_folder_of_photographs, list_images
 from pocketgs.capture.video_file import VIDEO_SUFFIXES
+from pocketgs.files.paths import IMAGE_SUFFIXES, is_folder_of_photographs, list_images
 
 PHOTOGRAPH_SUFFIXES = IMAGE_SUFFIXES
 USUAL_FOLDER = "images"

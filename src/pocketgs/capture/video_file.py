@@ -14,8 +14,8 @@ import numpy as np
 
 from pocketgs.capture.sharpness import sharpest_in_windows, sharpness
 from pocketgs.errors import PocketGSError
-from pocketgs.memory_bound import require_memory
-from pocketgs.opening import checked
+from pocketgs.files.memory_bound import require_memory
+from pocketgs.files.opening import checked
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".3gp"})
 FFMPEG_QUIET = -8  # AV_LOG_QUIET

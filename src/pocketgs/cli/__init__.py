@@ -12,7 +12,7 @@ import tyro
 
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
-from pocketgs.interrupt import STOPPED
+from pocketgs.system.interrupt import STOPPED
 
 USER_ERROR = 2
 

@@ -12,7 +12,6 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from pocketgs.atomic_file import replacing
 from pocketgs.bench.captures import DEMO, BenchCapture, captures_named, data_folder, known_captures
 from pocketgs.bench.cell import Job
 from pocketgs.bench.conditions import Conditions, present_conditions
@@ -27,8 +26,9 @@ from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.flags import flags_of
 from pocketgs.cli.terminal import Terminal, printable
 from pocketgs.errors import PocketGSError
+from pocketgs.files.atomic_file import replacing
 from pocketgs.splat.engine import EngineName
-from pocketgs.training_options import Effort
+from pocketgs.training.options import Effort
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ import tyro
 from pocketgs.cli.scene_file import load_scene
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
-from pocketgs.formats import SceneFormat, format_of, spz
-from pocketgs.formats.spz_precision import PRECISIONS, Detail
-from pocketgs.gaussians import Gaussians
-from pocketgs.memory_bound import DEFAULT_MB, memory_bound
-from pocketgs.scene_edits import cropped, rotated, scaled, translated, with_sh_degree, without_faint
+from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
+from pocketgs.scene.edits import cropped, rotated, scaled, translated, with_sh_degree, without_faint
+from pocketgs.scene.formats import SceneFormat, format_of, spz
+from pocketgs.scene.formats.spz_precision import PRECISIONS, Detail
+from pocketgs.scene.gaussians import Gaussians
 
 Triple: TypeAlias = tuple[float, float, float]
 Box: TypeAlias = tuple[float, float, float, float, float, float]

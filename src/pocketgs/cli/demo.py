@@ -9,9 +9,10 @@ from pocketgs.capture.synthetic import write_demo
 from pocketgs.cli.shown_run import show_run
 from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.view import FollowOptions
-from pocketgs.memory_bound import memory_bound
-from pocketgs.run import Reporter, RunResult, run
-from pocketgs.training_options import TrainingOptions
+from pocketgs.files.memory_bound import memory_bound
+from pocketgs.results.reporter import Reporter
+from pocketgs.results.run import RunResult, run
+from pocketgs.training.options import TrainingOptions
 
 
 def demo(

@@ -12,12 +12,13 @@ from rich.text import Text
 
 from pocketgs.capture.capture import Capture
 from pocketgs.cli.terminal import Terminal, printable
-from pocketgs.evaluation import Evaluation
-from pocketgs.planning.plan import Plan
+from pocketgs.metrics.evaluation import Evaluation
 from pocketgs.prior.report import PriorReport
-from pocketgs.record import peak_rss_mb
-from pocketgs.run import Reporter, RunResult
-from pocketgs.training import Progress
+from pocketgs.results.reporter import Reporter
+from pocketgs.results.run import RunResult
+from pocketgs.system.process import peak_rss_mb
+from pocketgs.training.loop import Progress
+from pocketgs.training.planning.plan import Plan
 
 STAGES = {
     "frames": "choosing frames",

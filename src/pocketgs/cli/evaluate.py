@@ -14,9 +14,10 @@ from pocketgs.cli.display import capture_lines, print_evaluation
 from pocketgs.cli.scene_file import in_world_of, load_scene
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
-from pocketgs.memory_bound import memory_bound
-from pocketgs.result_folder import picture_names, publishing, write_json
-from pocketgs.run import evaluate_held_out
+from pocketgs.files.memory_bound import memory_bound
+from pocketgs.files.plain_names import plain_names
+from pocketgs.results.folder import publishing, write_json
+from pocketgs.results.run import evaluate_held_out
 from pocketgs.splat.engine import EngineOptions, create_engine
 
 
@@ -46,7 +47,7 @@ def evaluate(
     renderer.upload(gaussians)
     if not opened.held_out:
         raise PocketGSError(f"{capture}: no view is held out, expected --hold-out of at least 2")
-    names = [f"{name}.png" for name in picture_names(frame.name for frame in opened.held_out)]
+    names = [f"{name}.png" for name in plain_names(frame.name for frame in opened.held_out)]
     with publishing(pictures, names) if pictures else nullcontext() as staging:
         evaluation = evaluate_held_out(renderer, opened, staging)
     assert evaluation is not None

@@ -7,12 +7,12 @@ from typing import Annotated
 
 import tyro
 
+from pocketgs.capture.colmap_export import export_capture
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.scene_file import in_world_of, names_scene
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
-from pocketgs.formats.colmap import export_capture
-from pocketgs.memory_bound import DEFAULT_MB, memory_bound
+from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
 
 
 def export_colmap(

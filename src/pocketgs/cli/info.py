@@ -15,8 +15,8 @@ from pocketgs.cli.display import capture_lines
 from pocketgs.cli.scene_file import load_scene, names_scene
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
-from pocketgs.gaussians import Gaussians
-from pocketgs.memory_bound import DEFAULT_MB, memory_bound
+from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
+from pocketgs.scene.gaussians import Gaussians
 
 
 def info(

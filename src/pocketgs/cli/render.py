@@ -10,17 +10,18 @@ import numpy as np
 import tyro
 from PIL import Image
 
-from pocketgs.camera import Camera
 from pocketgs.capture import Capture
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.scene_file import in_world_of, load_scene
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
-from pocketgs.memory_bound import memory_bound
-from pocketgs.rendering import render_all
-from pocketgs.result_folder import picture_names, publishing
+from pocketgs.files.memory_bound import memory_bound
+from pocketgs.files.plain_names import plain_names
+from pocketgs.geometry.camera import Camera
+from pocketgs.results.folder import publishing
+from pocketgs.results.video import write_video
 from pocketgs.splat.engine import EngineOptions, Rendering
-from pocketgs.video import write_video
+from pocketgs.splat.rendering import render_all
 
 MOST_FRAMES = 100_000
 
@@ -77,10 +78,10 @@ def _cameras(capture: Capture, views: Views, frames: int) -> list[tuple[str, Cam
         chosen = capture.held_out if views == "held-out" else capture.train
         if not chosen:
             raise PocketGSError(f"{capture.path}: no view is held out, expected --hold-out of at least 2")
-        names = picture_names(frame.name for frame in chosen)
+        names = plain_names(frame.name for frame in chosen)
         return [(name, frame.camera) for name, frame in zip(names, chosen, strict=True)]
     # SciPy's splines take as long to load as a short training run's first steps: only this command needs them.
-    from pocketgs.camera_path import orbit, path
+    from pocketgs.geometry.camera_path import orbit, path
 
     if not 1 <= frames <= MOST_FRAMES:
         raise PocketGSError(f"frames: found {frames}, expected at least 1 and at most {MOST_FRAMES}")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pocketgs.cameras_file import with_poses_of
 from pocketgs.capture.capture import Capture
-from pocketgs.formats import is_scene_name, read_scene
-from pocketgs.gaussians import Gaussians
-from pocketgs.publishing.journal import settle
-from pocketgs.result_folder import CAMERAS, RECORD, SCENE
+from pocketgs.files.journal import settle
+from pocketgs.results.cameras_file import with_poses_of
+from pocketgs.results.folder import CAMERAS, RECORD, SCENE
+from pocketgs.scene.formats import is_scene_name, read_scene
+from pocketgs.scene.gaussians import Gaussians
 
 
 def names_scene(path: Path) -> bool:

@@ -7,7 +7,8 @@ from collections.abc import Callable
 from pocketgs.cli.display import Display, print_result
 from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.view import FollowOptions, following
-from pocketgs.run import Reporter, RunResult
+from pocketgs.results.reporter import Reporter
+from pocketgs.results.run import RunResult
 
 
 def show_run(

@@ -13,12 +13,13 @@ from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.shown_run import show_run
 from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.view import FollowOptions
-from pocketgs.memory_bound import memory_bound
-from pocketgs.publishing.manifest import source_of
-from pocketgs.result_folder import check_free_for
-from pocketgs.run import Reporter, RunResult, run
+from pocketgs.files.manifest import source_of
+from pocketgs.files.memory_bound import memory_bound
+from pocketgs.results.folder import check_free_for
+from pocketgs.results.reporter import Reporter
+from pocketgs.results.run import RunResult, run
 from pocketgs.structure_from_motion.pose import posed
-from pocketgs.training_options import TrainingOptions
+from pocketgs.training.options import TrainingOptions
 
 
 def train(

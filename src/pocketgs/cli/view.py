@@ -19,9 +19,9 @@ from pocketgs.cli.display import STAGES
 from pocketgs.cli.scene_file import in_world_of, load_scene
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
-from pocketgs.memory_bound import DEFAULT_MB, memory_bound
-from pocketgs.opening import reading_inside
-from pocketgs.result_folder import SCENE
+from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
+from pocketgs.files.opening import reading_inside
+from pocketgs.results.folder import SCENE
 
 if TYPE_CHECKING:
     from pocketgs.viewer.live import LiveRun

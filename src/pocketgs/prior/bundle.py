@@ -15,8 +15,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.transform import Rotation
 
-from pocketgs.camera import Camera
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle_input import by_point, check, first_estimate
 from pocketgs.prior.levenberg_marquardt import minimise
 from pocketgs.prior.observations import Observations

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pocketgs.camera import Camera
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.observations import Observations
 from pocketgs.prior.reprojection import Estimate, Sightings
 

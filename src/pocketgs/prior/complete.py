@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from pocketgs.capture.capture import Frame
-from pocketgs.pointcloud import PointCloud
 from pocketgs.prior.coverage import ViewCells, point_radii
+from pocketgs.scene.point_cloud import PointCloud
 
 MISSING_SHARE = 0.5
 """A point of another source is taken if so many of the views that show it have nothing there."""

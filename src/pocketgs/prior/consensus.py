@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from pocketgs.camera import Camera
-from pocketgs.compile import parallel_kernel, part
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.observations import Observations
+from pocketgs.system.compile import parallel_kernel, part
 
 MOST_TRIALS = 36
 """Pairs of sightings of a track that a point is made from; tracks of up to nine sightings try all of theirs."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from pocketgs.compile import parallel_kernel, part
+from pocketgs.system.compile import parallel_kernel, part
 
 
 class Views(NamedTuple):
@@ -33,7 +33,8 @@ class Views(NamedTuple):
 def compare_depths(views: Views, view: int, tolerance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Compare every depth of a view with the depths that the other views have there.
 
-    Depths agree up to the tolerance, or up to what the coarser of the two sweeps can tell apart.
+    Depths agree up to the tolerance, or up to half a step of the coarser of the two sweeps, which is how far a surface
+    may lie from the nearest hypothesis; up to a whole step where they are too far to tell from infinity.
 
     Args:
         views: all of them.
@@ -69,7 +70,8 @@ def compare_depths(views: Views, view: int, tolerance: float) -> tuple[np.ndarra
                 theirs = views.depths[other, int(v), int(u)]
                 if theirs <= 0:
                     continue
-                indistinct = max(views.steps[view], views.steps[other]) * z * theirs
+                step = max(views.steps[view], views.steps[other])
+                indistinct = max(0.5, min(1.0, step * z)) * step * z * theirs
                 if abs(z - theirs) < max(tolerance * z, indistinct):
                     agreeing[row, column] += 1
                     footprint = min(footprint, z / focal_x)

@@ -15,9 +15,9 @@ from numba import prange
 from scipy.spatial import cKDTree
 
 from pocketgs.capture.capture import Frame
-from pocketgs.compile import parallel_kernel
-from pocketgs.cores import usable_cores
-from pocketgs.pointcloud import PointCloud
+from pocketgs.scene.point_cloud import PointCloud
+from pocketgs.system.compile import parallel_kernel
+from pocketgs.system.cores import usable_cores
 
 CELLS = 96
 """Cells along the longer side of a view."""

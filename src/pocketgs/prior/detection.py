@@ -9,9 +9,9 @@ from functools import partial
 import numba
 import numpy as np
 
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame, Photographs
 from pocketgs.capture.loading import downscaled
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.features import Features, detect
 
 LONGEST_SIDE = 1280

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from pocketgs.capture.capture import Frame
-from pocketgs.compile import unlocked_kernel
+from pocketgs.system.compile import unlocked_kernel
 
 CONTRAST = 0.015
 """SIFT's threshold; lower than usual, since phones blur and geometry weeds out what is wrong."""

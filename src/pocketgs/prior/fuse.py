@@ -13,7 +13,7 @@ from pocketgs.prior.consistency import Views, compare_depths
 from pocketgs.prior.detail import detail
 from pocketgs.prior.merge import Candidates
 from pocketgs.prior.sweep import DepthMap
-from pocketgs.visual_hull import outside_hull
+from pocketgs.prior.visual_hull import outside_hull
 
 CLEAR_MARGIN = 0.1
 """Share by which a depth must be cheaper than its rivals for full confidence."""

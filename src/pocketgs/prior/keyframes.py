@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
 from pocketgs.capture.sharpness import sharpness
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
 
 CELLS = 12
 """Cells along the longer side of a view: its coverage is counted in these."""

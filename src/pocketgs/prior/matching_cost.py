@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from pocketgs.compile import parallel_kernel, part
+from pocketgs.system.compile import parallel_kernel, part
 
 RADIUS = 3
 NEIGHBOURS = np.array(

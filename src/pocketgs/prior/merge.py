@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pocketgs.pointcloud import PointCloud
+from pocketgs.scene.point_cloud import PointCloud
 
 MERGING_ROUNDS = 12
 OVERFULL = 1.05

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pocketgs.camera import Camera
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.features import Features
 from pocketgs.prior.tracks import WIDEST_ANGLE, view_distances
 

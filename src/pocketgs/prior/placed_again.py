@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.features import detect, match
 from pocketgs.prior.pairs import likeness
 from pocketgs.prior.relocalise import pose_from_points

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pocketgs.camera import Camera
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.consensus import consensus
 from pocketgs.prior.features import Features
 from pocketgs.prior.pairs import MOST_ALIKE, Pair, by_pose, likeness

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Literal
 
 import numpy as np
 
 from pocketgs.capture.capture import Capture, Frame
-from pocketgs.pointcloud import PointCloud
 from pocketgs.prior.advice import exposure_hint, nothing_found, photograph_hints, poses_hint
 from pocketgs.prior.complete import completion, joined
 from pocketgs.prior.depth_maps import depth_maps
@@ -21,7 +20,8 @@ from pocketgs.prior.report import Poses, PriorReport
 from pocketgs.prior.scale import Scale, estimate_scale
 from pocketgs.prior.structure import Structure, StructureSettings, build_structure
 from pocketgs.prior.sweep import SweepSettings
-from pocketgs.record import Stopwatch
+from pocketgs.scene.point_cloud import PointCloud
+from pocketgs.system.stopwatch import Stopwatch
 
 Exposure = Literal["auto", "on", "off"]
 
@@ -45,21 +45,24 @@ class PriorSettings:
 
 
 @dataclass(frozen=True)
-class Prior:
-    """What training starts from.
+class PreparedCapture(Capture):
+    """A capture with the poses, photographs and points to train on.
 
     Attributes:
-        capture: with the poses, photographs and points to train on.
-        report: how it came about, or None if the capture was taken as it is.
+        report: how they came about, or None if the capture was taken as it is.
     """
 
-    capture: Capture
-    report: PriorReport | None
+    report: PriorReport | None = None
+
+    @staticmethod
+    def of(capture: Capture, report: PriorReport | None) -> PreparedCapture:
+        """A capture that is to be trained on as it is."""
+        return PreparedCapture(**{each.name: getattr(capture, each.name) for each in fields(Capture)}, report=report)
 
 
 def build_prior(
     capture: Capture, max_points: int, settings: PriorSettings | None = None, stopwatch: Stopwatch | None = None
-) -> Prior:
+) -> PreparedCapture:
     """Build the geometry prior.
 
     A capture with too little texture keeps its poses; depths are then searched in a range that only the cameras tell.
@@ -119,7 +122,7 @@ def build_prior(
         guessed=coverage.guessed if coverage else 0,
         warnings=(*hints, *exposure_hint(gains), *said),
     )
-    return Prior(replace(capture, points=cloud), report)
+    return PreparedCapture.of(replace(capture, points=cloud), report)
 
 
 def _with_poses_of(structure: Structure | None, capture: Capture) -> Capture:

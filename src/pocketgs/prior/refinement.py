@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from pocketgs.camera import Camera
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle import BundleSettings, adjust_bundle, adjust_pose
 from pocketgs.prior.consensus import consensus
 from pocketgs.prior.observations import Observations, enough_for_each_view

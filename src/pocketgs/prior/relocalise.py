@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pocketgs.camera import Camera
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle import BundleSettings, adjust_pose
 from pocketgs.prior.observations import Observations
 from pocketgs.prior.tracks import reprojection_errors

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pocketgs.compile import kernel, part
+from pocketgs.system.compile import kernel, part
 
 CAMERA_UNKNOWNS = 6
 """Per camera: a rotation vector ω, then the centre c. They change to exp(ω)·R and c + δ."""

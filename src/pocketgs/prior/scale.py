@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pocketgs.camera_geometry import GUESSED_DISTANCE, focus_point, looks_at
 from pocketgs.capture.capture import Capture
+from pocketgs.geometry.camera_geometry import GUESSED_DISTANCE, focus_point, looks_at
 
 ONE_PLACE, ROUNDING = 1e-3, 1e-9
 """Metres, and share of the distance to the origin, within which cameras stand in one place.

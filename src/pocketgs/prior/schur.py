@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from pocketgs.compile import kernel, parallel_kernel, part
 from pocketgs.prior.reprojection import (
     CAMERA_UNKNOWNS,
     COLUMNS,
@@ -24,6 +23,7 @@ from pocketgs.prior.reprojection import (
     linearise,
     weigh,
 )
+from pocketgs.system.compile import kernel, parallel_kernel, part
 
 SHARES = 16
 """Parts that the points are split into. It does not depend on the number of threads, so neither do the sums."""

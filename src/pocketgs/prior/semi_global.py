@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from pocketgs.compile import parallel_kernel, part
+from pocketgs.system.compile import parallel_kernel, part
 
 FOUR_PATHS = np.array([(0, 1), (0, -1), (1, 0), (-1, 0)], np.int64)
 EIGHT_PATHS = np.concatenate([FOUR_PATHS, np.array([(1, 1), (-1, -1), (1, -1), (-1, 1)], np.int64)])

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame, Photographs
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle import BundleSettings
 from pocketgs.prior.consensus import consensus
 from pocketgs.prior.detection import detect_all

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pocketgs.camera import Camera
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.features import Features
 from pocketgs.prior.pairs import Pair
 from pocketgs.prior.tracks import view_distances

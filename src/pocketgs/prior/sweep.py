@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
 from pocketgs.capture.loading import downscaled
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.depth_range import DepthRange
 from pocketgs.prior.matching_cost import ALL_USABLE, BITS, References, matching_costs, squares_of
 from pocketgs.prior.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners

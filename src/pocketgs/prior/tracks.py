@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from pocketgs.camera import Camera
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.features import Features
 from pocketgs.prior.observations import Observations
 

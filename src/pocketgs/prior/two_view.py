@@ -9,7 +9,7 @@ import cv2
 import numba
 import numpy as np
 
-from pocketgs.camera import Camera
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.features import Features, match
 from pocketgs.prior.pairs import Pair
 

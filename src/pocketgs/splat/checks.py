@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pocketgs.errors import PocketGSError
-from pocketgs.gaussians import PARAMETERS, Gaussians
+from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.engine import OptimiserState
 
 

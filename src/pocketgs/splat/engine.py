@@ -8,10 +8,10 @@ from typing import Literal, Protocol, get_args
 
 import numpy as np
 
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
-from pocketgs.gaussians import Gaussians
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.settings import StepSettings
 
 EngineName = Literal["auto", "cpu", "webgpu"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from pocketgs.background import Background, checked_background
+from pocketgs.scene.background import Background, checked_background
 
 
 @dataclass(frozen=True)

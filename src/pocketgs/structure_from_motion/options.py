@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from pocketgs.camera import LARGEST_SIDE
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import LARGEST_SIDE
 
 CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
 

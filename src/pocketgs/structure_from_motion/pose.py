@@ -8,11 +8,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from pocketgs.atomic_folder import replacing_folder
 from pocketgs.capture.image_file import read_header
 from pocketgs.capture.open import read_listing
 from pocketgs.capture.unposed import is_video
 from pocketgs.errors import PocketGSError
+from pocketgs.files.atomic_folder import replacing_folder
 from pocketgs.structure_from_motion.attempts import place_all
 from pocketgs.structure_from_motion.folder import (
     IMAGES,

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import psutil
 
-from pocketgs.cores import usable_cores
 from pocketgs.errors import PocketGSError
 from pocketgs.structure_from_motion.job import Job, Outcome
 from pocketgs.structure_from_motion.work import Count
+from pocketgs.system.cores import usable_cores
 
 # Measured for SIFT, which begins with the image at twice its size.
 BYTES_PER_PIXEL_AND_THREAD = 300

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from pocketgs.capture.capture import Frame
 from pocketgs.capture.colmap_files import read_points
 from pocketgs.errors import PocketGSError
-from pocketgs.pointcloud import PointCloud
+from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.structure_from_motion.job import Job
 from pocketgs.structure_from_motion.process import check_installed, run_colmap, threads_that_fit
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pocketgs.up_direction import up_direction
+from pocketgs.geometry.up_direction import up_direction
 
 MEDIAN_DISTANCE = 3.0
 """From cameras to the points that they see, where nothing tells the scale: as from a person to what is photographed."""

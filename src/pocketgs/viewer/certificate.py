@@ -20,8 +20,8 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from pocketgs.atomic_file import replacing
 from pocketgs.errors import PocketGSError
+from pocketgs.files.atomic_file import replacing
 
 FILE = "viewer.pem"
 VALIDITY = timedelta(days=397)

@@ -12,9 +12,9 @@ from urllib.parse import quote
 import numpy as np
 from PIL import Image
 
-from pocketgs.camera import Camera
-from pocketgs.camera_geometry import focus_point, looks_at, upward
 from pocketgs.capture.capture import Capture
+from pocketgs.geometry.camera import Camera
+from pocketgs.geometry.camera_geometry import focus_point, looks_at, upward
 
 UP = (0.0, -1.0, 0.0)
 """Up in a world of which nothing is known: structure from motion takes the first camera's axes, in which y is down."""

@@ -12,11 +12,12 @@ from typing import Final, Literal, TypeVar
 
 from pocketgs.capture.capture import Capture
 from pocketgs.errors import PocketGSError
-from pocketgs.formats import spz
-from pocketgs.gaussians import Gaussians
-from pocketgs.record import peak_rss_mb
-from pocketgs.run import Reporter, RunResult
-from pocketgs.training import Progress
+from pocketgs.results.reporter import Reporter
+from pocketgs.results.run import RunResult
+from pocketgs.scene.formats import spz
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.system.process import peak_rss_mb
+from pocketgs.training.loop import Progress
 from pocketgs.viewer.content import Content, capture_views, looked_at
 from pocketgs.viewer.news import News
 from pocketgs.viewer.scene_content import previews_in

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from pocketgs.gaussians import Gaussians
+from pocketgs.scene.gaussians import Gaussians
 
 LONGEST_PLY_HEADER = 1 << 16
 

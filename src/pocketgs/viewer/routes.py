@@ -14,7 +14,7 @@ from aiohttp.typedefs import Middleware
 
 import pocketgs.splat.webgpu
 import pocketgs.viewer
-from pocketgs.opening import open_in_place
+from pocketgs.files.opening import open_in_place
 from pocketgs.splat.webgpu.passes import Appearance, Variant, describe
 from pocketgs.viewer.access import Access, is_same_origin
 from pocketgs.viewer.content import Content, jpeg

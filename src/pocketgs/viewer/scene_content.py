@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from pocketgs.background import checked_background
-from pocketgs.cameras_file import read_cameras
 from pocketgs.capture.capture import Capture
-from pocketgs.capture.json_fields import read_json
 from pocketgs.errors import PocketGSError
-from pocketgs.gaussians import Gaussians
-from pocketgs.opening import reading_inside
-from pocketgs.publishing.journal import settle
-from pocketgs.result_folder import CAMERAS, PICTURES, RECORD
+from pocketgs.files.journal import settle
+from pocketgs.files.json_fields import read_json
+from pocketgs.files.opening import reading_inside
+from pocketgs.results.cameras_file import read_cameras
+from pocketgs.results.folder import CAMERAS, PICTURES, RECORD
+from pocketgs.scene.background import checked_background
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.viewer.content import UP, Content, View, capture_views, looked_at
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pocketgs.errors import PocketGSError
-from pocketgs.gaussians import Gaussians
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import EngineOptions, create_engine
 from pocketgs.splat.webgpu import adapters as adapters_module
 from pocketgs.splat.webgpu.adapters import NEEDED, Adapter, adapters, choose_adapter, has_gpu, open_device

@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 from playwright.sync_api import Browser, Error, Page
 
 import pocketgs.splat.webgpu
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
-from pocketgs.gaussians import SH_DC, Gaussians
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import SH_DC, Gaussians
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.settings import AdamSettings, LearningRates, LossSettings, StepSettings

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
-from pocketgs.gaussians import PARAMETERS, Gaussians
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.engine import Engine, EngineOptions
 from pocketgs.splat.settings import LossSettings, StepSettings

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
-from pocketgs.gaussians import Gaussians
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.engine import Engine, EngineOptions
 from pocketgs.splat.reference.project import project

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
-from pocketgs.gaussians import PARAMETERS, Gaussians
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.settings import LossSettings, StepSettings

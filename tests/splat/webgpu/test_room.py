@@ -11,7 +11,7 @@ import pytest
 
 from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
-from pocketgs.gaussians import Gaussians
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.settings import LossSettings, StepSettings
 from pocketgs.splat.webgpu import engine as engine_module

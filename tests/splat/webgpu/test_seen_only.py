@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from pocketgs.gaussians import Gaussians
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import EngineOptions
 from splat.seen_only import (
     assert_steps_agree_with_the_reference,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pocketgs.errors import PocketGSError
-from pocketgs.gaussians import Gaussians
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.settings import LossSettings, StepSettings
 from pocketgs.splat.webgpu import engine as engine_module
 from pocketgs.splat.webgpu.engine import WebGpuEngine

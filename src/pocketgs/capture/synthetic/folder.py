@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from pocketgs.atomic_folder import replacing_folder
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
 from pocketgs.capture.loading import reliable_depth
 from pocketgs.capture.open import read_listing
 from pocketgs.capture.synthetic.phone import Shot
 from pocketgs.capture.synthetic.recording import GroundTruth, check_sizes, frame_name, record
 from pocketgs.errors import PocketGSError
+from pocketgs.files.atomic_folder import replacing_folder
+from pocketgs.geometry.camera import Camera
 
 GENERATED, MADE_BY = "generated.json", "pocketgs demo"
 """What marks a folder as the demo's, and says what made it."""

@@ -11,7 +11,7 @@ import math
 from pocketgs.capture.synthetic.materials import colour_at
 from pocketgs.capture.synthetic.shapes import BOX, FRUSTUM, Vector, along, dot, normal_and_place, unit_vector
 from pocketgs.capture.synthetic.tracing import SUN_SPREAD, TOWARDS_SUN, Scene, into, nearest, sun_cell
-from pocketgs.compile import part
+from pocketgs.system.compile import part
 
 SUNLIGHT = (1.25, 1.13, 0.94)
 SKYLIGHT = (0.4, 0.44, 0.5)

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from pocketgs.capture.synthetic.noise import noise, random_at
-from pocketgs.compile import part
+from pocketgs.system.compile import part
 
 Colour = tuple[float, float, float]
 

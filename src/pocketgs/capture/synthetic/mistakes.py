@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from pocketgs.camera import Camera, look_at
 from pocketgs.capture.capture import Frame
 from pocketgs.capture.synthetic.folder import write_frames
 from pocketgs.capture.synthetic.phone import READ_NOISE, SHOT_NOISE, expose, quantised
@@ -20,6 +19,7 @@ from pocketgs.capture.synthetic.scene import Finish, assemble, box
 from pocketgs.capture.synthetic.tracing import Scene
 from pocketgs.capture.synthetic.walk import LOOK_AT, true_camera
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera, look_at
 
 STRETCH = (6.0, 18.0)
 """Seconds of the walk that these captures show: some 75 degrees of the arc."""

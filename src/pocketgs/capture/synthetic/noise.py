@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from pocketgs.compile import part
+from pocketgs.system.compile import part
 
 
 @part

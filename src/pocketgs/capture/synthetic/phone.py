@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pocketgs.camera import Camera
 from pocketgs.capture.synthetic.ray_cast import ray_cast
 from pocketgs.capture.synthetic.tracing import Scene
 from pocketgs.capture.synthetic.walk import DURATION, true_camera
+from pocketgs.geometry.camera import Camera
 
 HOLD_OUT_EVERY = 8
 SEED = 20_26

@@ -10,7 +10,7 @@ import numpy as np
 from pocketgs.capture.synthetic.light import light_along, towards_sun
 from pocketgs.capture.synthetic.shapes import Vector, dot, unit_vector
 from pocketgs.capture.synthetic.tracing import Scene, nearest
-from pocketgs.compile import parallel_kernel, part
+from pocketgs.system.compile import parallel_kernel, part
 
 TILE = 16  # pixels a side
 

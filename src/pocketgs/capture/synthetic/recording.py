@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.synthetic.phone import (
     HOLD_OUT_EVERY,
@@ -21,7 +20,8 @@ from pocketgs.capture.synthetic.phone import (
 from pocketgs.capture.synthetic.room import room
 from pocketgs.capture.synthetic.walk import true_camera
 from pocketgs.errors import PocketGSError
-from pocketgs.pointcloud import PointCloud
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.point_cloud import PointCloud
 
 STRETCH = (8.0, 15.0)
 """Seconds of the walk that `true_capture` shows: 45 degrees of the arc."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from pocketgs.compile import part
+from pocketgs.system.compile import part
 
 Vector = tuple[float, float, float]
 

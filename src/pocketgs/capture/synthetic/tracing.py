@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pocketgs.capture.synthetic.shapes import Vector, dot, hit
-from pocketgs.compile import part
+from pocketgs.system.compile import part
 
 TOWARDS_SUN = (0.48, -0.60, 0.64)
 SUN_SPREAD = 0.03  # of the sun's disc, as the difference of two directions across it

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.camera import Camera, look_at
+from pocketgs.geometry.camera import Camera, look_at
 
 DURATION = 50.0
 """Seconds from the first frame to the last."""

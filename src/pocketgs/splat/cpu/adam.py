@@ -7,8 +7,6 @@ import math
 import numpy as np
 from numba import prange
 
-from pocketgs.compile import parallel_kernel, part
-from pocketgs.dealing import PIECE, first_piece, take
 from pocketgs.splat.cpu.layout import (
     GRADIENT_LOG_SCALE,
     GRADIENT_MEAN,
@@ -17,6 +15,8 @@ from pocketgs.splat.cpu.layout import (
     GRADIENT_SH,
 )
 from pocketgs.splat.settings import LearningRates
+from pocketgs.system.compile import parallel_kernel, part
+from pocketgs.system.dealing import PIECE, first_piece, take
 
 
 def rates_by_column(rates: LearningRates, columns: int) -> np.ndarray:

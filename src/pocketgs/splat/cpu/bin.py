@@ -12,8 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from pocketgs.compile import inlined, kernel, parallel_kernel, part
-from pocketgs.dealing import first_piece, take
 from pocketgs.splat.cpu.layout import (
     ENTRY_FIELDS,
     ENTRY_ROWS,
@@ -31,6 +29,8 @@ from pocketgs.splat.cpu.layout import (
     View,
     tiles_down,
 )
+from pocketgs.system.compile import inlined, kernel, parallel_kernel, part
+from pocketgs.system.dealing import first_piece, take
 
 SHARES_PER_THREAD = 4
 """Shares of the splats are dealt out to threads; each takes a row of counts, of which there is one for every tile."""

@@ -10,12 +10,12 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from pocketgs.compile import parallel_kernel, part
-from pocketgs.dealing import first_piece, take
 from pocketgs.splat.constants import SSIM_C1, SSIM_C2, SSIM_WINDOW
 from pocketgs.splat.cpu.image_rows import read_row, row_sum
 from pocketgs.splat.cpu.lanes import LANES, broadcast, load, store
 from pocketgs.splat.reference.loss import ssim_window
+from pocketgs.system.compile import parallel_kernel, part
+from pocketgs.system.dealing import first_piece, take
 
 WINDOW = SSIM_WINDOW
 _WEIGHTS = ssim_window().astype(np.float32)

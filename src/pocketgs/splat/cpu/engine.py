@@ -9,11 +9,10 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from pocketgs.background import checked_background
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
-from pocketgs.cores import kernel_threads
-from pocketgs.gaussians import PARAMETERS, Gaussians
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.background import checked_background
+from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.checks import check_state, check_view, checked_scene
 from pocketgs.splat.cpu.adam import adam, rates_by_column, regularise
 from pocketgs.splat.cpu.bin import Binner, TileLists
@@ -29,6 +28,7 @@ from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.splat.engine import KEPT_LOSSES, MemoryNeed, OptimiserState, Rendering
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.settings import LearningRates, LossSettings, StepSettings
+from pocketgs.system.cores import kernel_threads
 
 
 @dataclass(frozen=True)

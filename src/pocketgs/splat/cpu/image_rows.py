@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.compile import part
 from pocketgs.splat.cpu.lanes import LANES, broadcast, load, store
+from pocketgs.system.compile import part
 
 
 @part

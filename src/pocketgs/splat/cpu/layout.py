@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pocketgs.camera import Camera
-from pocketgs.compile import part
+from pocketgs.geometry.camera import Camera
 from pocketgs.splat.constants import ALPHA_MIN
+from pocketgs.system.compile import part
 
 TILE_WIDTH = 8
 TILE_HEIGHT = 16

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.compile import kernel
 from pocketgs.splat.constants import SSIM_WINDOW
 from pocketgs.splat.cpu.dssim import dssim
 from pocketgs.splat.cpu.image_rows import read_row, row_sum
 from pocketgs.splat.cpu.lanes import LANES
 from pocketgs.splat.settings import LossSettings
+from pocketgs.system.compile import kernel
 
 
 @kernel

@@ -7,8 +7,6 @@ import math
 import numpy as np
 from numba import prange
 
-from pocketgs.compile import inlined, parallel_kernel, part
-from pocketgs.dealing import PIECE, first_piece, take
 from pocketgs.splat.constants import (
     ALPHA_MIN,
     BRIGHTEST,
@@ -31,6 +29,8 @@ from pocketgs.splat.cpu.layout import (
 )
 from pocketgs.splat.cpu.spherical_harmonics import sh_basis
 from pocketgs.splat.cpu.vectors import Vector, axes_of, scaled, times
+from pocketgs.system.compile import inlined, parallel_kernel, part
+from pocketgs.system.dealing import PIECE, first_piece, take
 
 LOG2_E = 1.0 / math.log(2.0)
 CULLED = np.uint32(0xFFFFFFFF)

@@ -7,8 +7,6 @@ import math
 import numpy as np
 from numba import prange
 
-from pocketgs.compile import inlined, parallel_kernel, part
-from pocketgs.dealing import PIECE, first_piece, take
 from pocketgs.splat.cpu.lanes import LANES, broadcast, load, store
 from pocketgs.splat.cpu.layout import (
     EXPONENT_XX,
@@ -44,6 +42,8 @@ from pocketgs.splat.cpu.rasterize_backward import (
 )
 from pocketgs.splat.cpu.spherical_harmonics import sh_basis, sh_basis_gradient
 from pocketgs.splat.cpu.vectors import Vector, axes_of, dot, scaled, transposed_times
+from pocketgs.system.compile import inlined, parallel_kernel, part
+from pocketgs.system.dealing import PIECE, first_piece, take
 
 LN2 = math.log(2.0)
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from pocketgs.compile import inlined, parallel_kernel, part
-from pocketgs.dealing import first_piece, take
 from pocketgs.splat.cpu.lanes import LANES, load, store
 from pocketgs.splat.cpu.layout import (
     BLUE,
@@ -27,6 +25,8 @@ from pocketgs.splat.cpu.tile import (
     origin,
     row_offsets,
 )
+from pocketgs.system.compile import inlined, parallel_kernel, part
+from pocketgs.system.dealing import first_piece, take
 
 # Asking whether a whole tile is saturated costs about as much as drawing one splat.
 ENTRIES_PER_CHECK = 16

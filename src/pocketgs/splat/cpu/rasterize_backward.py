@@ -10,8 +10,6 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from pocketgs.compile import inlined, parallel_kernel, part
-from pocketgs.dealing import first_piece, take
 from pocketgs.splat.cpu.lanes import LANES, Floats, broadcast, load, select, store, sums
 from pocketgs.splat.cpu.layout import (
     BLUE,
@@ -35,6 +33,8 @@ from pocketgs.splat.cpu.tile import (
     origin,
     row_offsets,
 )
+from pocketgs.system.compile import inlined, parallel_kernel, part
+from pocketgs.system.dealing import first_piece, take
 
 # What a splat's replay in one tile leaves behind: sums over pixels of v = ∂L/∂(ln α) times 1, dx, dy, dx², dx dy, dy²,
 # and the gradient of its colour.

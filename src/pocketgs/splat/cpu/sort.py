@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.compile import kernel
 from pocketgs.splat.cpu.project import CULLED
+from pocketgs.system.compile import kernel
 
 _DIGIT_BITS = 11
 _DIGITS = 1 << _DIGIT_BITS

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.compile import inlined, part
-from pocketgs.splat.reference.spherical_harmonics import C0, C1, C2, C3
+from pocketgs.scene.spherical_harmonics import C0, C1, C2, C3
+from pocketgs.system.compile import inlined, part
 
 
 @part

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.compile import inlined, part
 from pocketgs.splat.constants import ALPHA_MAX, TRANSMITTANCE_MIN
 from pocketgs.splat.cpu.exp2 import exp2_of_negative
 from pocketgs.splat.cpu.lanes import LANES, Floats, any_lane, broadcast, constant, load, select
@@ -21,6 +20,7 @@ from pocketgs.splat.cpu.layout import (
     TILE_WIDTH,
     tiles_down,
 )
+from pocketgs.system.compile import inlined, part
 
 ROWS_PER_VECTOR = LANES // TILE_WIDTH
 ZERO = np.float32(0.0)

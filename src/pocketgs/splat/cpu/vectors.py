@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.compile import inlined
+from pocketgs.system.compile import inlined
 
 Vector = tuple[float, float, float]
 Matrix = np.ndarray | tuple[Vector, Vector, Vector]

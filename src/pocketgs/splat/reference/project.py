@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pocketgs.camera import Camera
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.spherical_harmonics import basis, basis_gradient
 from pocketgs.splat.constants import (
     ALPHA_MIN,
     BRIGHTEST,
@@ -17,7 +18,6 @@ from pocketgs.splat.constants import (
 )
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.reference.scene import Scene, SceneGradient
-from pocketgs.splat.reference.spherical_harmonics import basis, basis_gradient
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pocketgs.camera import Camera
+from pocketgs.geometry.camera import Camera
 from pocketgs.splat.constants import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN
 from pocketgs.splat.reference.project import Projection, ProjectionGradient
 

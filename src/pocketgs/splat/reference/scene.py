@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from pocketgs.gaussians import PARAMETERS, Gaussians
+from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 
 
 @dataclass

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pocketgs.background import checked_background
-from pocketgs.camera import Camera
 from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
-from pocketgs.gaussians import Gaussians
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.background import checked_background
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.checks import check_state, check_view, checked_scene
 from pocketgs.splat.engine import KEPT_LOSSES, EngineOptions, MemoryNeed, OptimiserState, Rendering
 from pocketgs.splat.near_plane import near_plane

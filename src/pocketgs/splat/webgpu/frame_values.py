@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pocketgs.camera import Camera
+from pocketgs.geometry.camera import Camera
 from pocketgs.splat.constants import FRUSTUM_MARGIN, SSIM_WINDOW
 from pocketgs.splat.engine import KEPT_LOSSES
 from pocketgs.splat.settings import StepSettings

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.gaussians import Gaussians
+from pocketgs.scene.gaussians import Gaussians
 
 SHAPE_COLUMNS = 11
 

@@ -1,0 +1,91 @@
+"""A capture as COLMAP's text model with its images, for other programs that train or view.
+
+The cameras are those of the images as the capture holds them: pinhole ones, undistorted, cropped and downscaled. Points
+have no tracks, and masks, alpha and depth are left out: COLMAP's model has no place for them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from pocketgs.capture.capture import Capture, Frame
+from pocketgs.capture.origin import with_origin
+from pocketgs.errors import PocketGSError
+from pocketgs.files.atomic_folder import replacing_folder
+from pocketgs.files.plain_names import plain_names
+from pocketgs.scene.point_cloud import PointCloud
+
+IMAGES, MODEL = "images", Path("sparse") / "0"
+
+
+def export_capture(folder: Path, capture: Capture) -> None:
+    """Write `images/*.png` and `sparse/0/{cameras,images,points3D}.txt`, all or nothing.
+
+    Frames stand in the order of their names, so that a reader that holds out every 8th by name makes the same split
+    again.
+
+    Args:
+        folder: new or empty.
+        capture: what to write; a capture that is held about an origin of its own is moved back to where it was.
+
+    Raises:
+        PocketGSError: the folder holds something, or cannot be written.
+    """
+    try:
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise PocketGSError(f"{folder}: holds something already, expected a new or empty folder")
+        with replacing_folder(folder) as (staging, _):
+            _write(staging, with_origin(capture, (0.0, 0.0, 0.0)))
+    except OSError as error:
+        raise PocketGSError(f"{folder}: cannot be written ({error.strerror or error})") from error
+
+
+def _write(folder: Path, capture: Capture) -> None:
+    frames = sorted(capture.frames, key=lambda frame: frame.name)
+    width = len(str(len(frames)))
+    # The number keeps the order, whatever sorting makes of the names behind it.
+    plain = plain_names(frame.name for frame in frames)
+    names = [f"{number:0{width}d}_{name}.png" for number, name in enumerate(plain)]
+    model = folder / MODEL
+    (folder / IMAGES).mkdir()
+    model.mkdir(parents=True)
+    for name, frame in zip(names, frames, strict=True):
+        Image.fromarray(frame.image).save(folder / IMAGES / name)
+    (model / "cameras.txt").write_text(_cameras(frames), encoding="utf-8")
+    (model / "images.txt").write_text(_images(names, frames), encoding="utf-8")
+    (model / "points3D.txt").write_text(_points(capture.points), encoding="utf-8")
+
+
+def _cameras(frames: list[Frame]) -> str:
+    """One camera a frame, because refined or cropped ones differ: CAMERA_ID MODEL WIDTH HEIGHT fx fy cx cy."""
+    lines = ["# CAMERA_ID MODEL WIDTH HEIGHT fx fy cx cy"]
+    for number, camera in enumerate((frame.camera for frame in frames), start=1):
+        intrinsics = " ".join(repr(float(value)) for value in (camera.fx, camera.fy, camera.cx, camera.cy))
+        lines.append(f"{number} PINHOLE {camera.width} {camera.height} {intrinsics}")
+    return "\n".join(lines) + "\n"
+
+
+def _images(names: list[str], frames: list[Frame]) -> str:
+    """Two lines a frame, of which the second, its points, is empty."""
+    # SciPy takes long to load: only this needs it.
+    from scipy.spatial.transform import Rotation
+
+    lines = ["# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of points"]
+    for number, (name, frame) in enumerate(zip(names, frames, strict=True), start=1):
+        pose = frame.camera.world_to_camera
+        x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True)
+        numbers = " ".join(repr(float(value)) for value in (w, x, y, z, *pose[:3, 3]))
+        lines += [f"{number} {numbers} {number} {name}", ""]
+    return "\n".join(lines) + "\n"
+
+
+def _points(points: PointCloud | None) -> str:
+    lines = ["# POINT3D_ID X Y Z R G B ERROR TRACK"]
+    if points is not None:
+        colours = np.clip(np.round(points.colours * 255), 0, 255).astype(int)
+        rows = enumerate(zip(points.positions.tolist(), colours.tolist(), strict=True), start=1)
+        lines += [f"{number} {x!r} {y!r} {z!r} {r} {g} {b} 0" for number, ((x, y, z), (r, g, b)) in rows]
+    return "\n".join(lines) + "\n"

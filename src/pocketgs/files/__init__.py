@@ -1,0 +1,1 @@
+"""Files: opening them safely, writing them atomically, and publishing several as one."""

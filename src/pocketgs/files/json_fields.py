@@ -1,0 +1,143 @@
+"""Typed access to JSON, with errors that name the file, the field, what was found and what was expected."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pocketgs.errors import PocketGSError, clipped, short
+from pocketgs.files.memory_bound import JSON_BYTES, require_memory
+from pocketgs.files.opening import read_bytes
+
+
+@dataclass(frozen=True)
+class Fields:
+    """One JSON object.
+
+    Attributes:
+        values: the object as `json` parses it.
+        where: the file, and the place in it, for error messages.
+    """
+
+    values: dict[str, Any]
+    where: str
+
+    def number(self, name: str) -> float:
+        """A finite number. Raises PocketGSError if it is absent or something else."""
+        value = self._required(name, "a number")
+        if not _is_number(value):
+            raise self._wrong(name, value, "a finite number")
+        return float(value)
+
+    def optional_number(self, name: str) -> float | None:
+        """A finite number, or None where the field is absent or null."""
+        return None if self.values.get(name) is None else self.number(name)
+
+    def text(self, name: str) -> str:
+        """A string that is not empty. Raises PocketGSError if it is absent or something else."""
+        value = self._required(name, "text")
+        if not isinstance(value, str) or not value:
+            raise self._wrong(name, value, "text")
+        return value
+
+    def optional_text(self, name: str) -> str | None:
+        """A string, or None where the field is absent or null."""
+        return None if self.values.get(name) is None else self.text(name)
+
+    def optional_texts(self, name: str) -> list[str] | None:
+        """A list of strings, or None where the field is absent or null."""
+        value = self.values.get(name)
+        if value is None:
+            return None
+        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+            raise self._wrong(name, value, "a list of texts")
+        return value
+
+    def flag(self, name: str) -> bool:
+        """A boolean; False where the field is absent or null."""
+        value = self.values.get(name)
+        if value is not None and not isinstance(value, bool):
+            raise self._wrong(name, value, "true or false")
+        return bool(value)
+
+    def numbers(self, name: str, count: int) -> np.ndarray:
+        """(count,) float64 of finite numbers. Raises PocketGSError if it is absent or something else."""
+        value = self._required(name, f"{count} numbers")
+        if not isinstance(value, list) or len(value) != count or not all(map(_is_number, value)):
+            raise self._wrong(name, value, f"{count} finite numbers")
+        return np.array(value, dtype=np.float64)
+
+    def matrix(self, name: str, columns: int) -> np.ndarray:
+        """(rows, columns) float64 of finite numbers. Raises PocketGSError if it is absent or something else."""
+        value = self._required(name, f"rows of {columns} numbers")
+        is_matrix = isinstance(value, list) and all(
+            isinstance(row, list) and len(row) == columns and all(map(_is_number, row)) for row in value
+        )
+        if not is_matrix or not value:
+            raise self._wrong(name, value, f"rows of {columns} finite numbers")
+        return np.array(value, dtype=np.float64)
+
+    def objects(self, name: str) -> list[Fields]:
+        """A list of JSON objects. Raises PocketGSError if it is absent or something else."""
+        value = self._required(name, "a list of objects")
+        if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
+            raise self._wrong(name, value, "a list of objects")
+        return [Fields(item, f"{self.where}, {name}[{index}]") for index, item in enumerate(value)]
+
+    def over(self, defaults: Fields) -> Fields:
+        """These fields, with those of `defaults` where these have none."""
+        return Fields({**defaults.values, **self.values}, self.where)
+
+    def _required(self, name: str, expected: str) -> Any:
+        if name not in self.values:
+            raise PocketGSError(f"{self.where}: no field '{name}', expected {expected}")
+        return self.values[name]
+
+    def _wrong(self, name: str, found: Any, expected: str) -> PocketGSError:
+        return PocketGSError(f"{self.where}: field '{name}' is {short(found)}, expected {expected}")
+
+
+def read_json(path: Path) -> Fields:
+    """The object that a JSON file holds.
+
+    Raises:
+        PocketGSError: the file cannot be read, is not UTF-8 or not JSON, or holds something else than an object.
+    """
+    try:
+        content = read_bytes(path)
+    except OSError as error:
+        raise PocketGSError(f"{path}: cannot be read ({error.strerror})") from error
+    return parse_json(content, str(path))
+
+
+def parse_json(content: bytes, where: str) -> Fields:
+    """The object that the content of a JSON file holds.
+
+    Args:
+        content: the bytes of the file.
+        where: the file, for error messages.
+
+    Raises:
+        PocketGSError: the content is not UTF-8 or not JSON, or is something else than an object.
+    """
+    require_memory(where, JSON_BYTES * len(content), f"JSON of {len(content):,} bytes")
+    try:
+        value = json.loads(content.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:
+        raise PocketGSError(f"{where}: not valid JSON in UTF-8 ({clipped(error)})") from error
+    if not isinstance(value, dict):
+        raise PocketGSError(f"{where}: holds a JSON {type(value).__name__}, expected an object")
+    return Fields(value, where)
+
+
+def _is_number(value: Any) -> bool:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return False
+    try:
+        return bool(np.isfinite(float(value)))
+    except OverflowError:
+        return False

@@ -1,0 +1,66 @@
+"""Reading the elements of a .ply file, whatever they stand for."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+from plyfile import PlyData
+
+from pocketgs.errors import PocketGSError, clipped
+from pocketgs.files.opening import checked
+
+LARGEST_HEADER = 1 << 20
+
+
+def read_vertices(path: Path) -> np.ndarray:
+    """(N,) structured array of the properties of a .ply file's vertices; lists stand in it as objects.
+
+    Raises:
+        PocketGSError: the file is missing, broken, or has no vertices.
+    """
+    elements = read_elements(path)
+    if "vertex" not in elements:
+        raise PocketGSError(f"{path}: not a readable .ply with vertices: holds {', '.join(elements) or 'nothing'}")
+    return elements["vertex"]
+
+
+def read_elements(path: Path) -> dict[str, np.ndarray]:
+    """A .ply file's elements by name, each an (N,) structured array of its properties; lists stand in it as objects.
+
+    Raises:
+        PocketGSError: the file is missing or broken.
+    """
+    try:
+        if not checked(path).is_file():
+            raise PocketGSError(f"{path}: no such file, expected a .ply")
+        _check_size(path)
+        return {element.name: element.data for element in PlyData.read(str(path)).elements}
+    except PocketGSError:
+        raise
+    except Exception as error:  # plyfile raises whatever its parser stumbles over
+        raise PocketGSError(f"{path}: not a readable .ply ({clipped(error)})") from error
+
+
+def _check_size(path: Path) -> None:
+    """Refuse a header that states more than its file can hold, as plyfile makes room before it reads lists or text.
+
+    Raises:
+        PocketGSError: it does, or has no end.
+    """
+    with path.open("rb") as file:
+        header, end, _ = file.read(LARGEST_HEADER).partition(b"end_header")
+        size = file.seek(0, os.SEEK_END)
+    if not end:
+        raise PocketGSError(f"{path}: not a .ply: no end_header in its first {LARGEST_HEADER} bytes")
+    elements: list[list[int]] = []
+    for words in map(bytes.split, header.splitlines()):
+        if words[:1] == [b"element"]:
+            elements.append([max(int(words[2]), 0), 0])
+        elif words[:1] == [b"property"]:
+            elements[-1][1] += 1
+    # A row takes at least a byte for each of its properties.
+    least_bytes = sum(rows * max(properties, 1) for rows, properties in elements)
+    if least_bytes > size:
+        raise PocketGSError(f"{path}: cut short: {size} bytes, but its header states at least {least_bytes}")

@@ -1,0 +1,1 @@
+"""How close renderings are to photographs."""

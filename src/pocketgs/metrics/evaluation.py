@@ -1,0 +1,184 @@
+"""How close renderings are to photographs: PSNR, SSIM and, where its package is installed, LPIPS."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from pocketgs.errors import PocketGSError
+from pocketgs.metrics.perceptual import Lpips
+from pocketgs.splat.constants import SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW
+
+PSNR_CAP = 100.0
+
+Pair = tuple[str, np.ndarray, np.ndarray, np.ndarray | None]
+
+
+@dataclass(frozen=True)
+class ImageMetrics:
+    """How close one rendering is to its photograph.
+
+    Attributes:
+        name: the frame's name.
+        psnr: in dB, at most 100.
+        ssim: 1 for identical images.
+        lpips: 0 for identical images, or None where it was not computed.
+    """
+
+    name: str
+    psnr: float
+    ssim: float
+    lpips: float | None = None
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The metrics of several images, and their means over images.
+
+    Attributes:
+        images: one entry an image, in the order given.
+        lpips_note: which LPIPS was computed, or why none was; None where it was not asked for.
+    """
+
+    images: list[ImageMetrics]
+    lpips_note: str | None = None
+
+    @property
+    def psnr(self) -> float:
+        """Mean of the images' PSNR in dB, as published results average it."""
+        return float(np.mean([image.psnr for image in self.images]))
+
+    @property
+    def ssim(self) -> float:
+        """Mean of the images' SSIM."""
+        return float(np.mean([image.ssim for image in self.images]))
+
+    @property
+    def lpips(self) -> float | None:
+        """Mean of the LPIPS of the images that have one, or None."""
+        distances = [image.lpips for image in self.images if image.lpips is not None]
+        return float(np.mean(distances)) if distances else None
+
+
+def evaluate(pairs: Iterable[Pair], with_lpips: bool = True) -> Evaluation:
+    """Compare renderings with photographs.
+
+    Args:
+        pairs: (name, rendered, photo, mask) each: the images (H, W, 3) float RGB in [0, 1], the mask (H, W) bool, True
+            where pixels count, or None for all. Taken one at a time, so a generator may render as it goes.
+        with_lpips: whether to add LPIPS if its package and weights can be had. That they cannot is no error:
+            `Evaluation.lpips_note` says why.
+
+    Raises:
+        PocketGSError: there are no pairs, or one cannot be compared; the message names it.
+    """
+    perceptual, note = Lpips.load() if with_lpips else (None, None)
+    images = []
+    for name, rendered, photo, mask in pairs:
+        try:
+            metrics = ImageMetrics(name, psnr(rendered, photo, mask), ssim(rendered, photo, mask))
+        except PocketGSError as error:
+            raise PocketGSError(f"{name}: {error}") from error
+        if perceptual:
+            metrics = replace(metrics, lpips=perceptual.distance(rendered, photo, mask))
+        images.append(metrics)
+    if not images:
+        raise PocketGSError("evaluation: no images, expected at least one held-out frame")
+    return Evaluation(images, note)
+
+
+def psnr(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None) -> float:
+    """Peak signal-to-noise ratio, −10 log10 of the mean squared error over pixels and channels.
+
+    Identical images would give infinity, which JSON cannot hold: the result is capped at 100 dB, an error of 1e-5.
+
+    Args:
+        rendered: (H, W, 3) float RGB in [0, 1].
+        photo: (H, W, 3) float RGB in [0, 1].
+        mask: (H, W) bool, True where pixels count, or None for all.
+
+    Returns:
+        dB.
+
+    Raises:
+        PocketGSError: shapes or types disagree, a number is not finite, or the mask is empty.
+    """
+    _check(rendered, photo, mask)
+    squared = (rendered.astype(np.float64) - photo) ** 2
+    error = float(np.mean(squared if mask is None else squared[mask]))
+    return float(-10 * np.log10(max(error, 10 ** (-PSNR_CAP / 10))))
+
+
+def ssim(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None) -> float:
+    """Mean structural similarity (Wang, Bovik, Sheikh and Simoncelli, 2004), averaged over the three channels.
+
+    Windows are Gaussian, 11x11 with σ = 1.5; only pixels whose window lies inside the image count. This is
+    scikit-image's `structural_similarity` with gaussian_weights=True, sigma=1.5, use_sample_covariance=False and
+    data_range=1.
+
+    Args:
+        rendered: (H, W, 3) float RGB in [0, 1].
+        photo: (H, W, 3) float RGB in [0, 1].
+        mask: (H, W) bool, True where pixels count, or None for all. The similarity map is averaged there, and the
+            windows weigh other pixels by nothing.
+
+    Returns:
+        A number in [−1, 1], 1 for identical images.
+
+    Raises:
+        PocketGSError: shapes or types disagree, a number is not finite, a side is shorter than 11 pixels, or the mask
+            is empty.
+    """
+    _check(rendered, photo, mask)
+    height, width = photo.shape[:2]
+    if min(height, width) < SSIM_WINDOW:
+        raise PocketGSError(f"SSIM of an image of {width}x{height} pixels, expected at least {SSIM_WINDOW} a side")
+    border = SSIM_WINDOW // 2
+    inner = (slice(border, height - border), slice(border, width - border))
+    similarity = _similarity_map(rendered.astype(np.float64), photo.astype(np.float64), mask)[inner]
+    if mask is None:
+        return float(similarity.mean())
+    if not mask[inner].any():
+        raise PocketGSError(f"SSIM: no pixel of the mask lies {border} pixels or more inside the image")
+    return float(similarity[mask[inner]].mean())
+
+
+def _similarity_map(first: np.ndarray, second: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
+    """(H, W, 3) SSIM of the windows about each pixel; the names are those of the paper's equation 13."""
+    mean_1, mean_2 = _window_mean(first, mask), _window_mean(second, mask)
+    variance_1 = _window_mean(first * first, mask) - mean_1**2
+    variance_2 = _window_mean(second * second, mask) - mean_2**2
+    covariance = _window_mean(first * second, mask) - mean_1 * mean_2
+    numerator = (2 * mean_1 * mean_2 + SSIM_C1) * (2 * covariance + SSIM_C2)
+    return numerator / ((mean_1**2 + mean_2**2 + SSIM_C1) * (variance_1 + variance_2 + SSIM_C2))
+
+
+def _window_mean(image: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
+    """The mean over the window about each pixel; with a mask, over those of its pixels that count."""
+    if mask is None:
+        return _blurred(image)
+    share = _blurred(mask.astype(np.float64))
+    return _blurred(image * mask[:, :, None]) / np.where(mask, share, 1.0)[:, :, None]
+
+
+def _blurred(image: np.ndarray) -> np.ndarray:
+    return cv2.GaussianBlur(image, (SSIM_WINDOW, SSIM_WINDOW), SSIM_SIGMA)
+
+
+def _check(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None) -> None:
+    for label, image in (("rendered image", rendered), ("photo", photo)):
+        if image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
+            raise PocketGSError(f"{label} has shape {image.shape}, expected (height, width, 3)")
+        if image.dtype.kind != "f":
+            raise PocketGSError(f"{label} has type {image.dtype}, expected floating point in [0, 1]")
+        if not np.isfinite(image).all():
+            raise PocketGSError(f"{label} has values that are not finite, expected RGB in [0, 1]")
+    if rendered.shape != photo.shape:
+        raise PocketGSError(f"rendered image has shape {rendered.shape}, the photo {photo.shape}: expected the same")
+    if mask is not None and (mask.shape != photo.shape[:2] or mask.dtype != np.bool_):
+        raise PocketGSError(f"mask is {mask.dtype} of shape {mask.shape}, expected bool of shape {photo.shape[:2]}")
+    if mask is not None and not mask.any():
+        raise PocketGSError("mask is empty, expected at least one pixel to compare")

@@ -1,0 +1,105 @@
+"""The cameras of a run on disk: the world that a scene was trained in, with its capture at hand or without."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pocketgs.capture.capture import Capture, Frame
+from pocketgs.capture.origin import Origin, with_origin
+from pocketgs.errors import PocketGSError, clipped
+from pocketgs.files.atomic_file import replacing
+from pocketgs.files.journal import settle
+from pocketgs.files.json_fields import read_json
+from pocketgs.geometry.camera import Camera
+
+
+@dataclass(frozen=True)
+class SavedCameras:
+    """The cameras that a scene was trained and evaluated with.
+
+    Attributes:
+        cameras: by frame name.
+        refined: whether their poses are not the capture's own.
+        origin: where the origin of their coordinates lies in the capture's world, see `pocketgs.capture.origin`.
+    """
+
+    cameras: dict[str, Camera]
+    refined: bool
+    origin: Origin = (0.0, 0.0, 0.0)
+
+
+def write_cameras(path: Path, frames: Sequence[Frame], refined: bool, origin: Origin = (0.0, 0.0, 0.0)) -> None:
+    """Write the frames' cameras as JSON.
+
+    Each is listed by its frame's name with `size` (width and height in pixels), `intrinsics` (fx, fy, cx and cy in
+    pixels, pixel centres at + 0.5) and `world_to_camera` (4x4, OpenCV axes). `origin` is what must be added to the
+    coordinates of cameras and scene to get the capture's own; it is 0 unless these are far from 0.
+    """
+    cameras = {frame.name: _to_json(frame.camera) for frame in frames}
+    document = {"refined": refined, "origin": origin, "cameras": cameras}
+    with replacing(path) as partial:
+        partial.write_text(json.dumps(document) + "\n", encoding="utf-8")
+
+
+def read_cameras(path: Path) -> SavedCameras:
+    """Read what `write_cameras` wrote.
+
+    Raises:
+        PocketGSError: the file cannot be read, or holds what is no camera.
+    """
+    settle(path.parent)
+    try:
+        document = read_json(path).values
+        cameras: dict[str, Any] = dict(document["cameras"])
+        refined = document["refined"] is True
+        x, y, z = map(float, document.get("origin", (0, 0, 0)))
+        if not np.all(np.isfinite((x, y, z))):
+            raise ValueError("its origin is not finite")
+    except (PocketGSError, OSError, ValueError, KeyError, TypeError, OverflowError) as error:
+        raise PocketGSError(f"{path}: not a readable file of cameras ({clipped(error)})") from error
+    return SavedCameras({name: _from_json(camera, name, path) for name, camera in cameras.items()}, refined, (x, y, z))
+
+
+def with_poses_of(capture: Capture, path: Path) -> Capture:
+    """The capture about the origin of a file of cameras, and with the poses there if they are refined.
+
+    Frames that it does not name keep theirs. Intrinsics stay the capture's: it may have been read at another size.
+
+    Raises:
+        PocketGSError: the file cannot be read, or names no frame of the capture.
+    """
+    saved = read_cameras(path)
+    capture = with_origin(capture, saved.origin)
+    if not saved.refined:
+        return capture
+    if not any(frame.name in saved.cameras for frame in capture.frames):
+        raise PocketGSError(f"{path}: names no frame of {capture.path}, expected the capture that it was written for")
+    posed = {
+        frame.name: replace(frame.camera, world_to_camera=saved.cameras[frame.name].world_to_camera)
+        for frame in capture.frames
+        if frame.name in saved.cameras
+    }
+    return capture.with_refined_poses(posed)
+
+
+def _to_json(camera: Camera) -> dict[str, Any]:
+    return {
+        "size": [camera.width, camera.height],
+        "intrinsics": [camera.fx, camera.fy, camera.cx, camera.cy],
+        "world_to_camera": camera.world_to_camera.tolist(),
+    }
+
+
+def _from_json(saved: Any, name: str, path: Path) -> Camera:
+    try:
+        width, height = map(int, saved["size"])
+        fx, fy, cx, cy = map(float, saved["intrinsics"])
+        return Camera(width, height, fx, fy, cx, cy, np.array(saved["world_to_camera"], dtype=np.float64))
+    except (ValueError, TypeError, KeyError, OverflowError, PocketGSError) as error:
+        raise PocketGSError(f"{path}: {name!r} is no camera ({error})") from error

@@ -1,0 +1,104 @@
+"""Checkpoints: a run on disk as it stands, so that it can be resumed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pocketgs.errors import PocketGSError
+from pocketgs.files.atomic_file import replacing
+from pocketgs.scene.gaussians import PARAMETERS, Gaussians
+from pocketgs.splat.engine import OptimiserState
+from pocketgs.training.result import Checkpoint
+
+CHECKPOINT = "checkpoint.npz"
+SHRINK = "shrink"
+"""Where a checkpoint says by what whole factor the photographs of its run are smaller than asked for."""
+
+UNFINISHED = "unfinished.npz"
+"""Checkpoint of a run under way; it goes when the run's result is in place."""
+
+
+def write_checkpoint(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) -> None:
+    """Write what resuming needs, atomically.
+
+    Args:
+        path: ends in .npz.
+        checkpoint: the run as it stands.
+        run: what must be the same when it is resumed.
+    """
+    arrays = {name: getattr(checkpoint.gaussians, name) for name in PARAMETERS}
+    with replacing(path) as partial:
+        np.savez(
+            partial,
+            iteration=checkpoint.iteration,
+            steps=checkpoint.state.steps,
+            first_moments=checkpoint.state.first_moments,
+            second_moments=checkpoint.state.second_moments,
+            run=json.dumps(run, sort_keys=True),
+            **arrays,
+        )
+
+
+def is_checkpoint(path: Path) -> bool:
+    """Whether a file is a checkpoint that `write_checkpoint` wrote."""
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            return {"run", "first_moments", *PARAMETERS} <= set(data)
+    except Exception:  # a file that is something else fails in many ways
+        return False
+
+
+def read_size(folder: Path) -> tuple[int, int]:
+    """By what factor photographs are shrunk in the run of a folder's newest checkpoint, and how many Gaussians it has.
+
+    Raises:
+        PocketGSError: there is none, or it is broken.
+    """
+    path = _newest_checkpoint(folder)
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            return int(json.loads(str(data["run"]))[SHRINK]), len(data["opacity_logits"])
+    except Exception as error:  # a damaged archive fails in many ways
+        raise PocketGSError(f"{path}: not a readable checkpoint ({error})") from error
+
+
+def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
+    """Read a folder's newest checkpoint: of a run that was under way there, or of the one that ended there.
+
+    Args:
+        folder: a run's folder.
+        run: what must be the same as when it was written.
+
+    Raises:
+        PocketGSError: there is none, it is broken, or it belongs to another run.
+    """
+    path = _newest_checkpoint(folder)
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            written = dict(json.loads(str(data["run"])))
+            gaussians = Gaussians(*(data[name] for name in PARAMETERS))
+            state = OptimiserState(data["first_moments"], data["second_moments"], int(data["steps"]))
+            iteration = int(data["iteration"])
+    except Exception as error:  # a damaged archive fails in many ways
+        raise PocketGSError(f"{path}: not a readable checkpoint ({error})") from error
+    if iteration < 0 or state.steps < 0:
+        raise PocketGSError(f"{path}: counts {iteration} iterations and {state.steps} steps, expected at least 0")
+    columns = 10 + 3 * gaussians.sh.shape[1]
+    for moments in (state.first_moments, state.second_moments):
+        if moments.shape != (len(gaussians), columns) or moments.dtype != np.float32:
+            raise PocketGSError(f"{path}: its moments are {moments.dtype} of shape {moments.shape}, not the scene's")
+    for key, value in run.items():
+        if written.get(key) != value:
+            raise PocketGSError(f"{path}: belongs to a run with {key} {written.get(key)!r}, but this one has {value!r}")
+    return Checkpoint(iteration, gaussians, state)
+
+
+def _newest_checkpoint(folder: Path) -> Path:
+    found = [path for path in (folder / UNFINISHED, folder / CHECKPOINT) if path.is_file()]
+    if not found:
+        raise PocketGSError(f"{folder}: holds no {UNFINISHED} or {CHECKPOINT} to resume from")
+    return max(found, key=lambda path: path.stat().st_mtime_ns)

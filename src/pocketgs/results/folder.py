@@ -1,0 +1,110 @@
+"""The folder that a run leaves behind: `scene.ply`, `run.json`, `checkpoint.npz`, pictures of the held-out views,
+and `cameras.json`.
+
+A run's files are gathered in a hidden folder and put in place together at its end, see `pocketgs.files.journal`: until
+then, and if the run fails or is killed, an earlier result stays as it was.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from pocketgs.errors import PocketGSError
+from pocketgs.files.atomic_file import remove_leftovers, replacing
+from pocketgs.files.journal import settle
+from pocketgs.files.manifest import read_manifest
+from pocketgs.results.checkpoint import CHECKPOINT, UNFINISHED, is_checkpoint
+from pocketgs.results.claim import Claim, claimed
+
+SCENE, RECORD, PICTURES = "scene.ply", "run.json", "held_out"
+CAMERAS = "cameras.json"
+FILES = (SCENE, RECORD, CHECKPOINT, CAMERAS)
+"""What every result has."""
+
+
+@contextmanager
+def claimed_for_run(folder: Path, source: str | None = None) -> Iterator[Claim]:
+    """Claim a folder for a run's result: nobody else writes there meanwhile, and nothing of anybody else's is lost.
+
+    Args:
+        folder: made if need be.
+        source: what tells the run's capture from others of its name, see `pocketgs.files.manifest.source_of`.
+
+    Raises:
+        PocketGSError: the folder cannot be used.
+    """
+    with claimed(folder, (*FILES, f"{PICTURES}/*.png"), source) as claim:
+        remove_leftovers(folder / UNFINISHED)
+        if os.path.lexists(folder / UNFINISHED) and not is_checkpoint(folder / UNFINISHED):
+            raise PocketGSError(f"{folder / UNFINISHED}: is no checkpoint of ours, expected it moved away")
+        yield claim
+
+
+@contextmanager
+def publishing(folder: Path, names: Iterable[str] = ()) -> Iterator[Path]:
+    """Claim a folder, give an empty one to write to, and when the block succeeds put what is in it in place as one.
+
+    Args:
+        folder: made if need be.
+        names: files that the block is to write, so that one of somebody else in their way is found out at once.
+
+    Raises:
+        PocketGSError: the folder cannot be used.
+    """
+    with claimed(folder, names) as claim, claim.publishing() as staging:
+        yield staging
+
+
+def check_free_for(folder: Path, source: str) -> None:
+    """Refuse to let the result of one capture take the place of another's that happens to have the same name.
+
+    Args:
+        folder: that the capture's name has led to.
+        source: what tells the capture from others, see `pocketgs.files.manifest.source_of`.
+
+    Raises:
+        PocketGSError: the folder holds the result of another capture.
+    """
+    settle(folder)
+    before = read_manifest(folder).source
+    if before is not None and before != source:
+        found = "holds the result of another capture of this name, or of this one at another place"
+        raise PocketGSError(f"{folder}: {found}; expected --output {folder} to replace it, or another folder there")
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write JSON atomically; numbers that JSON does not know, such as NaN, become null."""
+    with replacing(path) as partial:
+        partial.write_text(json.dumps(_plain(content), indent=2) + "\n", encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value
+
+
+def write_side_by_side(folder: Path, name: str, photo: np.ndarray, rendered: np.ndarray) -> None:
+    """Write a picture with the photograph on the left and the rendering on the right.
+
+    Args:
+        folder: an existing folder.
+        name: of the picture, without suffix; see `pocketgs.files.plain_names`.
+        photo: (H, W, 3) uint8.
+        rendered: (H, W, 3) float in [0, 1].
+    """
+    pair = np.concatenate([photo, np.round(rendered * 255.0).astype(np.uint8)], axis=1)
+    Image.fromarray(pair).save(folder / f"{name}.png")

@@ -1,0 +1,59 @@
+"""How a process's memory goes over a run."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+
+import psutil
+
+from pocketgs.system.process import seconds_since_start
+
+MOST_SAMPLES = 400
+"""When there are more, every other one is dropped and half as many are taken from then on."""
+
+
+@dataclass(frozen=True)
+class MemorySample:
+    """Resident memory, in MB of 10^6 bytes, and the stage, at one moment; `seconds` since the process began."""
+
+    seconds: float
+    stage: str
+    rss_mb: float
+
+
+class MemoryTrace:
+    """Samples this process's resident memory from a thread of its own, for as long as the `with` block lasts.
+
+    Args:
+        stage: gives the name of the stage under way.
+        interval: seconds between samples at first; twice that whenever there are too many of them.
+    """
+
+    def __init__(self, stage: Callable[[], str], interval: float = 0.2) -> None:
+        self.samples: list[MemorySample] = []
+        self._stage, self._interval = stage, interval
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="memory trace", daemon=True)
+
+    def __enter__(self) -> MemoryTrace:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        process = psutil.Process()
+        while True:
+            rss_mb = process.memory_info().rss / 1e6
+            self.samples.append(MemorySample(round(seconds_since_start(), 2), self._stage(), round(rss_mb, 1)))
+            if len(self.samples) > MOST_SAMPLES:
+                self.samples, self._interval = self.samples[::2], 2 * self._interval
+            if self._over.wait(self._interval):
+                return

@@ -1,0 +1,282 @@
+"""From a capture to a result folder: load, train, evaluate, write, and say what it took."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pocketgs.capture.capture import Capture
+from pocketgs.capture.listed import ListedCapture
+from pocketgs.errors import PocketGSError
+from pocketgs.files.plain_names import plain_names
+from pocketgs.metrics.evaluation import Evaluation, Pair, evaluate
+from pocketgs.prior.prior import PreparedCapture
+from pocketgs.results import folder as result_folder
+from pocketgs.results.cameras_file import write_cameras
+from pocketgs.results.checkpoint import CHECKPOINT, SHRINK, UNFINISHED, read_checkpoint, read_size, write_checkpoint
+from pocketgs.results.claim import Claim
+from pocketgs.results.memory_trace import MemoryTrace
+from pocketgs.results.reporter import Reporter
+from pocketgs.results.summary import summarise
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.constants import SSIM_WINDOW
+from pocketgs.splat.engine import Engine, create_engine
+from pocketgs.system import freed_memory
+from pocketgs.system.interrupt import deferred_interrupt
+from pocketgs.system.process import seconds_since_start
+from pocketgs.system.stopwatch import Stopwatch
+from pocketgs.training.loop import Progress, render_frame, train
+from pocketgs.training.options import SizedOptions, TrainingOptions
+from pocketgs.training.planning.calibration import measure_speed
+from pocketgs.training.planning.effort import sized
+from pocketgs.training.planning.machine import this_machine
+from pocketgs.training.planning.plan import Plan, make_plan, plan_again, shrinking_warning
+from pocketgs.training.preparation import prepare
+from pocketgs.training.result import TrainingResult
+
+SECONDS_BETWEEN_CHECKPOINTS = 60.0
+LEAST_TIME = 1e-3
+"""Seconds of training where the time budget is used up before it."""
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """What a run left behind.
+
+    Attributes:
+        folder: where.
+        scene: the trained Gaussians.
+        evaluation: of the held-out views, or None if there are none.
+        summary: the content of `run.json`.
+    """
+
+    folder: Path
+    scene: Gaussians
+    evaluation: Evaluation | None
+    summary: dict[str, Any]
+
+
+def run(
+    list_capture: Callable[[], ListedCapture],
+    folder: Path,
+    options: TrainingOptions,
+    *,
+    resume: bool = False,
+    reporter: Reporter | None = None,
+    source: str | None = None,
+) -> RunResult:
+    """Train on a capture and write the result to a folder; see `pocketgs.results.folder` for what is in it.
+
+    Args:
+        list_capture: lists the capture; its photographs are decoded once the run is planned.
+        folder: made if need be. An earlier result there stays until the new one is complete.
+        options: how to train.
+        resume: go on from the checkpoint in the folder.
+        reporter: is told what is going on.
+        source: what tells the capture from others of its name, see `pocketgs.files.manifest.source_of`.
+
+    Raises:
+        PocketGSError: the capture, an option or the folder cannot be used, or a budget is too small.
+    """
+    reporter = reporter or Reporter()
+
+    def begin(stage: str) -> None:
+        if stage not in stopwatch.seconds:
+            freed_memory.give_back()
+        reporter.on_stage(stage)
+
+    stopwatch = Stopwatch(begin)
+    stopwatch.seconds["startup"] = seconds_since_start()
+    with result_folder.claimed_for_run(folder, source) as claim, MemoryTrace(lambda: stopwatch.current) as memory:
+        return _run(list_capture, claim, options, resume, reporter, stopwatch, memory)
+
+
+def _run(
+    list_capture: Callable[[], ListedCapture],
+    claim: Claim,
+    options: TrainingOptions,
+    resume: bool,
+    reporter: Reporter,
+    stopwatch: Stopwatch,
+    memory: MemoryTrace,
+) -> RunResult:
+    folder = claim.folder
+    engine = create_engine(options.engine_options)  # one that is not there is found out before the work starts
+    with stopwatch.stage("capture"):
+        listed = list_capture()
+    with stopwatch.stage("planning"):
+        options = sized(options, listed.outline().training)
+        size = read_size(folder) if resume else None
+        plan = _plan(listed, options, engine, size)
+    if size is None and (warning := shrinking_warning(plan, options)):
+        reporter.on_warning(warning)
+    reporter.on_plan(plan)
+    with stopwatch.stage("capture"):
+        capture = listed.load(plan.shrink)
+    reporter.on_capture(capture)
+    _check_comparable(capture)
+    identity = _identity(capture, options, plan)
+    checkpoint = read_checkpoint(folder, identity) if resume else None
+    if checkpoint and checkpoint.iteration >= options.iterations:
+        found = f"{checkpoint.iteration} iterations are done already"
+        raise PocketGSError(f"{folder}: {found}, expected --iterations to ask for more")
+    saver = _CheckpointSaver(folder, identity, reporter.on_warning)
+
+    def observe(progress: Progress) -> None:
+        reporter.on_progress(progress)
+        saver.observe(progress)
+
+    planned = replace(options, max_gaussians=plan.gaussians)
+    prepared = prepare(capture, planned, stopwatch)
+    if prepared.report:
+        reporter.on_prior(prepared.report)
+    reporter.on_prepared(prepared)
+    seconds = _seconds_left(options, plan)
+    if seconds is not None and seconds <= 0:
+        reporter.on_warning("the time budget is used up before training begins: what it would begin with is written")
+    result = train(
+        prepared,
+        replace(planned, time_budget=None if seconds is None else max(seconds, LEAST_TIME)),
+        observer=observe,
+        resume=checkpoint,
+        stopwatch=stopwatch,
+        opened_engine=engine,
+    )
+    with deferred_interrupt():
+        return _publish(capture, prepared, claim, options, result, engine, identity, plan, stopwatch, memory)
+
+
+def _plan(listed: ListedCapture, options: SizedOptions, engine: Engine, size: tuple[int, int] | None) -> Plan:
+    """The run's plan; `size` is that of a run that goes on, see `read_size`."""
+    if options.time_budget is not None and options.prior == "colmap":
+        raise PocketGSError("time budget: nobody knows how long COLMAP takes, expected another --prior or no budget")
+    machine = this_machine(engine, options)
+    if size is not None:
+        return plan_again(listed, options, machine, *size)
+    plan = make_plan(listed, options, machine)
+    if options.time_budget is None:
+        return plan
+    # A GPU's speed says nothing of the CPU's, which does the rest of the work.
+    speed = measure_speed(engine, machine.threads, with_prior=options.prior == "dense" or engine.name != "cpu")
+    return make_plan(listed, options, replace(machine, speed=speed, elapsed=seconds_since_start()))
+
+
+def _seconds_left(options: SizedOptions, plan: Plan) -> float | None:
+    """Of the time budget, what is left until the result must be evaluated and written."""
+    if options.time_budget is None:
+        return None
+    return options.time_budget - seconds_since_start() - (plan.reserve or 0.0)
+
+
+class _CheckpointSaver:
+    """Writes a checkpoint now and then, so that a long run can go on after its process has died.
+
+    A checkpoint that cannot be written, say because the disk is full, is no reason to end the run.
+    """
+
+    def __init__(self, folder: Path, identity: dict[str, Any], on_warning: Callable[[str], None]) -> None:
+        self._folder, self._identity, self._on_warning = folder, identity, on_warning
+        self._last = time.monotonic()
+
+    def observe(self, progress: Progress) -> None:
+        if time.monotonic() - self._last >= SECONDS_BETWEEN_CHECKPOINTS:
+            self._last = time.monotonic()
+            try:
+                path = self._folder / UNFINISHED
+                write_checkpoint(path, progress.checkpoint(), self._identity)
+            except (PocketGSError, OSError) as error:
+                self._on_warning(f"training goes on without a checkpoint: {error}")
+
+
+def _identity(capture: Capture, options: SizedOptions, plan: Plan) -> dict[str, Any]:
+    """What a run that is resumed must have in common with the one that wrote the checkpoint."""
+    return {
+        "capture": capture.name,
+        "protocol": capture.protocol,
+        "training views": len(capture.train),
+        "recipe": options.recipe,
+        "seed": options.seed,
+        "SH degree": options.sh_degree,
+        "prior": options.prior,
+        "bundle": options.bundle,
+        "references": options.references,
+        "max keyframes": options.max_keyframes,
+        "exposure": options.exposure,
+        "max gaussians": options.max_gaussians,
+        SHRINK: plan.shrink,
+    }
+
+
+def _check_comparable(capture: Capture) -> None:
+    """Find out before the work starts that every held-out view can be compared with its photograph.
+
+    Raises:
+        PocketGSError: one cannot.
+    """
+    border = SSIM_WINDOW // 2
+    for frame in capture.held_out:
+        width, height = frame.camera.width, frame.camera.height
+        if min(width, height) < SSIM_WINDOW:
+            expected = f"expected at least {SSIM_WINDOW} pixels a side, or --hold-out 0"
+            raise PocketGSError(f"{frame.name}: a held-out view of {width}x{height} pixels, {expected}")
+        if frame.mask is not None and not frame.mask[border:-border, border:-border].any():
+            expected = f"expected pixels to compare that lie {border} or more inside the image, or --hold-out 0"
+            raise PocketGSError(f"{frame.name}: the mask of a held-out view leaves nothing, {expected}")
+
+
+def _publish(
+    capture: Capture,
+    prepared: PreparedCapture,
+    claim: Claim,
+    options: TrainingOptions,
+    result: TrainingResult,
+    engine: Engine,
+    identity: dict[str, Any],
+    plan: Plan,
+    stopwatch: Stopwatch,
+    memory: MemoryTrace,
+) -> RunResult:
+    """Evaluate the scene, at the poses that it was trained with, and put the result in place."""
+    refined = prepared.report is not None and prepared.report.poses_refined
+    with claim.publishing(result_folder.FILES, outdated=[f"{result_folder.PICTURES}/*"]) as staging:
+        with stopwatch.stage("writing"):
+            result.scene.save(staging / result_folder.SCENE)
+            write_checkpoint(staging / CHECKPOINT, result.checkpoint, identity)
+            write_cameras(staging / result_folder.CAMERAS, prepared.frames, refined, prepared.origin)
+        with stopwatch.stage("evaluation"):
+            (staging / result_folder.PICTURES).mkdir()
+            evaluation = evaluate_held_out(engine, prepared, staging / result_folder.PICTURES)
+        stopwatch.seconds["total"] = seconds_since_start()
+        summary = summarise(
+            capture, prepared.protocol, options, plan, result, evaluation, stopwatch.seconds, memory.samples
+        )
+        result_folder.write_json(staging / result_folder.RECORD, summary)
+    (claim.folder / UNFINISHED).unlink(missing_ok=True)
+    return RunResult(claim.folder, result.scene, evaluation, summary)
+
+
+def evaluate_held_out(engine: Engine, capture: Capture, pictures: Path | None = None) -> Evaluation | None:
+    """Compare the engine's scene with the held-out photographs; None if there are none.
+
+    Args:
+        engine: holds the scene.
+        capture: gives the held-out frames and the background.
+        pictures: an existing folder for side-by-side pictures, or None for no pictures.
+    """
+    if not capture.held_out:
+        return None
+
+    def pairs() -> Iterator[Pair]:
+        names = plain_names(frame.name for frame in capture.held_out)
+        for frame, name in zip(capture.held_out, names, strict=True):
+            rendered = render_frame(engine, frame, capture.background)
+            if pictures:
+                result_folder.write_side_by_side(pictures, name, frame.image, rendered)
+            yield frame.name, rendered, (frame.image / np.float32(255.0)).astype(np.float32), frame.mask
+
+    return evaluate(pairs())

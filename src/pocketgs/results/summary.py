@@ -1,0 +1,95 @@
+"""What a run was asked, what it took and how good it is: the content of `run.json`."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+from pocketgs.capture.capture import Capture
+from pocketgs.metrics.evaluation import Evaluation
+from pocketgs.results.memory_trace import MemorySample
+from pocketgs.system.process import peak_rss_mb
+from pocketgs.training.options import TrainingOptions
+from pocketgs.training.planning.plan import Plan
+from pocketgs.training.result import TrainingResult
+
+DEPENDENCIES = ("numpy", "numba", "llvmlite", "opencv-python-headless", "scipy", "pillow", "wgpu")
+
+
+def summarise(
+    capture: Capture,
+    protocol: str,
+    options: TrainingOptions,
+    plan: Plan,
+    result: TrainingResult,
+    evaluation: Evaluation | None,
+    seconds: dict[str, float],
+    memory: Sequence[MemorySample],
+) -> dict[str, Any]:
+    """The content of `run.json`."""
+    return {
+        "psnr": evaluation.psnr if evaluation else None,
+        "ssim": evaluation.ssim if evaluation else None,
+        "lpips": evaluation.lpips if evaluation else None,
+        "lpips_note": evaluation.lpips_note if evaluation else None,
+        "coverage": result.prior.coverage if result.prior else None,
+        "keyframes": result.prior.keyframes if result.prior else None,
+        "gaussians": len(result.scene),
+        "iterations": result.iterations,
+        "resumed_from": result.resumed_from,
+        "interrupted": result.interrupted,
+        "peak_rss_mb": peak_rss_mb(),
+        "seconds": {name: round(value, 3) for name, value in seconds.items()},
+        "protocol": protocol,
+        "engine": result.engine,
+        "device": result.device,
+        "engine_bytes": result.engine_bytes,
+        "capture": {
+            "name": capture.name,
+            "format": capture.format,
+            "training_views": len(capture.train),
+            "held_out_views": len(capture.held_out),
+            "points": len(capture.points) if capture.points else 0,
+            "image_bytes": capture.image_bytes,
+            "background": capture.background,
+            "metric": capture.metric,
+            "origin": capture.origin,
+            "warnings": capture.warnings,
+        },
+        "options": asdict(options),
+        "plan": _expected_and_actual(plan, result, seconds["total"]),
+        "prior": asdict(result.prior) if result.prior else None,
+        "images": [asdict(image) for image in evaluation.images] if evaluation else [],
+        "progress": [asdict(sample) for sample in result.losses],
+        "memory": [asdict(sample) for sample in memory],
+        "versions": versions(),
+    }
+
+
+def _expected_and_actual(plan: Plan, result: TrainingResult, seconds: float) -> dict[str, Any]:
+    """The plan, with what the run took beside what was expected of it; buffers of a GPU count as the device's."""
+    on_device = 0 if result.engine == "cpu" else sum(result.engine_bytes.values())
+    return {
+        **asdict(plan),
+        "actual": {
+            "gaussians": len(result.scene),
+            "peak_rss_mb": peak_rss_mb(),
+            "device_mb": on_device / 1e6,
+            "iterations": result.iterations,
+            "seconds": round(seconds, 3),
+        },
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of this package, of Python, of the system and of what the numbers depend on."""
+    found = {"python": platform.python_version(), "system": platform.platform()}
+    for package in ("pocketgs", *DEPENDENCIES):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "unknown"
+    return found

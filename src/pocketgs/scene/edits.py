@@ -1,0 +1,161 @@
+"""Cutting, moving, turning and thinning out a scene: functions from Gaussians to Gaussians."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from pocketgs.errors import PocketGSError
+from pocketgs.geometry.quaternions import composed
+from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
+from pocketgs.scene.spherical_harmonics import basis
+
+SMALLEST, LARGEST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
+"""Of the numbers that a scene holds."""
+
+DIRECTIONS = 64
+"""Many more than the 7 coefficients of degree 3, spread evenly: the fit below is exact up to rounding."""
+
+
+def cropped(gaussians: Gaussians, low: np.ndarray, high: np.ndarray) -> Gaussians:
+    """The Gaussians whose centres lie in a box.
+
+    Args:
+        gaussians: the scene.
+        low: (3,) smallest coordinates inside, in scene units.
+        high: (3,) largest coordinates inside.
+
+    Raises:
+        PocketGSError: the box has no inside.
+    """
+    if not np.all(np.asarray(low) <= high):
+        raise PocketGSError(f"box from {low} to {high}: expected each minimum at most its maximum")
+    return gaussians.select(np.all((gaussians.means >= low) & (gaussians.means <= high), axis=1))
+
+
+def without_faint(gaussians: Gaussians, least: float) -> Gaussians:
+    """The Gaussians of at least some opacity.
+
+    Raises:
+        PocketGSError: `least` is not an opacity.
+    """
+    if not 0.0 <= least <= 1.0:
+        raise PocketGSError(f"least opacity {least}, expected 0 to 1")
+    return gaussians.select(gaussians.opacities >= least)
+
+
+def with_sh_degree(gaussians: Gaussians, degree: int) -> Gaussians:
+    """The scene with spherical harmonics of this degree: higher ones are dropped, absent ones are 0.
+
+    Raises:
+        PocketGSError: the degree is not 0 to 3.
+    """
+    if degree not in range(len(SH_COEFFICIENTS)):
+        raise PocketGSError(f"spherical harmonics of degree {degree}, expected 0 to {len(SH_COEFFICIENTS) - 1}")
+    count = SH_COEFFICIENTS[degree]
+    sh = np.zeros((len(gaussians), count, 3), np.float32)
+    kept = min(count, gaussians.sh.shape[1])
+    sh[:, :kept] = gaussians.sh[:, :kept]
+    return replace(gaussians, sh=sh)
+
+
+def scaled(gaussians: Gaussians, factor: float) -> Gaussians:
+    """The scene enlarged about the origin.
+
+    Raises:
+        PocketGSError: the factor is not positive and finite, or a centre would lie beyond what float32 holds.
+    """
+    if not SMALLEST <= factor <= LARGEST:
+        raise PocketGSError(f"scale {factor}, expected a positive number that scenes can hold (1.2e-38 to 3.4e38)")
+    means = gaussians.means.astype(np.float64) * factor
+    _check_representable(gaussians.means, means, f"scale {factor:g}")
+    return Gaussians(
+        means,
+        gaussians.log_scales + np.float32(np.log(factor)),
+        gaussians.quaternions,
+        gaussians.opacity_logits,
+        gaussians.sh,
+    )
+
+
+def _check_representable(before: np.ndarray, after: np.ndarray, cause: str) -> None:
+    """Refuse coordinates beyond what float32 holds, where they were within before."""
+    largest = float(np.abs(after[np.isfinite(before)]).max(initial=0.0))
+    if largest > LARGEST:
+        raise PocketGSError(f"{cause}: moves a centre to {largest:.2g}, beyond what scenes can hold (3.4e38)")
+
+
+def rotated(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:
+    """The scene turned about the origin, and what it shows in each direction with it.
+
+    Args:
+        gaussians: the scene.
+        rotation: (3, 3), applied to column vectors.
+
+    Raises:
+        PocketGSError: the matrix is no rotation.
+    """
+    rotation = np.asarray(rotation, dtype=np.float64)
+    if not np.all(np.isfinite(rotation)) or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-5:
+        raise PocketGSError("rotation: the matrix is not orthonormal")
+    if np.linalg.det(rotation) < 0:
+        raise PocketGSError("rotation: the matrix mirrors the scene, expected a determinant of +1")
+    return Gaussians(
+        gaussians.means @ rotation.T,
+        gaussians.log_scales,
+        composed(_quaternion(rotation), gaussians.quaternions),
+        gaussians.opacity_logits,
+        np.einsum("ij,njc->nic", sh_rotation(rotation, gaussians.sh.shape[1]), gaussians.sh),
+    )
+
+
+def translated(gaussians: Gaussians, offset: np.ndarray) -> Gaussians:
+    """The scene moved by (3,) scene units.
+
+    Raises:
+        PocketGSError: the offset is not finite, or a centre would lie beyond what float32 holds.
+    """
+    if not np.all(np.isfinite(offset)):
+        raise PocketGSError(f"translation {offset}, expected finite numbers")
+    means = gaussians.means + np.asarray(offset, np.float64)
+    _check_representable(gaussians.means, means, f"translation {offset}")
+    return Gaussians(
+        means,
+        gaussians.log_scales,
+        gaussians.quaternions,
+        gaussians.opacity_logits,
+        gaussians.sh,
+    )
+
+
+def sh_rotation(rotation: np.ndarray, coefficients: int) -> np.ndarray:
+    """(K, K) what a rotation does to the first K = 1, 4, 9 or 16 coefficients of spherical harmonics.
+
+    A turned scene shows in direction d what it showed in R⁻¹ d. Harmonics of one degree turn into each other, so in
+    each the new coefficients c' follow from Y(d) c' = Y(R⁻¹ d) c at enough directions.
+    """
+    directions = _even_directions()
+    seen, shown = basis(directions, coefficients), basis(directions @ rotation, coefficients)
+    turned = np.eye(coefficients)
+    for start, stop in pairwise(SH_COEFFICIENTS):
+        block = slice(start, min(stop, coefficients))
+        turned[block, block] = np.linalg.lstsq(seen[:, block], shown[:, block], rcond=None)[0]
+    return turned
+
+
+def _even_directions() -> np.ndarray:
+    """(D, 3) unit vectors on a spiral from pole to pole, about equally far from each other."""
+    height = (2 * np.arange(DIRECTIONS) + 1) / DIRECTIONS - 1
+    angle = np.arange(DIRECTIONS) * np.pi * (3 - np.sqrt(5))
+    radius = np.sqrt(1 - height**2)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
+
+
+def _quaternion(rotation: np.ndarray) -> np.ndarray:
+    """(4,) w, x, y, z of a (3, 3) rotation."""
+    # SciPy takes long to load: only this needs it.
+    from scipy.spatial.transform import Rotation
+
+    return np.roll(Rotation.from_matrix(rotation).as_quat(), 1)

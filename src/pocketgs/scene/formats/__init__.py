@@ -1,0 +1,113 @@
+"""File formats of scenes, one a file, and which of them a file's name asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pocketgs.errors import PocketGSError
+from pocketgs.files.journal import settle
+from pocketgs.scene.formats import compressed_ply, gltf, ply, splat, spz
+from pocketgs.scene.formats.spz_precision import FINE
+from pocketgs.scene.gaussians import Gaussians
+
+
+@dataclass(frozen=True)
+class SceneFormat:
+    """A format that scenes are read from and written to.
+
+    Attributes:
+        name: what it is called.
+        suffixes: what its files' names end in.
+        drops: what it has no place for; empty if nothing.
+        rounds: the largest errors of what it keeps; empty if every bit stays.
+        read: gives the scene in a file.
+        write: puts a scene in a file, atomically.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    drops: str
+    rounds: str
+    read: Callable[[Path], Gaussians]
+    write: Callable[[Path, Gaussians], None]
+
+
+# A suffix that ends in another one goes first.
+FORMATS = (
+    SceneFormat(
+        "PlayCanvas compressed PLY",
+        (".compressed.ply",),
+        "the order",
+        "centres and log scales to 1/4000 (y: 1/2000) and colours to 1/500 of their range in 256 neighbours, opacity "
+        "to 1/500, rotation to 0.3 degrees, spherical harmonics to 1/64 within -4 to 4",
+        compressed_ply.read_gaussians,
+        compressed_ply.write_gaussians,
+    ),
+    SceneFormat("3DGS PLY", (".ply",), "", "", ply.read_gaussians, ply.write_gaussians),
+    SceneFormat(
+        "Niantic SPZ",
+        (".spz",),
+        FINE.drops,
+        FINE.rounds,
+        spz.read_gaussians,
+        spz.write_gaussians,
+    ),
+    SceneFormat(
+        "antimatter15 splat",
+        (".splat",),
+        "the order, spherical harmonics above degree 0",
+        "opacity to 1/500, colours to 1/500 within 0 to 1, rotation to 1 degree",
+        splat.read_gaussians,
+        splat.write_gaussians,
+    ),
+    SceneFormat(
+        "glTF with KHR_gaussian_splatting",
+        (".glb", ".gltf"),
+        "the lengths of quaternions",
+        "opacity to 1e-7",
+        gltf.read_gaussians,
+        gltf.write_gaussians,
+    ),
+)
+
+
+def is_scene_name(path: Path) -> bool:
+    """Whether a file's name is that of a scene."""
+    return any(path.name.lower().endswith(each.suffixes) for each in FORMATS)
+
+
+def format_of(path: Path) -> SceneFormat:
+    """The format that a file's name asks for.
+
+    Raises:
+        PocketGSError: it asks for none of them.
+    """
+    for each in FORMATS:
+        if path.name.lower().endswith(each.suffixes):
+            return each
+    known = ", ".join(suffix for each in FORMATS for suffix in each.suffixes)
+    raise PocketGSError(f"{path}: not the name of a scene, expected one that ends in {known}")
+
+
+def read_scene(path: Path) -> Gaussians:
+    """Read a scene in any of the formats; a compressed `.ply` may have the name of a plain one.
+
+    Raises:
+        PocketGSError: the name is of no format, or the file is missing or broken.
+    """
+    read = format_of(path).read
+    settle(path.parent)
+    if read is ply.read_gaussians and compressed_ply.recognises(path):
+        read = compressed_ply.read_gaussians
+    return read(path)
+
+
+def write_scene(path: Path, gaussians: Gaussians) -> None:
+    """Write a scene atomically in the format that the name asks for.
+
+    Raises:
+        PocketGSError: the name is of no format, the format cannot hold the scene, or the file cannot be written.
+    """
+    format_of(path).write(path, gaussians)

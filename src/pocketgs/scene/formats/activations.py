@@ -1,0 +1,46 @@
+"""Between a scene's unbounded parameters and the opacities and colours that files state."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pocketgs.scene.gaussians import SH_DC
+
+OPACITY_STEPS = 255
+"""Opacities of 8 bits are whole multiples of 1 / 255."""
+
+
+def opacity_of(logits: np.ndarray) -> np.ndarray:
+    """(N,) float64 opacities in [0, 1]; infinite logits give exactly 0 and 1."""
+    return 0.5 * (1.0 + np.tanh(0.5 * logits.astype(np.float64)))
+
+
+def logit_of(opacities: np.ndarray, margin: float) -> np.ndarray:
+    """(N,) finite logits of opacities, which are first moved to at least `margin` from 0 and 1."""
+    inside = np.clip(opacities.astype(np.float64), margin, 1.0 - margin)
+    return np.log(inside) - np.log1p(-inside)
+
+
+def opacity_to_byte(logits: np.ndarray) -> np.ndarray:
+    """(N,) uint8 opacities."""
+    return to_byte(opacity_of(logits) * OPACITY_STEPS)
+
+
+def opacity_from_byte(stored: np.ndarray) -> np.ndarray:
+    """(N,) logits of uint8 opacities; 0 and 255 stand for the middle of what was rounded to them."""
+    return logit_of(stored / OPACITY_STEPS, margin=0.25 / OPACITY_STEPS)
+
+
+def colour_of(dc: np.ndarray) -> np.ndarray:
+    """Colours, within [0, 1] or not, of spherical-harmonics coefficients of degree 0."""
+    return 0.5 + SH_DC * dc.astype(np.float64)
+
+
+def dc_of(colours: np.ndarray) -> np.ndarray:
+    """The spherical-harmonics coefficients of degree 0 of colours."""
+    return (colours - 0.5) / SH_DC
+
+
+def to_byte(numbers: np.ndarray) -> np.ndarray:
+    """uint8 nearest to the numbers; those out of its range are moved to its ends."""
+    return np.clip(np.round(numbers), 0, 255).astype(np.uint8)

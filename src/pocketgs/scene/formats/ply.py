@@ -1,0 +1,85 @@
+"""The `.ply` layout of the reference 3DGS implementation, which every splat viewer reads.
+
+One `vertex` element of float32 properties: x y z, nx ny nz (zero), f_dc_0..2 (SH degree 0 of R, G, B), f_rest_0.. (the
+higher coefficients, channel after channel), opacity (logit), scale_0..2 (natural logarithm), rot_0..3 (w x y z).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from plyfile import PlyData, PlyElement
+
+from pocketgs.errors import PocketGSError
+from pocketgs.files.atomic_file import replacing
+from pocketgs.files.ply_file import read_vertices
+from pocketgs.scene.formats.checks import require_room
+from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
+
+# Bytes by Gaussian and by coefficient of spherical harmonics that reading takes at most, as measured.
+READING = (100, 38)
+
+
+def _property_names(rest: int) -> list[str]:
+    names = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
+    names += [f"f_rest_{i}" for i in range(rest)]
+    return [*names, "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
+
+
+def write_gaussians(path: Path, gaussians: Gaussians) -> None:
+    """Write a scene atomically.
+
+    Raises:
+        PocketGSError: the file cannot be written.
+    """
+    count = len(gaussians)
+    rest = np.swapaxes(gaussians.sh[:, 1:], 1, 2).reshape(count, 3 * (gaussians.sh.shape[1] - 1))
+    columns = [
+        gaussians.means,
+        np.zeros((count, 3), np.float32),
+        gaussians.sh[:, 0],
+        rest,
+        gaussians.opacity_logits[:, None],
+        gaussians.log_scales,
+        gaussians.quaternions,
+    ]
+    table = np.concatenate(columns, axis=1).astype("<f4")
+    vertices = table.view([(name, "<f4") for name in _property_names(rest.shape[1])]).reshape(count)
+    with replacing(path) as partial:
+        PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(str(partial))
+
+
+def read_gaussians(path: Path) -> Gaussians:
+    """Read a scene; normals, and properties that are not part of the layout, are passed over.
+
+    Raises:
+        PocketGSError: the file is missing or broken, or lacks a property of the layout.
+    """
+    data = read_vertices(path)
+    # Properties may be lists, which stand in an array of objects.
+    available = {name for name in data.dtype.names or () if data.dtype[name].kind != "O"}
+    rest = sum(name.startswith("f_rest_") for name in available)
+    missing = [name for name in _property_names(rest) if name not in available and name not in ("nx", "ny", "nz")]
+    if missing:
+        raise PocketGSError(f"{path}: holds no Gaussians: vertex property {missing[0]!r} is missing or no number")
+    if 1 + rest // 3 not in SH_COEFFICIENTS or rest % 3:
+        raise PocketGSError(f"{path}: {rest} f_rest properties, expected 0, 9, 24 or 45 (SH degree 0 to 3)")
+
+    require_room(path, len(data), 1 + rest // 3, READING)
+
+    def stack(*names: str) -> np.ndarray:
+        return np.stack([np.asarray(data[name], dtype=np.float32) for name in names], axis=1)
+
+    sh = np.empty((len(data), 1 + rest // 3, 3), np.float32)
+    sh[:, 0] = stack("f_dc_0", "f_dc_1", "f_dc_2")
+    if rest:
+        by_channel = stack(*(f"f_rest_{i}" for i in range(rest))).reshape(len(data), 3, rest // 3)
+        sh[:, 1:] = np.swapaxes(by_channel, 1, 2)
+    return Gaussians(
+        stack("x", "y", "z"),
+        stack("scale_0", "scale_1", "scale_2"),
+        stack("rot_0", "rot_1", "rot_2", "rot_3"),
+        stack("opacity")[:, 0],
+        sh,
+    )

@@ -1,0 +1,236 @@
+"""Niantic's `.spz`: about a tenth of a `.ply` of degree 3, in axes x right, y up, z back.
+
+Version 4 is a plain header, a table of streams and the streams, each compressed with Zstandard. Versions 1 to 3 are one
+gzip stream with a shorter header in front. `spz_attributes.py` says what the streams hold, `spz_precision.py` how
+coarse the numbers are that we write, and `spz_arrangement.py` what else makes them compress well.
+"""
+
+from __future__ import annotations
+
+import struct
+import sys
+import zlib
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from pocketgs.errors import PocketGSError
+from pocketgs.files.atomic_file import replacing
+from pocketgs.scene.formats.axes import RIGHT_UP_BACK, half_turn
+from pocketgs.scene.formats.checks import read_contents, require_room, require_sound
+from pocketgs.scene.formats.spz_arrangement import rearranged
+from pocketgs.scene.formats.spz_attributes import LARGEST_FIXED, Layout, fractional_bits_for, pack, unpack
+from pocketgs.scene.formats.spz_precision import FINE, Precision
+from pocketgs.scene.gaussians import Gaussians
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+Version: TypeAlias = Literal[3, 4]
+CURRENT: Version = 4
+
+MAGIC, GZIP_MAGIC = b"NGSP", b"\x1f\x8b"
+HEADER = struct.Struct("<4sIIBBBB")
+"""Magic, version, count, SH degree, fractional bits, flags, and in version 4 the number of streams."""
+
+TABLE_START = struct.Struct("<I12x")
+"""What version 4 adds to the header: where the table of streams begins."""
+
+TABLE_ROW = struct.Struct("<QQ")
+"""A stream's compressed and original size."""
+
+EXTENSION = struct.Struct("<II")
+"""An extension's type and size."""
+
+FIRST_ROW = HEADER.size + TABLE_START.size
+STREAMS = 6
+LARGEST_DEGREE = 4
+HAS_EXTENSIONS = 2
+AXES_EXTENSION, AXES_RIGHT_UP_BACK = 0xADBE0003, 4
+GZIP_LEVEL = 9
+# Bytes by Gaussian and by coefficient of spherical harmonics that reading takes at most, as measured.
+READING = (320, 28)
+GZIP_WINDOW = 16 + zlib.MAX_WBITS
+ZSTD_OPTIONS: tuple[dict[int, int], ...] = (
+    {zstd.CompressionParameter.compression_level: 19},
+    {zstd.CompressionParameter.compression_level: 19, zstd.CompressionParameter.min_match: 5},
+)
+"""Of which the better is taken for each stream: it depends on how often three bytes come again by chance."""
+
+
+def write_gaussians(path: Path, gaussians: Gaussians, version: Version = CURRENT, precision: Precision = FINE) -> None:
+    """Write a scene atomically.
+
+    Raises:
+        PocketGSError: the scene is empty, holds NaN or infinity or lies too far out, or the file cannot be written.
+    """
+    contents = encode(gaussians, version, precision, path)
+    with replacing(path) as partial:
+        partial.write_bytes(contents)
+
+
+def encode(
+    gaussians: Gaussians,
+    version: Version = CURRENT,
+    precision: Precision = FINE,
+    path: Path = Path("scene.spz"),
+) -> bytes:
+    """The content of a scene's file.
+
+    Args:
+        gaussians: the scene.
+        version: of the format.
+        precision: what numbers are rounded to.
+        path: named in errors.
+
+    Raises:
+        PocketGSError: the scene is empty, holds NaN or infinity, or lies too far out.
+    """
+    require_sound(path, gaussians)
+    bits = fractional_bits_for(gaussians, precision)
+    if bits is None:
+        raise PocketGSError(f"{path}: a coordinate exceeds {LARGEST_FIXED}, the most that .spz can hold")
+    turned = half_turn(gaussians, RIGHT_UP_BACK)
+    if precision.rearranged:
+        turned = rearranged(turned, precision)
+    layout = Layout(version, len(gaussians), gaussians.sh_degree, bits)
+    streams = pack(turned, layout, precision)
+    return _bundle(layout, streams) if version == 4 else _gzip(layout, streams)
+
+
+def read_gaussians(path: Path) -> Gaussians:
+    """Read a scene of any version; coefficients above degree 3 and the mark of anti-aliased training are passed over.
+
+    Raises:
+        PocketGSError: the file is missing, broken, of an unknown version, or not in the axes of the format.
+    """
+    contents = read_contents(path)
+    if contents.startswith(GZIP_MAGIC):
+        layout, streams = _gunzip(path, contents)
+    elif contents.startswith(MAGIC):
+        layout, streams = _unbundle(path, contents)
+    else:
+        raise PocketGSError(f"{path}: not a .spz: begins with {contents[:4]!r}, expected {MAGIC!r} or {GZIP_MAGIC!r}")
+    gaussians = half_turn(unpack(streams, layout), RIGHT_UP_BACK)
+    require_sound(path, gaussians)
+    return gaussians
+
+
+def _header(layout: Layout, last: int) -> bytes:
+    bits = layout.fractional_bits
+    return HEADER.pack(MAGIC, layout.version, layout.count, layout.sh_degree, bits, 0, last)
+
+
+def _layout(path: Path, header: bytes, versions: tuple[int, ...]) -> tuple[Layout, int, int]:
+    """The layout, the flags and the header's last byte.
+
+    Raises:
+        PocketGSError: the header is cut short or of another version, its degree or count are out of range, or memory
+            would not hold what it states.
+    """
+    if len(header) < HEADER.size:
+        raise PocketGSError(f"{path}: cut short: {len(header)} bytes of a header of {HEADER.size}")
+    magic, version, count, degree, bits, flags, last = HEADER.unpack(header[: HEADER.size])
+    if magic != MAGIC:
+        raise PocketGSError(f"{path}: not a .spz: holds {magic!r}, expected {MAGIC!r}")
+    if version not in versions:
+        raise PocketGSError(f"{path}: version {version} in this packing, expected {' or '.join(map(str, versions))}")
+    if degree > LARGEST_DEGREE:
+        raise PocketGSError(f"{path}: spherical harmonics of degree {degree}, expected 0 to {LARGEST_DEGREE}")
+    if not count:
+        raise PocketGSError(f"{path}: 0 Gaussians, expected at least one")
+    require_room(path, count, (degree + 1) ** 2, READING)
+    return Layout(version, count, degree, bits), flags, last
+
+
+def _gzip(layout: Layout, streams: list[bytes]) -> bytes:
+    compressor = zlib.compressobj(GZIP_LEVEL, wbits=GZIP_WINDOW)
+    parts = [compressor.compress(part) for part in (_header(layout, 0), *streams)]
+    return b"".join([*parts, compressor.flush()])
+
+
+def _gunzip(path: Path, contents: bytes) -> tuple[Layout, list[bytes]]:
+    """Unpack no more than the header says that there is, whatever the gzip stream could grow to."""
+    decompressor = zlib.decompressobj(GZIP_WINDOW)
+    try:
+        header = decompressor.decompress(contents, HEADER.size)
+        layout, flags, _ = _layout(path, header, (1, 2, 3))
+        needed = sum(layout.sizes)
+        body = decompressor.decompress(decompressor.unconsumed_tail, needed)
+        more = decompressor.decompress(decompressor.unconsumed_tail, 1)
+    except zlib.error as error:
+        raise PocketGSError(f"{path}: not a readable gzip stream ({error})") from error
+    if len(body) < needed:
+        raise PocketGSError(f"{path}: cut short: {len(body)} bytes of the {needed} for {layout.count} Gaussians")
+    # Extensions stand behind the streams; none of them says how to read what is before them.
+    if more and not flags & HAS_EXTENSIONS:
+        raise PocketGSError(f"{path}: holds more than the {needed} bytes for {layout.count} Gaussians")
+    return layout, _cut(body, layout)
+
+
+def _cut(body: bytes, layout: Layout) -> list[bytes]:
+    streams, start = [], 0
+    for size in layout.sizes:
+        streams.append(body[start : start + size])
+        start += size
+    return streams
+
+
+def _bundle(layout: Layout, streams: list[bytes]) -> bytes:
+    streams = [stream for stream in streams if stream]
+    packed = [min((zstd.compress(stream, options=options) for options in ZSTD_OPTIONS), key=len) for stream in streams]
+    table = [TABLE_ROW.pack(len(small), len(whole)) for small, whole in zip(packed, streams, strict=True)]
+    return b"".join([_header(layout, len(streams)), TABLE_START.pack(FIRST_ROW), *table, *packed])
+
+
+def _unbundle(path: Path, contents: bytes) -> tuple[Layout, list[bytes]]:
+    layout, flags, count = _layout(path, contents, (4,))
+    expected = [size for size in layout.sizes if size]
+    if count < len(expected) or count > STREAMS:
+        raise PocketGSError(f"{path}: {count} streams, expected {len(expected)} for degree {layout.sh_degree}")
+    try:
+        (table,) = TABLE_START.unpack_from(contents, HEADER.size)
+        rows = [TABLE_ROW.unpack_from(contents, table + index * TABLE_ROW.size) for index in range(count)]
+    except struct.error as error:
+        raise PocketGSError(f"{path}: cut short: {len(contents)} bytes, in the table of streams ({error})") from error
+    if flags & HAS_EXTENSIONS:
+        _check_extensions(path, contents[FIRST_ROW:table])
+    streams, start = [], table + count * TABLE_ROW.size
+    for index, ((small, whole), size) in enumerate(zip(rows, layout.sizes, strict=False)):
+        if whole != size:
+            raise PocketGSError(f"{path}: stream {index} has {whole} bytes, expected {size}")
+        streams.append(_decompress(path, contents[start : start + small], small, size))
+        start += small
+    return layout, streams + [b""] * (STREAMS - len(streams))
+
+
+def _decompress(path: Path, packed: bytes, stated: int, size: int) -> bytes:
+    if len(packed) < stated:
+        raise PocketGSError(f"{path}: cut short: {len(packed)} bytes of a stream of {stated}")
+    if not size:
+        return b""
+    decompressor = zstd.ZstdDecompressor()
+    try:
+        # One byte more than is expected, to find out that there is more.
+        stream = decompressor.decompress(packed, max_length=size + 1)
+    except zstd.ZstdError as error:
+        raise PocketGSError(f"{path}: not a readable Zstandard stream ({error})") from error
+    if len(stream) != size:
+        raise PocketGSError(f"{path}: a stream unpacks to {len(stream)} bytes or more, expected {size}")
+    return bytes(stream)
+
+
+def _check_extensions(path: Path, records: bytes) -> None:
+    """Step over what we have no use for; refuse other axes, which would turn or mirror the scene.
+
+    Raises:
+        PocketGSError: the records are cut short, or state other axes than right, up, back.
+    """
+    while records:
+        if len(records) < EXTENSION.size:
+            raise PocketGSError(f"{path}: an extension is cut short after {len(records)} bytes")
+        kind, size = EXTENSION.unpack_from(records)
+        payload, records = records[EXTENSION.size : EXTENSION.size + size], records[EXTENSION.size + size :]
+        if kind == AXES_EXTENSION and payload[:1] != bytes([AXES_RIGHT_UP_BACK]):
+            raise PocketGSError(f"{path}: axes of kind {payload[:4].hex()}, expected right, up, back; save it without")

@@ -1,0 +1,1 @@
+"""What the program needs of its process: signals, cores, compiled kernels, time and memory."""

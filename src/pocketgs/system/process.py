@@ -1,0 +1,37 @@
+"""Memory and age of this process."""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from pathlib import Path
+
+import psutil
+
+
+def peak_rss_mb() -> float:
+    """Most resident memory that this process has held so far, in MB of 10^6 bytes."""
+    # On Linux, what getrusage reports begins with the peak of the program that started this one.
+    high_water = re.search(r"VmHWM:\s*(\d+) kB", _process_status())
+    if high_water:
+        return int(high_water[1]) * 1024 / 1e6
+    if sys.platform == "win32":
+        return float(psutil.Process().memory_info().peak_wset) / 1e6
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / 1e6 if sys.platform == "darwin" else peak * 1024 / 1e6
+
+
+def _process_status() -> str:
+    """What Linux tells of this process; empty where it does not, as in some sandboxes and on other systems."""
+    try:
+        return Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return ""
+
+
+def seconds_since_start() -> float:
+    """Wall time since this process was started."""
+    return time.time() - float(psutil.Process().create_time())

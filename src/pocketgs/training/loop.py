@@ -1,0 +1,248 @@
+"""The training loop: which view next, at what rates, until when. It knows no engine by name."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pocketgs.capture.capture import Capture, Frame
+from pocketgs.errors import PocketGSError
+from pocketgs.metrics.evaluation import psnr
+from pocketgs.prior.prior import PreparedCapture
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.engine import Engine, create_engine
+from pocketgs.splat.settings import StepSettings
+from pocketgs.system.interrupt import Interrupt, deferred_interrupt
+from pocketgs.system.process import peak_rss_mb
+from pocketgs.system.stopwatch import Stopwatch
+from pocketgs.training.options import SizedOptions, TrainingOptions
+from pocketgs.training.planning.effort import sized
+from pocketgs.training.preparation import prepare
+from pocketgs.training.recipes import Recipe, recipe_named
+from pocketgs.training.result import Checkpoint, LossSample, TrainingResult
+from pocketgs.training.seeding import SEEDINGS
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What an observer is told after an iteration.
+
+    Attributes:
+        iteration: iterations done.
+        iterations: iterations asked for.
+        fraction: how much of the run is over, by iterations or by time.
+        loss: mean of the training loss over the last epoch, as of a moment ago.
+        held_out_psnr: when the held-out views were last looked at, or None.
+        iteration_rate: iterations per second.
+        seconds_left: estimate of the time until iterations or the time budget run out.
+        gaussians: their number.
+        interrupt: ends the run after this iteration, as Ctrl-C does, if an observer requests it; says whether that has
+            been asked for, so that an observer that waits can stop waiting.
+        scene: gives the Gaussians as they stand; costs a copy.
+        checkpoint: gives the run as it stands; costs a larger copy.
+    """
+
+    iteration: int
+    iterations: int
+    fraction: float
+    loss: float
+    held_out_psnr: float | None
+    iteration_rate: float
+    seconds_left: float
+    gaussians: int
+    interrupt: Interrupt
+    scene: Callable[[], Gaussians]
+    checkpoint: Callable[[], Checkpoint]
+
+
+SECONDS_BETWEEN_LOSSES = 0.5
+
+Observer = Callable[[Progress], None]
+
+
+def train(
+    capture: Capture,
+    options: TrainingOptions | None = None,
+    *,
+    observer: Observer | None = None,
+    resume: Checkpoint | None = None,
+    stopwatch: Stopwatch | None = None,
+    opened_engine: Engine | None = None,
+    **changes: object,
+) -> TrainingResult:
+    """Train a splat.
+
+    The scene lies in the world of the refined poses: `prepare` gives the capture with them.
+
+    Example:
+        >>> result = train(open_capture("fern", images="images_8"), iterations=500)
+        >>> result.scene.save("fern.ply")
+
+    Ctrl-C ends training after the step under way and returns what has been trained; before the first step it raises
+    KeyboardInterrupt as usual.
+
+    Args:
+        capture: what to train on; it is prepared first unless it comes from `prepare`.
+        options: how; all at their defaults if None.
+        observer: called after every iteration.
+        resume: where an earlier run with the same capture and options stopped.
+        stopwatch: times the stages; a new one if None.
+        opened_engine: from `create_engine`, to train on; the one that the options ask for if None.
+        **changes: single options by name, in place of those in `options`.
+
+    Raises:
+        PocketGSError: an option or the capture cannot be used.
+    """
+    started = time.monotonic()
+    options = replace(options or TrainingOptions(), **changes)  # type: ignore[arg-type]
+    options = sized(options, [(frame.camera.width, frame.camera.height) for frame in capture.train])
+    stopwatch = stopwatch or Stopwatch()
+    recipe = recipe_named(options.recipe)
+    prepared = capture if isinstance(capture, PreparedCapture) else prepare(capture, options, stopwatch)
+    with stopwatch.stage("seeding"):
+        if prepared.points is None:
+            raise PocketGSError(f"{prepared.path}: no points to start from, expected what `prepare` gives")
+        unit = recipe.length([frame.camera for frame in prepared.train], prepared.points)
+        degree = recipe.sh_degree if options.sh_degree is None else options.sh_degree
+        seed = SEEDINGS[options.seeds]
+        start = resume.gaussians if resume else seed(prepared.points, recipe.opacity, degree, recipe.seed_size)
+    with stopwatch.stage("compilation"):
+        engine = opened_engine or create_engine(options.engine_options)
+        engine.prepare()
+    with stopwatch.stage("upload"):
+        engine.set_views(prepared.train)
+        engine.upload(start, resume.state if resume else None)
+    loop = _Loop(prepared, options, recipe, unit, engine, stopwatch, resume.iteration if resume else 0, len(start))
+    loop.run(observer, None if options.time_budget is None else options.time_budget - (time.monotonic() - started))
+    if loop.interrupted and loop.iteration == 0:
+        raise KeyboardInterrupt
+    return TrainingResult(
+        scene=engine.download(),
+        optimiser_state=engine.optimiser_state(),
+        engine=engine.name,
+        device=engine.device,
+        recipe=recipe.name,
+        iterations=loop.iteration,
+        resumed_from=resume.iteration if resume else None,
+        interrupted=loop.interrupted,
+        seconds=dict(stopwatch.seconds),
+        peak_rss_mb=peak_rss_mb(),
+        engine_bytes=engine.memory(),
+        losses=loop.samples,
+        prior=prepared.report,
+    )
+
+
+def render_frame(engine: Engine, frame: Frame, background: tuple[float, float, float]) -> np.ndarray:
+    """(H, W, 3) float32 what the engine shows at a frame's camera, cut to [0, 1] as a screen does."""
+    return np.clip(engine.render(frame.camera, background).image, 0.0, 1.0)
+
+
+class _Loop:
+    """State of one run between its iterations."""
+
+    def __init__(
+        self,
+        capture: Capture,
+        options: SizedOptions,
+        recipe: Recipe,
+        unit: float,
+        engine: Engine,
+        stopwatch: Stopwatch,
+        iteration: int,
+        gaussians: int,
+    ) -> None:
+        self.iteration = self._first_iteration = iteration
+        self.interrupted = False
+        self.samples: list[LossSample] = []
+        self._capture, self._options, self._recipe = capture, options, recipe
+        self._rates = recipe.rates_for(options.iterations, unit)
+        self._engine, self._stopwatch = engine, stopwatch
+        self._loss, self._loss_asked = float("nan"), float("-inf")
+        self._held_out_psnr: float | None = None
+        self._gaussians = gaussians
+
+    def run(self, observer: Observer | None, seconds: float | None) -> None:
+        """Iterate until iterations or the seconds that there are run out, or Ctrl-C is pressed."""
+        started, self._seconds = time.monotonic(), seconds
+        with deferred_interrupt() as interrupt:
+            while self.iteration < self._options.iterations and not self._is_over(started):
+                if interrupt.requested:
+                    self.interrupted = True
+                    break
+                with self._stopwatch.stage("training"):
+                    self._step(started)
+                self._look_at_held_out_views()
+                if observer:
+                    progress, before = self._progress(started, interrupt), time.monotonic()
+                    observer(progress)
+                    started += time.monotonic() - before  # an observer's pauses are no time of the run's
+            if self.iteration > self._first_iteration:
+                self._finish_steps()
+
+    def _is_over(self, started: float) -> bool:
+        return self._seconds is not None and time.monotonic() - started >= self._seconds
+
+    def _fraction(self, started: float) -> float:
+        fraction = self.iteration / self._options.iterations
+        if self._seconds is not None:
+            fraction = max(fraction, (time.monotonic() - started) / self._seconds)
+        return min(fraction, 1.0)
+
+    def _step(self, started: float) -> None:
+        rates = self._recipe.schedule(self._rates, self._fraction(started))
+        settings = StepSettings(rates, self._recipe.loss, self._recipe.adam, self._capture.background)
+        self._engine.step(self._next_view(), settings)
+        self.iteration += 1
+
+    def _next_view(self) -> int:
+        """Every view once an epoch, in an order that depends on the seed and the epoch only."""
+        epoch, place = divmod(self.iteration, len(self._capture.train))
+        order = np.random.default_rng((self._options.seed, epoch)).permutation(len(self._capture.train))
+        return int(order[place])
+
+    def _look_at_held_out_views(self) -> None:
+        every = self._options.evaluate_every
+        if not every or self.iteration % every or not self._capture.held_out:
+            return
+        self._finish_steps()
+        with self._stopwatch.stage("evaluation"):
+            values = [
+                psnr(render_frame(self._engine, frame, self._capture.background), frame.image / 255.0, frame.mask)
+                for frame in self._capture.held_out
+            ]
+        self._held_out_psnr = float(np.mean(values))
+        seconds = self._stopwatch.seconds
+        elapsed = sum(seconds.values()) - seconds["evaluation"]
+        self.samples.append(LossSample(self.iteration, seconds["training"], elapsed, self._loss, self._held_out_psnr))
+
+    def _finish_steps(self) -> None:
+        """Ask for the mean loss over the last epoch, for which the engine finishes what it has been given."""
+        with self._stopwatch.stage("training"):
+            self._loss = self._engine.loss(min(len(self._capture.train), self.iteration - self._first_iteration))
+        self._loss_asked = time.monotonic()
+
+    def _progress(self, started: float, interrupt: Interrupt) -> Progress:
+        if time.monotonic() - self._loss_asked > SECONDS_BETWEEN_LOSSES:
+            self._finish_steps()
+        elapsed = time.monotonic() - started
+        rate = (self.iteration - self._first_iteration) / max(elapsed, 1e-9)
+        left = (self._options.iterations - self.iteration) / rate
+        if self._seconds is not None:
+            left = min(left, max(self._seconds - elapsed, 0.0))
+        return Progress(
+            iteration=self.iteration,
+            iterations=self._options.iterations,
+            fraction=self._fraction(started),
+            loss=self._loss,
+            held_out_psnr=self._held_out_psnr,
+            iteration_rate=rate,
+            seconds_left=left,
+            gaussians=self._gaussians,
+            interrupt=interrupt,
+            scene=self._engine.download,
+            checkpoint=lambda: Checkpoint(self.iteration, self._engine.download(), self._engine.optimiser_state()),
+        )

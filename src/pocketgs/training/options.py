@@ -1,0 +1,123 @@
+"""What a user may ask of a training run."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from pocketgs.errors import PocketGSError
+from pocketgs.splat.engine import Accumulation, EngineName, EngineOptions, Precision, Replay
+from pocketgs.training.recipes import recipe_named
+
+Effort = Literal["quick", "standard"]
+
+
+@dataclass(frozen=True)
+class TrainingOptions:
+    """What a user may ask of a training run.
+
+    Attributes:
+        effort: how much work a run is worth where the options below do not say: "quick" is 500 iterations on 50,000
+            Gaussians; "standard" sizes both, and the keyframes, to the capture.
+        iterations: number of training steps, one view each; None for the effort's.
+        time_budget: seconds until the work is done, or None: of the whole command, or, in Python, of `train`. A
+            command plans by it, and refuses one that is too short. Learning rates fall with whichever of iterations
+            and time runs out first.
+        engine: what renders and differentiates: "auto" takes a GPU where there is one, else the CPU; "webgpu" takes
+            software adapters too.
+        prior: what to start from: "dense" matches the photographs pixel by pixel; "sparse" takes the points of
+            matched features; "colmap" the capture's own sparse cloud, or the one that COLMAP triangulates; "none" the
+            capture as it is, with its own points, or points drawn where it has none.
+        bundle: refine poses where the photographs contradict them.
+        seeds: discs on the surface, or balls.
+        references: frames that each keyframe's pixels are matched in.
+        max_keyframes: most frames that depth is computed for; None for the effort's.
+        exposure: bring the training photographs to one exposure: "auto" does so where similar views differ.
+        recipe: name of a recipe, see `pocketgs.training.recipes`.
+        seed: of everything random.
+        max_gaussians: most Gaussians to start with, None for the effort's; fewer are taken where budgets hold no more.
+        sh_degree: degree of the spherical harmonics, or None for the recipe's.
+        threads: CPU threads, or None for all cores.
+        gpu: part of the name of the GPU to use, or None for the best.
+        precision: of projected splats and of the replay cache on the GPU.
+        replay: whether the GPU's backward pass recomputes what the forward pass did, or reads it from a cache.
+        accumulation: whether the gradients of a GPU's tiles are added up in order, or atomically in less memory.
+        portable: use only what every GPU with WebGPU has.
+        max_memory: megabytes that the process may hold, and megabytes that buffers on the GPU may. A command takes
+            smaller photographs, unless --downscale is given, or fewer Gaussians to keep to it.
+        evaluate_every: iterations between looks at the held-out views; 0 for none until the end.
+    """
+
+    effort: Effort = "standard"
+    iterations: int | None = None
+    time_budget: float | None = None
+    engine: EngineName = "auto"
+    prior: Literal["dense", "sparse", "colmap", "none"] = "dense"
+    bundle: bool = True
+    seeds: Literal["discs", "balls"] = "discs"
+    references: int = 4
+    max_keyframes: int | None = None
+    exposure: Literal["auto", "on", "off"] = "auto"
+    recipe: str = "pocketgs"
+    seed: int = 0
+    max_gaussians: int | None = None
+    sh_degree: int | None = None
+    threads: int | None = None
+    gpu: str | None = None
+    precision: Precision = "f32"
+    replay: Replay = "recompute"
+    accumulation: Accumulation = "ordered"
+    portable: bool = False
+    max_memory: int = 3000
+    evaluate_every: int = 100
+
+    def __post_init__(self) -> None:
+        recipe_named(self.recipe)
+        checks = {
+            "effort": (self.effort in get_args(Effort), "quick or standard"),
+            "iterations": (self.iterations is None or self.iterations >= 1, "at least 1"),
+            "time budget": (self.time_budget is None or 0 < self.time_budget < math.inf, "seconds above 0"),
+            "prior": (self.prior in ("dense", "sparse", "colmap", "none"), "dense, sparse, colmap or none"),
+            "seeds": (self.seeds in ("discs", "balls"), "discs or balls"),
+            "references": (self.references >= 1, "at least 1"),
+            "max keyframes": (self.max_keyframes is None or self.max_keyframes >= 2, "at least 2"),
+            "exposure": (self.exposure in ("auto", "on", "off"), "auto, on or off"),
+            "max gaussians": (self.max_gaussians is None or self.max_gaussians >= 4, "at least 4"),
+            "SH degree": (self.sh_degree in (None, 0, 1, 2, 3), "0, 1, 2 or 3"),
+            "threads": (self.threads is None or self.threads >= 1, "at least 1"),
+            "precision": (self.precision in ("f32", "f16"), "f32 or f16"),
+            "replay": (self.replay in ("recompute", "cache"), "recompute or cache"),
+            "accumulation": (self.accumulation in ("ordered", "atomic"), "ordered or atomic"),
+            "max memory": (self.max_memory >= 1, "at least 1"),
+            "evaluate every": (self.evaluate_every >= 0, "at least 0"),
+            "seed": (self.seed >= 0, "at least 0"),
+        }
+        for what, (sound, expected) in checks.items():
+            if not sound:
+                raise PocketGSError(
+                    f"{what}: found {getattr(self, what.lower().replace(' ', '_'))}, expected {expected}"
+                )
+
+    @property
+    def engine_options(self) -> EngineOptions:
+        """Those that concern the engine."""
+        return EngineOptions(
+            self.engine,
+            self.threads,
+            self.gpu,
+            self.precision,
+            self.replay,
+            self.accumulation,
+            self.portable,
+            self.max_memory,
+        )
+
+
+@dataclass(frozen=True)
+class SizedOptions(TrainingOptions):
+    """Training options that say how large the run is: see `pocketgs.training.planning.effort.sized`."""
+
+    iterations: int = 500
+    max_keyframes: int = 40
+    max_gaussians: int = 50_000

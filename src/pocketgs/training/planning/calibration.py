@@ -1,0 +1,99 @@
+"""How fast this machine is: a piece of depth search and a few training steps on made-up photographs, timed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from pocketgs.capture.capture import Frame
+from pocketgs.geometry.camera import Camera
+from pocketgs.prior.depth_range import DepthRange
+from pocketgs.prior.sweep import SweepSettings, sweep
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.engine import Engine
+from pocketgs.splat.settings import LearningRates, StepSettings
+
+WIDTH, HEIGHT, FOCAL = 320, 240, 320.0
+GAUSSIANS = 30_000
+REPEATS = 3
+DISTANCE = 4.0
+BASELINE = 0.3
+HYPOTHESES = 128
+
+SWEEP_SECONDS, STEP_SECONDS = 0.068, 0.0095
+"""What one sweep and one step take on the machine that `time_model` was measured on."""
+
+
+@dataclass(frozen=True)
+class Speed:
+    """How much longer than on the machine that the model was measured on work takes: of the prior, and of training."""
+
+    prior: float
+    training: float
+
+
+def measure_speed(engine: Engine, threads: int, with_prior: bool) -> Speed:
+    """Time this machine, in a few tenths of a second once kernels are compiled.
+
+    Args:
+        engine: one that holds nothing yet, or nothing that is needed.
+        threads: that the CPU's work runs on.
+        with_prior: whether to time a piece of the prior; otherwise the engine's speed is taken for both.
+    """
+    numba.set_num_threads(threads)
+    rng = np.random.default_rng(0)
+    frames = [_frame(rng, index) for index in range(3)]
+    training = _step_seconds(engine, frames[0], rng) / STEP_SECONDS
+    return Speed(_sweep_seconds(frames) / SWEEP_SECONDS if with_prior else training, training)
+
+
+def _frame(rng: np.random.Generator, index: int) -> Frame:
+    pose = np.eye(4)
+    pose[0, 3] = index * BASELINE
+    camera = Camera(WIDTH, HEIGHT, FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2, pose)
+    return Frame(str(index), camera, rng.integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8))
+
+
+def _sweep_seconds(frames: list[Frame]) -> float:
+    """Of one sweep with two references."""
+    return _least_seconds(
+        lambda: sweep(frames[0], frames[1:], DepthRange(DISTANCE / 2, DISTANCE * 2, HYPOTHESES), SweepSettings())
+    )
+
+
+def _least_seconds(work: Callable[[], object]) -> float:
+    """The least that work takes, of several times: the first loads kernels, and others may be disturbed."""
+    seconds = []
+    for _ in range(REPEATS):
+        started = time.perf_counter()
+        work()
+        seconds.append(time.perf_counter() - started)
+    return min(seconds)
+
+
+def _step_seconds(engine: Engine, frame: Frame, rng: np.random.Generator) -> float:
+    """Of one step on Gaussians that tile the image once, as a dense cloud's do."""
+    across, down = WIDTH / FOCAL * DISTANCE, HEIGHT / FOCAL * DISTANCE
+    means = rng.uniform(-0.5, 0.5, (GAUSSIANS, 3)) * (across, down, 0.2) + (0, 0, DISTANCE)
+    size = np.log(np.sqrt(across * down / GAUSSIANS))
+    scene = Gaussians(
+        means,
+        np.full((GAUSSIANS, 3), size),
+        np.tile([1.0, 0, 0, 0], (GAUSSIANS, 1)),
+        np.zeros(GAUSSIANS),
+        rng.normal(size=(GAUSSIANS, 1, 3)),
+    )
+    settings = StepSettings(LearningRates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    engine.prepare()
+    engine.set_views([frame])
+    engine.upload(scene)
+
+    def step() -> None:
+        engine.step(0, settings)
+        engine.loss()
+
+    return _least_seconds(step)

@@ -1,0 +1,105 @@
+"""How long the stages of a run take.
+
+Seconds of work were measured on two cores of an AMD EPYC (Zen 5); `calibration` says how much longer they take here.
+They err on the long side: what is over goes to training, which ends by the clock.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pocketgs.prior.detection import LONGEST_SIDE, PIXELS
+from pocketgs.prior.pairs import PAIRS_PER_VIEW
+from pocketgs.training.planning.calibration import Speed
+from pocketgs.training.planning.work import Work
+
+MEGA = 1e6
+
+DECODED_MEGAPIXEL = 0.03
+FEATURES_MEGAPIXEL = 0.2
+MATCHED_PAIR = 0.01
+ADJUSTED_VIEW = 0.1
+SWEPT_MEGAPIXEL = 0.5
+SWEPT_MEGAPIXEL_AND_REFERENCE = 0.25
+MERGED_MILLION = 0.6
+SEEDED_MILLION = 5.0
+STEP_MILLION, STEP_MILLION_COLUMNS, STEP_MEGAPIXEL = 0.3, 0.003, 0.07
+"""Seconds of a step for a million Gaussians, for a million numbers that they have, and for a million pixels."""
+
+LOOK_VIEW, LOOK_MEGAPIXEL = 0.005, 0.1
+"""Of looking at one held-out view during training."""
+
+EVALUATED_VIEW, EVALUATED_MEGAPIXEL = 0.02, 0.5
+"""Of one held-out view at the end: rendering, comparing, and writing a picture."""
+
+WRITTEN, WRITTEN_MILLION = 0.2, 3.0
+
+
+@dataclass(frozen=True)
+class Timetable:
+    """How long a run takes.
+
+    Attributes:
+        before: seconds until the first step.
+        step: of one step, held-out views that are looked at now and then included.
+        after: seconds from the last step until the result is written.
+    """
+
+    before: float
+    step: float
+    after: float
+
+    def steps_within(self, seconds: float) -> int:
+        """Steps that there is time for; none where not even the rest fits."""
+        return max(0, int((seconds - self.before - self.after) / self.step))
+
+    def total(self, steps: int) -> float:
+        """Seconds that a run with so many steps takes."""
+        return self.before + steps * self.step + self.after
+
+
+def timetable(work: Work, speed: Speed) -> Timetable:
+    """Estimate how long a run takes from the moment on at which it is planned."""
+    outline = work.outline
+    decoded = outline.stored_pixels * (len(outline.training) + len(outline.held_out)) / MEGA
+    prior = DECODED_MEGAPIXEL * decoded
+    if work.has_prior:
+        prior += _poses(work)
+    if work.has_depth:
+        megapixels = work.keyframes * work.sweep_pixels / MEGA
+        prior += megapixels * (SWEPT_MEGAPIXEL + SWEPT_MEGAPIXEL_AND_REFERENCE * work.options.references)
+        prior += MERGED_MILLION * work.candidates / MEGA
+    millions, megapixels = work.gaussians / MEGA, outline.pixels / MEGA
+    seeding = SEEDED_MILLION * millions
+    step = step_seconds(work.gaussians, work.coefficients, outline.pixels)
+    held_out = len(outline.held_out)
+    look = held_out * (LOOK_VIEW + LOOK_MEGAPIXEL * megapixels)
+    after = WRITTEN + WRITTEN_MILLION * millions + held_out * (EVALUATED_VIEW + EVALUATED_MEGAPIXEL * megapixels)
+    looks = look / work.options.evaluate_every if work.options.evaluate_every else 0.0
+    return Timetable(
+        before=speed.prior * (prior + seeding),
+        step=speed.training * step + max(speed.prior, speed.training) * looks,
+        after=max(speed.prior, speed.training) * after,
+    )
+
+
+def step_seconds(gaussians: int, coefficients: int, pixels: float) -> float:
+    """How long a step takes on the machine that the model was measured on.
+
+    Args:
+        gaussians: their number.
+        coefficients: of spherical harmonics per channel.
+        pixels: of a view.
+    """
+    columns = 10 + 3 * coefficients
+    return (STEP_MILLION + STEP_MILLION_COLUMNS * columns) * gaussians / MEGA + STEP_MEGAPIXEL * pixels / MEGA
+
+
+def _poses(work: Work) -> float:
+    """Features and matches of all frames, and adjusted poses if they may be: whether they are is found out later."""
+    outline = work.outline
+    views = len(outline.training) + len(outline.held_out)
+    looked_at = min(outline.stored_pixels, LONGEST_SIDE**2, PIXELS / views)
+    features = (DECODED_MEGAPIXEL * outline.stored_pixels + FEATURES_MEGAPIXEL * looked_at) / MEGA * views
+    pairs = views * min(PAIRS_PER_VIEW, views - 1) / 2
+    return features + MATCHED_PAIR * pairs + (ADJUSTED_VIEW * views if work.options.bundle else 0.0)

@@ -1,0 +1,68 @@
+"""The size of a run: what its memory and its time follow from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pocketgs.capture.listed import Outline
+from pocketgs.prior.depth_maps import sweep_pixels
+from pocketgs.prior.fuse import MOST_CANDIDATES
+from pocketgs.training.options import SizedOptions
+from pocketgs.training.recipes import recipe_named
+
+
+@dataclass(frozen=True)
+class Work:
+    """A run on a capture at one size.
+
+    Attributes:
+        outline: the photographs, at the size that is thought of.
+        options: what is asked for, with as many Gaussians as are thought of.
+        threads: that the CPU's work runs on.
+    """
+
+    outline: Outline
+    options: SizedOptions
+    threads: int
+
+    @property
+    def gaussians(self) -> int:
+        """Their number, at most."""
+        return self.options.max_gaussians
+
+    @property
+    def coefficients(self) -> int:
+        """Of spherical harmonics a channel."""
+        degree = self.options.sh_degree
+        return ((recipe_named(self.options.recipe).sh_degree if degree is None else degree) + 1) ** 2
+
+    @property
+    def columns(self) -> int:
+        """Numbers that a Gaussian is trained in."""
+        return 10 + 3 * self.coefficients
+
+    @property
+    def has_prior(self) -> bool:
+        """Whether poses are looked into."""
+        return self.options.prior != "none"
+
+    @property
+    def has_depth(self) -> bool:
+        """Whether depth is computed."""
+        return self.options.prior == "dense"
+
+    @property
+    def keyframes(self) -> int:
+        """Their number, at most."""
+        return min(self.options.max_keyframes, len(self.outline.training))
+
+    @property
+    def sweep_pixels(self) -> int:
+        """Of a photograph whose depths are searched."""
+        return min(self.outline.pixels, sweep_pixels(self.keyframes))
+
+    @property
+    def candidates(self) -> int:
+        """Pixels that may become points of the cloud."""
+        pixels = self.keyframes * self.sweep_pixels
+        return pixels // max(1, -(-pixels // MOST_CANDIDATES))

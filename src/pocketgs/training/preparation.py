@@ -1,0 +1,109 @@
+"""Before training: the capture with the poses, photographs and points to train on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numba
+import numpy as np
+
+from pocketgs.capture.capture import Capture
+from pocketgs.errors import PocketGSError
+from pocketgs.prior.advice import check_photographs
+from pocketgs.prior.keyframes import KeyframeSettings
+from pocketgs.prior.prior import PreparedCapture, PriorSettings, build_prior
+from pocketgs.prior.structure import StructureSettings
+from pocketgs.prior.sweep import SweepSettings
+from pocketgs.prior.volume import draw_points
+from pocketgs.scene.point_cloud import PointCloud
+from pocketgs.structure_from_motion.process import check_installed
+from pocketgs.structure_from_motion.sparse_cloud import triangulate
+from pocketgs.system.cores import kernel_threads
+from pocketgs.system.stopwatch import Stopwatch
+from pocketgs.training.options import SizedOptions, TrainingOptions
+from pocketgs.training.planning.effort import sized
+
+FEWEST_POINTS = 16
+"""A cloud of fewer is not worth starting from."""
+
+
+def prepare(
+    capture: Capture, options: TrainingOptions | None = None, stopwatch: Stopwatch | None = None
+) -> PreparedCapture:
+    """Build the prior that the options ask for.
+
+    Where none is asked for, or a sparse one finds hardly a point, the capture's own points are taken, or points drawn
+    where the photographs agree.
+
+    Args:
+        capture: what to train on.
+        options: of the run; all at their defaults if None.
+        stopwatch: times the stages; a new one if None.
+
+    Raises:
+        PocketGSError: there is no training view, there are too few photographs, or there is nothing to start from.
+    """
+    if not capture.train:
+        raise PocketGSError(f"{capture.path}: no training view, expected at least one")
+    check_photographs(capture)
+    options = sized(options or TrainingOptions(), [(f.camera.width, f.camera.height) for f in capture.train])
+    stopwatch = stopwatch or Stopwatch()
+    prepared = PreparedCapture.of(capture, None)
+    if options.prior == "colmap" and capture.points is None:
+        check_installed()
+    if options.prior != "none":
+        numba.set_num_threads(kernel_threads(options.threads))
+        prepared = build_prior(capture, options.max_gaussians, _settings(options), stopwatch)
+        if options.prior == "colmap":
+            prepared = _with_colmap_cloud(capture, prepared, options, stopwatch)
+        if prepared.points and len(prepared.points) >= FEWEST_POINTS:
+            return _with_points(prepared, _at_most(prepared.points, options))
+    with stopwatch.stage("points"):
+        points = starting_points(replace(prepared, points=capture.points), options)
+    report = prepared.report
+    if report is not None:
+        found = f"too few points were found ({report.points}): training starts from others"
+        report = replace(report, warnings=(*report.warnings, found))
+    return replace(prepared, points=points, report=report)
+
+
+def _with_points(prepared: PreparedCapture, points: PointCloud) -> PreparedCapture:
+    """The capture with another cloud, of which its report tells too."""
+    report = replace(prepared.report, points=len(points)) if prepared.report else None
+    return replace(prepared, points=points, report=report)
+
+
+def _with_colmap_cloud(
+    capture: Capture, prepared: PreparedCapture, options: SizedOptions, stopwatch: Stopwatch
+) -> PreparedCapture:
+    """A sparse cloud in place of the prior's own: the capture's where its poses still hold, or COLMAP's."""
+    assert prepared.report is not None
+    with stopwatch.stage("points"):
+        points = None if prepared.report.poses_refined else capture.points
+        if points is None:
+            points = triangulate(prepared.train, options.seed)
+    return _with_points(prepared, points)
+
+
+def starting_points(capture: Capture, options: SizedOptions) -> PointCloud:
+    """The capture's own points, or points drawn where it has none; at most `max_gaussians` of them."""
+    if capture.points is None or len(capture.points) < 4:
+        return draw_points(capture.train, options.max_gaussians, options.seed)
+    return _at_most(capture.points, options)
+
+
+def _at_most(points: PointCloud, options: SizedOptions) -> PointCloud:
+    if len(points) <= options.max_gaussians:
+        return points
+    chosen = np.random.default_rng(options.seed).permutation(len(points))[: options.max_gaussians]
+    return points.select(np.sort(chosen))
+
+
+def _settings(options: SizedOptions) -> PriorSettings:
+    return PriorSettings(
+        keyframes=KeyframeSettings(max_keyframes=options.max_keyframes),
+        structure=StructureSettings(bundle=options.bundle),
+        sweep=SweepSettings(references=options.references),
+        dense=options.prior == "dense",
+        exposure=options.exposure,
+    )

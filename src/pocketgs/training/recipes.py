@@ -1,0 +1,159 @@
+"""Training recipes: the loss, the learning rates and how they fall, and how seeds start."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.point_cloud import PointCloud
+from pocketgs.splat.settings import AdamSettings, LearningRates, LossSettings
+
+Schedule = Callable[[LearningRates, float], LearningRates]
+"""From the initial rates and the fraction of the run that is over, the rates of this iteration."""
+
+SLOWEST_SCALES = 0.5
+"""Share of their rate that scales keep in the longest runs, which are often stopped early."""
+
+LEAST_EXTENT = 1e-6
+"""Cameras nearer to each other than this times their distance from the points differ by rounding only."""
+
+
+def cosine(final: float) -> Schedule:
+    """All rates fall together along half a cosine from 1 to `final` times their initial values."""
+
+    def rates(initial: LearningRates, progress: float) -> LearningRates:
+        return initial.scaled(final + (1.0 - final) * 0.5 * (1.0 + math.cos(math.pi * min(progress, 1.0))))
+
+    return rates
+
+
+def exponential_means(final: float) -> Schedule:
+    """The rate of the means falls exponentially from 1 to `final` times its initial value; the others stay.
+
+    3DGS's schedule, stretched over the run's length as gsplat and OpenSplat do.
+    """
+
+    def rates(initial: LearningRates, progress: float) -> LearningRates:
+        return replace(initial, means=initial.means * final ** min(progress, 1.0))
+
+    return rates
+
+
+def pixel_footprint(cameras: Sequence[Camera], points: PointCloud) -> float:
+    """Length at the scene that one pixel covers: the median over cameras and points in view of depth / focal length.
+
+    Raises:
+        PocketGSError: no camera sees a point.
+    """
+    ratios = []
+    for camera in cameras:
+        pixels, depth = camera.project(points.positions.astype(np.float64))
+        seen = (depth > 0) & np.all((pixels >= 0) & (pixels < [camera.width, camera.height]), axis=1)
+        ratios.append(depth[seen] / math.sqrt(camera.fx * camera.fy))
+    together = np.concatenate(ratios)
+    if len(together) == 0:
+        raise PocketGSError(
+            f"none of the {len(cameras)} cameras sees any of the {len(points)} points: are poses right?"
+        )
+    return float(np.median(together))
+
+
+def camera_extent(cameras: Sequence[Camera], points: PointCloud) -> float:
+    """3DGS's measure of a scene: 1.1 times the largest distance of a camera from the cameras' mean.
+
+    Raises:
+        PocketGSError: the cameras stand in one place, or there is only one: nothing would move.
+    """
+    centres = np.array([camera.centre for camera in cameras])
+    extent = 1.1 * float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max())
+    distance = float(np.median(np.linalg.norm(points.positions - centres.mean(axis=0), axis=1)))
+    if extent <= LEAST_EXTENT * distance:
+        raise PocketGSError(
+            f"the training cameras ({len(cameras)}) stand in one place, which gives the recipe no length to measure "
+            "steps in: expected cameras that moved, or the recipe 'pocketgs'"
+        )
+    return extent
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How to train.
+
+    Attributes:
+        name: for reports.
+        rates: initial learning rates; that of the means in the unit that `length` measures.
+        length: measures the unit of length on the training cameras and the starting points.
+        schedule: how the rates fall.
+        loss: what is minimised.
+        adam: how gradients are averaged.
+        opacity: initial opacity of the seeds.
+        seed_size: scale of a seed, as a multiple of the distance to its neighbours.
+        sh_degree: degree of the spherical harmonics.
+        scales_for: iterations that the rate of the scales is made for, or None for any. Noise in the gradients lets
+            scales wander with the square root of the number of steps: in longer runs their rate falls with it.
+    """
+
+    name: str
+    rates: LearningRates
+    length: Callable[[Sequence[Camera], PointCloud], float]
+    schedule: Schedule
+    loss: LossSettings = field(default_factory=LossSettings)
+    adam: AdamSettings = field(default_factory=AdamSettings)
+    opacity: float = 0.1
+    seed_size: float = 1.0
+    sh_degree: int = 0
+    scales_for: int | None = None
+
+    def rates_for(self, iterations: int, unit: float) -> LearningRates:
+        """The initial rates of a run.
+
+        Args:
+            iterations: of the run.
+            unit: what `length` measured.
+        """
+        slower = math.sqrt(self.scales_for / iterations) if self.scales_for else 1.0
+        slower = min(max(slower, SLOWEST_SCALES), 1.0)
+        return replace(self.rates, means=self.rates.means * unit, log_scales=self.rates.log_scales * slower)
+
+
+# Rotations move in the tangent space, q ⊗ exp(½δ), so their rates are twice those of quaternion components.
+RECIPES = {
+    # For a few hundred iterations: large steps, measured in pixels, that fall together.
+    "pocketgs": Recipe(
+        name="pocketgs",
+        rates=LearningRates(means=0.2, log_scales=0.16, rotations=0.032, opacity_logits=0.1, sh_dc=0.03, sh_rest=0.008),
+        length=pixel_footprint,
+        schedule=cosine(final=0.02),
+        # Squares that remember twenty steps, not a thousand, follow the gradients of a run of hundreds.
+        adam=AdamSettings(beta2=0.95, seen_only=True),
+        opacity=0.25,
+        seed_size=0.6,
+        sh_degree=2,
+        scales_for=500,
+    ),
+    # 3DGS's own, made for 30,000 iterations: spherical harmonics would stay at degree 0 for the first 1000.
+    "reference": Recipe(
+        name="reference",
+        rates=LearningRates(
+            means=1.6e-4, log_scales=5e-3, rotations=2e-3, opacity_logits=0.05, sh_dc=2.5e-3, sh_rest=1.25e-4
+        ),
+        length=camera_extent,
+        schedule=exponential_means(final=0.01),
+    ),
+}
+
+
+def recipe_named(name: str) -> Recipe:
+    """The recipe of that name.
+
+    Raises:
+        PocketGSError: there is none.
+    """
+    if name not in RECIPES:
+        raise PocketGSError(f"recipe {name!r}: not known, expected one of {', '.join(RECIPES)}")
+    return RECIPES[name]

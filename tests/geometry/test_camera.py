@@ -1,0 +1,17 @@
+"""The pinhole camera: rays are what projection undoes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pocketgs.geometry.camera import Camera, look_at
+
+
+def test_a_point_on_a_ray_falls_on_the_rays_pixel_at_its_depth() -> None:
+    pose = look_at(np.array([1.0, -2.0, 0.5]), np.zeros(3), np.array([0.1, 0.0, 1.0]))
+    camera = Camera(640, 480, 500.0, 510.0, 310.0, 250.0, pose)
+    rng = np.random.default_rng(0)
+    pixels, depths = rng.uniform(0, 480, (50, 2)), rng.uniform(0.1, 9, 50)
+    found, depth = camera.project(camera.centre + camera.rays(pixels) * depths[:, None])
+    np.testing.assert_allclose(found, pixels, rtol=1e-9)
+    np.testing.assert_allclose(depth, depths, rtol=1e-9)

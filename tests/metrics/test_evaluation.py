@@ -1,0 +1,138 @@
+"""PSNR and SSIM against scikit-image, masks, and LPIPS that is or is not there."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from skimage import data
+from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+
+from pocketgs.errors import PocketGSError
+from pocketgs.metrics.evaluation import Evaluation, ImageMetrics, evaluate, psnr, ssim
+from pocketgs.metrics.perceptual import Lpips
+
+
+def reference_ssim(first: np.ndarray, second: np.ndarray) -> float:
+    options = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}
+    return structural_similarity(first, second, channel_axis=2, data_range=1, **options)
+
+
+def noisy(image: np.ndarray, amount: float, seed: int = 0) -> np.ndarray:
+    noise = np.random.default_rng(seed).normal(0, amount, image.shape)
+    return np.clip(image + noise, 0, 1).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def photo() -> np.ndarray:
+    return data.astronaut()[40:200, 120:330].astype(np.float32) / 255
+
+
+@pytest.mark.parametrize("amount", [0.001, 0.02, 0.1, 0.5])
+def test_agrees_with_scikit_image_on_a_photograph(photo: np.ndarray, amount: float) -> None:
+    rendered = noisy(photo, amount)
+    assert ssim(rendered, photo) == pytest.approx(reference_ssim(rendered, photo), abs=1e-4)
+    assert psnr(rendered, photo) == pytest.approx(peak_signal_noise_ratio(photo, rendered, data_range=1), abs=1e-4)
+
+
+@settings(max_examples=30, deadline=None)
+@given(height=st.integers(11, 40), width=st.integers(11, 40), seed=st.integers(0, 1000), amount=st.floats(0, 1))
+def test_agrees_with_scikit_image_at_any_size(height: int, width: int, seed: int, amount: float) -> None:
+    image = np.random.default_rng(seed).random((height, width, 3), dtype=np.float32)
+    rendered = noisy(image, amount, seed)
+    assert ssim(rendered, image) == pytest.approx(reference_ssim(rendered, image), abs=1e-4)
+
+
+def test_identical_images_are_finite(photo: np.ndarray) -> None:
+    assert psnr(photo, photo) == pytest.approx(100)
+    assert ssim(photo, photo) == pytest.approx(1)
+
+
+def test_mask_hides_what_lies_outside(photo: np.ndarray) -> None:
+    rendered = noisy(photo, 0.05)
+    mask = np.zeros(photo.shape[:2], dtype=bool)
+    mask[30:90, 40:150] = True
+    spoilt = rendered.copy()
+    spoilt[100:] = 0
+    assert psnr(spoilt, photo, mask) == psnr(rendered, photo, mask)
+    assert ssim(spoilt, photo, mask) == pytest.approx(ssim(rendered, photo, mask))
+    # Nor does anything right beside the mask count, in either image.
+    elsewhere = np.where(mask[:, :, None], photo, noisy(photo, 0.5))
+    assert ssim(np.where(mask[:, :, None], rendered, 1), elsewhere, mask) == ssim(rendered, photo, mask)
+    assert psnr(rendered, elsewhere, mask) == psnr(rendered, photo, mask)
+    inside = photo[30:90, 40:150]
+    assert psnr(rendered, photo, mask) == pytest.approx(psnr(rendered[30:90, 40:150], inside))
+
+
+def test_full_mask_changes_nothing(photo: np.ndarray) -> None:
+    rendered, everything = noisy(photo, 0.05), np.ones(photo.shape[:2], dtype=bool)
+    assert psnr(rendered, photo, everything) == pytest.approx(psnr(rendered, photo))
+    assert ssim(rendered, photo, everything) == pytest.approx(ssim(rendered, photo))
+
+
+GREY = np.full((20, 20, 3), 0.5, np.float32)
+
+
+@pytest.mark.parametrize(
+    ("rendered", "photo", "mask", "message"),
+    [
+        (GREY[:15], GREY, None, "expected the same"),
+        (GREY[..., 0], GREY, None, "expected \\(height, width, 3\\)"),
+        (GREY, (GREY * 255).astype(np.uint8), None, "photo has type uint8"),
+        (GREY * np.nan, GREY, None, "not finite"),
+        (GREY, GREY, np.zeros((20, 20), bool), "mask is empty"),
+        (GREY, GREY, np.ones((20, 19), bool), "expected bool of shape"),
+        (GREY, GREY, np.ones((20, 20), np.uint8), "mask is uint8"),
+        (GREY[:10], GREY[:10], None, "at least 11 a side"),
+        (GREY, GREY, np.eye(20, k=19, dtype=bool), "no pixel of the mask"),
+    ],
+)
+def test_what_cannot_be_compared_is_named(
+    rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None, message: str
+) -> None:
+    with pytest.raises(PocketGSError, match=f"view 3: .*{message}"):
+        evaluate([("view 3", rendered, photo, mask)], with_lpips=False)
+
+
+def test_no_images() -> None:
+    with pytest.raises(PocketGSError, match="no images"):
+        evaluate([], with_lpips=False)
+
+
+def test_means_are_over_images() -> None:
+    evaluation = Evaluation(
+        [ImageMetrics("a", 20.0, 0.5, 0.25), ImageMetrics("b", 30.0, 0.75), ImageMetrics("c", 40, 1)]
+    )
+    assert (evaluation.psnr, evaluation.ssim, evaluation.lpips) == (30.0, 0.75, 0.25)
+    assert Evaluation([ImageMetrics("a", 20.0, 0.5)]).lpips is None
+
+
+def test_takes_a_generator_and_is_json(photo: np.ndarray) -> None:
+    evaluation = evaluate(((str(n), noisy(photo, 0.1, n), photo, None) for n in range(2)), with_lpips=False)
+    assert [image.name for image in evaluation.images] == ["0", "1"]
+    assert evaluation.lpips_note is None
+    json.dumps(asdict(evaluation), allow_nan=False)
+
+
+def test_missing_lpips_is_reported(monkeypatch: pytest.MonkeyPatch, photo: np.ndarray) -> None:
+    monkeypatch.setitem(sys.modules, "lpips", None)
+    evaluation = evaluate([("a", photo, photo, None)])
+    assert evaluation.lpips is None
+    assert evaluation.lpips_note is not None
+    assert "pip install" in evaluation.lpips_note
+
+
+def test_failed_download_of_weights_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unreachable(**_: object) -> None:
+        raise OSError("no route to host")
+
+    monkeypatch.setitem(sys.modules, "lpips", SimpleNamespace(LPIPS=unreachable))
+    metric, note = Lpips.load()
+    assert metric is None
+    assert "no route to host" in note

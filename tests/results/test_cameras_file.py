@@ -1,0 +1,197 @@
+"""Cameras on disk: they come back as written, and what is none is refused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pocketgs import Capture, PocketGSError
+from pocketgs.capture.capture import Frame
+from pocketgs.results.cameras_file import read_cameras, with_poses_of, write_cameras
+
+
+def moved(frames: list[Frame]) -> list[Frame]:
+    """The frames, each somewhere else."""
+    rng = np.random.default_rng(5)
+    found = []
+    for frame in frames:
+        pose = frame.camera.world_to_camera.copy()
+        pose[:3, 3] += rng.normal(size=3) / 3
+        found.append(replace(frame, camera=replace(frame.camera, world_to_camera=pose)))
+    return found
+
+
+@pytest.fixture
+def path(small_capture: Capture, tmp_path: Path) -> Path:
+    write_cameras(tmp_path / "cameras.json", small_capture.frames, refined=True)
+    return tmp_path / "cameras.json"
+
+
+def test_round_trip(small_capture: Capture, tmp_path: Path) -> None:
+    """To the last bit, and nothing but poses changes."""
+    truth = replace(small_capture, train=moved(small_capture.train), held_out=moved(small_capture.held_out))
+    write_cameras(tmp_path / "cameras.json", truth.frames, refined=True)
+    found = with_poses_of(small_capture, tmp_path / "cameras.json")
+    assert len(found.frames) == len(truth.frames)
+    for frame, expected, given_one in zip(found.frames, truth.frames, small_capture.frames, strict=True):
+        assert frame.camera.world_to_camera.tobytes() == expected.camera.world_to_camera.tobytes()
+        assert frame.camera.world_to_camera.tobytes() != given_one.camera.world_to_camera.tobytes()
+        assert frame.name == expected.name
+        assert frame.camera.fx == given_one.camera.fx
+        assert frame.image is given_one.image
+    assert found.points is small_capture.points
+    assert [path.name for path in tmp_path.iterdir()] == ["cameras.json"]
+
+
+def test_cameras_come_back_as_written(small_capture: Capture, path: Path) -> None:
+    saved = read_cameras(path)
+    assert saved.refined
+    assert list(saved.cameras) == [frame.name for frame in small_capture.frames]
+    for frame in small_capture.frames:
+        found = saved.cameras[frame.name]
+        for entry in ("width", "height", "fx", "fy", "cx", "cy"):
+            assert getattr(found, entry) == getattr(frame.camera, entry)
+        np.testing.assert_array_equal(found.world_to_camera, frame.camera.world_to_camera)
+
+
+def test_poses_that_are_the_captures_own_change_nothing(small_capture: Capture, tmp_path: Path) -> None:
+    write_cameras(tmp_path / "cameras.json", moved(small_capture.frames), refined=False)
+    assert with_poses_of(small_capture, tmp_path / "cameras.json") is small_capture
+
+
+@pytest.mark.parametrize(
+    ("entry", "value"),
+    [
+        ("size", [0, 3]),
+        ("size", [3]),
+        ("size", "large"),
+        ("size", None),
+        ("intrinsics", [1, 1, 0]),
+        ("intrinsics", [-1, 1, 0, 0]),
+        ("intrinsics", [1, 1, 0, float("nan")]),
+        ("intrinsics", {}),
+    ],
+)
+def test_what_is_no_camera(small_capture: Capture, path: Path, entry: str, value: Any) -> None:
+    document = json.loads(path.read_text())
+    name = small_capture.train[1].name
+    document["cameras"][name][entry] = value
+    path.write_text(json.dumps(document))
+    with pytest.raises(PocketGSError, match=rf"cameras\.json: '{name}' is no camera"):
+        read_cameras(path)
+    del document["cameras"][name][entry]
+    path.write_text(json.dumps(document))
+    with pytest.raises(PocketGSError, match=rf"cameras\.json: '{name}' is no camera"):
+        read_cameras(path)
+
+
+def test_frames_that_the_file_does_not_name_keep_their_poses(small_capture: Capture, tmp_path: Path) -> None:
+    write_cameras(tmp_path / "cameras.json", moved(small_capture.train)[:3], refined=True)
+    found = with_poses_of(small_capture, tmp_path / "cameras.json")
+    assert found.train[3:] == small_capture.train[3:]
+    assert found.held_out == small_capture.held_out
+    for frame, before in zip(found.train[:3], small_capture.train, strict=False):
+        assert not np.allclose(frame.camera.centre, before.camera.centre)
+
+
+def test_file_of_another_capture(small_capture: Capture, path: Path) -> None:
+    foreign = replace(small_capture, train=[replace(f, name=f"x{f.name}") for f in small_capture.train], held_out=[])
+    with pytest.raises(PocketGSError, match=r"cameras\.json: names no frame of demo, expected the capture that"):
+        with_poses_of(foreign, path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "",
+        "hello",
+        "[]",
+        "7",
+        "null",
+        "{}",
+        '{"cameras": 3, "refined": true}',
+        '{"cameras": null, "refined": true}',
+        '{"cameras": {}}',
+        '{"poses": {}, "refined": true}',
+        "\0",
+    ],
+)
+def test_file_that_is_none(small_capture: Capture, path: Path, content: str) -> None:
+    path.write_text(content)
+    with pytest.raises(PocketGSError, match=r"cameras\.json: not a readable file of cameras"):
+        with_poses_of(small_capture, path)
+
+
+def test_file_cut_off_or_missing(small_capture: Capture, path: Path) -> None:
+    whole = path.read_bytes()
+    for length in range(0, len(whole) - 2, 101):
+        path.write_bytes(whole[:length])
+        with pytest.raises(PocketGSError, match=r"cameras\.json: not a readable file of cameras"):
+            with_poses_of(small_capture, path)
+    path.write_bytes(b"\xff\xfe")
+    with pytest.raises(PocketGSError, match=r"cameras\.json: not a readable"):
+        with_poses_of(small_capture, path)
+    path.unlink()
+    with pytest.raises(PocketGSError, match=r"cameras\.json: not a readable"):
+        with_poses_of(small_capture, path)
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [
+        None,
+        3,
+        "north",
+        [],
+        {},
+        np.eye(3).tolist(),
+        np.eye(4)[:3].tolist(),
+        [[1, 0], [0, 1, 0]],
+        (2 * np.eye(4)).tolist(),
+        np.zeros((4, 4)).tolist(),
+        np.diag([1.0, 1, -1, 1]).tolist(),
+        (np.eye(4) * np.nan).tolist(),
+        (np.eye(4) + np.inf).tolist(),
+        [["1", "x", "0", "0"]] * 4,
+    ],
+)
+def test_what_is_no_pose(small_capture: Capture, path: Path, pose: Any) -> None:
+    document = json.loads(path.read_text())
+    name = small_capture.train[2].name
+    document["cameras"][name]["world_to_camera"] = pose
+    path.write_text(json.dumps(document))
+    with pytest.raises(PocketGSError, match=rf"cameras\.json: '{name}' is no camera"):
+        with_poses_of(small_capture, path)
+
+
+@given(
+    st.recursive(st.none() | st.floats() | st.text(), lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner))
+)
+@settings(deadline=None)
+def test_any_json(small_capture: Capture, tmp_path_factory: pytest.TempPathFactory, content: Any) -> None:
+    path = tmp_path_factory.mktemp("any") / "cameras.json"
+    for document in (
+        content,
+        {"cameras": content, "refined": True},
+        {"cameras": {small_capture.train[0].name: content}, "refined": True},
+    ):
+        path.write_text(json.dumps(document))
+        with pytest.raises(PocketGSError):
+            with_poses_of(small_capture, path)
+
+
+def test_a_file_that_cannot_be_written_leaves_the_old_one(
+    small_capture: Capture, path: Path, contents: Callable[[Path], dict[str, bytes]]
+) -> None:
+    before = contents(path.parent)
+    with pytest.raises((PocketGSError, OSError)):
+        write_cameras(path / "below" / "cameras.json", small_capture.frames, refined=True)
+    assert contents(path.parent) == before

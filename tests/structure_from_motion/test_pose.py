@@ -1,0 +1,290 @@
+"""Structure from motion: what it refuses, what it leaves behind, and poses that agree with known ones."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pocketgs.capture import open_capture
+from pocketgs.capture.open import lacks_poses, read_listing
+from pocketgs.capture.synthetic import true_capture
+from pocketgs.cli import main
+from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
+from pocketgs.results.video import write_video
+from pocketgs.structure_from_motion.options import PoseOptions
+from pocketgs.structure_from_motion.pose import STAGES, pose, posed
+from pocketgs.structure_from_motion.process import run_colmap
+from pocketgs.structure_from_motion.world import similarity
+
+NAMES = ["0.jpg", "1.jpg", "2.jpg", "3.jpg"]
+OUTCOME = {
+    "placed": NAMES,
+    "points": 7,
+    "reprojection_error": 0.5,
+    "matched_pairs": 6,
+    "other_models": [],
+    "metric": False,
+}
+
+
+@pytest.fixture
+def photographs(tmp_path: Path) -> Path:
+    """Four pictures of nothing in particular."""
+    folder = tmp_path / "photographs"
+    folder.mkdir()
+    generator = np.random.default_rng(0)
+    for number in range(4):
+        picture = generator.integers(0, 256, (48, 64, 3), dtype=np.uint8)
+        Image.fromarray(picture).save(folder / f"{number}.jpg")
+    (folder / "notes.txt").write_text("not a photograph")
+    return folder
+
+
+@pytest.fixture
+def colmap_outcome(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """What a stand-in for COLMAP finds, for the test to change; it writes a model of cameras side by side."""
+    outcome = dict(OUTCOME)
+
+    def run(module: str, job: dict[str, Any], *others: Any) -> dict[str, Any]:
+        model = Path(job["model"])
+        (model / "cameras.txt").write_text("1 PINHOLE 64 48 60 60 32 24\n")
+        lines = [f"{number + 1} 1 0 0 0 {number} 0 0 1 {name}\n\n" for number, name in enumerate(NAMES)]
+        (model / "images.txt").write_text("".join(lines))
+        (model / "points3D.txt").write_text("")
+        return outcome
+
+    monkeypatch.setattr("pocketgs.structure_from_motion.attempts.run_colmap", run)
+    return outcome
+
+
+@pytest.fixture
+def without_pycolmap(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+
+
+@pytest.mark.usefixtures("without_pycolmap")
+def test_without_pycolmap(photographs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("pose", "train"):
+        with pytest.raises(SystemExit) as stop:
+            main([command, str(photographs), "--output", str(tmp_path / "output")])
+        assert stop.value.code == 2
+        assert "COLMAP, whose package pycolmap is not installed: pip install 'pycolmap>=4.0'" in capsys.readouterr().err
+    assert not (tmp_path / "output").exists()
+
+
+def test_the_command_line_loads_no_pycolmap() -> None:
+    program = "import sys, pocketgs.cli; sys.exit('pycolmap' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program]).returncode == 0
+
+
+@pytest.mark.parametrize("count", [0, 2])
+def test_too_few_photographs(photographs: Path, tmp_path: Path, count: int) -> None:
+    for photograph in sorted(photographs.glob("*.jpg"))[count:]:
+        photograph.rename(photograph.with_suffix(".text"))
+    with pytest.raises(PocketGSError, match=rf"photographs: {count} photographs, expected .* at least 3 .*\.jpg"):
+        pose(photographs, tmp_path / "output")
+
+
+def test_what_is_no_input(photographs: Path, tmp_path: Path) -> None:
+    with pytest.raises(PocketGSError, match="none: no such file or folder, expected a video or a folder"):
+        pose(tmp_path / "none", tmp_path / "output")
+    with pytest.raises(PocketGSError, match=r"notes\.txt: 0 photographs"):
+        pose(photographs / "notes.txt", tmp_path / "output")
+    (tmp_path / "walk.mp4").write_bytes(b"no video")
+    with pytest.raises(PocketGSError, match=r"walk\.mp4: cannot be opened"):
+        pose(tmp_path / "walk.mp4", tmp_path / "output")
+
+
+@pytest.mark.parametrize("length", [0, 20, 1000])
+def test_photograph_cut_off(photographs: Path, tmp_path: Path, length: int) -> None:
+    photograph = photographs / "2.jpg"
+    photograph.write_bytes(photograph.read_bytes()[:length])
+    with pytest.raises(PocketGSError, match=r"2\.jpg: cannot be decoded"):
+        pose(photographs, tmp_path / "new" / "output")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["photographs"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"most_frames": 2}, "most frames: found 2, expected at least 3"),
+        ({"max_size": 0}, "max size: found 0, expected 64 to 16777216 pixels"),
+        ({"camera_model": "LENS"}, "camera model: found LENS, expected one of SIMPLE_PINHOLE"),
+        ({"seed": -1}, "seed: found -1"),
+    ],
+)
+def test_options(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(PocketGSError, match=message):
+        PoseOptions(**options)
+
+
+def test_photographs_that_do_not_match(photographs: Path, tmp_path: Path) -> None:
+    message = (
+        r"photographs: no poses found for 4 images \(\d+ features an image, 0 pairs that match\): photograph sharply"
+    )
+    stages: list[str] = []
+    with pytest.raises(PocketGSError, match=message):
+        pose(photographs, tmp_path / "output", on_stage=stages.append)
+    assert stages == [*STAGES, *STAGES[2:]]  # once more with less asked of a match
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["photographs"]
+
+
+def test_a_failure_inside_colmap_is_one_line(tmp_path: Path) -> None:
+    job = {"database": str(tmp_path / "none" / "features.db"), "seed": 0, "cameras": []}
+    with pytest.raises(PocketGSError, match=r"^COLMAP failed \(.+\)$"):
+        run_colmap("colmap", job, tmp_path / "log.txt", lambda stage: None)
+
+
+@pytest.mark.usefixtures("colmap_outcome")
+@pytest.mark.parametrize("foreign", ["scene.ply", "images/0.jpg", "posed.json"])
+def test_output_with_something_else_in_it(
+    photographs: Path, tmp_path: Path, contents: Callable[[Path], dict[str, bytes]], foreign: str
+) -> None:
+    output = tmp_path / "output"
+    (output / foreign).parent.mkdir(parents=True)
+    (output / foreign).write_text("mine")
+    before = contents(tmp_path)
+    with pytest.raises(PocketGSError, match=rf"output: holds {Path(foreign).parts[0]}, expected an empty folder"):
+        pose(photographs, output)
+    with pytest.raises(PocketGSError, match="is a file, expected a folder"):
+        pose(photographs, output / foreign)
+    with pytest.raises(PocketGSError, match="photographs: holds"):
+        pose(photographs, photographs)
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_a_result_replaces_an_earlier_one_when_complete(
+    photographs: Path,
+    tmp_path: Path,
+    contents: Callable[[Path], dict[str, bytes]],
+    colmap_outcome: dict[str, Any],
+    nested: bool,
+) -> None:
+    source, output = photographs, tmp_path / "output"
+    if nested:
+        source = tmp_path / "source"
+        source.mkdir()
+        photographs.rename(source / "images")
+    originals = contents(source)
+    found = pose(source, output)
+    assert (found.frames, found.registered, found.points) == (4, 4, 7)
+    assert sorted(path.name for path in (output / "images").iterdir()) == ["0.jpg", "1.jpg", "2.jpg", "3.jpg"]
+    first = contents(output)
+    colmap_outcome["placed"] = []
+    with pytest.raises(PocketGSError, match="no poses found"):
+        pose(source, output)
+    assert contents(output) == first
+    colmap_outcome |= {"placed": NAMES[:3], "other_models": [3]}
+    warnings: list[str] = []
+    pose(source, output, on_warning=warnings.append)
+    (warning,) = warnings
+    assert warning.startswith("poses of 3 of 4 images were found; left out: 3.jpg. Parts of 3 images fit together but")
+    assert json.loads((output / "posed.json").read_text())["unplaced"] == ["3.jpg"]
+    assert contents(source) == originals
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([source.name, "output"])
+
+
+@pytest.mark.usefixtures("colmap_outcome")
+def test_a_posed_capture_is_used_again_until_its_source_changes(
+    photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "result" / "posed"
+    assert posed(photographs, folder) == folder
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    assert posed(photographs, folder) == folder
+    with pytest.raises(PocketGSError, match="whose package pycolmap"):
+        posed(photographs, folder, PoseOptions(max_size=800))
+    os.utime(photographs / "1.jpg", (0, 0))
+    with pytest.raises(PocketGSError, match="whose package pycolmap"):
+        posed(photographs, folder)
+
+
+def test_photographs_are_no_capture(photographs: Path, written_capture: Path) -> None:
+    assert lacks_poses(photographs)
+    assert not lacks_poses(written_capture)
+    assert not lacks_poses(photographs / "none")
+    with pytest.raises(PocketGSError, match=r"photographs: photographs without poses, .* pocketgs pose makes one"):
+        open_capture(photographs)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+def test_ctrl_c_leaves_everything_as_it_was(photographs: Path, tmp_path: Path) -> None:
+    Image.effect_noise((2000, 1500), 90).save(photographs / "large.png")
+    command = [sys.executable, "-m", "pocketgs", "pose", str(photographs), "--output", str(tmp_path / "output")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        until = time.monotonic() + 60
+        while not list(tmp_path.glob(".output.*.partial/work/features.db")) and time.monotonic() < until:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (130, "pocketgs: stopped\n")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["photographs"]
+
+
+@pytest.mark.slow
+def test_poses_of_real_photographs(data_folder: Path, tmp_path: Path) -> None:
+    """Against those that LLFF's authors published, on the same photographs."""
+    found = pose(data_folder / "fern" / "images_8", tmp_path / "posed")
+    assert (found.frames, found.registered) == (20, 20)
+    assert found.points > 1500
+    assert found.reprojection_error < 1
+    truth = cameras_by_name(data_folder / "fern", "images_8")
+    position_errors, angles = differences(cameras_by_name(tmp_path / "posed"), truth)
+    assert position_errors.mean() < 0.02
+    assert angles.max() < 1
+    capture = open_capture(tmp_path / "posed")
+    assert (len(capture.train), len(capture.held_out), len(capture.points or [])) == (17, 3, found.points)
+
+
+@pytest.mark.slow
+def test_the_same_photographs_give_the_same_poses(
+    data_folder: Path, tmp_path: Path, contents: Callable[[Path], dict[str, bytes]]
+) -> None:
+    for name in ("first", "second"):
+        pose(data_folder / "fern" / "images_8", tmp_path / name, PoseOptions(max_size=300))
+    assert contents(tmp_path / "first") == contents(tmp_path / "second")
+
+
+@pytest.mark.slow
+def test_poses_of_a_video(tmp_path: Path) -> None:
+    capture = true_capture(width=480, height=360, frames=24, points=10)
+    frames = sorted(capture.frames, key=lambda frame: frame.name)
+    write_video(tmp_path / "walk.mp4", (frame.image for frame in frames), fps=30)
+    found = pose(tmp_path / "walk.mp4", tmp_path / "posed", PoseOptions(camera_model="PINHOLE"))
+    assert (found.frames, found.registered) == (24, 24)
+    truth = {f"frame_{number:06d}.jpg": frame.camera for number, frame in enumerate(frames)}
+    position_errors, angles = differences(cameras_by_name(tmp_path / "posed"), truth)
+    assert position_errors.mean() < 0.005
+    assert angles.max() < 1
+
+
+def cameras_by_name(capture: Path, images: str | None = None) -> dict[str, Camera]:
+    return {Path(frame.name).name: frame.camera for frame in read_listing(capture, images).frames}
+
+
+def differences(found: dict[str, Camera], truth: dict[str, Camera]) -> tuple[np.ndarray, np.ndarray]:
+    """Differences of position, in radii of the cameras' cloud, and of rotation, in degrees, after alignment."""
+    names = sorted(found)
+    centres = np.array([found[name].centre for name in names])
+    true_centres = np.array([truth[name].centre for name in names])
+    aligned = similarity(centres, true_centres)
+    radius = np.linalg.norm(true_centres - true_centres.mean(axis=0), axis=1).max()
+    distances = np.linalg.norm(aligned.apply(centres) - true_centres, axis=1) / radius
+    turns = [
+        truth[name].world_to_camera[:3, :3] @ aligned.rotation @ found[name].world_to_camera[:3, :3].T for name in names
+    ]
+    cosines = (np.trace(turns, axis1=1, axis2=2) - 1) / 2
+    return distances, np.degrees(np.arccos(np.clip(cosines, -1, 1)))

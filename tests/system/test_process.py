@@ -1,0 +1,41 @@
+"""Memory and age of this process, and times of stages."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from pocketgs.system.process import peak_rss_mb, seconds_since_start
+from pocketgs.system.stopwatch import Stopwatch
+
+
+def test_peak_memory_grows_with_what_is_held() -> None:
+    before = peak_rss_mb()
+    held = np.ones(int(before * 1e6 / 8) + 25_000_000)
+    assert peak_rss_mb() > before + 100
+    assert held.sum() > 0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems start a process's count at 0")
+def test_peak_memory_is_not_that_of_the_parent() -> None:
+    held = np.ones(50_000_000)
+    program = "from pocketgs.system.process import peak_rss_mb; print(peak_rss_mb())"
+    child = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert 5 < float(child.stdout) < 200
+    assert held.sum() > 0
+
+
+def test_stopwatch_adds_up_and_tells() -> None:
+    told: list[str] = []
+    stopwatch = Stopwatch(told.append)
+    for name in ("one", "two", "one"):
+        with stopwatch.stage(name):
+            time.sleep(0.01)
+    assert told == ["one", "two", "one"]
+    assert stopwatch.seconds["one"] >= 0.02
+    assert stopwatch.seconds["two"] >= 0.01
+    assert seconds_since_start() > 0.03

@@ -1,0 +1,273 @@
+"""Plans: what fits is taken, what does not is refused, and a larger budget never gives less."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pocketgs.capture import ListedCapture, list_capture
+from pocketgs.capture.image_file import ImageHeader
+from pocketgs.capture.listing import FrameSource, Listing
+from pocketgs.capture.loading import Preparation
+from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
+from pocketgs.splat.cpu.engine import CpuEngine
+from pocketgs.splat.engine import EngineOptions, MemoryNeed, create_engine
+from pocketgs.training.options import SizedOptions
+from pocketgs.training.planning.calibration import Speed, measure_speed
+from pocketgs.training.planning.machine import Machine, this_machine
+from pocketgs.training.planning.plan import LEAST_GAUSSIANS, LEAST_SIDE, Plan, make_plan, shrinking_warning
+
+MACHINE = Machine(threads=2, readers=2, resident=160_000_000, compiles=False, memory_needed=CpuEngine(1).memory_needed)
+
+
+class Photographs(ListedCapture):
+    """Photographs that no file holds."""
+
+    @property
+    def _headers(self) -> dict[str, ImageHeader]:  # type: ignore[override]
+        return {
+            source.name: ImageHeader(source.camera.width, source.camera.height, has_alpha=False)
+            for source in self.listing.frames
+        }
+
+
+def photographs(width: int = 504, height: int = 378, count: int = 20, **changes: Any) -> ListedCapture:
+    camera = Camera(width, height, width, width, width / 2, height / 2, np.eye(4))
+    frames = [FrameSource(str(index), Path(f"{index}.png"), camera) for index in range(count)]
+    held_out = frozenset(frame.name for frame in frames[::8]) if count > 1 else frozenset()
+    listed = Photographs("many", Path("many"), Listing("made up", frames), held_out, "", Preparation())
+    return replace(listed, **changes)
+
+
+CAPTURES = st.builds(photographs, st.integers(20, 4000), st.integers(20, 4000), st.integers(1, 200))
+OPTIONS = st.builds(
+    SizedOptions,
+    prior=st.sampled_from(["dense", "sparse", "none"]),
+    max_gaussians=st.integers(4, 400_000),
+    sh_degree=st.integers(0, 3),
+    iterations=st.integers(1, 5000),
+)
+SPEEDS = st.builds(Speed, st.floats(0.1, 20), st.floats(0.1, 20))
+
+
+def planned(listed: ListedCapture, options: SizedOptions, machine: Machine = MACHINE) -> Plan | None:
+    try:
+        return make_plan(listed, options, machine)
+    except PocketGSError:
+        return None
+
+
+def assert_no_less(larger: Plan | None, smaller: Plan | None) -> None:
+    if smaller is not None:
+        assert larger is not None
+        assert (larger.shrink, -larger.gaussians) <= (smaller.shrink, -smaller.gaussians)
+
+
+@settings(deadline=None)
+@given(CAPTURES, OPTIONS, st.integers(1, 20_000), st.integers(0, 20_000))
+def test_more_memory_never_gives_less(listed: ListedCapture, options: SizedOptions, memory: int, more: int) -> None:
+    smaller, larger = (planned(listed, replace(options, max_memory=size)) for size in (memory, memory + more))
+    assert_no_less(larger, smaller)
+    if smaller:
+        assert max(smaller.peak_rss_mb, smaller.device_mb) <= memory
+
+
+@settings(deadline=None)
+@given(CAPTURES, OPTIONS, SPEEDS, st.floats(0.01, 2000), st.floats(0, 2000))
+def test_more_time_never_gives_less(
+    listed: ListedCapture, options: SizedOptions, speed: Speed, seconds: float, more: float
+) -> None:
+    machine = replace(MACHINE, speed=speed, elapsed=1.5)
+    options = replace(options, max_memory=100_000)
+    smaller, larger = (
+        planned(listed, replace(options, time_budget=budget), machine) for budget in (seconds, seconds + more)
+    )
+    assert_no_less(larger, smaller)
+    if smaller:
+        assert smaller.seconds is not None
+        assert smaller.seconds <= seconds + 1e-6
+        assert 1 <= smaller.iterations <= options.iterations
+
+
+@settings(deadline=None)
+@given(CAPTURES, OPTIONS, st.integers(1, 5000))
+def test_a_refusal_names_a_budget_that_will_do(listed: ListedCapture, options: SizedOptions, memory: int) -> None:
+    if planned(listed, replace(options, max_memory=memory)):
+        return
+    with pytest.raises(PocketGSError, match="expected --max-memory") as refusal:
+        make_plan(listed, replace(options, max_memory=memory), MACHINE)
+    enough = int(str(refusal.value).split("--max-memory ")[1].split()[0])
+    assert enough > memory
+    assert planned(listed, replace(options, max_memory=enough))
+
+
+def test_a_refusal_of_time_names_a_budget_that_will_do() -> None:
+    machine = replace(MACHINE, speed=Speed(1.0, 1.0), elapsed=2.0)
+    with pytest.raises(PocketGSError, match="time budget: found 3 s") as refusal:
+        make_plan(photographs(), SizedOptions(time_budget=3.0), machine)
+    enough = float(str(refusal.value).split("--time-budget ")[1].split()[0])
+    plan = make_plan(photographs(), SizedOptions(time_budget=enough), machine)
+    assert 50 <= plan.iterations < 500
+
+
+def test_what_fits_is_left_as_it_is() -> None:
+    plan = make_plan(photographs(), SizedOptions(), MACHINE)
+    assert (plan.shrink, plan.width, plan.height, plan.gaussians, plan.iterations) == (1, 504, 378, 50_000, 500)
+    assert (plan.seconds, plan.device_mb) == (None, 0.0)
+    assert shrinking_warning(plan, SizedOptions()) is None
+
+
+def test_fewer_gaussians_come_before_smaller_photographs() -> None:
+    def sizes(memory: int) -> tuple[int, int]:
+        plan = make_plan(photographs(), SizedOptions(prior="none", max_memory=memory), MACHINE)
+        assert shrinking_warning(plan, SizedOptions(max_memory=memory)) is not None or (
+            plan.shrink,
+            plan.gaussians,
+        ) == (1, 50_000)
+        return plan.shrink, plan.gaussians
+
+    order = list(dict.fromkeys(sizes(memory) for memory in range(700, 230, -1)))
+    assert order[:5] == [(1, 50_000), (1, 25_000), (1, 12_500), (2, 50_000), (2, 25_000)]
+
+
+def test_the_warning_says_what_was_done() -> None:
+    options = SizedOptions(max_memory=1000)
+    plan = make_plan(photographs(4032, 3024, 60), options, MACHINE)
+    assert plan.shrink > 1
+    size = f"photographs at 1/{plan.shrink} of their size, {plan.width}x{plan.height} (--downscale {plan.shrink})"
+    assert shrinking_warning(plan, options) == f"to keep to 1,000 MB: {size}"
+
+
+@settings(deadline=None)
+@given(st.integers(1, 1500))
+def test_a_size_that_is_given_is_kept(memory: int) -> None:
+    listed, options = photographs(2016, 1512, size_is_given=True), SizedOptions(max_memory=memory)
+    plan = planned(listed, options)
+    if plan:
+        assert plan.shrink == 1
+    else:
+        with pytest.raises(PocketGSError, match=r"with photographs of 2016x1512 .* or a larger --downscale"):
+            make_plan(listed, options, MACHINE)
+
+
+@settings(deadline=None)
+@given(CAPTURES, OPTIONS, st.integers(1, 20_000))
+def test_nothing_becomes_senselessly_small(listed: ListedCapture, options: SizedOptions, memory: int) -> None:
+    plan = planned(listed, replace(options, max_memory=memory))
+    if plan:
+        assert plan.gaussians >= min(LEAST_GAUSSIANS, options.max_gaussians)
+        assert plan.shrink == 1 or min(plan.width, plan.height) >= LEAST_SIDE
+
+
+def test_a_first_run_is_refused_for_what_compiling_takes() -> None:
+    compiling = replace(MACHINE, compiles=True)
+    enough = int(make_plan(photographs(), SizedOptions(), MACHINE).peak_rss_mb) + 1
+    first = int(make_plan(photographs(), SizedOptions(), compiling).peak_rss_mb) + 1
+    assert first > enough + 300
+    assert make_plan(photographs(), SizedOptions(max_memory=enough), MACHINE).shrink == 1
+    assert make_plan(photographs(), SizedOptions(max_memory=first), compiling).shrink == 1
+    with pytest.raises(PocketGSError, match="since kernels are compiled in the first run"):
+        make_plan(photographs(), SizedOptions(max_memory=500), compiling)
+
+
+def test_what_the_engine_refuses_is_made_smaller() -> None:
+    def memory_needed(gaussians: int, coefficients: int, photographs: Any) -> MemoryNeed:
+        if gaussians > 30_000:
+            raise PocketGSError("too many")
+        return MemoryNeed(0, 100_000_000)
+
+    plan = make_plan(photographs(), SizedOptions(), replace(MACHINE, memory_needed=memory_needed))
+    assert (plan.shrink, plan.gaussians, plan.device_mb) == (1, 25_000, 100.0)
+    with pytest.raises(PocketGSError, match="too many"):
+        make_plan(
+            photographs(),
+            SizedOptions(),
+            replace(MACHINE, memory_needed=lambda *_: memory_needed(40_000, 1, ())),
+        )
+
+
+@pytest.mark.parametrize("k1", [-0.3, 0.2])
+def test_outlines_know_what_undistortion_leaves(capture_folder: Path, k1: float) -> None:
+    """A barrel lens leaves more than the photograph's size, a pincushion less."""
+    path = capture_folder / "transforms.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "k1": k1}))
+    for options in ({}, {"undistort": False}, {"max_size": 50}):
+        listed = list_capture(capture_folder, **options)
+        outline, capture = listed.outline(), listed.load()
+        assert outline.training == tuple((frame.camera.width, frame.camera.height) for frame in capture.train)
+    assert (list_capture(capture_folder).outline().pixels > 96 * 72) == (k1 < 0)
+
+
+@settings(deadline=None)
+@given(st.integers(101, 3000), st.integers(1, 400))
+def test_the_smallest_photograph_bounds_shrinking(side: int, memory: int) -> None:
+    """Among photographs of several sizes none is shrunk to nothing."""
+    mixed = photographs(3000, 2000, 3)
+    camera = Camera(side, 100, side, side, side / 2, 50.0, np.eye(4))
+    small = FrameSource("small", Path("small.png"), camera)
+    listed = replace(mixed, listing=replace(mixed.listing, frames=[*mixed.listing.frames, small]))
+    with suppress(PocketGSError):
+        plan = make_plan(listed, SizedOptions(max_memory=memory), MACHINE)
+        assert plan.shrink == 1
+
+
+def test_outlines_are_what_is_loaded(written_capture: Path) -> None:
+    for shrink in (1, 2, 3):
+        listed = list_capture(written_capture, max_size=90)
+        outline, capture = listed.outline(shrink), listed.load(shrink)
+        assert outline.training == tuple((frame.camera.width, frame.camera.height) for frame in capture.train)
+        assert outline.held_out == tuple((frame.camera.width, frame.camera.height) for frame in capture.held_out)
+        assert outline.image_bytes == capture.image_bytes
+        assert outline.stored_pixels == 96 * 72
+
+
+@pytest.mark.parametrize(
+    ("name", "options"), [("fern", {"images": "images_8"}), ("lego", {"downscale": 8}), ("fox", {"downscale": 8})]
+)
+def test_outlines_of_real_captures(data_folder: Path, name: str, options: dict[str, Any]) -> None:
+    listed = list_capture(data_folder / name, **options)
+    outline, capture = listed.outline(2), listed.load(2)
+    assert (len(outline.training), len(outline.held_out)) == (len(capture.train), len(capture.held_out))
+    assert capture.image_bytes <= outline.image_bytes < 1.1 * capture.image_bytes
+
+
+@pytest.mark.parametrize("bytes_of", [lambda path: b"", lambda path: path.read_bytes()[:10]])
+def test_an_outline_of_a_damaged_photograph_is_refused(capture_folder: Path, bytes_of: Callable[[Path], bytes]) -> None:
+    photograph = sorted((capture_folder / "images").iterdir())[3]
+    photograph.write_bytes(bytes_of(photograph))
+    with pytest.raises(PocketGSError, match=f"{photograph.name}: cannot be decoded"):
+        list_capture(capture_folder).outline()
+
+
+def test_the_cpu_engine_holds_no_more_than_it_says(written_capture: Path) -> None:
+    capture = list_capture(written_capture).load()
+    from pocketgs.training.loop import train
+
+    result = train(capture, iterations=30, prior="none", engine="cpu")
+    sizes = [(frame.camera.width, frame.camera.height) for frame in capture.train]
+    needed = CpuEngine().memory_needed(len(result.scene), result.scene.sh.shape[1], sizes)
+    held = sum(result.engine_bytes.values())
+    assert needed.device == 0
+    assert held <= needed.process < 3 * held
+
+
+def test_speed_is_measured_on_any_engine() -> None:
+    options = SizedOptions(engine="cpu")
+    engine = create_engine(EngineOptions(engine="cpu"))
+    machine = this_machine(engine, options)
+    assert machine.resident > 50_000_000
+    speed = measure_speed(engine, 1, with_prior=True)
+    assert speed.prior > 0
+    assert speed.training > 0
+    without = measure_speed(engine, 1, with_prior=False)
+    assert without.prior == without.training

@@ -1,0 +1,125 @@
+"""Preparation: which points a run starts from, whatever it asks for and whatever the capture has."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pocketgs import Capture, PocketGSError
+from pocketgs.capture.synthetic import true_capture
+from pocketgs.geometry.camera import look_at
+from pocketgs.system.stopwatch import Stopwatch
+from pocketgs.training.options import SizedOptions, TrainingOptions
+from pocketgs.training.preparation import FEWEST_POINTS, prepare, starting_points
+
+
+@pytest.fixture(scope="module")
+def textured() -> Capture:
+    """Large enough for features to be found."""
+    return true_capture(160, 120, frames=12, points=1500)
+
+
+def without_texture(capture: Capture, grey: int = 128) -> Capture:
+    """The capture with even images."""
+    even = [replace(frame, image=np.full_like(frame.image, grey)) for frame in capture.frames]
+    count = len(capture.train)
+    return replace(capture, train=even[:count], held_out=even[count:])
+
+
+def test_without_a_prior_the_capture_is_taken_as_it_is(small_capture: Capture) -> None:
+    prior = prepare(small_capture, TrainingOptions(prior="none"))
+    assert prior.report is None
+    assert prior.points is small_capture.points
+    assert prior.frames == small_capture.frames
+
+
+@pytest.mark.parametrize("mode", ["dense", "sparse"])
+def test_prior_takes_the_place_of_the_captures_own_points(textured: Capture, mode: Any) -> None:
+    stopwatch = Stopwatch()
+    prior = prepare(textured, TrainingOptions(prior=mode, max_gaussians=3000, max_keyframes=6), stopwatch)
+    assert prior.report is not None
+    assert prior.points is not None
+    if prior.report.points >= FEWEST_POINTS:
+        assert prior.report.points == len(prior.points) <= 3000
+        assert prior.points is not textured.points
+        assert "points" not in stopwatch.seconds
+    else:
+        assert prior.points is textured.points
+    assert mode == "sparse" or prior.report.points > 2500
+    assert {"keyframes", "poses"} <= set(stopwatch.seconds)
+    assert ({"depth", "fusion", "coverage"} <= set(stopwatch.seconds)) == (mode == "dense")
+    assert (prior.report.coverage is not None) == (mode == "dense")
+    assert sum(decision.kept for decision in prior.report.decisions) <= 6
+
+
+def test_a_prior_that_finds_nothing_leaves_the_captures_own_points(textured: Capture) -> None:
+    even = without_texture(textured)
+    stopwatch = Stopwatch()
+    prior = prepare(even, TrainingOptions(prior="sparse"), stopwatch)
+    assert prior.points is textured.points
+    assert prior.report is not None
+    assert prior.report.points < FEWEST_POINTS
+    assert prior.report.warnings
+    assert "points" in stopwatch.seconds
+    for frame, before in zip(prior.frames, even.frames, strict=True):
+        assert frame.camera is before.camera
+
+
+def test_where_there_are_no_points_at_all_some_are_drawn(textured: Capture) -> None:
+    bare = replace(without_texture(textured), points=None)
+    prior = prepare(bare, TrainingOptions(prior="sparse", max_gaussians=700))
+    assert prior.points is not None
+    assert 4 <= len(prior.points) <= 700
+
+
+def test_options_reach_the_prior(textured: Capture) -> None:
+    given = prepare(textured, TrainingOptions(prior="sparse", bundle=False, exposure="on", max_keyframes=4))
+    assert given.report is not None
+    assert not given.report.poses_refined
+    assert given.report.gains is not None
+    assert sum(decision.kept for decision in given.report.decisions) <= 4
+
+
+def test_same_options_same_bits(textured: Capture) -> None:
+    options = TrainingOptions(max_gaussians=2000, max_keyframes=4)
+    clouds = [prepare(textured, options).capture.points for _ in range(2)]
+    assert clouds[0] is not None
+    assert clouds[1] is not None
+    assert clouds[0].positions.tobytes() == clouds[1].positions.tobytes()
+    assert clouds[0].colours.tobytes() == clouds[1].colours.tobytes()
+
+
+def test_cameras_that_look_apart_with_nothing_to_start_from(small_capture: Capture) -> None:
+    """Neither texture, nor points, nor a volume that could be guessed."""
+    outwards = 2 * np.pi * np.arange(8) / 8
+    frames = []
+    for angle, frame in zip(outwards, small_capture.train, strict=False):
+        direction = np.array([np.cos(angle), np.sin(angle), 0])
+        pose = look_at(direction, 2 * direction, np.array([0, 0, 1.0]))
+        frames.append(replace(frame, camera=replace(frame.camera, world_to_camera=pose)))
+    apart = without_texture(replace(small_capture, train=frames, held_out=[], points=None))
+    with pytest.raises(PocketGSError, match="cameras look apart"):
+        prepare(apart, TrainingOptions(prior="sparse"))
+
+
+def test_starting_points_are_the_captures_own_as_far_as_they_may(small_capture: Capture) -> None:
+    points = small_capture.points
+    assert points is not None
+    assert starting_points(small_capture, SizedOptions(max_gaussians=2000)) is points
+    options = SizedOptions(max_gaussians=321)
+    chosen = starting_points(small_capture, options)
+    rows = {row.tobytes() for row in points.positions}
+    assert all(row.tobytes() in rows for row in chosen.positions)
+    assert len({row.tobytes() for row in chosen.positions}) == 321
+    other = starting_points(small_capture, replace(options, seed=1))
+    assert chosen.positions.tobytes() != other.positions.tobytes()
+
+
+@pytest.mark.parametrize("count", [None, 0, 3])
+def test_starting_points_are_drawn_where_there_are_too_few(small_capture: Capture, count: int | None) -> None:
+    assert small_capture.points is not None
+    few = None if count is None else small_capture.points.select(np.arange(count))
+    assert len(starting_points(replace(small_capture, points=few), SizedOptions(max_gaussians=100))) == 100
