@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,18 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.engine import OptimiserState
+from pocketgs.splat.parameters import ParameterLayout
+from pocketgs.splat.rows import Statistics
 from pocketgs.training.result import Checkpoint
 
 CHECKPOINT = "checkpoint.npz"
 SHRINK = "shrink"
 """Where a checkpoint says by what whole factor the photographs of its run are smaller than asked for."""
+
+ROOM = "room"
+"""Where it says how many Gaussians the run may come to have."""
+
+STATISTICS = tuple(field.name for field in fields(Statistics))
 
 UNFINISHED = "unfinished.npz"
 """Checkpoint of a run under way; it goes when the run's result is in place."""
@@ -31,6 +39,10 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) ->
         run: what must be the same when it is resumed.
     """
     arrays = {name: getattr(checkpoint.gaussians, name) for name in PARAMETERS}
+    if checkpoint.statistics is not None:
+        arrays |= {name: getattr(checkpoint.statistics, name) for name in STATISTICS}
+    if checkpoint.state.near is not None:
+        arrays["near"] = np.float64(checkpoint.state.near)
     with replacing(path) as partial:
         np.savez(
             partial,
@@ -53,7 +65,7 @@ def is_checkpoint(path: Path) -> bool:
 
 
 def read_size(folder: Path) -> tuple[int, int]:
-    """By what factor photographs are shrunk in the run of a folder's newest checkpoint, and how many Gaussians it has.
+    """By what factor a folder's newest checkpoint shrinks photographs, and how many Gaussians it may come to have.
 
     Raises:
         PocketGSError: there is none, or it is broken.
@@ -61,7 +73,8 @@ def read_size(folder: Path) -> tuple[int, int]:
     path = _newest_checkpoint(folder)
     try:
         with np.load(path, allow_pickle=False) as data:
-            return int(json.loads(str(data["run"]))[SHRINK]), len(data["opacity_logits"])
+            run, count = json.loads(str(data["run"])), len(data["opacity_logits"])
+            return int(run[SHRINK]), max(int(run[ROOM]), count)
     except Exception as error:  # a damaged archive fails in many ways
         raise PocketGSError(f"{path}: not a readable checkpoint ({error})") from error
 
@@ -81,20 +94,25 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
         with np.load(path, allow_pickle=False) as data:
             written = dict(json.loads(str(data["run"])))
             gaussians = Gaussians(*(data[name] for name in PARAMETERS))
-            state = OptimiserState(data["first_moments"], data["second_moments"], int(data["steps"]))
+            near = float(data["near"]) if "near" in data else None
+            state = OptimiserState(data["first_moments"], data["second_moments"], int(data["steps"]), near)
+            statistics = Statistics(*(data[name] for name in STATISTICS)) if STATISTICS[0] in data else None
             iteration = int(data["iteration"])
     except Exception as error:  # a damaged archive fails in many ways
         raise PocketGSError(f"{path}: not a readable checkpoint ({error})") from error
     if iteration < 0 or state.steps < 0:
         raise PocketGSError(f"{path}: counts {iteration} iterations and {state.steps} steps, expected at least 0")
-    columns = 10 + 3 * gaussians.sh.shape[1]
+    columns = ParameterLayout(gaussians.sh.shape[1]).columns
     for moments in (state.first_moments, state.second_moments):
         if moments.shape != (len(gaussians), columns) or moments.dtype != np.float32:
             raise PocketGSError(f"{path}: its moments are {moments.dtype} of shape {moments.shape}, not the scene's")
+    for name in STATISTICS if statistics is not None else ():
+        if (shape := getattr(statistics, name).shape) != (len(gaussians),):
+            raise PocketGSError(f"{path}: its {name} are of shape {shape}, not the scene's")
     for key, value in run.items():
         if written.get(key) != value:
             raise PocketGSError(f"{path}: belongs to a run with {key} {written.get(key)!r}, but this one has {value!r}")
-    return Checkpoint(iteration, gaussians, state)
+    return Checkpoint(iteration, gaussians, state, statistics)
 
 
 def _newest_checkpoint(folder: Path) -> Path:
