@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +13,7 @@ import numpy as np
 
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
+from pocketgs.files.memory_bound import require_memory
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.engine import OptimiserState
 from pocketgs.training.result import Checkpoint
@@ -43,10 +47,20 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) ->
         )
 
 
+@contextmanager
+def _arrays(path: Path) -> Iterator[Any]:
+    """The arrays of a checkpoint, which may be packed so that a small file unpacks to any amount."""
+    with zipfile.ZipFile(path) as archive:
+        unpacked = sum(member.file_size for member in archive.infolist())
+    require_memory(path, unpacked, f"unpacking {unpacked:,} bytes")
+    with np.load(path, allow_pickle=False) as data:
+        yield data
+
+
 def is_checkpoint(path: Path) -> bool:
     """Whether a file is a checkpoint that `write_checkpoint` wrote."""
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with _arrays(path) as data:
             return {"run", "first_moments", *PARAMETERS} <= set(data)
     except Exception:  # a file that is something else fails in many ways
         return False
@@ -60,7 +74,7 @@ def read_size(folder: Path) -> tuple[int, int]:
     """
     path = _newest_checkpoint(folder)
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with _arrays(path) as data:
             return int(json.loads(str(data["run"]))[SHRINK]), len(data["opacity_logits"])
     except Exception as error:  # a damaged archive fails in many ways
         raise PocketGSError(f"{path}: not a readable checkpoint ({error})") from error
@@ -78,7 +92,7 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
     """
     path = _newest_checkpoint(folder)
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with _arrays(path) as data:
             written = dict(json.loads(str(data["run"])))
             gaussians = Gaussians(*(data[name] for name in PARAMETERS))
             state = OptimiserState(data["first_moments"], data["second_moments"], int(data["steps"]))
