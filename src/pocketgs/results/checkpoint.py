@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -11,6 +14,7 @@ import numpy as np
 
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
+from pocketgs.files.memory_bound import require_memory
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.engine import OptimiserState
 from pocketgs.splat.parameters import ParameterLayout
@@ -55,10 +59,20 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) ->
         )
 
 
+@contextmanager
+def _arrays(path: Path) -> Iterator[Any]:
+    """The arrays of a checkpoint, which may be packed so that a small file unpacks to any amount."""
+    with zipfile.ZipFile(path) as archive:
+        unpacked = sum(member.file_size for member in archive.infolist())
+    require_memory(path, unpacked, f"unpacking {unpacked:,} bytes")
+    with np.load(path, allow_pickle=False) as data:
+        yield data
+
+
 def is_checkpoint(path: Path) -> bool:
     """Whether a file is a checkpoint that `write_checkpoint` wrote."""
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with _arrays(path) as data:
             return {"run", "first_moments", *PARAMETERS} <= set(data)
     except Exception:  # a file that is something else fails in many ways
         return False
@@ -72,7 +86,7 @@ def read_size(folder: Path) -> tuple[int, int]:
     """
     path = _newest_checkpoint(folder)
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with _arrays(path) as data:
             run, count = json.loads(str(data["run"])), len(data["opacity_logits"])
             return int(run[SHRINK]), max(int(run[ROOM]), count)
     except Exception as error:  # a damaged archive fails in many ways
@@ -91,7 +105,7 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
     """
     path = _newest_checkpoint(folder)
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with _arrays(path) as data:
             written = dict(json.loads(str(data["run"])))
             gaussians = Gaussians(*(data[name] for name in PARAMETERS))
             near = float(data["near"]) if "near" in data else None
@@ -107,8 +121,9 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
         if moments.shape != (len(gaussians), columns) or moments.dtype != np.float32:
             raise PocketGSError(f"{path}: its moments are {moments.dtype} of shape {moments.shape}, not the scene's")
     for name in STATISTICS if statistics is not None else ():
-        if (shape := getattr(statistics, name).shape) != (len(gaussians),):
-            raise PocketGSError(f"{path}: its {name} are of shape {shape}, not the scene's")
+        sums = getattr(statistics, name)
+        if sums.shape != (len(gaussians),) or sums.dtype != np.float32:
+            raise PocketGSError(f"{path}: its {name} are {sums.dtype} of shape {sums.shape}, not the scene's")
     for key, value in run.items():
         if written.get(key) != value:
             raise PocketGSError(f"{path}: belongs to a run with {key} {written.get(key)!r}, but this one has {value!r}")
