@@ -228,7 +228,7 @@ def test_opacities_are_reset(iteration: int, bright: bool) -> None:
 
 def test_the_budget_is_met_exactly_where_errors_are() -> None:
     situation = replace(SITUATION, most=200)
-    strategy = Budgeted(situation, Growth(start=0.1, stop=0.5, times=5))
+    strategy = Budgeted(situation, Growth(start=0.1, stop=0.5, times=5, first=0.5))
     targets = [strategy.target(iteration) for iteration in (100, 200, 300, 400, 500, 900)]
     assert targets == [100, 143, 175, 193, 200, 200]
     scene = scattered()
@@ -269,6 +269,7 @@ def early(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, make in (
         ("adc", lambda situation: AdaptiveDensityControl(situation, control)),
         ("mcmc", lambda situation: MarkovChain(situation, relocation)),
+        ("budgeted", lambda situation: Budgeted(situation, Growth(start=0.2, stop=0.8, times=4))),
     ):
         monkeypatch.setitem(choose._KINDS, name, replace(choose._KINDS[name], make=make))
 
@@ -287,7 +288,7 @@ def test_a_growing_run_resumes_to_the_same_bits(small_capture: Capture, tmp_path
             checkpoints.append(progress.checkpoint())
 
     whole = train(small_capture, options, observer=watch)
-    assert counts[0] == 900 == choose.most_at_start(name, 1800)
+    assert counts[0] == choose.most_at_start(name, 1800) == (1440 if name == "budgeted" else 900)
     assert max(counts) <= 1800
     assert len(set(counts)) >= 3
     assert counts[-1] == len(whole.scene)

@@ -30,10 +30,10 @@ class Growth:
         faint: opacity under which a Gaussian goes.
     """
 
-    start: float = 0.05
-    stop: float = 0.5
-    times: int = 10
-    first: float = 0.5
+    start: float = 0.02
+    stop: float = 0.25
+    times: int = 5
+    first: float = 0.8
     looks: int = 30
     faint: float = 0.01
 
