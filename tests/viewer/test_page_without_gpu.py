@@ -163,7 +163,7 @@ def test_pictures_are_shown_with_no_other_message(browser: Browser, url: str) ->
         expect(visit["#previews"]).to_be_hidden()
         visit["#message-close"].click()
         show = """async (previews) => {
-            const { showPreviews } = await import(new URL("page/messages.js", document.baseURI));
+            const { showPreviews } = await import(new URL("page/messages/messages.js", document.baseURI));
             showPreviews(previews);
         }"""
         visit.page.evaluate(show, [])

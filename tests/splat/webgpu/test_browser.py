@@ -15,20 +15,20 @@ import pytest
 from numpy.typing import ArrayLike
 from playwright.sync_api import Browser, Error, Page
 
-import pocketgs.splat.webgpu
+import pocketgs.gpu
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
+from pocketgs.gpu.adapters import Adapter
+from pocketgs.gpu.sizes import evaluate
 from pocketgs.scene.gaussians import SH_DC, Gaussians
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.settings import AdamSettings, LearningRates, LossSettings, StepSettings
-from pocketgs.splat.webgpu.adapters import Adapter
 from pocketgs.splat.webgpu.engine import WebGpuEngine
 from pocketgs.splat.webgpu.frame_values import update_values, view_values
 from pocketgs.splat.webgpu.passes import Variant, describe
 from pocketgs.splat.webgpu.photographs import packed
 from pocketgs.splat.webgpu.scene_columns import to_columns
-from pocketgs.splat.webgpu.sizes import evaluate
 from splat.webgpu.variants import shared_engine
 from viewer.browsing import open_browser
 
@@ -64,7 +64,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Where the page is served: WebGPU wants https or this very machine."""
     folder = tmp_path_factory.mktemp("site") / "site"
     shutil.copytree(Path(__file__).parent / "browser", folder)
-    shutil.copytree(Path(pocketgs.splat.webgpu.__file__).parent, folder / "webgpu", ignore=ignore_all_but_scripts)
+    shutil.copytree(Path(pocketgs.gpu.__file__).parent, folder / "gpu", ignore=ignore_all_but_scripts)
     with ThreadingHTTPServer(("127.0.0.1", 0), partial(QuietHandler, directory=folder)) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield f"http://127.0.0.1:{server.server_port}/page.html"

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pocketgs.geometry.camera import Camera
+from pocketgs.gpu.sizes import Symbols, ceil_div
 from pocketgs.splat.constants import FRUSTUM_MARGIN, SSIM_WINDOW
 from pocketgs.splat.engine import KEPT_LOSSES
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.layout import TILE
-from pocketgs.splat.webgpu.sizes import Symbols, ceil_div
 
 
 def view_values(

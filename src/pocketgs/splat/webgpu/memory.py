@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pocketgs.errors import PocketGSError
-from pocketgs.splat.webgpu.description import LEAST_BUFFER, Description
+from pocketgs.gpu.description import LEAST_BUFFER, Description
 from pocketgs.splat.webgpu.photographs import PIXEL_BYTES, Shelf
 
 RENDERING = ("render", "render depth")

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Literal
 
+from pocketgs.gpu.description import Description, Pass, Sequence
+from pocketgs.gpu.shader_library import Shader
+from pocketgs.gpu.sort import Items, digit_counts_bytes, radix_sort, running_sums
+from pocketgs.gpu.uniforms import UniformLayout
+from pocketgs.gpu.workgroups import BLOCK, DIGIT_BITS, THREADS
 from pocketgs.splat.engine import KEPT_LOSSES, Accumulation, Precision, Replay
-from pocketgs.splat.webgpu.composition import Shader, compose
-from pocketgs.splat.webgpu.description import Description, Pass, Sequence
-from pocketgs.splat.webgpu.layout import BLOCK, DIGIT_BITS, PATCH, THREADS, TILE
-from pocketgs.splat.webgpu.uniforms import UniformLayout
+from pocketgs.splat.webgpu.layout import PATCH, TILE
+from pocketgs.splat.webgpu.shader_files import SHADERS
 
 DEFINITIONS = {
     "pixels": "width * height",
@@ -46,18 +48,18 @@ class Variant:
     appearance: Appearance = "splats"
 
     @property
-    def files(self) -> dict[str, str]:
-        """From the shaders' interfaces to the files that implement them."""
+    def sections(self) -> dict[str, str]:
+        """From the shaders' interfaces to the sections that implement them."""
         cached = self.replay == "cache"
         return {
-            "splat_words": f"splat_words_{self.precision}",
-            "replay_words": f"replay_words_{self.precision}",
-            "replay": "replay_from_cache" if cached else "replay_by_recomputing",
-            "record": "record_in_cache" if cached else "record_nothing",
-            "accumulation": f"accumulation_{self.accumulation}",
-            "gathering": f"gathering_{self.accumulation}",
-            "appearance": f"appearance_{self.appearance}",
-            "scan": "scan_subgroup" if self.subgroups else "scan_shared",
+            "splats.words": f"splats.words_{self.precision}",
+            "replay.words": f"replay.words_{self.precision}",
+            "replay.source": "replay.from_cache" if cached else "replay.by_recomputing",
+            "replay.record": "replay.record_in_cache" if cached else "replay.record_nothing",
+            "gradient_rows.add": f"gradient_rows.add_{self.accumulation}",
+            "gradient_rows.gather": f"gradient_rows.gather_{self.accumulation}",
+            "appearance.kind": f"appearance.{self.appearance}",
+            "scan.exclusive": "scan.subgroup" if self.subgroups else "scan.shared",
         }
 
     @property
@@ -84,9 +86,10 @@ def _buffers(variant: Variant) -> dict[str, str]:
         "tile_counts": "4 * gaussians",
         "block_sums": "4 * blocks",
         "first_slots": "4 * gaussians + 4",
-        "digit_counts": f"{4 << DIGIT_BITS} * max(blocks, entry_blocks)",
+        "digit_counts": digit_counts_bytes("max(blocks, entry_blocks)"),
         "depth_digit": "8",
         "tile_digit": "8",
+        "gaussian_count": "4",
         "entry_count": "4",
         "entry_dispatches": "24",
         "status": "12",
@@ -114,46 +117,8 @@ _TRAINING_BUFFERS = {
 }
 
 
-@dataclass(frozen=True)
-class _List:
-    """What is sorted: how its blocks are dispatched, and whether it has an item for every Gaussian or entry."""
-
-    over_gaussians: bool
-    groups: str | None = None
-    indirect: tuple[str, int] | None = None
-
-
-_GAUSSIANS = _List(True, groups="blocks")
-_ENTRIES = _List(False, indirect=("entry_dispatches", 0))
-
-
-def _radix_sort(keys: str, values: str, digit: str, bits: int, over: _List, when: Callable[[int], str]) -> list[Pass]:
-    """Sort by the lowest bits of the keys.
-
-    Args:
-        keys: buffer; like that of the values it has a spare one. The digits are even in number, so that the result lies
-            in these and not in the spare ones.
-        values: buffer.
-        digit: buffer that says which digit's turn it is; all 0 before.
-        bits: how many.
-        over: which list.
-        when: from a digit's lowest bit to the condition on which it is sorted by.
-    """
-    source, target = (keys, values), (f"{keys}_spare", f"{values}_spare")
-    passes = []
-    for shift in range(0, bits, DIGIT_BITS):
-        counted = {"keys": source[0], "digit": digit}
-        placed = {"counts": "digit_counts", "digit": digit}
-        moved = {**counted, "values": source[1], "sorted_keys": target[0], "sorted_values": target[1]}
-        length = {"over_gaussians": int(over.over_gaussians)}
-        blocks, condition = (over.groups, over.indirect), when(shift)
-        passes += [
-            Pass(f"count digits of {keys}", "radix_count", *blocks, counted, length, condition),
-            Pass(f"place {keys}", "radix_place", "1", None, placed, length, condition),
-            Pass(f"scatter {keys}", "radix_scatter", *blocks, moved, length, condition),
-        ]
-        source, target = target, source
-    return passes
+_GAUSSIANS = Items("gaussian_count", blocks="blocks")
+_ENTRIES = Items("entry_count", indirect=("entry_dispatches", 0))
 
 
 def _tiles_have_digit(shift: int) -> str:
@@ -165,18 +130,16 @@ def _bin_passes() -> list[Pass]:
     """Everything before rasterizing: tiles' lists of splats, nearest first."""
     return [
         Pass("project", "project", "groups"),
-        *_radix_sort("depth_keys", "order", "depth_digit", 32, _GAUSSIANS, lambda _: "1"),
-        Pass("sum tile counts", "scan_sums", "blocks"),
-        Pass("place blocks", "scan_blocks", "1", buffers={"counts": "block_sums"}),
-        Pass("place entries", "scan_within", "blocks"),
+        *radix_sort(_GAUSSIANS, "depth_keys", "order", "depth_digit", 32, lambda _: "1"),
+        *running_sums(_GAUSSIANS, "tile_counts", "order", "block_sums", "first_slots"),
         Pass("plan", "plan", "1"),
         Pass("emit", "emit", "groups"),
-        *_radix_sort("tile_keys", "slots", "tile_digit", 24, _ENTRIES, _tiles_have_digit),
+        *radix_sort(_ENTRIES, "tile_keys", "slots", "tile_digit", 24, _tiles_have_digit),
         Pass("tile ranges", "tile_ranges", indirect=("entry_dispatches", 12)),
     ]
 
 
-_CLEARED = ("depth_digit", "tile_digit", "tile_starts")
+_CLEARED = ("gaussian_count", "depth_digit", "tile_digit", "tile_starts")
 _SORTED = {"sorted_slots": "slots"}
 _RASTERIZE = Pass("rasterize", "rasterize", "tiles", buffers=_SORTED)
 _RASTERIZE_DEPTH = Pass("rasterize", "rasterize", "tiles", buffers=_SORTED, constants={"draw_depth": 1})
@@ -218,11 +181,11 @@ def describe(variant: Variant, training: bool = True) -> Description:
     uniforms = {"view": UniformLayout.of("View", shaders["project"].source)}
     if training:
         uniforms["update"] = UniformLayout.of("Update", shaders["adam"].source)
-    return Description(variant.files, DEFINITIONS, buffers, uniforms, shaders, sequences)
+    return Description(variant.sections, DEFINITIONS, buffers, uniforms, shaders, sequences)
 
 
 def _shader(name: str, variant: Variant) -> Shader:
     """Only a rasterization that is replayed later fills a cache."""
     if name == "rasterize_for_replay":
-        return replace(compose("rasterize", variant.files), name=name)
-    return compose(name, {**variant.files, "record": "record_nothing"})
+        return replace(SHADERS.link("rasterize", variant.sections), name=name)
+    return SHADERS.link(name, {**variant.sections, "replay.record": "replay.record_nothing"})

@@ -1,6 +1,6 @@
 // One step of Adam (Kingma and Ba 2015, algorithm 1) on all parameters, each group in its own space and with its own
 // rate. Nothing happens while the run is halted. One thread a Gaussian.
-import view, update, folding, gaussians, status
+import view, update, update.status, gaussians, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<uniform> update: Update;

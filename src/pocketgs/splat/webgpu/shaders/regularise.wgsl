@@ -1,6 +1,6 @@
 // Add the gradient of λ_s mean ‖log s‖² + λ_α mean α (the PocketGS paper's total loss), and write its parts of the loss.
 // One thread a Gaussian.
-import view, update, folding, gaussians, read_gaussian, workgroup_sum
+import view, update, gaussians.read, workgroups, workgroups.sum
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<uniform> update: Update;

@@ -1,5 +1,5 @@
 // Add up the parts of the loss, and count the step as completed unless the run is halted. One workgroup.
-import view, update, ssim_window, status, workgroup_sum
+import view, update, update.status, patches, workgroups.sum
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<uniform> update: Update;
