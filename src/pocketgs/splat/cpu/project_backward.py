@@ -41,6 +41,7 @@ from pocketgs.splat.cpu.rasterize_backward import (
     SUM_YY,
 )
 from pocketgs.splat.cpu.spherical_harmonics import sh_basis, sh_basis_gradient
+from pocketgs.splat.cpu.statistics import collect
 from pocketgs.splat.cpu.vectors import Vector, axes_of, dot, scaled, transposed_times
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import PIECE, first_piece, take
@@ -187,6 +188,7 @@ def _project_range_backward(
     order: np.ndarray,
     first_slots: np.ndarray,
     entry_sums: np.ndarray,
+    statistics: np.ndarray,
     gradients: np.ndarray,
 ) -> None:
     """`project_backward` for the visible Gaussians from rank `first` up to `end`."""
@@ -196,6 +198,8 @@ def _project_range_backward(
         gradient, splat = gradients[i], splats[i]
         _add_up(entry_sums, first_slots[rank], first_slots[rank + 1], total)
         d_mean, d_covariance = _covariance_gradient(splat, total)
+        if len(statistics) > 0:
+            collect(view, splat, d_mean, statistics[i])
         gradient[GRADIENT_OPACITY] = total[SUM_EXPONENT] * (1.0 - math.exp(LN2 * splat[LOG2_OPACITY]))
         local = to_camera(view, means[i])
         jacobian = jacobian_at(view, local)
@@ -219,6 +223,7 @@ def project_backward(
     order: np.ndarray,
     first_slots: np.ndarray,
     entry_sums: np.ndarray,
+    statistics: np.ndarray,
     gradients: np.ndarray,
 ) -> None:
     """Gradient of the loss with respect to every Gaussian, in canonical order.
@@ -234,6 +239,7 @@ def project_backward(
         order: (V,) the visible Gaussians by depth: π.
         first_slots: (V + 1,) where each one's rows of `entry_sums` begin.
         entry_sums: what `rasterize_backward` wrote.
+        statistics: (N, STATISTICS) float32 sums, added to where visible, or (0, STATISTICS) for none.
         gradients: (N, GRADIENT_SH + 3 K) float32, all 0; written where visible.
     """
     counter = first_piece()
@@ -242,6 +248,18 @@ def project_backward(
         while first < len(order):
             end = min(first + PIECE, len(order))
             _project_range_backward(
-                means, log_scales, quaternions, sh, view, first, end, splats, order, first_slots, entry_sums, gradients
+                means,
+                log_scales,
+                quaternions,
+                sh,
+                view,
+                first,
+                end,
+                splats,
+                order,
+                first_slots,
+                entry_sums,
+                statistics,
+                gradients,
             )
             first = PIECE * take(counter)
