@@ -52,6 +52,9 @@ TRAFFIC = {
         "4 * gaussians + (48 + 12 * coefficients + splat_bytes) * visible + 36 * rows_read",
         "4 * columns * visible",
     ),
+    "collect statistics": ("4 * gaussians + (20 + splat_bytes) * visible + 36 * rows_read", "12 * visible"),
+    "write error": ("20 * pixels", "16 * pixels"),
+    "collect errors": ("4 * gaussians + 12 * visible + 36 * rows_read", "4 * visible"),
     "regularise": ("32 * gaussians", "16 * gaussians"),
     "adam": (
         "(12 * columns + 44 + 12 * coefficients) * gaussians",

@@ -26,7 +26,7 @@ import { evaluate } from "./sizes.js";
  * @typedef {{cleared: string[], passes: Pass[]}} Sequence
  */
 
-const VERSION = 1;
+const VERSION = 2;
 
 /** Everything that a host with WebGPU needs to run some sequences of passes. */
 export class Description {

@@ -10,7 +10,7 @@ from pocketgs.gpu.shader_library import Shader
 from pocketgs.gpu.sizes import Symbols, evaluate
 from pocketgs.gpu.uniforms import UniformLayout
 
-VERSION = 1
+VERSION = 2
 
 LEAST_BUFFER = 16
 """Bytes of a buffer that nothing is kept in: WebGPU allows no empty ones."""

@@ -21,6 +21,9 @@ from pocketgs.gpu.workgroups import LONGEST_ROW
 
 LARGE_WRITE = 1 << 20
 
+MOST_RECORDED = 64
+"""Sequences whose passes are kept with everything looked up: one for each size of image and amount of data."""
+
 _LAYOUT_TYPES = {
     "uniform": wgpu.BufferBindingType.uniform,
     "read": wgpu.BufferBindingType.read_only_storage,
@@ -106,6 +109,20 @@ class Executor:
         self.write(name, self.description.uniforms[name].pack(values))
 
     @_with_errors_in_one_line
+    def copy(self, source: str, target: str, size: int) -> None:
+        """Copy the first `size` bytes of a buffer to another, in order with the sequences submitted."""
+        encoder = self.device.create_command_encoder()
+        encoder.copy_buffer_to_buffer(self._buffers[source], 0, self._buffers[target], 0, size)
+        self.device.queue.submit([encoder.finish()])
+
+    @_with_errors_in_one_line
+    def clear(self, name: str) -> None:
+        """Fill a buffer with zeros, in order with the sequences submitted."""
+        encoder = self.device.create_command_encoder()
+        encoder.clear_buffer(self._buffers[name])
+        self.device.queue.submit([encoder.finish()])
+
+    @_with_errors_in_one_line
     def read(self, name: str, dtype: type[np.generic], count: int, offset: int = 0) -> np.ndarray:
         """Read `count` numbers from `offset` (in numbers) on. Waits until all that was submitted is done."""
         if count == 0:
@@ -160,6 +177,8 @@ class Executor:
         """A sequence's passes with names and sizes resolved: once, for all later submissions at this size."""
         key = (sequence, tuple(symbols.items()))
         if key not in self._recordings:
+            if len(self._recordings) == MOST_RECORDED:
+                self._recordings.clear()
             self._recordings[key] = self._record(self.description.sequences[sequence], symbols)
         return self._recordings[key]
 

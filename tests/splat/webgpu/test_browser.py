@@ -125,7 +125,7 @@ def replayed(page: Page, variant: Variant, scene: Gaussians, photograph: Frame) 
     shape, sh = to_columns(scene)
     moments = np.zeros(10 * len(scene) + sh.size)
     floats = {"shape": shape, "sh": sh, "first_moments": moments, "second_moments": moments}
-    updates = [update_values(SETTINGS, camera, len(scene), step) for step in range(1, STEPS + 1)]
+    updates = [update_values(SETTINGS, camera, given, step) for step in range(1, STEPS + 1)]
     job = {
         "description": description.to_json(),
         "given": given,
@@ -150,6 +150,7 @@ def engine(adapter: Adapter, variant: Variant, scene: Gaussians, photograph: Fra
 def given_numbers(scene: Gaussians, camera: Camera) -> dict[str, int]:
     return {
         "gaussians": len(scene),
+        "capacity": len(scene),
         "coefficients": scene.sh.shape[1],
         "width": camera.width,
         "height": camera.height,
@@ -157,6 +158,8 @@ def given_numbers(scene: Gaussians, camera: Camera) -> dict[str, int]:
         "photograph_pixels": camera.width * camera.height,
         "replay_depth": 32,
         "regularised": 1,
+        "collecting": 1,
+        "listed": 0,
         "structural": 1,
     }
 

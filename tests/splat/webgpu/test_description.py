@@ -27,6 +27,7 @@ DESCRIPTIONS = {str(variant): describe(variant) for variant in TRAINING}
 DESCRIPTIONS |= {str(variant): describe(variant, training=False) for variant in RENDERING}
 CASE = {
     "gaussians": 1000,
+    "capacity": 1000,
     "coefficients": 4,
     "width": 650,
     "height": 480,
@@ -35,6 +36,8 @@ CASE = {
     "replay_depth": 24,
     "structural": 1,
     "regularised": 0,
+    "collecting": 1,
+    "listed": 300,
 }
 
 
@@ -176,6 +179,7 @@ def test_sizes_are_those_worked_out_by_hand() -> None:
     by_gaussian |= {"depth_keys_spare": 4, "order_spare": 4}
     by_gaussian |= dict.fromkeys(("gradients", "first_moments", "second_moments"), 88)
     expected = {name: 1000 * size for name, size in by_gaussian.items()}
+    expected |= {"statistics": 16_000, "row_sources": 4_000, "listed_rows": 1_200, "listed_values": 300 * 4 * 12}
     expected |= {name: 4 * entries for name in ("tile_keys", "tile_keys_spare", "slots", "slots_spare", "slot_splats")}
     expected |= {
         "gradient_rows": 36 * entries,
@@ -210,7 +214,7 @@ def test_words_of_the_shaders_are_the_bytes_of_the_buffers() -> None:
     for precision in ("f32", "f16"):
         for replay in ("recompute", "cache"):
             description = describe(Variant(precision, replay))  # type: ignore[arg-type]
-            symbols = {"gaussians": 1, "entries": 1, "pixels": 1, "replay_depth": 1}
+            symbols = {"capacity": 1, "entries": 1, "pixels": 1, "replay_depth": 1}
             backward = description.shaders["rasterize_backward"].source
             splat = 4 * constant("SPLAT_WORDS", backward)
             assert evaluate(description.buffers["splats"], symbols) == splat

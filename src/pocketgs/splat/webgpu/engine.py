@@ -20,12 +20,13 @@ from pocketgs.splat.checks import check_state, check_view, checked_scene
 from pocketgs.splat.engine import KEPT_LOSSES, EngineOptions, MemoryNeed, OptimiserState, Rendering
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.parameters import ParameterLayout
-from pocketgs.splat.rows import RowChange, Statistics
+from pocketgs.splat.rows import RowChange, Statistics, check_change
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.frame_values import is_regularised, structural_share, update_values, view_values
-from pocketgs.splat.webgpu.memory import Extent, Limits, MemoryPlan, plan_memory
-from pocketgs.splat.webgpu.passes import Variant, describe
+from pocketgs.splat.webgpu.memory import Extent, Limits, MemoryPlan, plan_memory, plan_rows
+from pocketgs.splat.webgpu.passes import STATISTICS, Variant, describe
 from pocketgs.splat.webgpu.photographs import PIXEL_BYTES, packed
+from pocketgs.splat.webgpu.row_changes import gather_rows, set_values
 from pocketgs.splat.webgpu.scene_columns import SHAPE_COLUMNS, from_columns, to_columns, transposed
 
 ENTRIES_PER_GAUSSIAN = 8
@@ -48,10 +49,6 @@ MOST_STREAMED = 4
 SECONDS_AHEAD = 0.2
 """The GPU has at most so many steps, or so much work, before it: then the host looks whether they were completed. Of
 steps whose photographs are streamed there are fewer, since each holds a copy of its own."""
-
-
-def _not_here(what: str) -> PocketGSError:
-    return PocketGSError(f"engine webgpu: does not {what} yet, expected --engine cpu")
 
 
 @dataclass(frozen=True)
@@ -125,7 +122,7 @@ class WebGpuEngine:
             check_state(gaussians, state)
         count, coefficients = len(gaussians), gaussians.sh.shape[1]
         trains = self._extent.trains or state is not None
-        extent = replace(self._extent, gaussians=count, coefficients=coefficients, trains=trains)
+        extent = replace(self._extent, gaussians=count, capacity=count, coefficients=coefficients, trains=trains)
         self._fit_entries(extent, ENTRIES_PER_GAUSSIAN * count, LEAST_ENTRIES)
         self._pending.clear()
         self._completed = self._completed_before = state.steps if state else 0
@@ -137,6 +134,7 @@ class WebGpuEngine:
             zeros = np.zeros((count, self._columns), np.float32)
             self.executor.write("first_moments", transposed(state.first_moments if state else zeros))
             self.executor.write("second_moments", transposed(state.second_moments if state else zeros))
+            self.restart_statistics()
 
     @property
     def count(self) -> int:
@@ -144,30 +142,43 @@ class WebGpuEngine:
         return self._extent.gaussians
 
     def change_rows(self, change: RowChange) -> None:
-        """Not on a GPU yet.
+        """Select, duplicate and set Gaussians, the optimiser's rows with them. Statistics start anew.
 
         Raises:
-            PocketGSError: always.
+            PocketGSError: the change is not of this scene, or the GPU's memory does not hold what comes of it.
         """
-        raise _not_here("change the number of Gaussians")
+        self._settle()
+        check_change(change, self.count, ParameterLayout(self._extent.coefficients))
+        if not self._extent.trains:
+            self._fit(replace(self._extent, trains=True))
+        description, before = self.executor.description, self.count
+        extent, plan = plan_rows(description, self._extent, len(change.sources), self._limits)
+        symbols = description.symbols({**extent.symbols, "width": 1, "height": 1})
+        gather_rows(self.executor, change, before, symbols, plan.sizes)
+        self._fit(extent)
+        set_values(self.executor, change, symbols)
+        self.restart_statistics()
 
     def statistics(self) -> Statistics:
-        """Zeros: steps that would collect them are refused."""
-        return Statistics.none_yet(self.count)
+        """What steps that were asked to have summed up since the last change of rows or start."""
+        self._settle()
+        if not self._extent.trains:
+            return Statistics.none_yet(self.count)
+        return Statistics(*self._read_columns("statistics", STATISTICS))
 
     def restart_statistics(self, start: Statistics | None = None) -> None:
-        """Nothing has been summed up."""
+        """Sum up from zero, or from sums that were taken before."""
+        self._settle()
+        if not self._extent.trains:
+            self._fit(replace(self._extent, trains=True))
+        self.executor.clear("statistics")
+        if start is not None:
+            columns = np.stack([start.screen_gradients, start.seen, start.radii, start.errors])
+            self.executor.write("statistics", columns.astype(np.float32))
 
     def step(self, view: int, settings: StepSettings) -> None:
-        """Train on one view. Returns before it is done.
-
-        Raises:
-            PocketGSError: the view is none of the photographs, or the settings ask for what only the CPU engine does.
-        """
+        """Train on one view. Returns before it is done."""
         check_view(view, self._frames)
-        summed = settings.statistics or settings.errors
-        if summed or settings.noise or settings.loss.size_weight or settings.sh_degree is not None:
-            raise _not_here("collect statistics, shake positions, weigh sizes or raise the SH degree")
         if not self._pending:
             self._first_pending = time.monotonic()
         self._submit(_Step(view, settings))
@@ -224,7 +235,7 @@ class WebGpuEngine:
         entries = int(EXPECTED_PER_GAUSSIAN * gaussians + EXPECTED_PER_PIXEL * largest)
         entries = max(LEAST_ENTRIES, min(max(entries, ENTRIES_PER_GAUSSIAN * gaussians), self._most_entries))
         sizes = frozenset(photographs)
-        extent = Extent(gaussians, coefficients, entries, tuple(photographs), sizes, trains=True)
+        extent = Extent(gaussians, gaussians, coefficients, entries, tuple(photographs), sizes, trains=True)
         description = self.executor.description
         uniforms = sum(layout.size for layout in description.uniforms.values())
         device = plan_memory(description, extent, self._limits).total + uniforms
@@ -249,6 +260,7 @@ class WebGpuEngine:
                 "height": camera.height,
                 "structural": int(settings is not None and structural_share(settings, camera) > 0.0),
                 "regularised": int(settings is not None and is_regularised(settings)),
+                "collecting": int(settings is not None and settings.statistics),
             }
         )
 
@@ -278,8 +290,10 @@ class WebGpuEngine:
         symbols = self._symbols(camera, step.settings)
         number = self._completed + len(self._pending) + 1
         self.executor.write_uniform("view", view_values(camera, step.settings.background, self._near, symbols, place))
-        self.executor.write_uniform("update", update_values(step.settings, camera, symbols["gaussians"], number))
+        self.executor.write_uniform("update", update_values(step.settings, camera, symbols, number))
         self.executor.submit("step", symbols)
+        if step.settings.errors:
+            self.executor.submit("errors", symbols)
         self._pending.append(step)
 
     def _settle(self) -> None:

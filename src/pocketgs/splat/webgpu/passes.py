@@ -71,22 +71,24 @@ class Variant:
 
 SPLAT_BYTES = {"f32": 40, "f16": 28}
 RECORD_BYTES = {"f32": 20, "f16": 12}
+STATISTICS = 4
+"""Columns of sums: see `common/statistics.wgsl`."""
 
 
 def _buffers(variant: Variant) -> dict[str, str]:
     """Sizes in bytes of the buffers that rendering needs."""
     return {
-        "shape": "44 * gaussians",
-        "sh": "12 * coefficients * gaussians",
-        "splats": f"{SPLAT_BYTES[variant.precision]} * gaussians",
-        "depth_keys": "4 * gaussians",
-        "depth_keys_spare": "4 * gaussians",
-        "order": "4 * gaussians",
-        "order_spare": "4 * gaussians",
-        "tile_counts": "4 * gaussians",
-        "block_sums": "4 * blocks",
-        "first_slots": "4 * gaussians + 4",
-        "digit_counts": digit_counts_bytes("max(blocks, entry_blocks)"),
+        "shape": "44 * capacity",
+        "sh": "12 * coefficients * capacity",
+        "splats": f"{SPLAT_BYTES[variant.precision]} * capacity",
+        "depth_keys": "4 * capacity",
+        "depth_keys_spare": "4 * capacity",
+        "order": "4 * capacity",
+        "order_spare": "4 * capacity",
+        "tile_counts": "4 * capacity",
+        "block_sums": f"4 * ceil_div(capacity, {BLOCK})",
+        "first_slots": "4 * capacity + 4",
+        "digit_counts": digit_counts_bytes(f"max(ceil_div(capacity, {BLOCK}), entry_blocks)"),
         "depth_digit": "8",
         "tile_digit": "8",
         "gaussian_count": "4",
@@ -105,14 +107,18 @@ def _buffers(variant: Variant) -> dict[str, str]:
 
 
 _TRAINING_BUFFERS = {
-    "gradients": "4 * columns * gaussians",
-    "first_moments": "4 * columns * gaussians",
-    "second_moments": "4 * columns * gaussians",
+    "gradients": "4 * columns * capacity",
+    "first_moments": "4 * columns * capacity",
+    "second_moments": "4 * columns * capacity",
+    "statistics": f"{4 * STATISTICS} * capacity",
+    "row_sources": "4 * capacity",
+    "listed_rows": "4 * listed",
+    "listed_values": "4 * listed * max(4, 3 * coefficients)",
     "photographs": "4 * photograph_pixels",
     "ssim_derivatives": "36 * pixels",
     "d_image": "16 * pixels",
     "loss_parts": "8 * patches",
-    "regulariser_parts": "4 * groups",
+    "regulariser_parts": f"4 * ceil_div(capacity, {THREADS})",
     "losses": f"{4 * KEPT_LOSSES}",
 }
 
@@ -149,18 +155,44 @@ _TRAINING = (
     Pass("loss", "loss", "patches"),
     Pass("rasterize backward", "rasterize_backward", "tiles", buffers=_SORTED),
     Pass("project backward", "project_backward", "groups"),
+    Pass("collect statistics", "collect_statistics", "groups", when="collecting"),
     Pass("regularise", "regularise", "groups", when="regularised"),
     Pass("adam", "adam", "groups"),
     Pass("sum loss", "sum_loss", "1"),
 )
+
+_ERRORS = (
+    Pass("write error", "write_error", f"ceil_div(pixels, {THREADS})"),
+    Pass("rasterize error backward", "rasterize_backward", "tiles", buffers=_SORTED),
+    Pass("collect errors", "collect_errors", "groups"),
+)
+"""After a step, and from what it has left: the part of the view's error that each Gaussian takes."""
+
+TABLES = ("shape", "sh", "first_moments", "second_moments")
+"""Buffers that lie column by column, with a number for every Gaussian in each column."""
+
+GATHERED = "gradients"
+"""Where rows of the tables are gathered: nothing is kept in it between steps."""
+
+
+def _row_sequences() -> dict[str, Sequence]:
+    """Putting together the rows of each table anew, and setting some of them."""
+    sequences: dict[str, Sequence] = {}
+    for table in TABLES:
+        buffers = {"table": table, "gathered": GATHERED}
+        gather = Pass(f"gather {table}", "gather_rows", "groups", buffers=buffers)
+        set_rows = Pass(f"set {table}", "set_rows", f"ceil_div(listed, {THREADS})", buffers={"table": table})
+        sequences |= {gather.name: Sequence((), (gather,)), set_rows.name: Sequence((), (set_rows,))}
+    return sequences
 
 
 @cache
 def describe(variant: Variant, training: bool = True) -> Description:
     """Describe rendering, and training if asked for.
 
-    The numbers that the expressions are computed from: gaussians, coefficients, width, height, entries (room for them),
-    photograph_pixels, replay_depth, structural and regularised (0 or 1).
+    The numbers that the expressions are computed from: gaussians, capacity (room for them), coefficients, width,
+    height, entries (room for them), photograph_pixels, replay_depth, listed (rows to set), structural, regularised and
+    collecting (0 or 1).
     """
     assert not training or variant.appearance == "splats", variant.appearance
     bins = _bin_passes()
@@ -172,15 +204,18 @@ def describe(variant: Variant, training: bool = True) -> Description:
     if training:
         cleared = (*_CLEARED, "gradients", "gradient_rows")
         sequences["step"] = Sequence(cleared, (*bins, *_TRAINING))
+        sequences["errors"] = Sequence(("gradient_rows",), _ERRORS)
+        sequences |= _row_sequences()
         buffers |= _TRAINING_BUFFERS
         if variant.replay == "cache":
             buffers["replay_cache"] = f"pixels * (4 + {RECORD_BYTES[variant.precision]} * replay_depth)"
-        buffers["gradient_rows"] = f"36 * {'entries' if variant.accumulation == 'ordered' else 'gaussians'}"
+        buffers["gradient_rows"] = f"36 * {'entries' if variant.accumulation == 'ordered' else 'capacity'}"
     names = dict.fromkeys(one.shader for sequence in sequences.values() for one in sequence.passes)
     shaders = {name: _shader(name, variant) for name in names}
     uniforms = {"view": UniformLayout.of("View", shaders["project"].source)}
     if training:
         uniforms["update"] = UniformLayout.of("Update", shaders["adam"].source)
+        uniforms["rows"] = UniformLayout.of("Rows", shaders["gather_rows"].source)
     return Description(variant.sections, DEFINITIONS, buffers, uniforms, shaders, sequences)
 
 

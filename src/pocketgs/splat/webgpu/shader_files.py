@@ -31,6 +31,8 @@ SHADERS = ShaderLibrary(
         "LOG2_ALPHA_MIN": math.log2(constants.ALPHA_MIN),
         "LOG2_E": math.log2(math.e),
         "LARGEST_LOG_SCALE": _LARGEST_LOG_SCALE,
+        "NOISE_STEEPNESS": constants.NOISE_STEEPNESS,
+        "NOISE_THRESHOLD": constants.NOISE_THRESHOLD,
         "TILE": TILE,
         "PATCH": PATCH,
         "MARGIN": MARGIN,

@@ -15,7 +15,7 @@ fn main(@builtin(local_invocation_index) thread: u32) {
         let parts = loss_parts[part];
         sum += parts.x - select(0.0, update.structural_weight * parts.y, update.structural_weight > 0.0);
     }
-    if (update.scale_weight != 0.0 || update.opacity_weight != 0.0) {
+    if (update.scale_weight != 0.0 || update.opacity_weight != 0.0 || update.size_weight != 0.0) {
         for (var part = thread; part * THREADS < view.gaussians; part += THREADS) {
             sum += regulariser_parts[part];
         }

@@ -195,6 +195,7 @@ export class Renderer {
     #symbols(width, height, { count, coefficients }, entries) {
         return this.#executor.description.symbols({
             gaussians: count,
+            capacity: count,
             coefficients,
             width,
             height,
@@ -203,6 +204,8 @@ export class Renderer {
             replay_depth: 0,
             structural: 0,
             regularised: 0,
+            collecting: 0,
+            listed: 0,
         });
     }
 }

@@ -13,6 +13,12 @@ fn exponent_at(splat: Splat, offset: vec2f) -> f32 {
     return splat.log2_opacity + e.x * offset.x * offset.x + offset.y * (e.y * offset.x + e.z * offset.y);
 }
 
+// Q = Σ'⁻¹: the exponent of a Gaussian, to base e, is -½ dᵀ Q d.
+fn inverse_covariance(splat: Splat) -> mat2x2f {
+    let e = splat.exponents / LOG2_E;
+    return mat2x2f(-2.0 * e.x, -e.y, -e.y, -2.0 * e.z);
+}
+
 section words_f32
 // How a splat is stored: in full precision.
 const SPLAT_WORDS: u32 = 10u;
