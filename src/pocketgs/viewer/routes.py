@@ -108,7 +108,7 @@ async def _add_headers(_: web.Request, response: web.StreamResponse) -> None:
 
 
 class _Routes:
-    """A method a route."""
+    """A method per route."""
 
     def __init__(self, content: Callable[[], Content], run: LiveRun | None) -> None:
         self._content = content

@@ -1,4 +1,4 @@
-// Count the digits of each block of keys. One workgroup a block.
+// Count the digits of each block of keys. One workgroup per block.
 import radix, workgroups
 
 @group(0) @binding(0) var<storage, read> item_count: array<u32>;

@@ -1,4 +1,5 @@
-// Where the keys of each digit and block go: running sums of the counts. Then the next digit's turn comes. One workgroup.
+// Where the keys of each digit and block go: running sums of the counts. Then the next digit's turn comes. One
+// workgroup.
 import radix, scan.in_place
 
 @group(0) @binding(0) var<storage, read> item_count: array<u32>;

@@ -1,4 +1,4 @@
-// Move each block's keys and values to their digits' places, equal digits in their order. One workgroup a block.
+// Move each block's keys and values to their digits' places, equal digits in their order. One workgroup per block.
 import radix, scan.exclusive, workgroups
 
 @group(0) @binding(0) var<storage, read> item_count: array<u32>;
@@ -29,7 +29,8 @@ fn main(
     if (thread < DIGITS) {
         places[thread] = digit_counts[thread * blocks + block];
     }
-    // A thread takes consecutive keys, so that its counts and those of the threads before it keep equal digits in order.
+    // A thread takes consecutive keys, so that its counts and those of the threads before it keep equal digits in
+    // order.
     let first = block * BLOCK + thread * KEYS_PER_THREAD;
     let end = min(first + KEYS_PER_THREAD, length);
     for (var index = first; index < end; index++) {

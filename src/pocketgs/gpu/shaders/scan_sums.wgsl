@@ -1,4 +1,4 @@
-// Add up each block of `values`, taken in the order that `order` lists them in. One workgroup a block.
+// Add up each block of `values`, taken in the order that `order` lists them in. One workgroup per block.
 import scan.exclusive, workgroups
 
 @group(0) @binding(0) var<storage, read> item_count: array<u32>;

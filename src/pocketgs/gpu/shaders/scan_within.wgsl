@@ -1,5 +1,5 @@
 // Running sums of `values`, taken in the order that `order` lists them in: each without itself, and their total in the
-// end. One workgroup a block.
+// end. One workgroup per block.
 import radix, scan.exclusive, workgroups
 
 @group(0) @binding(0) var<storage, read> item_count: array<u32>;

@@ -67,7 +67,7 @@ def is_regularised(settings: StepSettings) -> bool:
 
 
 def trained_coefficients(settings: StepSettings, coefficients: int) -> int:
-    """Coefficients of spherical harmonics a channel that a step trains, of those that there are."""
+    """Coefficients of spherical harmonics per channel that a step trains, of those that there are."""
     return coefficients if settings.sh_degree is None else min(SH_COEFFICIENTS[settings.sh_degree], coefficients)
 
 

@@ -34,7 +34,7 @@ class Extent:
     Attributes:
         gaussians: their number.
         capacity: how many there is room for.
-        coefficients: of spherical harmonics a channel.
+        coefficients: of spherical harmonics per channel.
         entries: of tiles' lists, that there is to be room for.
         photographs: width and height of each.
         drawn_sizes: width and height of other images that are drawn.

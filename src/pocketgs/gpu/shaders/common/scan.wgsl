@@ -79,8 +79,8 @@ section in_place
 import radix, scan.exclusive
 // Turn `counts`, which the pass binds, into running sums, in place, each without itself; one workgroup walks over all.
 //
-// Sums that 32 bits do not hold stay at FULL, more than there is ever room for: the upper halves of the counts are summed
-// beside them, and show in time when the sums come near.
+// Sums that 32 bits do not hold stay at FULL, more than there is ever room for: the upper halves of the counts are
+// summed beside them, and show in time when the sums come near.
 
 const FULL: u32 = 0x7fff0000u;
 

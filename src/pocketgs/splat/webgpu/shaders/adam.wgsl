@@ -1,5 +1,5 @@
 // One step of Adam (Kingma and Ba 2015, algorithm 1) on all parameters, each group in its own space and with its own
-// rate; then noise on the positions, if asked for. Nothing happens while the run is halted. One thread a Gaussian.
+// rate; then noise on the positions, if asked for. Nothing happens while the run is halted. One thread per Gaussian.
 import view, update, update.status, gaussians.read, noise, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;

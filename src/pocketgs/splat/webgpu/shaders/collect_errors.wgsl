@@ -1,5 +1,6 @@
-// Add to each Gaussian its part of a view's error: Σ over pixels of α T |rendered - photograph|, which the backward pass has
-// left in the place of the red gradient. Nothing happens while the run is halted. One thread a Gaussian, in order of depth.
+// Add to each Gaussian its part of a view's error: Σ over pixels of α T |rendered - photograph|, which the backward
+// pass has left in the place of the red gradient. Nothing happens while the run is halted. One thread per Gaussian, in
+// order of depth.
 import view, statistics, gradient_rows.gather, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;

@@ -1,6 +1,6 @@
-// Add one view of each Gaussian that it shows to the sums that strategies decide by: the norm of the gradient with respect
-// to its projected centre, in half the image's width and height; the number of views; and the largest radius. Nothing
-// happens while the run is halted. One thread a Gaussian, in order of depth.
+// Add one view of each Gaussian that it shows to the sums that strategies decide by: the norm of the gradient with
+// respect to its projected centre, in half the image's width and height; the number of views; and the largest radius.
+// Nothing happens while the run is halted. One thread per Gaussian, in order of depth.
 import view, statistics, splats.read, gradient_rows.gather, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;

@@ -1,5 +1,5 @@
 // List every tile that each Gaussian reaches, in order of depth: the tile is the key to sort by, the place the value.
-// One thread a Gaussian.
+// One thread per Gaussian.
 import view, splats.read, tiles, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;

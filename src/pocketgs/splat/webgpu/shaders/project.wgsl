@@ -1,6 +1,6 @@
 // Project every Gaussian into the image: Σ' = J W Σ Wᵀ Jᵀ + 0.3 I (3DGS, equation 5). Writes its splat, the bits of its
-// depth, which sort as the depth does, and in how many tiles' lists it will stand; and for the sort that follows, how many
-// Gaussians there are. One thread a Gaussian.
+// depth, which sort as the depth does, and in how many tiles' lists it will stand; and for the sort that follows, how
+// many Gaussians there are. One thread per Gaussian.
 import view, gaussians.read, gaussians.read_sh, projection, spherical_harmonics, splats.words, appearance.kind, tiles
 import finite, workgroups
 

@@ -1,7 +1,7 @@
 // Gradients from the image back to the Gaussians, through the sort permutation: ∇θ[π(i)] += g_i. `gradients` is all 0
-// before. One thread a Gaussian, in order of depth.
-import view, gaussians.read, gaussians.read_sh, projection, spherical_harmonics.gradient, splats.read, gradient_rows.gather
-import workgroups
+// before. One thread per Gaussian, in order of depth.
+import view, gaussians.read, gaussians.read_sh, projection, spherical_harmonics.gradient, splats.read
+import gradient_rows.gather, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> shape: array<f32>;

@@ -1,5 +1,5 @@
 // The gradient of the image by replaying each tile front to back: a ring of threads, each holding one splat, through
-// which the pixels pass. One workgroup a tile.
+// which the pixels pass. One workgroup per tile.
 //
 // With D_i = c_i · ∂L/∂C, what lies behind splat i enters its gradient only through the number
 // H_i = Σ_{j>i} w_j D_j + T background · ∂L/∂C, which starts at C · ∂L/∂C and loses w_i D_i at every contribution. A

@@ -1,5 +1,5 @@
-// Add the gradient of λ_s mean ‖log s‖² + λ_α mean α (the PocketGS paper's total loss) + λ_r mean Σ s (3DGS-MCMC's), and
-// write its parts of the loss. One thread a Gaussian.
+// Add the gradient of λ_s mean ‖log s‖² + λ_α mean α (the PocketGS paper's total loss) + λ_r mean Σ s (3DGS-MCMC's),
+// and write its parts of the loss. One thread per Gaussian.
 import view, update, gaussians.read, workgroups, workgroups.sum
 
 @group(0) @binding(0) var<uniform> view: View;

@@ -1,4 +1,4 @@
-// Find where each tile's entries begin among the sorted ones; `tile_starts` is all 0 before. One thread an entry.
+// Find where each tile's entries begin among the sorted ones; `tile_starts` is all 0 before. One thread per entry.
 import view, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;

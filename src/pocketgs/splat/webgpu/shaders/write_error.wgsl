@@ -1,5 +1,5 @@
-// Put a view's error, the mean of its channels, in place of the red gradient of each pixel: the backward pass then sums up
-// by splat α T times the error. One thread a pixel.
+// Put a view's error, the mean of its channels, in place of the red gradient of each pixel: the backward pass then sums
+// up by splat α T times the error. One thread per pixel.
 import view, patches.photograph, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;

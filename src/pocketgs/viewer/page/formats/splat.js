@@ -1,5 +1,5 @@
 /**
- * The `.splat` of antimatter15's viewer: 32 bytes a Gaussian; the twin of `formats/splat.py`.
+ * The `.splat` of antimatter15's viewer: 32 bytes per Gaussian; the twin of `formats/splat.py`.
  *
  * @module
  */

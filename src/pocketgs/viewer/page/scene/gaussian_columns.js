@@ -36,7 +36,7 @@ export function requireRoom(count, coefficients, unpacked = 0) {
     }
 }
 
-/** N Gaussians with K spherical-harmonics coefficients a channel. */
+/** N Gaussians with K spherical-harmonics coefficients per channel. */
 export class GaussianColumns {
     /**
      * @param {number} count

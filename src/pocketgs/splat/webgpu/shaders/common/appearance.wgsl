@@ -32,8 +32,8 @@ fn opacity_at(exponent: f32) -> f32 {
 
 section discs
 import splats
-// Every Gaussian that can be seen in its true shape, but opaque and with a hard edge. A splat ends where α = 1/255: that
-// is the disc's edge.
+// Every Gaussian that can be seen in its true shape, but opaque and with a hard edge. A splat ends where α = 1/255:
+// that is the disc's edge.
 
 // In standard deviations.
 const DISC_RADIUS: f32 = 1.5;

@@ -1,5 +1,5 @@
-// How the backward pass comes by what the forward pass computed: it computes it again, or the forward pass keeps it in a
-// cache.
+// How the backward pass comes by what the forward pass computed: it computes it again, or the forward pass keeps it in
+// a cache.
 
 section record_nothing
 // Replay by recomputation: the forward pass keeps nothing.

@@ -7,7 +7,8 @@ struct Update {
     structural_weight: f32,
     // The structural term's constant: its weight, undivided.
     structural_share: f32,
-    // Weights of a Gaussian's ‖log s‖², of its opacity, and of its standard deviations, divided by the number of Gaussians.
+    // Weights of a Gaussian's ‖log s‖², of its opacity, and of its standard deviations, divided by the number of
+    // Gaussians.
     scale_weight: f32,
     opacity_weight: f32,
     size_weight: f32,
@@ -27,7 +28,7 @@ struct Update {
     loss_slot: u32,
     // 1 if Gaussians without a gradient keep their parameters and moments.
     seen_only: u32,
-    // Coefficients of spherical harmonics a channel that are trained.
+    // Coefficients of spherical harmonics per channel that are trained.
     trained_coefficients: u32,
     // Of the noise on positions; 0 for none.
     noise_size: f32,
