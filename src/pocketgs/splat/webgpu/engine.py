@@ -23,11 +23,12 @@ from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import RowChange, Statistics, check_change
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.frame_values import is_regularised, structural_share, update_values, view_values
+from pocketgs.splat.webgpu.layout import SHAPE_COLUMNS
 from pocketgs.splat.webgpu.memory import Extent, Limits, MemoryPlan, plan_memory, plan_rows
 from pocketgs.splat.webgpu.passes import STATISTICS, Variant, describe
 from pocketgs.splat.webgpu.photographs import PIXEL_BYTES, packed
 from pocketgs.splat.webgpu.row_changes import gather_rows, set_values
-from pocketgs.splat.webgpu.scene_columns import SHAPE_COLUMNS, from_columns, to_columns, transposed
+from pocketgs.splat.webgpu.scene_columns import from_columns, to_columns, transposed
 
 ENTRIES_PER_GAUSSIAN = 8
 LEAST_ENTRIES = 1 << 16

@@ -12,14 +12,14 @@ from pocketgs.gpu.sort import Items, digit_counts_bytes, radix_sort, running_sum
 from pocketgs.gpu.uniforms import UniformLayout
 from pocketgs.gpu.workgroups import BLOCK, DIGIT_BITS, THREADS
 from pocketgs.splat.engine import KEPT_LOSSES, Accumulation, Precision, Replay
-from pocketgs.splat.webgpu.layout import PATCH, TILE
+from pocketgs.splat.webgpu.layout import GRADIENT_COLUMNS, PATCH, SHAPE_COLUMNS, TILE
 from pocketgs.splat.webgpu.shader_files import SHADERS
 
 DEFINITIONS = {
     "pixels": "width * height",
     "tiles": f"ceil_div(width, {TILE}) * ceil_div(height, {TILE})",
     "patches": f"ceil_div(width, {PATCH}) * ceil_div(height, {PATCH})",
-    "columns": "10 + 3 * coefficients",
+    "columns": f"{GRADIENT_COLUMNS} + 3 * coefficients",
     "groups": f"ceil_div(gaussians, {THREADS})",
     "blocks": f"ceil_div(gaussians, {BLOCK})",
     "entry_blocks": f"ceil_div(entries, {BLOCK})",
@@ -78,7 +78,7 @@ STATISTICS = 4
 def _buffers(variant: Variant) -> dict[str, str]:
     """Sizes in bytes of the buffers that rendering needs."""
     return {
-        "shape": "44 * capacity",
+        "shape": f"{4 * SHAPE_COLUMNS} * capacity",
         "sh": "12 * coefficients * capacity",
         "splats": f"{SPLAT_BYTES[variant.precision]} * capacity",
         "depth_keys": "4 * capacity",

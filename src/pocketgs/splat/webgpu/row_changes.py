@@ -10,8 +10,8 @@ from pocketgs.gpu.executor import Executor
 from pocketgs.gpu.sizes import Symbols
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import RowChange
+from pocketgs.splat.webgpu.layout import FIRST_COLUMNS, SHAPE_COLUMNS
 from pocketgs.splat.webgpu.passes import GATHERED, TABLES
-from pocketgs.splat.webgpu.scene_columns import SHAPE_COLUMNS
 
 MOMENTS = ("first_moments", "second_moments")
 LISTS = ("listed_rows", "listed_values")
@@ -55,7 +55,7 @@ def set_values(executor: Executor, change: RowChange, symbols: Symbols) -> None:
         executor.reserve(executor.description.sizes(listed, LISTS))
         executor.write("listed_rows", np.asarray(rows, np.uint32))
         numbers = np.asarray(values, np.float32).reshape(len(rows), layout.group(name).numbers(layout.coefficients))
-        _set(executor, "sh" if name == "sh" else "shape", _first_number(layout, name), numbers, listed)
+        _set(executor, "sh" if name == "sh" else "shape", 0 if name == "sh" else FIRST_COLUMNS[name], numbers, listed)
         columns = layout.columns_of(name)
         zeros = np.zeros((len(rows), columns.stop - columns.start), np.float32)
         for table in MOMENTS:
@@ -79,13 +79,3 @@ def _columns(table: str, coefficients: int) -> int:
     if table in MOMENTS:
         return ParameterLayout(coefficients).columns
     return SHAPE_COLUMNS if table == "shape" else 3 * coefficients
-
-
-def _first_number(layout: ParameterLayout, name: str) -> int:
-    """Where a parameter begins in its table; spherical harmonics have one of their own."""
-    first = 0
-    for group in layout.groups:
-        if group.name in (name, "sh"):
-            break
-        first += group.numbers(layout.coefficients)
-    return 0 if name == "sh" else first

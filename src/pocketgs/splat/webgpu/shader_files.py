@@ -8,7 +8,7 @@ from pathlib import Path
 from pocketgs.gpu.shader_library import ShaderLibrary
 from pocketgs.splat import constants
 from pocketgs.splat.reference.loss import ssim_window
-from pocketgs.splat.webgpu.layout import MARGIN, PATCH, TILE
+from pocketgs.splat.webgpu.layout import MARGIN, PATCH, PLACES, TILE
 
 _IMAGE_FORMATION = (
     "LOW_PASS",
@@ -33,6 +33,7 @@ SHADERS = ShaderLibrary(
         "LARGEST_LOG_SCALE": _LARGEST_LOG_SCALE,
         "NOISE_STEEPNESS": constants.NOISE_STEEPNESS,
         "NOISE_THRESHOLD": constants.NOISE_THRESHOLD,
+        **PLACES,
         "TILE": TILE,
         "PATCH": PATCH,
         "MARGIN": MARGIN,

@@ -1,16 +1,6 @@
-// The scene's parameters lie column by column, so that neighbouring threads read neighbouring words. `shape` holds the
-// columns below, `sh` coefficient after coefficient, RGB each.
-const MEAN: u32 = 0u;
-const LOG_SCALE: u32 = 3u;
-const QUATERNION: u32 = 6u;
-const OPACITY_LOGIT: u32 = 10u;
-
-// Columns of gradients and moments; the columns of SH follow.
-const GRADIENT_MEAN: u32 = 0u;
-const GRADIENT_LOG_SCALE: u32 = 3u;
-const GRADIENT_ROTATION: u32 = 6u;
-const GRADIENT_OPACITY: u32 = 9u;
-const GRADIENT_SH: u32 = 10u;
+// The scene's parameters lie column by column, so that neighbouring threads read neighbouring words: `shape` holds mean,
+// log scale, quaternion and opacity logit, `sh` coefficient after coefficient, RGB each. The first column of each is a
+// constant, such as MEAN, or GRADIENT_MEAN in gradients and moments.
 
 // A Gaussian without its colour. The quaternion is of unit length: w, x, y, z.
 struct Gaussian {
