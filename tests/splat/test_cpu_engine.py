@@ -16,7 +16,7 @@ from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.cpu.adam import adam
 from pocketgs.splat.cpu.dssim import dssim
 from pocketgs.splat.cpu.engine import CpuEngine
-from pocketgs.splat.cpu.layout import ENTRY_ROWS, ENTRY_SPLAT, TILE_HEIGHT, TILE_WIDTH, View, tiles_down
+from pocketgs.splat.cpu.layout import DEPTH, ENTRY_ROWS, ENTRY_SPLAT, TILE_HEIGHT, TILE_WIDTH, View, tiles_down
 from pocketgs.splat.cpu.loss import pointwise
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
@@ -141,7 +141,7 @@ def test_tile_lists_hold_every_pixel_that_a_splat_colours(seed: int, width: int,
     listed = np.zeros((count, height, width), bool)
     for tile in range(view.tiles):
         entries = raster.lists.entries[raster.lists.ranges[tile] : raster.lists.ranges[tile + 1]]
-        depths = engine._splats[entries[:, ENTRY_SPLAT], 9]
+        depths = engine._splats[entries[:, ENTRY_SPLAT], DEPTH]
         assert np.all(np.diff(depths) >= 0)
         left = tile // tiles_down(height) * TILE_WIDTH
         top = tile % tiles_down(height) * TILE_HEIGHT

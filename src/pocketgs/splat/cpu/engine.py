@@ -31,6 +31,10 @@ from pocketgs.splat.settings import LearningRates, LossSettings, StepSettings
 from pocketgs.system.cores import kernel_threads
 
 
+_NO_PLANE, _NO_CENTRES, _NO_CHANNELS = (np.empty(shape, np.float32) for shape in ((0, 0), (0, 4), (0, 3)))
+"""What a step does not ask of the kernels."""
+
+
 @dataclass(frozen=True)
 class _TrainingView:
     """One photograph, as planes of uint8; `mask` is (0, 0) where there is none."""
@@ -56,6 +60,7 @@ class _Canvas:
 class Raster:
     """The forward pass's results that the backward pass needs; the next forward pass writes over them."""
 
+    visible: np.ndarray
     order: np.ndarray
     lists: TileLists
     canvas: _Canvas
@@ -118,7 +123,7 @@ class CpuEngine:
         self._gradients = np.zeros((count, columns), np.float32)
         self._splats = np.zeros((count, SPLAT_FIELDS), np.float32)
         self._depth_keys = np.zeros(count, np.uint32)
-        self._order, self._order_scratch = np.zeros(count, np.int32), np.zeros(count, np.int32)
+        self._visible, self._order, self._order_scratch = np.zeros((3, count), np.int32)
 
     def step(self, view: int, settings: StepSettings) -> None:
         """Train on one view."""
@@ -147,7 +152,7 @@ class CpuEngine:
         if depth:
             # Depth composites as a colour does.
             self._splats[:, RED : BLUE + 1] = self._splats[:, DEPTH : DEPTH + 1]
-            total = self._rasterize(view, raster.order, raster.lists, np.zeros(3, np.float32)).canvas.image[0]
+            total = self._rasterize(view, raster.visible, raster.order, raster.lists, np.zeros(3, np.float32)).canvas.image[0]
             expected_depth = np.divide(total, alpha, out=np.zeros_like(alpha), where=alpha > 0.0)
         return Rendering(image, alpha, expected_depth)
 
@@ -168,7 +173,7 @@ class CpuEngine:
             "gradients": self._gradients.nbytes,
             "tile lists": self._binner.nbytes,
             "gradients by tile": self._entry_sums.nbytes,
-            "projected splats": self._splats.nbytes + self._depth_keys.nbytes + 2 * self._order.nbytes,
+            "projected splats": self._splats.nbytes + self._depth_keys.nbytes + 3 * self._order.nbytes,
         }
 
     def memory_needed(self, gaussians: int, coefficients: int, photographs: Sequence[tuple[int, int]]) -> MemoryNeed:
@@ -190,10 +195,11 @@ class CpuEngine:
             self._splats,
             self._depth_keys,
         )
-        order = sort_by_depth(self._depth_keys, self._order, self._order_scratch)
-        return self._rasterize(view, order, self._binner.bin(self._splats, order, view), background)
+        visible, order = sort_by_depth(self._depth_keys, self._visible, self._order, self._order_scratch)
+        lists = self._binner.bin(self._splats, visible, order, view)
+        return self._rasterize(view, visible, order, lists, background)
 
-    def _rasterize(self, view: View, order: np.ndarray, lists: TileLists, background: np.ndarray) -> Raster:
+    def _rasterize(self, view: View, visible: np.ndarray, order: np.ndarray, lists: TileLists, background: np.ndarray) -> Raster:
         if self._canvas is None or self._canvas.shape != (view.height, view.width):
             self._canvas = _Canvas(view)
         canvas = self._canvas
@@ -207,7 +213,7 @@ class CpuEngine:
             canvas.transmittance,
             canvas.drawn_ends,
         )
-        return Raster(order, lists, canvas)
+        return Raster(visible, order, lists, canvas)
 
     def _photometric(self, view: _TrainingView, raster: Raster, settings: LossSettings) -> float:
         """The loss; its gradient is left on the canvas."""
@@ -229,6 +235,9 @@ class CpuEngine:
             self.threads,
             raster.canvas.image,
             raster.canvas.d_image,
+            raster.canvas.transmittance,
+            _NO_PLANE,
+            False,
             self._entry_sums,
         )
         self._gradients.fill(0.0)
@@ -240,10 +249,13 @@ class CpuEngine:
             view,
             self.threads,
             self._splats,
-            raster.order,
-            lists.first_slots,
+            raster.visible,
+            lists.slots,
+            LANES,
             self._entry_sums,
             self._gradients,
+            _NO_CENTRES,
+            _NO_CHANNELS,
         )
 
     def _update(self, settings: StepSettings) -> float:

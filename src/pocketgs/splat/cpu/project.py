@@ -16,6 +16,7 @@ from pocketgs.splat.constants import (
     LOW_PASS,
 )
 from pocketgs.splat.cpu.layout import (
+    COLOURS,
     DEPTH,
     EXPONENT_XX,
     EXPONENT_XY,
@@ -98,7 +99,9 @@ def _project_shape(
     opacity = 1.0 / (1.0 + math.exp(-float(logit)))
     if not (local[2] >= near and opacity >= ALPHA_MIN):
         return False
-    jacobian, axes = jacobian_at(view, local), axes_of(quaternion)
+    jacobian = jacobian_at(view, local)
+    w, x, y, z = float(quaternion[0]), float(quaternion[1]), float(quaternion[2]), float(quaternion[3])
+    axes = axes_of((w, x, y, z))
     _, p = footprint(view, jacobian, axes[0], math.exp(float(log_scale[0])))
     _, q = footprint(view, jacobian, axes[1], math.exp(float(log_scale[1])))
     _, r = footprint(view, jacobian, axes[2], math.exp(float(log_scale[2])))
@@ -134,7 +137,7 @@ def direction_to(view: View, mean: np.ndarray) -> tuple[Vector, float]:
 
 
 @inlined
-def unclipped_colour(sh: np.ndarray, basis: np.ndarray, channel: int) -> float:
+def _unclipped_colour(sh: np.ndarray, basis: np.ndarray, channel: int) -> float:
     """0.5 + Σ_k Y_k sh_k of one channel, before negative colours are cut to 0."""
     value = 0.5
     for k in range(sh.shape[0]):
@@ -165,13 +168,14 @@ def _project_range(
         local = to_camera(view, means[i])
         depth_keys[i] = CULLED
         if _project_shape(view, near, local, log_scales[i], quaternions[i], opacity_logits[i], splat):
-            (x, y, z), _ = direction_to(view, means[i])
-            sh_basis(x, y, z, sh.shape[1], basis)
             sound = True
-            for channel in range(3):
-                colour = unclipped_colour(sh[i], basis, channel)
-                splat[RED + channel] = max(colour, 0.0)
-                sound = sound and abs(colour) < BRIGHTEST
+            if sh.shape[1] > 0:
+                (x, y, z), _ = direction_to(view, means[i])
+                sh_basis(x, y, z, sh.shape[1], basis)
+                for channel in range(COLOURS):
+                    colour = _unclipped_colour(sh[i], basis, channel)
+                    splat[RED + channel] = max(colour, 0.0)
+                    sound = sound and abs(colour) < BRIGHTEST
             if sound:
                 depth[0] = splat[DEPTH]
                 depth_keys[i] = bits[0]
@@ -197,11 +201,11 @@ def project(
         log_scales: (N, 3) float32.
         quaternions: (N, 4) float32 of unit length.
         opacity_logits: (N,) float32.
-        sh: (N, K, 3) float32.
+        sh: (N, K, 3) float32. K may be 0: then no colours are written.
         view: the camera.
         near: least depth of what is drawn.
         threads: number of threads that project.
-        splats: (N, SPLAT_FIELDS) float32, written where visible.
+        splats: (N, FIRST_CHANNEL + C) float32, written where visible.
         depth_keys: (N,) uint32, written: the bits of the depth, which sort as the depth does, or CULLED.
     """
     counter = first_piece()
