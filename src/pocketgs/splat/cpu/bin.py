@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
+from pocketgs.splat.cpu.lanes import prefetch
 from pocketgs.splat.cpu.layout import (
     ENTRY_FIELDS,
     ENTRY_ROWS,
@@ -36,6 +37,9 @@ from pocketgs.system.dealing import first_piece, take
 
 SHARES_PER_THREAD = 4
 """Shares of the splats are dealt out to threads; each takes a row of counts, of which there is one for every tile."""
+
+AHEAD = 12
+"""Splats are asked of memory so many before they are needed."""
 
 _LISTED_TILE, _LISTED_SPLAT, _LISTED_ROWS = range(3)
 
@@ -135,6 +139,8 @@ def _list_range(
     down = tiles_down(height)
     found = 0
     for rank in range(first_rank, end_rank):
+        if rank + AHEAD < end_rank:
+            prefetch(splats, order[rank + AHEAD])
         before = found
         ellipse = _ellipse(splats[order[rank]])
         first_column, end_column = _columns(ellipse, width)

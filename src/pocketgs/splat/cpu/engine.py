@@ -152,7 +152,9 @@ class CpuEngine:
         if depth:
             # Depth composites as a colour does.
             self._splats[:, RED : BLUE + 1] = self._splats[:, DEPTH : DEPTH + 1]
-            total = self._rasterize(view, raster.visible, raster.order, raster.lists, np.zeros(3, np.float32)).canvas.image[0]
+            total = self._rasterize(
+                view, raster.visible, raster.order, raster.lists, np.zeros(3, np.float32)
+            ).canvas.image[0]
             expected_depth = np.divide(total, alpha, out=np.zeros_like(alpha), where=alpha > 0.0)
         return Rendering(image, alpha, expected_depth)
 
@@ -199,7 +201,9 @@ class CpuEngine:
         lists = self._binner.bin(self._splats, visible, order, view)
         return self._rasterize(view, visible, order, lists, background)
 
-    def _rasterize(self, view: View, visible: np.ndarray, order: np.ndarray, lists: TileLists, background: np.ndarray) -> Raster:
+    def _rasterize(
+        self, view: View, visible: np.ndarray, order: np.ndarray, lists: TileLists, background: np.ndarray
+    ) -> Raster:
         if self._canvas is None or self._canvas.shape != (view.height, view.width):
             self._canvas = _Canvas(view)
         canvas = self._canvas

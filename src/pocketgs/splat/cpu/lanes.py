@@ -82,6 +82,24 @@ def store(typing_context: Any, array: Any, index: Any, vector: Any) -> Any:
 
 
 @intrinsic
+def prefetch(typing_context: Any, rows: Any, index: Any) -> Any:
+    """Ask for a row of a contiguous 2-D array before it is needed: rows met in random order come late otherwise."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array = cgutils.create_struct_proxy(signature.args[0])(context, builder, arguments[0])
+        row_bytes = builder.extract_value(array.strides, 0)
+        address = builder.add(builder.ptrtoint(array.data, ir.IntType(64)), builder.mul(arguments[1], row_bytes))
+        pointer = builder.inttoptr(address, ir.IntType(8).as_pointer())
+        kind = [ir.Constant(ir.IntType(32), number) for number in (0, 3, 1)]
+        function_type = ir.FunctionType(ir.VoidType(), [pointer.type, *(each.type for each in kind)])
+        function = builder.module.declare_intrinsic("llvm.prefetch", [pointer.type], function_type)
+        builder.call(function, [pointer, *kind])
+        return context.get_dummy_value()
+
+    return types.void(rows, types.intp), generate
+
+
+@intrinsic
 def broadcast(typing_context: Any, value: Any) -> Any:
     """A vector whose lanes all hold the float32 `value`."""
 

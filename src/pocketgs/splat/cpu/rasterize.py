@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from pocketgs.splat.cpu.lanes import LANES, load, store
+from pocketgs.splat.cpu.lanes import LANES, load, prefetch, store
 from pocketgs.splat.cpu.layout import (
     ENTRY_ROWS,
     ENTRY_SPLAT,
@@ -25,6 +25,9 @@ from pocketgs.splat.cpu.tile import (
 )
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import first_piece, take
+
+AHEAD = 4
+"""Splats are asked of memory so many entries before they are drawn."""
 
 # Asking whether a whole tile is saturated costs about as much as drawing one splat.
 ENTRIES_PER_CHECK = 16
@@ -89,6 +92,8 @@ def rasterize(
             end = ranges[tile + 1]
             for index in range(ranges[tile], ranges[tile + 1]):
                 entry = entries[index]
+                if index + AHEAD < ranges[tile + 1]:
+                    prefetch(splats, entries[index + AHEAD, ENTRY_SPLAT])
                 splat = splats[entry[ENTRY_SPLAT]]
                 _draw(splat, entry[ENTRY_ROWS], left, top, channels, transmittance, colours)
                 if index % ENTRIES_PER_CHECK == 0 and is_saturated(transmittance):

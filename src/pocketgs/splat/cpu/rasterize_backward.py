@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import prange
 
-from pocketgs.splat.cpu.lanes import LANES, Floats, broadcast, load, magnitude, select, store, sums
+from pocketgs.splat.cpu.lanes import LANES, Floats, broadcast, load, magnitude, prefetch, select, store, sums
 from pocketgs.splat.cpu.layout import (
     BLUE,
     COLOURS,
@@ -29,6 +29,7 @@ from pocketgs.splat.cpu.layout import (
     TILE_PIXELS,
     TILE_WIDTH,
 )
+from pocketgs.splat.cpu.rasterize import AHEAD
 from pocketgs.splat.cpu.tile import (
     MOST_OPAQUE,
     ONE,
@@ -45,7 +46,9 @@ from pocketgs.system.dealing import first_piece, take
 
 # What a splat's replay in one tile leaves behind: sums over pixels of v = ∂L/∂(ln α) times 1, dx, dy, dx², dx dy, dy²,
 # the gradient of its first three channels, and the absolute gradients of its centre. Those of other channels follow.
-SUM_EXPONENT, SUM_X, SUM_Y, SUM_XX, SUM_XY, SUM_YY, SUM_RED, SUM_GREEN, SUM_BLUE, SUM_ABSOLUTE_X, SUM_ABSOLUTE_Y = range(11)
+SUM_EXPONENT, SUM_X, SUM_Y, SUM_XX, SUM_XY, SUM_YY, SUM_RED, SUM_GREEN, SUM_BLUE, SUM_ABSOLUTE_X, SUM_ABSOLUTE_Y = (
+    range(11)
+)
 LN2 = np.float32(math.log(2.0))
 
 
@@ -189,11 +192,16 @@ def rasterize_backward(
                 _add_product(transmittance_image, d_transmittance, left, top, behind)
             for index in range(ranges[tile], drawn_ends[tile]):
                 entry = entries[index]
+                if index + AHEAD < drawn_ends[tile]:
+                    prefetch(splats, entries[index + AHEAD, ENTRY_SPLAT])
                 splat, rows = splats[entry[ENTRY_SPLAT]], entry[ENTRY_ROWS]
-                if absolute:
-                    total = _replay(splat, rows, left, top, channels, True, transmittance, behind, d_colours, more_sums)
+                if channels == COLOURS and not absolute:
+                    # With these as constants the compiler leaves out the rest.
+                    total = _replay(splat, rows, left, top, COLOURS, False, transmittance, behind, d_colours, more_sums)
                 else:
-                    total = _replay(splat, rows, left, top, channels, False, transmittance, behind, d_colours, more_sums)
+                    total = _replay(
+                        splat, rows, left, top, channels, absolute, transmittance, behind, d_colours, more_sums
+                    )
                 _write_sums(entry_sums, entry[ENTRY_SLOT] * row, total, channels, more_sums)
             for index in range(drawn_ends[tile], ranges[tile + 1]):
                 slot = entries[index, ENTRY_SLOT]
