@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pocketgs.scene.gaussians import Gaussians
     from pocketgs.scene.point_cloud import PointCloud
     from pocketgs.splat.engine import EngineOptions, Rendering
+    from pocketgs.splat.rasterizer import Rasterizer
     from pocketgs.splat.rendering import render
     from pocketgs.training.loop import train
     from pocketgs.training.options import TrainingOptions
@@ -36,6 +37,7 @@ __all__ = [
     "Gaussians",
     "PocketGSError",
     "PointCloud",
+    "Rasterizer",
     "Rendering",
     "TrainingOptions",
     "demo_capture",
@@ -54,6 +56,7 @@ _HOMES = {
     "Gaussians": "scene.gaussians",
     "PocketGSError": "errors",
     "PointCloud": "scene.point_cloud",
+    "Rasterizer": "splat.rasterizer",
     "Rendering": "splat.engine",
     "TrainingOptions": "training.options",
     "demo_capture": "capture.synthetic",

@@ -30,7 +30,6 @@ from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.settings import LearningRates, LossSettings, StepSettings
 from pocketgs.system.cores import kernel_threads
 
-
 _NO_PLANE, _NO_CENTRES, _NO_CHANNELS = (np.empty(shape, np.float32) for shape in ((0, 0), (0, 4), (0, 3)))
 """What a step does not ask of the kernels."""
 

@@ -51,7 +51,7 @@ def _draw(
 
 
 @part
-def _write(tile_pixels: np.ndarray, left: int, top: int, image: np.ndarray) -> None:
+def write_tile(tile_pixels: np.ndarray, left: int, top: int, image: np.ndarray) -> None:
     """Copy the part of a tile that lies inside the image to it."""
     for row in range(min(TILE_HEIGHT, image.shape[0] - top)):
         for column in range(min(TILE_WIDTH, image.shape[1] - left)):
@@ -100,10 +100,10 @@ def rasterize(
                     end = index + 1
                     break
             drawn_ends[tile] = end
-            _write(transmittance, left, top, transmittance_image)
+            write_tile(transmittance, left, top, transmittance_image)
             for channel in range(channels):
                 plane = colours[channel * TILE_PIXELS : (channel + 1) * TILE_PIXELS]
                 for pixel in range(TILE_PIXELS):
                     plane[pixel] += transmittance[pixel] * background[channel]
-                _write(plane, left, top, image[channel])
+                write_tile(plane, left, top, image[channel])
             tile = take(counter)
