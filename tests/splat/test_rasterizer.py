@@ -29,7 +29,7 @@ GROUPS = ("means", "log_scales", "rotations", "quaternions", "opacity_logits", "
 
 
 def weights_for(raster: Raster, names: tuple[str, ...] = DIFFERENTIABLE) -> dict[str, np.ndarray]:
-    """A gradient for each output. Where next to nothing covers a pixel, its depth hangs by a thread and does not count."""
+    """A gradient for each output. Depth counts only where something covers the pixel: it is divided by alpha."""
     rng = np.random.default_rng(5)
     weights = {name: rng.normal(size=getattr(raster, name).shape) for name in names}
     if "depth" in weights:

@@ -1,8 +1,8 @@
 """The gradient with respect to the camera's pose, from that with respect to the Gaussians.
 
-Moving the camera is moving the scene the other way, so nothing has to be differentiated again: every Gaussian hands on
-what its own position and rotation are asked to do. Only colours that depend on the viewing direction tell the two apart,
-since a Gaussian's harmonics do not turn with it.
+Moving the camera is moving the scene the other way, so the gradient is a sum over the Gaussians' positions and
+rotations. Only colours that depend on the viewing direction tell the two apart, since harmonics do not turn with a
+Gaussian.
 """
 
 from __future__ import annotations

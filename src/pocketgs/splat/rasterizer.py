@@ -4,8 +4,8 @@
     seen = rasterizer.forward(scene, camera, ("rgb", "depth"))
     gradients = rasterizer.backward(seen, rgb=d_rgb)
 
-Whatever is asked for becomes a channel per Gaussian, and all channels are composited in one pass. What engines do for it
-is `Backend`; `splat/channels.py` turns outputs into channels and back.
+Each output becomes some channels per Gaussian, and all channels are composited in one pass. `Backend` is what engines
+do for it; `splat/channels.py` turns outputs into channels and back.
 """
 
 from __future__ import annotations
@@ -130,8 +130,8 @@ class Raster:
         depth: (H, W) expected depth along the optical axis, Σ α_i T_i z_i / alpha; 0 where alpha is 0.
         median_depth: (H, W) depth of the Gaussian that brings the transmittance below one half; 0 where none does. It
             has no gradient.
-        normals: (H, W, 3) Σ α_i T_i n_i in the world's axes, n_i the unit vector along a Gaussian's shortest axis, on the
-            side of the camera.
+        normals: (H, W, 3) Σ α_i T_i n_i in the world's axes, n_i the unit vector along a Gaussian's shortest axis,
+            pointing to the camera's side.
         features: (H, W, D) Σ α_i T_i f_i.
         radii: (N, 2) half the width and height, in pixels, of where α is at least 1/255; 0 for what is not drawn.
         contributions: by Gaussian.

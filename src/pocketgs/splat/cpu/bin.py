@@ -50,9 +50,9 @@ class TileLists(NamedTuple):
     Attributes:
         entries: (E, ENTRY_FIELDS) int32, tile after tile, nearest splat first.
         ranges: (tiles + 1,) int32, where each tile's entries begin.
-        slots: (N, 2) int32, of visible Gaussians only: SLOTS_FIRST and SLOTS_COUNT of the slots of their entries. A slot
-            is a row for an entry's gradients that nobody else writes to. Slots follow the order of the Gaussians in
-            memory, not that of their depths, so that gradients are gathered from memory that is read in one go.
+        slots: (N, 2) int32, of visible Gaussians only: SLOTS_FIRST and SLOTS_COUNT of the slots of their entries. A
+            slot is a row for an entry's gradients that nobody else writes to. Slots follow the order of the Gaussians
+            in memory, not that of their depths, so that gradients are gathered from memory that is read in one go.
     """
 
     entries: np.ndarray

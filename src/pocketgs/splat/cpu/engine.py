@@ -16,6 +16,7 @@ from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.checks import check_state, check_view, checked_scene
 from pocketgs.splat.cpu.adam import adam, rates_by_column, regularise
 from pocketgs.splat.cpu.bin import Binner, TileLists
+from pocketgs.splat.cpu.clusters import Clusters, clear
 from pocketgs.splat.cpu.lanes import LANES
 from pocketgs.splat.cpu.layout import BLUE, DEPTH, GRADIENT_SH, RED, SPLAT_FIELDS, View
 from pocketgs.splat.cpu.loss import photometric
@@ -59,6 +60,7 @@ class _Canvas:
 class Raster:
     """The forward pass's results that the backward pass needs; the next forward pass writes over them."""
 
+    clusters: np.ndarray
     visible: np.ndarray
     order: np.ndarray
     lists: TileLists
@@ -122,6 +124,7 @@ class CpuEngine:
         self._gradients = np.zeros((count, columns), np.float32)
         self._splats = np.zeros((count, SPLAT_FIELDS), np.float32)
         self._depth_keys = np.zeros(count, np.uint32)
+        self._clusters, self._written = Clusters(count), np.empty(0, np.int32)
         self._visible, self._order, self._order_scratch = np.zeros((3, count), np.int32)
 
     def step(self, view: int, settings: StepSettings) -> None:
@@ -132,7 +135,7 @@ class CpuEngine:
         raster = self._forward(training_view.view, np.array(settings.background, np.float32))
         loss = self._photometric(training_view, raster, settings.loss)
         self._backward(training_view.view, raster)
-        self._losses.append(loss + self._update(settings))
+        self._losses.append(loss + self._update(settings, raster.clusters))
 
     def loss(self, steps: int = 1) -> float:
         """Mean loss of the last `steps` steps, measured before their updates."""
@@ -151,9 +154,7 @@ class CpuEngine:
         if depth:
             # Depth composites as a colour does.
             self._splats[:, RED : BLUE + 1] = self._splats[:, DEPTH : DEPTH + 1]
-            total = self._rasterize(
-                view, raster.visible, raster.order, raster.lists, np.zeros(3, np.float32)
-            ).canvas.image[0]
+            total = self._rasterize(view, raster.lists, np.zeros(3, np.float32)).image[0]
             expected_depth = np.divide(total, alpha, out=np.zeros_like(alpha), where=alpha > 0.0)
         return Rendering(image, alpha, expected_depth)
 
@@ -174,6 +175,7 @@ class CpuEngine:
             "gradients": self._gradients.nbytes,
             "tile lists": self._binner.nbytes,
             "gradients by tile": self._entry_sums.nbytes,
+            "clusters": self._clusters.nbytes,
             "projected splats": self._splats.nbytes + self._depth_keys.nbytes + 3 * self._order.nbytes,
         }
 
@@ -182,8 +184,9 @@ class CpuEngine:
         return MemoryNeed(training_bytes(gaussians, coefficients, photographs))
 
     def _forward(self, view: View, background: np.ndarray) -> Raster:
-        """Project → sort → bin → rasterize."""
+        """Cull → project → sort → bin → rasterize."""
         scene = self._scene
+        clusters = self._clusters.in_view(scene, view, self._near, self.threads)
         project(
             scene.means,
             scene.log_scales,
@@ -192,17 +195,17 @@ class CpuEngine:
             scene.sh,
             view,
             self._near,
+            clusters,
             self.threads,
             self._splats,
             self._depth_keys,
         )
-        visible, order = sort_by_depth(self._depth_keys, self._visible, self._order, self._order_scratch)
+        visible, order = sort_by_depth(self._depth_keys, clusters, self._visible, self._order, self._order_scratch)
         lists = self._binner.bin(self._splats, visible, order, view)
-        return self._rasterize(view, visible, order, lists, background)
+        canvas = self._rasterize(view, lists, background)
+        return Raster(clusters, visible, order, lists, canvas)
 
-    def _rasterize(
-        self, view: View, visible: np.ndarray, order: np.ndarray, lists: TileLists, background: np.ndarray
-    ) -> Raster:
+    def _rasterize(self, view: View, lists: TileLists, background: np.ndarray) -> _Canvas:
         if self._canvas is None or self._canvas.shape != (view.height, view.width):
             self._canvas = _Canvas(view)
         canvas = self._canvas
@@ -216,7 +219,7 @@ class CpuEngine:
             canvas.transmittance,
             canvas.drawn_ends,
         )
-        return Raster(visible, order, lists, canvas)
+        return canvas
 
     def _photometric(self, view: _TrainingView, raster: Raster, settings: LossSettings) -> float:
         """The loss; its gradient is left on the canvas."""
@@ -243,7 +246,8 @@ class CpuEngine:
             False,
             self._entry_sums,
         )
-        self._gradients.fill(0.0)
+        clear(self._gradients, self._written, self.threads)
+        self._written = raster.clusters
         project_backward(
             scene.means,
             scene.log_scales,
@@ -261,10 +265,11 @@ class CpuEngine:
             _NO_CHANNELS,
         )
 
-    def _update(self, settings: StepSettings) -> float:
+    def _update(self, settings: StepSettings, in_view: np.ndarray) -> float:
         """Regularise → adam; returns the regularisers' value."""
         scene, weights = self._scene, settings.loss
         value = 0.0
+        moving = in_view if settings.adam.seen_only else self._clusters.all
         if len(scene) and (weights.scale_weight or weights.opacity_weight):
             value = regularise(
                 scene.log_scales,
@@ -273,6 +278,7 @@ class CpuEngine:
                 weights.opacity_weight,
                 self._gradients,
             )
+            moving = self._written = self._clusters.all
         self._steps += 1
         adam(
             scene.means,
@@ -289,6 +295,8 @@ class CpuEngine:
             settings.adam.epsilon,
             self._steps,
             settings.adam.seen_only,
+            moving,
             self.threads,
         )
+        self._clusters.have_moved(moving)
         return value

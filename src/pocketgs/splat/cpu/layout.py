@@ -36,6 +36,10 @@ GRADIENT_MEAN, GRADIENT_LOG_SCALE, GRADIENT_ROTATION, GRADIENT_OPACITY, GRADIENT
 LOG2_ALPHA_MIN = np.float32(math.log2(ALPHA_MIN))
 
 
+CLUSTER = 256
+"""Gaussians in a cluster: the piece of work in which a view's Gaussians are looked for and updated."""
+
+
 class View(NamedTuple):
     """A camera as the kernels take it: `rotation` and `translation` of world_to_camera, `centre` in the world."""
 

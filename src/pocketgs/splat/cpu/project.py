@@ -16,6 +16,7 @@ from pocketgs.splat.constants import (
     LOW_PASS,
 )
 from pocketgs.splat.cpu.layout import (
+    CLUSTER,
     COLOURS,
     DEPTH,
     EXPONENT_XX,
@@ -31,7 +32,7 @@ from pocketgs.splat.cpu.layout import (
 from pocketgs.splat.cpu.spherical_harmonics import sh_basis
 from pocketgs.splat.cpu.vectors import Vector, axes_of, scaled, times
 from pocketgs.system.compile import inlined, parallel_kernel, part
-from pocketgs.system.dealing import PIECE, first_piece, take
+from pocketgs.system.dealing import first_piece, take
 
 LOG2_E = 1.0 / math.log(2.0)
 CULLED = np.uint32(0xFFFFFFFF)
@@ -190,11 +191,12 @@ def project(
     sh: np.ndarray,
     view: View,
     near: float,
+    clusters: np.ndarray,
     threads: int,
     splats: np.ndarray,
     depth_keys: np.ndarray,
 ) -> None:
-    """Project every Gaussian.
+    """Project the Gaussians of some clusters.
 
     Args:
         means: (N, 3) float32.
@@ -204,16 +206,18 @@ def project(
         sh: (N, K, 3) float32. K may be 0: then no colours are written.
         view: the camera.
         near: least depth of what is drawn.
+        clusters: (M,) int32, which clusters may be in view.
         threads: number of threads that project.
         splats: (N, FIRST_CHANNEL + C) float32, written where visible.
-        depth_keys: (N,) uint32, written: the bits of the depth, which sort as the depth does, or CULLED.
+        depth_keys: (N,) uint32, written in these clusters: the bits of the depth, which sort as it does, or CULLED.
     """
     counter = first_piece()
     for _ in prange(threads):
-        first = PIECE * take(counter)
-        while first < len(means):
-            end = min(first + PIECE, len(means))
+        place = take(counter)
+        while place < len(clusters):
+            first = clusters[place] * CLUSTER
+            end = min(first + CLUSTER, len(means))
             _project_range(
                 means, log_scales, quaternions, opacity_logits, sh, view, near, first, end, splats, depth_keys
             )
-            first = PIECE * take(counter)
+            place = take(counter)

@@ -1,7 +1,7 @@
 """Gradients from the image back to the Gaussians: ∇θ[π(i)] += g_i.
 
-Gaussians are visited in the order of memory, sixteen at a time: their rows are turned into columns of LANES, one for each
-number, so that the same formulas as in `project` work on sixteen Gaussians at once, in float32.
+Gaussians are visited in the order of memory, sixteen at a time: their rows are turned into columns of LANES, one for
+each number, so that the same formulas as in `project` work on sixteen Gaussians at once, in float32.
 """
 
 from __future__ import annotations

@@ -169,8 +169,8 @@ def rasterize_backward(
         image: (C, H, W) float32 that `rasterize` wrote.
         d_image: (C, H, W) float32 gradient with respect to `image`.
         transmittance_image: (H, W) float32 that `rasterize` wrote.
-        d_transmittance: (H, W) float32 gradient with respect to it, besides that through the image's background, or (0, 0)
-            for none.
+        d_transmittance: (H, W) float32 gradient with respect to it, besides that through the image's background, or
+            (0, 0) for none.
         absolute: whether to sum the magnitudes of what every pixel asks of the splat's centre.
         entry_sums: (entries · sums_per_entry(C),) float32, written: a row for each entry, at its slot.
     """

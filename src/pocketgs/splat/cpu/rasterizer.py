@@ -11,6 +11,7 @@ import numpy as np
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.cpu.bin import Binner, TileLists
+from pocketgs.splat.cpu.clusters import Clusters
 from pocketgs.splat.cpu.contributions import LARGEST, PIXELS, SUMMED, gather_contributions, inspect
 from pocketgs.splat.cpu.layout import (
     COLOURS,
@@ -83,6 +84,7 @@ class CpuBackend:
         splats = np.zeros((count, FIRST_CHANNEL + max(composited, COLOURS)), np.float32)
         splats[:, FIRST_CHANNEL + shown : FIRST_CHANNEL + composited] = channels
         depth_keys, buffers = np.zeros(count, np.uint32), np.zeros((3, count), np.int32)
+        clusters = Clusters(count).in_view(scene, view, near, self.threads)
         project(
             scene.means,
             scene.log_scales,
@@ -91,11 +93,12 @@ class CpuBackend:
             sh,
             view,
             near,
+            clusters,
             self.threads,
             splats,
             depth_keys,
         )
-        visible, order = sort_by_depth(depth_keys, *buffers)
+        visible, order = sort_by_depth(depth_keys, clusters, *buffers)
         lists = Binner(self.threads).bin(splats, visible, order, view)
         shape = (view.height, view.width)
         image = np.empty((splats.shape[1] - FIRST_CHANNEL, *shape), np.float32)

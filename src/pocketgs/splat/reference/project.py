@@ -83,8 +83,8 @@ def _jacobian(local: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray
 def project(scene: Scene, camera: Camera, near: float | None = None) -> Projection:
     """Project every Gaussian: Σ' = J W Σ Wᵀ Jᵀ + 0.3 I (3DGS, equation 5).
 
-    Gaussians before the near plane, the scene's if none is given, with an opacity under 1/255, with parameters that are not finite, thinner
-    than float32 can hold, or whose bounds at that opacity hold no pixel centre, are not visible.
+    Gaussians before the near plane, the scene's if none is given, with an opacity under 1/255, with parameters that are
+    not finite, thinner than float32 can hold, or whose bounds at that opacity hold no pixel centre, are not visible.
     """
     with np.errstate(all="ignore"):
         rotation, translation = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
