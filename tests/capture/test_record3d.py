@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from capture.phone_layouts import depth_and_confidence, edit_json, expected_depth, frames_of, in_order, zip_folder
 from pocketgs.capture import open_capture
-from pocketgs.capture.depth_file import lzfse_is_installed
+from pocketgs.capture.lzfse import lzfse_is_installed, read_compressed, unpacked_size
 from pocketgs.capture.open import read_listing
 from pocketgs.errors import PocketGSError
+from pocketgs.files.memory_bound import memory_bound
 
 
 def test_an_archive_reads_as_its_content(written_phones, tmp_path):
@@ -119,3 +121,22 @@ def test_compressed_depths_come_back(small_capture, copied_phone, tmp_path, pack
         (folder / "rgbd/5.depth").write_bytes(liblzfse.compress(bytes(12)))
         with pytest.raises(PocketGSError, match=r"5\.depth: holds 12 bytes, expected 6912 for 48x36 pixels"):
             open_capture(path)
+
+
+@pytest.mark.parametrize("raw", [bytes(3_000_000), bytes(range(256)) * 40, b"short"])
+def test_what_lzfse_unpacks_to_is_known_before(raw: bytes) -> None:
+    liblzfse = pytest.importorskip("liblzfse")
+    assert unpacked_size(liblzfse.compress(raw)) == len(raw)
+
+
+def test_a_bomb_of_lzfse_is_refused(tmp_path: Path) -> None:
+    liblzfse = pytest.importorskip("liblzfse")
+    path = tmp_path / "bomb.depth"
+    path.write_bytes(liblzfse.compress(bytes(50_000_000)))
+    assert path.stat().st_size < 100_000
+    with memory_bound(60), pytest.raises(PocketGSError, match="unpacking 50,000,000 bytes would take"):
+        read_compressed(path)
+    for damaged in (b"bvx2", path.read_bytes()[:2000], b"bvx?" + bytes(40)):
+        path.write_bytes(damaged)
+        with pytest.raises(PocketGSError, match="cannot be decompressed"):
+            read_compressed(path)

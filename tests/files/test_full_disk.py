@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from pocketgs import Capture, Gaussians
+from pocketgs.bench.report import write_report
 from pocketgs.capture.colmap_export import export_capture
 from pocketgs.errors import PocketGSError
 from pocketgs.results.cameras_file import write_cameras
@@ -101,3 +102,10 @@ def test_exported_captures(tmp_path: Path, small_capture: Capture) -> None:
         with files_of_at_most(size), pytest.raises(PocketGSError):
             export_capture(tmp_path / "new", small_capture)
         assert [path.name for path in tmp_path.iterdir()] == ["whole"]
+
+
+def test_reports(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("jinja2")
+    path = tmp_path / "report.html"
+    fails_at_any_length(path, lambda: write_report([], None, path), tries=4)

@@ -16,6 +16,7 @@ from PIL import Image
 
 from pocketgs.capture import list_capture
 from pocketgs.errors import PocketGSError
+from pocketgs.files.memory_bound import memory_bound
 from pocketgs.files.plain_names import plain_names
 from pocketgs.results.checkpoint import CHECKPOINT, UNFINISHED, read_checkpoint, write_checkpoint
 from pocketgs.results.folder import claimed_for_run, publishing, write_json, write_side_by_side
@@ -266,3 +267,10 @@ def test_a_checkpoint_that_cannot_be_written_does_not_end_the_run(
     assert result.summary["iterations"] == 3
     assert len(warnings) == 3
     assert "No space left" in warnings[0]
+
+
+def test_a_checkpoint_that_would_unpack_to_more_than_memory_is_refused(tmp_path: Path) -> None:
+    np.savez_compressed(tmp_path / CHECKPOINT, first_moments=np.zeros(50_000_000, np.float32))
+    assert (tmp_path / CHECKPOINT).stat().st_size < 1_000_000
+    with memory_bound(100), pytest.raises(PocketGSError, match="unpacking 200,000,"):
+        read_checkpoint(tmp_path, {})

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 from pathlib import Path
 
 import numpy as np
 
 from pocketgs.capture.image_file import read_array, read_whole_numbers
-from pocketgs.errors import PocketGSError, clipped
-from pocketgs.files.opening import read_bytes
+from pocketgs.capture.lzfse import read_compressed
+from pocketgs.errors import PocketGSError
+from pocketgs.files.memory_bound import require_memory
+from pocketgs.files.opening import checked
 from pocketgs.files.paths import CaptureFile
 
 LARGEST_SIDE = 16_384
-LZFSE_MODULE, LZFSE_PACKAGE = "liblzfse", "pyliblzfse"
 
 
 def read_depth(path: CaptureFile, unit: float, shape: tuple[int, int] | None = None) -> np.ndarray:
@@ -71,29 +71,23 @@ def _only_channel(path: Path) -> np.ndarray:
         raise PocketGSError(f"{path}: no such file, expected a depth map")
     openexr = importlib.import_module("OpenEXR")  # loaded where it is needed only
     try:
-        first, last = openexr.File(str(path), header_only=True).header()["dataWindow"]
+        parts = openexr.File(str(checked(path)), header_only=True)
+        header = parts.header()
+        first, last = header["dataWindow"]
         if max(last - first) >= LARGEST_SIDE:
             raise ValueError(f"{last - first + 1} pixels, expected at most {LARGEST_SIDE} a side")
+        count, (columns, rows) = len(header["channels"]), last - first + 1
+        require_memory(path, 2 * 4 * count * rows * columns, f"{count} channels of {columns}x{rows} pixels")
         channels = openexr.File(str(path), separate_channels=True).channels()
         return np.array(channels["Z" if "Z" in channels else sorted(channels)[0]].pixels)
+    except PocketGSError:
+        raise
     except Exception as error:  # the library raises several kinds
         raise PocketGSError(f"{path}: no readable OpenEXR file ({error})") from error
 
 
-def lzfse_is_installed() -> bool:
-    """Whether compressed maps can be read."""
-    return importlib.util.find_spec(LZFSE_MODULE) is not None
-
-
 def _decompressed(path: CaptureFile, shape: tuple[int, int], kind: np.dtype) -> np.ndarray:
-    if not lzfse_is_installed():
-        raise PocketGSError(f"{path}: compressed with LZFSE, which needs the package {LZFSE_PACKAGE}")
-    try:
-        content = importlib.import_module(LZFSE_MODULE).decompress(read_bytes(path))
-    except PocketGSError:
-        raise
-    except Exception as error:  # damaged archives and damaged LZFSE raise whatever they trip over
-        raise PocketGSError(f"{path}: cannot be decompressed with LZFSE ({clipped(error)})") from error
+    content = read_compressed(path)
     rows, columns = shape
     expected = rows * columns * kind.itemsize
     if len(content) != expected:

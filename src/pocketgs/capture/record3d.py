@@ -12,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pocketgs.capture.depth_file import LZFSE_PACKAGE, lzfse_is_installed
 from pocketgs.capture.listing import FrameSource, Listing
+from pocketgs.capture.lzfse import PACKAGE as LZFSE_PACKAGE
+from pocketgs.capture.lzfse import lzfse_is_installed
 from pocketgs.capture.poses import camera_at, rotation_from_quaternion, world_to_camera_from_axes
 from pocketgs.capture.sharpness import sharpest_photographs, thinning_warning
 from pocketgs.errors import PocketGSError, clipped

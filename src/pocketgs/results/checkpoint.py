@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +14,21 @@ import numpy as np
 
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
+from pocketgs.files.memory_bound import require_memory
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.engine import OptimiserState
+from pocketgs.splat.parameters import ParameterLayout
+from pocketgs.splat.rows import Statistics
 from pocketgs.training.result import Checkpoint
 
 CHECKPOINT = "checkpoint.npz"
 SHRINK = "shrink"
 """Where a checkpoint says by what whole factor the photographs of its run are smaller than asked for."""
+
+ROOM = "room"
+"""Where it says how many Gaussians the run may come to have."""
+
+STATISTICS = tuple(field.name for field in fields(Statistics))
 
 UNFINISHED = "unfinished.npz"
 """Checkpoint of a run under way; it goes when the run's result is in place."""
@@ -31,6 +43,10 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) ->
         run: what must be the same when it is resumed.
     """
     arrays = {name: getattr(checkpoint.gaussians, name) for name in PARAMETERS}
+    if checkpoint.statistics is not None:
+        arrays |= {name: getattr(checkpoint.statistics, name) for name in STATISTICS}
+    if checkpoint.state.near is not None:
+        arrays["near"] = np.float64(checkpoint.state.near)
     with replacing(path) as partial:
         np.savez(
             partial,
@@ -43,25 +59,36 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) ->
         )
 
 
+@contextmanager
+def _arrays(path: Path) -> Iterator[Any]:
+    """The arrays of a checkpoint, which may be packed so that a small file unpacks to any amount."""
+    with zipfile.ZipFile(path) as archive:
+        unpacked = sum(member.file_size for member in archive.infolist())
+    require_memory(path, unpacked, f"unpacking {unpacked:,} bytes")
+    with np.load(path, allow_pickle=False) as data:
+        yield data
+
+
 def is_checkpoint(path: Path) -> bool:
     """Whether a file is a checkpoint that `write_checkpoint` wrote."""
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with _arrays(path) as data:
             return {"run", "first_moments", *PARAMETERS} <= set(data)
     except Exception:  # a file that is something else fails in many ways
         return False
 
 
 def read_size(folder: Path) -> tuple[int, int]:
-    """By what factor photographs are shrunk in the run of a folder's newest checkpoint, and how many Gaussians it has.
+    """By what factor a folder's newest checkpoint shrinks photographs, and how many Gaussians it may come to have.
 
     Raises:
         PocketGSError: there is none, or it is broken.
     """
     path = _newest_checkpoint(folder)
     try:
-        with np.load(path, allow_pickle=False) as data:
-            return int(json.loads(str(data["run"]))[SHRINK]), len(data["opacity_logits"])
+        with _arrays(path) as data:
+            run, count = json.loads(str(data["run"])), len(data["opacity_logits"])
+            return int(run[SHRINK]), max(int(run[ROOM]), count)
     except Exception as error:  # a damaged archive fails in many ways
         raise PocketGSError(f"{path}: not a readable checkpoint ({error})") from error
 
@@ -78,23 +105,29 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
     """
     path = _newest_checkpoint(folder)
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with _arrays(path) as data:
             written = dict(json.loads(str(data["run"])))
             gaussians = Gaussians(*(data[name] for name in PARAMETERS))
-            state = OptimiserState(data["first_moments"], data["second_moments"], int(data["steps"]))
+            near = float(data["near"]) if "near" in data else None
+            state = OptimiserState(data["first_moments"], data["second_moments"], int(data["steps"]), near)
+            statistics = Statistics(*(data[name] for name in STATISTICS)) if STATISTICS[0] in data else None
             iteration = int(data["iteration"])
     except Exception as error:  # a damaged archive fails in many ways
         raise PocketGSError(f"{path}: not a readable checkpoint ({error})") from error
     if iteration < 0 or state.steps < 0:
         raise PocketGSError(f"{path}: counts {iteration} iterations and {state.steps} steps, expected at least 0")
-    columns = 10 + 3 * gaussians.sh.shape[1]
+    columns = ParameterLayout(gaussians.sh.shape[1]).columns
     for moments in (state.first_moments, state.second_moments):
         if moments.shape != (len(gaussians), columns) or moments.dtype != np.float32:
             raise PocketGSError(f"{path}: its moments are {moments.dtype} of shape {moments.shape}, not the scene's")
+    for name in STATISTICS if statistics is not None else ():
+        sums = getattr(statistics, name)
+        if sums.shape != (len(gaussians),) or sums.dtype != np.float32:
+            raise PocketGSError(f"{path}: its {name} are {sums.dtype} of shape {sums.shape}, not the scene's")
     for key, value in run.items():
         if written.get(key) != value:
             raise PocketGSError(f"{path}: belongs to a run with {key} {written.get(key)!r}, but this one has {value!r}")
-    return Checkpoint(iteration, gaussians, state)
+    return Checkpoint(iteration, gaussians, state, statistics)
 
 
 def _newest_checkpoint(folder: Path) -> Path:

@@ -18,7 +18,15 @@ from pocketgs.metrics.evaluation import Evaluation, Pair, evaluate
 from pocketgs.prior.prior import PreparedCapture
 from pocketgs.results import folder as result_folder
 from pocketgs.results.cameras_file import write_cameras
-from pocketgs.results.checkpoint import CHECKPOINT, SHRINK, UNFINISHED, read_checkpoint, read_size, write_checkpoint
+from pocketgs.results.checkpoint import (
+    CHECKPOINT,
+    ROOM,
+    SHRINK,
+    UNFINISHED,
+    read_checkpoint,
+    read_size,
+    write_checkpoint,
+)
 from pocketgs.results.claim import Claim
 from pocketgs.results.memory_trace import MemoryTrace
 from pocketgs.results.reporter import Reporter
@@ -208,7 +216,9 @@ def _identity(capture: Capture, options: SizedOptions, plan: Plan) -> dict[str, 
         "max keyframes": options.max_keyframes,
         "exposure": options.exposure,
         "max gaussians": options.max_gaussians,
+        "strategy": options.strategy,
         SHRINK: plan.shrink,
+        ROOM: plan.gaussians,
     }
 
 

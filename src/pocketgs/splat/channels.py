@@ -75,23 +75,20 @@ class Channels:
         for name, gradient in given.items():
             if gradient is None:
                 continue
-            channels = None if name == "alpha" else getattr(self, name)
-            if channels is None and name != "alpha":
-                raise PocketGSError(f"rasterizer: found a gradient of {name}, which was not among the outputs")
-            expected = shape if name in ("alpha", "depth") else (*shape, channels.stop - channels.start)
-            if np.shape(gradient) != expected:
-                raise PocketGSError(
-                    f"rasterizer: the gradient of {name} has shape {np.shape(gradient)}, expected {expected}"
-                )
             if name == "alpha":
-                d_transmittance -= gradient
-            elif name == "depth":
+                d_transmittance -= _checked_gradient(name, gradient, shape)
+                continue
+            channels: slice | None = getattr(self, name)
+            if channels is None:
+                raise PocketGSError(f"rasterizer: found a gradient of {name}, which was not among the outputs")
+            if name == "depth":
                 alpha = 1.0 - transmittance
-                d_sum = _divided(np.asarray(gradient, dtype), alpha)
+                d_sum = _divided(_checked_gradient(name, gradient, shape).astype(dtype), alpha)
                 d_image[channels] = d_sum
                 d_transmittance += d_sum * _divided(image[channels][0], alpha)
             else:
-                d_image[channels] = np.moveaxis(gradient, 2, 0)
+                sized = _checked_gradient(name, gradient, (*shape, channels.stop - channels.start))
+                d_image[channels] = np.moveaxis(sized, 2, 0)
         if given["rgb"] is not None:
             d_transmittance += given["rgb"] @ background
         return d_image, d_transmittance
@@ -174,7 +171,19 @@ def channels_of(
         places[name] = slice(end, end + values.shape[1])
         end += values.shape[1]
     rows = np.concatenate([np.zeros((count, 0)), *columns.values()], axis=1).astype(dtype)
-    return Channels(rows, end, *(places.get(name) for name in ("rgb", "depth", "normals", "features")), normals)
+    rgb, depth, normal, feature = (places.get(name) for name in ("rgb", "depth", "normals", "features"))
+    return Channels(rows, end, rgb, depth, normal, feature, normals)
+
+
+def _checked_gradient(name: str, gradient: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """The gradient of an output.
+
+    Raises:
+        PocketGSError: its shape is not the output's.
+    """
+    if np.shape(gradient) != shape:
+        raise PocketGSError(f"rasterizer: the gradient of {name} has shape {np.shape(gradient)}, expected {shape}")
+    return np.asarray(gradient)
 
 
 def _divided(numerator: np.ndarray, denominator: np.ndarray) -> np.ndarray:

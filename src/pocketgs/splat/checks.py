@@ -9,6 +9,7 @@ import numpy as np
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.engine import OptimiserState
+from pocketgs.splat.parameters import ParameterLayout
 
 
 def checked_scene(gaussians: Gaussians) -> Gaussians:
@@ -28,7 +29,7 @@ def check_state(gaussians: Gaussians, state: OptimiserState) -> None:
     Raises:
         PocketGSError: it is of another shape or type, or counts no whole number of steps.
     """
-    shape = (len(gaussians), 10 + 3 * gaussians.sh.shape[1])
+    shape = (len(gaussians), ParameterLayout(gaussians.sh.shape[1]).columns)
     for name in ("first_moments", "second_moments"):
         moments = np.asarray(getattr(state, name))
         if moments.shape != shape or moments.dtype != np.float32:

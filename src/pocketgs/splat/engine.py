@@ -12,6 +12,7 @@ from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.rows import RowChange, Statistics
 from pocketgs.splat.settings import StepSettings
 
 EngineName = Literal["auto", "cpu", "webgpu"]
@@ -46,14 +47,15 @@ class OptimiserState:
     """Adam's memory: what training needs besides the Gaussians to go on where it stopped.
 
     Attributes:
-        first_moments, second_moments: (N, 10 + 3 K) float32; columns: mean 3, log scale 3, rotation 3, opacity logit 1,
-            SH coefficients K x RGB.
+        first_moments, second_moments: (N, columns) float32, columns as `ParameterLayout` has them.
         steps: steps taken.
+        near: least depth of what is drawn, which stays what it was when the scene was first given; None to measure it.
     """
 
     first_moments: np.ndarray
     second_moments: np.ndarray
     steps: int
+    near: float | None = None
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,23 @@ class Engine(Protocol):
 
     def step(self, view: int, settings: StepSettings) -> None:
         """Train on one view: render, compare, differentiate, update. May return before it is done."""
+
+    @property
+    def count(self) -> int:
+        """Number of Gaussians."""
+
+    def change_rows(self, change: RowChange) -> None:
+        """Select, duplicate and set Gaussians, the optimiser's rows with them. Statistics start anew.
+
+        Raises:
+            PocketGSError: the change is not of this scene, or memory does not hold what comes of it.
+        """
+
+    def statistics(self) -> Statistics:
+        """What steps with `StepSettings.statistics` have summed up since the last change of rows or start."""
+
+    def restart_statistics(self, start: Statistics | None = None) -> None:
+        """Sum up from zero, or from sums that were taken before."""
 
     def loss(self, steps: int = 1) -> float:
         """Mean loss of the last `steps` steps, at most KEPT_LOSSES, measured before their updates. Waits for them."""

@@ -49,12 +49,15 @@ class LossSettings:
         dssim_weight: share of the structural term.
         scale_weight: weight of the mean over Gaussians of ‖log s‖².
         opacity_weight: weight of the mean over Gaussians of the opacity.
+        size_weight: weight of the mean over Gaussians of the sum of their three standard deviations, in one over the
+            unit of length.
     """
 
     photometric: Literal["l2", "l1-dssim"] = "l1-dssim"
     dssim_weight: float = 0.2
     scale_weight: float = 0.0
     opacity_weight: float = 0.0
+    size_weight: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -76,13 +79,41 @@ class AdamSettings:
 
 
 @dataclass(frozen=True)
+class PositionNoise:
+    """Noise on the positions of transparent Gaussians, added after the update (3DGS-MCMC, equation 8).
+
+    Attributes:
+        size: factor on Σ η, in one over the unit of length.
+        seed: of the noise of this step, 0 to 2³² - 1.
+    """
+
+    size: float
+    seed: int
+
+
+@dataclass(frozen=True)
 class StepSettings:
-    """One training step: the rates of this iteration, the loss, and the background behind the scene (RGB in [0, 1])."""
+    """One training step.
+
+    Attributes:
+        rates: of this iteration.
+        loss: what is minimised.
+        adam: how gradients are averaged.
+        background: behind the scene, RGB in [0, 1].
+        sh_degree: coefficients above this degree are not trained, and nor are their moments; None trains them all.
+        statistics: whether to add this step to what `Engine.statistics` gives.
+        errors: whether to sum up the errors of this step's view too, which takes about a third of a step.
+        noise: what positions are shaken by, or None.
+    """
 
     rates: LearningRates
     loss: LossSettings = field(default_factory=LossSettings)
     adam: AdamSettings = field(default_factory=AdamSettings)
     background: Background = (0.0, 0.0, 0.0)
+    sh_degree: int | None = None
+    statistics: bool = False
+    errors: bool = False
+    noise: PositionNoise | None = None
 
     def __post_init__(self) -> None:
         checked_background(self.background)

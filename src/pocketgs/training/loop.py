@@ -14,6 +14,7 @@ from pocketgs.metrics.evaluation import psnr
 from pocketgs.prior.prior import PreparedCapture
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine, create_engine
+from pocketgs.splat.rows import Statistics
 from pocketgs.splat.settings import StepSettings
 from pocketgs.system.interrupt import Interrupt, deferred_interrupt
 from pocketgs.system.process import peak_rss_mb
@@ -21,9 +22,11 @@ from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.preparation import prepare
-from pocketgs.training.recipes import Recipe, recipe_named
+from pocketgs.training.recipes import Recipe, camera_extent, recipe_named
 from pocketgs.training.result import Checkpoint, LossSample, TrainingResult
 from pocketgs.training.seeding import SEEDINGS
+from pocketgs.training.strategies.choose import create_strategy
+from pocketgs.training.strategies.strategy import Situation, Strategy
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,7 @@ class Progress:
         held_out_psnr: when the held-out views were last looked at, or None.
         iteration_rate: iterations per second.
         seconds_left: estimate of the time until iterations or the time budget run out.
-        gaussians: their number.
+        gaussians: their number at present.
         interrupt: ends the run after this iteration, as Ctrl-C does, if an observer requests it; says whether that has
             been asked for, so that an observer that waits can stop waiting.
         scene: gives the Gaussians as they stand; costs a copy.
@@ -115,7 +118,10 @@ def train(
     with stopwatch.stage("upload"):
         engine.set_views(prepared.train)
         engine.upload(start, resume.state if resume else None)
-    loop = _Loop(prepared, options, recipe, unit, engine, stopwatch, resume.iteration if resume else 0, len(start))
+        if resume and resume.statistics:
+            engine.restart_statistics(resume.statistics)
+    strategy = create_strategy(options.strategy, _situation(prepared, options))
+    loop = _Loop(prepared, options, recipe, strategy, unit, engine, stopwatch, resume.iteration if resume else 0)
     loop.run(observer, None if options.time_budget is None else options.time_budget - (time.monotonic() - started))
     if loop.interrupted and loop.iteration == 0:
         raise KeyboardInterrupt
@@ -133,6 +139,21 @@ def train(
         engine_bytes=engine.memory(),
         losses=loop.samples,
         prior=prepared.report,
+        strategy=strategy.name,
+        statistics=loop.statistics(),
+    )
+
+
+def _situation(capture: PreparedCapture, options: SizedOptions) -> Situation:
+    points = capture.points
+    assert points is not None
+    return Situation(
+        iterations=options.iterations,
+        most=options.max_gaussians,
+        measure_extent=lambda: camera_extent([frame.camera for frame in capture.train], points),
+        views=len(capture.train),
+        seed=options.seed,
+        bright=max(capture.background) > 0,
     )
 
 
@@ -149,21 +170,24 @@ class _Loop:
         capture: Capture,
         options: SizedOptions,
         recipe: Recipe,
+        strategy: Strategy,
         unit: float,
         engine: Engine,
         stopwatch: Stopwatch,
         iteration: int,
-        gaussians: int,
     ) -> None:
         self.iteration = self._first_iteration = iteration
         self.interrupted = False
         self.samples: list[LossSample] = []
-        self._capture, self._options, self._recipe = capture, options, recipe
+        self._capture, self._options, self._recipe, self._strategy = capture, options, recipe, strategy
         self._rates = recipe.rates_for(options.iterations, unit)
         self._engine, self._stopwatch = engine, stopwatch
         self._loss, self._loss_asked = float("nan"), float("-inf")
         self._held_out_psnr: float | None = None
-        self._gaussians = gaussians
+
+    def statistics(self) -> Statistics | None:
+        """What the strategy has collected, or None where it collects nothing."""
+        return self._engine.statistics() if self._strategy.name != "fixed" else None
 
     def run(self, observer: Observer | None, seconds: float | None) -> None:
         """Iterate until iterations or the seconds that there are run out, or Ctrl-C is pressed."""
@@ -194,9 +218,21 @@ class _Loop:
 
     def _step(self, started: float) -> None:
         rates = self._recipe.schedule(self._rates, self._fraction(started))
-        settings = StepSettings(rates, self._recipe.loss, self._recipe.adam, self._capture.background)
+        number = self.iteration + 1
+        collected = self._strategy.collected(number)
+        settings = StepSettings(
+            rates,
+            self._strategy.loss(self._recipe.loss),
+            self._recipe.adam,
+            self._capture.background,
+            self._recipe.active_degree(number),
+            collected.statistics,
+            collected.errors,
+            self._strategy.noise(number, rates.means / self._rates.means),
+        )
         self._engine.step(self._next_view(), settings)
-        self.iteration += 1
+        self._strategy.after_step(number, self._engine)
+        self.iteration = number
 
     def _next_view(self) -> int:
         """Every view once an epoch, in an order that depends on the seed and the epoch only."""
@@ -217,7 +253,11 @@ class _Loop:
         self._held_out_psnr = float(np.mean(values))
         seconds = self._stopwatch.seconds
         elapsed = sum(seconds.values()) - seconds["evaluation"]
-        self.samples.append(LossSample(self.iteration, seconds["training"], elapsed, self._loss, self._held_out_psnr))
+        self.samples.append(
+            LossSample(
+                self.iteration, seconds["training"], elapsed, self._loss, self._held_out_psnr, self._engine.count
+            )
+        )
 
     def _finish_steps(self) -> None:
         """Ask for the mean loss over the last epoch, for which the engine finishes what it has been given."""
@@ -241,8 +281,10 @@ class _Loop:
             held_out_psnr=self._held_out_psnr,
             iteration_rate=rate,
             seconds_left=left,
-            gaussians=self._gaussians,
+            gaussians=self._engine.count,
             interrupt=interrupt,
             scene=self._engine.download,
-            checkpoint=lambda: Checkpoint(self.iteration, self._engine.download(), self._engine.optimiser_state()),
+            checkpoint=lambda: Checkpoint(
+                self.iteration, self._engine.download(), self._engine.optimiser_state(), self.statistics()
+            ),
         )

@@ -8,7 +8,8 @@ from typing import Literal, get_args
 
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.engine import Accumulation, EngineName, EngineOptions, Precision, Replay
-from pocketgs.training.recipes import recipe_named
+from pocketgs.training.recipes import Prior, Seeds, recipe_named
+from pocketgs.training.strategies.choose import STRATEGIES, StrategyName, most_at_start
 
 Effort = Literal["quick", "standard"]
 
@@ -20,7 +21,7 @@ class TrainingOptions:
     Attributes:
         effort: how much work a run is worth where the options below do not say: "quick" is 500 iterations on 50,000
             Gaussians; "standard" sizes both, and the keyframes, to the capture.
-        iterations: number of training steps, one view each; None for the effort's.
+        iterations: number of training steps, one view each; None for the recipe's, or the effort's.
         time_budget: seconds until the work is done, or None: of the whole command, or, in Python, of `train`. A
             command plans by it, and refuses one that is too short. Learning rates fall with whichever of iterations
             and time runs out first.
@@ -28,15 +29,19 @@ class TrainingOptions:
             software adapters too.
         prior: what to start from: "dense" matches the photographs pixel by pixel; "sparse" takes the points of
             matched features; "colmap" the capture's own sparse cloud, or the one that COLMAP triangulates; "none" the
-            capture as it is, with its own points, or points drawn where it has none.
+            capture as it is, with its own points, or points drawn where it has none; None for the recipe's.
         bundle: refine poses where the photographs contradict them.
-        seeds: discs on the surface, or balls.
+        seeds: discs on the surface, or balls; None for the recipe's.
         references: frames that each keyframe's pixels are matched in.
         max_keyframes: most frames that depth is computed for; None for the effort's.
         exposure: bring the training photographs to one exposure: "auto" does so where similar views differ.
         recipe: name of a recipe, see `pocketgs.training.recipes`.
+        strategy: how the number of Gaussians changes: "fixed" keeps those of the start; "adc" is 3DGS's cloning,
+            splitting and pruning; "mcmc" relocates those that have become transparent; "budgeted" grows where the
+            errors of the training views are; None for the recipe's.
         seed: of everything random.
-        max_gaussians: most Gaussians to start with, None for the effort's; fewer are taken where budgets hold no more.
+        max_gaussians: most Gaussians at any time, None for the recipe's, or the effort's; fewer are taken where budgets
+            hold no more.
         sh_degree: degree of the spherical harmonics, or None for the recipe's.
         threads: CPU threads, or None for all cores.
         gpu: part of the name of the GPU to use, or None for the best.
@@ -53,13 +58,14 @@ class TrainingOptions:
     iterations: int | None = None
     time_budget: float | None = None
     engine: EngineName = "auto"
-    prior: Literal["dense", "sparse", "colmap", "none"] = "dense"
+    prior: Prior | None = None
     bundle: bool = True
-    seeds: Literal["discs", "balls"] = "discs"
+    seeds: Seeds | None = None
     references: int = 4
     max_keyframes: int | None = None
     exposure: Literal["auto", "on", "off"] = "auto"
     recipe: str = "pocketgs"
+    strategy: StrategyName | None = None
     seed: int = 0
     max_gaussians: int | None = None
     sh_degree: int | None = None
@@ -78,8 +84,9 @@ class TrainingOptions:
             "effort": (self.effort in get_args(Effort), "quick or standard"),
             "iterations": (self.iterations is None or self.iterations >= 1, "at least 1"),
             "time budget": (self.time_budget is None or 0 < self.time_budget < math.inf, "seconds above 0"),
-            "prior": (self.prior in ("dense", "sparse", "colmap", "none"), "dense, sparse, colmap or none"),
-            "seeds": (self.seeds in ("discs", "balls"), "discs or balls"),
+            "prior": (self.prior in (None, *get_args(Prior)), "dense, sparse, colmap or none"),
+            "seeds": (self.seeds in (None, *get_args(Seeds)), "discs or balls"),
+            "strategy": (self.strategy in (None, *STRATEGIES), "fixed, adc, mcmc or budgeted"),
             "references": (self.references >= 1, "at least 1"),
             "max keyframes": (self.max_keyframes is None or self.max_keyframes >= 2, "at least 2"),
             "exposure": (self.exposure in ("auto", "on", "off"), "auto, on or off"),
@@ -121,3 +128,11 @@ class SizedOptions(TrainingOptions):
     iterations: int = 500
     max_keyframes: int = 40
     max_gaussians: int = 50_000
+    prior: Prior = "dense"
+    seeds: Seeds = "discs"
+    strategy: StrategyName = "fixed"
+
+    @property
+    def most_at_start(self) -> int:
+        """How many Gaussians the run may begin with."""
+        return most_at_start(self.strategy, self.max_gaussians)

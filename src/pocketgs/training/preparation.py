@@ -22,6 +22,8 @@ from pocketgs.system.cores import kernel_threads
 from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.planning.effort import sized
+from pocketgs.training.random_points import points_in_a_cube
+from pocketgs.training.recipes import recipe_named
 
 FEWEST_POINTS = 16
 """A cloud of fewer is not worth starting from."""
@@ -53,7 +55,7 @@ def prepare(
         check_installed()
     if options.prior != "none":
         numba.set_num_threads(kernel_threads(options.threads))
-        prepared = build_prior(capture, options.max_gaussians, _settings(options), stopwatch)
+        prepared = build_prior(capture, options.most_at_start, _settings(options), stopwatch)
         if options.prior == "colmap":
             prepared = _with_colmap_cloud(capture, prepared, options, stopwatch)
         if prepared.points and len(prepared.points) >= FEWEST_POINTS:
@@ -86,16 +88,21 @@ def _with_colmap_cloud(
 
 
 def starting_points(capture: Capture, options: SizedOptions) -> PointCloud:
-    """The capture's own points, or points drawn where it has none; at most `max_gaussians` of them."""
+    """The capture's own points, or points drawn where it has none; at most as many as the run may begin with."""
     if capture.points is None or len(capture.points) < 4:
-        return draw_points(capture.train, options.max_gaussians, options.seed)
+        random_points = recipe_named(options.recipe).random_points
+        if random_points is not None:
+            count = min(random_points, options.max_gaussians)
+            return points_in_a_cube([frame.camera for frame in capture.train], count, options.seed)
+        return draw_points(capture.train, options.most_at_start, options.seed)
     return _at_most(capture.points, options)
 
 
 def _at_most(points: PointCloud, options: SizedOptions) -> PointCloud:
-    if len(points) <= options.max_gaussians:
+    most = options.most_at_start
+    if len(points) <= most:
         return points
-    chosen = np.random.default_rng(options.seed).permutation(len(points))[: options.max_gaussians]
+    chosen = np.random.default_rng(options.seed).permutation(len(points))[:most]
     return points.select(np.sort(chosen))
 
 

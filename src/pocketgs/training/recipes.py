@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -12,9 +13,15 @@ from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.splat.settings import AdamSettings, LearningRates, LossSettings
+from pocketgs.training.strategies.choose import StrategyName
+
+Seeds = Literal["discs", "balls"]
+Prior = Literal["dense", "sparse", "colmap", "none"]
 
 Schedule = Callable[[LearningRates, float], LearningRates]
 """From the initial rates and the fraction of the run that is over, the rates of this iteration."""
+
+MOST_DEGREE = 3
 
 SLOWEST_SCALES = 0.5
 """Share of their rate that scales keep in the longest runs, which are often stopped early."""
@@ -94,6 +101,14 @@ class Recipe:
         opacity: initial opacity of the seeds.
         seed_size: scale of a seed, as a multiple of the distance to its neighbours.
         sh_degree: degree of the spherical harmonics.
+        sh_every: iterations after which spherical harmonics of the next degree begin to be trained; None trains all
+            from the start.
+        seeds: what a point starts as, "discs" or "balls".
+        prior: what to start from, see `TrainingOptions.prior`.
+        random_points: how many points are drawn in a cube where a capture comes without; None draws them where the
+            photographs agree.
+        strategy: how the number of Gaussians changes.
+        iterations, max_gaussians: of a run, or None where its effort says.
         scales_for: iterations that the rate of the scales is made for, or None for any. Noise in the gradients lets
             scales wander with the square root of the number of steps: in longer runs their rate falls with it.
     """
@@ -107,7 +122,18 @@ class Recipe:
     opacity: float = 0.1
     seed_size: float = 1.0
     sh_degree: int = 0
+    sh_every: int | None = None
+    seeds: Seeds = "discs"
+    prior: Prior = "dense"
+    random_points: int | None = None
+    strategy: StrategyName = "fixed"
+    iterations: int | None = None
+    max_gaussians: int | None = None
     scales_for: int | None = None
+
+    def active_degree(self, iteration: int) -> int | None:
+        """Degree up to which iteration `iteration`, counted from 1, trains spherical harmonics; None for all."""
+        return None if self.sh_every is None else min(iteration // self.sh_every, MOST_DEGREE)
 
     def rates_for(self, iterations: int, unit: float) -> LearningRates:
         """The initial rates of a run.
@@ -121,30 +147,64 @@ class Recipe:
         return replace(self.rates, means=self.rates.means * unit, log_scales=self.rates.log_scales * slower)
 
 
-# Rotations move in the tangent space, q ⊗ exp(½δ), so their rates are twice those of quaternion components.
-RECIPES = {
-    # For a few hundred iterations: large steps, measured in pixels, that fall together.
-    "pocketgs": Recipe(
-        name="pocketgs",
-        rates=LearningRates(means=0.2, log_scales=0.16, rotations=0.032, opacity_logits=0.1, sh_dc=0.03, sh_rest=0.008),
-        length=pixel_footprint,
-        schedule=cosine(final=0.02),
-        # Squares that remember twenty steps, not a thousand, follow the gradients of a run of hundreds.
-        adam=AdamSettings(beta2=0.95, seen_only=True),
-        opacity=0.25,
-        seed_size=0.6,
-        sh_degree=2,
-        scales_for=500,
-    ),
-    # 3DGS's own, made for 30,000 iterations: spherical harmonics would stay at degree 0 for the first 1000.
-    "reference": Recipe(
-        name="reference",
-        rates=LearningRates(
-            means=1.6e-4, log_scales=5e-3, rotations=2e-3, opacity_logits=0.05, sh_dc=2.5e-3, sh_rest=1.25e-4
-        ),
+# 3DGS's rates. Rotations move in the tangent space, q ⊗ exp(½δ), so theirs is twice that of quaternion components.
+_3DGS_RATES = LearningRates(
+    means=1.6e-4, log_scales=5e-3, rotations=2e-3, opacity_logits=0.05, sh_dc=2.5e-3, sh_rest=1.25e-4
+)
+_3DGS_ITERATIONS = 30_000
+
+
+def _3dgs(iterations: int) -> Recipe:
+    """3DGS's recipe whole, up to an iteration: rates fall as they would in the run of 30,000 (Kerbl et al. 2023)."""
+    return Recipe(
+        name=f"3dgs-{iterations // 1000}k",
+        rates=_3DGS_RATES,
         length=camera_extent,
-        schedule=exponential_means(final=0.01),
-    ),
+        schedule=exponential_means(final=0.01 ** (iterations / _3DGS_ITERATIONS)),
+        sh_degree=3,
+        sh_every=1000,
+        seeds="balls",
+        prior="none",
+        random_points=100_000,
+        strategy="adc",
+        iterations=iterations,
+        max_gaussians=500_000,
+    )
+
+
+_POCKETGS = Recipe(
+    # For a few hundred iterations: large steps, measured in pixels, that fall together.
+    name="pocketgs",
+    rates=LearningRates(means=0.2, log_scales=0.16, rotations=0.032, opacity_logits=0.1, sh_dc=0.03, sh_rest=0.008),
+    length=pixel_footprint,
+    schedule=cosine(final=0.02),
+    # Squares that remember twenty steps, not a thousand, follow the gradients of a run of hundreds.
+    adam=AdamSettings(beta2=0.95, seen_only=True),
+    opacity=0.25,
+    seed_size=0.6,
+    sh_degree=2,
+    scales_for=500,
+)
+
+RECIPES = {
+    recipe.name: recipe
+    for recipe in (
+        _POCKETGS,
+        # 3DGS's rates for comparison on equal terms: nothing grows, and rates fall over a run of any length.
+        Recipe(name="reference", rates=_3DGS_RATES, length=camera_extent, schedule=exponential_means(final=0.01)),
+        _3dgs(7000),
+        _3dgs(30_000),
+        # For thousands of iterations: from the dense cloud, growing where errors are.
+        replace(
+            _POCKETGS,
+            name="long",
+            strategy="budgeted",
+            iterations=5000,
+            max_gaussians=200_000,
+            sh_degree=3,
+            sh_every=500,
+        ),
+    )
 }
 
 

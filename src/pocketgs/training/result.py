@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pocketgs.prior.report import PriorReport
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import OptimiserState
+from pocketgs.splat.rows import Statistics
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,7 @@ class LossSample:
             have come as far.
         loss: of training.
         held_out_psnr: in dB.
+        gaussians: their number.
     """
 
     iteration: int
@@ -27,15 +29,24 @@ class LossSample:
     elapsed: float
     loss: float
     held_out_psnr: float
+    gaussians: int = 0
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A run as it stands: enough to go on from."""
+    """A run as it stands: enough to go on from.
+
+    Attributes:
+        iteration: iterations done.
+        gaussians: the scene.
+        state: the optimiser's.
+        statistics: what its strategy has collected, or None where it collects nothing.
+    """
 
     iteration: int
     gaussians: Gaussians
     state: OptimiserState
+    statistics: Statistics | None = None
 
 
 @dataclass(frozen=True)
@@ -55,6 +66,8 @@ class TrainingResult:
         engine_bytes: what the engine held, by name.
         losses: samples over the run.
         prior: what the geometry prior found, or None if there was none.
+        strategy: name of what decided on the number of Gaussians.
+        statistics: what it has collected since it last changed them, for going on later; None if nothing.
     """
 
     scene: Gaussians
@@ -70,8 +83,10 @@ class TrainingResult:
     engine_bytes: dict[str, int]
     losses: list[LossSample]
     prior: PriorReport | None = None
+    strategy: str = "fixed"
+    statistics: Statistics | None = None
 
     @property
     def checkpoint(self) -> Checkpoint:
         """What a later run needs to go on from here."""
-        return Checkpoint(self.iterations, self.scene, self.optimiser_state)
+        return Checkpoint(self.iterations, self.scene, self.optimiser_state, self.statistics)

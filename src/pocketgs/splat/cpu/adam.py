@@ -15,21 +15,8 @@ from pocketgs.splat.cpu.layout import (
     GRADIENT_ROTATION,
     GRADIENT_SH,
 )
-from pocketgs.splat.settings import LearningRates
 from pocketgs.system.compile import parallel_kernel, part
 from pocketgs.system.dealing import first_piece, take
-
-
-def rates_by_column(rates: LearningRates, columns: int) -> np.ndarray:
-    """(columns,) float32: the rate of every column of the gradient."""
-    row = np.empty(columns, np.float32)
-    row[GRADIENT_MEAN:GRADIENT_LOG_SCALE] = rates.means
-    row[GRADIENT_LOG_SCALE:GRADIENT_ROTATION] = rates.log_scales
-    row[GRADIENT_ROTATION:GRADIENT_OPACITY] = rates.rotations
-    row[GRADIENT_OPACITY] = rates.opacity_logits
-    row[GRADIENT_SH : GRADIENT_SH + 3] = rates.sh_dc
-    row[GRADIENT_SH + 3 :] = rates.sh_rest
-    return row
 
 
 @part
@@ -75,7 +62,7 @@ def adam(
         gradients: (N, C) float32.
         first_moments: (N, C) float32, updated.
         second_moments: (N, C) float32, updated.
-        rates: (C,) float32 from `rates_by_column`.
+        rates: (C,) float32 by column; where they are fewer, the parameters and moments of the last columns stay.
         decay1: β₁.
         decay2: β₂.
         epsilon: ε.
@@ -84,7 +71,7 @@ def adam(
         clusters: (M,) int32, which clusters to update; the others are left alone.
         threads: number of threads that share the work.
     """
-    columns = gradients.shape[1]
+    columns = len(rates)
     keep1, take1 = np.float32(decay1), np.float32(1.0 - decay1)
     keep2, take2 = np.float32(decay2), np.float32(1.0 - decay2)
     unbias1 = np.float32(1.0 / (1.0 - decay1**steps))
@@ -111,7 +98,7 @@ def adam(
                 x, y, z = step[GRADIENT_ROTATION], step[GRADIENT_ROTATION + 1], step[GRADIENT_ROTATION + 2]
                 _turn(quaternions[i], -x, -y, -z)
                 opacity_logits[i] -= step[GRADIENT_OPACITY]
-                for k in range(sh.shape[1]):
+                for k in range((columns - GRADIENT_SH) // 3):
                     for channel in range(3):
                         sh[i, k, channel] -= step[GRADIENT_SH + 3 * k + channel]
             place = take(counter)
@@ -122,9 +109,10 @@ def regularise(
     opacity_logits: np.ndarray,
     scale_weight: float,
     opacity_weight: float,
+    size_weight: float,
     gradients: np.ndarray,
 ) -> float:
-    """Add the gradient of λ_s mean ‖log s‖² + λ_α mean α to `gradients`; return the value."""
+    """Add the gradient of λ_s mean ‖log s‖² + λ_α mean α + λ_r mean Σ s to `gradients`; return the value."""
     count = len(log_scales)
     scales = slice(GRADIENT_LOG_SCALE, GRADIENT_LOG_SCALE + 3)
     # What has diverged may overflow: it is not drawn, and must not be complained about at every step.
@@ -132,4 +120,9 @@ def regularise(
         opacities = 1.0 / (1.0 + np.exp(-opacity_logits))
         gradients[:, scales] += 2.0 * scale_weight / count * log_scales
         gradients[:, GRADIENT_OPACITY] += opacity_weight / count * opacities * (1.0 - opacities)
-        return float(scale_weight * np.sum(log_scales**2) + opacity_weight * np.sum(opacities)) / count
+        value = scale_weight * np.sum(log_scales**2) + opacity_weight * np.sum(opacities)
+        if size_weight:
+            sizes = np.exp(log_scales)
+            gradients[:, scales] += size_weight / count * sizes
+            value += size_weight * np.sum(sizes)
+        return float(value) / count

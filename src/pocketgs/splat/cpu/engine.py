@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
@@ -12,23 +12,29 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.background import checked_background
-from pocketgs.scene.gaussians import PARAMETERS, Gaussians
+from pocketgs.scene.gaussians import PARAMETERS, SH_COEFFICIENTS, Gaussians
 from pocketgs.splat.checks import check_state, check_view, checked_scene
-from pocketgs.splat.cpu.adam import adam, rates_by_column, regularise
+from pocketgs.splat.cpu.adam import adam, regularise
 from pocketgs.splat.cpu.bin import Binner, TileLists
 from pocketgs.splat.cpu.clusters import Clusters, clear
+from pocketgs.splat.cpu.errors import error_sums, write_error
 from pocketgs.splat.cpu.lanes import LANES
-from pocketgs.splat.cpu.layout import BLUE, DEPTH, GRADIENT_SH, RED, SPLAT_FIELDS, View
+from pocketgs.splat.cpu.layout import BLUE, DEPTH, RED, SPLAT_FIELDS, View
 from pocketgs.splat.cpu.loss import photometric
 from pocketgs.splat.cpu.memory import training_bytes
+from pocketgs.splat.cpu.noise import add_noise
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
 from pocketgs.splat.cpu.rasterize import rasterize
 from pocketgs.splat.cpu.rasterize_backward import rasterize_backward
 from pocketgs.splat.cpu.sort import sort_by_depth
+from pocketgs.splat.cpu.statistics import RADIUS, SCREEN_GRADIENT, SEEN, STATISTICS
 from pocketgs.splat.engine import KEPT_LOSSES, MemoryNeed, OptimiserState, Rendering
 from pocketgs.splat.near_plane import near_plane
-from pocketgs.splat.settings import LearningRates, LossSettings, StepSettings
+from pocketgs.splat.parameters import ParameterLayout
+from pocketgs.splat.rows import RowChange, Statistics
+from pocketgs.splat.settings import LearningRates, LossSettings, PositionNoise, StepSettings
+from pocketgs.splat.store import ParameterStore
 from pocketgs.system.cores import kernel_threads
 
 _NO_PLANE, _NO_CENTRES, _NO_CHANNELS = (np.empty(shape, np.float32) for shape in ((0, 0), (0, 4), (0, 3)))
@@ -92,7 +98,8 @@ class CpuEngine:
         pose = np.eye(4)
         pose[2, 3] = 4.0
         frame = Frame("", Camera(16, 16, 16.0, 16.0, 8.0, 8.0, pose), np.zeros((16, 16, 3), np.uint8))
-        settings = StepSettings(LearningRates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        rates = LearningRates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        settings = StepSettings(rates, statistics=True, noise=PositionNoise(0.0, 0))
         engine = CpuEngine(self.threads)
         engine.set_views([frame])
         engine.upload(scene)
@@ -114,18 +121,49 @@ class CpuEngine:
         gaussians = checked_scene(gaussians)
         if state is not None:
             check_state(gaussians, state)
-        self._scene = Gaussians(*(getattr(gaussians, name).copy() for name in PARAMETERS))
-        self._scene.quaternions = gaussians.unit_quaternions
-        self._near = near_plane(gaussians.means)
-        count, columns = len(gaussians), GRADIENT_SH + 3 * gaussians.sh.shape[1]
-        self._first_moments = np.zeros((count, columns), np.float32) if state is None else state.first_moments.copy()
-        self._second_moments = np.zeros((count, columns), np.float32) if state is None else state.second_moments.copy()
+        self._store = ParameterStore(gaussians, state)
+        self._near = near_plane(gaussians.means) if state is None or state.near is None else state.near
         self._steps = 0 if state is None else state.steps
-        self._gradients = np.zeros((count, columns), np.float32)
+        self._take_rows()
+
+    def _take_rows(self) -> None:
+        """Make what a step writes by Gaussian, for as many as there are now."""
+        count = self._store.count
+        self._scene = self._store.scene
+        self.restart_statistics()
         self._splats = np.zeros((count, SPLAT_FIELDS), np.float32)
         self._depth_keys = np.zeros(count, np.uint32)
-        self._clusters, self._written = Clusters(count), np.empty(0, np.int32)
+        self._clusters = Clusters(count)
+        # Clusters whose rows of gradients are not 0; a change of rows leaves anything there.
+        self._written = self._clusters.all
         self._visible, self._order, self._order_scratch = np.zeros((3, count), np.int32)
+
+    @property
+    def count(self) -> int:
+        """Number of Gaussians."""
+        return self._store.count
+
+    def change_rows(self, change: RowChange) -> None:
+        """Select, duplicate and set Gaussians."""
+        self._store.change_rows(change)
+        self._take_rows()
+
+    def statistics(self) -> Statistics:
+        """What steps have summed up."""
+        found = Statistics.none_yet(self.count)
+        if len(self._statistics):
+            gradients, seen, radii = (self._statistics[:, column].copy() for column in (SCREEN_GRADIENT, SEEN, RADIUS))
+            found = Statistics(gradients, seen, radii, found.errors)
+        return replace(found, errors=self._errors.copy()) if len(self._errors) else found
+
+    def restart_statistics(self, start: Statistics | None = None) -> None:
+        """Sum up from zero, or from sums that were taken before."""
+        self._statistics = np.zeros((0 if start is None else self.count, STATISTICS), np.float32)
+        if start is not None:
+            self._statistics[:, SCREEN_GRADIENT] = start.screen_gradients
+            self._statistics[:, SEEN] = start.seen
+            self._statistics[:, RADIUS] = start.radii
+        self._errors = np.zeros(0, np.float32) if start is None else start.errors.copy()
 
     def step(self, view: int, settings: StepSettings) -> None:
         """Train on one view."""
@@ -134,7 +172,11 @@ class CpuEngine:
         training_view = self._views[view]
         raster = self._forward(training_view.view, np.array(settings.background, np.float32))
         loss = self._photometric(training_view, raster, settings.loss)
-        self._backward(training_view.view, raster)
+        if settings.statistics and len(self._statistics) == 0:
+            self._statistics = np.zeros((self.count, STATISTICS), np.float32)
+        self._backward(training_view.view, raster, settings.statistics)
+        if settings.errors:
+            self._add_errors(training_view, raster)
         self._losses.append(loss + self._update(settings, raster.clusters))
 
     def loss(self, steps: int = 1) -> float:
@@ -164,17 +206,17 @@ class CpuEngine:
 
     def optimiser_state(self) -> OptimiserState:
         """A copy of the optimiser's state."""
-        return OptimiserState(self._first_moments.copy(), self._second_moments.copy(), self._steps)
+        store = self._store
+        return OptimiserState(store.first_moments.copy(), store.second_moments.copy(), self._steps, self._near)
 
     def memory(self) -> dict[str, int]:
         """Bytes that the engine holds, by the name of what they are for."""
         return {
             "photographs": sum(view.photo.nbytes + view.mask.nbytes for view in self._views),
-            "scene": sum(getattr(self._scene, name).nbytes for name in PARAMETERS),
-            "moments": self._first_moments.nbytes + self._second_moments.nbytes,
-            "gradients": self._gradients.nbytes,
+            **self._store.nbytes(),
             "tile lists": self._binner.nbytes,
             "gradients by tile": self._entry_sums.nbytes,
+            "statistics": self._statistics.nbytes + self._errors.nbytes,
             "clusters": self._clusters.nbytes,
             "projected splats": self._splats.nbytes + self._depth_keys.nbytes + 3 * self._order.nbytes,
         }
@@ -227,9 +269,43 @@ class CpuEngine:
         photometric(canvas.image, view.photo, view.mask, settings, self.threads, canvas.d_image, canvas.row_losses)
         return float(canvas.row_losses.sum(dtype=np.float64))
 
-    def _backward(self, view: View, raster: Raster) -> None:
+    def _backward(self, view: View, raster: Raster, with_statistics: bool) -> None:
         """Rasterize backward → project backward: fills in the gradients."""
         scene, lists = self._scene, raster.lists
+        self._replay(raster)
+        gradients = self._store.gradients
+        clear(gradients, self._written, self.threads)
+        self._written = raster.clusters
+        project_backward(
+            scene.means,
+            scene.log_scales,
+            scene.quaternions,
+            scene.sh,
+            view,
+            self.threads,
+            self._splats,
+            raster.visible,
+            lists.slots,
+            LANES,
+            self._entry_sums,
+            self._statistics if with_statistics else self._statistics[:0],
+            gradients,
+            _NO_CENTRES,
+            _NO_CHANNELS,
+        )
+
+    def _add_errors(self, view: _TrainingView, raster: Raster) -> None:
+        """Sum up what of the view's error each Gaussian takes part in."""
+        if len(self._errors) == 0:
+            self._errors = np.zeros(self.count, np.float32)
+        canvas = raster.canvas
+        write_error(canvas.image, view.photo, view.mask, canvas.d_image)
+        self._replay(raster)
+        self._errors[raster.visible] += error_sums(raster.visible, raster.lists, self._entry_sums).astype(np.float32)
+
+    def _replay(self, raster: Raster) -> None:
+        """Rasterize backward, from the gradient that stands on the canvas."""
+        lists = raster.lists
         size = len(lists.entries) * LANES
         if len(self._entry_sums) < size:
             self._entry_sums = np.empty(size * 5 // 4, np.float32)
@@ -246,39 +322,26 @@ class CpuEngine:
             False,
             self._entry_sums,
         )
-        clear(self._gradients, self._written, self.threads)
-        self._written = raster.clusters
-        project_backward(
-            scene.means,
-            scene.log_scales,
-            scene.quaternions,
-            scene.sh,
-            view,
-            self.threads,
-            self._splats,
-            raster.visible,
-            lists.slots,
-            LANES,
-            self._entry_sums,
-            self._gradients,
-            _NO_CENTRES,
-            _NO_CHANNELS,
-        )
 
     def _update(self, settings: StepSettings, in_view: np.ndarray) -> float:
         """Regularise → adam; returns the regularisers' value."""
-        scene, weights = self._scene, settings.loss
+        scene, store, weights = self._scene, self._store, settings.loss
         value = 0.0
         moving = in_view if settings.adam.seen_only else self._clusters.all
-        if len(scene) and (weights.scale_weight or weights.opacity_weight):
+        if len(scene) and (weights.scale_weight or weights.opacity_weight or weights.size_weight):
             value = regularise(
                 scene.log_scales,
                 scene.opacity_logits,
                 weights.scale_weight,
                 weights.opacity_weight,
-                self._gradients,
+                weights.size_weight,
+                store.gradients,
             )
             moving = self._written = self._clusters.all
+        layout = store.layout
+        if settings.sh_degree is not None:
+            trained = min(SH_COEFFICIENTS[settings.sh_degree], layout.coefficients)
+            layout = ParameterLayout(trained)
         self._steps += 1
         adam(
             scene.means,
@@ -286,10 +349,10 @@ class CpuEngine:
             scene.quaternions,
             scene.opacity_logits,
             scene.sh,
-            self._gradients,
-            self._first_moments,
-            self._second_moments,
-            rates_by_column(settings.rates, self._gradients.shape[1]),
+            store.gradients,
+            store.first_moments,
+            store.second_moments,
+            layout.rates_by_column(settings.rates),
             settings.adam.beta1,
             settings.adam.beta2,
             settings.adam.epsilon,
@@ -298,5 +361,20 @@ class CpuEngine:
             moving,
             self.threads,
         )
+        if settings.noise is not None:
+            self._shake(settings.noise)
+            moving = self._clusters.all
         self._clusters.have_moved(moving)
         return value
+
+    def _shake(self, noise: PositionNoise) -> None:
+        scene = self._scene
+        add_noise(
+            scene.means,
+            scene.log_scales,
+            scene.quaternions,
+            scene.opacity_logits,
+            noise.size,
+            noise.seed,
+            self.threads,
+        )

@@ -9,6 +9,7 @@ import numpy as np
 
 from pocketgs.geometry.camera import Camera
 from pocketgs.splat.constants import ALPHA_MIN
+from pocketgs.splat.parameters import first_column
 from pocketgs.system.compile import part
 
 TILE_WIDTH = 8
@@ -30,8 +31,12 @@ ENTRY_FIELDS = 3
 # The slots of a Gaussian's entries: a row of int32, the first and their number.
 SLOTS_FIRST, SLOTS_COUNT = range(2)
 
-# One row of gradients, and of each of Adam's moments, per Gaussian; the coefficients of SH follow.
-GRADIENT_MEAN, GRADIENT_LOG_SCALE, GRADIENT_ROTATION, GRADIENT_OPACITY, GRADIENT_SH = 0, 3, 6, 9, 10
+# One row of gradients, and of each of Adam's moments, per Gaussian.
+GRADIENT_MEAN = first_column("means")
+GRADIENT_LOG_SCALE = first_column("log_scales")
+GRADIENT_ROTATION = first_column("quaternions")
+GRADIENT_OPACITY = first_column("opacity_logits")
+GRADIENT_SH = first_column("sh")
 
 LOG2_ALPHA_MIN = np.float32(math.log2(ALPHA_MIN))
 

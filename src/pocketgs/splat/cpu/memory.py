@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pocketgs.splat.cpu.layout import ENTRY_FIELDS, GRADIENT_SH, SPLAT_FIELDS
+from pocketgs.splat.cpu.layout import ENTRY_FIELDS, SPLAT_FIELDS
+from pocketgs.splat.cpu.statistics import STATISTICS
+from pocketgs.splat.parameters import FLOAT_BYTES, ParameterLayout
 
 ENTRIES_PER_GAUSSIAN, ENTRIES_PER_PIXEL = 2.5, 0.9
 """Entries of tiles' lists, as measured at most: a Gaussian is in more than one list, and large ones tile the image."""
@@ -27,10 +29,12 @@ def training_bytes(gaussians: int, coefficients: int, photographs: Sequence[tupl
         coefficients: of spherical harmonics a channel.
         photographs: width and height of each.
     """
-    columns = GRADIENT_SH + 3 * coefficients
+    layout = ParameterLayout(coefficients)
     pixels = [width * height for width, height in photographs]
     largest = max(pixels, default=0)
-    # Scene, both moments and gradients; the projected splat, its key, and its place in two orders.
-    of_gaussians = gaussians * 4 * (columns + 1 + 2 * columns + columns + SPLAT_FIELDS + 1 + 2)
+    # Scene, both moments and gradients; the projected splat, its key, its place in three orders, and its slots;
+    # statistics.
+    numbers = layout.numbers + 3 * layout.columns + SPLAT_FIELDS + 1 + 3 + 2 + STATISTICS + 1
+    of_gaussians = gaussians * FLOAT_BYTES * numbers
     entries = int(ENTRIES_PER_GAUSSIAN * gaussians + ENTRIES_PER_PIXEL * largest)
     return PHOTOGRAPH_PIXEL * sum(pixels) + of_gaussians + ENTRY_BYTES * entries + CANVAS_PIXEL * largest

@@ -41,6 +41,7 @@ from pocketgs.splat.cpu.rasterize_backward import (
     SUM_YY,
 )
 from pocketgs.splat.cpu.spherical_harmonics import sh_basis, sh_basis_gradient
+from pocketgs.splat.cpu.statistics import collect
 from pocketgs.splat.cpu.vectors import Vector, axes_of, dot, scaled, times, transposed_times
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import PIECE, first_piece, take
@@ -265,6 +266,7 @@ def _project_range_backward(
     slots: np.ndarray,
     row: int,
     entry_sums: np.ndarray,
+    statistics: np.ndarray,
     gradients: np.ndarray,
     d_centres: np.ndarray,
     d_channels: np.ndarray,
@@ -286,8 +288,11 @@ def _project_range_backward(
                 gradient[column] = block[(_GRADIENT + column) * LANES + lane]
             if sh.shape[1] > 0:
                 _colour_backward(view, means[i], sh[i], splats[i], total, basis, basis_gradient, gradient)
+            x, y = block[_CENTRE * LANES + lane], block[(_CENTRE + 1) * LANES + lane]
+            if len(statistics):
+                collect(view, splats[i], (x, y), statistics[i])
             if len(d_centres):
-                d_centres[i, 0], d_centres[i, 1] = block[_CENTRE * LANES + lane], block[(_CENTRE + 1) * LANES + lane]
+                d_centres[i, 0], d_centres[i, 1] = x, y
                 d_centres[i, 2], d_centres[i, 3] = total[SUM_ABSOLUTE_X], total[SUM_ABSOLUTE_X + 1]
             if len(d_channels):
                 for channel in range(d_channels.shape[1]):
@@ -308,6 +313,7 @@ def project_backward(
     slots: np.ndarray,
     row: int,
     entry_sums: np.ndarray,
+    statistics: np.ndarray,
     gradients: np.ndarray,
     d_centres: np.ndarray,
     d_channels: np.ndarray,
@@ -326,6 +332,7 @@ def project_backward(
         slots: (N, 2) int32 of `TileLists`.
         row: length of a row of `entry_sums`.
         entry_sums: what `rasterize_backward` wrote.
+        statistics: (N, STATISTICS) float32 sums, added to where visible, or (0, STATISTICS) for none.
         gradients: (N, GRADIENT_SH + 3 K) float32, all 0; written where visible.
         d_centres: (N, 4) float32, written where visible: the gradient of the projected centre, and the sums over pixels
             of its magnitudes, which have to have been asked for. Or (0, 4).
@@ -346,6 +353,7 @@ def project_backward(
                 slots,
                 row,
                 entry_sums,
+                statistics,
                 gradients,
                 d_centres,
                 d_channels,

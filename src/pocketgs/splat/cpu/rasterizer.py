@@ -33,8 +33,11 @@ from pocketgs.splat.cpu.project_backward import project_backward
 from pocketgs.splat.cpu.rasterize import rasterize
 from pocketgs.splat.cpu.rasterize_backward import rasterize_backward, sums_per_entry
 from pocketgs.splat.cpu.sort import sort_by_depth
+from pocketgs.splat.cpu.statistics import STATISTICS
 from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
 from pocketgs.system.cores import kernel_threads
+
+_NO_STATISTICS = np.empty((0, STATISTICS), np.float32)
 
 
 @dataclass(frozen=True)
@@ -147,6 +150,7 @@ class CpuBackend:
             lists.slots,
             row,
             entry_sums,
+            _NO_STATISTICS,
             gradients,
             centres,
             channels,

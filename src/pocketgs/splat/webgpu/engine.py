@@ -16,6 +16,8 @@ from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.checks import check_state, check_view, checked_scene
 from pocketgs.splat.engine import KEPT_LOSSES, EngineOptions, MemoryNeed, OptimiserState, Rendering
 from pocketgs.splat.near_plane import near_plane
+from pocketgs.splat.parameters import ParameterLayout
+from pocketgs.splat.rows import RowChange, Statistics
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.adapters import BUFFER_LIMITS, choose_adapter, open_device
 from pocketgs.splat.webgpu.frame_values import is_regularised, structural_share, update_values, view_values
@@ -45,6 +47,10 @@ MOST_STREAMED = 4
 SECONDS_AHEAD = 0.2
 """The GPU has at most so many steps, or so much work, before it: then the host looks whether they were completed. Of
 steps whose photographs are streamed there are fewer, since each holds a copy of its own."""
+
+
+def _not_here(what: str) -> PocketGSError:
+    return PocketGSError(f"engine webgpu: does not {what} yet, expected --engine cpu")
 
 
 @dataclass(frozen=True)
@@ -124,7 +130,7 @@ class WebGpuEngine:
         self._pending.clear()
         self._completed = self._completed_before = state.steps if state else 0
         self._write_status()
-        self._near = near_plane(gaussians.means)
+        self._near = near_plane(gaussians.means) if state is None or state.near is None else state.near
         for name, values in zip(("shape", "sh"), to_columns(gaussians), strict=True):
             self._replayer.write(name, values)
         if trains:
@@ -132,9 +138,36 @@ class WebGpuEngine:
             self._replayer.write("first_moments", transposed(state.first_moments if state else zeros))
             self._replayer.write("second_moments", transposed(state.second_moments if state else zeros))
 
+    @property
+    def count(self) -> int:
+        """Number of Gaussians."""
+        return self._extent.gaussians
+
+    def change_rows(self, change: RowChange) -> None:
+        """Not on a GPU yet.
+
+        Raises:
+            PocketGSError: always.
+        """
+        raise _not_here("change the number of Gaussians")
+
+    def statistics(self) -> Statistics:
+        """Zeros: steps that would collect them are refused."""
+        return Statistics.none_yet(self.count)
+
+    def restart_statistics(self, start: Statistics | None = None) -> None:
+        """Nothing has been summed up."""
+
     def step(self, view: int, settings: StepSettings) -> None:
-        """Train on one view. Returns before it is done."""
+        """Train on one view. Returns before it is done.
+
+        Raises:
+            PocketGSError: the view is none of the photographs, or the settings ask for what only the CPU engine does.
+        """
         check_view(view, self._frames)
+        summed = settings.statistics or settings.errors
+        if summed or settings.noise or settings.loss.size_weight or settings.sh_degree is not None:
+            raise _not_here("collect statistics, shake positions, weigh sizes or raise the SH degree")
         if not self._pending:
             self._first_pending = time.monotonic()
         self._submit(_Step(view, settings))
@@ -173,9 +206,9 @@ class WebGpuEngine:
         self._settle()
         if not self._extent.trains:
             zeros = np.zeros((self._extent.gaussians, self._columns), np.float32)
-            return OptimiserState(zeros, zeros.copy(), self._completed)
+            return OptimiserState(zeros, zeros.copy(), self._completed, self._near)
         first, second = (self._read_columns(name, self._columns) for name in ("first_moments", "second_moments"))
-        return OptimiserState(transposed(first), transposed(second), self._completed)
+        return OptimiserState(transposed(first), transposed(second), self._completed, self._near)
 
     def memory(self) -> dict[str, int]:
         """Bytes of every buffer on the GPU, by its name in the passes."""
@@ -199,7 +232,7 @@ class WebGpuEngine:
 
     @property
     def _columns(self) -> int:
-        return 10 + 3 * self._extent.coefficients
+        return ParameterLayout(self._extent.coefficients).columns
 
     def _read_columns(self, name: str, columns: int) -> np.ndarray:
         """(columns, N) float32."""

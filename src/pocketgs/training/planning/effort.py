@@ -8,7 +8,7 @@ each Gaussian is seen in a smaller share of the steps.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 
 from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.planning.time_model import step_seconds
@@ -29,6 +29,9 @@ GAUSSIANS_POWER, SECONDS_POWER = 0.5, 0.75
 
 FEWEST_ITERATIONS, MOST_ITERATIONS = 500, 3000
 
+OF_THE_RECIPE = ("iterations", "max_gaussians", "prior", "seeds", "strategy")
+"""Options that a recipe may state; what the user gives wins over it, and it over the effort."""
+
 MOST_EPOCHS = 40
 """Times that each photograph is trained on: of few photographs, more learn the noise of each rather than the scene."""
 
@@ -44,7 +47,11 @@ def sized(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> SizedOp
     """
     if isinstance(options, SizedOptions):
         return options
+    recipe = recipe_named(options.recipe)
     given = {field.name: getattr(options, field.name) for field in fields(options)}
+    for name in OF_THE_RECIPE:
+        given[name] = getattr(recipe, name) if given[name] is None else given[name]
+    options = replace(options, max_gaussians=given["max_gaussians"])
     sizes = _quick() if options.effort == "quick" else _standard(options, views)
     return SizedOptions(**{**given, **{name: size for name, size in sizes.items() if given[name] is None}})
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from pocketgs.prior.detection import LONGEST_SIDE, PIXELS
 from pocketgs.prior.pairs import PAIRS_PER_VIEW
+from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.training.planning.calibration import Speed
 from pocketgs.training.planning.work import Work
 
@@ -91,7 +92,7 @@ def step_seconds(gaussians: int, coefficients: int, pixels: float) -> float:
         coefficients: of spherical harmonics per channel.
         pixels: of a view.
     """
-    columns = 10 + 3 * coefficients
+    columns = ParameterLayout(coefficients).columns
     return (STEP_MILLION + STEP_MILLION_COLUMNS * columns) * gaussians / MEGA + STEP_MEGAPIXEL * pixels / MEGA
 
 

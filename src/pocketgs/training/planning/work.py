@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pocketgs.capture.listed import Outline
 from pocketgs.prior.depth_maps import sweep_pixels
 from pocketgs.prior.fuse import MOST_CANDIDATES
+from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.recipes import recipe_named
 
@@ -39,7 +40,7 @@ class Work:
     @property
     def columns(self) -> int:
         """Numbers that a Gaussian is trained in."""
-        return 10 + 3 * self.coefficients
+        return ParameterLayout(self.coefficients).columns
 
     @property
     def has_prior(self) -> bool:

@@ -1,0 +1,70 @@
+"""Noise on the positions of transparent Gaussians: what lets 3DGS-MCMC explore."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from pocketgs.splat.cpu.vectors import axes_of, dot
+from pocketgs.system.compile import inlined, parallel_kernel, part
+from pocketgs.system.dealing import PIECE, first_piece, take
+
+STEEPNESS, THRESHOLD = 100.0, 0.005
+"""Noise fades at an opacity of 0.005, as steeply as σ(-100 (o - 0.005)) (Kheradmand et al. 2024, equation 8)."""
+
+
+@inlined
+def _hashed(word: int) -> int:
+    """32 well-mixed bits of 32 bits (the output function of PCG, Jarzynski and Olano 2020)."""
+    state = (word * 747796405 + 2891336453) & 0xFFFFFFFF
+    state = (((state >> ((state >> 28) + 4)) ^ state) * 277803737) & 0xFFFFFFFF
+    return (state >> 22) ^ state
+
+
+@part
+def _normal(seed: int, row: int, number: int) -> float:
+    """A standard normal number that depends on the arguments only (Box and Muller 1958)."""
+    word = _hashed(_hashed(_hashed(seed & 0xFFFFFFFF) ^ row) ^ number)
+    other = _hashed(word ^ 0x9E3779B9)
+    uniform = (word + 1.0) / 4294967296.0
+    return math.sqrt(-2.0 * math.log(uniform)) * math.cos(2.0 * math.pi * other / 4294967296.0)
+
+
+@parallel_kernel
+def add_noise(
+    means: np.ndarray,
+    log_scales: np.ndarray,
+    quaternions: np.ndarray,
+    opacity_logits: np.ndarray,
+    size: float,
+    seed: int,
+    threads: int,
+) -> None:
+    """Move every mean by size · σ(-k (o - t)) Σ η with η normal (Kheradmand et al. 2024, equation 8), in place.
+
+    Args:
+        means: (N, 3) float32, updated.
+        log_scales: (N, 3) float32.
+        quaternions: (N, 4) float32 of unit length.
+        opacity_logits: (N,) float32.
+        size: factor, in one over the unit of length.
+        seed: the same gives the same noise, on any number of threads.
+        threads: number of threads that share the work.
+    """
+    counter = first_piece()
+    for _ in prange(threads):
+        piece = PIECE * take(counter)
+        while piece < len(means):
+            for i in range(piece, min(piece + PIECE, len(means))):
+                opacity = 1.0 / (1.0 + math.exp(-float(opacity_logits[i])))
+                factor = size / (1.0 + math.exp(STEEPNESS * (opacity - THRESHOLD)))
+                axes = axes_of(quaternions[i])
+                eta = (_normal(seed, i, 0), _normal(seed, i, 1), _normal(seed, i, 2))
+                for k in range(3):
+                    axis = axes[k]
+                    along = factor * math.exp(2.0 * float(log_scales[i, k])) * dot(axis, eta)
+                    for c in range(3):
+                        means[i, c] += along * axis[c]
+            piece = PIECE * take(counter)

@@ -1,0 +1,89 @@
+"""How the number of Gaussians changes, and what an engine sums up for whoever decides on it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pocketgs.errors import PocketGSError
+from pocketgs.splat.parameters import ParameterLayout
+
+
+@dataclass(frozen=True)
+class RowChange:
+    """Gaussians that go, stay, and are copied, in one operation; the optimiser's rows follow.
+
+    Attributes:
+        sources: (M,) int32, which present row each of the M rows afterwards copies, parameters and moments.
+        fresh: (M,) bool, rows whose moments start at zero.
+        values: by parameter name (`means`, `log_scales`, `quaternions`, `opacity_logits`, `sh`), rows (R,) int32 after
+            the change, each at most once, and the values (R, ...) that they are given. Moments of that parameter start
+            at zero there: what is set has no history.
+    """
+
+    sources: np.ndarray
+    fresh: np.ndarray
+    values: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+
+    @staticmethod
+    def of_values(count: int, values: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> RowChange:
+        """A change that leaves all `count` rows where they are, and sets some values."""
+        return RowChange(np.arange(count, dtype=np.int32), np.zeros(count, np.bool_), values)
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Sums over the steps since the last change of rows that collected them, by Gaussian.
+
+    Attributes:
+        screen_gradients: (N,) float32, summed norm of the loss's gradient with respect to the centre on the image, in
+            half the image's width and height as in 3DGS.
+        seen: (N,) float32, number of steps whose view showed it.
+        radii: (N,) float32, largest radius on an image, three standard deviations, as a share of the longer side.
+        errors: (N,) float32, summed α T |rendered - photograph| over the pixels of steps with `StepSettings.errors`.
+    """
+
+    screen_gradients: np.ndarray
+    seen: np.ndarray
+    radii: np.ndarray
+    errors: np.ndarray
+
+    @staticmethod
+    def none_yet(count: int) -> Statistics:
+        """Before the first step."""
+        return Statistics(*(np.zeros(count, np.float32) for _ in range(4)))
+
+
+def check_change(change: RowChange, count: int, layout: ParameterLayout) -> None:
+    """Refuse a change that does not belong to the scene.
+
+    Args:
+        change: what is to be done.
+        count: rows that there are.
+        layout: of the scene's parameters.
+
+    Raises:
+        PocketGSError: a row or a parameter is none of the scene's, or shapes disagree.
+    """
+    sources, fresh = np.asarray(change.sources), np.asarray(change.fresh)
+    if sources.ndim != 1 or sources.dtype != np.int32:
+        raise PocketGSError(f"change of rows: sources are {sources.dtype} {sources.shape}, expected int32 (M,)")
+    if fresh.shape != sources.shape or fresh.dtype != np.bool_:
+        raise PocketGSError(f"change of rows: fresh is {fresh.dtype} {fresh.shape}, expected bool {sources.shape}")
+    _check_rows("sources", sources, count)
+    for name, (rows, values) in change.values.items():
+        if name not in {group.name for group in layout.groups}:
+            raise PocketGSError(f"change of rows: found values of {name!r}, which is no parameter")
+        expected = (len(rows), *layout.group(name).tail(layout.coefficients))
+        if np.shape(values) != expected:
+            raise PocketGSError(f"change of rows: {name} has shape {np.shape(values)}, expected {expected}")
+        _check_rows(name, np.asarray(rows), len(sources))
+
+
+def _check_rows(what: str, rows: np.ndarray, count: int) -> None:
+    if len(rows) and (rows.min() < 0 or rows.max() >= count):
+        raise PocketGSError(
+            f"change of rows: {what} name rows {rows.min()} to {rows.max()}, expected 0 to {count - 1} of {count}"
+        )

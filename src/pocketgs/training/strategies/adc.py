@@ -1,0 +1,100 @@
+"""3DGS's adaptive density control: clone, split, prune, reset opacities (Kerbl et al. 2023, section 5.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.engine import Engine
+from pocketgs.splat.rows import RowChange, Statistics
+from pocketgs.training.strategies.division import SHRINKING, drawn_within, logit
+from pocketgs.training.strategies.strategy import Collected, Quiet, Situation
+
+
+@dataclass(frozen=True)
+class DensityControl:
+    """Thresholds and times, those of 3DGS.
+
+    Attributes:
+        start, stop, every: iterations after which Gaussians multiply for the first and the last time, and in between.
+        gradient: mean gradient of the centre on the image above which a Gaussian multiplies.
+        small: share of the scene's extent up to which it is cloned; larger ones are split.
+        faint: opacity under which it goes.
+        large: share of the extent above which it goes, once opacities have been reset.
+        reset_every: iterations from one reset of opacities to the next.
+        reset_to: opacity that those above it are reset to, as a multiple of `faint`.
+    """
+
+    start: int = 500
+    stop: int = 15_000
+    every: int = 100
+    gradient: float = 2e-4
+    small: float = 0.01
+    faint: float = 0.005
+    large: float = 0.1
+    reset_every: int = 3000
+    reset_to: float = 2.0
+
+
+class AdaptiveDensityControl(Quiet):
+    """3DGS's strategy, bounded: where there is no room for all that would multiply, those with most gradient do."""
+
+    name = "adc"
+
+    def __init__(self, situation: Situation, control: DensityControl | None = None) -> None:
+        self._situation, self._control = situation, control or DensityControl()
+        self._extent = situation.measure_extent()
+
+    def collected(self, iteration: int) -> Collected:
+        """Gradients on the image, as long as Gaussians multiply."""
+        return Collected(statistics=iteration < self._control.stop)
+
+    def after_step(self, iteration: int, engine: Engine) -> None:
+        """Multiply and prune, then reset."""
+        control = self._control
+        if iteration >= control.stop:
+            return
+        if iteration > control.start and iteration % control.every == 0:
+            engine.change_rows(self._refined(iteration, engine.download(), engine.statistics()))
+        at_start = self._situation.bright and iteration == control.start
+        if iteration % control.reset_every == 0 or at_start:
+            collected = engine.statistics()
+            engine.change_rows(self._reset(engine.download()))
+            engine.restart_statistics(collected)
+
+    def _refined(self, iteration: int, scene: Gaussians, statistics: Statistics) -> RowChange:
+        """Clones and parts in place of what is split, less what is pruned."""
+        control, situation = self._control, self._situation
+        largest = scene.scales.max(axis=1)
+        gradient = statistics.screen_gradients / np.maximum(statistics.seen, 1.0)
+        growing = np.flatnonzero(gradient > control.gradient)
+        room = max(situation.most - len(scene), 0)
+        if len(growing) > room:
+            growing = np.sort(growing[np.argsort(-gradient[growing], kind="stable")[:room]])
+        is_small = largest[growing] <= control.small * self._extent
+        cloned, split = growing[is_small], growing[~is_small]
+        whole = np.delete(np.arange(len(scene)), split)
+        sources = np.concatenate([whole, cloned, split, split]).astype(np.int32)
+        parts = slice(len(whole) + len(cloned), None)
+        means, log_scales = scene.means[sources], scene.log_scales[sources]
+        means[parts] = drawn_within(scene, sources[parts], situation.random(iteration))
+        log_scales[parts] -= np.float32(np.log(SHRINKING))
+        is_kept = scene.opacities[sources] >= control.faint
+        if iteration > control.reset_every:
+            is_kept &= np.exp(log_scales).max(axis=1) <= control.large * self._extent
+        is_kept &= np.isfinite(means).all(axis=1)
+        is_new = np.arange(len(sources)) >= len(whole)
+        rows = np.flatnonzero((np.arange(len(sources)) >= parts.start)[is_kept]).astype(np.int32)
+        return RowChange(
+            sources[is_kept],
+            is_new[is_kept],
+            {"means": (rows, means[is_kept][rows]), "log_scales": (rows, log_scales[is_kept][rows])},
+        )
+
+    def _reset(self, scene: Gaussians) -> RowChange:
+        """No opacity above that of the reset."""
+        highest = logit(np.array(self._control.reset_to * self._control.faint))
+        rows = np.arange(len(scene), dtype=np.int32)
+        return RowChange.of_values(len(scene), {"opacity_logits": (rows, np.minimum(scene.opacity_logits, highest))})

@@ -1,0 +1,89 @@
+"""Growth towards a given number along a schedule, where the errors of the training views say so.
+
+Taming 3DGS (Mallick et al. 2024) grows along a parabola to an exact number and weighs what to densify by scores;
+FastGS (Ren et al. 2025) lets errors of several views vote. Here one score decides: how much of the views' error a
+Gaussian takes part in, summed over the views that were looked at before each growth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.engine import Engine
+from pocketgs.splat.rows import RowChange
+from pocketgs.training.strategies.division import halves
+from pocketgs.training.strategies.strategy import Collected, Quiet, Situation
+
+
+@dataclass(frozen=True)
+class Growth:
+    """When and how.
+
+    Attributes:
+        start, stop: shares of the run between which Gaussians multiply.
+        times: how often they do.
+        first: share of the final number that a run starts with, at most.
+        looks: views whose errors are summed up before each time, at most.
+        faint: opacity under which a Gaussian goes.
+    """
+
+    start: float = 0.05
+    stop: float = 0.5
+    times: int = 10
+    first: float = 0.5
+    looks: int = 30
+    faint: float = 0.01
+
+
+class Budgeted(Quiet):
+    """Splits what takes part in most error, and prunes what is faint, so that the number follows its schedule."""
+
+    name = "budgeted"
+
+    def __init__(self, situation: Situation, growth: Growth | None = None) -> None:
+        self._situation, self._growth = situation, growth or Growth()
+        grows = np.linspace(self._growth.start, self._growth.stop, self._growth.times) * situation.iterations
+        self._iterations = np.unique(np.maximum(grows.astype(int), 1))
+
+    def target(self, iteration: int) -> int:
+        """How many Gaussians there may be after an iteration: fast growth first, then ever slower (a parabola)."""
+        last, first = self._iterations[-1], self._iterations[0]
+        left = np.clip((last - iteration) / max(last - first, 1), 0.0, 1.0)
+        return int(self._situation.most * (1.0 - (1.0 - self._growth.first) * left**2))
+
+    def collected(self, iteration: int) -> Collected:
+        """Errors, in the steps that lead to a growth."""
+        ahead = self._iterations[self._iterations >= iteration]
+        looks = min(self._growth.looks, self._situation.views)
+        return Collected(errors=len(ahead) > 0 and ahead[0] - iteration < looks)
+
+    def after_step(self, iteration: int, engine: Engine) -> None:
+        """Prune and split."""
+        if iteration in self._iterations:
+            engine.change_rows(self._grown(engine.download(), engine.statistics().errors, self.target(iteration)))
+
+    def _grown(self, scene: Gaussians, errors: np.ndarray, target: int) -> RowChange:
+        is_kept = (scene.opacities >= self._growth.faint) & np.isfinite(scene.means).all(axis=1)
+        kept = np.flatnonzero(is_kept)
+        wanted = min(max(target - len(kept), 0), len(kept))
+        split = np.sort(kept[np.argsort(-errors[kept], kind="stable")[:wanted]])
+        sources = np.concatenate([kept, split]).astype(np.int32)
+        offsets, log_scales, logits = halves(scene, split)
+        ones = np.searchsorted(kept, split).astype(np.int32)
+        others = np.arange(len(kept), len(sources), dtype=np.int32)
+        rows = np.concatenate([ones, others])
+        means = np.concatenate([scene.means[split] + offsets, scene.means[split] - offsets])
+        fresh = np.zeros(len(sources), np.bool_)
+        fresh[rows] = True
+        return RowChange(
+            sources,
+            fresh,
+            {
+                "means": (rows, means),
+                "log_scales": (rows, np.concatenate([log_scales, log_scales])),
+                "opacity_logits": (rows, np.concatenate([logits, logits])),
+            },
+        )

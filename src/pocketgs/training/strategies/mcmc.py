@@ -1,0 +1,105 @@
+"""3DGS-MCMC: the dead move onto the living, and positions are shaken (Kheradmand et al. 2024)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.engine import Engine
+from pocketgs.splat.rows import RowChange
+from pocketgs.splat.settings import LossSettings, PositionNoise
+from pocketgs.training.strategies.division import logit
+from pocketgs.training.strategies.relocation import shared
+from pocketgs.training.strategies.strategy import Collected, Situation
+
+MOST_OPAQUE = 1.0 - 1e-6
+
+
+@dataclass(frozen=True)
+class Relocation:
+    """Times and sizes, those of the paper where they do not depend on how long a run is.
+
+    Attributes:
+        start, stop: shares of the run at which Gaussians begin and end to move: 500 and 25,000 of the paper's 30,000.
+        every: iterations in between.
+        dead: opacity up to which a Gaussian is dead.
+        growth: by which the number grows each time, until there are as many as there may be.
+        noise: λ_noise times the paper's rate of the means, 5e5 x 1.6e-4, for a scene of extent 1.
+        opacity_weight, size_weight: of the mean opacity, and of the mean standard deviation in a scene of extent 1.
+    """
+
+    start: float = 500 / 30_000
+    stop: float = 25_000 / 30_000
+    every: int = 100
+    dead: float = 0.005
+    growth: float = 0.05
+    noise: float = 80.0
+    opacity_weight: float = 0.01
+    size_weight: float = 0.01
+
+
+class MarkovChain:
+    """Relocation with its exact formula, growth by a twentieth, noise, and weights on opacity and size."""
+
+    name = "mcmc"
+
+    def __init__(self, situation: Situation, relocation: Relocation | None = None) -> None:
+        self._situation, self._relocation = situation, relocation or Relocation()
+        self._extent = situation.measure_extent()
+
+    def collected(self, iteration: int) -> Collected:
+        """Nothing."""
+        return Collected()
+
+    def loss(self, loss: LossSettings) -> LossSettings:
+        """Opacities and sizes have a price, so that what is not needed dies and can be used elsewhere."""
+        # The mean is over the three axes of a Gaussian, the weight is of their sum.
+        size_weight = self._relocation.size_weight / 3.0 / self._extent
+        return replace(loss, opacity_weight=self._relocation.opacity_weight, size_weight=size_weight)
+
+    def noise(self, iteration: int, slowness: float) -> PositionNoise | None:
+        """As large as the rate of the means lets it be."""
+        seed = int(np.random.default_rng((self._situation.seed, iteration, 2)).integers(2**32))
+        return PositionNoise(self._relocation.noise * slowness / self._extent, seed)
+
+    def after_step(self, iteration: int, engine: Engine) -> None:
+        """Relocate the dead and grow."""
+        relocation, iterations = self._relocation, self._situation.iterations
+        is_time = relocation.start * iterations < iteration < relocation.stop * iterations
+        if is_time and iteration % relocation.every == 0:
+            self._relocate(engine, iteration)
+
+    def _relocate(self, engine: Engine, iteration: int) -> None:
+        """The dead first, and then, among what they have become, those that are added."""
+        rng = self._situation.random(iteration)
+        scene = engine.download()
+        is_dead = ~(scene.opacities > self._relocation.dead) | ~np.isfinite(scene.means).all(axis=1)
+        if is_dead.any() and not is_dead.all():
+            sources = np.arange(len(scene), dtype=np.int32)
+            sources[is_dead] = rng.choice(np.flatnonzero(~is_dead), is_dead.sum(), p=_shares(scene.opacities[~is_dead]))
+            engine.change_rows(self._sharing(scene, sources))
+            scene = engine.download()
+        most = max(min(self._situation.most, int((1.0 + self._relocation.growth) * len(scene))), len(scene))
+        if most > len(scene):
+            added = rng.choice(len(scene), most - len(scene), p=_shares(scene.opacities))
+            sources = np.concatenate([np.arange(len(scene)), added]).astype(np.int32)
+            engine.change_rows(self._sharing(scene, sources))
+
+    def _sharing(self, scene: Gaussians, sources: np.ndarray) -> RowChange:
+        """Copies share with what they are copied from."""
+        sharing = np.bincount(sources, minlength=len(scene))
+        rows = np.flatnonzero(sharing[sources] > 1).astype(np.int32)
+        opacities, shrinking = shared(scene.opacities[sources[rows]], sharing[sources[rows]])
+        opacities = np.clip(opacities, self._relocation.dead, MOST_OPAQUE)
+        fresh = np.zeros(len(sources), np.bool_)
+        fresh[rows] = True
+        log_scales = scene.log_scales[sources[rows]] + np.log(shrinking)[:, None].astype(np.float32)
+        return RowChange(sources, fresh, {"opacity_logits": (rows, logit(opacities)), "log_scales": (rows, log_scales)})
+
+
+def _shares(opacities: np.ndarray) -> np.ndarray:
+    """Probabilities in proportion to opacities."""
+    weights = np.nan_to_num(opacities.astype(np.float64))
+    return weights / weights.sum()

@@ -1,0 +1,244 @@
+"""Rows that go, stay and are copied, against NumPy; what engines sum up for those who decide on them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pocketgs import Camera, Gaussians, PocketGSError
+from pocketgs.scene.gaussians import PARAMETERS
+from pocketgs.splat.cpu.adam import regularise
+from pocketgs.splat.cpu.engine import CpuEngine
+from pocketgs.splat.cpu.noise import add_noise
+from pocketgs.splat.engine import OptimiserState
+from pocketgs.splat.parameters import COEFFICIENTS, GROUPS, Group, ParameterLayout, first_column
+from pocketgs.splat.reference.loss import photometric_loss
+from pocketgs.splat.reference.project import project, rotation_matrices
+from pocketgs.splat.reference.rasterize import rasterize, rasterize_backward
+from pocketgs.splat.reference.scene import Scene
+from pocketgs.splat.rows import RowChange, Statistics
+from pocketgs.splat.settings import LearningRates, LossSettings, PositionNoise, StepSettings
+from pocketgs.splat.store import ParameterStore
+from splat.training_step import assert_identical, camera_in_front, photograph
+
+MakeGaussians = Callable[..., Gaussians]
+RATES = LearningRates(1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+STEP = StepSettings(LearningRates(1e-3, 5e-3, 4e-3, 1e-2, 1e-2, 1e-3), LossSettings("l2"), statistics=True)
+
+
+def test_columns_are_those_of_the_optimiser() -> None:
+    for coefficients in (1, 4, 9, 16):
+        layout = ParameterLayout(coefficients)
+        assert (layout.columns, layout.numbers) == (10 + 3 * coefficients, 11 + 3 * coefficients)
+        expected = np.repeat([1, 2, 3, 4, 5, 6], [3, 3, 3, 1, 3, 3 * (coefficients - 1)])
+        np.testing.assert_array_equal(layout.rates_by_column(RATES), expected)
+        assert [first_column(group.name) for group in GROUPS] == [
+            layout.columns_of(group.name).start for group in GROUPS
+        ]
+    assert tuple(group.name for group in GROUPS) == PARAMETERS
+
+
+def test_a_parameter_can_be_added() -> None:
+    features = Group("features", (2, COEFFICIENTS), (("means", None),))
+    layout = ParameterLayout(4, (*GROUPS, features))
+    assert layout.columns_of("features") == slice(22, 30)
+    assert layout.numbers == 31
+    np.testing.assert_array_equal(layout.rates_by_column(RATES)[20:], [6, 6, *[1] * 8])
+
+
+def numbered(count: int, coefficients: int = 4) -> tuple[Gaussians, OptimiserState]:
+    """A scene and moments in which every number tells where it comes from."""
+    rng = np.random.default_rng(count)
+    scene = Gaussians(
+        rng.normal(size=(count, 3)),
+        rng.normal(size=(count, 3)),
+        rng.normal(size=(count, 4)),
+        rng.normal(size=count),
+        rng.normal(size=(count, coefficients, 3)),
+    )
+    scene.quaternions = scene.unit_quaternions
+    moments = rng.normal(size=(2, count, ParameterLayout(coefficients).columns)).astype(np.float32)
+    return scene, OptimiserState(moments[0], moments[1], 5)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_rows_change_as_in_numpy(data: st.DataObject) -> None:
+    count = data.draw(st.integers(1, 12))
+    scene, state = numbered(count)
+    store = ParameterStore(scene, state)
+    expected = {name: getattr(scene, name).copy() for name in PARAMETERS}
+    moments = [state.first_moments.copy(), state.second_moments.copy()]
+    for _ in range(data.draw(st.integers(1, 3))):
+        rows = store.count
+        sources = np.array(data.draw(st.lists(st.integers(0, rows - 1), min_size=1, max_size=40)), np.int32)
+        fresh = np.array(data.draw(st.lists(st.booleans(), min_size=len(sources), max_size=len(sources))))
+        name = data.draw(st.sampled_from(PARAMETERS))
+        given_rows = np.array(data.draw(st.lists(st.integers(0, len(sources) - 1), unique=True)), np.int32)
+        values = np.full((len(given_rows), *expected[name].shape[1:]), 0.5, np.float32)
+        store.change_rows(RowChange(sources, fresh, {name: (given_rows, values)}))
+        expected = {key: array[sources] for key, array in expected.items()}
+        expected[name][given_rows] = values
+        moments = [array[sources] for array in moments]
+        for array in moments:
+            array[fresh] = 0.0
+            array[given_rows, ParameterLayout(4).columns_of(name)] = 0.0
+        assert store.count == len(sources) <= store.capacity
+        assert_identical(store.scene, Gaussians(*expected.values()))
+        assert store.first_moments.tobytes() == moments[0].tobytes()
+        assert store.second_moments.tobytes() == moments[1].tobytes()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (RowChange(np.array([0, 3], np.int32), np.zeros(2, bool)), "sources name rows 0 to 3, expected 0 to 2 of 3"),
+        (RowChange(np.array([-1], np.int32), np.zeros(1, bool)), "sources name rows -1 to -1"),
+        (RowChange(np.array([0]), np.zeros(1, bool)), r"sources are int64 \(1,\), expected int32"),
+        (RowChange(np.array([0], np.int32), np.zeros(2, bool)), r"fresh is bool \(2,\), expected bool \(1,\)"),
+        (RowChange.of_values(3, {"colours": (np.array([0]), np.zeros(1))}), "'colours', which is no parameter"),
+        (RowChange.of_values(3, {"means": (np.array([0]), np.zeros(3))}), r"means has shape \(3,\), expected \(1, 3\)"),
+        (RowChange.of_values(3, {"means": (np.array([3]), np.zeros((1, 3)))}), "means name rows 3 to 3"),
+    ],
+)
+def test_changes_of_another_scene_are_refused(change: RowChange, message: str) -> None:
+    scene, state = numbered(3)
+    store = ParameterStore(scene, state)
+    with pytest.raises(PocketGSError, match=message):
+        store.change_rows(change)
+    assert_identical(store.scene, scene)
+
+
+def engine_with(scene: Gaussians, camera: Camera, state: OptimiserState | None = None) -> CpuEngine:
+    engine = CpuEngine()
+    engine.set_views([photograph(camera)])
+    engine.upload(scene, state)
+    return engine
+
+
+def test_training_goes_on_as_if_the_changed_scene_had_been_uploaded(make_gaussians: MakeGaussians) -> None:
+    camera = camera_in_front(40, 30, 40.0)
+    engine = engine_with(make_gaussians(count=50, sh_degree=1), camera)
+    engine.step(0, STEP)
+    sources = np.array([*range(10, 50), *range(5, 45), 7], np.int32)
+    engine.change_rows(RowChange(sources, np.arange(81) >= 40))
+    other = engine_with(engine.download(), camera, engine.optimiser_state())
+    for each in (engine, other):
+        each.step(0, STEP)
+        each.change_rows(RowChange(np.arange(3, 20, dtype=np.int32), np.zeros(17, bool)))
+        each.step(0, STEP)
+    assert engine.count == 17
+    assert_identical(engine.download(), other.download())
+
+
+def test_statistics_are_those_of_the_reference(make_gaussians: MakeGaussians) -> None:
+    camera = camera_in_front(40, 30, 40.0)
+    scene = make_gaussians(count=40, sh_degree=0)
+    engine = engine_with(scene, camera)
+    still = StepSettings(LearningRates(*[0.0] * 6), LossSettings("l2"), statistics=True)
+    for _ in range(2):
+        engine.step(0, still)
+    found = engine.statistics()
+    projection = project(Scene.of(scene), camera)
+    raster = rasterize(projection, camera, np.zeros(3))
+    _, d_image = photometric_loss(raster.image, photograph(camera).image / 255.0, LossSettings("l2"), None)
+    gradient = rasterize_backward(projection, camera, raster, d_image).means * (20, 15)
+    visible = projection.visible
+    np.testing.assert_array_equal(found.seen, 2.0 * visible)
+    np.testing.assert_allclose(found.screen_gradients, 2 * np.linalg.norm(gradient, axis=1), rtol=2e-3, atol=1e-7)
+    least = np.linalg.eigvalsh(projection.conics[visible])[:, 0]
+    np.testing.assert_allclose(found.radii[visible], 3 / np.sqrt(least) / 40, rtol=1e-3)
+    assert not found.radii[~visible].any()
+    half = Statistics(found.screen_gradients / 2, found.seen / 2, found.radii, found.errors)
+    engine.restart_statistics(half)
+    engine.step(0, still)
+    np.testing.assert_allclose(engine.statistics().screen_gradients, found.screen_gradients, rtol=1e-6)
+    engine.change_rows(RowChange.of_values(40, {}))
+    assert not engine.statistics().seen.any()
+
+
+def test_errors_are_weighed_by_contributions(make_gaussians: MakeGaussians) -> None:
+    """The sum over Gaussians is that of the error times alpha; of one Gaussian, that of its own pixels."""
+    camera = camera_in_front(40, 30, 40.0)
+    photo = photograph(camera, masked=True)
+    for count in (1, 40):
+        scene = make_gaussians(count=count, sh_degree=0)
+        engine = CpuEngine()
+        engine.set_views([photo])
+        engine.upload(scene)
+        engine.step(0, StepSettings(LearningRates(*[0.0] * 6), errors=True))
+        rendering = engine.render(camera)
+        error = np.abs(rendering.image - photo.image / 255.0).mean(axis=2) * photo.mask
+        assert engine.statistics().errors.sum() == pytest.approx((error * rendering.alpha).sum(), rel=1e-4)
+
+
+def test_nothing_is_collected_that_was_not_asked_for(make_gaussians: MakeGaussians) -> None:
+    engine = engine_with(make_gaussians(), camera_in_front(20, 20, 20.0))
+    engine.step(0, replace(STEP, statistics=False))
+    assert engine.memory()["statistics"] == 0
+    assert not engine.statistics().seen.any()
+
+
+def test_coefficients_above_the_degree_wait(make_gaussians: MakeGaussians) -> None:
+    scene = make_gaussians(sh_degree=2)
+    engine = engine_with(scene, camera_in_front(20, 20, 20.0))
+    engine.step(0, replace(STEP, sh_degree=1))
+    trained = engine.download()
+    np.testing.assert_array_equal(trained.sh[:, 4:], scene.sh[:, 4:])
+    assert (trained.sh[:, :4] != scene.sh[:, :4]).any()
+    moments = engine.optimiser_state().second_moments
+    assert not moments[:, first_column("sh") + 12 :].any()
+    assert moments[:, first_column("sh") + 3 : first_column("sh") + 12].any()
+    whole, same = (engine_with(scene, camera_in_front(20, 20, 20.0)) for _ in range(2))
+    whole.step(0, STEP)
+    same.step(0, replace(STEP, sh_degree=3))
+    assert_identical(whole.download(), same.download())
+
+
+def test_the_weight_of_sizes_is_their_gradient(make_gaussians: MakeGaussians) -> None:
+    scene = make_gaussians(count=6)
+    gradients = np.zeros((6, ParameterLayout(16).columns), np.float32)
+    value = regularise(scene.log_scales, scene.opacity_logits, 0.0, 0.0, 0.3, gradients)
+    assert value == pytest.approx(0.3 * scene.scales.sum() / 6, rel=1e-5)
+    np.testing.assert_allclose(gradients[:, 3:6], 0.3 * scene.scales / 6, rtol=1e-5)
+
+
+def test_noise_has_the_covariance_of_its_gaussian() -> None:
+    """σ(-k (o - t)) Σ η has the covariance (σ Σ)²; hardly any of an opaque Gaussian's."""
+    count = 20_000
+    turn = np.array([0.8, 0.2, -0.4, 0.4])
+    one = Gaussians(np.zeros((1, 3)), np.log([[1.0, 0.5, 0.1]]), turn[None], np.array([-9.0]), np.zeros((1, 1, 3)))
+    scene = one.select(np.zeros(count, int))
+    scene.opacity_logits[count // 2 :] = 3.0
+    for threads in (1, 2):
+        means = [np.zeros((count, 3), np.float32) for _ in range(2)]
+        for moved, seed in zip(means, (7, 8), strict=True):
+            add_noise(moved, scene.log_scales, scene.unit_quaternions, scene.opacity_logits, 2.0, seed, threads)
+        if threads == 1:
+            alone = means[0]
+    np.testing.assert_array_equal(alone, means[0])
+    assert (means[0] != means[1]).any()
+    rotation = rotation_matrices(turn[None])[0]
+    covariance = rotation @ np.diag([1.0, 0.25, 0.01]) @ rotation.T
+    factor = 2.0 / (1.0 + np.exp(100 * (one.opacities[0] - 0.005)))
+    faint = means[0][: count // 2]
+    np.testing.assert_allclose(np.cov(faint.T), factor**2 * covariance @ covariance, atol=0.1)
+    np.testing.assert_allclose(faint.mean(axis=0), 0, atol=0.05)
+    assert np.abs(means[0][count // 2 :]).max() < 1e-20
+
+
+def test_shaken_steps_repeat(make_gaussians: MakeGaussians) -> None:
+    scene, camera = make_gaussians(), camera_in_front(20, 20, 20.0)
+    scene.opacity_logits[:6] = -6.0
+    shaken = []
+    for noise in (PositionNoise(1.0, 3), PositionNoise(1.0, 3), None):
+        engine = engine_with(scene, camera)
+        engine.step(0, replace(STEP, noise=noise))
+        shaken.append(engine.download().means)
+    np.testing.assert_array_equal(shaken[0], shaken[1])
+    assert np.abs(shaken[0][:6] - shaken[2][:6]).min() > 0
