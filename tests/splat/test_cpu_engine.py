@@ -25,6 +25,7 @@ from pocketgs.splat.cpu.rasterize_backward import rasterize_backward
 from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.splat.engine import EngineOptions, create_engine
 from pocketgs.splat.settings import LearningRates, LossSettings, StepSettings
+from pocketgs.splat.timing import PassTimer
 from splat.training_step import (
     EDITS,
     a_million_off_screen,
@@ -197,3 +198,16 @@ def test_no_step_compiles_what_prepare_has_not() -> None:
             engine.step(0, StepSettings(STEP.rates, loss))
             engine.render(camera, depth=True)
     assert [len(function.signatures) for function in kernels] == before  # type: ignore[attr-defined]
+
+
+def test_a_timer_times_every_pass(camera: Camera, make_gaussians: MakeGaussians) -> None:
+    engine = CpuEngine()
+    engine.set_views([Frame("photo", camera, np.zeros((camera.height, camera.width, 3), np.uint8))])
+    engine.upload(make_gaussians())
+    engine.step(0, STEP)
+    engine.timer = PassTimer()
+    engine.step(0, STEP)
+    engine.render(camera)
+    forward = ["cull", "project", "sort", "bin", "rasterize"]
+    assert list(engine.timer.milliseconds) == [*forward, "loss", "rasterize backward", "project backward", "Adam"]
+    assert [len(engine.timer.milliseconds[name]) for name in (*forward, "loss")] == [2] * 5 + [1]

@@ -17,6 +17,7 @@ from pocketgs.splat.checks import check_state, check_view, checked_scene
 from pocketgs.splat.cpu.adam import adam, regularise
 from pocketgs.splat.cpu.bin import Binner, TileLists
 from pocketgs.splat.cpu.clusters import Clusters, clear
+from pocketgs.splat.cpu.compositor import OVER, Compositor
 from pocketgs.splat.cpu.errors import error_sums, write_error
 from pocketgs.splat.cpu.lanes import LANES
 from pocketgs.splat.cpu.layout import BLUE, DEPTH, RED, SPLAT_FIELDS, View
@@ -25,8 +26,6 @@ from pocketgs.splat.cpu.memory import training_bytes
 from pocketgs.splat.cpu.noise import add_noise
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
-from pocketgs.splat.cpu.rasterize import rasterize
-from pocketgs.splat.cpu.rasterize_backward import rasterize_backward
 from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.splat.cpu.statistics import RADIUS, SCREEN_GRADIENT, SEEN, STATISTICS
 from pocketgs.splat.engine import KEPT_LOSSES, MemoryNeed, OptimiserState, Rendering
@@ -35,6 +34,7 @@ from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import RowChange, Statistics
 from pocketgs.splat.settings import LearningRates, LossSettings, PositionNoise, StepSettings
 from pocketgs.splat.store import ParameterStore
+from pocketgs.splat.timing import NoTimer, PassTimer
 from pocketgs.system.cores import kernel_threads
 
 _NO_PLANE, _NO_CENTRES, _NO_CHANNELS = (np.empty(shape, np.float32) for shape in ((0, 0), (0, 4), (0, 3)))
@@ -77,18 +77,24 @@ class CpuEngine:
     """Operator T in Numba; see `pocketgs.splat.engine.Engine`.
 
     Args:
-        threads: number of threads, or None for one a core that this process may use.
+        threads: number of threads, or None for one per core that this process may use.
+        compositor: how splats come together.
+
+    Attributes:
+        timer: give it a `PassTimer` to time the passes of steps.
     """
 
     name = "cpu"
 
-    def __init__(self, threads: int | None = None) -> None:
+    def __init__(self, threads: int | None = None, compositor: Compositor = OVER) -> None:
+        self._compositor = compositor
         self.threads = kernel_threads(threads)
         self.device = f"CPU, {self.threads} threads"
         self._views: list[_TrainingView] = []
         self._binner = Binner(self.threads)
         self._canvas: _Canvas | None = None
         self._entry_sums = np.empty(0, np.float32)
+        self.timer: PassTimer = NoTimer()
         self._losses: deque[float] = deque(maxlen=KEPT_LOSSES)
 
     def prepare(self) -> None:
@@ -227,8 +233,10 @@ class CpuEngine:
 
     def _forward(self, view: View, background: np.ndarray) -> Raster:
         """Cull → project → sort → bin → rasterize."""
-        scene = self._scene
+        scene, timer = self._scene, self.timer
+        timer.begins("cull")
         clusters = self._clusters.in_view(scene, view, self._near, self.threads)
+        timer.begins("project")
         project(
             scene.means,
             scene.log_scales,
@@ -242,7 +250,9 @@ class CpuEngine:
             self._splats,
             self._depth_keys,
         )
+        timer.begins("sort")
         visible, order = sort_by_depth(self._depth_keys, clusters, self._visible, self._order, self._order_scratch)
+        timer.begins("bin")
         lists = self._binner.bin(self._splats, visible, order, view)
         canvas = self._rasterize(view, lists, background)
         return Raster(clusters, visible, order, lists, canvas)
@@ -251,7 +261,8 @@ class CpuEngine:
         if self._canvas is None or self._canvas.shape != (view.height, view.width):
             self._canvas = _Canvas(view)
         canvas = self._canvas
-        rasterize(
+        self.timer.begins("rasterize")
+        self._compositor.forward(
             self._splats,
             lists.entries,
             lists.ranges,
@@ -261,11 +272,13 @@ class CpuEngine:
             canvas.transmittance,
             canvas.drawn_ends,
         )
+        self.timer.ends()
         return canvas
 
     def _photometric(self, view: _TrainingView, raster: Raster, settings: LossSettings) -> float:
         """The loss; its gradient is left on the canvas."""
         canvas = raster.canvas
+        self.timer.begins("loss")
         photometric(canvas.image, view.photo, view.mask, settings, self.threads, canvas.d_image, canvas.row_losses)
         return float(canvas.row_losses.sum(dtype=np.float64))
 
@@ -274,6 +287,7 @@ class CpuEngine:
         scene, lists = self._scene, raster.lists
         self._replay(raster)
         gradients = self._store.gradients
+        self.timer.begins("project backward")
         clear(gradients, self._written, self.threads)
         self._written = raster.clusters
         project_backward(
@@ -309,7 +323,8 @@ class CpuEngine:
         size = len(lists.entries) * LANES
         if len(self._entry_sums) < size:
             self._entry_sums = np.empty(size * 5 // 4, np.float32)
-        rasterize_backward(
+        self.timer.begins("rasterize backward")
+        self._compositor.replay(
             self._splats,
             lists.entries,
             lists.ranges,
@@ -326,6 +341,7 @@ class CpuEngine:
     def _update(self, settings: StepSettings, in_view: np.ndarray) -> float:
         """Regularise → adam; returns the regularisers' value."""
         scene, store, weights = self._scene, self._store, settings.loss
+        self.timer.begins("Adam")
         value = 0.0
         moving = in_view if settings.adam.seen_only else self._clusters.all
         if len(scene) and (weights.scale_weight or weights.opacity_weight or weights.size_weight):
@@ -365,6 +381,7 @@ class CpuEngine:
             self._shake(settings.noise)
             moving = self._clusters.all
         self._clusters.have_moved(moving)
+        self.timer.ends()
         return value
 
     def _shake(self, noise: PositionNoise) -> None:

@@ -12,6 +12,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.cpu.bin import Binner, TileLists
 from pocketgs.splat.cpu.clusters import Clusters
+from pocketgs.splat.cpu.compositor import OVER, Compositor
 from pocketgs.splat.cpu.contributions import LARGEST, PIXELS, SUMMED, gather_contributions, inspect
 from pocketgs.splat.cpu.layout import (
     COLOURS,
@@ -30,8 +31,7 @@ from pocketgs.splat.cpu.layout import (
 )
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
-from pocketgs.splat.cpu.rasterize import rasterize
-from pocketgs.splat.cpu.rasterize_backward import rasterize_backward, sums_per_entry
+from pocketgs.splat.cpu.rasterize_backward import sums_per_entry
 from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.splat.cpu.statistics import STATISTICS
 from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
@@ -59,11 +59,13 @@ class CpuBackend:
 
     Args:
         threads: number of threads, or None for one per core that this process may use.
+        compositor: how splats come together.
     """
 
     dtype: type[np.floating[Any]] = np.float32
 
-    def __init__(self, threads: int | None = None) -> None:
+    def __init__(self, threads: int | None = None, compositor: Compositor = OVER) -> None:
+        self._compositor = compositor
         self.threads = kernel_threads(threads)
 
     def forward(
@@ -107,7 +109,9 @@ class CpuBackend:
         image = np.empty((splats.shape[1] - FIRST_CHANNEL, *shape), np.float32)
         transmittance, drawn_ends = np.empty(shape, np.float32), np.empty(view.tiles, np.int32)
         background = np.zeros(len(image), np.float32)
-        rasterize(splats, lists.entries, lists.ranges, background, self.threads, image, transmittance, drawn_ends)
+        self._compositor.forward(
+            splats, lists.entries, lists.ranges, background, self.threads, image, transmittance, drawn_ends
+        )
         tape = _Tape(scene, sh, view, composited, splats, visible, lists, image, transmittance, drawn_ends)
         return Composite(image[:composited], transmittance, visible, _radii(splats[visible]), tape)
 
@@ -122,7 +126,7 @@ class CpuBackend:
         d_channel_images[: tape.channels] = d_image
         row = sums_per_entry(len(tape.image))
         entry_sums = np.empty(len(lists.entries) * row, np.float32)
-        rasterize_backward(
+        self._compositor.replay(
             tape.splats,
             lists.entries,
             lists.ranges,

@@ -10,8 +10,9 @@ import numpy as np
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import PARAMETERS
 from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
+from pocketgs.splat.reference.compositor import OVER, Compositor
 from pocketgs.splat.reference.project import Projection, project, project_backward
-from pocketgs.splat.reference.rasterize import Raster, contributions, rasterize, rasterize_backward
+from pocketgs.splat.reference.rasterize import Raster, contributions
 from pocketgs.splat.reference.scene import Scene
 
 
@@ -29,6 +30,9 @@ class ReferenceBackend:
 
     dtype: type[np.floating[Any]] = np.float64
 
+    def __init__(self, compositor: Compositor = OVER) -> None:
+        self._compositor = compositor
+
     def forward(
         self, parameters: Parameters, camera: Camera, near: float, colours: bool, channels: np.ndarray
     ) -> Composite:
@@ -38,7 +42,7 @@ class ReferenceBackend:
         shown = 3 if colours else 0
         values = np.concatenate([projection.colours[:, :shown], channels], axis=1)
         projection = replace(projection, colours=values)
-        raster = rasterize(projection, camera, np.zeros(values.shape[1]))
+        raster = self._compositor.forward(projection, camera, np.zeros(values.shape[1]))
         visible = np.flatnonzero(projection.visible)
         tape = _Tape(scene, camera, projection, raster, shown)
         image = np.moveaxis(raster.image, 2, 0)
@@ -49,7 +53,7 @@ class ReferenceBackend:
     ) -> CompositeGradient:
         """From gradients of images to gradients of Gaussians."""
         tape: _Tape = composite.tape
-        found = rasterize_backward(
+        found = self._compositor.replay(
             tape.projection, tape.camera, tape.raster, np.moveaxis(d_image, 0, 2), d_transmittance
         )
         d_colours = found.colours[:, :3] if tape.colours else np.zeros((len(found.means), 3))
