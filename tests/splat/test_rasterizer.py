@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
 from scipy.spatial.transform import Rotation
 
 from pocketgs import Rasterizer
@@ -19,7 +20,7 @@ from pocketgs.splat.reference import project as reference_project
 from pocketgs.splat.reference import rasterize as reference_rasterize
 from pocketgs.splat.reference.adam import rotate
 from pocketgs.splat.reference.scene import Scene
-from splat.training_step import BACKGROUND, a_million_off_screen, camera_in_front
+from splat.training_step import BACKGROUND, EDITS, a_million_off_screen, camera_in_front, with_hostile_numbers
 
 MakeGaussians = Callable[..., Gaussians]
 
@@ -188,6 +189,19 @@ def test_nothing_to_see(make_gaussians: MakeGaussians) -> None:
         gradient = Rasterizer("cpu").backward(raster, **weights_for(raster), pose=True, absolute=True)
         assert not np.any(gradient.means)
         assert not np.any(gradient.pose)
+
+
+@settings(max_examples=25, deadline=None)
+@given(EDITS)
+def test_hostile_numbers_leave_images_and_gradients_finite(edits: list[tuple[int, float]]) -> None:
+    gaussians, camera = with_hostile_numbers(edits), camera_in_front(33, 21, 30.0)
+    raster = every_output("cpu", gaussians, camera, np.ones((20, 2)))
+    for name in (*DIFFERENTIABLE, "median_depth", "radii"):
+        assert np.all(np.isfinite(getattr(raster, name))), name
+    gradient = Rasterizer().backward(raster, **weights_for(raster), pose=True, absolute=True)
+    drawn = np.any(raster.radii > 0, axis=1)
+    for name in ("means", "log_scales", "rotations", "quaternions", "opacity_logits", "sh", "features"):
+        assert not np.any(getattr(gradient, name)[~drawn]), name
 
 
 def test_mistakes_are_named(camera: Camera, make_gaussians: MakeGaussians) -> None:

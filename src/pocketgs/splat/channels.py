@@ -124,7 +124,8 @@ class _Normals:
     def of(parameters: Parameters, camera: Camera) -> _Normals:
         axes = rotation_matrices(parameters.quaternions)
         shortest = np.argmin(parameters.log_scales, axis=1)
-        away = np.einsum("nij,ni->nj", axes, parameters.means - camera.centre)
+        with np.errstate(all="ignore"):
+            away = np.einsum("nij,ni->nj", axes, parameters.means - camera.centre)
         signs = np.where(away[np.arange(len(shortest)), shortest] > 0.0, -1.0, 1.0)
         return _Normals(axes, shortest, signs)
 
@@ -136,7 +137,8 @@ class _Normals:
     def d_rotations(self, d_normals: np.ndarray) -> np.ndarray:
         """(N, 3): R ← R exp([δ]×) moves column k of R by R (δ × e_k)."""
         own = np.einsum("nij,ni->nj", self.axes, d_normals) * self.signs[:, None]
-        return np.cross(np.eye(3)[self.shortest], own)
+        turned = np.cross(np.eye(3)[self.shortest], own)
+        return np.where(np.any(d_normals != 0.0, axis=1, keepdims=True), turned, 0.0)
 
 
 def channels_of(
@@ -157,7 +159,8 @@ def channels_of(
     columns: dict[str, np.ndarray] = {}
     normals = None
     if "depth" in outputs:
-        columns["depth"] = parameters.means @ camera.forward[:, None] + camera.world_to_camera[2, 3]
+        with np.errstate(all="ignore"):
+            columns["depth"] = parameters.means @ camera.forward[:, None] + camera.world_to_camera[2, 3]
     if "normals" in outputs:
         normals = _Normals.of(parameters, camera)
         columns["normals"] = normals.vectors
@@ -170,7 +173,8 @@ def channels_of(
     for name, values in columns.items():
         places[name] = slice(end, end + values.shape[1])
         end += values.shape[1]
-    rows = np.concatenate([np.zeros((count, 0)), *columns.values()], axis=1).astype(dtype)
+    with np.errstate(all="ignore"):
+        rows = np.concatenate([np.zeros((count, 0)), *columns.values()], axis=1).astype(dtype)
     rgb, depth, normal, feature = (places.get(name) for name in ("rgb", "depth", "normals", "features"))
     return Channels(rows, end, rgb, depth, normal, feature, normals)
 
