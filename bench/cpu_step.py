@@ -1,4 +1,4 @@
-"""One training step of the CPU engine: time by stage, splat-pixel pairs per second, memory.
+"""One training step of the CPU engine: time by pass, splat-pixel pairs per second, memory.
 
     python bench/cpu_step.py                                    # random scenes of several sizes
     python bench/cpu_step.py ../data/fern --images images_8     # a capture
@@ -13,12 +13,9 @@ alpha of at least 1/255 at a pixel that is not saturated.
 from __future__ import annotations
 
 import time
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any
-from unittest.mock import patch
+from typing import Annotated
 
 import numpy as np
 import tyro
@@ -31,27 +28,17 @@ from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.constants import ALPHA_MAX, TRANSMITTANCE_MIN
-from pocketgs.splat.cpu import bin as bin_module
-from pocketgs.splat.cpu import engine as engine_module
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.cpu.layout import ENTRY_ROWS, ENTRY_SPLAT, LOG2_ALPHA_MIN, TILE_HEIGHT, TILE_WIDTH, View, tiles_down
 from pocketgs.splat.settings import StepSettings
+from pocketgs.splat.timing import NoTimer, PassTimer
 from pocketgs.system.process import peak_rss_mb
 from pocketgs.training.loop import train
 from pocketgs.training.recipes import recipe_named
 
 SIZES = ((10_000, 504, 378), (50_000, 504, 378), (50_000, 1008, 756), (170_000, 504, 378), (170_000, 1008, 756))
-STAGES = {
-    "project": "project",
-    "sort_by_depth": "sort",
-    "bin": "bin",
-    "rasterize": "rasterize",
-    "photometric": "loss",
-    "rasterize_backward": "backward",
-    "project_backward": "project backward",
-    "adam": "Adam",
-}
-"""The engine's functions, and what tables call them."""
+PASSES = ("cull", "project", "sort", "bin", "rasterize", "loss", "rasterize backward", "project backward", "Adam")
+"""What the engine's timer calls the passes of a step."""
 
 ITERATIONS = 100
 
@@ -73,7 +60,7 @@ def main(
     CpuEngine(threads).prepare()
     if steps < 1:
         raise SystemExit(f"steps: found {steps}, expected at least 1")
-    table = Table("one step, in ms", *STAGES.values(), "step")
+    table = Table("one step, in ms", *PASSES, "step")
     pairs = Table(
         "splat-pixel pairs", "visited (M)", "contribute", "forward (G/s)", "backward (G/s)", "bwd / fwd", "buffers (MB)"
     )
@@ -132,45 +119,26 @@ def add_rows(
     settings = StepSettings(recipe.rates.scaled(0.0), recipe.loss)
     for view in range(min(len(frames), 3)):
         engine.step(view, settings)
-    with timed_stages() as milliseconds:
-        for step in range(steps):
-            started = time.perf_counter()
-            engine.step(step % len(frames), settings)
-            milliseconds["step"].append(1e3 * (time.perf_counter() - started))
+    engine.timer = PassTimer()
+    milliseconds = engine.timer.milliseconds
+    for step in range(steps):
+        started = time.perf_counter()
+        engine.step(step % len(frames), settings)
+        milliseconds["step"].append(1e3 * (time.perf_counter() - started))
+    engine.timer = NoTimer()
     median = {stage: float(np.median(values)) for stage, values in milliseconds.items()}
     visited, contributing = np.mean([count_pairs(engine, frame) for frame in frames[:5]], axis=0)
     scene = f"{name}, {len(gaussians):,} Gaussians, {frames[0].camera.width}x{frames[0].camera.height}"
-    table.add_row(scene, *(f"{median[stage]:.2f}" for stage in (*STAGES, "step")))
+    table.add_row(scene, *(f"{median[stage]:.2f}" for stage in (*PASSES, "step")))
     pairs.add_row(
         scene,
         f"{visited / 1e6:.1f}",
         f"{contributing / visited:.0%}",
         f"{visited / median['rasterize'] / 1e6:.2f}",
-        f"{visited / median['rasterize_backward'] / 1e6:.2f}",
-        f"{median['rasterize_backward'] / median['rasterize']:.2f}",
+        f"{visited / median['rasterize backward'] / 1e6:.2f}",
+        f"{median['rasterize backward'] / median['rasterize']:.2f}",
         f"{sum(engine.memory().values()) / 1e6:.0f}",
     )
-
-
-@contextmanager
-def timed_stages() -> Iterator[dict[str, list[float]]]:
-    """Milliseconds of every call of the stages while the block runs."""
-    milliseconds: dict[str, list[float]] = defaultdict(list)
-
-    def timed(stage: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        def wrapper(*arguments: Any) -> Any:
-            started = time.perf_counter()
-            result = function(*arguments)
-            milliseconds[stage].append(1e3 * (time.perf_counter() - started))
-            return result
-
-        return wrapper
-
-    with ExitStack() as stack:
-        for stage in STAGES:
-            owner: Any = bin_module.Binner if stage == "bin" else engine_module
-            stack.enter_context(patch.object(owner, stage, timed(stage, getattr(owner, stage))))
-        yield milliseconds
 
 
 def count_pairs(engine: CpuEngine, frame: Frame) -> tuple[int, int]:

@@ -23,42 +23,56 @@ if TYPE_CHECKING:
     from pocketgs.scene.gaussians import Gaussians
     from pocketgs.scene.point_cloud import PointCloud
     from pocketgs.splat.engine import EngineOptions, Rendering
+    from pocketgs.splat.morton import morton_order
+    from pocketgs.splat.optimiser import Adam, photometric_loss
+    from pocketgs.splat.rasterizer import Rasterizer
     from pocketgs.splat.rendering import render
+    from pocketgs.splat.settings import LearningRates
     from pocketgs.training.loop import train
     from pocketgs.training.options import TrainingOptions
     from pocketgs.training.preparation import prepare
 
 __all__ = [
+    "Adam",
     "Camera",
     "Capture",
     "EngineOptions",
     "Frame",
     "Gaussians",
+    "LearningRates",
     "PocketGSError",
     "PointCloud",
+    "Rasterizer",
     "Rendering",
     "TrainingOptions",
     "demo_capture",
     "evaluate",
+    "morton_order",
     "open_capture",
+    "photometric_loss",
     "prepare",
     "render",
     "train",
 ]
 
 _HOMES = {
+    "Adam": "splat.optimiser",
     "Camera": "geometry.camera",
     "Capture": "capture.capture",
     "EngineOptions": "splat.engine",
     "Frame": "capture.capture",
     "Gaussians": "scene.gaussians",
+    "LearningRates": "splat.settings",
     "PocketGSError": "errors",
     "PointCloud": "scene.point_cloud",
+    "Rasterizer": "splat.rasterizer",
     "Rendering": "splat.engine",
     "TrainingOptions": "training.options",
     "demo_capture": "capture.synthetic",
     "evaluate": "metrics.evaluation",
+    "morton_order": "splat.morton",
     "open_capture": "capture.open",
+    "photometric_loss": "splat.optimiser",
     "prepare": "training.preparation",
     "render": "splat.rendering",
     "train": "training.loop",

@@ -7,10 +7,16 @@ class PocketGSError(Exception):
     """Something the user can put right: the message names it, what was found and what was expected.
 
     The command line prints the message as one line and exits with status 2.
+
+    Args:
+        message: is cut where it is far longer than a line, since files and other programs may say part of it.
     """
 
+    def __init__(self, message: object = "") -> None:
+        super().__init__(clipped(message, LONGEST_MESSAGE))
 
-LONGEST_SHOWN = 80
+
+LONGEST_SHOWN, LONGEST_MESSAGE = 80, 1000
 
 
 def short(found: object) -> str:
@@ -24,7 +30,7 @@ def short(found: object) -> str:
     return clipped(shown)
 
 
-def clipped(text: object) -> str:
+def clipped(text: object, longest: int = LONGEST_SHOWN) -> str:
     """A text, of which files or other programs say what it is, no longer than a message should quote it."""
     shown = str(text)
-    return shown if len(shown) <= LONGEST_SHOWN else f"{shown[: LONGEST_SHOWN - 3]}..."
+    return shown if len(shown) <= longest else f"{shown[: longest - 3]}..."

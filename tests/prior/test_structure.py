@@ -42,7 +42,7 @@ def refine(capture: Capture) -> Refined:
 
 def errors_given_and_refined(refined: Refined, true: dict[str, Camera]) -> tuple[np.ndarray, np.ndarray]:
     """(F,) position errors of all frames, held-out ones last."""
-    frames = refined.frames
+    frames = refined.capture.frames
     truth = [true[frame.name] for frame in frames]
     given = position_errors([frame.camera for frame in frames], truth)
     return given, position_errors(refined.structure.cameras, truth)
@@ -67,7 +67,7 @@ def test_a_phones_drift_is_undone(walk: Refined) -> None:
     assert walk.structure.rmse_after < 1.0 < walk.structure.rmse_before
     assert after.mean() < given.mean() / 5
     assert after.max() < given.mean()
-    held_out = slice(len(walk.train), None)
+    held_out = slice(len(walk.capture.train), None)
     assert after[held_out].mean() < given[held_out].mean() / 5
     assert walk.structure.carried == walk.structure.replaced == walk.structure.doubtful == ()
 
@@ -117,7 +117,7 @@ def noisy(frame: Frame) -> Frame:
 
 
 def test_a_frame_that_sees_nothing_follows_the_nearest(walk: Refined) -> None:
-    frames = [black(frame) if number == 5 else frame for number, frame in enumerate(walk.frames)]
+    frames = [black(frame) if number == 5 else frame for number, frame in enumerate(walk.capture.frames)]
     structure = build_structure(frames, walk.scale, DEFAULT)
     assert structure is not None
     assert structure.carried == (frames[5].name,)
@@ -132,7 +132,7 @@ def test_a_frame_that_sees_nothing_follows_the_nearest(walk: Refined) -> None:
 
 
 def test_a_part_of_the_frames(walk: Refined) -> None:
-    chosen = walk.train[2:12:3]
+    chosen = walk.capture.train[2:12:3]
     part = walk.structure.of(chosen)
     assert part.names == tuple(frame.name for frame in chosen)
     assert 50 < len(part.points) < len(walk.structure.points)
@@ -164,7 +164,7 @@ def test_points_lie_on_surfaces(clean_walk: Capture, clean_structure: Structure)
 
 
 def test_without_bundle_adjustment_poses_stay(walk: Refined) -> None:
-    frames = walk.train[:5]
+    frames = walk.capture.train[:5]
     structure = build_structure(frames, walk.scale, replace(DEFAULT, bundle=False))
     assert structure is not None
     assert not structure.refined

@@ -16,7 +16,7 @@ from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.cpu.adam import adam
 from pocketgs.splat.cpu.dssim import dssim
 from pocketgs.splat.cpu.engine import CpuEngine
-from pocketgs.splat.cpu.layout import ENTRY_ROWS, ENTRY_SPLAT, TILE_HEIGHT, TILE_WIDTH, View, tiles_down
+from pocketgs.splat.cpu.layout import DEPTH, ENTRY_ROWS, ENTRY_SPLAT, TILE_HEIGHT, TILE_WIDTH, View, tiles_down
 from pocketgs.splat.cpu.loss import pointwise
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
@@ -25,6 +25,7 @@ from pocketgs.splat.cpu.rasterize_backward import rasterize_backward
 from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.splat.engine import EngineOptions, create_engine
 from pocketgs.splat.settings import LearningRates, LossSettings, StepSettings
+from pocketgs.splat.timing import PassTimer
 from splat.training_step import (
     EDITS,
     a_million_off_screen,
@@ -141,7 +142,7 @@ def test_tile_lists_hold_every_pixel_that_a_splat_colours(seed: int, width: int,
     listed = np.zeros((count, height, width), bool)
     for tile in range(view.tiles):
         entries = raster.lists.entries[raster.lists.ranges[tile] : raster.lists.ranges[tile + 1]]
-        depths = engine._splats[entries[:, ENTRY_SPLAT], 9]
+        depths = engine._splats[entries[:, ENTRY_SPLAT], DEPTH]
         assert np.all(np.diff(depths) >= 0)
         left = tile // tiles_down(height) * TILE_WIDTH
         top = tile % tiles_down(height) * TILE_HEIGHT
@@ -197,3 +198,16 @@ def test_no_step_compiles_what_prepare_has_not() -> None:
             engine.step(0, StepSettings(STEP.rates, loss))
             engine.render(camera, depth=True)
     assert [len(function.signatures) for function in kernels] == before  # type: ignore[attr-defined]
+
+
+def test_a_timer_times_every_pass(camera: Camera, make_gaussians: MakeGaussians) -> None:
+    engine = CpuEngine()
+    engine.set_views([Frame("photo", camera, np.zeros((camera.height, camera.width, 3), np.uint8))])
+    engine.upload(make_gaussians())
+    engine.step(0, STEP)
+    engine.timer = PassTimer()
+    engine.step(0, STEP)
+    engine.render(camera)
+    forward = ["cull", "project", "sort", "bin", "rasterize"]
+    assert list(engine.timer.milliseconds) == [*forward, "loss", "rasterize backward", "project backward", "Adam"]
+    assert [len(engine.timer.milliseconds[name]) for name in (*forward, "loss")] == [2] * 5 + [1]

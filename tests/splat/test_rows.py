@@ -17,8 +17,9 @@ from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.cpu.noise import add_noise
 from pocketgs.splat.engine import OptimiserState
 from pocketgs.splat.parameters import COEFFICIENTS, GROUPS, Group, ParameterLayout, first_column
+from pocketgs.splat.quaternions import rotation_matrices
 from pocketgs.splat.reference.loss import photometric_loss
-from pocketgs.splat.reference.project import project, rotation_matrices
+from pocketgs.splat.reference.project import project
 from pocketgs.splat.reference.rasterize import rasterize, rasterize_backward
 from pocketgs.splat.reference.scene import Scene
 from pocketgs.splat.rows import RowChange, Statistics

@@ -85,7 +85,7 @@ def test_options_reach_the_prior(textured: Capture) -> None:
 
 def test_same_options_same_bits(textured: Capture) -> None:
     options = TrainingOptions(max_gaussians=2000, max_keyframes=4)
-    clouds = [prepare(textured, options).capture.points for _ in range(2)]
+    clouds = [prepare(textured, options).points for _ in range(2)]
     assert clouds[0] is not None
     assert clouds[1] is not None
     assert clouds[0].positions.tobytes() == clouds[1].positions.tobytes()

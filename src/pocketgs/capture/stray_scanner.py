@@ -126,7 +126,7 @@ def _read_odometry(path: Path) -> dict[int, Odometry]:
 def _frame_number(row: dict[str, str], where: str) -> int:
     index = _numbers(row, ("frame",), where)[0]
     if index < 0 or not index.is_integer():
-        raise PocketGSError(f"{where}: frame {row['frame']}, expected a whole number from 0")
+        raise PocketGSError(f"{where}: frame {clipped(row['frame'])}, expected a whole number from 0")
     return int(index)
 
 

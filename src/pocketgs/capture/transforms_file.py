@@ -13,7 +13,7 @@ from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.named_images import find_images, find_stated
 from pocketgs.capture.poses import camera_at, world_to_camera_from_axes
 from pocketgs.capture.stated_intrinsics import read_intrinsics
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, short
 from pocketgs.files.json_fields import Fields
 from pocketgs.files.paths import inside, relative_name
 from pocketgs.geometry.camera import Camera
@@ -118,7 +118,7 @@ def _read_lens(fields: Fields) -> Lens:
     model = fields.optional_text("camera_model")
     if model is not None and model not in PERSPECTIVE_MODELS + FISHEYE_MODELS:
         known = ", ".join(PERSPECTIVE_MODELS + FISHEYE_MODELS)
-        raise PocketGSError(f"{fields.where}: field 'camera_model' is '{model}', expected one of {known}")
+        raise PocketGSError(f"{fields.where}: field 'camera_model' is {short(model)}, expected one of {known}")
     fisheye = model in FISHEYE_MODELS or fields.flag("is_fisheye")
     names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
     lens = Lens("fisheye" if fisheye else "opencv", tuple(fields.optional_number(name) or 0.0 for name in names))

@@ -8,6 +8,7 @@ import numpy as np
 from numba import prange
 
 from pocketgs.splat.cpu.layout import (
+    CLUSTER,
     GRADIENT_LOG_SCALE,
     GRADIENT_MEAN,
     GRADIENT_OPACITY,
@@ -15,7 +16,7 @@ from pocketgs.splat.cpu.layout import (
     GRADIENT_SH,
 )
 from pocketgs.system.compile import parallel_kernel, part
-from pocketgs.system.dealing import PIECE, first_piece, take
+from pocketgs.system.dealing import first_piece, take
 
 
 @part
@@ -47,6 +48,7 @@ def adam(
     epsilon: float,
     steps: int,
     seen_only: bool,
+    clusters: np.ndarray,
     threads: int,
 ) -> None:
     """One step of Adam (Kingma and Ba 2015, algorithm 1), in place.
@@ -66,6 +68,7 @@ def adam(
         epsilon: ε.
         steps: number of steps including this one.
         seen_only: leave Gaussians alone whose gradient is zero, their moments too.
+        clusters: (M,) int32, which clusters to update; the others are left alone.
         threads: number of threads that share the work.
     """
     columns = len(rates)
@@ -77,9 +80,10 @@ def adam(
     counter = first_piece()
     for _ in prange(threads):
         step = np.empty(columns, np.float32)
-        piece = PIECE * take(counter)
-        while piece < len(means):
-            for i in range(piece, min(piece + PIECE, len(means))):
+        place = take(counter)
+        while place < len(clusters):
+            cluster = clusters[place]
+            for i in range(cluster * CLUSTER, min((cluster + 1) * CLUSTER, len(means))):
                 gradient, first, second = gradients[i], first_moments[i], second_moments[i]
                 if seen_only and not np.any(gradient):
                     continue
@@ -97,7 +101,7 @@ def adam(
                 for k in range((columns - GRADIENT_SH) // 3):
                     for channel in range(3):
                         sh[i, k, channel] -= step[GRADIENT_SH + 3 * k + channel]
-            piece = PIECE * take(counter)
+            place = take(counter)
 
 
 def regularise(

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
+from pocketgs.splat.cpu.lanes import prefetch
 from pocketgs.splat.cpu.layout import (
     ENTRY_FIELDS,
     ENTRY_ROWS,
@@ -24,6 +25,8 @@ from pocketgs.splat.cpu.layout import (
     LOG2_OPACITY,
     MEAN_X,
     MEAN_Y,
+    SLOTS_COUNT,
+    SLOTS_FIRST,
     TILE_HEIGHT,
     TILE_WIDTH,
     View,
@@ -35,6 +38,9 @@ from pocketgs.system.dealing import first_piece, take
 SHARES_PER_THREAD = 4
 """Shares of the splats are dealt out to threads; each takes a row of counts, of which there is one for every tile."""
 
+AHEAD = 12
+"""Splats are asked of memory so many before they are needed."""
+
 _LISTED_TILE, _LISTED_SPLAT, _LISTED_ROWS = range(3)
 
 
@@ -44,13 +50,14 @@ class TileLists(NamedTuple):
     Attributes:
         entries: (E, ENTRY_FIELDS) int32, tile after tile, nearest splat first.
         ranges: (tiles + 1,) int32, where each tile's entries begin.
-        first_slots: (V + 1,) int32. The entries of the splat at place v in the order of depth have the slots from
-            first_slots[v] on: rows for their gradients that nobody else writes to.
+        slots: (N, 2) int32, of visible Gaussians only: SLOTS_FIRST and SLOTS_COUNT of the slots of their entries. A
+            slot is a row for an entry's gradients that nobody else writes to. Slots follow the order of the Gaussians
+            in memory, not that of their depths, so that gradients are gathered from memory that is read in one go.
     """
 
     entries: np.ndarray
     ranges: np.ndarray
-    first_slots: np.ndarray
+    slots: np.ndarray
 
 
 class _Ellipse(NamedTuple):
@@ -121,7 +128,7 @@ def _list_range(
     end_rank: int,
     width: int,
     height: int,
-    first_slots: np.ndarray,
+    slots: np.ndarray,
     counts: np.ndarray,
     listed: np.ndarray,
 ) -> int:
@@ -132,7 +139,9 @@ def _list_range(
     down = tiles_down(height)
     found = 0
     for rank in range(first_rank, end_rank):
-        first_slots[rank] = found
+        if rank + AHEAD < end_rank:
+            prefetch(splats, order[rank + AHEAD])
+        before = found
         ellipse = _ellipse(splats[order[rank]])
         first_column, end_column = _columns(ellipse, width)
         for column in range(first_column, end_column):
@@ -147,6 +156,7 @@ def _list_range(
                         entry[_LISTED_SPLAT] = order[rank]
                         entry[_LISTED_ROWS] = max(first - top, 0) << 8 | min(end - top, TILE_HEIGHT)
                     found += 1
+        slots[order[rank], SLOTS_COUNT] = found - before
     return found
 
 
@@ -157,7 +167,7 @@ def _list_entries(
     width: int,
     height: int,
     threads: int,
-    first_slots: np.ndarray,
+    slots: np.ndarray,
     counts: np.ndarray,
     listed: np.ndarray,
     found: np.ndarray,
@@ -171,7 +181,7 @@ def _list_entries(
             own = counts[share]
             own[:] = 0
             first, end = share * len(order) // shares, (share + 1) * len(order) // shares
-            found[share] = _list_range(splats, order, first, end, width, height, first_slots, own, listed[share])
+            found[share] = _list_range(splats, order, first, end, width, height, slots, own, listed[share])
             share = take(counter)
 
 
@@ -188,34 +198,43 @@ def _place(counts: np.ndarray, ranges: np.ndarray) -> None:
     ranges[counts.shape[1]] = place
 
 
+@kernel
+def _number_slots(visible: np.ndarray, slots: np.ndarray) -> None:
+    """Give every Gaussian's slots their place after those of the Gaussians before it."""
+    place = 0
+    for i in visible:
+        slots[i, SLOTS_FIRST] = place
+        place += slots[i, SLOTS_COUNT]
+
+
 @parallel_kernel
 def _distribute(
     listed: np.ndarray,
     found: np.ndarray,
     places: np.ndarray,
-    order: np.ndarray,
     threads: int,
-    first_slots: np.ndarray,
+    slots: np.ndarray,
     entries: np.ndarray,
 ) -> None:
-    """Move the listed entries to their tiles. A share's slots follow those of the shares before it."""
+    """Move the listed entries to their tiles."""
     shares = len(found)
     counter = first_piece()
     for _ in prange(threads):
         share = take(counter)
         while share < shares:
-            first_slot = found[:share].sum()
             place = places[share]
+            splat, slot = -1, 0
             for index in range(found[share]):
                 entry = entries[place[listed[share, index, _LISTED_TILE]]]
                 place[listed[share, index, _LISTED_TILE]] += 1
-                entry[ENTRY_SPLAT] = listed[share, index, _LISTED_SPLAT]
-                entry[ENTRY_SLOT] = first_slot + index
+                if listed[share, index, _LISTED_SPLAT] != splat:
+                    splat = listed[share, index, _LISTED_SPLAT]
+                    slot = slots[splat, SLOTS_FIRST]
+                entry[ENTRY_SPLAT] = splat
+                entry[ENTRY_SLOT] = slot
                 entry[ENTRY_ROWS] = listed[share, index, _LISTED_ROWS]
-            for rank in range(share * len(order) // shares, (share + 1) * len(order) // shares):
-                first_slots[rank] += first_slot
+                slot += 1
             share = take(counter)
-    first_slots[len(order)] = found.sum()
 
 
 class Binner:
@@ -230,33 +249,38 @@ class Binner:
         self._threads, shares = threads, SHARES_PER_THREAD * threads
         self._listed = np.empty((shares, (1 << 14) // SHARES_PER_THREAD, 3), np.int32)
         self._entries = np.empty((1 << 14, ENTRY_FIELDS), np.int32)
+        self._slots = np.empty((0, 2), np.int32)
 
     @property
     def nbytes(self) -> int:
         """Bytes of working memory."""
-        return self._listed.nbytes + self._entries.nbytes
+        return self._listed.nbytes + self._entries.nbytes + self._slots.nbytes
 
-    def bin(self, splats: np.ndarray, order: np.ndarray, view: View) -> TileLists:
+    def bin(self, splats: np.ndarray, visible: np.ndarray, order: np.ndarray, view: View) -> TileLists:
         """Make the tiles' lists of one image.
 
         Args:
             splats: (N, SPLAT_FIELDS) from `project`.
+            visible: (V,) int32 visible splats, in the order of memory.
             order: (V,) int32 visible splats, nearest first.
             view: gives the image's size.
         """
         shares = len(self._listed)
-        first_slots = np.empty(len(order) + 1, np.int32)
+        if len(self._slots) < len(splats):
+            self._slots = np.empty((len(splats), 2), np.int32)
+        slots = self._slots
         counts, found = np.empty((shares, view.tiles), np.int32), np.empty(shares, np.int64)
         size = (view.width, view.height, self._threads)
-        _list_entries(splats, order, *size, first_slots, counts, self._listed, found)
+        _list_entries(splats, order, *size, slots, counts, self._listed, found)
         if found.max() > self._listed.shape[1]:
             self._listed = np.empty((shares, int(found.max() * 5 // 4), 3), np.int32)
-            _list_entries(splats, order, *size, first_slots, counts, self._listed, found)
+            _list_entries(splats, order, *size, slots, counts, self._listed, found)
         ranges = np.empty(view.tiles + 1, np.int32)
         _place(counts, ranges)
         # Fresh memory costs a page fault every 4 KB, so the entries' is kept too.
         if len(self._entries) < ranges[-1]:
             self._entries = np.empty((ranges[-1] * 5 // 4, ENTRY_FIELDS), np.int32)
         entries = self._entries[: ranges[-1]]
-        _distribute(self._listed, found, counts, order, self._threads, first_slots, entries)
-        return TileLists(entries, ranges, first_slots)
+        _number_slots(visible, slots)
+        _distribute(self._listed, found, counts, self._threads, slots, entries)
+        return TileLists(entries, ranges, slots)

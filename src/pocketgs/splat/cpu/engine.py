@@ -16,6 +16,8 @@ from pocketgs.scene.gaussians import PARAMETERS, SH_COEFFICIENTS, Gaussians
 from pocketgs.splat.checks import check_state, check_view, checked_scene
 from pocketgs.splat.cpu.adam import adam, regularise
 from pocketgs.splat.cpu.bin import Binner, TileLists
+from pocketgs.splat.cpu.clusters import Clusters, clear
+from pocketgs.splat.cpu.compositor import OVER, Compositor
 from pocketgs.splat.cpu.errors import error_sums, write_error
 from pocketgs.splat.cpu.lanes import LANES
 from pocketgs.splat.cpu.layout import BLUE, DEPTH, RED, SPLAT_FIELDS, View
@@ -24,8 +26,6 @@ from pocketgs.splat.cpu.memory import training_bytes
 from pocketgs.splat.cpu.noise import add_noise
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
-from pocketgs.splat.cpu.rasterize import rasterize
-from pocketgs.splat.cpu.rasterize_backward import rasterize_backward
 from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.splat.cpu.statistics import RADIUS, SCREEN_GRADIENT, SEEN, STATISTICS
 from pocketgs.splat.engine import KEPT_LOSSES, MemoryNeed, OptimiserState, Rendering
@@ -34,7 +34,11 @@ from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import RowChange, Statistics
 from pocketgs.splat.settings import LearningRates, LossSettings, PositionNoise, StepSettings
 from pocketgs.splat.store import ParameterStore
+from pocketgs.splat.timing import NoTimer, PassTimer
 from pocketgs.system.cores import kernel_threads
+
+_NO_PLANE, _NO_CENTRES, _NO_CHANNELS = (np.empty(shape, np.float32) for shape in ((0, 0), (0, 4), (0, 3)))
+"""What a step does not ask of the kernels."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,8 @@ class _Canvas:
 class Raster:
     """The forward pass's results that the backward pass needs; the next forward pass writes over them."""
 
+    clusters: np.ndarray
+    visible: np.ndarray
     order: np.ndarray
     lists: TileLists
     canvas: _Canvas
@@ -71,18 +77,24 @@ class CpuEngine:
     """Operator T in Numba; see `pocketgs.splat.engine.Engine`.
 
     Args:
-        threads: number of threads, or None for one a core that this process may use.
+        threads: number of threads, or None for one per core that this process may use.
+        compositor: how splats come together.
+
+    Attributes:
+        timer: give it a `PassTimer` to time the passes of steps.
     """
 
     name = "cpu"
 
-    def __init__(self, threads: int | None = None) -> None:
+    def __init__(self, threads: int | None = None, compositor: Compositor = OVER) -> None:
+        self._compositor = compositor
         self.threads = kernel_threads(threads)
         self.device = f"CPU, {self.threads} threads"
         self._views: list[_TrainingView] = []
         self._binner = Binner(self.threads)
         self._canvas: _Canvas | None = None
         self._entry_sums = np.empty(0, np.float32)
+        self.timer: PassTimer = NoTimer()
         self._losses: deque[float] = deque(maxlen=KEPT_LOSSES)
 
     def prepare(self) -> None:
@@ -127,7 +139,10 @@ class CpuEngine:
         self.restart_statistics()
         self._splats = np.zeros((count, SPLAT_FIELDS), np.float32)
         self._depth_keys = np.zeros(count, np.uint32)
-        self._order, self._order_scratch = np.zeros(count, np.int32), np.zeros(count, np.int32)
+        self._clusters = Clusters(count)
+        # Clusters whose rows of gradients are not 0; a change of rows leaves anything there.
+        self._written = self._clusters.all
+        self._visible, self._order, self._order_scratch = np.zeros((3, count), np.int32)
 
     @property
     def count(self) -> int:
@@ -168,7 +183,7 @@ class CpuEngine:
         self._backward(training_view.view, raster, settings.statistics)
         if settings.errors:
             self._add_errors(training_view, raster)
-        self._losses.append(loss + self._update(settings))
+        self._losses.append(loss + self._update(settings, raster.clusters))
 
     def loss(self, steps: int = 1) -> float:
         """Mean loss of the last `steps` steps, measured before their updates."""
@@ -187,7 +202,7 @@ class CpuEngine:
         if depth:
             # Depth composites as a colour does.
             self._splats[:, RED : BLUE + 1] = self._splats[:, DEPTH : DEPTH + 1]
-            total = self._rasterize(view, raster.order, raster.lists, np.zeros(3, np.float32)).canvas.image[0]
+            total = self._rasterize(view, raster.lists, np.zeros(3, np.float32)).image[0]
             expected_depth = np.divide(total, alpha, out=np.zeros_like(alpha), where=alpha > 0.0)
         return Rendering(image, alpha, expected_depth)
 
@@ -208,7 +223,8 @@ class CpuEngine:
             "tile lists": self._binner.nbytes,
             "gradients by tile": self._entry_sums.nbytes,
             "statistics": self._statistics.nbytes + self._errors.nbytes,
-            "projected splats": self._splats.nbytes + self._depth_keys.nbytes + 2 * self._order.nbytes,
+            "clusters": self._clusters.nbytes,
+            "projected splats": self._splats.nbytes + self._depth_keys.nbytes + 3 * self._order.nbytes,
         }
 
     def memory_needed(self, gaussians: int, coefficients: int, photographs: Sequence[tuple[int, int]]) -> MemoryNeed:
@@ -216,8 +232,11 @@ class CpuEngine:
         return MemoryNeed(training_bytes(gaussians, coefficients, photographs))
 
     def _forward(self, view: View, background: np.ndarray) -> Raster:
-        """Project → sort → bin → rasterize."""
-        scene = self._scene
+        """Cull → project → sort → bin → rasterize."""
+        scene, timer = self._scene, self.timer
+        timer.begins("cull")
+        clusters = self._clusters.in_view(scene, view, self._near, self.threads)
+        timer.begins("project")
         project(
             scene.means,
             scene.log_scales,
@@ -226,18 +245,24 @@ class CpuEngine:
             scene.sh,
             view,
             self._near,
+            clusters,
             self.threads,
             self._splats,
             self._depth_keys,
         )
-        order = sort_by_depth(self._depth_keys, self._order, self._order_scratch)
-        return self._rasterize(view, order, self._binner.bin(self._splats, order, view), background)
+        timer.begins("sort")
+        visible, order = sort_by_depth(self._depth_keys, clusters, self._visible, self._order, self._order_scratch)
+        timer.begins("bin")
+        lists = self._binner.bin(self._splats, visible, order, view)
+        canvas = self._rasterize(view, lists, background)
+        return Raster(clusters, visible, order, lists, canvas)
 
-    def _rasterize(self, view: View, order: np.ndarray, lists: TileLists, background: np.ndarray) -> Raster:
+    def _rasterize(self, view: View, lists: TileLists, background: np.ndarray) -> _Canvas:
         if self._canvas is None or self._canvas.shape != (view.height, view.width):
             self._canvas = _Canvas(view)
         canvas = self._canvas
-        rasterize(
+        self.timer.begins("rasterize")
+        self._compositor.forward(
             self._splats,
             lists.entries,
             lists.ranges,
@@ -247,11 +272,13 @@ class CpuEngine:
             canvas.transmittance,
             canvas.drawn_ends,
         )
-        return Raster(order, lists, canvas)
+        self.timer.ends()
+        return canvas
 
     def _photometric(self, view: _TrainingView, raster: Raster, settings: LossSettings) -> float:
         """The loss; its gradient is left on the canvas."""
         canvas = raster.canvas
+        self.timer.begins("loss")
         photometric(canvas.image, view.photo, view.mask, settings, self.threads, canvas.d_image, canvas.row_losses)
         return float(canvas.row_losses.sum(dtype=np.float64))
 
@@ -260,7 +287,9 @@ class CpuEngine:
         scene, lists = self._scene, raster.lists
         self._replay(raster)
         gradients = self._store.gradients
-        gradients.fill(0.0)
+        self.timer.begins("project backward")
+        clear(gradients, self._written, self.threads)
+        self._written = raster.clusters
         project_backward(
             scene.means,
             scene.log_scales,
@@ -269,11 +298,14 @@ class CpuEngine:
             view,
             self.threads,
             self._splats,
-            raster.order,
-            lists.first_slots,
+            raster.visible,
+            lists.slots,
+            LANES,
             self._entry_sums,
             self._statistics if with_statistics else self._statistics[:0],
             gradients,
+            _NO_CENTRES,
+            _NO_CHANNELS,
         )
 
     def _add_errors(self, view: _TrainingView, raster: Raster) -> None:
@@ -283,7 +315,7 @@ class CpuEngine:
         canvas = raster.canvas
         write_error(canvas.image, view.photo, view.mask, canvas.d_image)
         self._replay(raster)
-        self._errors[raster.order] += error_sums(raster.lists, self._entry_sums).astype(np.float32)
+        self._errors[raster.visible] += error_sums(raster.visible, raster.lists, self._entry_sums).astype(np.float32)
 
     def _replay(self, raster: Raster) -> None:
         """Rasterize backward, from the gradient that stands on the canvas."""
@@ -291,7 +323,8 @@ class CpuEngine:
         size = len(lists.entries) * LANES
         if len(self._entry_sums) < size:
             self._entry_sums = np.empty(size * 5 // 4, np.float32)
-        rasterize_backward(
+        self.timer.begins("rasterize backward")
+        self._compositor.replay(
             self._splats,
             lists.entries,
             lists.ranges,
@@ -299,13 +332,18 @@ class CpuEngine:
             self.threads,
             raster.canvas.image,
             raster.canvas.d_image,
+            raster.canvas.transmittance,
+            _NO_PLANE,
+            False,
             self._entry_sums,
         )
 
-    def _update(self, settings: StepSettings) -> float:
+    def _update(self, settings: StepSettings, in_view: np.ndarray) -> float:
         """Regularise → adam; returns the regularisers' value."""
         scene, store, weights = self._scene, self._store, settings.loss
+        self.timer.begins("Adam")
         value = 0.0
+        moving = in_view if settings.adam.seen_only else self._clusters.all
         if len(scene) and (weights.scale_weight or weights.opacity_weight or weights.size_weight):
             value = regularise(
                 scene.log_scales,
@@ -315,6 +353,7 @@ class CpuEngine:
                 weights.size_weight,
                 store.gradients,
             )
+            moving = self._written = self._clusters.all
         layout = store.layout
         if settings.sh_degree is not None:
             trained = min(SH_COEFFICIENTS[settings.sh_degree], layout.coefficients)
@@ -335,10 +374,14 @@ class CpuEngine:
             settings.adam.epsilon,
             self._steps,
             settings.adam.seen_only,
+            moving,
             self.threads,
         )
         if settings.noise is not None:
             self._shake(settings.noise)
+            moving = self._clusters.all
+        self._clusters.have_moved(moving)
+        self.timer.ends()
         return value
 
     def _shake(self, noise: PositionNoise) -> None:

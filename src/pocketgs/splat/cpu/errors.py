@@ -10,6 +10,7 @@ import numpy as np
 
 from pocketgs.splat.cpu.bin import TileLists
 from pocketgs.splat.cpu.lanes import LANES
+from pocketgs.splat.cpu.layout import SLOTS_COUNT, SLOTS_FIRST
 from pocketgs.splat.cpu.rasterize_backward import SUM_RED
 
 
@@ -29,9 +30,10 @@ def write_error(image: np.ndarray, photo: np.ndarray, mask: np.ndarray, d_image:
         d_image[0][~mask] = 0.0
 
 
-def error_sums(lists: TileLists, entry_sums: np.ndarray) -> np.ndarray:
-    """(V,) float64: each visible Gaussian's sum, in order of depth, from what `rasterize_backward` wrote."""
+def error_sums(visible: np.ndarray, lists: TileLists, entry_sums: np.ndarray) -> np.ndarray:
+    """(V,) float64: the sum of each of the (V,) visible Gaussians, from what `rasterize_backward` wrote."""
     by_slot = entry_sums[: len(lists.entries) * LANES].reshape(-1, LANES)[:, SUM_RED]
     up_to = np.zeros(len(by_slot) + 1)
     np.cumsum(by_slot, dtype=np.float64, out=up_to[1:])
-    return up_to[lists.first_slots[1:]] - up_to[lists.first_slots[:-1]]
+    first = lists.slots[visible, SLOTS_FIRST]
+    return up_to[first + lists.slots[visible, SLOTS_COUNT]] - up_to[first]

@@ -1,7 +1,7 @@
 """A vector of LANES float32 as a Numba type, so that kernels say what runs in parallel instead of hoping for it.
 
 LLVM legalises the vector for any processor (two or four NEON or SSE registers, one or two AVX registers). Arithmetic
-operators work lane by lane and accept a float32 on either side; a comparison gives a mask for `select`.
+operators work lane by lane and accept a number on either side; a comparison gives a mask for `select`.
 """
 
 from __future__ import annotations
@@ -82,6 +82,24 @@ def store(typing_context: Any, array: Any, index: Any, vector: Any) -> Any:
 
 
 @intrinsic
+def prefetch(typing_context: Any, rows: Any, index: Any) -> Any:
+    """Ask for a row of a contiguous 2-D array before it is needed: rows met in random order come late otherwise."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array = cgutils.create_struct_proxy(signature.args[0])(context, builder, arguments[0])
+        row_bytes = builder.extract_value(array.strides, 0)
+        address = builder.add(builder.ptrtoint(array.data, ir.IntType(64)), builder.mul(arguments[1], row_bytes))
+        pointer = builder.inttoptr(address, ir.IntType(8).as_pointer())
+        kind = [ir.Constant(ir.IntType(32), number) for number in (0, 3, 1)]
+        function_type = ir.FunctionType(ir.VoidType(), [pointer.type, *(each.type for each in kind)])
+        function = builder.module.declare_intrinsic("llvm.prefetch", [pointer.type], function_type)
+        builder.call(function, [pointer, *kind])
+        return context.get_dummy_value()
+
+    return types.void(rows, types.intp), generate
+
+
+@intrinsic
 def broadcast(typing_context: Any, value: Any) -> Any:
     """A vector whose lanes all hold the float32 `value`."""
 
@@ -121,10 +139,10 @@ def _overload_operator(function: Any, instruction: Any) -> None:
     def implementation(left, right):
         if left == FLOATS and right == FLOATS:
             return lambda left, right: instruction(left, right)
-        if left == FLOATS and right == types.float32:
-            return lambda left, right: instruction(left, broadcast(right))
-        if left == types.float32 and right == FLOATS:
-            return lambda left, right: instruction(broadcast(left), right)
+        if left == FLOATS and isinstance(right, types.Number):
+            return lambda left, right: instruction(left, broadcast(np.float32(right)))
+        if isinstance(left, types.Number) and right == FLOATS:
+            return lambda left, right: instruction(broadcast(np.float32(left)), right)
         return None
 
     overload(function, inline="always")(implementation)
@@ -135,6 +153,7 @@ _overload_operator(operator.sub, _lane_by_lane(lambda b, x, y: b.fsub(x, y, flag
 _overload_operator(operator.mul, _lane_by_lane(lambda b, x, y: b.fmul(x, y, flags=_FLAGS), FLOATS))
 _overload_operator(operator.truediv, _lane_by_lane(lambda b, x, y: b.fdiv(x, y, flags=_FLAGS), FLOATS))
 _overload_operator(operator.ge, _lane_by_lane(lambda b, x, y: b.fcmp_ordered(">=", x, y), MASK))
+_overload_operator(operator.eq, _lane_by_lane(lambda b, x, y: b.fcmp_ordered("==", x, y), MASK))
 _overload_operator(operator.lt, _lane_by_lane(lambda b, x, y: b.fcmp_ordered("<", x, y), MASK))
 
 
@@ -218,17 +237,28 @@ def times_power_of_two(typing_context: Any, vector: Any, exponent: Any) -> Any:
     return FLOATS(FLOATS, FLOATS), generate
 
 
+@intrinsic
+def magnitude(typing_context: Any, vector: Any) -> Any:
+    """|x| lane by lane: the sign's bit is cleared."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        bits = builder.bitcast(arguments[0], _INTEGERS)
+        return builder.bitcast(builder.and_(bits, ir.Constant(_INTEGERS, [0x7FFFFFFF] * LANES)), _FLOATS)
+
+    return FLOATS(FLOATS), generate
+
+
 @overload(max, inline="always")
 def _max(left, right):
     if left == FLOATS and right == FLOATS:
         return lambda left, right: select(left >= right, left, right)
-    if left == FLOATS and right == types.float32:
-        return lambda left, right: select(left >= right, left, broadcast(right))
+    if left == FLOATS and isinstance(right, types.Number):
+        return lambda left, right: select(left >= right, left, broadcast(np.float32(right)))
     return None
 
 
 @overload(min, inline="always")
 def _min(left, right):
-    if left == FLOATS and right == types.float32:
-        return lambda left, right: select(left < right, left, broadcast(right))
+    if left == FLOATS and isinstance(right, types.Number):
+        return lambda left, right: select(left < right, left, broadcast(np.float32(right)))
     return None

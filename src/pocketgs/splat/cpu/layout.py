@@ -18,13 +18,18 @@ TILE_PIXELS = TILE_WIDTH * TILE_HEIGHT
 
 # One projected splat: a row of float32. The exponent of its falloff is held to base 2, with the opacity inside:
 # log2 α(dx, dy) = LOG2_OPACITY + EXPONENT_XX dx² + EXPONENT_XY dx dy + EXPONENT_YY dy².
-MEAN_X, MEAN_Y, EXPONENT_XX, EXPONENT_XY, EXPONENT_YY, LOG2_OPACITY, RED, GREEN, BLUE, DEPTH = range(10)
-SPLAT_FIELDS = 10
+# Then come the channels to composite: red, green and blue first, where colour is asked for.
+MEAN_X, MEAN_Y, EXPONENT_XX, EXPONENT_XY, EXPONENT_YY, LOG2_OPACITY, DEPTH, RED, GREEN, BLUE = range(10)
+FIRST_CHANNEL, COLOURS = RED, 3
+SPLAT_FIELDS = FIRST_CHANNEL + COLOURS
 
 # One entry of a tile's list: a row of int32. ROWS holds the first and one past the last row of the tile that the splat
 # reaches, as first << 8 | end.
 ENTRY_SPLAT, ENTRY_SLOT, ENTRY_ROWS = range(3)
 ENTRY_FIELDS = 3
+
+# The slots of a Gaussian's entries: a row of int32, the first and their number.
+SLOTS_FIRST, SLOTS_COUNT = range(2)
 
 # One row of gradients, and of each of Adam's moments, per Gaussian.
 GRADIENT_MEAN = first_column("means")
@@ -34,6 +39,10 @@ GRADIENT_OPACITY = first_column("opacity_logits")
 GRADIENT_SH = first_column("sh")
 
 LOG2_ALPHA_MIN = np.float32(math.log2(ALPHA_MIN))
+
+
+CLUSTER = 256
+"""Gaussians in a cluster: the piece of work in which a view's Gaussians are looked for and updated."""
 
 
 class View(NamedTuple):

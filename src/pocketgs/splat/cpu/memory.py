@@ -32,8 +32,9 @@ def training_bytes(gaussians: int, coefficients: int, photographs: Sequence[tupl
     layout = ParameterLayout(coefficients)
     pixels = [width * height for width, height in photographs]
     largest = max(pixels, default=0)
-    # Scene, both moments and gradients; the projected splat, its key, and its place in two orders; statistics.
-    numbers = layout.numbers + 3 * layout.columns + SPLAT_FIELDS + 1 + 2 + STATISTICS + 1
+    # Scene, both moments and gradients; the projected splat, its key, its place in three orders, and its slots;
+    # statistics.
+    numbers = layout.numbers + 3 * layout.columns + SPLAT_FIELDS + 1 + 3 + 2 + STATISTICS + 1
     of_gaussians = gaussians * FLOAT_BYTES * numbers
     entries = int(ENTRIES_PER_GAUSSIAN * gaussians + ENTRIES_PER_PIXEL * largest)
     return PHOTOGRAPH_PIXEL * sum(pixels) + of_gaussians + ENTRY_BYTES * entries + CANVAS_PIXEL * largest

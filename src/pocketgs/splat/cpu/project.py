@@ -16,6 +16,8 @@ from pocketgs.splat.constants import (
     LOW_PASS,
 )
 from pocketgs.splat.cpu.layout import (
+    CLUSTER,
+    COLOURS,
     DEPTH,
     EXPONENT_XX,
     EXPONENT_XY,
@@ -30,7 +32,7 @@ from pocketgs.splat.cpu.layout import (
 from pocketgs.splat.cpu.spherical_harmonics import sh_basis
 from pocketgs.splat.cpu.vectors import Vector, axes_of, scaled, times
 from pocketgs.system.compile import inlined, parallel_kernel, part
-from pocketgs.system.dealing import PIECE, first_piece, take
+from pocketgs.system.dealing import first_piece, take
 
 LOG2_E = 1.0 / math.log(2.0)
 CULLED = np.uint32(0xFFFFFFFF)
@@ -98,7 +100,9 @@ def _project_shape(
     opacity = 1.0 / (1.0 + math.exp(-float(logit)))
     if not (local[2] >= near and opacity >= ALPHA_MIN):
         return False
-    jacobian, axes = jacobian_at(view, local), axes_of(quaternion)
+    jacobian = jacobian_at(view, local)
+    w, x, y, z = float(quaternion[0]), float(quaternion[1]), float(quaternion[2]), float(quaternion[3])
+    axes = axes_of((w, x, y, z))
     _, p = footprint(view, jacobian, axes[0], math.exp(float(log_scale[0])))
     _, q = footprint(view, jacobian, axes[1], math.exp(float(log_scale[1])))
     _, r = footprint(view, jacobian, axes[2], math.exp(float(log_scale[2])))
@@ -134,7 +138,7 @@ def direction_to(view: View, mean: np.ndarray) -> tuple[Vector, float]:
 
 
 @inlined
-def unclipped_colour(sh: np.ndarray, basis: np.ndarray, channel: int) -> float:
+def _unclipped_colour(sh: np.ndarray, basis: np.ndarray, channel: int) -> float:
     """0.5 + Σ_k Y_k sh_k of one channel, before negative colours are cut to 0."""
     value = 0.5
     for k in range(sh.shape[0]):
@@ -165,13 +169,14 @@ def _project_range(
         local = to_camera(view, means[i])
         depth_keys[i] = CULLED
         if _project_shape(view, near, local, log_scales[i], quaternions[i], opacity_logits[i], splat):
-            (x, y, z), _ = direction_to(view, means[i])
-            sh_basis(x, y, z, sh.shape[1], basis)
             sound = True
-            for channel in range(3):
-                colour = unclipped_colour(sh[i], basis, channel)
-                splat[RED + channel] = max(colour, 0.0)
-                sound = sound and abs(colour) < BRIGHTEST
+            if sh.shape[1] > 0:
+                (x, y, z), _ = direction_to(view, means[i])
+                sh_basis(x, y, z, sh.shape[1], basis)
+                for channel in range(COLOURS):
+                    colour = _unclipped_colour(sh[i], basis, channel)
+                    splat[RED + channel] = max(colour, 0.0)
+                    sound = sound and abs(colour) < BRIGHTEST
             if sound:
                 depth[0] = splat[DEPTH]
                 depth_keys[i] = bits[0]
@@ -186,30 +191,33 @@ def project(
     sh: np.ndarray,
     view: View,
     near: float,
+    clusters: np.ndarray,
     threads: int,
     splats: np.ndarray,
     depth_keys: np.ndarray,
 ) -> None:
-    """Project every Gaussian.
+    """Project the Gaussians of some clusters.
 
     Args:
         means: (N, 3) float32.
         log_scales: (N, 3) float32.
         quaternions: (N, 4) float32 of unit length.
         opacity_logits: (N,) float32.
-        sh: (N, K, 3) float32.
+        sh: (N, K, 3) float32. K may be 0: then no colours are written.
         view: the camera.
         near: least depth of what is drawn.
+        clusters: (M,) int32, which clusters may be in view.
         threads: number of threads that project.
-        splats: (N, SPLAT_FIELDS) float32, written where visible.
-        depth_keys: (N,) uint32, written: the bits of the depth, which sort as the depth does, or CULLED.
+        splats: (N, FIRST_CHANNEL + C) float32, written where visible.
+        depth_keys: (N,) uint32, written in these clusters: the bits of the depth, which sort as it does, or CULLED.
     """
     counter = first_piece()
     for _ in prange(threads):
-        first = PIECE * take(counter)
-        while first < len(means):
-            end = min(first + PIECE, len(means))
+        place = take(counter)
+        while place < len(clusters):
+            first = clusters[place] * CLUSTER
+            end = min(first + CLUSTER, len(means))
             _project_range(
                 means, log_scales, quaternions, opacity_logits, sh, view, near, first, end, splats, depth_keys
             )
-            first = PIECE * take(counter)
+            place = take(counter)

@@ -1,4 +1,8 @@
-"""Gradients from the image back to the Gaussians, through the sort permutation: ∇θ[π(i)] += g_i."""
+"""Gradients from the image back to the Gaussians: ∇θ[π(i)] += g_i.
+
+Gaussians are visited in the order of memory, sixteen at a time: their rows are turned into columns of LANES, one for
+each number, so that the same formulas as in `project` work on sixteen Gaussians at once, in float32.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +11,10 @@ import math
 import numpy as np
 from numba import prange
 
-from pocketgs.splat.cpu.lanes import LANES, broadcast, load, store
+from pocketgs.splat.cpu.exp2 import exp
+from pocketgs.splat.cpu.lanes import LANES, Floats, broadcast, load, select, store
 from pocketgs.splat.cpu.layout import (
+    COLOURS,
     EXPONENT_XX,
     EXPONENT_XY,
     EXPONENT_YY,
@@ -18,21 +24,15 @@ from pocketgs.splat.cpu.layout import (
     GRADIENT_ROTATION,
     GRADIENT_SH,
     LOG2_OPACITY,
+    RED,
+    SLOTS_COUNT,
+    SLOTS_FIRST,
     View,
 )
-from pocketgs.splat.cpu.project import (
-    Jacobian,
-    clamped_slopes,
-    direction_to,
-    footprint,
-    jacobian_at,
-    to_camera,
-    unclipped_colour,
-)
+from pocketgs.splat.cpu.project import Jacobian, clamped_slopes, direction_to, footprint, jacobian_at
 from pocketgs.splat.cpu.rasterize_backward import (
-    SUM_BLUE,
+    SUM_ABSOLUTE_X,
     SUM_EXPONENT,
-    SUM_GREEN,
     SUM_RED,
     SUM_X,
     SUM_XX,
@@ -42,137 +42,216 @@ from pocketgs.splat.cpu.rasterize_backward import (
 )
 from pocketgs.splat.cpu.spherical_harmonics import sh_basis, sh_basis_gradient
 from pocketgs.splat.cpu.statistics import collect
-from pocketgs.splat.cpu.vectors import Vector, axes_of, dot, scaled, transposed_times
+from pocketgs.splat.cpu.vectors import Vector, axes_of, dot, scaled, times, transposed_times
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import PIECE, first_piece, take
 
 LN2 = math.log(2.0)
 
-CovarianceGradient = tuple[float, float, float]
+# Columns of a block of LANES Gaussians: what goes in, the sums of their entries, and their gradients but for colour.
+_MEAN, _LOG_SCALE, _QUATERNION, _SPLAT = 0, 3, 6, 10
+_SUMS = _SPLAT + LOG2_OPACITY + 1
+_GRADIENT = _SUMS + LANES
+_CENTRE = _GRADIENT + GRADIENT_SH
+_COLUMNS = _CENTRE + 2
+
+CovarianceGradient = tuple[Floats, Floats, Floats]
 """Gradient with respect to Σ': xx, xy, yy of a symmetric matrix."""
 
 
 @inlined
-def _add_up(entry_sums: np.ndarray, first_slot: int, end_slot: int, total: np.ndarray) -> None:
-    """Sum a splat's rows, one per tile that it entered."""
-    row = broadcast(np.float32(0.0))
-    for slot in range(first_slot, end_slot):
-        row = row + load(entry_sums, slot * LANES)
-    store(total, 0, row)
+def _column(block: np.ndarray, number: int) -> Floats:
+    return load(block, number * LANES)
 
 
 @inlined
-def _covariance_gradient(splat: np.ndarray, total: np.ndarray) -> tuple[tuple[float, float], CovarianceGradient]:
+def _columns3(block: np.ndarray, number: int) -> Vector:
+    return (_column(block, number), _column(block, number + 1), _column(block, number + 2))
+
+
+@inlined
+def _set_column(block: np.ndarray, number: int, values: Floats) -> None:
+    store(block, number * LANES, values)
+
+
+@part
+def _add_up(entry_sums: np.ndarray, slots: np.ndarray, row: int, total: np.ndarray) -> None:
+    """Sum a splat's rows, one per tile that it entered."""
+    for part_of_row in range(0, row, LANES):
+        vector = broadcast(np.float32(0.0))
+        for slot in range(slots[SLOTS_FIRST], slots[SLOTS_FIRST] + slots[SLOTS_COUNT]):
+            vector = vector + load(entry_sums, slot * row + part_of_row)
+        store(total, part_of_row, vector)
+
+
+@part
+def _read(
+    i: int,
+    lane: int,
+    means: np.ndarray,
+    log_scales: np.ndarray,
+    quaternions: np.ndarray,
+    splats: np.ndarray,
+    total: np.ndarray,
+    block: np.ndarray,
+) -> None:
+    """Turn Gaussian i's rows into the lane's place in every column."""
+    for k in range(3):
+        block[(_MEAN + k) * LANES + lane] = means[i, k]
+        block[(_LOG_SCALE + k) * LANES + lane] = log_scales[i, k]
+    for k in range(4):
+        block[(_QUATERNION + k) * LANES + lane] = quaternions[i, k]
+    for k in range(LOG2_OPACITY + 1):
+        block[(_SPLAT + k) * LANES + lane] = splats[i, k]
+    for k in range(SUM_YY + 1):
+        block[(_SUMS + k) * LANES + lane] = total[k]
+
+
+@inlined
+def _covariance_gradient(block: np.ndarray) -> tuple[tuple[Floats, Floats], CovarianceGradient]:
     """Gradient with respect to the projected centre, and to Σ'.
 
     With Q = Σ'⁻¹ and v the gradient of each pixel's exponent, ∂L/∂μ = Q Σ v d and ∂L/∂Q = -½ Σ v d dᵀ, and
     ∂L/∂Σ' = -Q ∂L/∂Q Q.
     """
-    xx, xy, yy = -2.0 * LN2 * splat[EXPONENT_XX], -LN2 * splat[EXPONENT_XY], -2.0 * LN2 * splat[EXPONENT_YY]
-    d_mean = (xx * total[SUM_X] + xy * total[SUM_Y], xy * total[SUM_X] + yy * total[SUM_Y])
+    xx = _column(block, _SPLAT + EXPONENT_XX) * (-2.0 * LN2)
+    xy = _column(block, _SPLAT + EXPONENT_XY) * -LN2
+    yy = _column(block, _SPLAT + EXPONENT_YY) * (-2.0 * LN2)
+    x, y = _column(block, _SUMS + SUM_X), _column(block, _SUMS + SUM_Y)
     # Q M for M = Σ v d dᵀ, then ½ Q M Q.
-    a, b = xx * total[SUM_XX] + xy * total[SUM_XY], xx * total[SUM_XY] + xy * total[SUM_YY]
-    c, d = xy * total[SUM_XX] + yy * total[SUM_XY], xy * total[SUM_XY] + yy * total[SUM_YY]
-    return d_mean, (0.5 * (a * xx + b * xy), 0.5 * (a * xy + b * yy), 0.5 * (c * xy + d * yy))
+    m_xx, m_xy = _column(block, _SUMS + SUM_XX), _column(block, _SUMS + SUM_XY)
+    m_yy = _column(block, _SUMS + SUM_YY)
+    a, b = xx * m_xx + xy * m_xy, xx * m_xy + xy * m_yy
+    c, d = xy * m_xx + yy * m_xy, xy * m_xy + yy * m_yy
+    d_covariance = ((a * xx + b * xy) * 0.5, (a * xy + b * yy) * 0.5, (c * xy + d * yy) * 0.5)
+    return (xx * x + xy * y, xy * x + yy * y), d_covariance
 
 
 @inlined
-def _shape_backward(
-    view: View,
-    jacobian: Jacobian,
-    log_scale: np.ndarray,
-    quaternion: np.ndarray,
-    d_covariance: CovarianceGradient,
-    gradient: np.ndarray,
-) -> Jacobian:
+def _shape_backward(view: View, jacobian: Jacobian, block: np.ndarray, d_covariance: CovarianceGradient) -> Jacobian:
     """Write the gradients of scales and rotation; return that of the Jacobian's four entries."""
-    axes = axes_of(quaternion)
-    d_xx, d_xy, d_yy = d_covariance
-    d_jacobian = (0.0, 0.0, 0.0, 0.0)
-    skew = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    for k in range(3):
-        axis = axes[k]
-        scale = math.exp(float(log_scale[k]))
-        a, u = footprint(view, jacobian, axis, scale)
-        du = (2.0 * (d_xx * u[0] + d_xy * u[1]), 2.0 * (d_xy * u[0] + d_yy * u[1]))
-        d_jacobian = (
-            d_jacobian[0] + du[0] * a[0],
-            d_jacobian[1] + du[0] * a[2],
-            d_jacobian[2] + du[1] * a[1],
-            d_jacobian[3] + du[1] * a[2],
-        )
-        d_a = (jacobian[0] * du[0], jacobian[2] * du[1], jacobian[1] * du[0] + jacobian[3] * du[1])
-        d_axis = scaled(transposed_times(view.rotation, d_a), scale)
-        gradient[GRADIENT_LOG_SCALE + k] = dot(axis, d_axis)
-        row = (dot(axes[0], d_axis), dot(axes[1], d_axis), dot(axes[2], d_axis))
-        skew = (skew[1], skew[2], row)
-    # skew[k][j] is (Rᵀ ∂L/∂R)[j, k]; q ← q ⊗ exp(½δ) turns R into R exp([δ]×).
-    gradient[GRADIENT_ROTATION] = skew[1][2] - skew[2][1]
-    gradient[GRADIENT_ROTATION + 1] = skew[2][0] - skew[0][2]
-    gradient[GRADIENT_ROTATION + 2] = skew[0][1] - skew[1][0]
+    w, (x, y, z) = _column(block, _QUATERNION), _columns3(block, _QUATERNION + 1)
+    axes = axes_of((w, x, y, z))
+    zero = broadcast(np.float32(0.0))
+    d_jacobian = (zero, zero, zero, zero)
+    d_jacobian, row_x = _axis_backward(view, jacobian, block, axes, 0, d_covariance, d_jacobian)
+    d_jacobian, row_y = _axis_backward(view, jacobian, block, axes, 1, d_covariance, d_jacobian)
+    d_jacobian, row_z = _axis_backward(view, jacobian, block, axes, 2, d_covariance, d_jacobian)
+    # row_k[j] is (Rᵀ ∂L/∂R)[j, k]; q ← q ⊗ exp(½δ) turns R into R exp([δ]×).
+    _set_column(block, _GRADIENT + GRADIENT_ROTATION, row_y[2] - row_z[1])
+    _set_column(block, _GRADIENT + GRADIENT_ROTATION + 1, row_z[0] - row_x[2])
+    _set_column(block, _GRADIENT + GRADIENT_ROTATION + 2, row_x[1] - row_y[0])
     return d_jacobian
 
 
 @inlined
+def _axis_backward(
+    view: View,
+    jacobian: Jacobian,
+    block: np.ndarray,
+    axes: tuple[Vector, Vector, Vector],
+    k: int,
+    d_covariance: CovarianceGradient,
+    d_jacobian: Jacobian,
+) -> tuple[Jacobian, Vector]:
+    """The part that one of the Gaussian's axes has in `_shape_backward`: ∂L/∂J so far, and ∂L/∂axis along the axes."""
+    d_xx, d_xy, d_yy = d_covariance
+    scale = exp(_column(block, _LOG_SCALE + k))
+    a, u = footprint(view, jacobian, axes[k], scale)
+    du = ((d_xx * u[0] + d_xy * u[1]) * 2.0, (d_xy * u[0] + d_yy * u[1]) * 2.0)
+    d_jacobian = (
+        d_jacobian[0] + du[0] * a[0],
+        d_jacobian[1] + du[0] * a[2],
+        d_jacobian[2] + du[1] * a[1],
+        d_jacobian[3] + du[1] * a[2],
+    )
+    d_a = (jacobian[0] * du[0], jacobian[2] * du[1], jacobian[1] * du[0] + jacobian[3] * du[1])
+    d_axis = scaled(transposed_times(view.rotation, d_a), scale)
+    _set_column(block, _GRADIENT + GRADIENT_LOG_SCALE + k, dot(axes[k], d_axis))
+    return d_jacobian, (dot(axes[0], d_axis), dot(axes[1], d_axis), dot(axes[2], d_axis))
+
+
+@inlined
 def _position_backward(
-    view: View, local: Vector, jacobian: Jacobian, d_mean: tuple[float, float], d_jacobian: Jacobian
+    view: View, local: Vector, jacobian: Jacobian, d_mean: tuple[Floats, Floats], d_jacobian: Jacobian
 ) -> Vector:
     """Gradient with respect to the camera-space position, from the projected centre and from the Jacobian."""
     x, y, z = local
     slope_x, slope_y = clamped_slopes(view, local)
     d_x = d_mean[0] * view.fx / z
     d_y = d_mean[1] * view.fy / z
-    d_z = -(d_x * x + d_y * y) / z
+    d_z = (d_x * x + d_y * y) / z
     xx, xz, yy, yz = jacobian
     # xx = fx/z and xz = -fx x/z², or -fx · limit/z where clamped.
-    d_z -= (xx * d_jacobian[0] + yy * d_jacobian[2]) / z
-    if slope_x == x / z:
-        d_x -= xx / z * d_jacobian[1]
-        d_z -= 2.0 * xz / z * d_jacobian[1]
-    else:
-        d_z -= xz / z * d_jacobian[1]
-    if slope_y == y / z:
-        d_y -= yy / z * d_jacobian[3]
-        d_z -= 2.0 * yz / z * d_jacobian[3]
-    else:
-        d_z -= yz / z * d_jacobian[3]
-    return (d_x, d_y, d_z)
+    d_z = d_z + (xx * d_jacobian[0] + yy * d_jacobian[2]) / z
+    zero, through_x, through_y = broadcast(np.float32(0.0)), d_jacobian[1] / z, d_jacobian[3] / z
+    moving_x, moving_y = slope_x == x / z, slope_y == y / z
+    d_x = d_x - select(moving_x, xx * through_x, zero)
+    d_y = d_y - select(moving_y, yy * through_y, zero)
+    d_z = d_z + xz * through_x + select(moving_x, xz * through_x, zero)
+    d_z = d_z + yz * through_y + select(moving_y, yz * through_y, zero)
+    return (d_x, d_y, d_z * -1.0)
 
 
-@inlined
+@part
+def _block_backward(view: View, block: np.ndarray) -> None:
+    """From the columns that have been read to those of the gradients."""
+    offset_x, offset_y, offset_z = _columns3(block, _MEAN)
+    offset = (offset_x - view.centre[0], offset_y - view.centre[1], offset_z - view.centre[2])
+    local = times(view.rotation, offset)
+    jacobian = jacobian_at(view, local)
+    d_mean, d_covariance = _covariance_gradient(block)
+    d_jacobian = _shape_backward(view, jacobian, block, d_covariance)
+    d_local = _position_backward(view, local, jacobian, d_mean, d_jacobian)
+    d_x, d_y, d_z = transposed_times(view.rotation, d_local)
+    _set_column(block, _GRADIENT + GRADIENT_MEAN, d_x)
+    _set_column(block, _GRADIENT + GRADIENT_MEAN + 1, d_y)
+    _set_column(block, _GRADIENT + GRADIENT_MEAN + 2, d_z)
+    opacity = exp(_column(block, _SPLAT + LOG2_OPACITY) * LN2)
+    _set_column(block, _GRADIENT + GRADIENT_OPACITY, _column(block, _SUMS + SUM_EXPONENT) * (1.0 - opacity))
+    _set_column(block, _CENTRE, d_mean[0])
+    _set_column(block, _CENTRE + 1, d_mean[1])
+
+
+@part
 def _colour_backward(
     view: View,
     mean: np.ndarray,
     sh: np.ndarray,
+    splat: np.ndarray,
     total: np.ndarray,
     basis: np.ndarray,
     basis_gradient: np.ndarray,
     gradient: np.ndarray,
-) -> Vector:
-    """Write the gradient of the SH coefficients; return that of the world position through the viewing direction."""
+) -> None:
+    """Write the gradient of the SH coefficients; add that of the world position through the viewing direction."""
     count = sh.shape[0]
     direction, distance = direction_to(view, mean)
     sh_basis(direction[0], direction[1], direction[2], count, basis)
-    sh_basis_gradient(direction[0], direction[1], direction[2], count, basis_gradient)
-    d_x, d_y, d_z = 0.0, 0.0, 0.0
-    d_colours = (total[SUM_RED], total[SUM_GREEN], total[SUM_BLUE])
-    for channel in range(3):
-        d_colour = d_colours[channel]
-        if unclipped_colour(sh, basis, channel) <= 0.0:
-            d_colour = 0.0
-        for k in range(count):
-            gradient[GRADIENT_SH + 3 * k + channel] = basis[k] * d_colour
-            weight = sh[k, channel] * d_colour
+    red, green, blue = 0.0, 0.0, 0.0
+    # A colour that was cut to 0 has no gradient.
+    if splat[RED] > 0.0:
+        red = float(total[SUM_RED])
+    if splat[RED + 1] > 0.0:
+        green = float(total[SUM_RED + 1])
+    if splat[RED + 2] > 0.0:
+        blue = float(total[SUM_RED + 2])
+    for k in range(count):
+        row = GRADIENT_SH + 3 * k
+        gradient[row], gradient[row + 1], gradient[row + 2] = basis[k] * red, basis[k] * green, basis[k] * blue
+    if count > 1:
+        sh_basis_gradient(direction[0], direction[1], direction[2], count, basis_gradient)
+        d_x, d_y, d_z = 0.0, 0.0, 0.0
+        for k in range(1, count):
+            weight = sh[k, 0] * red + sh[k, 1] * green + sh[k, 2] * blue
             d_x += basis_gradient[k, 0] * weight
             d_y += basis_gradient[k, 1] * weight
             d_z += basis_gradient[k, 2] * weight
-    # A unit vector's derivative keeps only what is across it.
-    along = dot(direction, (d_x, d_y, d_z))
-    return (
-        (d_x - along * direction[0]) / distance,
-        (d_y - along * direction[1]) / distance,
-        (d_z - along * direction[2]) / distance,
-    )
+        # A unit vector's derivative keeps only what is across it.
+        along = dot(direction, (d_x, d_y, d_z))
+        gradient[GRADIENT_MEAN] += (d_x - along * direction[0]) / distance
+        gradient[GRADIENT_MEAN + 1] += (d_y - along * direction[1]) / distance
+        gradient[GRADIENT_MEAN + 2] += (d_z - along * direction[2]) / distance
 
 
 @part
@@ -182,33 +261,43 @@ def _project_range_backward(
     quaternions: np.ndarray,
     sh: np.ndarray,
     view: View,
-    first: int,
-    end: int,
+    visible: np.ndarray,
     splats: np.ndarray,
-    order: np.ndarray,
-    first_slots: np.ndarray,
+    slots: np.ndarray,
+    row: int,
     entry_sums: np.ndarray,
     statistics: np.ndarray,
     gradients: np.ndarray,
+    d_centres: np.ndarray,
+    d_channels: np.ndarray,
 ) -> None:
-    """`project_backward` for the visible Gaussians from rank `first` up to `end`."""
-    total, basis, basis_gradient = np.empty(LANES, np.float32), np.empty(16), np.empty((16, 3))
-    for rank in range(first, end):
-        i = order[rank]
-        gradient, splat = gradients[i], splats[i]
-        _add_up(entry_sums, first_slots[rank], first_slots[rank + 1], total)
-        d_mean, d_covariance = _covariance_gradient(splat, total)
-        if len(statistics) > 0:
-            collect(view, splat, d_mean, statistics[i])
-        gradient[GRADIENT_OPACITY] = total[SUM_EXPONENT] * (1.0 - math.exp(LN2 * splat[LOG2_OPACITY]))
-        local = to_camera(view, means[i])
-        jacobian = jacobian_at(view, local)
-        d_jacobian = _shape_backward(view, jacobian, log_scales[i], quaternions[i], d_covariance, gradient)
-        d_local = _position_backward(view, local, jacobian, d_mean, d_jacobian)
-        d_world = transposed_times(view.rotation, d_local)
-        d_direction = _colour_backward(view, means[i], sh[i], total, basis, basis_gradient, gradient)
-        for k in range(3):
-            gradient[GRADIENT_MEAN + k] = d_world[k] + d_direction[k]
+    """`project_backward` for some visible Gaussians."""
+    basis, basis_gradient = np.empty(16), np.empty((16, 3))
+    block, totals = np.zeros(_COLUMNS * LANES, np.float32), np.zeros((LANES, row), np.float32)
+    for first in range(0, len(visible), LANES):
+        count = min(LANES, len(visible) - first)
+        for lane in range(count):
+            i = visible[first + lane]
+            _add_up(entry_sums, slots[i], row, totals[lane])
+            _read(i, lane, means, log_scales, quaternions, splats, totals[lane], block)
+        _block_backward(view, block)
+        for lane in range(count):
+            i, total = visible[first + lane], totals[lane]
+            gradient = gradients[i]
+            for column in range(GRADIENT_SH):
+                gradient[column] = block[(_GRADIENT + column) * LANES + lane]
+            if sh.shape[1] > 0:
+                _colour_backward(view, means[i], sh[i], splats[i], total, basis, basis_gradient, gradient)
+            x, y = block[_CENTRE * LANES + lane], block[(_CENTRE + 1) * LANES + lane]
+            if len(statistics):
+                collect(view, splats[i], (x, y), statistics[i])
+            if len(d_centres):
+                d_centres[i, 0], d_centres[i, 1] = x, y
+                d_centres[i, 2], d_centres[i, 3] = total[SUM_ABSOLUTE_X], total[SUM_ABSOLUTE_X + 1]
+            if len(d_channels):
+                for channel in range(d_channels.shape[1]):
+                    place = SUM_RED + channel if channel < COLOURS else LANES + channel - COLOURS
+                    d_channels[i, channel] = total[place]
 
 
 @parallel_kernel
@@ -220,46 +309,53 @@ def project_backward(
     view: View,
     threads: int,
     splats: np.ndarray,
-    order: np.ndarray,
-    first_slots: np.ndarray,
+    visible: np.ndarray,
+    slots: np.ndarray,
+    row: int,
     entry_sums: np.ndarray,
     statistics: np.ndarray,
     gradients: np.ndarray,
+    d_centres: np.ndarray,
+    d_channels: np.ndarray,
 ) -> None:
-    """Gradient of the loss with respect to every Gaussian, in canonical order.
+    """Gradient of the loss with respect to every Gaussian.
 
     Args:
         means: (N, 3) float32.
         log_scales: (N, 3) float32.
         quaternions: (N, 4) float32 of unit length.
-        sh: (N, K, 3) float32.
+        sh: (N, K, 3) float32. K is 0 if the first three channels are no colours.
         view: the camera.
         threads: number of threads that share the work.
         splats: what `project` wrote.
-        order: (V,) the visible Gaussians by depth: π.
-        first_slots: (V + 1,) where each one's rows of `entry_sums` begin.
+        visible: (V,) the visible Gaussians, in the order of memory.
+        slots: (N, 2) int32 of `TileLists`.
+        row: length of a row of `entry_sums`.
         entry_sums: what `rasterize_backward` wrote.
         statistics: (N, STATISTICS) float32 sums, added to where visible, or (0, STATISTICS) for none.
         gradients: (N, GRADIENT_SH + 3 K) float32, all 0; written where visible.
+        d_centres: (N, 4) float32, written where visible: the gradient of the projected centre, and the sums over pixels
+            of its magnitudes, which have to have been asked for. Or (0, 4).
+        d_channels: (N, C) float32, written where visible: the gradient of the channels. Or (0, C).
     """
     counter = first_piece()
     for _ in prange(threads):
         first = PIECE * take(counter)
-        while first < len(order):
-            end = min(first + PIECE, len(order))
+        while first < len(visible):
             _project_range_backward(
                 means,
                 log_scales,
                 quaternions,
                 sh,
                 view,
-                first,
-                end,
+                visible[first : first + PIECE],
                 splats,
-                order,
-                first_slots,
+                slots,
+                row,
                 entry_sums,
                 statistics,
                 gradients,
+                d_centres,
+                d_channels,
             )
             first = PIECE * take(counter)

@@ -1,17 +1,15 @@
-"""Composite the splats of every tile front to back: C = Σ c_i α_i T_i + T · background."""
+"""Composite the splats of every tile front to back: C = Σ c_i α_i T_i + T · background, for any number of channels."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import prange
 
-from pocketgs.splat.cpu.lanes import LANES, load, store
+from pocketgs.splat.cpu.lanes import LANES, load, prefetch, store
 from pocketgs.splat.cpu.layout import (
-    BLUE,
     ENTRY_ROWS,
     ENTRY_SPLAT,
-    GREEN,
-    RED,
+    FIRST_CHANNEL,
     TILE_HEIGHT,
     TILE_PIXELS,
     TILE_WIDTH,
@@ -28,20 +26,16 @@ from pocketgs.splat.cpu.tile import (
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import first_piece, take
 
+AHEAD = 4
+"""Splats are asked of memory so many entries before they are drawn."""
+
 # Asking whether a whole tile is saturated costs about as much as drawing one splat.
 ENTRIES_PER_CHECK = 16
 
 
 @inlined
 def _draw(
-    splat: np.ndarray,
-    rows: int,
-    left: int,
-    top: int,
-    transmittance: np.ndarray,
-    red: np.ndarray,
-    green: np.ndarray,
-    blue: np.ndarray,
+    splat: np.ndarray, rows: int, left: int, top: int, channels: int, transmittance: np.ndarray, colours: np.ndarray
 ) -> None:
     dx = column_offsets(splat, left)
     terms = exponent_terms(splat, dx)
@@ -51,13 +45,13 @@ def _draw(
         _, alpha = alpha_at(terms, row_offsets(splat, top, pixel), t)
         weight = alpha * t
         store(transmittance, pixel, t - weight)
-        store(red, pixel, load(red, pixel) + weight * splat[RED])
-        store(green, pixel, load(green, pixel) + weight * splat[GREEN])
-        store(blue, pixel, load(blue, pixel) + weight * splat[BLUE])
+        for channel in range(channels):
+            place = channel * TILE_PIXELS + pixel
+            store(colours, place, load(colours, place) + weight * splat[FIRST_CHANNEL + channel])
 
 
 @part
-def _write(tile_pixels: np.ndarray, left: int, top: int, image: np.ndarray) -> None:
+def write_tile(tile_pixels: np.ndarray, left: int, top: int, image: np.ndarray) -> None:
     """Copy the part of a tile that lies inside the image to it."""
     for row in range(min(TILE_HEIGHT, image.shape[0] - top)):
         for column in range(min(TILE_WIDTH, image.shape[1] - left)):
@@ -78,41 +72,38 @@ def rasterize(
     """Draw every tile.
 
     Args:
-        splats: (N, SPLAT_FIELDS) from `project`.
+        splats: (N, FIRST_CHANNEL + C) from `project`.
         entries: (E, ENTRY_FIELDS) int32, the tiles' lists; see `TileLists`.
         ranges: (tiles + 1,) int32, where each tile's entries begin.
-        background: (3,) float32 RGB.
+        background: (C,) float32.
         threads: number of threads that draw.
-        image: (3, H, W) float32, written.
+        image: (C, H, W) float32, written.
         transmittance_image: (H, W) float32, written.
         drawn_ends: (tiles,) int32, written: one past the last entry drawn before the tile saturated.
     """
-    height = image.shape[1]
+    channels, height = image.shape[:2]
     counter = first_piece()
     for _ in prange(threads):
-        transmittance = np.empty(TILE_PIXELS, np.float32)
-        red = np.empty(TILE_PIXELS, np.float32)
-        green = np.empty(TILE_PIXELS, np.float32)
-        blue = np.empty(TILE_PIXELS, np.float32)
+        transmittance, colours = np.empty(TILE_PIXELS, np.float32), np.empty(channels * TILE_PIXELS, np.float32)
         tile = take(counter)
         while tile < len(drawn_ends):
             left, top = origin(tile, height)
-            transmittance[:], red[:], green[:], blue[:] = 1.0, 0.0, 0.0, 0.0
+            transmittance[:], colours[:] = 1.0, 0.0
             end = ranges[tile + 1]
             for index in range(ranges[tile], ranges[tile + 1]):
                 entry = entries[index]
+                if index + AHEAD < ranges[tile + 1]:
+                    prefetch(splats, entries[index + AHEAD, ENTRY_SPLAT])
                 splat = splats[entry[ENTRY_SPLAT]]
-                _draw(splat, entry[ENTRY_ROWS], left, top, transmittance, red, green, blue)
+                _draw(splat, entry[ENTRY_ROWS], left, top, channels, transmittance, colours)
                 if index % ENTRIES_PER_CHECK == 0 and is_saturated(transmittance):
                     end = index + 1
                     break
             drawn_ends[tile] = end
-            for pixel in range(TILE_PIXELS):
-                red[pixel] += transmittance[pixel] * background[0]
-                green[pixel] += transmittance[pixel] * background[1]
-                blue[pixel] += transmittance[pixel] * background[2]
-            _write(transmittance, left, top, transmittance_image)
-            _write(red, left, top, image[0])
-            _write(green, left, top, image[1])
-            _write(blue, left, top, image[2])
+            write_tile(transmittance, left, top, transmittance_image)
+            for channel in range(channels):
+                plane = colours[channel * TILE_PIXELS : (channel + 1) * TILE_PIXELS]
+                for pixel in range(TILE_PIXELS):
+                    plane[pixel] += transmittance[pixel] * background[channel]
+                write_tile(plane, left, top, image[channel])
             tile = take(counter)

@@ -7,21 +7,29 @@ C · ∂L/∂C and loses w_i D_i at every contribution. Recomputing α takes som
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import prange
 
-from pocketgs.splat.cpu.lanes import LANES, Floats, broadcast, load, select, store, sums
+from pocketgs.splat.cpu.lanes import LANES, Floats, broadcast, load, magnitude, prefetch, select, store, sums
 from pocketgs.splat.cpu.layout import (
     BLUE,
+    COLOURS,
     ENTRY_ROWS,
     ENTRY_SLOT,
     ENTRY_SPLAT,
+    EXPONENT_XX,
+    EXPONENT_XY,
+    EXPONENT_YY,
+    FIRST_CHANNEL,
     GREEN,
     RED,
     TILE_HEIGHT,
     TILE_PIXELS,
     TILE_WIDTH,
 )
+from pocketgs.splat.cpu.rasterize import AHEAD
 from pocketgs.splat.cpu.tile import (
     MOST_OPAQUE,
     ONE,
@@ -37,8 +45,17 @@ from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import first_piece, take
 
 # What a splat's replay in one tile leaves behind: sums over pixels of v = ∂L/∂(ln α) times 1, dx, dy, dx², dx dy, dy²,
-# and the gradient of its colour.
-SUM_EXPONENT, SUM_X, SUM_Y, SUM_XX, SUM_XY, SUM_YY, SUM_RED, SUM_GREEN, SUM_BLUE = range(9)
+# the gradient of its first three channels, and the absolute gradients of its centre. Those of other channels follow.
+SUM_EXPONENT, SUM_X, SUM_Y, SUM_XX, SUM_XY, SUM_YY, SUM_RED, SUM_GREEN, SUM_BLUE, SUM_ABSOLUTE_X, SUM_ABSOLUTE_Y = (
+    range(11)
+)
+LN2 = np.float32(math.log(2.0))
+
+
+@part
+def sums_per_entry(channels: int) -> int:
+    """Length of an entry's row of sums: LANES, and as many more times LANES as the channels after the third take."""
+    return LANES * (1 + (max(channels, COLOURS) - COLOURS + LANES - 1) // LANES)
 
 
 @inlined
@@ -47,16 +64,23 @@ def _replay(
     rows: int,
     left: int,
     top: int,
+    channels: int,
+    absolute: bool,
     transmittance: np.ndarray,
     behind: np.ndarray,
-    d_red: np.ndarray,
-    d_green: np.ndarray,
-    d_blue: np.ndarray,
+    d_colours: np.ndarray,
+    more_sums: np.ndarray,
 ) -> Floats:
-    """One splat in one tile; returns the vector of its sums."""
+    """One splat in one tile; returns the vector of its sums.
+
+    The first three channels' sums stay in registers; those of further channels go through memory, to `more_sums`, a
+    vector for each.
+    """
     dx = column_offsets(splat, left)
     terms = exponent_terms(splat, dx)
-    v_sum = vy_sum = vyy_sum = red_sum = green_sum = blue_sum = broadcast(ZERO)
+    v_sum = vy_sum = vyy_sum = red_sum = green_sum = blue_sum = absolute_x = absolute_y = broadcast(ZERO)
+    for channel in range(COLOURS, channels):
+        store(more_sums, (channel - COLOURS) * LANES, broadcast(ZERO))
     first, end = first_and_end_pixel(rows)
     for pixel in range(first, end, LANES):
         t = load(transmittance, pixel)
@@ -64,8 +88,14 @@ def _replay(
         unclamped, alpha = alpha_at(terms, dy, t)
         weight = alpha * t
         store(transmittance, pixel, t - weight)
-        r, g, b = load(d_red, pixel), load(d_green, pixel), load(d_blue, pixel)
-        gain = weight * (r * splat[RED] + g * splat[GREEN] + b * splat[BLUE])
+        r, g = load(d_colours, pixel), load(d_colours, TILE_PIXELS + pixel)
+        b = load(d_colours, 2 * TILE_PIXELS + pixel)
+        product = r * splat[RED] + g * splat[GREEN] + b * splat[BLUE]
+        for channel in range(COLOURS, channels):
+            d, place = load(d_colours, channel * TILE_PIXELS + pixel), (channel - COLOURS) * LANES
+            product = product + d * splat[FIRST_CHANNEL + channel]
+            store(more_sums, place, load(more_sums, place) + weight * d)
+        gain = weight * product
         rest = load(behind, pixel) - gain
         store(behind, pixel, rest)
         # ∂L/∂(ln α) = α ∂L/∂α = α (T D - H / (1 - α)); α is flat where it is clamped.
@@ -74,9 +104,26 @@ def _replay(
         vy = v * dy
         v_sum, vy_sum, vyy_sum = v_sum + v, vy_sum + vy, vyy_sum + vy * dy
         red_sum, green_sum, blue_sum = red_sum + weight * r, green_sum + weight * g, blue_sum + weight * b
+        if absolute:
+            slope_x = splat[EXPONENT_XX] * (dx + dx) + splat[EXPONENT_XY] * dy
+            slope_y = splat[EXPONENT_XY] * dx + splat[EXPONENT_YY] * (dy + dy)
+            absolute_x = absolute_x + magnitude(v * slope_x)
+            absolute_y = absolute_y + magnitude(v * slope_y)
     # dx is the same in every row, so its powers multiply once.
     vx_sum = v_sum * dx
-    return sums((v_sum, vx_sum, vy_sum, vx_sum * dx, vy_sum * dx, vyy_sum, red_sum, green_sum, blue_sum))
+    shape = (v_sum, vx_sum, vy_sum, vx_sum * dx, vy_sum * dx, vyy_sum)
+    if absolute:
+        return sums((*shape, red_sum, green_sum, blue_sum, absolute_x * LN2, absolute_y * LN2))
+    return sums((*shape, red_sum, green_sum, blue_sum))
+
+
+@inlined
+def _write_sums(entry_sums: np.ndarray, first: int, total: Floats, channels: int, more_sums: np.ndarray) -> None:
+    """Write an entry's row of sums."""
+    store(entry_sums, first, total)
+    for channel in range(COLOURS, channels):
+        own = more_sums[(channel - COLOURS) * LANES : (channel - COLOURS + 1) * LANES]
+        entry_sums[first + LANES + channel - COLOURS] = own.sum()
 
 
 @part
@@ -106,42 +153,57 @@ def rasterize_backward(
     threads: int,
     image: np.ndarray,
     d_image: np.ndarray,
+    transmittance_image: np.ndarray,
+    d_transmittance: np.ndarray,
+    absolute: bool,
     entry_sums: np.ndarray,
 ) -> None:
     """Replay every tile.
 
     Args:
-        splats: (N, SPLAT_FIELDS) from `project`.
+        splats: (N, FIRST_CHANNEL + C) from `project`, C at least 3.
         entries: (E, ENTRY_FIELDS) int32, the tiles' lists; see `TileLists`.
         ranges: (tiles + 1,) int32, where each tile's entries begin.
         drawn_ends: (tiles,) int32 that `rasterize` wrote.
         threads: number of threads that replay.
-        image: (3, H, W) float32 that `rasterize` wrote.
-        d_image: (3, H, W) float32 gradient with respect to `image`.
-        entry_sums: (entries · LANES,) float32, written: a row of LANES for each entry, the sums first, at its slot.
+        image: (C, H, W) float32 that `rasterize` wrote.
+        d_image: (C, H, W) float32 gradient with respect to `image`.
+        transmittance_image: (H, W) float32 that `rasterize` wrote.
+        d_transmittance: (H, W) float32 gradient with respect to it, besides that through the image's background, or
+            (0, 0) for none.
+        absolute: whether to sum the magnitudes of what every pixel asks of the splat's centre.
+        entry_sums: (entries · sums_per_entry(C),) float32, written: a row for each entry, at its slot.
     """
-    height = image.shape[1]
+    channels, height = image.shape[:2]
+    row = sums_per_entry(channels)
     counter = first_piece()
     for _ in prange(threads):
-        transmittance = np.empty(TILE_PIXELS, np.float32)
-        behind = np.empty(TILE_PIXELS, np.float32)
-        d_red = np.empty(TILE_PIXELS, np.float32)
-        d_green = np.empty(TILE_PIXELS, np.float32)
-        d_blue = np.empty(TILE_PIXELS, np.float32)
+        transmittance, behind = np.empty(TILE_PIXELS, np.float32), np.empty(TILE_PIXELS, np.float32)
+        d_colours = np.empty(channels * TILE_PIXELS, np.float32)
+        more_sums = np.empty((channels - COLOURS) * LANES, np.float32)
         tile = take(counter)
         while tile < len(drawn_ends):
             left, top = origin(tile, height)
-            _read(d_image[0], left, top, d_red)
-            _read(d_image[1], left, top, d_green)
-            _read(d_image[2], left, top, d_blue)
             transmittance[:], behind[:] = 1.0, 0.0
-            for channel in range(3):
+            for channel in range(channels):
+                _read(d_image[channel], left, top, d_colours[channel * TILE_PIXELS : (channel + 1) * TILE_PIXELS])
                 _add_product(image[channel], d_image[channel], left, top, behind)
+            if d_transmittance.size:
+                _add_product(transmittance_image, d_transmittance, left, top, behind)
             for index in range(ranges[tile], drawn_ends[tile]):
                 entry = entries[index]
-                splat = splats[entry[ENTRY_SPLAT]]
-                total = _replay(splat, entry[ENTRY_ROWS], left, top, transmittance, behind, d_red, d_green, d_blue)
-                store(entry_sums, entry[ENTRY_SLOT] * LANES, total)
+                if index + AHEAD < drawn_ends[tile]:
+                    prefetch(splats, entries[index + AHEAD, ENTRY_SPLAT])
+                splat, rows = splats[entry[ENTRY_SPLAT]], entry[ENTRY_ROWS]
+                if channels == COLOURS and not absolute:
+                    # With these as constants the compiler leaves out the rest.
+                    total = _replay(splat, rows, left, top, COLOURS, False, transmittance, behind, d_colours, more_sums)
+                else:
+                    total = _replay(
+                        splat, rows, left, top, channels, absolute, transmittance, behind, d_colours, more_sums
+                    )
+                _write_sums(entry_sums, entry[ENTRY_SLOT] * row, total, channels, more_sums)
             for index in range(drawn_ends[tile], ranges[tile + 1]):
-                store(entry_sums, entries[index, ENTRY_SLOT] * LANES, broadcast(ZERO))
+                slot = entries[index, ENTRY_SLOT]
+                entry_sums[slot * row : (slot + 1) * row] = 0.0
             tile = take(counter)

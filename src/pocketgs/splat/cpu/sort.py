@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pocketgs.splat.cpu.layout import CLUSTER
 from pocketgs.splat.cpu.project import CULLED
 from pocketgs.system.compile import kernel
 
@@ -12,38 +13,43 @@ _DIGITS = 1 << _DIGIT_BITS
 
 
 @kernel
-def sort_by_depth(depth_keys: np.ndarray, order: np.ndarray, scratch: np.ndarray) -> np.ndarray:
-    """Indices of the visible Gaussians, nearest first, equal depths by index: a radix sort of three 11-bit digits.
+def sort_by_depth(
+    depth_keys: np.ndarray, clusters: np.ndarray, visible: np.ndarray, order: np.ndarray, scratch: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The visible Gaussians in two orders: a radix sort of three 11-bit digits.
 
     Args:
         depth_keys: (N,) uint32 from `project`.
+        clusters: (M,) int32 ascending, those that it has projected.
+        visible: (N,) int32, overwritten.
         order: (N,) int32, overwritten.
         scratch: (N,) int32, overwritten.
 
     Returns:
-        (V,) int32, a part of `order` or of `scratch`.
+        (V,) int32 indices, part of `visible`: in the order of memory.
+        (V,) int32 indices, part of `order`: nearest first, equal depths by index.
     """
-    visible = 0
+    count = 0
     histograms = np.zeros((3, _DIGITS), np.int32)
-    for i in range(len(depth_keys)):
-        key = depth_keys[i]
-        if key != CULLED:
-            order[visible] = i
-            visible += 1
-            for digit in range(3):
-                histograms[digit, (key >> np.uint32(_DIGIT_BITS * digit)) & np.uint32(_DIGITS - 1)] += 1
-    source, target = order[:visible], scratch[:visible]
+    for cluster in clusters:
+        for i in range(cluster * CLUSTER, min((cluster + 1) * CLUSTER, len(depth_keys))):
+            key = depth_keys[i]
+            if key != CULLED:
+                visible[count] = i
+                count += 1
+                for digit in range(3):
+                    histograms[digit, (key >> np.uint32(_DIGIT_BITS * digit)) & np.uint32(_DIGITS - 1)] += 1
+    source, target, other = visible[:count], order[:count], scratch[:count]
     for digit in range(3):
         position = 0
         starts = histograms[digit]
         for value in range(_DIGITS):
-            count = starts[value]
+            number = starts[value]
             starts[value] = position
-            position += count
-        for rank in range(visible):
-            i = source[rank]
+            position += number
+        for i in source:
             value = (depth_keys[i] >> np.uint32(_DIGIT_BITS * digit)) & np.uint32(_DIGITS - 1)
             target[starts[value]] = i
             starts[value] += 1
-        source, target = target, source
-    return source
+        source, target, other = target, other, target
+    return visible[:count], source

@@ -77,6 +77,14 @@ def alpha_at(terms: ExponentTerms, dy: Floats, transmittance: Floats) -> tuple[F
 
 
 @part
+def pixels_inside(left: int, top: int, width: int, height: int, inside: np.ndarray) -> None:
+    """Write 1 for every pixel of a tile that lies inside the image, and 0 for the others."""
+    for row in range(TILE_HEIGHT):
+        for column in range(TILE_WIDTH):
+            inside[row * TILE_WIDTH + column] = 1.0 if top + row < height and left + column < width else 0.0
+
+
+@part
 def is_saturated(transmittance: np.ndarray) -> bool:
     """Whether no pixel of the tile takes any more contributions."""
     clearest = load(transmittance, 0)

@@ -40,9 +40,9 @@ def transposed_times(matrix: Matrix, vector: Vector) -> Vector:
 
 
 @inlined
-def axes_of(quaternion: np.ndarray) -> tuple[Vector, Vector, Vector]:
+def axes_of(quaternion: tuple[float, float, float, float]) -> tuple[Vector, Vector, Vector]:
     """The Gaussian's three axes in the world, the columns of the rotation of a unit quaternion w, x, y, z."""
-    w, x, y, z = float(quaternion[0]), float(quaternion[1]), float(quaternion[2]), float(quaternion[3])
+    w, x, y, z = quaternion
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
         (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)),

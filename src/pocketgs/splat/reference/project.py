@@ -17,6 +17,7 @@ from pocketgs.splat.constants import (
     LOW_PASS,
 )
 from pocketgs.splat.near_plane import near_plane
+from pocketgs.splat.quaternions import rotation_matrices
 from pocketgs.splat.reference.scene import Scene, SceneGradient
 
 
@@ -28,7 +29,8 @@ class Projection:
         means: (N, 2) centres in pixels.
         conics: (N, 2, 2) inverse covariances in 1/pixels².
         opacities: (N,) in (0, 1).
-        colours: (N, 3) RGB.
+        colours: (N, C) RGB, or whatever other channels are to be composited.
+        radii: (N, 2) half the width and height, in pixels, of where α is at least 1/255.
         depths: (N,) along the optical axis.
         visible: (N,) whether the Gaussian is drawn.
     """
@@ -37,29 +39,23 @@ class Projection:
     conics: np.ndarray
     opacities: np.ndarray
     colours: np.ndarray
+    radii: np.ndarray
     depths: np.ndarray
     visible: np.ndarray
 
 
 @dataclass(frozen=True)
 class ProjectionGradient:
-    """Gradient of the loss with respect to a `Projection`'s arrays, of the same shapes; `conics` symmetric."""
+    """Gradient of the loss with respect to a `Projection`'s arrays, of the same shapes; `conics` symmetric.
+
+    `absolute_means` (N, 2) sums the magnitudes of what every pixel adds to `means` (AbsGS, Ye et al. 2024, section 3).
+    """
 
     means: np.ndarray
     conics: np.ndarray
     opacities: np.ndarray
     colours: np.ndarray
-
-
-def rotation_matrices(quaternions: np.ndarray) -> np.ndarray:
-    """(N, 3, 3) rotations of (N, 4) quaternions w, x, y, z, normalised here."""
-    w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
+    absolute_means: np.ndarray
 
 
 def _slope_limits(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
@@ -84,11 +80,11 @@ def _jacobian(local: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray
     return jacobian, clamped != slopes
 
 
-def project(scene: Scene, camera: Camera) -> Projection:
+def project(scene: Scene, camera: Camera, near: float | None = None) -> Projection:
     """Project every Gaussian: Σ' = J W Σ Wᵀ Jᵀ + 0.3 I (3DGS, equation 5).
 
-    Gaussians before the scene's near plane, with an opacity under 1/255, with parameters that are not finite, thinner
-    than float32 can hold, or whose bounds at that opacity hold no pixel centre, are not visible.
+    Gaussians before the near plane, the scene's if none is given, with an opacity under 1/255, with parameters that are
+    not finite, thinner than float32 can hold, or whose bounds at that opacity hold no pixel centre, are not visible.
     """
     with np.errstate(all="ignore"):
         rotation, translation = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
@@ -112,11 +108,12 @@ def project(scene: Scene, camera: Camera) -> Projection:
         sound_colour = np.all(np.abs(colours) < BRIGHTEST, axis=1)
         sound_shape = np.linalg.det(covariances) > LEAST_DETERMINANT * covariances[:, 0, 0] * covariances[:, 1, 1]
         variances = np.stack([covariances[:, 0, 0], covariances[:, 1, 1]], axis=1)
-        in_front = local[:, 2] >= near_plane(scene.means)
+        in_front = local[:, 2] >= (near_plane(scene.means) if near is None else near)
         sound_shape &= np.all(variances < LARGEST_VARIANCE, axis=1)
         visible = finite & sound_shape & sound_colour & on_screen & in_front & (opacities >= ALPHA_MIN)
         covariances[~visible] = np.eye(2)
-    return Projection(means, np.linalg.inv(covariances), opacities, np.maximum(colours, 0.0), local[:, 2], visible)
+    colours = np.maximum(colours, 0.0)
+    return Projection(means, np.linalg.inv(covariances), opacities, colours, radii, local[:, 2], visible)
 
 
 def _directions(scene: Scene, camera: Camera) -> tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,7 @@ class Raster:
     """An image of the scene.
 
     Attributes:
-        image: (H, W, 3) RGB over the background.
+        image: (H, W, C) colour, or other channels, over the background.
         transmittance: (H, W) what of the background shows through; alpha is 1 - transmittance.
         depth: (H, W) Σ α_i T_i z_i; divided by alpha it is the expected depth.
     """
@@ -56,10 +56,10 @@ def rasterize(projection: Projection, camera: Camera, background: np.ndarray) ->
     Args:
         projection: from `project`.
         camera: gives the image's size.
-        background: (3,) RGB.
+        background: (C,) of each channel.
     """
     shape = (camera.height, camera.width)
-    image, depth, transmittance = np.zeros((*shape, 3)), np.zeros(shape), np.ones(shape)
+    image, depth, transmittance = np.zeros((*shape, len(background))), np.zeros(shape), np.ones(shape)
     for contribution in _front_to_back(projection, camera):
         alpha = np.where(transmittance >= TRANSMITTANCE_MIN, contribution.alpha, 0.0)
         weight = alpha * transmittance
@@ -70,7 +70,11 @@ def rasterize(projection: Projection, camera: Camera, background: np.ndarray) ->
 
 
 def rasterize_backward(
-    projection: Projection, camera: Camera, raster: Raster, d_image: np.ndarray
+    projection: Projection,
+    camera: Camera,
+    raster: Raster,
+    d_image: np.ndarray,
+    d_transmittance: np.ndarray | float = 0.0,
 ) -> ProjectionGradient:
     """Gradient of the loss with respect to the projected Gaussians.
 
@@ -82,10 +86,12 @@ def rasterize_backward(
         projection: as in the forward pass.
         camera: as in the forward pass.
         raster: the forward pass's result.
-        d_image: (H, W, 3) gradient with respect to `raster.image`.
+        d_image: (H, W, C) gradient with respect to `raster.image`.
+        d_transmittance: (H, W) gradient with respect to `raster.transmittance`, besides that through the background.
     """
     count = len(projection.means)
-    gradient = ProjectionGradient(np.zeros((count, 2)), np.zeros((count, 2, 2)), np.zeros(count), np.zeros((count, 3)))
+    shapes = ((count, 2), (count, 2, 2), (count,), (count, d_image.shape[2]), (count, 2))
+    gradient = ProjectionGradient(*(np.zeros(shape) for shape in shapes))
     transmittance = np.ones(d_image.shape[:2])
     behind = raster.image.copy()
     for contribution in _front_to_back(projection, camera):
@@ -95,6 +101,8 @@ def rasterize_backward(
         weight = alpha * transmittance
         behind -= weight[..., None] * colour
         d_alpha = np.sum(d_image * (transmittance[..., None] * colour - behind / (1.0 - alpha)[..., None]), axis=-1)
+        # T = Π (1 - α_j): every splat but this one stays as it is.
+        d_alpha -= d_transmittance * raster.transmittance / (1.0 - alpha)
         transmittance = transmittance - weight
         # α is flat where it is clamped or skipped.
         d_alpha = np.where((alpha > 0.0) & (alpha < ALPHA_MAX), d_alpha, 0.0)
@@ -102,7 +110,37 @@ def rasterize_backward(
         gradient.colours[index] = np.einsum("hw,hwc->c", weight, d_image)
         gradient.opacities[index] = np.sum(d_alpha * contribution.falloff)
         gradient.means[index] = conic @ np.einsum("hw,hwi->i", d_exponent, contribution.offsets)
+        per_pixel = d_exponent[..., None] * (contribution.offsets @ conic)
+        gradient.absolute_means[index] = np.abs(per_pixel).sum(axis=(0, 1))
         gradient.conics[index] = -0.5 * np.einsum(
             "hw,hwi,hwj->ij", d_exponent, contribution.offsets, contribution.offsets
         )
     return gradient
+
+
+@dataclass(frozen=True)
+class Contributions:
+    """What every Gaussian adds to the image: pixels that it touches, the largest and the summed α T, all (N,)."""
+
+    pixels: np.ndarray
+    largest: np.ndarray
+    summed: np.ndarray
+
+
+def contributions(projection: Projection, camera: Camera) -> tuple[Contributions, np.ndarray]:
+    """The contributions of Gaussians, and the (H, W) median depth.
+
+    The median depth is that of the splat which brings the transmittance below one half, 0 where none does.
+    """
+    count, shape = len(projection.means), (camera.height, camera.width)
+    found = Contributions(np.zeros(count, int), np.zeros(count), np.zeros(count))
+    transmittance, median = np.ones(shape), np.zeros(shape)
+    for contribution in _front_to_back(projection, camera):
+        index = contribution.index
+        alpha = np.where(transmittance >= TRANSMITTANCE_MIN, contribution.alpha, 0.0)
+        weight = alpha * transmittance
+        found.pixels[index] = np.count_nonzero(alpha)
+        found.largest[index], found.summed[index] = weight.max(), weight.sum()
+        median[(transmittance >= 0.5) & (transmittance - weight < 0.5)] = projection.depths[index]
+        transmittance = transmittance - weight
+    return found, median

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.reference.project import rotation_matrices
+from pocketgs.splat.quaternions import rotation_matrices
 
 SHRINKING = 1.6
 """Parts of a Gaussian that is split are smaller by this factor (3DGS, section 5.2)."""

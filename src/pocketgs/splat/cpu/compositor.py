@@ -1,0 +1,28 @@
+"""How splats that cover the same pixel come together: one rule is one object, and the tiles do not know which."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pocketgs.splat.cpu.rasterize import rasterize
+from pocketgs.splat.cpu.rasterize_backward import rasterize_backward
+
+
+@dataclass(frozen=True)
+class Compositor:
+    """A rule of compositing.
+
+    Attributes:
+        name: of the rule.
+        forward: a kernel with the arguments of `rasterize`.
+        replay: a kernel with the arguments of `rasterize_backward`.
+    """
+
+    name: str
+    forward: Callable[..., None]
+    replay: Callable[..., None]
+
+
+OVER = Compositor("over", rasterize, rasterize_backward)
+"""Front to back in order of depth: C = Σ c_i α_i T_i + T · background."""

@@ -1,0 +1,207 @@
+"""The rasterizer's operations in Numba: the kernels of a training step, with as many channels as are asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.cpu.bin import Binner, TileLists
+from pocketgs.splat.cpu.clusters import Clusters
+from pocketgs.splat.cpu.compositor import OVER, Compositor
+from pocketgs.splat.cpu.contributions import LARGEST, PIXELS, SUMMED, gather_contributions, inspect
+from pocketgs.splat.cpu.layout import (
+    COLOURS,
+    EXPONENT_XX,
+    EXPONENT_XY,
+    EXPONENT_YY,
+    FIRST_CHANNEL,
+    GRADIENT_LOG_SCALE,
+    GRADIENT_MEAN,
+    GRADIENT_OPACITY,
+    GRADIENT_ROTATION,
+    GRADIENT_SH,
+    LOG2_ALPHA_MIN,
+    LOG2_OPACITY,
+    View,
+)
+from pocketgs.splat.cpu.project import project
+from pocketgs.splat.cpu.project_backward import project_backward
+from pocketgs.splat.cpu.rasterize_backward import sums_per_entry
+from pocketgs.splat.cpu.sort import sort_by_depth
+from pocketgs.splat.cpu.statistics import STATISTICS
+from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
+from pocketgs.system.cores import kernel_threads
+
+_NO_STATISTICS = np.empty((0, STATISTICS), np.float32)
+
+
+@dataclass(frozen=True)
+class _Tape:
+    scene: Gaussians
+    sh: np.ndarray
+    view: View
+    channels: int
+    splats: np.ndarray
+    visible: np.ndarray
+    lists: TileLists
+    image: np.ndarray
+    transmittance: np.ndarray
+    drawn_ends: np.ndarray
+
+
+class CpuBackend:
+    """See `pocketgs.splat.rasterizer.Backend`.
+
+    Args:
+        threads: number of threads, or None for one per core that this process may use.
+        compositor: how splats come together.
+    """
+
+    dtype: type[np.floating[Any]] = np.float32
+
+    def __init__(self, threads: int | None = None, compositor: Compositor = OVER) -> None:
+        self._compositor = compositor
+        self.threads = kernel_threads(threads)
+
+    def forward(
+        self, parameters: Parameters, camera: Camera, near: float, colours: bool, channels: np.ndarray
+    ) -> Composite:
+        """Project → sort → bin → rasterize."""
+        numba.set_num_threads(self.threads)
+        scene = Gaussians(
+            parameters.means,
+            parameters.log_scales,
+            parameters.quaternions,
+            parameters.opacity_logits,
+            parameters.sh,
+        )
+        scene.quaternions = np.ascontiguousarray(scene.unit_quaternions)
+        sh = scene.sh if colours else np.empty((len(scene), 0, 3), np.float32)
+        view, count = View.of(camera), len(scene)
+        shown = COLOURS if colours else 0
+        composited = shown + channels.shape[1]
+        # The backward pass takes three channels at least.
+        splats = np.zeros((count, FIRST_CHANNEL + max(composited, COLOURS)), np.float32)
+        splats[:, FIRST_CHANNEL + shown : FIRST_CHANNEL + composited] = channels
+        depth_keys, buffers = np.zeros(count, np.uint32), np.zeros((3, count), np.int32)
+        clusters = Clusters(count).in_view(scene, view, near, self.threads)
+        project(
+            scene.means,
+            scene.log_scales,
+            scene.quaternions,
+            scene.opacity_logits,
+            sh,
+            view,
+            near,
+            clusters,
+            self.threads,
+            splats,
+            depth_keys,
+        )
+        visible, order = sort_by_depth(depth_keys, clusters, *buffers)
+        lists = Binner(self.threads).bin(splats, visible, order, view)
+        shape = (view.height, view.width)
+        image = np.empty((splats.shape[1] - FIRST_CHANNEL, *shape), np.float32)
+        transmittance, drawn_ends = np.empty(shape, np.float32), np.empty(view.tiles, np.int32)
+        background = np.zeros(len(image), np.float32)
+        self._compositor.forward(
+            splats, lists.entries, lists.ranges, background, self.threads, image, transmittance, drawn_ends
+        )
+        tape = _Tape(scene, sh, view, composited, splats, visible, lists, image, transmittance, drawn_ends)
+        return Composite(image[:composited], transmittance, visible, _radii(splats[visible]), tape)
+
+    def backward(
+        self, composite: Composite, d_image: np.ndarray, d_transmittance: np.ndarray, absolute: bool
+    ) -> CompositeGradient:
+        """Rasterize backward → project backward."""
+        numba.set_num_threads(self.threads)
+        tape: _Tape = composite.tape
+        scene, lists = tape.scene, tape.lists
+        d_channel_images = np.zeros_like(tape.image)
+        d_channel_images[: tape.channels] = d_image
+        row = sums_per_entry(len(tape.image))
+        entry_sums = np.empty(len(lists.entries) * row, np.float32)
+        self._compositor.replay(
+            tape.splats,
+            lists.entries,
+            lists.ranges,
+            tape.drawn_ends,
+            self.threads,
+            tape.image,
+            d_channel_images,
+            tape.transmittance,
+            d_transmittance,
+            absolute,
+            entry_sums,
+        )
+        count, coefficients = scene.sh.shape[:2]
+        gradients = np.zeros((count, GRADIENT_SH + 3 * coefficients), np.float32)
+        centres, channels = np.zeros((count, 4), np.float32), np.zeros((count, len(tape.image)), np.float32)
+        project_backward(
+            scene.means,
+            scene.log_scales,
+            scene.quaternions,
+            tape.sh,
+            tape.view,
+            self.threads,
+            tape.splats,
+            tape.visible,
+            lists.slots,
+            row,
+            entry_sums,
+            _NO_STATISTICS,
+            gradients,
+            centres,
+            channels,
+        )
+        return CompositeGradient(
+            gradients[:, GRADIENT_MEAN:GRADIENT_LOG_SCALE],
+            gradients[:, GRADIENT_LOG_SCALE:GRADIENT_ROTATION],
+            gradients[:, GRADIENT_ROTATION:GRADIENT_OPACITY],
+            gradients[:, GRADIENT_OPACITY],
+            gradients[:, GRADIENT_SH:].reshape(count, coefficients, 3),
+            channels[:, : tape.channels],
+            centres[:, :2],
+            centres[:, 2:],
+        )
+
+    def contributions(self, composite: Composite) -> Contributions:
+        """What every Gaussian adds to the image."""
+        tape: _Tape = composite.tape
+        by_entry, _ = self._inspected(tape)
+        found = np.zeros((len(tape.scene), 3), np.float32)
+        gather_contributions(tape.visible, tape.lists.slots, by_entry, found)
+        return Contributions(found[:, PIXELS].astype(np.int32), found[:, LARGEST].copy(), found[:, SUMMED].copy())
+
+    def median_depth(self, composite: Composite) -> np.ndarray:
+        """Depth of the Gaussian that brings the transmittance below one half."""
+        return self._inspected(composite.tape)[1]
+
+    def _inspected(self, tape: _Tape) -> tuple[np.ndarray, np.ndarray]:
+        numba.set_num_threads(self.threads)
+        by_entry = np.zeros((len(tape.lists.entries), 3), np.float32)
+        median = np.empty_like(tape.transmittance)
+        inspect(
+            tape.splats,
+            tape.lists.entries,
+            tape.lists.ranges,
+            tape.drawn_ends,
+            tape.view.width,
+            self.threads,
+            by_entry,
+            median,
+        )
+        return by_entry, median
+
+
+def _radii(splats: np.ndarray) -> np.ndarray:
+    """(V, 2) half the width and height of the ellipse of α = 1/255."""
+    a, b, c = splats[:, EXPONENT_XX], splats[:, EXPONENT_XY], splats[:, EXPONENT_YY]
+    reach = np.maximum(splats[:, LOG2_OPACITY] - LOG2_ALPHA_MIN, 0.0)
+    factor = -4.0 * reach / (4.0 * a * c - b * b)
+    return np.sqrt(np.stack([factor * c, factor * a], axis=1))

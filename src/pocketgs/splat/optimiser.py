@@ -1,0 +1,101 @@
+"""Loss and optimiser as pieces of their own, for training loops of one's own around a `Rasterizer`."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from pocketgs.errors import PocketGSError
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.parameters import ParameterLayout
+from pocketgs.splat.rasterizer import RasterGradient
+from pocketgs.splat.settings import AdamSettings, LearningRates, LossSettings
+from pocketgs.splat.store import ParameterStore
+from pocketgs.system.cores import kernel_threads
+
+
+def photometric_loss(
+    rgb: np.ndarray, photo: np.ndarray, settings: LossSettings | None = None, mask: np.ndarray | None = None
+) -> tuple[float, np.ndarray]:
+    """The loss of an image against its photograph, and its gradient.
+
+    Args:
+        rgb: (H, W, 3) float32, rendered.
+        photo: (H, W, 3) uint8.
+        settings: which loss; 0.8 L1 + 0.2 (1 - SSIM) if None. Its regularisers do not count here.
+        mask: (H, W) bool: pixels outside it do not count.
+
+    Returns:
+        The loss, and (H, W, 3) float32, its gradient with respect to `rgb`.
+
+    Raises:
+        PocketGSError: the images differ in shape, or the photograph is not of bytes.
+    """
+    from pocketgs.splat.cpu.loss import photometric
+
+    if rgb.shape != photo.shape or rgb.shape[2:] != (3,) or photo.dtype != np.uint8:
+        found = f"images of {rgb.shape} and {photo.dtype} {photo.shape}"
+        raise PocketGSError(f"loss: found {found}, expected (H, W, 3) and uint8 of that shape")
+    planes = np.ascontiguousarray(np.moveaxis(rgb, 2, 0), np.float32)
+    photo_planes = np.ascontiguousarray(np.moveaxis(photo, 2, 0))
+    inside = np.zeros((0, 0), np.bool_) if mask is None else np.array(mask, np.bool_, order="C")
+    gradient, row_losses = np.empty_like(planes), np.empty(planes.shape[:2], np.float32)
+    threads = kernel_threads(None)
+    numba.set_num_threads(threads)
+    photometric(planes, photo_planes, inside, settings or LossSettings(), threads, gradient, row_losses)
+    return float(row_losses.sum(dtype=np.float64)), np.ascontiguousarray(np.moveaxis(gradient, 0, 2))
+
+
+class Adam:
+    """Adam on Gaussians, each group of parameters in its own space and with its own rate.
+
+    Args:
+        gaussians: where to begin; copied.
+        settings: how gradients are averaged; `AdamSettings()` if None.
+    """
+
+    def __init__(self, gaussians: Gaussians, settings: AdamSettings | None = None) -> None:
+        self._store = ParameterStore(gaussians)
+        self._settings = settings or AdamSettings()
+        self._steps = 0
+
+    @property
+    def scene(self) -> Gaussians:
+        """The Gaussians as they stand, not copied: `step` writes to them."""
+        return self._store.scene
+
+    def step(self, gradient: RasterGradient, rates: LearningRates) -> None:
+        """Move against the gradient.
+
+        Args:
+            gradient: from `Rasterizer.backward`.
+            rates: step sizes by group; fields of a recipe, or one's own.
+        """
+        from pocketgs.splat.cpu.adam import adam
+        from pocketgs.splat.cpu.clusters import Clusters
+
+        store, settings, scene = self._store, self._settings, self._store.scene
+        parts = (gradient.means, gradient.log_scales, gradient.rotations, gradient.opacity_logits, gradient.sh)
+        rows = [np.reshape(part, (store.count, -1)) for part in parts]
+        np.concatenate(rows, axis=1, out=store.gradients)
+        self._steps += 1
+        threads = kernel_threads(None)
+        numba.set_num_threads(threads)
+        adam(
+            scene.means,
+            scene.log_scales,
+            scene.quaternions,
+            scene.opacity_logits,
+            scene.sh,
+            store.gradients,
+            store.first_moments,
+            store.second_moments,
+            ParameterLayout(scene.sh.shape[1]).rates_by_column(rates),
+            settings.beta1,
+            settings.beta2,
+            settings.epsilon,
+            self._steps,
+            settings.seen_only,
+            Clusters(store.count).all,
+            threads,
+        )

@@ -1,0 +1,35 @@
+"""Rotations of Gaussians: matrices, and gradients between their tangent spaces and the quaternions themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def rotation_matrices(quaternions: np.ndarray) -> np.ndarray:
+    """(N, 3, 3) rotations of (N, 4) quaternions w, x, y, z, normalised here; NaN where they cannot be."""
+    with np.errstate(all="ignore"):
+        w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def quaternion_gradient(quaternions: np.ndarray, d_rotations: np.ndarray) -> np.ndarray:
+    """(N, 4) gradient with respect to quaternions of any length, from that in their tangent spaces.
+
+    A unit quaternion moves by ½ q ⊗ (0, δ), and what lengthens it has no effect. So the gradient is 2 q ⊗ (0, d), over
+    the length twice: once to make q a unit, once for what normalising does to a step.
+
+    Args:
+        quaternions: (N, 4) w, x, y, z.
+        d_rotations: (N, 3) with respect to δ in q ← q ⊗ exp(½δ); where it is 0, so is the result.
+    """
+    w, v = quaternions[:, :1], quaternions[:, 1:]
+    with np.errstate(all="ignore"):
+        scalar = -np.sum(v * d_rotations, axis=1, keepdims=True)
+        product = np.concatenate([scalar, w * d_rotations + np.cross(v, d_rotations)], axis=1)
+        gradient = 2.0 * product / np.sum(quaternions**2, axis=1, keepdims=True)
+    return np.where(np.any(d_rotations != 0.0, axis=1, keepdims=True), gradient, 0.0)

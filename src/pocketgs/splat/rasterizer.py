@@ -1,0 +1,330 @@
+"""The renderer for other people's code: images of Gaussians, and gradients from images back to them.
+
+    rasterizer = pocketgs.Rasterizer()
+    seen = rasterizer.forward(scene, camera, ("rgb", "depth"))
+    gradients = rasterizer.backward(seen, rgb=d_rgb)
+
+Each output becomes some channels per Gaussian, and all channels are composited in one pass. `Backend` is what engines
+do for it; `splat/channels.py` turns outputs into channels and back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol, get_args
+
+import numpy as np
+
+from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.background import checked_background
+from pocketgs.splat.channels import Channels, channels_of
+from pocketgs.splat.near_plane import near_plane
+from pocketgs.splat.pose import matrix_gradient, pose_gradient
+from pocketgs.splat.quaternions import quaternion_gradient, rotation_matrices
+
+Output = Literal["rgb", "alpha", "depth", "median_depth", "normals", "features", "radii", "contributions"]
+OUTPUTS = get_args(Output)
+BLACK = (0.0, 0.0, 0.0)
+
+
+class Parameters(Protocol):
+    """What is rendered: `Gaussians`, or anything else with these arrays, such as a `ParameterStore`'s scene."""
+
+    means: np.ndarray
+    log_scales: np.ndarray
+    quaternions: np.ndarray
+    opacity_logits: np.ndarray
+    sh: np.ndarray
+
+
+@dataclass(frozen=True)
+class Contributions:
+    """What every Gaussian adds to an image.
+
+    Attributes:
+        pixels: (N,) int32, number of pixels that it touches.
+        largest: (N,) float32, largest α T of a pixel.
+        summed: (N,) float32, sum of α T over all pixels.
+    """
+
+    pixels: np.ndarray
+    largest: np.ndarray
+    summed: np.ndarray
+
+
+@dataclass(frozen=True)
+class Composite:
+    """An engine's images of channels, and what it needs to go back.
+
+    Attributes:
+        image: (C, H, W) Σ c_i α_i T_i.
+        transmittance: (H, W) what of a background shows through.
+        visible: (V,) indices of the Gaussians that are drawn, ascending.
+        radii: (V, 2) half the width and height, in pixels, of where α is at least 1/255.
+        tape: the engine's own.
+    """
+
+    image: np.ndarray
+    transmittance: np.ndarray
+    visible: np.ndarray
+    radii: np.ndarray
+    tape: Any
+
+
+@dataclass(frozen=True)
+class CompositeGradient:
+    """Gradient with respect to N Gaussians and their channels, 0 where they are not visible.
+
+    Attributes:
+        means, log_scales: (N, 3).
+        rotations: (N, 3) in the tangent space, q ← q ⊗ exp(½δ).
+        opacity_logits: (N,).
+        sh: (N, K, 3); zeros where colours were not composited.
+        channels: (N, C).
+        centres, absolute_centres: (N, 2) with respect to the centres on the image in pixels: summed over pixels, and
+            summed magnitudes, which are zeros unless asked for.
+    """
+
+    means: np.ndarray
+    log_scales: np.ndarray
+    rotations: np.ndarray
+    opacity_logits: np.ndarray
+    sh: np.ndarray
+    channels: np.ndarray
+    centres: np.ndarray
+    absolute_centres: np.ndarray
+
+
+class Backend(Protocol):
+    """What an engine does for a rasterizer."""
+
+    dtype: type[np.floating[Any]]
+    """Of the numbers that it computes with."""
+
+    def forward(
+        self, parameters: Parameters, camera: Camera, near: float, colours: bool, channels: np.ndarray
+    ) -> Composite:
+        """Composite colours (three channels, first), if they are asked for, and the (N, C) channels."""
+
+    def backward(
+        self, composite: Composite, d_image: np.ndarray, d_transmittance: np.ndarray, absolute: bool
+    ) -> CompositeGradient:
+        """From gradients with respect to `image` and `transmittance` to those of the Gaussians."""
+
+    def contributions(self, composite: Composite) -> Contributions:
+        """What every Gaussian adds to the image."""
+
+    def median_depth(self, composite: Composite) -> np.ndarray:
+        """(H, W) depth of the Gaussian that brings the transmittance below one half; 0 where none does."""
+
+
+@dataclass(frozen=True)
+class Raster:
+    """What a camera sees. Outputs that were not asked for are None.
+
+    Attributes:
+        rgb: (H, W, 3) colour over the background.
+        alpha: (H, W) coverage in [0, 1].
+        depth: (H, W) expected depth along the optical axis, Σ α_i T_i z_i / alpha; 0 where alpha is 0.
+        median_depth: (H, W) depth of the Gaussian that brings the transmittance below one half; 0 where none does. It
+            has no gradient.
+        normals: (H, W, 3) Σ α_i T_i n_i in the world's axes, n_i the unit vector along a Gaussian's shortest axis,
+            pointing to the camera's side.
+        features: (H, W, D) Σ α_i T_i f_i.
+        radii: (N, 2) half the width and height, in pixels, of where α is at least 1/255; 0 for what is not drawn.
+        contributions: by Gaussian.
+    """
+
+    rgb: np.ndarray | None
+    alpha: np.ndarray | None
+    depth: np.ndarray | None
+    median_depth: np.ndarray | None
+    normals: np.ndarray | None
+    features: np.ndarray | None
+    radii: np.ndarray | None
+    contributions: Contributions | None
+    _tape: _Tape
+
+
+@dataclass(frozen=True)
+class _Tape:
+    """What `backward` needs to know of `forward`."""
+
+    parameters: Parameters
+    camera: Camera
+    background: np.ndarray
+    channels: Channels
+    composite: Composite
+
+
+@dataclass(frozen=True)
+class RasterGradient:
+    """Gradient of a loss with respect to all that an image was made from; 0 where a Gaussian is not visible.
+
+    Attributes:
+        means, log_scales: (N, 3).
+        rotations: (N, 3) in the tangent space, q ← q ⊗ exp(½δ): what the engines' optimiser takes.
+        quaternions: (N, 4) with respect to the quaternions as they were given, of any length.
+        opacity_logits: (N,).
+        sh: (N, K, 3).
+        features: (N, D), or None.
+        background: (3,) RGB.
+        pose: (6,) with respect to ξ = (τ, ω) at 0, where world_to_camera becomes exp(ξ) world_to_camera: a shift along
+            the camera's axes, then a rotation vector about them. None unless asked for.
+        world_to_camera: (3, 4) the same as a gradient with respect to the matrix's upper rows.
+        centres: (N, 2) with respect to the centres on the image, in pixels.
+        absolute_centres: (N, 2) summed over pixels without their signs (AbsGS). None unless asked for.
+    """
+
+    means: np.ndarray
+    log_scales: np.ndarray
+    rotations: np.ndarray
+    quaternions: np.ndarray
+    opacity_logits: np.ndarray
+    sh: np.ndarray
+    features: np.ndarray | None
+    background: np.ndarray
+    pose: np.ndarray | None
+    world_to_camera: np.ndarray | None
+    centres: np.ndarray
+    absolute_centres: np.ndarray | None
+
+
+class Rasterizer:
+    """Renders Gaussians, and takes gradients of what it rendered back to them. It keeps nothing between calls.
+
+    Args:
+        engine: "cpu", or "reference", which computes in float64, readably and slowly.
+        threads: CPU threads, or None for one per core.
+
+    Raises:
+        PocketGSError: there is no such engine.
+    """
+
+    def __init__(self, engine: Literal["cpu", "reference"] = "cpu", threads: int | None = None) -> None:
+        self._backend: Backend
+        if engine == "cpu":
+            from pocketgs.splat.cpu.rasterizer import CpuBackend
+
+            self._backend = CpuBackend(threads)
+        elif engine == "reference":
+            from pocketgs.splat.reference.rasterizer import ReferenceBackend
+
+            self._backend = ReferenceBackend()
+        else:
+            raise PocketGSError(f"rasterizer: found engine {engine!r}, expected cpu or reference")
+
+    def forward(
+        self,
+        parameters: Parameters,
+        camera: Camera,
+        outputs: Sequence[Output] = ("rgb",),
+        *,
+        features: np.ndarray | None = None,
+        background: tuple[float, float, float] = BLACK,
+        near: float | None = None,
+    ) -> Raster:
+        """Render one view. Nothing is computed that was not asked for.
+
+        Args:
+            parameters: the Gaussians; not copied, so leave them as they are until `backward` has been called.
+            camera: from where.
+            outputs: any of OUTPUTS; see `Raster`.
+            features: (N, D) of any D, for the output of that name: features, or colours that come from elsewhere.
+            background: RGB behind the scene, of the output "rgb".
+            near: least depth of the centre of a Gaussian that is drawn; in proportion to the scene if None.
+
+        Raises:
+            PocketGSError: an output is not known, or features do not belong to the Gaussians.
+        """
+        unknown = [name for name in outputs if name not in OUTPUTS]
+        if unknown:
+            raise PocketGSError(f"rasterizer: found output {unknown[0]!r}, expected some of {', '.join(OUTPUTS)}")
+        channels = channels_of(parameters, camera, outputs, features, self._backend.dtype)
+        near = near_plane(parameters.means) if near is None else near
+        composite = self._backend.forward(parameters, camera, near, channels.rgb is not None, channels.values)
+        behind = np.array(checked_background(background), self._backend.dtype)
+        tape = _Tape(parameters, camera, behind, channels, composite)
+        images = channels.images(composite.image, composite.transmittance, behind)
+        return Raster(
+            images.rgb,
+            1.0 - composite.transmittance if "alpha" in outputs else None,
+            images.depth,
+            self._backend.median_depth(composite) if "median_depth" in outputs else None,
+            images.normals,
+            images.features,
+            _scattered(len(parameters.means), composite.visible, composite.radii) if "radii" in outputs else None,
+            self._backend.contributions(composite) if "contributions" in outputs else None,
+            tape,
+        )
+
+    def backward(
+        self,
+        raster: Raster,
+        *,
+        rgb: np.ndarray | None = None,
+        alpha: np.ndarray | None = None,
+        depth: np.ndarray | None = None,
+        normals: np.ndarray | None = None,
+        features: np.ndarray | None = None,
+        pose: bool = False,
+        absolute: bool = False,
+    ) -> RasterGradient:
+        """From gradients with respect to outputs to those with respect to what they were made from.
+
+        Args:
+            raster: what `forward` returned.
+            rgb: (H, W, 3) gradient with respect to the output of that name, as are those that follow; None counts as 0.
+            alpha: (H, W), whether or not that output was asked for.
+            depth: (H, W).
+            normals: (H, W, 3).
+            features: (H, W, D).
+            pose: whether to compute the gradient with respect to the camera's pose.
+            absolute: whether to sum the magnitudes of gradients with respect to centres on the image.
+
+        Raises:
+            PocketGSError: a gradient belongs to an output that was not asked for, or has another shape.
+        """
+        tape = raster._tape
+        channels, composite, parameters = tape.channels, tape.composite, tape.parameters
+        given = {"rgb": rgb, "depth": depth, "normals": normals, "features": features, "alpha": alpha}
+        d_image, d_transmittance = channels.d_images(
+            given, composite.image, composite.transmittance, tape.background, self._backend.dtype
+        )
+        found = self._backend.backward(composite, d_image, d_transmittance, absolute)
+        d_means = found.means + channels.d_means(found.channels, tape.camera)
+        d_pose = None
+        if pose:
+            seen = composite.visible
+            d_pose = pose_gradient(
+                tape.camera,
+                parameters.means[seen].astype(np.float64),
+                rotation_matrices(parameters.quaternions[seen].astype(np.float64)),
+                parameters.sh[seen],
+                d_means[seen],
+                found.rotations[seen],
+                found.sh[seen],
+            )
+        d_rotations = found.rotations + channels.d_rotations(found.channels)
+        return RasterGradient(
+            d_means,
+            found.log_scales,
+            d_rotations,
+            quaternion_gradient(parameters.quaternions, d_rotations).astype(self._backend.dtype),
+            found.opacity_logits,
+            found.sh,
+            None if channels.features is None else found.channels[:, channels.features],
+            np.zeros(3) if rgb is None else np.einsum("hw,hwc->c", composite.transmittance, rgb),
+            d_pose,
+            None if d_pose is None else matrix_gradient(tape.camera, d_pose),
+            found.centres,
+            found.absolute_centres if absolute else None,
+        )
+
+
+def _scattered(count: int, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+    array = np.zeros((count, *values.shape[1:]), values.dtype)
+    array[rows] = values
+    return array

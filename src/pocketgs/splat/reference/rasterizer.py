@@ -1,0 +1,79 @@
+"""The rasterizer's operations in the reference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import PARAMETERS
+from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
+from pocketgs.splat.reference.compositor import OVER, Compositor
+from pocketgs.splat.reference.project import Projection, project, project_backward
+from pocketgs.splat.reference.rasterize import Raster, contributions
+from pocketgs.splat.reference.scene import Scene
+
+
+@dataclass(frozen=True)
+class _Tape:
+    scene: Scene
+    camera: Camera
+    projection: Projection
+    raster: Raster
+    colours: int
+
+
+class ReferenceBackend:
+    """See `pocketgs.splat.rasterizer.Backend`."""
+
+    dtype: type[np.floating[Any]] = np.float64
+
+    def __init__(self, compositor: Compositor = OVER) -> None:
+        self._compositor = compositor
+
+    def forward(
+        self, parameters: Parameters, camera: Camera, near: float, colours: bool, channels: np.ndarray
+    ) -> Composite:
+        """Composite colours and channels."""
+        scene = Scene(*(np.asarray(getattr(parameters, name), np.float64) for name in PARAMETERS))
+        projection = project(scene, camera, near)
+        shown = 3 if colours else 0
+        values = np.concatenate([projection.colours[:, :shown], channels], axis=1)
+        projection = replace(projection, colours=values)
+        raster = self._compositor.forward(projection, camera, np.zeros(values.shape[1]))
+        visible = np.flatnonzero(projection.visible)
+        tape = _Tape(scene, camera, projection, raster, shown)
+        image = np.moveaxis(raster.image, 2, 0)
+        return Composite(image, raster.transmittance, visible, projection.radii[visible], tape)
+
+    def backward(
+        self, composite: Composite, d_image: np.ndarray, d_transmittance: np.ndarray, absolute: bool
+    ) -> CompositeGradient:
+        """From gradients of images to gradients of Gaussians."""
+        tape: _Tape = composite.tape
+        found = self._compositor.replay(
+            tape.projection, tape.camera, tape.raster, np.moveaxis(d_image, 0, 2), d_transmittance
+        )
+        d_colours = found.colours[:, :3] if tape.colours else np.zeros((len(found.means), 3))
+        scene = project_backward(tape.scene, tape.camera, tape.projection, replace(found, colours=d_colours))
+        return CompositeGradient(
+            scene.means,
+            scene.log_scales,
+            scene.rotations,
+            scene.opacity_logits,
+            scene.sh,
+            found.colours,
+            found.means,
+            found.absolute_means,
+        )
+
+    def contributions(self, composite: Composite) -> Contributions:
+        """What every Gaussian adds to the image."""
+        found, _ = contributions(composite.tape.projection, composite.tape.camera)
+        return Contributions(found.pixels, found.largest, found.summed)
+
+    def median_depth(self, composite: Composite) -> np.ndarray:
+        """Depth of the Gaussian that brings the transmittance below one half."""
+        return contributions(composite.tape.projection, composite.tape.camera)[1]

@@ -1,0 +1,40 @@
+"""Time by pass of a training step."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+
+
+class PassTimer:
+    """Collects the time of every pass: `engine.timer = PassTimer()`, and later `engine.timer.milliseconds`.
+
+    Attributes:
+        milliseconds: by the pass's name, of each time that it ran.
+    """
+
+    def __init__(self) -> None:
+        self.milliseconds: dict[str, list[float]] = defaultdict(list)
+        self._under_way = ""
+        self._began = 0.0
+
+    def begins(self, name: str) -> None:
+        """The pass of this name begins, and the one before it has ended."""
+        self.ends()
+        self._under_way, self._began = name, time.perf_counter()
+
+    def ends(self) -> None:
+        """The last pass has ended."""
+        if self._under_way:
+            self.milliseconds[self._under_way].append(1e3 * (time.perf_counter() - self._began))
+        self._under_way = ""
+
+
+class NoTimer(PassTimer):
+    """Collects nothing."""
+
+    def begins(self, name: str) -> None:
+        """Nothing."""
+
+    def ends(self) -> None:
+        """Nothing."""

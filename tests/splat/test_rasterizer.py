@@ -1,0 +1,222 @@
+"""The rasterizer: the reference's gradients against finite differences, the CPU's outputs and gradients against it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from scipy.spatial.transform import Rotation
+
+from pocketgs import Rasterizer
+from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import PARAMETERS, Gaussians
+from pocketgs.splat.rasterizer import OUTPUTS, Raster
+from pocketgs.splat.reference import project as reference_project
+from pocketgs.splat.reference import rasterize as reference_rasterize
+from pocketgs.splat.reference.adam import rotate
+from pocketgs.splat.reference.scene import Scene
+from splat.training_step import BACKGROUND, EDITS, a_million_off_screen, camera_in_front, with_hostile_numbers
+
+MakeGaussians = Callable[..., Gaussians]
+
+STEP = 1e-6
+DIFFERENTIABLE = ("rgb", "alpha", "depth", "normals", "features")
+GROUPS = ("means", "log_scales", "rotations", "quaternions", "opacity_logits", "sh", "features", "background", "pose")
+
+
+def weights_for(raster: Raster, names: tuple[str, ...] = DIFFERENTIABLE) -> dict[str, np.ndarray]:
+    """A gradient for each output. Depth counts only where something covers the pixel: it is divided by alpha."""
+    rng = np.random.default_rng(5)
+    weights = {name: rng.normal(size=getattr(raster, name).shape) for name in names}
+    if "depth" in weights:
+        weights["depth"] *= raster.alpha > 0.05
+    return weights
+
+
+@pytest.fixture
+def _no_cutoff(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The loss jumps where a contribution crosses 1/255: differences across the jump say nothing of the gradient."""
+    for module in (reference_project, reference_rasterize):
+        monkeypatch.setattr(module, "ALPHA_MIN", 1e-12)
+
+
+def moved(camera: Camera, twist: np.ndarray) -> Camera:
+    """The camera after its pose has been multiplied by exp(ξ), for a small ξ = (τ, ω)."""
+    change = np.eye(4)
+    change[:3, :3] = Rotation.from_rotvec(twist[3:]).as_matrix()
+    change[:3, 3] = twist[:3]
+    return replace(camera, world_to_camera=change @ camera.world_to_camera)
+
+
+@pytest.mark.usefixtures("_no_cutoff")
+@pytest.mark.parametrize(("outputs", "sh_degree"), [(DIFFERENTIABLE, 2), (("features",), 0), (("depth", "alpha"), 0)])
+def test_gradients_of_the_reference(
+    camera: Camera, make_gaussians: MakeGaussians, outputs: tuple[str, ...], sh_degree: int
+) -> None:
+    scene = Scene.of(make_gaussians(count=6, sh_degree=sh_degree, seed=3, size=0.3))
+    rasterizer = Rasterizer("reference")
+    start: dict[str, Any] = {"twist": np.zeros(6), "background": np.array(BACKGROUND), "tangents": np.zeros((6, 3))}
+    start |= {name: getattr(scene, name) for name in PARAMETERS}
+    start["features"] = np.random.default_rng(1).normal(size=(6, 5))
+
+    def render(inputs: dict[str, Any]) -> Raster:
+        parameters = Scene(*(inputs[name] for name in PARAMETERS))
+        parameters.quaternions = rotate(parameters.quaternions, inputs["tangents"])
+        if not np.any(inputs["tangents"]):
+            parameters.quaternions = inputs["quaternions"]
+        features = inputs["features"] if "features" in outputs else None
+        view = moved(camera, inputs["twist"])
+        return rasterizer.forward(parameters, view, outputs, features=features, background=tuple(inputs["background"]))
+
+    raster = render(start)
+    weights = weights_for(raster, outputs)
+    gradient = rasterizer.backward(raster, **weights, pose=True)
+
+    def loss(inputs: dict[str, Any]) -> float:
+        seen = render(inputs)
+        return float(sum(np.sum(getattr(seen, name) * weight) for name, weight in weights.items()))
+
+    inputs_of = {"rotations": "tangents", "pose": "twist"}
+    rng = np.random.default_rng(9)
+    for group in GROUPS:
+        analytic = getattr(gradient, group)
+        if analytic is None:
+            continue
+        indices = list(np.ndindex(analytic.shape))
+        for pick in rng.permutation(len(indices))[:18]:
+            values = []
+            for sign in (1.0, -1.0):
+                inputs = dict(start)
+                inputs[inputs_of.get(group, group)] = inputs[inputs_of.get(group, group)].copy()
+                inputs[inputs_of.get(group, group)][indices[pick]] += sign * STEP
+                values.append(loss(inputs))
+            expected = (values[0] - values[1]) / (2 * STEP)
+            error = abs(analytic[indices[pick]] - expected)
+            assert error < 1e-5 * np.abs(analytic).max() + 1e-6, (group, indices[pick])
+    assert np.abs(gradient.means).max() > 0
+
+
+@pytest.mark.usefixtures("_no_cutoff")
+def test_the_matrix_gradient_says_what_the_pose_gradient_does(camera: Camera, make_gaussians: MakeGaussians) -> None:
+    scene = Scene.of(make_gaussians(count=6, sh_degree=1, size=0.3))
+    rasterizer = Rasterizer("reference")
+    raster = rasterizer.forward(scene, camera)
+    gradient = rasterizer.backward(raster, **weights_for(raster, ("rgb",)), pose=True)
+    assert gradient.pose is not None
+    assert gradient.world_to_camera is not None
+    for k in range(6):
+        twist = np.zeros(6)
+        twist[k] = 1e-6
+        step = (moved(camera, twist).world_to_camera - moved(camera, -twist).world_to_camera)[:3] / 2e-6
+        assert np.sum(gradient.world_to_camera * step) == pytest.approx(gradient.pose[k], rel=1e-6, abs=1e-9)
+
+
+def every_output(engine: Any, gaussians: Gaussians, camera: Camera, features: np.ndarray) -> Raster:
+    return Rasterizer(engine).forward(gaussians, camera, OUTPUTS, features=features, background=BACKGROUND)
+
+
+@pytest.mark.parametrize(("count", "size", "channels"), [(1, 0.3, 1), (60, 0.15, 16), (400, 0.06, 40)])
+def test_the_cpu_agrees_with_the_reference(
+    camera: Camera, make_gaussians: MakeGaussians, count: int, size: float, channels: int
+) -> None:
+    gaussians = make_gaussians(count=count, sh_degree=2, size=size, seed=count)
+    features = np.random.default_rng(2).normal(size=(count, channels)).astype(np.float32)
+    found, expected = (every_output(engine, gaussians, camera, features) for engine in ("cpu", "reference"))
+    for name in (*DIFFERENTIABLE, "median_depth"):
+        one, other = getattr(found, name), getattr(expected, name)
+        solid = np.ones(one.shape, bool) if name != "depth" else expected.alpha > 0.05
+        # A contribution at the very edge of 1/255 may fall on either side, the median on the next splat.
+        assert np.mean(np.abs(one - other)[solid] > 2e-3) < 0.01, name
+    np.testing.assert_allclose(found.radii, expected.radii, rtol=1e-3, atol=1e-3)
+    assert found.contributions is not None
+    assert expected.contributions is not None
+    for field in fields(found.contributions):
+        one, other = (getattr(raster.contributions, field.name) for raster in (found, expected))
+        assert np.quantile(np.abs(one - other), 0.95) <= 2e-3 * max(1.0, other.max()), field.name
+
+    weights = weights_for(expected)
+    d_found, d_expected = (
+        Rasterizer(engine).backward(raster, **weights, pose=True, absolute=True)
+        for engine, raster in (("cpu", found), ("reference", expected))
+    )
+    for field in fields(d_expected):
+        one, other = getattr(d_found, field.name), getattr(d_expected, field.name)
+        scale = np.abs(other).max()
+        assert one.shape == other.shape, field.name
+        assert np.quantile(np.abs(one - other), 0.99 if one.size > 100 else 1.0) < 5e-3 * scale, field.name
+
+
+def test_same_bits_on_any_number_of_threads(make_gaussians: MakeGaussians) -> None:
+    camera = camera_in_front(90, 70, 90.0)
+    gaussians = make_gaussians(count=1500, sh_degree=1, size=0.06)
+    features = np.random.default_rng(2).normal(size=(1500, 6)).astype(np.float32)
+    results = []
+    for threads in (1, 2):
+        rasterizer = Rasterizer("cpu", threads)
+        raster = rasterizer.forward(gaussians, camera, OUTPUTS, features=features)
+        weights = weights_for(raster)
+        results.append((raster, rasterizer.backward(raster, **weights, pose=True, absolute=True)))
+    (one, d_one), (other, d_other) = results
+    for name in (*DIFFERENTIABLE, "median_depth", "radii"):
+        assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
+    for field in fields(d_one):
+        assert getattr(d_one, field.name).tobytes() == getattr(d_other, field.name).tobytes(), field.name
+
+
+def test_what_is_asked_for_does_not_change_the_rest(camera: Camera, make_gaussians: MakeGaussians) -> None:
+    gaussians = make_gaussians(count=80)
+    features = np.ones((80, 20), np.float32)
+    alone = Rasterizer("cpu").forward(gaussians, camera)
+    assert alone.alpha is None
+    assert alone.contributions is None
+    together = every_output("cpu", gaussians, camera, features)
+    np.testing.assert_allclose(together.rgb - alone.rgb, (1.0 - together.alpha)[..., None] * BACKGROUND, atol=1e-6)
+
+
+def test_nothing_to_see(make_gaussians: MakeGaussians) -> None:
+    camera = camera_in_front(20, 10, 20.0)
+    for gaussians in (make_gaussians(count=0), a_million_off_screen().select(np.arange(50))):
+        features = np.ones((len(gaussians), 2))
+        raster = every_output("cpu", gaussians, camera, features)
+        assert raster.alpha is not None
+        assert raster.alpha.max() == 0.0
+        assert np.all(raster.rgb == np.array(BACKGROUND, np.float32))
+        gradient = Rasterizer("cpu").backward(raster, **weights_for(raster), pose=True, absolute=True)
+        assert not np.any(gradient.means)
+        assert not np.any(gradient.pose)
+
+
+@settings(max_examples=25, deadline=None)
+@given(EDITS)
+def test_hostile_numbers_leave_images_and_gradients_finite(edits: list[tuple[int, float]]) -> None:
+    gaussians, camera = with_hostile_numbers(edits), camera_in_front(33, 21, 30.0)
+    raster = every_output("cpu", gaussians, camera, np.ones((20, 2)))
+    for name in (*DIFFERENTIABLE, "median_depth", "radii"):
+        assert np.all(np.isfinite(getattr(raster, name))), name
+    gradient = Rasterizer().backward(raster, **weights_for(raster), pose=True, absolute=True)
+    drawn = np.any(raster.radii > 0, axis=1)
+    for name in ("means", "log_scales", "rotations", "quaternions", "opacity_logits", "sh", "features"):
+        assert not np.any(getattr(gradient, name)[~drawn]), name
+
+
+def test_mistakes_are_named(camera: Camera, make_gaussians: MakeGaussians) -> None:
+    gaussians = make_gaussians(count=4)
+    with pytest.raises(PocketGSError, match="'cuda', expected cpu or reference"):
+        Rasterizer("cuda")  # type: ignore[arg-type]
+    rasterizer = Rasterizer()
+    with pytest.raises(PocketGSError, match="output 'colour', expected some of rgb"):
+        rasterizer.forward(gaussians, camera, ("colour",))  # type: ignore[arg-type]
+    with pytest.raises(PocketGSError, match="belong together"):
+        rasterizer.forward(gaussians, camera, ("features",))
+    with pytest.raises(PocketGSError, match=r"shape \(3, 2\), expected \(4, D\)"):
+        rasterizer.forward(gaussians, camera, ("features",), features=np.ones((3, 2)))
+    raster = rasterizer.forward(gaussians, camera)
+    with pytest.raises(PocketGSError, match="gradient of depth, which was not among the outputs"):
+        rasterizer.backward(raster, depth=np.zeros((29, 37)))
+    with pytest.raises(PocketGSError, match=r"gradient of rgb has shape \(29, 37\), expected \(29, 37, 3\)"):
+        rasterizer.backward(raster, rgb=np.zeros((29, 37)))
