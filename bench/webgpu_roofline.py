@@ -73,7 +73,7 @@ def measure_roofline(device: Any, is_software: bool) -> Roofline:
     """Measure a device.
 
     Args:
-        device: from `open_device`.
+        device: from `shared_device`.
         is_software: whether the CPU does the work; it is given less.
     """
     kind = "software" if is_software else "gpu"

@@ -14,6 +14,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from statistics import median
 from typing import Annotated, Literal
 
 import tyro
@@ -22,22 +23,17 @@ from rich.console import Console
 from cpu_step import random_scene
 from pocketgs.capture import Frame
 from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.gpu.adapters import TIMESTAMPS, choose_adapter
+from pocketgs.gpu.device import shared_device
+from pocketgs.gpu.timing import milliseconds_to_wait
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Accumulation, EngineOptions, Precision, Replay
 from pocketgs.splat.settings import StepSettings
-from pocketgs.splat.webgpu.adapters import choose_adapter, open_device
 from pocketgs.splat.webgpu.engine import WebGpuEngine
 from pocketgs.training.loop import train
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.preparation import prepare
 from pocketgs.training.recipes import recipe_named
-from webgpu_passes import (
-    TIMESTAMPS,
-    engine_to_time,
-    is_timed_by_device,
-    milliseconds_of_waiting,
-    timed_passes,
-)
 from webgpu_roofline import measure_roofline
 from webgpu_tables import (
     CHOICES,
@@ -86,7 +82,7 @@ def main(
     """
     console = Console(width=180, highlight=False)
     adapter = choose_adapter(gpu)
-    roofline = measure_roofline(open_device(adapter), adapter.is_software)
+    roofline = measure_roofline(shared_device(adapter), adapter.is_software)
     console.print(
         f"{adapter.name}, {adapter.backend}, {adapter.driver}{' (software)' if adapter.is_software else ''}: "
         f"copies at {roofline.bytes_per_second / 1e9:,.1f} GB/s, {roofline.flops_per_second / 1e9:,.0f} GFLOP/s",
@@ -155,7 +151,7 @@ def work_of(scene: Scene, options: EngineOptions) -> Work:
 def measure(scene: Scene, options: EngineOptions, work: Work, steps: int, console: Console) -> Measurement:
     """Time steps on a scene."""
     gaussians, frames = scene
-    engine = engine_to_time(options)
+    engine = WebGpuEngine(options)
     engine.prepare()
     engine.set_views(frames)
     engine.upload(gaussians)
@@ -167,12 +163,14 @@ def measure(scene: Scene, options: EngineOptions, work: Work, steps: int, consol
         engine.step(step % len(frames), _settings())
     engine.loss()
     milliseconds = 1e3 * (time.perf_counter() - started) / steps
-    with timed_passes(engine) as passes:
+    with engine.executor.timed() as passes:
         for step in range(steps):
             engine.step(step % len(frames), _settings())
         engine.loss()
-    if not is_timed_by_device(engine):
-        console.print(f"waiting for nothing takes {milliseconds_of_waiting(engine):.3f} ms, included in every pass")
+    if not engine.executor.has_timestamps:
+        device = engine.executor.device
+        waiting = median(milliseconds_to_wait(device, lambda encoder: None) for _ in range(20))
+        console.print(f"waiting for nothing takes {waiting:.3f} ms, included in every pass")
     return Measurement(options, passes, milliseconds, engine.memory(), work)
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 from rich.table import Table
 
+from pocketgs.gpu.timing import PassTimes
 from pocketgs.splat.engine import EngineOptions
-from webgpu_passes import PassTimes
 from webgpu_roofline import Roofline
 from webgpu_work import Work
 

@@ -13,12 +13,14 @@ import numpy as np
 from numba import njit, prange
 
 from pocketgs.capture import Frame
+from pocketgs.gpu.sizes import Symbols, ceil_div, evaluate
+from pocketgs.gpu.workgroups import BLOCK, DIGIT_BITS
 from pocketgs.splat.constants import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.engine import WebGpuEngine
-from pocketgs.splat.webgpu.passes import BLOCK, DIGIT_BITS, RECORD_BYTES, SPLAT_BYTES, TILE
-from pocketgs.splat.webgpu.sizes import Symbols, ceil_div, evaluate
+from pocketgs.splat.webgpu.layout import TILE
+from pocketgs.splat.webgpu.passes import RECORD_BYTES, SPLAT_BYTES
 
 TILE_PIXELS = TILE * TILE
 LOG2_ALPHA_MIN = float(np.log2(ALPHA_MIN))
@@ -31,9 +33,9 @@ TRAFFIC = {
     "count digits of depth_keys": ("depth_digits * 4 * gaussians", "depth_digits * 64 * blocks"),
     "place depth_keys": ("depth_digits * 64 * blocks", "depth_digits * 64 * blocks"),
     "scatter depth_keys": ("depth_digits * (8 * gaussians + 64 * blocks)", "depth_digits * 8 * gaussians"),
-    "sum tile counts": ("8 * gaussians", "4 * blocks"),
-    "place blocks": ("4 * blocks", "4 * blocks"),
-    "place entries": ("8 * gaussians + 4 * blocks", "4 * gaussians"),
+    "sum blocks of tile_counts": ("8 * gaussians", "4 * blocks"),
+    "place blocks of tile_counts": ("4 * blocks", "4 * blocks"),
+    "place tile_counts": ("8 * gaussians + 4 * blocks", "4 * gaussians"),
     "emit": ("4 * gaussians + (4 + splat_bytes) * visible", "12 * listed"),
     "count digits of tile_keys": ("tile_digits * 4 * listed", "tile_digits * 64 * listed_blocks"),
     "place tile_keys": ("tile_digits * 64 * listed_blocks", "tile_digits * 64 * listed_blocks"),
@@ -50,6 +52,9 @@ TRAFFIC = {
         "4 * gaussians + (48 + 12 * coefficients + splat_bytes) * visible + 36 * rows_read",
         "4 * columns * visible",
     ),
+    "collect statistics": ("4 * gaussians + (20 + splat_bytes) * visible + 36 * rows_read", "12 * visible"),
+    "write error": ("20 * pixels", "16 * pixels"),
+    "collect errors": ("4 * gaussians + 12 * visible + 36 * rows_read", "4 * visible"),
     "regularise": ("32 * gaussians", "16 * gaussians"),
     "adam": (
         "(12 * columns + 44 + 12 * coefficients) * gaussians",
@@ -155,7 +160,8 @@ def count_work(engine: WebGpuEngine, frames: Sequence[Frame], settings: StepSett
 def _count_view(engine: WebGpuEngine, view: int, frame: Frame, settings: StepSettings) -> Work:
     engine.step(view, settings)
     engine.loss()
-    read, camera, count = engine._replayer.read, frame.camera, engine._extent.gaussians
+    read, camera = engine.executor.read, frame.camera
+    count = len(engine.download())
     tiles = ceil_div(camera.width, TILE) * ceil_div(camera.height, TILE)
     starts = read("tile_starts", np.uint32, tiles + 1)
     listed = int(read("entry_count", np.uint32, 1)[0])

@@ -17,7 +17,7 @@ from plyfile import PlyData, PlyElement
 from missing import unavailable
 from pocketgs.capture import Capture
 from pocketgs.capture.synthetic import true_capture
-from pocketgs.splat.webgpu.adapters import Adapter, adapters
+from pocketgs.gpu.adapters import Adapter, adapters
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -83,17 +83,18 @@ ROOMS = {
     "files": "errors system",
     "geometry": "errors",
     "scene": "errors files geometry",
+    "gpu": "errors",
     "capture": "errors files geometry scene system",
     "structure_from_motion": "capture errors files geometry scene system",
     "prior": "capture errors geometry scene system",
-    "splat": "capture errors geometry scene system",
+    "splat": "capture errors geometry gpu scene system",
     "metrics": "errors splat",
     "training": "capture errors geometry metrics prior scene splat structure_from_motion system",
     "results": "capture errors files geometry metrics prior scene splat system training",
-    "viewer": "capture errors files geometry results scene splat system training",
+    "viewer": "capture errors files geometry gpu results scene splat system training",
     "bench": "capture errors files results scene system training",
-    "cli": "bench capture errors files geometry metrics prior results scene splat structure_from_motion system training"
-    " viewer",
+    "cli": "bench capture errors files geometry gpu metrics prior results scene splat structure_from_motion system"
+    " training viewer",
 }
 """The rooms of the house, each below those that follow, and which others each may import."""
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from pocketgs.cli.devices import FEATURES, NO_ADAPTER, device_lines
-from pocketgs.splat.webgpu.adapters import NEEDED, Adapter, adapters, has_gpu
+from pocketgs.gpu.adapters import NEEDED, Adapter, adapters, has_gpu
 
 LIMITS = {**NEEDED, "max-buffer-size": 2_000_000_000, "max-storage-buffer-binding-size": 1_000_000_000}
 

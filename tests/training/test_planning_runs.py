@@ -17,8 +17,8 @@ import pytest
 from missing import unavailable
 from pocketgs.capture import list_capture
 from pocketgs.errors import PocketGSError
+from pocketgs.gpu.adapters import adapters
 from pocketgs.results.run import run
-from pocketgs.splat.webgpu.adapters import adapters
 from pocketgs.system import freed_memory
 from pocketgs.system.compile import is_compiled
 from pocketgs.training.options import TrainingOptions

@@ -99,7 +99,7 @@ def test_values_for_the_shaders_are_those_of_python(visit: Visit, cameras: list[
     described["world_to_camera"] = camera.world_to_camera.reshape(-1).tolist()
     found = visit.page.evaluate(
         """async ([camera, background, symbols]) => {
-            const { viewValues } = await import(new URL("page/view_values.js", document.baseURI));
+            const { viewValues } = await import(new URL("page/drawing/view_values.js", document.baseURI));
             return viewValues(camera, background, 0.25, symbols);
         }""",
         [described, BACKGROUND, symbols],

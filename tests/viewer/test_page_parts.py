@@ -22,7 +22,7 @@ from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.webgpu.scene_columns import to_columns
 
 READ = """async ([name, content]) => {
-    const { readScene } = await import(new URL("page/scene_file.js", document.baseURI));
+    const { readScene } = await import(new URL("page/formats/scene_file.js", document.baseURI));
     const bytes = Uint8Array.from(atob(content), (character) => character.charCodeAt(0));
     const shares = [];
     const scene = await readScene(name, new Blob([bytes]).stream(), bytes.length, (share) => shares.push(share));
@@ -47,7 +47,7 @@ def read(page: Page, name: str, content: bytes) -> tuple[np.ndarray, np.ndarray,
 
 
 READ_PARTS = """async ([name, content]) => {
-    const { readScene } = await import(new URL("page/scene_file.js", document.baseURI));
+    const { readScene } = await import(new URL("page/formats/scene_file.js", document.baseURI));
     const bytes = Uint8Array.from(atob(content), (character) => character.charCodeAt(0));
     const parts = [];
     const onPart = (scene, count) => parts.push([count, Array.from(scene.column(0).subarray(0, count))]);
@@ -182,7 +182,7 @@ def test_page_unpacks_zstandard(page: Page, content: bytes, level: int, has_chec
     options = {parameters.compression_level: level, parameters.checksum_flag: int(has_checksum)}
     found = page.evaluate(
         """async ([packed, size]) => {
-            const { unpackZstd } = await import(new URL("page/zstd.js", document.baseURI));
+            const { unpackZstd } = await import(new URL("page/formats/zstd.js", document.baseURI));
             return Array.from(unpackZstd(Uint8Array.from(packed), size));
         }""",
         [list(spz.zstd.compress(content, options=options)), len(content)],
@@ -191,7 +191,7 @@ def test_page_unpacks_zstandard(page: Page, content: bytes, level: int, has_chec
 
 
 LOOP = """async (milliseconds) => {
-    const { FrameLoop } = await import(new URL("page/frame_loop.js", document.baseURI));
+    const { FrameLoop } = await import(new URL("page/drawing/frame_loop.js", document.baseURI));
     const pause = (time) => new Promise((resolve) => setTimeout(resolve, time));
     const shares = [];
     const draw = async (share) => {
@@ -224,7 +224,7 @@ def test_resolution_drops_only_while_slow_frames_move(page: Page, milliseconds: 
 
 
 PACE = """async () => {
-    const { paced } = await import(new URL("page/pace.js", document.baseURI));
+    const { paced } = await import(new URL("page/live/pace.js", document.baseURI));
     const happened = [];
     let done;
     const act = (...given) => {

@@ -23,7 +23,7 @@ CAMERA = Camera(40, 30, 30.0, 30.0, 20.7, 14.2, np.eye(4))
 DRAW = """async ([shape, sh, counts, camera, share, background]) => {
     const load = (name) => import(new URL(`page/${name}.js`, document.baseURI));
     const [{ GaussianColumns }, { Points }, { PointImage }] = await Promise.all(
-        ["gaussian_columns", "points", "point_image"].map(load),
+        ["scene/gaussian_columns", "drawing/points", "drawing/point_image"].map(load),
     );
     const scene = new GaussianColumns(shape[0].length, 1);
     scene.shape.set(shape.flat());

@@ -68,7 +68,7 @@ def test_points_stay_where_the_gpu_cannot_hold_the_scene(browser: Browser, url: 
     """It is told, but not again of the next scene."""
     assert content.scene
     with visiting(browser, url, WIDTH, HEIGHT, script=small_gpu(1000)) as visit:
-        expect(visit["#message-text"]).to_contain_text("expected fewer Gaussians", timeout=PATIENCE)
+        expect(visit["#message-text"]).to_contain_text("expected a smaller scene", timeout=PATIENCE)
         expect_points_only(visit)
         picture = visit.picture()
         assert psnr(visit.seen(), picture) > 40
@@ -98,7 +98,7 @@ def test_points_show_what_the_gpu_cannot_hold_until_a_scene_comes_that_it_can(
         visit.until_drawn()
         expect(visit["#points"]).to_be_hidden()
         visit.drop("large.splat", (tmp_path / "large.splat").read_bytes())
-        expect(visit["#message-text"]).to_contain_text("expected fewer Gaussians", timeout=PATIENCE)
+        expect(visit["#message-text"]).to_contain_text("expected a smaller scene", timeout=PATIENCE)
         expect(visit["#title"]).to_have_text("large.splat")
         expect_points_only(visit)
         expect(visit["#stats"]).to_contain_text("80,000 splats")
@@ -163,7 +163,7 @@ def test_pictures_are_shown_with_no_other_message(browser: Browser, url: str) ->
         expect(visit["#previews"]).to_be_hidden()
         visit["#message-close"].click()
         show = """async (previews) => {
-            const { showPreviews } = await import(new URL("page/messages.js", document.baseURI));
+            const { showPreviews } = await import(new URL("page/messages/messages.js", document.baseURI));
             showPreviews(previews);
         }"""
         visit.page.evaluate(show, [])

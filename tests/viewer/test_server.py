@@ -27,7 +27,7 @@ from pocketgs.viewer.live import LiveRun
 from pocketgs.viewer.server import Page, serving
 from viewer.client import fetch, origin_of
 
-PATHS = ["", "page/main.js", "webgpu/replay.js", "passes.json", "viewer.json", "scene.ply", "photos/0.jpg", "live", "x"]
+PATHS = ["", "page/main.js", "gpu/executor.js", "passes.json", "viewer.json", "scene.ply", "photos/0.jpg", "live", "x"]
 
 
 @pytest.fixture(scope="module")
@@ -102,11 +102,14 @@ def test_scene_comes_as_it_is(page: Page, folder: Path) -> None:
 def test_modules_and_passes(page: Page, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "index.html").write_text("<!doctype html>")
     (tmp_path / "main.js").write_text("export {};")
+    (tmp_path / "drawing").mkdir()
+    (tmp_path / "drawing" / "renderer.js").write_text("export {};")
     monkeypatch.setattr(pocketgs.viewer.routes, "PAGE", tmp_path)
     for path, kind in {
         "": "text/html",
         "page/main.js": "text/javascript",
-        "webgpu/replay.js": "text/javascript",
+        "page/drawing/renderer.js": "text/javascript",
+        "gpu/executor.js": "text/javascript",
     }.items():
         answer = fetch(page.url, path)
         assert answer.status == 200, path
@@ -115,7 +118,7 @@ def test_modules_and_passes(page: Page, monkeypatch: pytest.MonkeyPatch, tmp_pat
         expected = describe(Variant(appearance=appearance), training=False).to_json()
         assert fetch(page.url, f"passes.json?appearance={appearance}").json == json.loads(json.dumps(expected))
     assert fetch(page.url, "passes.json").json == fetch(page.url, "passes.json?appearance=splats").json
-    for path in ("passes.json?appearance=cubes", "page/main.ts", "webgpu/engine.py", "webgpu/shaders", "live"):
+    for path in ("passes.json?appearance=cubes", "page/main.ts", "page/drawing", "gpu/sort.py", "gpu/shaders", "live"):
         assert fetch(page.url, path).status == 404, path
 
 
@@ -136,7 +139,7 @@ def test_without_the_token(page: Page, path: str) -> None:
 
 
 @pytest.mark.parametrize("climb", ["..", "%2e%2e", "%2E.", "..%2f..", "..%5c", "..\\", "%252e%252e", "/etc", "%2fetc"])
-@pytest.mark.parametrize("start", ["", "page/", "webgpu/", "previews/"])
+@pytest.mark.parametrize("start", ["", "page/", "page/drawing/", "gpu/", "previews/"])
 def test_paths_that_climb(page: Page, folder: Path, start: str, climb: str) -> None:
     for name in ("secret.png", "toys.ply", "passwd", "engine.py", "server.py"):
         path = f"{start}{climb}/{name}" if not climb.startswith("/") else f"{start}{folder}/{name}"
@@ -227,7 +230,7 @@ def test_strangers_names(page: Page) -> None:
 
 
 def test_headers(page: Page) -> None:
-    for path in ("viewer.json", "scene.ply", "webgpu/replay.js", "x"):
+    for path in ("viewer.json", "scene.ply", "gpu/executor.js", "x"):
         headers = fetch(page.url, path).headers
         assert headers["Cache-Control"] == "no-store"
         assert headers["X-Content-Type-Options"] == "nosniff"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pocketgs.splat.webgpu.adapters import Adapter
+from pocketgs.gpu.adapters import Adapter
 
 FEATURES = ("subgroup", "shader-f16", "shader-float32-atomic", "timestamp-query")
 """Optional features that make a difference to speed, memory or measurement; the engine needs none of them."""

@@ -50,8 +50,8 @@ def _path_lines(path: Path, reading: CaptureOptions) -> list[str]:
 
 def _device_lines() -> list[str]:
     # Loading the engines takes longer than all else that this command does.
+    from pocketgs.gpu.adapters import adapters
     from pocketgs.splat.cpu.engine import CpuEngine
-    from pocketgs.splat.webgpu.adapters import adapters
 
     return device_lines(adapters(), CpuEngine().threads)
 

@@ -35,3 +35,8 @@ SSIM_SIGMA = 1.5
 SSIM_C1 = 0.01**2
 SSIM_C2 = 0.03**2
 """Window and stabilising constants of SSIM for colours in [0, 1] (Wang et al. 2004, section III-B)."""
+
+NOISE_STEEPNESS = 100.0
+NOISE_THRESHOLD = 0.005
+"""Noise on positions fades at an opacity of 0.005, as steeply as σ(-100 (o - 0.005)) (Kheradmand et al. 2024,
+equation 8)."""

@@ -193,6 +193,6 @@ def create_engine(options: EngineOptions | None = None) -> Engine:
 
 
 def _has_gpu() -> bool:
-    from pocketgs.splat.webgpu.adapters import has_gpu
+    from pocketgs.gpu.adapters import has_gpu
 
     return has_gpu()

@@ -12,7 +12,7 @@ from typing import BinaryIO, get_args
 from aiohttp import web
 from aiohttp.typedefs import Middleware
 
-import pocketgs.splat.webgpu
+import pocketgs.gpu
 import pocketgs.viewer
 from pocketgs.files.opening import open_in_place
 from pocketgs.splat.webgpu.passes import Appearance, Variant, describe
@@ -22,7 +22,7 @@ from pocketgs.viewer.following import Followers
 from pocketgs.viewer.live import LiveRun
 
 PAGE = Path(pocketgs.viewer.__file__).parent / "page"
-REPLAYER = Path(pocketgs.splat.webgpu.__file__).parent
+EXECUTOR = Path(pocketgs.gpu.__file__).parent
 
 CHUNK = 1 << 18
 TYPES = {
@@ -68,8 +68,8 @@ def application(access: Access, content: Callable[[], Content], run: LiveRun | N
         known.on_shutdown.append(routes.followers.dismiss)
     handlers: dict[str, Handler] = {
         "/": routes.index,
-        "/page/{name}": routes.page_file,
-        "/webgpu/{name}": routes.replayer_file,
+        "/page/{name:.+}": routes.page_file,
+        "/gpu/{name}": routes.executor_file,
         "/passes.json": routes.passes,
         "/viewer.json": routes.viewer,
         "/photos/{number:\\d{1,6}}.jpg": routes.photo,
@@ -108,7 +108,7 @@ async def _add_headers(_: web.Request, response: web.StreamResponse) -> None:
 
 
 class _Routes:
-    """A method a route."""
+    """A method per route."""
 
     def __init__(self, content: Callable[[], Content], run: LiveRun | None) -> None:
         self._content = content
@@ -118,10 +118,11 @@ class _Routes:
         return await _file(request, PAGE / "index.html")
 
     async def page_file(self, request: web.Request) -> web.StreamResponse:
-        return await _file_named(request, {path.name: path for path in PAGE.iterdir() if path.is_file()})
+        files = (path for path in PAGE.rglob("*") if path.is_file())
+        return await _file_named(request, {path.relative_to(PAGE).as_posix(): path for path in files})
 
-    async def replayer_file(self, request: web.Request) -> web.StreamResponse:
-        return await _file_named(request, {path.name: path for path in REPLAYER.glob("*.js")})
+    async def executor_file(self, request: web.Request) -> web.StreamResponse:
+        return await _file_named(request, {path.name: path for path in EXECUTOR.glob("*.js")})
 
     async def passes(self, request: web.Request) -> web.StreamResponse:
         known: tuple[Appearance, ...] = get_args(Appearance)

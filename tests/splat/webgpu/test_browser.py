@@ -15,20 +15,20 @@ import pytest
 from numpy.typing import ArrayLike
 from playwright.sync_api import Browser, Error, Page
 
-import pocketgs.splat.webgpu
+import pocketgs.gpu
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
+from pocketgs.gpu.adapters import Adapter
+from pocketgs.gpu.sizes import evaluate
 from pocketgs.scene.gaussians import SH_DC, Gaussians
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.settings import AdamSettings, LearningRates, LossSettings, StepSettings
-from pocketgs.splat.webgpu.adapters import Adapter
 from pocketgs.splat.webgpu.engine import WebGpuEngine
 from pocketgs.splat.webgpu.frame_values import update_values, view_values
 from pocketgs.splat.webgpu.passes import Variant, describe
 from pocketgs.splat.webgpu.photographs import packed
 from pocketgs.splat.webgpu.scene_columns import to_columns
-from pocketgs.splat.webgpu.sizes import evaluate
 from splat.webgpu.variants import shared_engine
 from viewer.browsing import open_browser
 
@@ -64,7 +64,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Where the page is served: WebGPU wants https or this very machine."""
     folder = tmp_path_factory.mktemp("site") / "site"
     shutil.copytree(Path(__file__).parent / "browser", folder)
-    shutil.copytree(Path(pocketgs.splat.webgpu.__file__).parent, folder / "webgpu", ignore=ignore_all_but_scripts)
+    shutil.copytree(Path(pocketgs.gpu.__file__).parent, folder / "gpu", ignore=ignore_all_but_scripts)
     with ThreadingHTTPServer(("127.0.0.1", 0), partial(QuietHandler, directory=folder)) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield f"http://127.0.0.1:{server.server_port}/page.html"
@@ -125,7 +125,7 @@ def replayed(page: Page, variant: Variant, scene: Gaussians, photograph: Frame) 
     shape, sh = to_columns(scene)
     moments = np.zeros(10 * len(scene) + sh.size)
     floats = {"shape": shape, "sh": sh, "first_moments": moments, "second_moments": moments}
-    updates = [update_values(SETTINGS, camera, len(scene), step) for step in range(1, STEPS + 1)]
+    updates = [update_values(SETTINGS, camera, given, step) for step in range(1, STEPS + 1)]
     job = {
         "description": description.to_json(),
         "given": given,
@@ -150,6 +150,7 @@ def engine(adapter: Adapter, variant: Variant, scene: Gaussians, photograph: Fra
 def given_numbers(scene: Gaussians, camera: Camera) -> dict[str, int]:
     return {
         "gaussians": len(scene),
+        "capacity": len(scene),
         "coefficients": scene.sh.shape[1],
         "width": camera.width,
         "height": camera.height,
@@ -157,6 +158,8 @@ def given_numbers(scene: Gaussians, camera: Camera) -> dict[str, int]:
         "photograph_pixels": camera.width * camera.height,
         "replay_depth": 32,
         "regularised": 1,
+        "collecting": 1,
+        "listed": 0,
         "structural": 1,
     }
 

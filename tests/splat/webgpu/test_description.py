@@ -1,21 +1,19 @@
-"""The passes as data: expressions, uniform layouts, shaders within WebGPU's limits, and no name that nobody knows."""
+"""The passes as data: uniform layouts, shaders within WebGPU's limits, and no name that nobody knows."""
 
 from __future__ import annotations
 
 import json
 import re
-from importlib.resources import files
 from itertools import product
+from pathlib import Path
 
-import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from pocketgs.splat.webgpu.description import Description, Pass
+import pocketgs
+from pocketgs.gpu.description import Description, Pass
+from pocketgs.gpu.sizes import ceil_div, evaluate
 from pocketgs.splat.webgpu.passes import Variant, describe
-from pocketgs.splat.webgpu.sizes import ceil_div, evaluate
-from pocketgs.splat.webgpu.uniforms import UniformLayout
+from pocketgs.splat.webgpu.shader_files import SHADERS
 from splat.webgpu.wgsl_layout import constant, workgroup_bytes, workgroup_size
 
 TRAINING = [
@@ -29,6 +27,7 @@ DESCRIPTIONS = {str(variant): describe(variant) for variant in TRAINING}
 DESCRIPTIONS |= {str(variant): describe(variant, training=False) for variant in RENDERING}
 CASE = {
     "gaussians": 1000,
+    "capacity": 1000,
     "coefficients": 4,
     "width": 650,
     "height": 480,
@@ -37,6 +36,8 @@ CASE = {
     "replay_depth": 24,
     "structural": 1,
     "regularised": 0,
+    "collecting": 1,
+    "listed": 300,
 }
 
 
@@ -53,55 +54,6 @@ def bound(description: Description, one: Pass) -> list[tuple[str, str]]:
     """Buffer and access of each of a pass's bindings."""
     bindings = description.shaders[one.shader].bindings
     return [(one.buffers.get(binding.name, binding.name), binding.access) for binding in bindings]
-
-
-@given(st.integers(0, 10**7), st.integers(1, 10**4))
-def test_expressions_have_their_values(a: int, b: int) -> None:
-    symbols = {"a": a, "b": b}
-    assert evaluate("a", symbols) == a
-    assert evaluate("36 * a - 2 * (b + 1)", symbols) == 36 * a - 2 * (b + 1)
-    assert evaluate("max(a, b) + 0", symbols) == max(a, b)
-    assert evaluate("ceil_div(a, b)", symbols) == (a // b if a % b == 0 else a // b + 1)
-    assert evaluate("a > b", symbols) == int(a > b)
-    assert evaluate("a * 2 < b", symbols) == int(a * 2 < b)
-    assert evaluate("ceil_div(a, 8) * ceil_div(b, 8)", symbols) == ceil_div(a, 8) * ceil_div(b, 8)
-
-
-@pytest.mark.parametrize(
-    "expression",
-    ["c", "a / 2", "1.5 * a", "-a", "min(a, a)", "max(a)", "a.b", "a if a else 1", "'a'", "a > 1 > 0", "1 +"],
-)
-def test_what_is_not_such_an_expression_is_refused(expression: str) -> None:
-    with pytest.raises(ValueError, match=r"expected a number, one of a"):
-        evaluate(expression, {"a": 3})
-
-
-def test_fields_of_a_uniform_are_aligned() -> None:
-    """Scalars to 4, pairs to 8, fours to 16 bytes, and the whole to its widest field (WGSL, section 14.4.1)."""
-    source = """
-struct Other {
-    a: vec4f,
-}
-struct Mixed {
-    a: f32,
-    // A pair begins at a multiple of 8.
-    b: vec2f,
-    c: u32,
-    d: vec4f,
-    e: f32,
-}
-"""
-    layout = UniformLayout.of("Mixed", source)
-    places = {"a": ("f32", 0), "b": ("vec2f", 8), "c": ("u32", 16), "d": ("vec4f", 32), "e": ("f32", 48)}
-    assert dict(layout.fields) == places
-    assert layout.size == 64
-    assert UniformLayout.of("Other", source).size == 16
-    packed = bytes(layout.pack({"a": 1.5, "b": (2.0, 3.0), "c": 2**32 - 1, "d": (4, 5, 6, 7), "e": -1.0}))
-    words = np.frombuffer(packed, np.float32)
-    np.testing.assert_array_equal(words[[0, 2, 3, 8, 9, 10, 11, 12]], [1.5, 2, 3, 4, 5, 6, 7, -1])
-    assert np.frombuffer(packed, np.uint32)[4] == 2**32 - 1
-    with pytest.raises(AssertionError, match="'e'"):
-        layout.pack({"a": 1.5, "b": (2.0, 3.0), "c": 1, "d": (4, 5, 6, 7)})
 
 
 def test_uniforms_lie_where_the_shaders_read_them() -> None:
@@ -173,16 +125,14 @@ def test_rendering_needs_fewer_buffers_than_training() -> None:
 
 
 def test_every_shader_file_is_of_use() -> None:
-    folder = files("pocketgs.splat.webgpu") / "shaders"
     texts = [shader.source for description in DESCRIPTIONS.values() for shader in description.shaders.values()]
     named = {name for description in DESCRIPTIONS.values() for name in description.shaders}
-    for path in folder.iterdir():
-        if path.name.endswith(".wgsl"):
-            assert path.name.removesuffix(".wgsl") in named, path.name
-    for path in (folder / "common").iterdir():
-        lines = path.read_text(encoding="utf-8").splitlines()
-        body = "\n".join(line for line in lines if not line.startswith(("import ", "enable ")))
-        assert any(body in text for text in texts), path.name
+    for room in ("gpu", "splat/webgpu"):
+        for path in (Path(pocketgs.__file__).parent / room / "shaders").glob("*.wgsl"):
+            assert path.stem in named, path
+    for name, section in SHADERS.sections.items():
+        lines = [line for line in section.splitlines() if not line.startswith(("import ", "enable "))]
+        assert any("\n".join(lines) in text for text in texts), name
 
 
 @pytest.mark.parametrize("tiles", [1, 2, 255, 256, 257, 65_535, 65_536, 70_000])
@@ -194,7 +144,7 @@ def test_the_sort_by_tile_takes_as_many_digits_as_tiles_have(tiles: int) -> None
     moves = [
         one
         for one in description.sequences["step"].passes
-        if one.shader == "radix_scatter" and not one.constants["over_gaussians"] and evaluate(one.when, symbols)
+        if one.shader == "radix_scatter" and "tile_keys" in one.buffers.values() and evaluate(one.when, symbols)
     ]
     assert len(moves) % 2 == 0
     # The number after the last tile's stands for none.
@@ -229,6 +179,7 @@ def test_sizes_are_those_worked_out_by_hand() -> None:
     by_gaussian |= {"depth_keys_spare": 4, "order_spare": 4}
     by_gaussian |= dict.fromkeys(("gradients", "first_moments", "second_moments"), 88)
     expected = {name: 1000 * size for name, size in by_gaussian.items()}
+    expected |= {"statistics": 16_000, "row_sources": 4_000, "listed_rows": 1_200, "listed_values": 300 * 4 * 12}
     expected |= {name: 4 * entries for name in ("tile_keys", "tile_keys_spare", "slots", "slots_spare", "slot_splats")}
     expected |= {
         "gradient_rows": 36 * entries,
@@ -237,6 +188,7 @@ def test_sizes_are_those_worked_out_by_hand() -> None:
         "digit_counts": 16 * 4 * 32,
         "depth_digit": 16,
         "tile_digit": 16,
+        "gaussian_count": 16,
         "entry_count": 16,
         "entry_dispatches": 24,
         "status": 16,
@@ -262,7 +214,7 @@ def test_words_of_the_shaders_are_the_bytes_of_the_buffers() -> None:
     for precision in ("f32", "f16"):
         for replay in ("recompute", "cache"):
             description = describe(Variant(precision, replay))  # type: ignore[arg-type]
-            symbols = {"gaussians": 1, "entries": 1, "pixels": 1, "replay_depth": 1}
+            symbols = {"capacity": 1, "entries": 1, "pixels": 1, "replay_depth": 1}
             backward = description.shaders["rasterize_backward"].source
             splat = 4 * constant("SPLAT_WORDS", backward)
             assert evaluate(description.buffers["splats"], symbols) == splat

@@ -176,14 +176,14 @@ def test_no_step_compiles_what_prepare_has_not(
 ) -> None:
     engine = shared_engine(options)
     engine.prepare()
-    compiled = set(engine._replayer._pipelines)
+    compiled = set(engine.executor._pipelines)
     assert compiled
     begin(engine, make_gaussians(), frames)
     for photometric in ("l2", "l1-dssim"):
         for view in range(3):
             engine.step(view, StepSettings(RATES, LossSettings(photometric, scale_weight=1.0)))  # type: ignore[arg-type]
     engine.render(camera_in_front(2100, 40, 40.0), depth=True)
-    assert set(engine._replayer._pipelines) == compiled
+    assert set(engine.executor._pipelines) == compiled
 
 
 def test_memory_is_told_by_buffer(frames: list[Frame], make_gaussians: MakeGaussians) -> None:

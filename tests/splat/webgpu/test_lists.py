@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pocketgs.geometry.camera import Camera
+from pocketgs.gpu.sizes import ceil_div
 from pocketgs.scene.gaussians import SH_DC, Gaussians
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.settings import LossSettings, StepSettings
 from pocketgs.splat.webgpu.engine import WebGpuEngine
 from pocketgs.splat.webgpu.passes import TILE
-from pocketgs.splat.webgpu.sizes import ceil_div
 from splat.training_step import BACKGROUND, RATES, begin, camera_in_front, of_every_size, photograph
 from splat.webgpu.variants import every_variant, shared_engine
 
@@ -30,7 +30,7 @@ MakeGaussians = Callable[..., Gaussians]
 
 
 def read(engine: WebGpuEngine, name: str, count: int, dtype: type = np.uint32) -> np.ndarray:
-    return engine._replayer.read(name, dtype, count)
+    return engine.executor.read(name, dtype, count)
 
 
 def tile_lists(engine: WebGpuEngine, tiles: int) -> list[np.ndarray]:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from pocketgs.errors import PocketGSError
+from pocketgs.gpu import device as device_module
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.settings import LossSettings, StepSettings
 from pocketgs.splat.webgpu import engine as engine_module
@@ -22,6 +23,12 @@ STEP = StepSettings(RATES, LossSettings())
 MakeGaussians = Callable[..., Gaussians]
 
 
+@pytest.fixture(autouse=True)
+def _devices_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other tests' engines go on with theirs."""
+    monkeypatch.setattr(device_module, "_open", {})
+
+
 @pytest.fixture
 def engine(make_gaussians: MakeGaussians) -> WebGpuEngine:
     """One of its own, about to train."""
@@ -32,13 +39,13 @@ def test_steps_read_nothing_back(engine: WebGpuEngine, monkeypatch: pytest.Monke
     monkeypatch.setattr(engine_module, "SECONDS_AHEAD", float("inf"))
     engine.step(0, STEP)
     read: list[str] = []
-    reading = engine._replayer.read
+    reading = engine.executor.read
 
     def listen(name: str, *arguments: Any) -> np.ndarray:
         read.append(name)
         return reading(name, *arguments)
 
-    monkeypatch.setattr(engine._replayer, "read", listen)
+    monkeypatch.setattr(engine.executor, "read", listen)
     for _ in range(engine_module.MOST_PENDING - 1):
         engine.step(0, STEP)
     assert read == []
@@ -58,8 +65,9 @@ def test_the_host_runs_ahead_by_so_many_steps_only(engine: WebGpuEngine, monkeyp
 
 def test_a_lost_device_ends_in_one_line(engine: WebGpuEngine) -> None:
     engine.step(0, STEP)
-    engine._device.destroy()
+    engine.executor.device.destroy()
     for attempt in (engine.loss, engine.download, lambda: engine.step(0, STEP)):
         with pytest.raises(PocketGSError, match="the GPU was lost while working") as caught:
             attempt()
         assert "\n" not in str(caught.value)
+    assert WebGpuEngine().executor.device is not engine.executor.device

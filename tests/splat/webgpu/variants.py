@@ -7,8 +7,8 @@ from functools import cache
 
 import pytest
 
+from pocketgs.gpu.adapters import adapters
 from pocketgs.splat.engine import EngineOptions
-from pocketgs.splat.webgpu.adapters import adapters
 from pocketgs.splat.webgpu.engine import WebGpuEngine
 
 

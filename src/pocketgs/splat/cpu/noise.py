@@ -7,12 +7,10 @@ import math
 import numpy as np
 from numba import prange
 
+from pocketgs.splat.constants import NOISE_STEEPNESS, NOISE_THRESHOLD
 from pocketgs.splat.cpu.vectors import axes_of, dot
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import PIECE, first_piece, take
-
-STEEPNESS, THRESHOLD = 100.0, 0.005
-"""Noise fades at an opacity of 0.005, as steeply as σ(-100 (o - 0.005)) (Kheradmand et al. 2024, equation 8)."""
 
 
 @inlined
@@ -59,7 +57,7 @@ def add_noise(
         while piece < len(means):
             for i in range(piece, min(piece + PIECE, len(means))):
                 opacity = 1.0 / (1.0 + math.exp(-float(opacity_logits[i])))
-                factor = size / (1.0 + math.exp(STEEPNESS * (opacity - THRESHOLD)))
+                factor = size / (1.0 + math.exp(NOISE_STEEPNESS * (opacity - NOISE_THRESHOLD)))
                 axes = axes_of(quaternions[i])
                 eta = (_normal(seed, i, 0), _normal(seed, i, 1), _normal(seed, i, 2))
                 for k in range(3):

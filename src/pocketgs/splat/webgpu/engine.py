@@ -11,21 +11,24 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
+from pocketgs.gpu.adapters import BUFFER_LIMITS, choose_adapter
+from pocketgs.gpu.device import shared_device
+from pocketgs.gpu.executor import Executor
 from pocketgs.scene.background import checked_background
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.checks import check_state, check_view, checked_scene
 from pocketgs.splat.engine import KEPT_LOSSES, EngineOptions, MemoryNeed, OptimiserState, Rendering
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.parameters import ParameterLayout
-from pocketgs.splat.rows import RowChange, Statistics
+from pocketgs.splat.rows import RowChange, Statistics, check_change
 from pocketgs.splat.settings import StepSettings
-from pocketgs.splat.webgpu.adapters import BUFFER_LIMITS, choose_adapter, open_device
 from pocketgs.splat.webgpu.frame_values import is_regularised, structural_share, update_values, view_values
-from pocketgs.splat.webgpu.memory import Extent, Limits, MemoryPlan, plan_memory
-from pocketgs.splat.webgpu.passes import Variant, describe
+from pocketgs.splat.webgpu.layout import SHAPE_COLUMNS
+from pocketgs.splat.webgpu.memory import Extent, Limits, MemoryPlan, plan_memory, plan_rows
+from pocketgs.splat.webgpu.passes import STATISTICS, Variant, describe
 from pocketgs.splat.webgpu.photographs import PIXEL_BYTES, packed
-from pocketgs.splat.webgpu.replay import Replayer
-from pocketgs.splat.webgpu.scene_columns import SHAPE_COLUMNS, from_columns, to_columns, transposed
+from pocketgs.splat.webgpu.row_changes import gather_rows, set_values
+from pocketgs.splat.webgpu.scene_columns import from_columns, to_columns, transposed
 
 ENTRIES_PER_GAUSSIAN = 8
 LEAST_ENTRIES = 1 << 16
@@ -47,10 +50,6 @@ MOST_STREAMED = 4
 SECONDS_AHEAD = 0.2
 """The GPU has at most so many steps, or so much work, before it: then the host looks whether they were completed. Of
 steps whose photographs are streamed there are fewer, since each holds a copy of its own."""
-
-
-def _not_here(what: str) -> PocketGSError:
-    return PocketGSError(f"engine webgpu: does not {what} yet, expected --engine cpu")
 
 
 @dataclass(frozen=True)
@@ -86,9 +85,8 @@ class WebGpuEngine:
         self.device = f"{adapter.name}, {adapter.backend}"
         subgroups = "subgroup" in adapter.features and not options.portable
         variant = Variant(options.precision, options.replay, options.accumulation, subgroups)
-        self._device = open_device(adapter, variant.features)
-        self._replayer = Replayer(self._device, describe(variant))
-        largest = min(self._device.limits[name] for name in BUFFER_LIMITS)
+        self.executor = Executor(shared_device(adapter, variant.features), describe(variant))
+        largest = min(self.executor.device.limits[name] for name in BUFFER_LIMITS)
         self._shares_memory = adapter.kind != "DiscreteGPU"
         self._limits = Limits(options.max_memory * 1_000_000, largest)
         self._frames: list[Frame] = []
@@ -102,7 +100,7 @@ class WebGpuEngine:
 
     def prepare(self) -> None:
         """Compile all pipelines."""
-        self._replayer.prepare()
+        self.executor.prepare()
 
     def set_views(self, frames: Sequence[Frame]) -> None:
         """Take the photographs that `step` refers to by index.
@@ -125,18 +123,19 @@ class WebGpuEngine:
             check_state(gaussians, state)
         count, coefficients = len(gaussians), gaussians.sh.shape[1]
         trains = self._extent.trains or state is not None
-        extent = replace(self._extent, gaussians=count, coefficients=coefficients, trains=trains)
+        extent = replace(self._extent, gaussians=count, capacity=count, coefficients=coefficients, trains=trains)
         self._fit_entries(extent, ENTRIES_PER_GAUSSIAN * count, LEAST_ENTRIES)
         self._pending.clear()
         self._completed = self._completed_before = state.steps if state else 0
         self._write_status()
         self._near = near_plane(gaussians.means) if state is None or state.near is None else state.near
         for name, values in zip(("shape", "sh"), to_columns(gaussians), strict=True):
-            self._replayer.write(name, values)
+            self.executor.write(name, values)
         if trains:
             zeros = np.zeros((count, self._columns), np.float32)
-            self._replayer.write("first_moments", transposed(state.first_moments if state else zeros))
-            self._replayer.write("second_moments", transposed(state.second_moments if state else zeros))
+            self.executor.write("first_moments", transposed(state.first_moments if state else zeros))
+            self.executor.write("second_moments", transposed(state.second_moments if state else zeros))
+            self.restart_statistics()
 
     @property
     def count(self) -> int:
@@ -144,30 +143,43 @@ class WebGpuEngine:
         return self._extent.gaussians
 
     def change_rows(self, change: RowChange) -> None:
-        """Not on a GPU yet.
+        """Select, duplicate and set Gaussians, the optimiser's rows with them. Statistics start anew.
 
         Raises:
-            PocketGSError: always.
+            PocketGSError: the change is not of this scene, or the GPU's memory does not hold what comes of it.
         """
-        raise _not_here("change the number of Gaussians")
+        self._settle()
+        check_change(change, self.count, ParameterLayout(self._extent.coefficients))
+        if not self._extent.trains:
+            self._fit(replace(self._extent, trains=True))
+        description, before = self.executor.description, self.count
+        extent, plan = plan_rows(description, self._extent, len(change.sources), self._limits)
+        symbols = description.symbols({**extent.symbols, "width": 1, "height": 1})
+        gather_rows(self.executor, change, before, symbols, plan.sizes)
+        self._fit(extent)
+        set_values(self.executor, change, symbols)
+        self.restart_statistics()
 
     def statistics(self) -> Statistics:
-        """Zeros: steps that would collect them are refused."""
-        return Statistics.none_yet(self.count)
+        """What steps that were asked to have summed up since the last change of rows or start."""
+        self._settle()
+        if not self._extent.trains:
+            return Statistics.none_yet(self.count)
+        return Statistics(*self._read_columns("statistics", STATISTICS))
 
     def restart_statistics(self, start: Statistics | None = None) -> None:
-        """Nothing has been summed up."""
+        """Sum up from zero, or from sums that were taken before."""
+        self._settle()
+        if not self._extent.trains:
+            self._fit(replace(self._extent, trains=True))
+        self.executor.clear("statistics")
+        if start is not None:
+            columns = np.stack([start.screen_gradients, start.seen, start.radii, start.errors])
+            self.executor.write("statistics", columns.astype(np.float32))
 
     def step(self, view: int, settings: StepSettings) -> None:
-        """Train on one view. Returns before it is done.
-
-        Raises:
-            PocketGSError: the view is none of the photographs, or the settings ask for what only the CPU engine does.
-        """
+        """Train on one view. Returns before it is done."""
         check_view(view, self._frames)
-        summed = settings.statistics or settings.errors
-        if summed or settings.noise or settings.loss.size_weight or settings.sh_degree is not None:
-            raise _not_here("collect statistics, shake positions, weigh sizes or raise the SH degree")
         if not self._pending:
             self._first_pending = time.monotonic()
         self._submit(_Step(view, settings))
@@ -178,7 +190,7 @@ class WebGpuEngine:
     def loss(self, steps: int = 1) -> float:
         """Mean loss of the last `steps` steps, measured before their updates."""
         self._settle()
-        ring = self._replayer.read("losses", np.float32, KEPT_LOSSES)
+        ring = self.executor.read("losses", np.float32, KEPT_LOSSES)
         first = max(self._completed - min(steps, KEPT_LOSSES), self._completed_before)
         latest = np.arange(first, self._completed)
         return float(ring[latest % KEPT_LOSSES].mean(dtype=np.float64))
@@ -212,7 +224,7 @@ class WebGpuEngine:
 
     def memory(self) -> dict[str, int]:
         """Bytes of every buffer on the GPU, by its name in the passes."""
-        return self._replayer.sizes()
+        return self.executor.sizes()
 
     def memory_needed(self, gaussians: int, coefficients: int, photographs: Sequence[tuple[int, int]]) -> MemoryNeed:
         """What training would take. Where GPU and CPU share one memory, buffers count as the process's too.
@@ -224,8 +236,8 @@ class WebGpuEngine:
         entries = int(EXPECTED_PER_GAUSSIAN * gaussians + EXPECTED_PER_PIXEL * largest)
         entries = max(LEAST_ENTRIES, min(max(entries, ENTRIES_PER_GAUSSIAN * gaussians), self._most_entries))
         sizes = frozenset(photographs)
-        extent = Extent(gaussians, coefficients, entries, tuple(photographs), sizes, trains=True)
-        description = self._replayer.description
+        extent = Extent(gaussians, gaussians, coefficients, entries, tuple(photographs), sizes, trains=True)
+        description = self.executor.description
         uniforms = sum(layout.size for layout in description.uniforms.values())
         device = plan_memory(description, extent, self._limits).total + uniforms
         return MemoryNeed(DRIVER_BYTES + (device if self._shares_memory else 0), device)
@@ -237,11 +249,11 @@ class WebGpuEngine:
     def _read_columns(self, name: str, columns: int) -> np.ndarray:
         """(columns, N) float32."""
         count = self._extent.gaussians
-        return self._replayer.read(name, np.float32, columns * count).reshape(columns, count)
+        return self.executor.read(name, np.float32, columns * count).reshape(columns, count)
 
     def _symbols(self, camera: Camera, settings: StepSettings | None = None) -> dict[str, int]:
         """The numbers that the passes of one image follow from."""
-        return self._replayer.description.symbols(
+        return self.executor.description.symbols(
             {
                 **self._extent.symbols,
                 "replay_depth": self._plan.replay_depth,
@@ -249,19 +261,20 @@ class WebGpuEngine:
                 "height": camera.height,
                 "structural": int(settings is not None and structural_share(settings, camera) > 0.0),
                 "regularised": int(settings is not None and is_regularised(settings)),
+                "collecting": int(settings is not None and settings.statistics),
             }
         )
 
     def _fit(self, extent: Extent, frames: Sequence[Frame] | None = None) -> None:
         """Make the buffers for what is to be held. What does not fit is refused before anything is changed."""
-        plan = plan_memory(self._replayer.description, extent, self._limits)
-        self._replayer.reserve(plan.sizes)
+        plan = plan_memory(self.executor.description, extent, self._limits)
+        self.executor.reserve(plan.sizes)
         shelved = frames is None and plan.shelf == self._plan.shelf
         self._extent, self._plan = extent, plan
         self._frames = self._frames if frames is None else list(frames)
         for view, frame in enumerate(self._frames):
             if plan.shelf.is_resident(view) and not shelved:
-                self._replayer.write("photographs", packed(frame), PIXEL_BYTES * plan.shelf.place(view))
+                self.executor.write("photographs", packed(frame), PIXEL_BYTES * plan.shelf.place(view))
 
     def _fit_entries(self, extent: Extent, wanted: int, needed: int) -> None:
         """`_fit`, with room for as many entries as are wanted, or at least for those that are needed."""
@@ -274,12 +287,14 @@ class WebGpuEngine:
         frame, shelf = self._frames[step.view], self._plan.shelf
         camera, place = frame.camera, shelf.place(step.view)
         if not shelf.is_resident(step.view):
-            self._replayer.write("photographs", packed(frame), PIXEL_BYTES * place)
+            self.executor.write("photographs", packed(frame), PIXEL_BYTES * place)
         symbols = self._symbols(camera, step.settings)
         number = self._completed + len(self._pending) + 1
-        self._replayer.write_uniform("view", view_values(camera, step.settings.background, self._near, symbols, place))
-        self._replayer.write_uniform("update", update_values(step.settings, camera, symbols["gaussians"], number))
-        self._replayer.submit("step", symbols)
+        self.executor.write_uniform("view", view_values(camera, step.settings.background, self._near, symbols, place))
+        self.executor.write_uniform("update", update_values(step.settings, camera, symbols, number))
+        self.executor.submit("step", symbols)
+        if step.settings.errors:
+            self.executor.submit("errors", symbols)
         self._pending.append(step)
 
     def _settle(self) -> None:
@@ -288,7 +303,7 @@ class WebGpuEngine:
             return
         taken = len(self._pending)
         while self._pending:
-            completed, halted, needed = self._replayer.read("status", np.uint32, 3)
+            completed, halted, needed = self.executor.read("status", np.uint32, 3)
             waiting = self._pending[int(completed) - self._completed :]
             self._completed, self._pending = int(completed), []
             if halted:
@@ -307,7 +322,7 @@ class WebGpuEngine:
 
     def _write_status(self) -> None:
         """Let the GPU know how many steps are completed, and that nothing stands in the way of the next."""
-        self._replayer.write("status", np.array([self._completed, 0, 0], np.uint32))
+        self.executor.write("status", np.array([self._completed, 0, 0], np.uint32))
 
     def _draw(self, sequence: str, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:
         """(H, W, 4) float32: colour and transmittance."""
@@ -317,10 +332,10 @@ class WebGpuEngine:
             self._fit(replace(self._extent, drawn_sizes=self._extent.drawn_sizes | {size}))
         while True:
             symbols = self._symbols(camera)
-            self._replayer.write_uniform("view", view_values(camera, background, self._near, symbols))
-            self._replayer.submit(sequence, symbols)
-            pixels = self._replayer.read("image", np.float32, 4 * symbols["pixels"])
-            _, halted, needed = self._replayer.read("status", np.uint32, 3)
+            self.executor.write_uniform("view", view_values(camera, background, self._near, symbols))
+            self.executor.submit(sequence, symbols)
+            pixels = self.executor.read("image", np.float32, 4 * symbols["pixels"])
+            _, halted, needed = self.executor.read("status", np.uint32, 3)
             if not halted:
                 return pixels.reshape(camera.height, camera.width, 4)
             self._make_room(int(needed))

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pocketgs.geometry.camera import Camera
+from pocketgs.gpu.sizes import Symbols, ceil_div
+from pocketgs.scene.gaussians import SH_COEFFICIENTS
 from pocketgs.splat.constants import FRUSTUM_MARGIN, SSIM_WINDOW
 from pocketgs.splat.engine import KEPT_LOSSES
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.layout import TILE
-from pocketgs.splat.webgpu.sizes import Symbols, ceil_div
 
 
 def view_values(
@@ -61,19 +62,26 @@ def structural_share(settings: StepSettings, camera: Camera) -> float:
 
 def is_regularised(settings: StepSettings) -> bool:
     """Whether the loss has terms of the Gaussians themselves."""
-    return settings.loss.scale_weight != 0.0 or settings.loss.opacity_weight != 0.0
+    loss = settings.loss
+    return loss.scale_weight != 0.0 or loss.opacity_weight != 0.0 or loss.size_weight != 0.0
 
 
-def update_values(settings: StepSettings, camera: Camera, gaussians: int, step: int) -> dict[str, ArrayLike]:
+def trained_coefficients(settings: StepSettings, coefficients: int) -> int:
+    """Coefficients of spherical harmonics per channel that a step trains, of those that there are."""
+    return coefficients if settings.sh_degree is None else min(SH_COEFFICIENTS[settings.sh_degree], coefficients)
+
+
+def update_values(settings: StepSettings, camera: Camera, symbols: Symbols, step: int) -> dict[str, ArrayLike]:
     """Fields of the struct `Update`.
 
     Args:
         settings: the loss, the rates and Adam's constants.
         camera: gives the image's size.
-        gaussians: their number.
+        symbols: gives gaussians and coefficients.
         step: number of steps including this one.
     """
-    loss, rates, adam = settings.loss, settings.rates, settings.adam
+    loss, rates, adam, noise = settings.loss, settings.rates, settings.adam, settings.noise
+    gaussians, coefficients = max(symbols["gaussians"], 1), symbols["coefficients"]
     structural = structural_share(settings, camera)
     border = SSIM_WINDOW - 1
     channels = 3 * camera.width * camera.height
@@ -84,8 +92,9 @@ def update_values(settings: StepSettings, camera: Camera, gaussians: int, step: 
         "squared_weight": 1.0 / channels if squared else 0.0,
         "structural_weight": structural / windows,
         "structural_share": structural,
-        "scale_weight": loss.scale_weight / max(gaussians, 1),
-        "opacity_weight": loss.opacity_weight / max(gaussians, 1),
+        "scale_weight": loss.scale_weight / gaussians,
+        "opacity_weight": loss.opacity_weight / gaussians,
+        "size_weight": loss.size_weight / gaussians,
         "mean_rate": rates.means,
         "log_scale_rate": rates.log_scales,
         "rotation_rate": rates.rotations,
@@ -99,4 +108,7 @@ def update_values(settings: StepSettings, camera: Camera, gaussians: int, step: 
         "epsilon": adam.epsilon,
         "loss_slot": (step - 1) % KEPT_LOSSES,
         "seen_only": int(adam.seen_only),
+        "trained_coefficients": trained_coefficients(settings, coefficients),
+        "noise_size": noise.size if noise else 0.0,
+        "noise_seed": noise.seed if noise else 0,
     }

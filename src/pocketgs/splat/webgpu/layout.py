@@ -1,36 +1,48 @@
-"""Sizes that shaders and host agree on; `composition.py` writes them out at the top of every shader."""
+"""Sizes and places that the shaders of splats and the host agree on."""
 
 from __future__ import annotations
 
-from pocketgs.splat.constants import SSIM_WINDOW
+from itertools import accumulate
 
-THREADS = 256
-"""Of most workgroups: as many as every device must allow."""
+from pocketgs.splat.constants import SSIM_WINDOW
+from pocketgs.splat.parameters import ParameterLayout
 
 TILE = 8
-"""A tile is a square of so many pixels a side."""
+"""A tile is a square of so many pixels on each side."""
 
 PATCH = 16
-"""The loss is computed on squares of so many pixels a side."""
+"""The loss is computed on squares of so many pixels on each side."""
 
 MARGIN = SSIM_WINDOW // 2
 """What a patch needs to know of the pixels around it."""
 
-BLOCK = 2048
-"""Keys that a workgroup sorts."""
+_WITHOUT_SH = ParameterLayout(0)
 
-DIGIT_BITS = 4
-"""The radix sort's digits."""
+SHAPE_COLUMNS = _WITHOUT_SH.numbers
+"""Of the table `shape`, which holds all parameters but the spherical harmonics."""
 
-LONGEST_ROW = 65_535
-"""No dimension of a dispatch may be longer."""
+GRADIENT_COLUMNS = _WITHOUT_SH.columns
+"""Of gradients and moments, before those of the spherical harmonics, which follow."""
 
-SHARED = {
-    "THREADS": THREADS,
-    "TILE": TILE,
-    "PATCH": PATCH,
-    "MARGIN": MARGIN,
-    "BLOCK": BLOCK,
-    "DIGIT_BITS": DIGIT_BITS,
-    "LONGEST_ROW": LONGEST_ROW,
+_SHAPE = [group for group in _WITHOUT_SH.groups if group.name != "sh"]
+FIRST_COLUMNS = dict(
+    zip(
+        (group.name for group in _SHAPE),
+        accumulate((group.numbers(0) for group in _SHAPE[:-1]), initial=0),
+        strict=True,
+    )
+)
+"""Where each parameter but the spherical harmonics begins in `shape`, by name."""
+
+PLACES = {
+    "MEAN": FIRST_COLUMNS["means"],
+    "LOG_SCALE": FIRST_COLUMNS["log_scales"],
+    "QUATERNION": FIRST_COLUMNS["quaternions"],
+    "OPACITY_LOGIT": FIRST_COLUMNS["opacity_logits"],
+    "GRADIENT_MEAN": _WITHOUT_SH.columns_of("means").start,
+    "GRADIENT_LOG_SCALE": _WITHOUT_SH.columns_of("log_scales").start,
+    "GRADIENT_ROTATION": _WITHOUT_SH.columns_of("quaternions").start,
+    "GRADIENT_OPACITY": _WITHOUT_SH.columns_of("opacity_logits").start,
+    "GRADIENT_SH": GRADIENT_COLUMNS,
 }
+"""What the shaders call the first column of each parameter, in `shape` and in gradients and moments."""

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 from pocketgs.errors import PocketGSError
-from pocketgs.splat.webgpu.description import LEAST_BUFFER, Description
+from pocketgs.gpu.description import LEAST_BUFFER, Description
 from pocketgs.splat.webgpu.photographs import PIXEL_BYTES, Shelf
 
 RENDERING = ("render", "render depth")
+
+ROW_GROWTH = 1.5
+"""Room is made for so many times the Gaussians that there was room for, where there is memory for it."""
 
 DEEPEST_REPLAY = 24
 """Contributions of each pixel that a replay cache has room for, memory permitting; those after them are recomputed."""
@@ -29,7 +33,8 @@ class Extent:
 
     Attributes:
         gaussians: their number.
-        coefficients: of spherical harmonics a channel.
+        capacity: how many there is room for.
+        coefficients: of spherical harmonics per channel.
         entries: of tiles' lists, that there is to be room for.
         photographs: width and height of each.
         drawn_sizes: width and height of other images that are drawn.
@@ -37,6 +42,7 @@ class Extent:
     """
 
     gaussians: int = 0
+    capacity: int = 0
     coefficients: int = 1
     entries: int = 0
     photographs: tuple[tuple[int, int], ...] = ()
@@ -46,7 +52,13 @@ class Extent:
     @property
     def symbols(self) -> dict[str, int]:
         """The numbers that stay the same from image to image."""
-        return {"gaussians": self.gaussians, "coefficients": self.coefficients, "entries": self.entries}
+        return {
+            "gaussians": self.gaussians,
+            "capacity": self.capacity,
+            "coefficients": self.coefficients,
+            "entries": self.entries,
+            "listed": 0,
+        }
 
 
 @dataclass(frozen=True)
@@ -103,9 +115,24 @@ def plan_memory(description: Description, extent: Extent, limits: Limits) -> Mem
     return MemoryPlan({**sizes, "photographs": max(PIXEL_BYTES * shelf.pixels, LEAST_BUFFER)}, depth, shelf)
 
 
+def plan_rows(description: Description, extent: Extent, gaussians: int, limits: Limits) -> tuple[Extent, MemoryPlan]:
+    """What is to be held, and allocated, once there are so many Gaussians: room for more, if new room is made at all.
+
+    Raises:
+        PocketGSError: it does not fit.
+    """
+    capacity = extent.capacity
+    extent = replace(extent, gaussians=gaussians, capacity=max(gaussians, capacity))
+    if gaussians > capacity:
+        roomy = replace(extent, capacity=max(gaussians, int(ROW_GROWTH * capacity)))
+        with suppress(PocketGSError):
+            return roomy, plan_memory(description, roomy, limits)
+    return extent, plan_memory(description, extent, limits)
+
+
 def _sizes(description: Description, extent: Extent, replay_depth: int) -> dict[str, int]:
     """Bytes of every buffer but that of the photographs, enough for each of the images."""
-    training = (*RENDERING, "step") if extent.trains else RENDERING
+    training = tuple(description.sequences) if extent.trains else RENDERING
     uses = ((RENDERING, extent.drawn_sizes), (training, {(1, 1), *extent.photographs}))
     largest: dict[str, int] = {}
     for sequences, image_sizes in uses:

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Literal
 
+from pocketgs.gpu.description import Description, Pass, Sequence
+from pocketgs.gpu.shader_library import Shader
+from pocketgs.gpu.sort import Items, digit_counts_bytes, radix_sort, running_sums
+from pocketgs.gpu.uniforms import UniformLayout
+from pocketgs.gpu.workgroups import BLOCK, DIGIT_BITS, THREADS
 from pocketgs.splat.engine import KEPT_LOSSES, Accumulation, Precision, Replay
-from pocketgs.splat.webgpu.composition import Shader, compose
-from pocketgs.splat.webgpu.description import Description, Pass, Sequence
-from pocketgs.splat.webgpu.layout import BLOCK, DIGIT_BITS, PATCH, THREADS, TILE
-from pocketgs.splat.webgpu.uniforms import UniformLayout
+from pocketgs.splat.webgpu.layout import GRADIENT_COLUMNS, PATCH, SHAPE_COLUMNS, TILE
+from pocketgs.splat.webgpu.shader_files import SHADERS
 
 DEFINITIONS = {
     "pixels": "width * height",
     "tiles": f"ceil_div(width, {TILE}) * ceil_div(height, {TILE})",
     "patches": f"ceil_div(width, {PATCH}) * ceil_div(height, {PATCH})",
-    "columns": "10 + 3 * coefficients",
+    "columns": f"{GRADIENT_COLUMNS} + 3 * coefficients",
     "groups": f"ceil_div(gaussians, {THREADS})",
     "blocks": f"ceil_div(gaussians, {BLOCK})",
     "entry_blocks": f"ceil_div(entries, {BLOCK})",
@@ -46,18 +48,18 @@ class Variant:
     appearance: Appearance = "splats"
 
     @property
-    def files(self) -> dict[str, str]:
-        """From the shaders' interfaces to the files that implement them."""
+    def sections(self) -> dict[str, str]:
+        """From the shaders' interfaces to the sections that implement them."""
         cached = self.replay == "cache"
         return {
-            "splat_words": f"splat_words_{self.precision}",
-            "replay_words": f"replay_words_{self.precision}",
-            "replay": "replay_from_cache" if cached else "replay_by_recomputing",
-            "record": "record_in_cache" if cached else "record_nothing",
-            "accumulation": f"accumulation_{self.accumulation}",
-            "gathering": f"gathering_{self.accumulation}",
-            "appearance": f"appearance_{self.appearance}",
-            "scan": "scan_subgroup" if self.subgroups else "scan_shared",
+            "splats.words": f"splats.words_{self.precision}",
+            "replay.words": f"replay.words_{self.precision}",
+            "replay.source": "replay.from_cache" if cached else "replay.by_recomputing",
+            "replay.record": "replay.record_in_cache" if cached else "replay.record_nothing",
+            "gradient_rows.add": f"gradient_rows.add_{self.accumulation}",
+            "gradient_rows.gather": f"gradient_rows.gather_{self.accumulation}",
+            "appearance.kind": f"appearance.{self.appearance}",
+            "scan.exclusive": "scan.subgroup" if self.subgroups else "scan.shared",
         }
 
     @property
@@ -69,24 +71,27 @@ class Variant:
 
 SPLAT_BYTES = {"f32": 40, "f16": 28}
 RECORD_BYTES = {"f32": 20, "f16": 12}
+STATISTICS = 4
+"""Columns of sums: see `common/statistics.wgsl`."""
 
 
 def _buffers(variant: Variant) -> dict[str, str]:
     """Sizes in bytes of the buffers that rendering needs."""
     return {
-        "shape": "44 * gaussians",
-        "sh": "12 * coefficients * gaussians",
-        "splats": f"{SPLAT_BYTES[variant.precision]} * gaussians",
-        "depth_keys": "4 * gaussians",
-        "depth_keys_spare": "4 * gaussians",
-        "order": "4 * gaussians",
-        "order_spare": "4 * gaussians",
-        "tile_counts": "4 * gaussians",
-        "block_sums": "4 * blocks",
-        "first_slots": "4 * gaussians + 4",
-        "digit_counts": f"{4 << DIGIT_BITS} * max(blocks, entry_blocks)",
+        "shape": f"{4 * SHAPE_COLUMNS} * capacity",
+        "sh": "12 * coefficients * capacity",
+        "splats": f"{SPLAT_BYTES[variant.precision]} * capacity",
+        "depth_keys": "4 * capacity",
+        "depth_keys_spare": "4 * capacity",
+        "order": "4 * capacity",
+        "order_spare": "4 * capacity",
+        "tile_counts": "4 * capacity",
+        "block_sums": f"4 * ceil_div(capacity, {BLOCK})",
+        "first_slots": "4 * capacity + 4",
+        "digit_counts": digit_counts_bytes(f"max(ceil_div(capacity, {BLOCK}), entry_blocks)"),
         "depth_digit": "8",
         "tile_digit": "8",
+        "gaussian_count": "4",
         "entry_count": "4",
         "entry_dispatches": "24",
         "status": "12",
@@ -102,58 +107,24 @@ def _buffers(variant: Variant) -> dict[str, str]:
 
 
 _TRAINING_BUFFERS = {
-    "gradients": "4 * columns * gaussians",
-    "first_moments": "4 * columns * gaussians",
-    "second_moments": "4 * columns * gaussians",
+    "gradients": "4 * columns * capacity",
+    "first_moments": "4 * columns * capacity",
+    "second_moments": "4 * columns * capacity",
+    "statistics": f"{4 * STATISTICS} * capacity",
+    "row_sources": "4 * capacity",
+    "listed_rows": "4 * listed",
+    "listed_values": "4 * listed * max(4, 3 * coefficients)",
     "photographs": "4 * photograph_pixels",
     "ssim_derivatives": "36 * pixels",
     "d_image": "16 * pixels",
     "loss_parts": "8 * patches",
-    "regulariser_parts": "4 * groups",
+    "regulariser_parts": f"4 * ceil_div(capacity, {THREADS})",
     "losses": f"{4 * KEPT_LOSSES}",
 }
 
 
-@dataclass(frozen=True)
-class _List:
-    """What is sorted: how its blocks are dispatched, and whether it has an item for every Gaussian or entry."""
-
-    over_gaussians: bool
-    groups: str | None = None
-    indirect: tuple[str, int] | None = None
-
-
-_GAUSSIANS = _List(True, groups="blocks")
-_ENTRIES = _List(False, indirect=("entry_dispatches", 0))
-
-
-def _radix_sort(keys: str, values: str, digit: str, bits: int, over: _List, when: Callable[[int], str]) -> list[Pass]:
-    """Sort by the lowest bits of the keys.
-
-    Args:
-        keys: buffer; like that of the values it has a spare one. The digits are even in number, so that the result lies
-            in these and not in the spare ones.
-        values: buffer.
-        digit: buffer that says which digit's turn it is; all 0 before.
-        bits: how many.
-        over: which list.
-        when: from a digit's lowest bit to the condition on which it is sorted by.
-    """
-    source, target = (keys, values), (f"{keys}_spare", f"{values}_spare")
-    passes = []
-    for shift in range(0, bits, DIGIT_BITS):
-        counted = {"keys": source[0], "digit": digit}
-        placed = {"counts": "digit_counts", "digit": digit}
-        moved = {**counted, "values": source[1], "sorted_keys": target[0], "sorted_values": target[1]}
-        length = {"over_gaussians": int(over.over_gaussians)}
-        blocks, condition = (over.groups, over.indirect), when(shift)
-        passes += [
-            Pass(f"count digits of {keys}", "radix_count", *blocks, counted, length, condition),
-            Pass(f"place {keys}", "radix_place", "1", None, placed, length, condition),
-            Pass(f"scatter {keys}", "radix_scatter", *blocks, moved, length, condition),
-        ]
-        source, target = target, source
-    return passes
+_GAUSSIANS = Items("gaussian_count", blocks="blocks")
+_ENTRIES = Items("entry_count", indirect=("entry_dispatches", 0))
 
 
 def _tiles_have_digit(shift: int) -> str:
@@ -165,18 +136,16 @@ def _bin_passes() -> list[Pass]:
     """Everything before rasterizing: tiles' lists of splats, nearest first."""
     return [
         Pass("project", "project", "groups"),
-        *_radix_sort("depth_keys", "order", "depth_digit", 32, _GAUSSIANS, lambda _: "1"),
-        Pass("sum tile counts", "scan_sums", "blocks"),
-        Pass("place blocks", "scan_blocks", "1", buffers={"counts": "block_sums"}),
-        Pass("place entries", "scan_within", "blocks"),
+        *radix_sort(_GAUSSIANS, "depth_keys", "order", "depth_digit", 32, lambda _: "1"),
+        *running_sums(_GAUSSIANS, "tile_counts", "order", "block_sums", "first_slots"),
         Pass("plan", "plan", "1"),
         Pass("emit", "emit", "groups"),
-        *_radix_sort("tile_keys", "slots", "tile_digit", 24, _ENTRIES, _tiles_have_digit),
+        *radix_sort(_ENTRIES, "tile_keys", "slots", "tile_digit", 24, _tiles_have_digit),
         Pass("tile ranges", "tile_ranges", indirect=("entry_dispatches", 12)),
     ]
 
 
-_CLEARED = ("depth_digit", "tile_digit", "tile_starts")
+_CLEARED = ("gaussian_count", "depth_digit", "tile_digit", "tile_starts")
 _SORTED = {"sorted_slots": "slots"}
 _RASTERIZE = Pass("rasterize", "rasterize", "tiles", buffers=_SORTED)
 _RASTERIZE_DEPTH = Pass("rasterize", "rasterize", "tiles", buffers=_SORTED, constants={"draw_depth": 1})
@@ -186,18 +155,44 @@ _TRAINING = (
     Pass("loss", "loss", "patches"),
     Pass("rasterize backward", "rasterize_backward", "tiles", buffers=_SORTED),
     Pass("project backward", "project_backward", "groups"),
+    Pass("collect statistics", "collect_statistics", "groups", when="collecting"),
     Pass("regularise", "regularise", "groups", when="regularised"),
     Pass("adam", "adam", "groups"),
     Pass("sum loss", "sum_loss", "1"),
 )
+
+_ERRORS = (
+    Pass("write error", "write_error", f"ceil_div(pixels, {THREADS})"),
+    Pass("rasterize error backward", "rasterize_backward", "tiles", buffers=_SORTED),
+    Pass("collect errors", "collect_errors", "groups"),
+)
+"""After a step, and from what it has left: the part of the view's error that each Gaussian takes."""
+
+TABLES = ("shape", "sh", "first_moments", "second_moments")
+"""Buffers that lie column by column, with a number for every Gaussian in each column."""
+
+GATHERED = "gradients"
+"""Where rows of the tables are gathered: nothing is kept in it between steps."""
+
+
+def _row_sequences() -> dict[str, Sequence]:
+    """Putting together the rows of each table anew, and setting some of them."""
+    sequences: dict[str, Sequence] = {}
+    for table in TABLES:
+        buffers = {"table": table, "gathered": GATHERED}
+        gather = Pass(f"gather {table}", "gather_rows", "groups", buffers=buffers)
+        set_rows = Pass(f"set {table}", "set_rows", f"ceil_div(listed, {THREADS})", buffers={"table": table})
+        sequences |= {gather.name: Sequence((), (gather,)), set_rows.name: Sequence((), (set_rows,))}
+    return sequences
 
 
 @cache
 def describe(variant: Variant, training: bool = True) -> Description:
     """Describe rendering, and training if asked for.
 
-    The numbers that the expressions are computed from: gaussians, coefficients, width, height, entries (room for them),
-    photograph_pixels, replay_depth, structural and regularised (0 or 1).
+    The numbers that the expressions are computed from: gaussians, capacity (room for them), coefficients, width,
+    height, entries (room for them), photograph_pixels, replay_depth, listed (rows to set), structural, regularised and
+    collecting (0 or 1).
     """
     assert not training or variant.appearance == "splats", variant.appearance
     bins = _bin_passes()
@@ -209,20 +204,23 @@ def describe(variant: Variant, training: bool = True) -> Description:
     if training:
         cleared = (*_CLEARED, "gradients", "gradient_rows")
         sequences["step"] = Sequence(cleared, (*bins, *_TRAINING))
+        sequences["errors"] = Sequence(("gradient_rows",), _ERRORS)
+        sequences |= _row_sequences()
         buffers |= _TRAINING_BUFFERS
         if variant.replay == "cache":
             buffers["replay_cache"] = f"pixels * (4 + {RECORD_BYTES[variant.precision]} * replay_depth)"
-        buffers["gradient_rows"] = f"36 * {'entries' if variant.accumulation == 'ordered' else 'gaussians'}"
+        buffers["gradient_rows"] = f"36 * {'entries' if variant.accumulation == 'ordered' else 'capacity'}"
     names = dict.fromkeys(one.shader for sequence in sequences.values() for one in sequence.passes)
     shaders = {name: _shader(name, variant) for name in names}
     uniforms = {"view": UniformLayout.of("View", shaders["project"].source)}
     if training:
         uniforms["update"] = UniformLayout.of("Update", shaders["adam"].source)
-    return Description(variant.files, DEFINITIONS, buffers, uniforms, shaders, sequences)
+        uniforms["rows"] = UniformLayout.of("Rows", shaders["gather_rows"].source)
+    return Description(variant.sections, DEFINITIONS, buffers, uniforms, shaders, sequences)
 
 
 def _shader(name: str, variant: Variant) -> Shader:
     """Only a rasterization that is replayed later fills a cache."""
     if name == "rasterize_for_replay":
-        return replace(compose("rasterize", variant.files), name=name)
-    return compose(name, {**variant.files, "record": "record_nothing"})
+        return replace(SHADERS.link("rasterize", variant.sections), name=name)
+    return SHADERS.link(name, {**variant.sections, "replay.record": "replay.record_nothing"})

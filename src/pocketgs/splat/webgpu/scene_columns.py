@@ -6,8 +6,6 @@ import numpy as np
 
 from pocketgs.scene.gaussians import Gaussians
 
-SHAPE_COLUMNS = 11
-
 
 def transposed(rows: np.ndarray) -> np.ndarray:
     """Columns for rows, and the other way round, contiguous."""

@@ -4,18 +4,18 @@
  * @module
  */
 
-import { CaptureCameras } from "./capture_cameras.js";
-import { PointerControls } from "./controls.js";
-import { listenForFiles } from "./drop.js";
-import { LiveRun } from "./live.js";
-import { beginOpening, whileLoading } from "./loading.js";
-import { hideMessage, showMessage, showPreviews, showWithoutGpu } from "./messages.js";
-import { paced } from "./pace.js";
-import { PointRenderer } from "./point_renderer.js";
-import { Renderer } from "./renderer.js";
-import { SceneView } from "./scene_view.js";
-import { fetchScene, readScene } from "./scene_file.js";
-import { connectToolbar } from "./toolbar.js";
+import { CaptureCameras } from "./controls/capture_cameras.js";
+import { listenForFiles } from "./controls/drop.js";
+import { PointerControls } from "./controls/pointer.js";
+import { connectToolbar } from "./controls/toolbar.js";
+import { PointRenderer } from "./drawing/point_renderer.js";
+import { Renderer } from "./drawing/renderer.js";
+import { SceneView } from "./drawing/scene_view.js";
+import { fetchScene, readScene } from "./formats/scene_file.js";
+import { paced } from "./live/pace.js";
+import { LiveRun } from "./live/run.js";
+import { beginOpening, whileLoading } from "./messages/loading.js";
+import { hideMessage, showMessage, showPreviews, showWithoutGpu } from "./messages/messages.js";
 
 /** Up in scenes of which nothing is known, as trained from cameras whose y axis points down. */
 const USUAL_UP = [0, -1, 0];

@@ -1,8 +1,8 @@
 // What test_browser.py calls in the page.
-import { openDevice } from "./webgpu/adapters.js";
-import { Description } from "./webgpu/description.js";
-import { Replayer } from "./webgpu/replay.js";
-import { evaluate } from "./webgpu/sizes.js";
+import { openDevice } from "./gpu/device.js";
+import { Description } from "./gpu/description.js";
+import { Executor } from "./gpu/executor.js";
+import { evaluate } from "./gpu/sizes.js";
 
 /**
  * Render a scene, train it, and say what became of it and what the browser has to complain of.
@@ -15,24 +15,24 @@ async function replay({ description: json, given, floats, words, view, updates, 
     const device = await openDevice();
     const complaints = await shaderErrors(device, description.shaders);
     device.addEventListener("uncapturederror", ({ error }) => complaints.push(error.message));
-    const replayer = new Replayer(device, description);
-    await replayer.prepare().catch((error) => complaints.push(error.message));
+    const executor = new Executor(device, description);
+    await executor.prepare().catch((error) => complaints.push(error.message));
 
     const found = { complaints };
     const symbols = description.symbols(given);
-    await replayer.reserve(description.sizes(symbols));
-    Object.entries(floats).forEach(([name, values]) => replayer.write(name, new Float32Array(values)));
-    Object.entries(words).forEach(([name, values]) => replayer.write(name, new Uint32Array(values)));
-    replayer.writeUniform("view", view);
-    replayer.submit("render", symbols);
-    found.image = Array.from(await replayer.read("image", Float32Array, 4 * symbols.pixels));
+    await executor.reserve(description.sizes(symbols));
+    Object.entries(floats).forEach(([name, values]) => executor.write(name, new Float32Array(values)));
+    Object.entries(words).forEach(([name, values]) => executor.write(name, new Uint32Array(values)));
+    executor.writeUniform("view", view);
+    executor.submit("render", symbols);
+    found.image = Array.from(await executor.read("image", Float32Array, 4 * symbols.pixels));
     for (const update of updates) {
-        replayer.writeUniform("update", update);
-        replayer.submit("step", symbols);
+        executor.writeUniform("update", update);
+        executor.submit("step", symbols);
     }
-    found.status = Array.from(await replayer.read("status", Uint32Array, 3));
+    found.status = Array.from(await executor.read("status", Uint32Array, 3));
     for (const [name, count] of Object.entries(results)) {
-        found[name] = Array.from(await replayer.read(name, Float32Array, count));
+        found[name] = Array.from(await executor.read(name, Float32Array, count));
     }
     device.destroy();
     return found;
@@ -56,7 +56,7 @@ function evaluateAll(expressions, symbols) {
 
 /** Open the GPU and ask it for buffers. */
 async function reserve(json, sizes) {
-    await new Replayer(await openDevice(), new Description(json)).reserve(sizes);
+    await new Executor(await openDevice(), new Description(json)).reserve(sizes);
 }
 
 Object.assign(window, { replay, evaluateAll, reserve });

@@ -1,6 +1,6 @@
 // One step of Adam (Kingma and Ba 2015, algorithm 1) on all parameters, each group in its own space and with its own
-// rate. Nothing happens while the run is halted. One thread a Gaussian.
-import view, update, folding, gaussians, status
+// rate; then noise on the positions, if asked for. Nothing happens while the run is halted. One thread per Gaussian.
+import view, update, update.status, gaussians.read, noise, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<uniform> update: Update;
@@ -50,19 +50,8 @@ fn turned(q: vec4f, delta: vec3f) -> vec4f {
     return normalize(vec4f(q.x * c - dot(q.yzw, v), q.x * v + c * q.yzw + cross(q.yzw, v)));
 }
 
-@compute @workgroup_size(THREADS)
-fn main(
-    @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(local_invocation_index) thread: u32,
-) {
-    let i = folded(workgroup) * THREADS + thread;
+fn update_parameters(i: u32) {
     let n = view.gaussians;
-    if (i >= n || status[HALTED] != 0u) {
-        return;
-    }
-    if (update.seen_only != 0u && !has_gradient(i)) {
-        return;
-    }
     move_shape(MEAN, i, update.mean_rate * direction3(GRADIENT_MEAN, i));
     move_shape(LOG_SCALE, i, update.log_scale_rate * direction3(GRADIENT_LOG_SCALE, i));
     var q: vec4f;
@@ -74,8 +63,25 @@ fn main(
         shape[(QUATERNION + k) * n + i] = q[k];
     }
     shape[OPACITY_LOGIT * n + i] -= update.opacity_rate * direction(GRADIENT_OPACITY, i);
-    for (var column = 0u; column < 3u * view.coefficients; column++) {
+    for (var column = 0u; column < 3u * update.trained_coefficients; column++) {
         let rate = select(update.sh_rest_rate, update.sh_dc_rate, column < 3u);
         sh[column * n + i] -= rate * direction(GRADIENT_SH + column, i);
+    }
+}
+
+@compute @workgroup_size(THREADS)
+fn main(
+    @builtin(workgroup_id) workgroup: vec3u,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let i = folded(workgroup) * THREADS + thread;
+    if (i >= view.gaussians || status[HALTED] != 0u) {
+        return;
+    }
+    if (update.seen_only == 0u || has_gradient(i)) {
+        update_parameters(i);
+    }
+    if (update.noise_size != 0.0) {
+        move_shape(MEAN, i, -noise_of(read_gaussian(i), update.noise_size, update.noise_seed, i));
     }
 }

@@ -1,6 +1,6 @@
 // SSIM over whole windows (Wang et al. 2004, equation 13): its sum by patch, and its derivatives with respect to the
-// windowed means of x, of x² + y² and of xy. One workgroup a patch of 16 x 16 window centres.
-import view, update, folding, photograph, ssim_window, workgroup_sum
+// windowed means of x, of x² + y² and of xy. One workgroup per patch of 16 x 16 window centres.
+import view, update, patches.photograph, workgroups, workgroups.sum
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<uniform> update: Update;

@@ -1,6 +1,6 @@
 // List every tile that each Gaussian reaches, in order of depth: the tile is the key to sort by, the place the value.
-// One thread a Gaussian.
-import view, folding, splat, splat_words, read_splat, tiles
+// One thread per Gaussian.
+import view, splats.read, tiles, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> order: array<u32>;

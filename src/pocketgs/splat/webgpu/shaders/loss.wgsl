@@ -1,6 +1,6 @@
-// The photometric loss by patch, and its gradient: L2, or L1 and what `dssim` left (its windows' adjoint). One workgroup
-// a patch of 16 x 16 pixels.
-import view, update, folding, photograph, ssim_window, workgroup_sum
+// The photometric loss by patch, and its gradient: L2, or L1 and what `dssim` left (its windows' adjoint). One
+// workgroup a patch of 16 x 16 pixels.
+import view, update, patches.photograph, workgroups, workgroups.sum
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<uniform> update: Update;

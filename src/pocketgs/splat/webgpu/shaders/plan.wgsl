@@ -1,5 +1,5 @@
 // Plan what follows from the number of entries: how many workgroups walk over them. One thread.
-import view, folding, radix, status
+import view, update.status, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> first_slots: array<u32>;

@@ -1,7 +1,8 @@
 // Project every Gaussian into the image: Σ' = J W Σ Wᵀ Jᵀ + 0.3 I (3DGS, equation 5). Writes its splat, the bits of its
-// depth, which sort as the depth does, and in how many tiles' lists it will stand. One thread a Gaussian.
-import view, folding, finite, gaussians, read_gaussian, read_sh, projection, spherical_harmonics, splat, splat_words, tiles
-import cluster_culling, appearance
+// depth, which sort as the depth does, and in how many tiles' lists it will stand; and for the sort that follows, how
+// many Gaussians there are. One thread per Gaussian.
+import view, gaussians.read, gaussians.read_sh, projection, spherical_harmonics, splats.words, appearance.kind, tiles
+import finite, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> shape: array<f32>;
@@ -10,6 +11,7 @@ import cluster_culling, appearance
 @group(0) @binding(4) var<storage, read_write> depth_keys: array<u32>;
 @group(0) @binding(5) var<storage, read_write> order: array<u32>;
 @group(0) @binding(6) var<storage, read_write> tile_counts: array<u32>;
+@group(0) @binding(7) var<storage, read_write> gaussian_count: array<u32>;
 
 // The key of what is not drawn: greater than any depth's.
 const CULLED: u32 = 0xffffffffu;
@@ -82,6 +84,12 @@ fn count_tiles(splat: Splat) -> u32 {
     return count;
 }
 
+// A cluster is the run of Gaussians that one workgroup projects. Where the runs are compact in space and their bounds
+// are known, clusters outside the view can be skipped here; in the order of training they are not.
+fn cluster_in_view(cluster: u32) -> bool {
+    return true;
+}
+
 @compute @workgroup_size(THREADS)
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,
@@ -91,6 +99,9 @@ fn main(
     let i = cluster * THREADS + thread;
     if (i >= view.gaussians) {
         return;
+    }
+    if (i == 0u) {
+        gaussian_count[0] = view.gaussians;
     }
     order[i] = i;
     depth_keys[i] = CULLED;

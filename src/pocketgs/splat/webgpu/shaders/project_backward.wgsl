@@ -1,7 +1,7 @@
 // Gradients from the image back to the Gaussians, through the sort permutation: ∇θ[π(i)] += g_i. `gradients` is all 0
-// before. One thread a Gaussian, in order of depth.
-import view, folding, gaussians, read_gaussian, read_sh, projection, spherical_harmonics, spherical_harmonics_gradient, splat
-import splat_words, read_splat, gradient_rows, read_row, gathering
+// before. One thread per Gaussian, in order of depth.
+import view, gaussians.read, gaussians.read_sh, projection, spherical_harmonics.gradient, splats.read
+import gradient_rows.gather, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> shape: array<f32>;
@@ -25,11 +25,6 @@ fn write_gradient3(column: u32, i: u32, value: vec3f) {
 
 // With Q = Σ'⁻¹ and v the gradient of each pixel's exponent, ∂L/∂μ = Q Σ v d and ∂L/∂Q = -½ Σ v d dᵀ, and
 // ∂L/∂Σ' = -Q ∂L/∂Q Q.
-fn inverse_covariance(splat: Splat) -> mat2x2f {
-    let e = splat.exponents / LOG2_E;
-    return mat2x2f(-2.0 * e.x, -e.y, -e.y, -2.0 * e.z);
-}
-
 fn covariance_gradient(inverse: mat2x2f, sums: SplatSums) -> mat2x2f {
     let moments = mat2x2f(sums.square.x, sums.square.y, sums.square.y, sums.square.z);
     return 0.5 * (inverse * moments * inverse);

@@ -1,6 +1,6 @@
-// Composite each tile's splats front to back: C = Σ c_i α_i T_i + T background (3DGS, equation 3). One workgroup a tile,
-// one thread a pixel.
-import view, folding, splat, splat_words, read_splat, tiles, compositing, record
+// Composite each tile's splats front to back: C = Σ c_i α_i T_i + T background (3DGS, equation 3). One workgroup per
+// tile, one thread per pixel.
+import view, splats.read, tiles, compositing, replay.record, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> tile_starts: array<u32>;

@@ -1,13 +1,12 @@
 // The gradient of the image by replaying each tile front to back: a ring of threads, each holding one splat, through
-// which the pixels pass. One workgroup a tile.
+// which the pixels pass. One workgroup per tile.
 //
 // With D_i = c_i · ∂L/∂C, what lies behind splat i enters its gradient only through the number
 // H_i = Σ_{j>i} w_j D_j + T background · ∂L/∂C, which starts at C · ∂L/∂C and loses w_i D_i at every contribution. A
 // pixel's T and H are all that a replay carries from one splat to the next. So thread t takes its splat to pixel p at
 // step t + p, just after thread t - 1 has taken its own there; after 64 pixels it takes up the splat 64 places on. A
 // splat's sums over the pixels stay in its thread's registers, and no thread adds to another's.
-import view, folding, splat, splat_words, read_splat, tiles, compositing, replay, gradient_rows
-import accumulation
+import view, splats.read, tiles, compositing, replay.source, gradient_rows.add, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> drawn_ranges: array<vec2u>;

@@ -1,6 +1,6 @@
-// Add the gradient of λ_s mean ‖log s‖² + λ_α mean α (the PocketGS paper's total loss), and write its parts of the loss.
-// One thread a Gaussian.
-import view, update, folding, gaussians, read_gaussian, workgroup_sum
+// Add the gradient of λ_s mean ‖log s‖² + λ_α mean α (the PocketGS paper's total loss) + λ_r mean Σ s (3DGS-MCMC's),
+// and write its parts of the loss. One thread per Gaussian.
+import view, update, gaussians.read, workgroups, workgroups.sum
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<uniform> update: Update;
@@ -22,8 +22,9 @@ fn main(
     if (i < view.gaussians) {
         for (var axis = 0u; axis < 3u; axis++) {
             let log_scale = shape_at(LOG_SCALE + axis, i);
-            value += update.scale_weight * log_scale * log_scale;
-            gradients[(GRADIENT_LOG_SCALE + axis) * view.gaussians + i] += 2.0 * update.scale_weight * log_scale;
+            let size = select(0.0, update.size_weight * exp(log_scale), update.size_weight != 0.0);
+            value += update.scale_weight * log_scale * log_scale + size;
+            gradients[(GRADIENT_LOG_SCALE + axis) * view.gaussians + i] += 2.0 * update.scale_weight * log_scale + size;
         }
         let opacity = 1.0 / (1.0 + exp(-shape_at(OPACITY_LOGIT, i)));
         value += update.opacity_weight * opacity;

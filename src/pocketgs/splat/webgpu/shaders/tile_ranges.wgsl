@@ -1,5 +1,5 @@
-// Find where each tile's entries begin among the sorted ones; `tile_starts` is all 0 before. One thread an entry.
-import view, folding
+// Find where each tile's entries begin among the sorted ones; `tile_starts` is all 0 before. One thread per entry.
+import view, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> entry_count: array<u32>;

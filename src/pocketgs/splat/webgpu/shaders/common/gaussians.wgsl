@@ -1,16 +1,6 @@
-// The scene's parameters lie column by column, so that neighbouring threads read neighbouring words. `shape` holds the
-// columns below, `sh` coefficient after coefficient, RGB each.
-const MEAN: u32 = 0u;
-const LOG_SCALE: u32 = 3u;
-const QUATERNION: u32 = 6u;
-const OPACITY_LOGIT: u32 = 10u;
-
-// Columns of gradients and moments; the columns of SH follow.
-const GRADIENT_MEAN: u32 = 0u;
-const GRADIENT_LOG_SCALE: u32 = 3u;
-const GRADIENT_ROTATION: u32 = 6u;
-const GRADIENT_OPACITY: u32 = 9u;
-const GRADIENT_SH: u32 = 10u;
+// The scene's parameters lie column by column, so that neighbouring threads read neighbouring words: `shape` holds mean,
+// log scale, quaternion and opacity logit, `sh` coefficient after coefficient, RGB each. The first column of each is a
+// constant, such as MEAN, or GRADIENT_MEAN in gradients and moments.
 
 // A Gaussian without its colour. The quaternion is of unit length: w, x, y, z.
 struct Gaussian {
@@ -31,4 +21,31 @@ fn axes_of(q: vec4f) -> mat3x3f {
         vec3f(2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
         vec3f(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)),
     );
+}
+
+section read
+// Row i of `shape`, which the pass binds.
+fn shape_at(column: u32, i: u32) -> f32 {
+    return shape[column * view.gaussians + i];
+}
+
+fn read_gaussian(i: u32) -> Gaussian {
+    return Gaussian(
+        vec3f(shape_at(MEAN, i), shape_at(MEAN + 1u, i), shape_at(MEAN + 2u, i)),
+        vec3f(shape_at(LOG_SCALE, i), shape_at(LOG_SCALE + 1u, i), shape_at(LOG_SCALE + 2u, i)),
+        vec4f(
+            shape_at(QUATERNION, i),
+            shape_at(QUATERNION + 1u, i),
+            shape_at(QUATERNION + 2u, i),
+            shape_at(QUATERNION + 3u, i),
+        ),
+        shape_at(OPACITY_LOGIT, i),
+    );
+}
+
+section read_sh
+// One coefficient's RGB of Gaussian i, from `sh`, which the pass binds.
+fn read_coefficient(k: u32, i: u32) -> vec3f {
+    let column = 3u * k * view.gaussians + i;
+    return vec3f(sh[column], sh[column + view.gaussians], sh[column + 2u * view.gaussians]);
 }

@@ -22,3 +22,61 @@ fn sum_words(sums: SplatSums) -> array<f32, SUM_WORDS> {
         sums.colour.b,
     );
 }
+
+section add_ordered
+// Every entry has a row of its own, and a splat's rows lie side by side: they are added up later, always in the same
+// order, so that a step gives the same bits every time.
+alias GradientWord = f32;
+
+fn accumulate(slot: u32, splat: u32, sums: SplatSums) {
+    let words = sum_words(sums);
+    for (var w = 0u; w < SUM_WORDS; w++) {
+        gradient_rows[slot * SUM_WORDS + w] = words[w];
+    }
+}
+
+section add_atomic
+// Every splat has one row, to which the tiles add in whatever order they come. It takes less memory, needs atomic
+// addition of floats, and the last bits differ from run to run.
+alias GradientWord = atomic<f32>;
+
+fn accumulate(slot: u32, splat: u32, sums: SplatSums) {
+    let words = sum_words(sums);
+    for (var w = 0u; w < SUM_WORDS; w++) {
+        atomicAdd(&gradient_rows[splat * SUM_WORDS + w], words[w]);
+    }
+}
+
+section read
+// A row of `gradient_rows`, which the pass binds.
+fn read_row(index: u32) -> SplatSums {
+    let row = index * SUM_WORDS;
+    return SplatSums(
+        gradient_rows[row],
+        vec2f(gradient_rows[row + 1u], gradient_rows[row + 2u]),
+        vec3f(gradient_rows[row + 3u], gradient_rows[row + 4u], gradient_rows[row + 5u]),
+        vec3f(gradient_rows[row + 6u], gradient_rows[row + 7u], gradient_rows[row + 8u]),
+    );
+}
+
+section gather_ordered
+import gradient_rows.read
+// The sum of a splat's rows, one per tile that it entered.
+fn gather(splat: u32, first_slot: u32, end_slot: u32) -> SplatSums {
+    var sums = SplatSums();
+    for (var slot = first_slot; slot < end_slot; slot++) {
+        let row = read_row(slot);
+        sums.exponent += row.exponent;
+        sums.offset += row.offset;
+        sums.square += row.square;
+        sums.colour += row.colour;
+    }
+    return sums;
+}
+
+section gather_atomic
+import gradient_rows.read
+// A splat's row holds the sum already.
+fn gather(splat: u32, first_slot: u32, end_slot: u32) -> SplatSums {
+    return read_row(splat);
+}

@@ -7,9 +7,11 @@ struct Update {
     structural_weight: f32,
     // The structural term's constant: its weight, undivided.
     structural_share: f32,
-    // Weights of a Gaussian's ‖log s‖² and of its opacity, divided by the number of Gaussians.
+    // Weights of a Gaussian's ‖log s‖², of its opacity, and of its standard deviations, divided by the number of
+    // Gaussians.
     scale_weight: f32,
     opacity_weight: f32,
+    size_weight: f32,
     mean_rate: f32,
     log_scale_rate: f32,
     rotation_rate: f32,
@@ -26,4 +28,16 @@ struct Update {
     loss_slot: u32,
     // 1 if Gaussians without a gradient keep their parameters and moments.
     seen_only: u32,
+    // Coefficients of spherical harmonics per channel that are trained.
+    trained_coefficients: u32,
+    // Of the noise on positions; 0 for none.
+    noise_size: f32,
+    noise_seed: u32,
 }
+
+section status
+// Words of `status`, which outlives the image: how many steps have been completed; whether a step needed more room for
+// entries than there is, after which nothing happens until the host has made room; and how many entries it needed.
+const STEPS: u32 = 0u;
+const HALTED: u32 = 1u;
+const NEEDED: u32 = 2u;

@@ -17,7 +17,7 @@ struct View {
     tiles_across: u32,
     tiles_down: u32,
     gaussians: u32,
-    // Spherical-harmonics coefficients a channel: 1, 4, 9 or 16.
+    // Spherical-harmonics coefficients per channel: 1, 4, 9 or 16.
     coefficients: u32,
     // How many entries of tiles' lists there is room for.
     entry_capacity: u32,

@@ -1,0 +1,242 @@
+/**
+ * Run passes in a browser; the twin of `executor.py`.
+ *
+ * @module
+ */
+
+import { BUFFER_LIMITS } from "./device.js";
+import { evaluate } from "./sizes.js";
+import { pack } from "./uniforms.js";
+
+/**
+ * @typedef {import("./description.js").Description} Description
+ * @typedef {import("./sizes.js").Symbols} Symbols
+ */
+
+/** No dimension of a dispatch may be longer. */
+const LONGEST_ROW = 65_535;
+
+const LAYOUT_TYPES = { uniform: "uniform", read: "read-only-storage", read_write: "storage" };
+
+/** Holds a description's pipelines and buffers on a device. */
+export class Executor {
+    #device;
+    #limit;
+    #buffers = new Map();
+    #layouts = new Map();
+    #modules = new Map();
+    #pipelines = new Map();
+    #recordings = new Map();
+
+    /**
+     * @param {GPUDevice} device from `openDevice`
+     * @param {Description} description what to run
+     */
+    constructor(device, description) {
+        this.description = description;
+        this.#device = device;
+        this.#limit = Math.min(...BUFFER_LIMITS.map((name) => device.limits[name]));
+        const usage = GPUBufferUsage.UNIFORM | GPUBufferUsage.COPY_DST;
+        for (const [label, { size }] of Object.entries(description.uniforms)) {
+            this.#buffers.set(label, device.createBuffer({ label, size, usage }));
+        }
+    }
+
+    /**
+     * Compile every pipeline, without holding up the page as `submit` does where a pipeline is not compiled yet: at most
+     * as many at a time as leave the page a processor, since the browser shows nothing new while all of them compile.
+     *
+     * @throws {GPUPipelineError} the browser refuses a shader
+     */
+    async prepare() {
+        const passes = Object.values(this.description.sequences).flatMap((sequence) => sequence.passes);
+        const wanted = [...new Map(passes.map((pass) => [pipelineKey(pass), pass]))];
+        const compileOneByOne = async () => {
+            while (wanted.length) {
+                const [key, pass] = wanted.shift();
+                this.#pipelines.set(key, await this.#device.createComputePipelineAsync(this.#stages(pass)));
+            }
+        };
+        const atOnce = Math.max(1, (navigator.hardwareConcurrency || 2) - 1);
+        await Promise.all(Array.from({ length: atOnce }, compileOneByOne));
+    }
+
+    /**
+     * Make buffers of at least these sizes. A buffer that has to grow loses its content.
+     *
+     * @param {Object<string, number>} sizes bytes, from `Description.sizes`
+     * @throws {Error} a buffer is larger than the device allows, or the GPU's memory is full
+     */
+    async reserve(sizes) {
+        for (const [name, size] of Object.entries(sizes)) {
+            if (size > this.#limit) {
+                throw new Error(
+                    `the GPU's buffer '${name}' would need ${megabytes(size)} MB, the device allows ` +
+                        `${megabytes(this.#limit)} MB: expected a smaller scene or smaller images`,
+                );
+            }
+        }
+        this.#device.pushErrorScope("out-of-memory");
+        Object.entries(sizes).forEach(([name, size]) => this.#grow(name, size));
+        if (await this.#device.popErrorScope()) {
+            throw new Error("the GPU's memory is full: expected a smaller scene or smaller images");
+        }
+    }
+
+    /**
+     * A buffer, for passes that are not part of the description. It is another one after it had to grow.
+     *
+     * @param {string} name
+     * @returns {GPUBuffer}
+     */
+    buffer(name) {
+        return this.#buffers.get(name);
+    }
+
+    /** Free the GPU's memory; nothing can be run afterwards. */
+    destroy() {
+        this.#buffers.forEach((buffer) => buffer.destroy());
+    }
+
+    /**
+     * Write to a buffer, in order with the sequences submitted.
+     *
+     * @param {string} name
+     * @param {BufferSource} content
+     * @param {number} offset bytes
+     */
+    write(name, content, offset = 0) {
+        this.#device.queue.writeBuffer(this.#buffers.get(name), offset, content);
+    }
+
+    /**
+     * Fill in a uniform buffer.
+     *
+     * @param {string} name
+     * @param {Object<string, number | ArrayLike<number>>} values see `pack`
+     */
+    writeUniform(name, values) {
+        this.write(name, pack(this.description.uniforms[name], values));
+    }
+
+    /**
+     * Read numbers. Waits until all that was submitted is done.
+     *
+     * @template {Float32Array | Uint32Array} T
+     * @param {string} name
+     * @param {new (content: ArrayBuffer) => T} type
+     * @param {number} count
+     * @param {number} offset in numbers
+     * @returns {Promise<T>}
+     */
+    async read(name, type, count, offset = 0) {
+        const usage = GPUBufferUsage.MAP_READ | GPUBufferUsage.COPY_DST;
+        const copy = this.#device.createBuffer({ label: `copy of ${name}`, size: 4 * count, usage });
+        const encoder = this.#device.createCommandEncoder();
+        encoder.copyBufferToBuffer(this.#buffers.get(name), 4 * offset, copy, 0, 4 * count);
+        this.#device.queue.submit([encoder.finish()]);
+        await copy.mapAsync(GPUMapMode.READ);
+        const content = new type(copy.getMappedRange().slice(0));
+        copy.destroy();
+        return content;
+    }
+
+    /**
+     * Run a sequence, without waiting for it.
+     *
+     * @param {string} name
+     * @param {Symbols} symbols from `Description.symbols`
+     */
+    submit(name, symbols) {
+        const sequence = this.description.sequences[name];
+        const key = JSON.stringify([name, symbols]);
+        if (!this.#recordings.has(key)) {
+            this.#recordings.set(key, this.#record(sequence, symbols));
+        }
+        const encoder = this.#device.createCommandEncoder({ label: name });
+        sequence.cleared.forEach((cleared) => encoder.clearBuffer(this.#buffers.get(cleared)));
+        const compute = encoder.beginComputePass();
+        for (const { pipeline, bindGroup, dispatch } of this.#recordings.get(key)) {
+            compute.setPipeline(pipeline);
+            compute.setBindGroup(0, bindGroup);
+            dispatch(compute);
+        }
+        compute.end();
+        this.#device.queue.submit([encoder.finish()]);
+    }
+
+    #grow(label, size) {
+        const present = this.#buffers.get(label);
+        if (present?.size >= size) {
+            return;
+        }
+        present?.destroy();
+        const { STORAGE, COPY_DST, COPY_SRC, INDIRECT } = GPUBufferUsage;
+        const usage = STORAGE | COPY_DST | COPY_SRC | INDIRECT;
+        this.#buffers.set(label, this.#device.createBuffer({ label, size, usage }));
+        this.#recordings.clear();
+    }
+
+    /** Resolve names and sizes once, for all later submissions at this size. */
+    #record(sequence, symbols) {
+        return sequence.passes
+            .filter((pass) => evaluate(pass.when, symbols) && (pass.indirect || evaluate(pass.groups, symbols)))
+            .map((pass) => ({
+                pipeline: this.#pipeline(pass),
+                bindGroup: this.#bindGroup(pass),
+                dispatch: this.#dispatch(pass, symbols),
+            }));
+    }
+
+    #dispatch(pass, symbols) {
+        if (pass.indirect) {
+            const [name, offset] = pass.indirect;
+            const buffer = this.#buffers.get(name);
+            return (compute) => compute.dispatchWorkgroupsIndirect(buffer, offset);
+        }
+        const groups = evaluate(pass.groups, symbols);
+        const [across, down] = [Math.min(groups, LONGEST_ROW), Math.ceil(groups / LONGEST_ROW)];
+        return (compute) => compute.dispatchWorkgroups(across, down);
+    }
+
+    #pipeline(pass) {
+        return kept(this.#pipelines, pipelineKey(pass), () => this.#device.createComputePipeline(this.#stages(pass)));
+    }
+
+    #stages({ name, shader, constants }) {
+        const code = this.description.shaders[shader].source;
+        const module = kept(this.#modules, shader, () => this.#device.createShaderModule({ label: shader, code }));
+        const layout = this.#device.createPipelineLayout({ bindGroupLayouts: [this.#layout(shader)] });
+        return { label: name, layout, compute: { module, entryPoint: "main", constants } };
+    }
+
+    #layout(shader) {
+        const entries = this.description.shaders[shader].bindings.map(({ access }, binding) => {
+            return { binding, visibility: GPUShaderStage.COMPUTE, buffer: { type: LAYOUT_TYPES[access] } };
+        });
+        return kept(this.#layouts, shader, () => this.#device.createBindGroupLayout({ label: shader, entries }));
+    }
+
+    #bindGroup({ name, shader, buffers }) {
+        const entries = this.description.shaders[shader].bindings.map(({ name: inShader }, binding) => {
+            return { binding, resource: { buffer: this.#buffers.get(buffers[inShader] ?? inShader) } };
+        });
+        return this.#device.createBindGroup({ label: name, layout: this.#layout(shader), entries });
+    }
+}
+
+/** The value under a key, made if there is none. */
+function kept(map, key, make) {
+    if (!map.has(key)) {
+        map.set(key, make());
+    }
+    return map.get(key);
+}
+
+function pipelineKey({ shader, constants }) {
+    return JSON.stringify([shader, Object.entries(constants).sort()]);
+}
+
+function megabytes(bytes) {
+    return Math.round(bytes / 1e6);
+}

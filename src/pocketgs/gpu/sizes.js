@@ -1,0 +1,108 @@
+/**
+ * Sizes of buffers and dispatches as expressions; the twin of `sizes.py`.
+ *
+ * The expressions are JavaScript too, but `Function` would run whatever else a description holds, and pages that forbid
+ * `eval` could not use it. So they are parsed: a comparison of sums of products of numbers, names, calls and brackets.
+ *
+ * @module
+ */
+
+/** @typedef {Object<string, number>} Symbols the named numbers: how many items, how many pixels across … */
+
+const TOKEN = /\s*(\w+|[-+*()<>,])/y;
+
+const OPERATORS = {
+    "+": (a, b) => a + b,
+    "-": (a, b) => a - b,
+    "*": (a, b) => a * b,
+    ">": (a, b) => Number(a > b),
+    "<": (a, b) => Number(a < b),
+};
+
+const FUNCTIONS = new Map([
+    ["ceil_div", (a, b) => Math.ceil(a / b)],
+    ["max", Math.max],
+]);
+
+/** Operators from those that bind least to those that bind most. */
+const LEVELS = [[">", "<"], ["+", "-"], ["*"]];
+
+/**
+ * Value of an expression.
+ *
+ * @param {string} expression
+ * @param {Symbols} symbols
+ * @returns {number} an integer
+ * @throws {Error} it is not an expression, or names something unknown
+ */
+export function evaluate(expression, symbols) {
+    const tokens = tokensOf(expression);
+
+    function take(expected) {
+        const token = tokens.shift();
+        if (token === undefined || (expected && token !== expected)) {
+            throw new Error(`${expression}: found ${token ?? "its end"}, expected ${expected ?? "a number or a name"}`);
+        }
+        return token;
+    }
+
+    function valueAt(level) {
+        if (level === LEVELS.length) {
+            return operand();
+        }
+        let value = valueAt(level + 1);
+        while (LEVELS[level].includes(tokens[0])) {
+            value = OPERATORS[take()](value, valueAt(level + 1));
+        }
+        return value;
+    }
+
+    function operand() {
+        const token = take();
+        if (token === "(") {
+            const value = valueAt(0);
+            take(")");
+            return value;
+        }
+        if (/^\d+$/.test(token)) {
+            return Number(token);
+        }
+        if (FUNCTIONS.has(token)) {
+            return call(FUNCTIONS.get(token));
+        }
+        if (Object.hasOwn(symbols, token)) {
+            return symbols[token];
+        }
+        throw new Error(`${expression}: found ${token}, expected a number or one of ${Object.keys(symbols).join(", ")}`);
+    }
+
+    function call(operation) {
+        take("(");
+        const left = valueAt(0);
+        take(",");
+        const right = valueAt(0);
+        take(")");
+        return operation(left, right);
+    }
+
+    const value = valueAt(0);
+    if (tokens.length) {
+        throw new Error(`${expression}: found ${tokens[0]}, expected its end`);
+    }
+    return value;
+}
+
+function tokensOf(expression) {
+    const tokens = [];
+    const text = expression.trimEnd();
+    TOKEN.lastIndex = 0;
+    while (TOKEN.lastIndex < text.length) {
+        const start = TOKEN.lastIndex;
+        const match = TOKEN.exec(text);
+        if (!match) {
+            throw new Error(`${expression}: found ${text.slice(start).trim()}, expected a number, a name or an operator`);
+        }
+        tokens.push(match[1]);
+    }
+    return tokens;
+}

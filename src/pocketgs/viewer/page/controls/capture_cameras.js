@@ -1,0 +1,171 @@
+/**
+ * The capture's cameras: going from one to the next, and comparing what they saw.
+ *
+ * @module
+ */
+
+import { MovingCamera } from "../scene/camera.js";
+import { extentOf } from "../scene/framing.js";
+import { Comparison } from "./compare.js";
+
+/**
+ * @typedef {import("../drawing/scene_view.js").SceneView} SceneView
+ *
+ * @typedef {import("../scene/camera.js").Camera & {name: string, held_out: boolean, photo: string | null}} View a camera of the
+ *     capture
+ */
+
+/** Takes the picture from camera to camera. */
+export class CaptureCameras {
+    #view;
+    #comparison;
+    /** @type {View[]} */
+    #views = [];
+    #target = [0, 0, 0];
+    #at = 0;
+    /** @type {import("../scene/camera.js").Pose | null} where it went last */
+    #pose = null;
+    #extent = null;
+
+    /** @param {SceneView} view */
+    constructor(view) {
+        this.#view = view;
+        this.#comparison = new Comparison(view.camera);
+    }
+
+    /**
+     * Take other cameras, and go to the first that is held out, or the first; if there were some before, to the one
+     * that it was at, unless the user has moved on.
+     *
+     * @param {{cameras: View[], up: number[], target: number[]}} viewer from viewer.json
+     */
+    setViews({ cameras, up, target }) {
+        const isFirst = this.#views.length === 0;
+        this.#comparison.hide();
+        this.#views = cameras;
+        this.#target = target;
+        this.#view.camera.up = up;
+        this.#at = Math.min(this.#at, Math.max(cameras.length - 1, 0));
+        if (isFirst) {
+            this.#at = Math.max(0, cameras.findIndex((camera) => camera.held_out));
+        }
+        if (this.any && (isFirst || this.#view.camera.pose === this.#pose)) {
+            this.#go(true);
+        }
+        this.#showButtons();
+    }
+
+    /**
+     * Take none, and look at a whole scene from a distance.
+     *
+     * @param {import("../scene/gaussian_columns.js").GaussianColumns} scene
+     * @param {number[]} up
+     * @param {number} count of its Gaussians that have arrived, from the first on
+     */
+    frame(scene, up, count = scene.count) {
+        this.setViews({ cameras: [], up, target: [0, 0, 0] });
+        this.#extent = extentOf(scene, count);
+        this.reset(true);
+    }
+
+    /**
+     * If there are none, look at a scene of which more and more arrives, as long as the user has not moved on.
+     *
+     * @param {import("../scene/gaussian_columns.js").GaussianColumns} scene
+     * @param {number[]} up
+     * @param {number} count of its Gaussians that have arrived, from the first on
+     */
+    frameArriving(scene, up, count = scene.count) {
+        if (!this.any && (!this.#extent || this.#view.camera.pose === this.#pose)) {
+            this.frame(scene, up, count);
+        }
+    }
+
+    /** Whether there are any. */
+    get any() {
+        return this.#views.length > 0;
+    }
+
+    /** @param {1 | -1} step to the next or the previous; while comparing, of those with photographs */
+    go(step) {
+        const count = this.#views.length;
+        for (let tried = 0; tried < count; tried++) {
+            this.#at = (this.#at + step + count) % count;
+            if (!this.#comparison.isOn || this.#isComparable(this.#views[this.#at])) {
+                break;
+            }
+        }
+        if (count) {
+            this.#go(this.#comparison.isOn);
+            if (this.#comparison.isOn) {
+                this.#comparison.show(this.#views[this.#at]);
+            }
+        }
+    }
+
+    /** Back to the camera, or to where the whole scene is seen. */
+    reset(atOnce = false) {
+        if (this.any) {
+            this.#go(atOnce);
+        } else if (this.#extent) {
+            const { middle, radius } = this.#extent;
+            const { camera } = this.#view;
+            camera.takeUsualLens();
+            const [sideways, backwards] = aside(camera.up);
+            const place = middle.map((value, i) => {
+                return value + radius * (0.6 * sideways[i] + 2.2 * backwards[i] + 0.8 * camera.up[i]);
+            });
+            this.#pose = camera.poseTowards(place, middle);
+            this.#view.goTo(this.#pose, camera.lens, atOnce);
+        }
+    }
+
+    /** Lay the photograph over the rendering, or take it away. */
+    compare() {
+        if (this.#comparison.isOn) {
+            this.stopComparing();
+            return;
+        }
+        if (!this.#views.some((view) => this.#isComparable(view))) {
+            return;
+        }
+        while (!this.#isComparable(this.#views[this.#at])) {
+            this.#at = (this.#at + 1) % this.#views.length;
+        }
+        this.#go(true);
+        this.#comparison.show(this.#views[this.#at]);
+    }
+
+    /** Stop comparing, since the camera is moved by hand or for another reason. */
+    stopComparing() {
+        this.#comparison.hide();
+        this.#view.moved();
+    }
+
+    #isComparable(view) {
+        return Boolean(view.photo) && (view.held_out || !this.#views.some((other) => other.held_out && other.photo));
+    }
+
+    #go(atOnce) {
+        const view = this.#views[this.#at];
+        this.#pose = MovingCamera.poseOf(view, this.#target);
+        this.#view.goTo(this.#pose, view, atOnce);
+        document.getElementById("camera-name").textContent = `${view.name}${view.held_out ? ", held out" : ""}`;
+    }
+
+    #showButtons() {
+        document.getElementById("previous").disabled = document.getElementById("next").disabled = !this.any;
+        document.getElementById("compare-button").disabled = !this.#views.some((view) => this.#isComparable(view));
+        document.getElementById("camera-name").hidden = !this.any;
+    }
+}
+
+/** Two directions at right angles to a unit vector and to each other. */
+function aside(up) {
+    const least = up.map(Math.abs).indexOf(Math.min(...up.map(Math.abs)));
+    const other = [0, 1, 2].map((axis) => Number(axis === least));
+    const across = [0, 1, 2].map((i) => up[(i + 1) % 3] * other[(i + 2) % 3] - up[(i + 2) % 3] * other[(i + 1) % 3]);
+    const sideways = across.map((value) => value / Math.hypot(...across));
+    const backwards = [0, 1, 2].map((i) => up[(i + 1) % 3] * sideways[(i + 2) % 3] - up[(i + 2) % 3] * sideways[(i + 1) % 3]);
+    return [sideways, backwards];
+}

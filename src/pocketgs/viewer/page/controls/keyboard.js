@@ -1,0 +1,61 @@
+/**
+ * The keyboard: keys that fly as long as they are held, and keys that do something once.
+ *
+ * @module
+ */
+
+/** Right, down, forward of the keys that fly, by their place on the keyboard. */
+const FLIGHT = {
+    KeyW: [0, 0, 1],
+    KeyS: [0, 0, -1],
+    KeyA: [-1, 0, 0],
+    KeyD: [1, 0, 0],
+    KeyQ: [0, 1, 0],
+    KeyE: [0, -1, 0],
+};
+
+/** Distances to the target that are flown in a second; with shift, three times that. */
+const SPEED = 0.6;
+const FASTER = 3;
+
+/**
+ * Listen to the keyboard.
+ *
+ * @param {import("../scene/camera.js").MovingCamera} camera
+ * @param {import("../drawing/frame_loop.js").FrameLoop} loop
+ * @param {() => void} onFlight told when a flight begins
+ * @param {Object<string, () => void>} actions by `KeyboardEvent.key`, letters in lower case
+ */
+export function listenToKeyboard(camera, loop, onFlight, actions) {
+    const held = new Set();
+    let fast = false;
+
+    function fly(seconds) {
+        const step = SPEED * (fast ? FASTER : 1) * camera.pose.distance * Math.min(seconds, 0.1);
+        for (const code of held) {
+            camera.move(FLIGHT[code].map((direction) => direction * step));
+        }
+        return held.size > 0;
+    }
+
+    window.addEventListener("keydown", (event) => {
+        fast = event.shiftKey;
+        const slides = event.target.matches?.("input") && event.key.startsWith("Arrow");
+        if (event.ctrlKey || event.metaKey || event.altKey || slides || event.target.closest?.("dialog")) {
+            return;
+        }
+        if (event.code in FLIGHT) {
+            held.add(event.code);
+            onFlight();
+            loop.addMover(fly);
+        } else if (!event.repeat && actions[event.key.toLowerCase()]) {
+            event.preventDefault();
+            actions[event.key.toLowerCase()]();
+        }
+    });
+    window.addEventListener("keyup", (event) => {
+        fast = event.shiftKey;
+        held.delete(event.code);
+    });
+    window.addEventListener("blur", () => held.clear());
+}

@@ -1,0 +1,80 @@
+/**
+ * The buttons, and the keys that do the same.
+ *
+ * @module
+ */
+
+import { listenToKeyboard } from "./keyboard.js";
+
+/**
+ * @typedef {import("../drawing/scene_view.js").SceneView} SceneView
+ * @typedef {import("./capture_cameras.js").CaptureCameras} CaptureCameras
+ */
+
+const APPEARANCES = ["splats", "points", "discs", "depth"];
+
+/**
+ * Connect buttons and keys.
+ *
+ * @param {SceneView} view
+ * @param {CaptureCameras} cameras
+ * @param {{title: string, onFault: (text: string) => void}} options
+ */
+export function connectToolbar(view, cameras, { title, onFault }) {
+    const help = document.getElementById("help");
+    const actions = {
+        previous: () => cameras.go(-1),
+        next: () => cameras.go(1),
+        reset: () => cameras.reset(),
+        "compare-button": () => cameras.compare(),
+        background: () => view.changeBackground(),
+        screenshot: () => save(view, title).catch((error) => onFault(error.message)),
+        "full-screen": () => toggleFullScreen(),
+        "help-button": () => help.showModal(),
+    };
+    for (const [id, action] of Object.entries(actions)) {
+        document.getElementById(id).addEventListener("click", action);
+    }
+    document.getElementById("full-screen").hidden = !document.fullscreenEnabled;
+
+    const appear = (appearance) => chooseAppearance(view, appearance).catch((error) => onFault(error.message));
+    for (const button of appearanceButtons()) {
+        button.addEventListener("click", () => appear(button.dataset.appearance));
+    }
+    listenToKeyboard(view.camera, view.loop, () => cameras.stopComparing(), {
+        arrowleft: actions.previous,
+        arrowright: actions.next,
+        r: actions.reset,
+        c: actions["compare-button"],
+        b: actions.background,
+        p: actions.screenshot,
+        f: actions["full-screen"],
+        o: () => document.getElementById("open").click(),
+        "?": actions["help-button"],
+        escape: () => cameras.stopComparing(),
+        ...Object.fromEntries(APPEARANCES.map((appearance, i) => [String(i + 1), () => appear(appearance)])),
+    });
+}
+
+async function chooseAppearance(view, appearance) {
+    await view.setAppearance(appearance);
+    for (const button of appearanceButtons()) {
+        button.setAttribute("aria-pressed", String(button.dataset.appearance === appearance));
+    }
+}
+
+function appearanceButtons() {
+    return document.querySelectorAll("#appearances button");
+}
+
+function toggleFullScreen() {
+    return document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen();
+}
+
+async function save(view, title) {
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(await view.photograph());
+    link.download = `${title}.png`;
+    link.click();
+    URL.revokeObjectURL(link.href);
+}

@@ -1,0 +1,219 @@
+/**
+ * Renders a scene on a canvas with the engine's own passes.
+ *
+ * @module
+ */
+
+import { Description } from "../../gpu/description.js";
+import { BUFFER_LIMITS, openDevice } from "../../gpu/device.js";
+import { Executor } from "../../gpu/executor.js";
+import { MEAN } from "../scene/gaussian_columns.js";
+import { nearPlane } from "../scene/near_plane.js";
+import { Display } from "./display.js";
+import { viewValues } from "./view_values.js";
+
+/**
+ * @typedef {import("../scene/camera.js").Camera} Camera
+ * @typedef {import("../scene/gaussian_columns.js").GaussianColumns} GaussianColumns
+ *
+ * @typedef {Object} Picture what is to be drawn
+ * @property {Camera} camera
+ * @property {number} share of the full resolution
+ * @property {[number, number, number]} background RGB
+ * @property {boolean} asDepth
+ */
+
+/** Room for entries of tiles' lists to begin with, and how it grows: as in `engine.py`. */
+const ENTRIES_PER_GAUSSIAN = 8;
+const LEAST_ENTRIES = 1 << 16;
+const GROWTH = 1.25;
+
+/** Holds the device and what is on it. */
+export class Renderer {
+    /** @type {GPUDevice} */
+    #device;
+    #canvas;
+    #display;
+    /** @type {Executor} */
+    #executor;
+    #appearance = "splats";
+    /** @type {GaussianColumns | null} */
+    #scene = null;
+    #entries = 0;
+    #near = 0;
+    /** Sizes of images that there is room for. */
+    #reserved = new Set();
+    /** What is being done: two things at once would take each other's buffers away. */
+    #busy = Promise.resolve();
+
+    /**
+     * Open the GPU for a canvas, and compile what draws splats.
+     *
+     * @param {HTMLCanvasElement} canvas
+     * @param {(message: string) => void} onFault told of what goes wrong later, short of losing the GPU
+     * @returns {Promise<Renderer>}
+     * @throws {Error} there is no WebGPU, or no GPU
+     */
+    static async open(canvas, onFault) {
+        const renderer = new Renderer();
+        const description = fetchDescription(renderer.#appearance);
+        description.catch(() => {});
+        renderer.#device = await openDevice(BUFFER_LIMITS);
+        renderer.#device.addEventListener("uncapturederror", ({ error }) => onFault(error.message));
+        renderer.#canvas = canvas;
+        [renderer.#display, renderer.#executor] = await Promise.all([
+            Display.open(renderer.#device, canvas),
+            renderer.#executorOf(await description),
+        ]);
+        return renderer;
+    }
+
+    /** @returns {Promise<GPUDeviceLostInfo>} why the GPU can be used no more, once it cannot */
+    get lost() {
+        return this.#device.lost;
+    }
+
+    /** How many Gaussians the scene has. */
+    get count() {
+        return this.#scene?.count ?? 0;
+    }
+
+    /**
+     * Draw another scene from now on.
+     *
+     * @param {GaussianColumns} scene
+     * @throws {Error} the GPU's memory does not hold it
+     */
+    setScene(scene) {
+        return this.#inTurn(async () => {
+            await this.#upload(scene);
+            this.#scene = scene;
+        });
+    }
+
+    /**
+     * Draw Gaussians as something else from now on.
+     *
+     * @param {"splats" | "points" | "discs"} appearance
+     */
+    setAppearance(appearance) {
+        return this.#inTurn(async () => {
+            if (appearance === this.#appearance) {
+                return;
+            }
+            const executor = await this.#executorOf(await fetchDescription(appearance));
+            this.#executor.destroy();
+            [this.#executor, this.#appearance] = [executor, appearance];
+            if (this.#scene) {
+                await this.#upload(this.#scene);
+            }
+        });
+    }
+
+    /**
+     * Draw on the canvas, whose size may differ from the camera's image. The canvas changes when the image is whole.
+     *
+     * @param {Picture} picture
+     * @returns {Promise<void>}
+     */
+    draw(picture) {
+        return this.#inTurn(() => this.#draw(picture));
+    }
+
+    /**
+     * Draw, and encode what the canvas then shows.
+     *
+     * @param {Picture} picture
+     * @returns {Promise<Blob>} a PNG
+     */
+    photograph(picture) {
+        return this.#inTurn(async () => {
+            await this.#draw(picture);
+            // In the same task as the drawing: later the canvas may have been cleared.
+            return new Promise((resolve) => this.#canvas.toBlob(resolve, "image/png"));
+        });
+    }
+
+    #inTurn(task) {
+        const done = this.#busy.then(task);
+        this.#busy = done.catch(() => {});
+        return done;
+    }
+
+    async #executorOf(description) {
+        const executor = new Executor(this.#device, description);
+        await executor.prepare();
+        return executor;
+    }
+
+    async #upload(scene) {
+        const entries = Math.max(this.#entries, LEAST_ENTRIES, ENTRIES_PER_GAUSSIAN * scene.count);
+        this.#reserved.clear();
+        await this.#makeRoom(this.#symbols(1, 1, scene, entries));
+        this.#near = nearPlane([0, 1, 2].map((axis) => scene.column(MEAN + axis)), scene.count);
+        this.#executor.write("shape", scene.shape);
+        this.#executor.write("sh", scene.sh);
+        this.#resume();
+    }
+
+    async #draw({ camera, background, asDepth }) {
+        if (!this.#scene) {
+            return;
+        }
+        const sequence = asDepth ? "render depth" : "render";
+        const behind = asDepth ? [0, 0, 0] : background;
+        let entries = this.#entries;
+        for (;;) {
+            const symbols = this.#symbols(camera.width, camera.height, this.#scene, entries);
+            await this.#makeRoom(symbols);
+            this.#executor.writeUniform("view", viewValues(camera, behind, this.#near, symbols));
+            this.#executor.submit(sequence, symbols);
+            const [, halted, needed] = await this.#executor.read("status", Uint32Array, 3);
+            if (!halted) {
+                break;
+            }
+            entries = Math.ceil(needed * GROWTH);
+            this.#resume();
+        }
+        this.#display.show(this.#executor.buffer("image"), camera, this.#canvas, background, asDepth);
+    }
+
+    /** Let the passes go on after they found too little room. */
+    #resume() {
+        this.#executor.write("status", new Uint32Array(3));
+    }
+
+    async #makeRoom(symbols) {
+        const key = JSON.stringify(symbols);
+        if (!this.#reserved.has(key)) {
+            await this.#executor.reserve(this.#executor.description.sizes(symbols));
+            this.#reserved.add(key);
+            this.#entries = symbols.entries;
+        }
+    }
+
+    #symbols(width, height, { count, coefficients }, entries) {
+        return this.#executor.description.symbols({
+            gaussians: count,
+            capacity: count,
+            coefficients,
+            width,
+            height,
+            entries,
+            photograph_pixels: 0,
+            replay_depth: 0,
+            structural: 0,
+            regularised: 0,
+            collecting: 0,
+            listed: 0,
+        });
+    }
+}
+
+async function fetchDescription(appearance) {
+    const response = await fetch(`passes.json?appearance=${appearance}`);
+    if (!response.ok) {
+        throw new Error(`passes.json: the server answers ${response.status}`);
+    }
+    return new Description(await response.json());
+}

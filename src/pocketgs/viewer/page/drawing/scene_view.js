@@ -1,0 +1,204 @@
+/**
+ * The picture on the canvas: from where, of what, and how it appears.
+ *
+ * @module
+ */
+
+import { MovingCamera, between, lensBetween } from "../scene/camera.js";
+import { FrameLoop } from "./frame_loop.js";
+import { SceneRenderer } from "./scene_renderer.js";
+
+/**
+ * @typedef {import("../scene/camera.js").Camera} Camera
+ * @typedef {import("../scene/camera.js").Pose} Pose
+ * @typedef {import("../scene/gaussian_columns.js").GaussianColumns} GaussianColumns
+ * @typedef {import("./point_renderer.js").PointRenderer} PointRenderer
+ */
+
+/** Seconds of the way from one camera to another. */
+const JOURNEY = 0.7;
+
+const BACKGROUNDS = [
+    [0, 0, 0],
+    [0.5, 0.5, 0.5],
+    [1, 1, 1],
+];
+
+/** Frames whose mean length is shown. */
+const FRAMES_COUNTED = 20;
+
+/** What a frame took, times this, is the pause before the next that only shows more of an arriving scene. */
+const PAUSE_BETWEEN_PARTS = 4;
+
+/** Draws a scene whenever something about the picture has changed. */
+export class SceneView {
+    camera = new MovingCamera();
+    #canvas;
+    #renderer;
+    #rests = true;
+    /** How much is going on besides drawing. */
+    #underWay = 0;
+    #loop;
+    #background = BACKGROUNDS[0];
+    #appearance = "splats";
+    #times = [];
+    #onStatistics;
+    #journey = 0;
+
+    /**
+     * @param {HTMLCanvasElement} canvas that the user points at
+     * @param {PointRenderer} points
+     * @param {{onStatistics: (count: number, framesPerSecond: number) => void, onFault: (text: string) => void}} told
+     */
+    constructor(canvas, points, { onStatistics, onFault }) {
+        this.#canvas = canvas;
+        this.#onStatistics = onStatistics;
+        this.#renderer = new SceneRenderer(points, {
+            pictureNow: () => this.#picture(1),
+            onChange: () => this.#loop.invalidate(),
+            onSharp: (took) => {
+                this.#times = [];
+                this.#count(took);
+            },
+            onFault,
+        });
+        this.#loop = new FrameLoop(
+            (share) => this.#renderer.draw(this.#picture(share)),
+            (took) => this.#count(took),
+            (rests) => {
+                this.#rests = rests;
+                this.#showBusy();
+            },
+        );
+        new ResizeObserver(() => this.#loop.invalidate()).observe(canvas);
+    }
+
+    /** Where what moves the camera has itself called before every frame. */
+    get loop() {
+        return this.#loop;
+    }
+
+    /** What draws, with or without a GPU. */
+    get renderer() {
+        return this.#renderer;
+    }
+
+    /**
+     * Say that it is busy until this is done, as it does while it draws.
+     *
+     * @param {Promise<unknown>} work that ends in another picture
+     */
+    async busyUntil(work) {
+        this.#underWay++;
+        this.#showBusy();
+        try {
+            await work;
+        } finally {
+            this.#underWay--;
+            this.#showBusy();
+        }
+    }
+
+    /** Milliseconds to let go by before more of an arriving scene is shown, lest drawing hold up what is to come. */
+    get pauseBetweenParts() {
+        return PAUSE_BETWEEN_PARTS * (this.#times.at(-1) ?? 0);
+    }
+
+    /**
+     * Draw another scene from now on.
+     *
+     * @param {GaussianColumns} scene
+     */
+    setScene(scene) {
+        return this.busyUntil(this.#renderer.setScene(scene));
+    }
+
+    /** @param {"splats" | "points" | "discs" | "depth"} appearance to draw Gaussians in from now on */
+    async setAppearance(appearance) {
+        await this.#renderer.setAppearance(shapeOf(appearance));
+        this.#appearance = appearance;
+        this.#loop.invalidate();
+    }
+
+    /** @param {[number, number, number]} background RGB */
+    setBackground(background) {
+        this.#background = background;
+        this.#loop.invalidate();
+    }
+
+    /** The next of black, grey and white. */
+    changeBackground() {
+        const at = BACKGROUNDS.findIndex((background) => background.every((c, i) => c === this.#background[i]));
+        this.setBackground(BACKGROUNDS[(at + 1) % BACKGROUNDS.length]);
+    }
+
+    /** The camera has been moved by hand, which ends a journey. */
+    moved() {
+        this.#journey++;
+        this.#loop.move();
+    }
+
+    /**
+     * Go to a pose, at once or on a journey.
+     *
+     * @param {Pose} pose
+     * @param {Camera} lens whose field of view to show
+     * @param {boolean} atOnce
+     */
+    goTo(pose, lens, atOnce = false) {
+        const [from, fromLens] = [this.camera.pose, this.camera.lens];
+        const journey = ++this.#journey;
+        if (atOnce || matchMedia("(prefers-reduced-motion: reduce)").matches) {
+            [this.camera.pose, this.camera.lens] = [pose, lens];
+            this.#loop.invalidate();
+            return;
+        }
+        let gone = 0;
+        this.#loop.addMover((seconds) => {
+            if (journey !== this.#journey) {
+                return false;
+            }
+            gone = Math.min(1, gone + seconds / JOURNEY);
+            const share = gone * gone * (3 - 2 * gone);
+            this.camera.pose = gone === 1 ? pose : between(from, pose, share);
+            this.camera.lens = gone === 1 ? lens : lensBetween(fromLens, lens, share);
+            return gone < 1;
+        });
+    }
+
+    /** @returns {Promise<Blob>} the picture as it is now, as a PNG */
+    photograph() {
+        return this.#renderer.photograph(this.#picture(1));
+    }
+
+    #picture(share) {
+        const [width, height] = [this.#canvas.clientWidth, this.#canvas.clientHeight];
+        const scale = window.devicePixelRatio;
+        const size = [width, height].map((side) => Math.max(1, Math.round(side * scale)));
+        if (this.#canvas.width !== size[0] || this.#canvas.height !== size[1]) {
+            [this.#canvas.width, this.#canvas.height] = size;
+        }
+        const camera = this.camera.of(...size.map((side) => Math.max(1, Math.round(share * side))));
+        return { camera, share, background: this.#background, asDepth: this.#appearance === "depth" };
+    }
+
+    #showBusy() {
+        this.#canvas.setAttribute("aria-busy", String(!this.#rests || this.#underWay > 0));
+    }
+
+    #count(took) {
+        if (this.#renderer.count === 0) {
+            return;
+        }
+        this.#times = [...this.#times, took].slice(-FRAMES_COUNTED);
+        if (this.#renderer.isSettled) {
+            const mean = this.#times.reduce((sum, time) => sum + time, 0) / this.#times.length;
+            this.#onStatistics(this.#renderer.count, 1000 / mean);
+        }
+    }
+}
+
+/** What shaders draw for an appearance. */
+function shapeOf(appearance) {
+    return appearance === "depth" ? "splats" : appearance;
+}

@@ -1,0 +1,46 @@
+/**
+ * What is written into the uniform buffer before every image; the twin of `view_values` in `frame_values.py`.
+ *
+ * @module
+ */
+
+/** As in `splat/constants.py` and `splat/webgpu/layout.py`. */
+const FRUSTUM_MARGIN = 0.15;
+const TILE = 8;
+
+/**
+ * Fields of the struct `View`.
+ *
+ * @param {import("../scene/camera.js").Camera} camera from where
+ * @param {[number, number, number]} background RGB
+ * @param {number} near least depth of what is drawn, see `nearPlane`
+ * @param {Object<string, number>} symbols gives gaussians, coefficients, entries and replay_depth
+ * @returns {Object<string, number | number[]>}
+ */
+export function viewValues(camera, background, near, symbols) {
+    const { width, height, fx, fy, cx, cy, world_to_camera: m } = camera;
+    const [x, y, z] = [m.slice(0, 4), m.slice(4, 8), m.slice(8, 12)];
+    const centre = [0, 1, 2].map((axis) => -(x[axis] * x[3] + y[axis] * y[3] + z[axis] * z[3]));
+    const margin = [FRUSTUM_MARGIN * width, FRUSTUM_MARGIN * height];
+    return {
+        to_camera_x: x,
+        to_camera_y: y,
+        to_camera_z: z,
+        centre: [...centre, 1],
+        background: [...background, 1],
+        focal: [fx, fy],
+        principal: [cx, cy],
+        slopes_low: [-(cx + margin[0]) / fx, -(cy + margin[1]) / fy],
+        slopes_high: [(width - cx + margin[0]) / fx, (height - cy + margin[1]) / fy],
+        width,
+        height,
+        tiles_across: Math.ceil(width / TILE),
+        tiles_down: Math.ceil(height / TILE),
+        gaussians: symbols.gaussians,
+        coefficients: symbols.coefficients,
+        entry_capacity: symbols.entries,
+        photograph: 0,
+        replay_depth: symbols.replay_depth,
+        near,
+    };
+}

@@ -1,0 +1,78 @@
+/**
+ * Reading a scene of any known format, from the network or from the user's disk.
+ *
+ * @module
+ */
+
+import { ByteStream } from "./byte_stream.js";
+import { readPly } from "./ply.js";
+import { readSplat } from "./splat.js";
+import { readSpz } from "./spz.js";
+
+/**
+ * @typedef {import("../scene/gaussian_columns.js").GaussianColumns} GaussianColumns
+ *
+ * @typedef {(gaussians: GaussianColumns, count: number) => void} PartListener told how many of a scene's Gaussians have
+ *     arrived; of a format that stores attribute by attribute, nothing before all have
+ */
+
+/** Suffixes of the files that can be read. */
+export const SUFFIXES = [".ply", ".splat", ".spz"];
+
+/**
+ * Read a scene as it arrives.
+ *
+ * @param {string} name of the file, for its suffix and for messages
+ * @param {ReadableStream<Uint8Array>} stream
+ * @param {number} bytes the file's size
+ * @param {(share: number) => void} onProgress told the share of the file that has come
+ * @param {PartListener} onPart
+ * @returns {Promise<GaussianColumns>}
+ * @throws {Error} the file is broken or of a format that is not known
+ */
+export async function readScene(name, stream, bytes, onProgress = () => {}, onPart = () => {}) {
+    const source = new ByteStream(stream, (received) => onProgress(bytes ? received / bytes : 0));
+    try {
+        const gaussians = await readAny(name, source, bytes, onPart);
+        if (gaussians.count === 0) {
+            throw new Error("the file holds no Gaussians");
+        }
+        return gaussians;
+    } catch (error) {
+        throw new Error(`${name}: ${error.message}`, { cause: error });
+    }
+}
+
+/**
+ * Fetch a scene.
+ *
+ * @param {string} url
+ * @param {number} bytes the file's size
+ * @param {(share: number) => void} onProgress told the share of the file that has come
+ * @param {PartListener} onPart
+ * @returns {Promise<GaussianColumns>}
+ * @throws {Error} the server does not give it, or it is broken
+ */
+export async function fetchScene(url, bytes, onProgress, onPart) {
+    const response = await fetch(url);
+    if (!response.ok) {
+        throw new Error(`${url}: the server answers ${response.status}`);
+    }
+    return readScene(url, response.body, bytes, onProgress, onPart);
+}
+
+async function readAny(name, source, bytes, onPart) {
+    const start = await source.takeUpTo(4);
+    source.putBack(start);
+    const text = String.fromCharCode(...start);
+    if (text.startsWith("ply")) {
+        return readPly(source, bytes, onPart);
+    }
+    if (text === "NGSP" || text.startsWith("\x1f\x8b")) {
+        return readSpz(source);
+    }
+    if (name.toLowerCase().endsWith(".splat")) {
+        return readSplat(source, bytes, onPart);
+    }
+    throw new Error(`not a scene, expected ${SUFFIXES.join(", ")}`);
+}

@@ -1,0 +1,129 @@
+/**
+ * The numbers of a `.spz`; the twin of `formats/spz_attributes.py`, which says how each is stored.
+ *
+ * @module
+ */
+
+import { GaussianColumns, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../scene/gaussian_columns.js";
+import { logitOfByte } from "./opacity.js";
+
+/**
+ * @typedef {Object} Layout
+ * @property {number} version 1 to 4
+ * @property {number} count
+ * @property {number} degree of the spherical harmonics, 0 to 4
+ * @property {number} fractionalBits of the positions
+ */
+
+const COLOUR_SCALE = 0.15 * 255;
+const LARGEST_OTHER = Math.SQRT1_2;
+const ROTATION_STEPS = 511;
+
+/** The file's axes are right, up, back; ours are right, down, forward. */
+const AXIS_SIGNS = [1, -1, -1];
+const QUATERNION_SIGNS = [1, 1, -1, -1];
+
+/** Signs of the harmonics under that half turn about x, in the order of the 3DGS `.ply`. */
+const HARMONIC_SIGNS = [1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1];
+
+/**
+ * Bytes of each of the six streams.
+ *
+ * @param {Layout} layout
+ * @returns {number[]}
+ */
+export function streamSizes({ version, count, degree }) {
+    const [position, rotation] = [version === 1 ? 6 : 9, version >= 3 ? 4 : 3];
+    return [position, 1, 3, 3, rotation, 3 * ((degree + 1) ** 2 - 1)].map((width) => count * width);
+}
+
+/**
+ * The scene in six streams of the sizes that the layout gives; coefficients above degree 3 are dropped.
+ *
+ * @param {Uint8Array[]} streams
+ * @param {Layout} layout
+ * @returns {GaussianColumns}
+ */
+export function unpack([positions, opacities, colours, scales, rotations, harmonics], layout) {
+    const { count, degree } = layout;
+    const gaussians = new GaussianColumns(count, (Math.min(degree, 3) + 1) ** 2);
+    unpackPositions(positions, layout, gaussians);
+    gaussians.column(OPACITY_LOGIT).set(Float32Array.from(opacities, logitOfByte));
+    for (let axis = 0; axis < 3; axis++) {
+        const [logScales, dc] = [gaussians.column(LOG_SCALE + axis), gaussians.harmonics(0, axis)];
+        for (let i = 0; i < count; i++) {
+            logScales[i] = scales[3 * i + axis] / 16 - 10;
+            dc[i] = (colours[3 * i + axis] - 127.5) / COLOUR_SCALE;
+        }
+    }
+    const unpackRotation = layout.version >= 3 ? smallestThree : firstThree;
+    for (let i = 0; i < count; i++) {
+        unpackRotation(rotations, i).forEach((value, part) => {
+            gaussians.shape[(QUATERNION + part) * count + i] = QUATERNION_SIGNS[part] * value;
+        });
+    }
+    gaussians.normaliseQuaternions();
+    unpackHarmonics(harmonics, degree, gaussians);
+    return gaussians;
+}
+
+function unpackPositions(positions, { version, fractionalBits }, gaussians) {
+    const bytes = new DataView(positions.buffer, positions.byteOffset, positions.length);
+    const fixedPoint = (place) => ((positions[place] << 8) | (positions[place + 1] << 16) | (positions[place + 2] << 24)) >> 8;
+    const read = version === 1 ? (n) => half(bytes.getUint16(2 * n, true)) : (n) => fixedPoint(3 * n) * 2 ** -fractionalBits;
+    for (let axis = 0; axis < 3; axis++) {
+        const means = gaussians.column(MEAN + axis);
+        for (let i = 0; i < gaussians.count; i++) {
+            means[i] = AXIS_SIGNS[axis] * read(3 * i + axis);
+        }
+    }
+}
+
+/** A number from the bits of half precision. */
+function half(bits) {
+    const [sign, exponent, fraction] = [bits & 0x8000 ? -1 : 1, (bits >> 10) & 31, bits & 1023];
+    if (exponent === 31) {
+        return fraction ? NaN : sign * Infinity;
+    }
+    return sign * (exponent ? 2 ** (exponent - 15) * (1 + fraction / 1024) : 2 ** -14 * (fraction / 1024));
+}
+
+/** w, x, y, z of version 1 and 2: x, y, z are stored. */
+function firstThree(rotations, i) {
+    const [x, y, z] = [0, 1, 2].map((part) => rotations[3 * i + part] / 127.5 - 1);
+    return [Math.sqrt(Math.max(0, 1 - x * x - y * y - z * z)), x, y, z];
+}
+
+/** w, x, y, z of version 3 and 4: the largest is left out. */
+function smallestThree(rotations, i) {
+    const [a, b, c, d] = rotations.subarray(4 * i, 4 * i + 4);
+    const packed = a | (b << 8) | (c << 16) | (d << 24);
+    const largest = packed >>> 30;
+    const parts = [packed >>> 20, packed >>> 10, packed];
+    const xyzw = [0, 0, 0, 0];
+    let squares = 0;
+    for (let part = 0, field = 0; part < 4; part++) {
+        if (part !== largest) {
+            const value = ((parts[field] & ROTATION_STEPS) * LARGEST_OTHER) / ROTATION_STEPS;
+            xyzw[part] = parts[field] & 512 ? -value : value;
+            squares += value * value;
+            field++;
+        }
+    }
+    xyzw[largest] = Math.sqrt(Math.max(0, 1 - squares));
+    return [xyzw[3], xyzw[0], xyzw[1], xyzw[2]];
+}
+
+function unpackHarmonics(harmonics, degree, gaussians) {
+    const width = 3 * ((degree + 1) ** 2 - 1);
+    for (let coefficient = 1; coefficient < gaussians.coefficients; coefficient++) {
+        const scale = HARMONIC_SIGNS[coefficient] / 128;
+        for (let channel = 0; channel < 3; channel++) {
+            const values = gaussians.harmonics(coefficient, channel);
+            const first = 3 * (coefficient - 1) + channel;
+            for (let i = 0; i < gaussians.count; i++) {
+                values[i] = scale * (harmonics[width * i + first] - 128);
+            }
+        }
+    }
+}

@@ -1,0 +1,128 @@
+/**
+ * Following a run: what the server tells over a WebSocket, and what may be asked of it.
+ *
+ * @module
+ */
+
+import { readScene } from "../formats/scene_file.js";
+import { drawCurves } from "./curves.js";
+
+/**
+ * @typedef {Object} Listener
+ * @property {(scene: import("../scene/gaussian_columns.js").GaussianColumns) => void} onScene
+ * @property {(viewer: Object) => void} onViewer told what viewer.json would say now
+ * @property {(text: string) => void} onFault
+ */
+
+const SECONDS_TO_RECONNECT = 2;
+
+/** Shows a run's progress, and hands on its scenes. */
+export class LiveRun {
+    #listener;
+    #socket;
+    #samples = [];
+    #progress = {};
+    #announced = null;
+    #reading = false;
+    #latest = null;
+
+    /** @param {Listener} listener */
+    constructor(listener) {
+        this.#listener = listener;
+        element("live").hidden = false;
+        element("pause").addEventListener("click", () => this.#ask(this.#progress.paused ? "resume" : "pause"));
+        element("stop").addEventListener("click", () => this.#ask("stop"));
+        window.addEventListener("resize", () => this.#drawCurves());
+        this.#connect();
+    }
+
+    #connect() {
+        const url = new URL("live", document.baseURI);
+        url.protocol = url.protocol.replace("http", "ws");
+        this.#socket = new WebSocket(url);
+        this.#socket.binaryType = "arraybuffer";
+        this.#socket.addEventListener("open", () => (this.#samples = []));
+        this.#socket.addEventListener("message", ({ data }) => this.#receive(data));
+        this.#socket.addEventListener("close", () => this.#lose());
+    }
+
+    #receive(data) {
+        if (data instanceof ArrayBuffer) {
+            this.#latest = { name: `scene.${this.#announced.format}`, data };
+            this.#readLatest();
+            return;
+        }
+        const message = JSON.parse(data);
+        if (message.type === "progress") {
+            this.#show(message);
+        } else if (message.type === "cameras") {
+            this.#listener.onViewer(message.viewer);
+        } else if (message.type === "scene") {
+            this.#announced = message;
+        }
+    }
+
+    /** One scene at a time; those that come meanwhile are passed over but for the last. */
+    async #readLatest() {
+        if (this.#reading) {
+            return;
+        }
+        this.#reading = true;
+        while (this.#latest) {
+            const { name, data } = this.#latest;
+            this.#latest = null;
+            try {
+                const scene = await readScene(name, new Blob([data]).stream(), data.byteLength);
+                await this.#listener.onScene(scene);
+            } catch (error) {
+                this.#listener.onFault(error.message);
+            }
+        }
+        this.#reading = false;
+    }
+
+    #show(progress) {
+        this.#progress = progress;
+        this.#samples.push(...progress.samples);
+        const { iteration, iterations, paused, finished } = progress;
+        element("stage").textContent = paused ? "paused" : progress.stage;
+        element("iteration").textContent = iterations ? `${iteration} / ${iterations}` : "";
+        element("training").value = iterations ? iteration / iterations : 0;
+        element("loss").textContent = progress.loss?.toPrecision(3) ?? "–";
+        element("psnr").textContent = progress.held_out_psnr ? `${progress.held_out_psnr.toFixed(2)} dB` : "–";
+        element("left").textContent = finished ? "done" : duration(progress.seconds_left);
+        element("memory").textContent = `${Math.round(progress.memory_mb)} MB`;
+        element("pause").textContent = paused ? "Resume" : "Pause";
+        element("live-buttons").hidden = finished;
+        this.#drawCurves();
+    }
+
+    #drawCurves() {
+        drawCurves(element("curves"), this.#samples, this.#progress.iterations ?? 0);
+    }
+
+    #ask(type) {
+        if (this.#socket.readyState === WebSocket.OPEN) {
+            this.#socket.send(JSON.stringify({ type }));
+        }
+    }
+
+    #lose() {
+        if (!this.#progress.finished) {
+            element("stage").textContent = "connection lost";
+            setTimeout(() => this.#connect(), 1000 * SECONDS_TO_RECONNECT);
+        }
+    }
+}
+
+function element(id) {
+    return document.getElementById(id);
+}
+
+function duration(seconds) {
+    if (seconds === null || seconds === undefined) {
+        return "–";
+    }
+    const whole = Math.round(seconds);
+    return whole < 60 ? `${whole} s` : `${Math.floor(whole / 60)} min ${whole % 60} s`;
+}
