@@ -173,7 +173,7 @@ def test_the_table_of_a_step_is_what_its_command_prints(data_folder: Path, monke
     [table] = [each for each in tables() if "bench/cpu_step.py" in each.before]
     [stated] = [each for each in of("bench/cpu_step.py") if shlex.join(each.arguments) in table.before]
     module = cpu_step()
-    assert table.header == ("", *module.STAGES.values(), "step")
+    assert table.header == ("", *module.PASSES, "step")
     monkeypatch.setattr(module, "ITERATIONS", 1)
     capture = data_folder / Path(stated.arguments[0]).name
     reading = CaptureOptions(**{option[2:]: value for option, value in pairs(stated.arguments)})  # type: ignore[arg-type]

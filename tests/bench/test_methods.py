@@ -9,6 +9,7 @@ from pocketgs.bench.methods import METHODS, methods_named
 from pocketgs.cli.bench import Everywhere
 from pocketgs.errors import PocketGSError
 from pocketgs.training.options import TrainingOptions
+from pocketgs.training.planning.effort import sized
 
 
 def options_of(name: str) -> TrainingOptions:
@@ -21,7 +22,7 @@ def test_the_default_is_the_default() -> None:
 
 @pytest.mark.parametrize(("name", "prior"), [("3dgs-sfm", "colmap"), ("3dgs-mvs", "dense")])
 def test_workstation_methods_train_as_3dgs_does(name: str, prior: str) -> None:
-    options = options_of(name)
+    options = sized(options_of(name), [(640, 480)])
     assert (options.recipe, options.seeds, options.prior) == ("reference", "balls", prior)
 
 
@@ -32,7 +33,7 @@ def test_workstation_methods_train_as_3dgs_does(name: str, prior: str) -> None:
         ("no-bundle", "bundle", False),
         ("no-dense", "prior", "sparse"),
         ("no-exposure", "exposure", "off"),
-        ("one-reference", "references", 1),
+        ("one-source", "source_views", 1),
         ("15-keyframes", "max_keyframes", 15),
         ("pocketgs-100k", "max_gaussians", 100_000),
     ],

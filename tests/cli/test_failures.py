@@ -36,7 +36,7 @@ def refused(
     [
         (["--recipe", "fast"], "recipe 'fast': not known, expected one of pocketgs, reference"),
         (["--engine", "webgpu", "--gpu", "voodoo", "--prior", "none"], "expected one named like 'voodoo'"),
-        (["--references", "0"], "references: found 0, expected at least 1"),
+        (["--source-views", "0"], "source views: found 0, expected at least 1"),
         (["--max-keyframes", "1"], "max keyframes: found 1, expected at least 2"),
         (["--iterations", "0"], "iterations: found 0, expected at least 1"),
         (["--iterations", "-5"], "iterations: found -5"),
@@ -184,7 +184,7 @@ def test_resume(refused: Callable[..., str], written_capture: Path, result: Path
     assert "40 iterations are done already" in refused(*command, result, "--iterations", "40")
     assert "holds no unfinished.npz or checkpoint.npz" in refused(*command, tmp_path / "new")
     others = [["--seed", "1"], ["--recipe", "reference"], ["--sh-degree", "2"], ["--hold-out", "4"]]
-    others += [["--prior", "sparse"], ["--no-bundle"], ["--references", "2"], ["--max-keyframes", "5"]]
+    others += [["--prior", "sparse"], ["--no-bundle"], ["--source-views", "2"], ["--max-keyframes", "5"]]
     for option in [*others, ["--exposure", "off"], ["--max-gaussians", "100"]]:
         assert "belongs to a run with" in refused(*command, result, *option)
     (result / "checkpoint.npz").write_bytes(b"hello")

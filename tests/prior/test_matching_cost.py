@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pocketgs.prior.matching_cost import BITS, RADIUS, References, matching_costs, squares_of
+from pocketgs.prior.matching_cost import BITS, RADIUS, SourceViews, matching_costs, squares_of
 
 HEIGHT, WIDTH = 19, 23
 INVERSE_DEPTHS = np.linspace(0.2, 1.0, 9, dtype=np.float32)
@@ -17,13 +17,13 @@ def noise(*shape: int, seed: int = 0, most: int = 256) -> np.ndarray:
     return np.random.default_rng(seed).integers(0, most, shape, dtype=np.uint8)
 
 
-def references(*images: np.ndarray, turns: list[np.ndarray], shifts: list[list[float]]) -> References:
+def source_views(*images: np.ndarray, turns: list[np.ndarray], shifts: list[list[float]]) -> SourceViews:
     """Padded with noise, which no cost may depend on."""
     sizes = np.array([image.shape for image in images])
     squares = noise(len(images), *sizes.max(axis=0), seed=99).astype(np.uint32)
     for place, image in zip(squares, images, strict=True):
         place[: image.shape[0], : image.shape[1]] = squares_of(image)
-    return References(squares, sizes.astype(np.float32), np.array(turns, np.float32), np.array(shifts, np.float32))
+    return SourceViews(squares, sizes.astype(np.float32), np.array(turns, np.float32), np.array(shifts, np.float32))
 
 
 def turned(degrees: list[float], width: int = WIDTH, height: int = HEIGHT) -> np.ndarray:
@@ -34,7 +34,7 @@ def turned(degrees: list[float], width: int = WIDTH, height: int = HEIGHT) -> np
     )
 
 
-def twin(view: np.ndarray, among: References, inverse_depths: np.ndarray) -> np.ndarray:
+def twin(view: np.ndarray, among: SourceViews, inverse_depths: np.ndarray) -> np.ndarray:
     """What `matching_costs` promises. In float32 as well: a census flips where two samples are all but alike."""
     height, width = view.shape
     own = census(np.pad(view, RADIUS, mode="edge"))
@@ -90,23 +90,25 @@ def warp(
 STILL = np.eye(3)
 SIDEWAYS = [[3.0, 0.0, 0.0], [-4.0, 1.0, 0.0], [0.5, 6.0, 0.0]]
 CASES = {
-    "one reference": references(noise(HEIGHT, WIDTH, seed=1), turns=[STILL], shifts=[[5.3, 0.7, 0]]),
-    "three references": references(*noise(3, HEIGHT, WIDTH, seed=1), turns=[STILL] * 3, shifts=SIDEWAYS),
-    "two references": references(*noise(2, HEIGHT, WIDTH, seed=1), turns=[STILL] * 2, shifts=SIDEWAYS[:2]),
-    "rotation": references(
+    "one source view": source_views(noise(HEIGHT, WIDTH, seed=1), turns=[STILL], shifts=[[5.3, 0.7, 0]]),
+    "three source views": source_views(*noise(3, HEIGHT, WIDTH, seed=1), turns=[STILL] * 3, shifts=SIDEWAYS),
+    "two source views": source_views(*noise(2, HEIGHT, WIDTH, seed=1), turns=[STILL] * 2, shifts=SIDEWAYS[:2]),
+    "rotation": source_views(
         *noise(3, HEIGHT, WIDTH, seed=1),
         turns=[turned([3, -5, 10]), turned([0, 0, 90]), turned([-20, 4, 0])],
         shifts=[[2.0, 1.0, 0.05], [-3.0, 0.0, -0.3], [0.0, 2.0, 0.2]],
     ),
-    "sizes": references(
+    "sizes": source_views(
         noise(30, 14, seed=1),
         noise(12, 40, seed=2),
         noise(2, 2, seed=3),
         turns=[STILL, turned([0, 0, 5]), STILL],
         shifts=SIDEWAYS,
     ),
-    "out of view": references(*noise(2, HEIGHT, WIDTH), turns=[STILL] * 2, shifts=[[15.0, 0, 0], [0, -40.0, 0]]),
-    "behind": references(*noise(2, HEIGHT, WIDTH), turns=[turned([0, 80, 0]), STILL], shifts=[[0, 0, 0], [1, 1, -2.5]]),
+    "out of view": source_views(*noise(2, HEIGHT, WIDTH), turns=[STILL] * 2, shifts=[[15.0, 0, 0], [0, -40.0, 0]]),
+    "behind": source_views(
+        *noise(2, HEIGHT, WIDTH), turns=[turned([0, 80, 0]), STILL], shifts=[[0, 0, 0], [1, 1, -2.5]]
+    ),
 }
 
 
@@ -121,15 +123,15 @@ def test_costs_are_those_of_the_twin(case: str) -> None:
 
 @pytest.mark.parametrize("shape", [(2, 2), (1, 9), (8, 3), (17, 5)])
 def test_any_size_of_view(shape: tuple[int, int]) -> None:
-    view, case = noise(*shape), CASES["three references"]
+    view, case = noise(*shape), CASES["three source views"]
     np.testing.assert_array_equal(matching_costs(view, case, INVERSE_DEPTHS), twin(view, case, INVERSE_DEPTHS))
 
 
 def test_costs_vanish_where_the_view_is_found_again() -> None:
-    """The reference shows all of it four pixels farther right."""
+    """The source shows all of it four pixels farther right."""
     view = noise(HEIGHT, WIDTH)
     moved = np.roll(view, 4, axis=1)
-    costs = matching_costs(view, references(moved, turns=[STILL], shifts=[[4, 0, 0]]), np.float32([0, 0.5, 1]))
+    costs = matching_costs(view, source_views(moved, turns=[STILL], shifts=[[4, 0, 0]]), np.float32([0, 0.5, 1]))
     inside = costs[:, RADIUS : -4 - RADIUS]
     assert not inside[:, :, 2].any()
     assert inside[:, :, :2].mean() > BITS / 4
@@ -139,7 +141,7 @@ def test_costs_vanish_where_the_view_is_found_again() -> None:
 def test_gain_and_offset_change_nothing(gain: int, offset: int) -> None:
     view, other = noise(2, HEIGHT, WIDTH, most=64)
     plain, bright = (
-        references(image, turns=[STILL], shifts=[[4, 2, 0]])
+        source_views(image, turns=[STILL], shifts=[[4, 2, 0]])
         for image in (other, (gain * other + offset).astype(np.uint8))
     )
     whole_pixels = np.float32([0, 0.5, 1])
@@ -149,22 +151,22 @@ def test_gain_and_offset_change_nothing(gain: int, offset: int) -> None:
     np.testing.assert_array_equal(matching_costs(brighter, plain, whole_pixels), expected)
 
 
-def test_a_view_hidden_from_one_reference_costs_nothing() -> None:
+def test_a_view_hidden_from_one_source_view_costs_nothing() -> None:
     view = noise(HEIGHT, WIDTH)
-    hidden = references(view, noise(HEIGHT, WIDTH, seed=5), view, turns=[STILL] * 3, shifts=[[0, 0, 0]] * 3)
+    hidden = source_views(view, noise(HEIGHT, WIDTH, seed=5), view, turns=[STILL] * 3, shifts=[[0, 0, 0]] * 3)
     assert not matching_costs(view, hidden, INVERSE_DEPTHS).any()
-    alone = References(*(array[1:2] for array in hidden))
+    alone = SourceViews(*(array[1:2] for array in hidden))
     assert matching_costs(view, alone, INVERSE_DEPTHS).mean() > BITS / 4
 
 
 def test_what_no_reference_sees_costs_half() -> None:
-    away = references(noise(HEIGHT, WIDTH), turns=[STILL], shifts=[[1000, 0, 0]])
+    away = source_views(noise(HEIGHT, WIDTH), turns=[STILL], shifts=[[1000, 0, 0]])
     assert np.all(matching_costs(noise(HEIGHT, WIDTH), away, INVERSE_DEPTHS) == BITS // 2)
 
 
 def test_a_reference_that_stands_on_the_ray() -> None:
     """There, 0 / 0 is where the pixel falls."""
-    ahead = references(
+    ahead = source_views(
         noise(HEIGHT, WIDTH), turns=[np.array([[1, 0, -11.5], [0, 1, -9.5], [0, 0, 1]])], shifts=[[0, 0, -1]]
     )
     view, depths = noise(HEIGHT, WIDTH), np.float32([0.5, 1.0])
@@ -175,11 +177,11 @@ def test_a_reference_that_stands_on_the_ray() -> None:
 
 def test_a_masked_reference_is_as_none() -> None:
     view, images = noise(HEIGHT, WIDTH), [noise(HEIGHT, WIDTH, seed=seed) for seed in (1, 2, 3)]
-    among = references(*images, turns=[STILL] * 3, shifts=[[3, 0, 0], [0, 2, 0], [-2, 1, 0]])
+    among = source_views(*images, turns=[STILL] * 3, shifts=[[3, 0, 0], [0, 2, 0], [-2, 1, 0]])
     usable = np.ones(among.squares.shape, np.bool_)
     plain = matching_costs(view, among, INVERSE_DEPTHS)
     np.testing.assert_array_equal(matching_costs(view, among._replace(usable=usable), INVERSE_DEPTHS), plain)
     usable[2] = False
-    without = matching_costs(view, References(*(array[:2] for array in among)), INVERSE_DEPTHS)
+    without = matching_costs(view, SourceViews(*(array[:2] for array in among)), INVERSE_DEPTHS)
     np.testing.assert_array_equal(matching_costs(view, among._replace(usable=usable), INVERSE_DEPTHS), without)
     assert np.any(plain != without)

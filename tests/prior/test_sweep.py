@@ -13,7 +13,7 @@ from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import look_at
 from pocketgs.prior.depth_range import DepthRange
-from pocketgs.prior.sweep import MOST_PIXELS, DepthMap, SweepSettings, at_sweep_size, choose_references, sweep
+from pocketgs.prior.sweep import MOST_PIXELS, DepthMap, SweepSettings, at_sweep_size, choose_source_views, sweep
 
 SETTINGS = SweepSettings()
 PLANE = np.array([0.25, -0.4, 1.0]), 3.0
@@ -54,10 +54,10 @@ def depth_of(frame: Frame) -> np.ndarray:
     return frame.depth
 
 
-def swept(frame: Frame, references: list[Frame], settings: SweepSettings = SETTINGS) -> DepthMap:
+def swept(frame: Frame, source_views: list[Frame], settings: SweepSettings = SETTINGS) -> DepthMap:
     """Swept over a range as wide as a run's."""
     near, far = np.quantile(depth_of(frame), [0.05, 0.95])
-    return sweep(frame, references, DepthRange(0.7 * near, 1.6 * far, 128), settings)
+    return sweep(frame, source_views, DepthRange(0.7 * near, 1.6 * far, 128), settings)
 
 
 def seen_by(frame: Frame) -> np.ndarray:
@@ -84,7 +84,7 @@ def test_slanted_plane(plane: list[Frame], paths: int) -> None:
     assert np.mean(errors < 0.01) > 0.85
 
 
-def test_one_reference_is_enough_where_it_sees(plane: list[Frame]) -> None:
+def test_one_source_view_is_enough_where_it_sees(plane: list[Frame]) -> None:
     errors = relative_errors(swept(plane[0], plane[1:2]), plane[0])
     assert np.median(errors) < 0.01
 
@@ -92,8 +92,8 @@ def test_one_reference_is_enough_where_it_sees(plane: list[Frame]) -> None:
 def test_demo_scene(table: Capture) -> None:
     """Real shapes: edges, what hides other things, and surfaces without texture."""
     keyframe = table.train[3]
-    references = choose_references(keyframe, table.train, seen_by(keyframe), SETTINGS)
-    found = swept(keyframe, references)
+    source_views = choose_source_views(keyframe, table.train, seen_by(keyframe), SETTINGS)
+    found = swept(keyframe, source_views)
     errors = relative_errors(found, keyframe)
     assert len(errors) > 0.95 * found.depth.size
     assert np.median(errors) < 0.008
@@ -191,15 +191,15 @@ def test_references_are_those_of_the_best_baselines() -> None:
     # Too near, too far, without parallax, and with its back to the scene.
     poor = [frame_at("near", 0.05, 0, 0), frame_at("far", 4, 0, 0), frame_at("ahead", 0, 0, 0.7)]
     poor.append(frame_at("back", 0.7, 0, 0, towards=(0, 0, -5)))
-    settings = SweepSettings(references=2, angle=np.radians(8), least_angle=np.radians(4))
+    settings = SweepSettings(source_views=2, angle=np.radians(8), least_angle=np.radians(4))
     for order in ([keyframe, *poor, *good], [*good[::-1], *poor, keyframe]):
-        chosen = choose_references(keyframe, order, AHEAD, settings)
+        chosen = choose_source_views(keyframe, order, AHEAD, settings)
         assert [frame.name for frame in chosen] == ["right", "up"]
-    assert choose_references(keyframe, [keyframe, *good], AHEAD, replace(settings, references=1)) == good[:1]
+    assert choose_source_views(keyframe, [keyframe, *good], AHEAD, replace(settings, source_views=1)) == good[:1]
     # Those that tell nothing are not taken, however many are asked for.
-    most = choose_references(keyframe, [keyframe, *poor, *good], AHEAD, replace(settings, references=9))
+    most = choose_source_views(keyframe, [keyframe, *poor, *good], AHEAD, replace(settings, source_views=9))
     assert [frame.name for frame in most] == ["right", "up", "near", "far"]
-    assert choose_references(keyframe, [keyframe], AHEAD, settings) == []
+    assert choose_source_views(keyframe, [keyframe], AHEAD, settings) == []
 
 
 def test_references_together_see_all_of_the_view() -> None:
@@ -213,14 +213,14 @@ def test_references_together_see_all_of_the_view() -> None:
             (pixel,), _ = side.camera.project(np.array(point))
             assert (0 <= pixel[0] < 16) == expected
     points = np.array(left * 3 + right * 2)
-    chosen = choose_references(keyframe, sides, points, replace(SETTINGS, references=3))
+    chosen = choose_source_views(keyframe, sides, points, replace(SETTINGS, source_views=3))
     assert "right" in [frame.name for frame in chosen]
 
 
 def test_the_farther_the_scene_the_wider_the_baseline() -> None:
     frames = [frame_at(str(step), 0.25 * step, 0, 0) for step in range(40)]
     nearest, farther = (
-        choose_references(frames[0], frames, AHEAD * depth, replace(SETTINGS, references=1))[0] for depth in (1, 4)
+        choose_source_views(frames[0], frames, AHEAD * depth, replace(SETTINGS, source_views=1))[0] for depth in (1, 4)
     )
     assert 1 < int(nearest.name) < int(farther.name)
 
@@ -243,7 +243,7 @@ def test_large_frames_are_swept_at_a_smaller_size(width: int, height: int) -> No
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"references": 0}, "references: found 0, expected at least 1"),
+        ({"source_views": 0}, "source views: found 0, expected at least 1"),
         ({"paths": 6}, "paths of semi-global matching: found 6, expected 4 or 8"),
     ],
 )

@@ -179,7 +179,7 @@ def test_sh_degree(small_capture: Capture, degree: int) -> None:
         ({"recipe": "fast"}, "recipe 'fast': not known, expected one of pocketgs, reference"),
         ({"prior": "best"}, "prior: found best, expected dense, sparse, colmap or none"),
         ({"seeds": "cubes"}, "seeds: found cubes, expected discs or balls"),
-        ({"references": 0}, "references: found 0, expected at least 1"),
+        ({"source_views": 0}, "source views: found 0, expected at least 1"),
         ({"max_keyframes": 1}, "max keyframes: found 1, expected at least 2"),
         ({"exposure": "maybe"}, "exposure: found maybe, expected auto, on or off"),
         ({"engine": "gpu"}, "engine 'gpu': not known, expected one of auto, cpu, webgpu"),

@@ -46,7 +46,7 @@ METHODS = {
         Method("no-bundle", "PocketGS with poses as the capture gives them.", ("--no-bundle",), "w/o Global BA"),
         Method("no-dense", "PocketGS on the points of matched features.", ("--prior", "sparse"), "w/o MVS"),
         Method("no-exposure", "PocketGS on photographs at their own exposures.", ("--exposure", "off")),
-        Method("one-reference", "PocketGS with depth from one reference a keyframe.", ("--references", "1")),
+        Method("one-source", "PocketGS with depth from one source view per keyframe.", ("--source-views", "1")),
         Method("15-keyframes", "PocketGS with as many keyframes as the source has.", ("--max-keyframes", "15")),
         Method("pocketgs-100k", "PocketGS with twice the Gaussians.", ("--max-gaussians", "100000")),
     )

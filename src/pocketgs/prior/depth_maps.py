@@ -1,4 +1,4 @@
-"""The depth maps of all keyframes: for each its references, its range of depths, and a sweep."""
+"""The depth maps of all keyframes: for each its source views, its range of depths, and a sweep."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.prior.depth_range import depths_of, narrowed, small_copy, wide_range
 from pocketgs.prior.sensor_depth import SURE_MARGIN, completed
-from pocketgs.prior.sweep import MOST_PIXELS, DepthMap, SweepSettings, at_sweep_size, choose_references, sweep
+from pocketgs.prior.sweep import MOST_PIXELS, DepthMap, SweepSettings, at_sweep_size, choose_source_views, sweep
 
 MOST_SWEPT_PIXELS = 16_000_000
 """Of all keyframes together: with more keyframes each is searched at a smaller size, which bounds the time it takes."""
@@ -56,12 +56,12 @@ def depth_maps(
 def _depth_map(
     keyframe: Frame, frames: Sequence[Frame], points: np.ndarray, distance: float, settings: SweepSettings
 ) -> DepthMap:
-    references = choose_references(keyframe, frames, _representative(keyframe, points, distance), settings)
+    source_views = choose_source_views(keyframe, frames, _representative(keyframe, points, distance), settings)
     wide = wide_range(keyframe, points, distance)
-    first = sweep(small_copy(keyframe), [small_copy(frame) for frame in references], wide, settings)
+    first = sweep(small_copy(keyframe), [small_copy(frame) for frame in source_views], wide, settings)
     sure = first.depth[(first.depth > 0) & (first.margin >= SURE_MARGIN)]
-    search = narrowed(wide, np.concatenate([sure, depths_of(keyframe, points)]), keyframe, references)
-    return completed(sweep(keyframe, references, search, settings), keyframe)
+    search = narrowed(wide, np.concatenate([sure, depths_of(keyframe, points)]), keyframe, source_views)
+    return completed(sweep(keyframe, source_views, search, settings), keyframe)
 
 
 def _representative(keyframe: Frame, points: np.ndarray, distance: float) -> np.ndarray:

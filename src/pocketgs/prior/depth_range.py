@@ -26,7 +26,7 @@ WIDENED = 1.5
 """Steps of the wide sweep by which the range reaches beyond what was found."""
 
 PIXELS_PER_STEP = 0.7
-"""Neighbouring hypotheses lie so far apart in the reference that shifts most."""
+"""Neighbouring hypotheses lie so far apart in the source view that shifts most."""
 
 FEWEST, MOST = 48, 192
 """Hypotheses of a sweep."""
@@ -68,14 +68,14 @@ def wide_range(frame: Frame, points: np.ndarray, distance: float) -> DepthRange:
     return DepthRange(NEAREST_SHARE * float(np.quantile(depths, NEAREST_QUANTILE)), np.inf, WIDE_HYPOTHESES)
 
 
-def narrowed(wide: DepthRange, found: np.ndarray, frame: Frame, references: Sequence[Frame]) -> DepthRange:
-    """The range that holds what was found, with hypotheses as fine as the references can tell apart.
+def narrowed(wide: DepthRange, found: np.ndarray, frame: Frame, source_views: Sequence[Frame]) -> DepthRange:
+    """The range that holds what was found, with hypotheses as fine as the source views can tell apart.
 
     Args:
         wide: the range that was searched.
         found: (N,) depths: of the pixels that the wide sweep is sure of, and of sparse points.
         frame: whose depths are sought.
-        references: frames that it is compared with.
+        source_views: frames that it is compared with.
     """
     inverse = wide.inverse_depths
     step = float(inverse[1] - inverse[0])
@@ -85,7 +85,7 @@ def narrowed(wide: DepthRange, found: np.ndarray, frame: Frame, references: Sequ
         low, high = max(low, float(far) - WIDENED * step), min(high, float(near) + WIDENED * step)
     farthest = np.inf if low <= step else 1 / low
     baseline = max(
-        (float(np.linalg.norm(other.camera.centre - frame.camera.centre)) for other in references), default=0
+        (float(np.linalg.norm(other.camera.centre - frame.camera.centre)) for other in source_views), default=0
     )
     shift = (high - (0.0 if np.isinf(farthest) else low)) * baseline * max(frame.camera.fx, frame.camera.fy)
     return DepthRange(1 / high, farthest, int(np.clip(np.ceil(shift / PIXELS_PER_STEP), FEWEST, MOST)))

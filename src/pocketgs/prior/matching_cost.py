@@ -1,4 +1,4 @@
-"""Matching costs of a plane sweep: in how many bits the census of a view and of its warped references differ.
+"""Matching costs of a plane sweep: in how many bits the census of a view and of its warped source views differ.
 
 The census transform (Zabih and Woodfill 1994) turns a pixel's surroundings into bits: which neighbours are darker than
 it. Gains, offsets and vignetting leave them as they are.
@@ -29,10 +29,10 @@ ROWS_AT_ONCE = 32
 ALL_USABLE = np.zeros((0, 0, 0), np.bool_)
 
 
-class References(NamedTuple):
+class SourceViews(NamedTuple):
     """The images that a view is compared with, and where its pixels fall in them.
 
-    A pixel (x, y, 1) of the view, at inverse depth i, falls at (u/w, v/w) of a reference, where
+    A pixel (x, y, 1) of the view, at inverse depth i, falls at (u/w, v/w) of a source view, where
     (u, v, w) = turn · (x, y, 1) + i · shift.
 
     Attributes:
@@ -42,7 +42,7 @@ class References(NamedTuple):
         turns: (R, 3, 3) float32.
         shifts: (R, 3) float32.
         usable: (R, h, w) bool, the pixels that masks leave, or `ALL_USABLE` where there are no masks. A hypothesis that
-            falls on another pixel is not seen by the reference.
+            falls on another pixel is not seen by the source view.
     """
 
     squares: np.ndarray
@@ -53,25 +53,25 @@ class References(NamedTuple):
 
 
 def squares_of(image: np.ndarray) -> np.ndarray:
-    """(H, W) uint32 squares, as in `References`, of an (H, W) uint8 image whose border is continued outwards."""
+    """(H, W) uint32 squares, as in `SourceViews`, of an (H, W) uint8 image whose border is continued outwards."""
     wide = np.pad(image, ((0, 1), (0, 1)), mode="edge").astype(np.uint32)
     return wide[:-1, :-1] | wide[:-1, 1:] << 8 | wide[1:, :-1] << 16 | wide[1:, 1:] << 24
 
 
 @parallel_kernel
-def matching_costs(view: np.ndarray, references: References, inverse_depths: np.ndarray) -> np.ndarray:
-    """Compare a view with its references, warped by every hypothesis.
+def matching_costs(view: np.ndarray, source_views: SourceViews, inverse_depths: np.ndarray) -> np.ndarray:
+    """Compare a view with its source views, warped by every hypothesis.
 
-    With several references a hypothesis costs the mean of the two that agree best: few surfaces are hidden in all but
+    With several source views a hypothesis costs the mean of the two that agree best: few surfaces are hidden in all but
     one.
 
     Args:
         view: (H, W) uint8 grey image.
-        references: what to compare it with.
+        source_views: what to compare it with.
         inverse_depths: (D,) float32 hypotheses.
 
     Returns:
-        (H, W, D) uint8 number of differing bits, at most BITS; BITS / 2 where no reference sees the hypothesis.
+        (H, W, D) uint8 number of differing bits, at most BITS; BITS / 2 where no source view sees the hypothesis.
     """
     height, width = view.shape
     costs = np.empty((height, width, len(inverse_depths)), np.uint8)
@@ -84,8 +84,8 @@ def matching_costs(view: np.ndarray, references: References, inverse_depths: np.
         least, next_least = np.empty((rows, width), np.uint8), np.empty((rows, width), np.uint8)
         for hypothesis in range(len(inverse_depths)):
             least[:], next_least[:] = UNSEEN, UNSEEN
-            for reference in range(len(references.squares)):
-                warp(references, reference, inverse_depths[hypothesis], top, warped, visible)
+            for source in range(len(source_views.squares)):
+                warp(source_views, source, inverse_depths[hypothesis], top, warped, visible)
                 compare(darker, warped, visible, least, next_least)
             write_costs(least, next_least, costs[top : top + rows], hypothesis)
     return costs
@@ -107,15 +107,15 @@ def census(view: np.ndarray, top: int, rows: int) -> np.ndarray:
 
 @part
 def warp(
-    references: References, reference: int, inverse_depth: np.float32, top: int, warped: np.ndarray, visible: np.ndarray
+    source_views: SourceViews, source: int, inverse_depth: np.float32, top: int, warped: np.ndarray, visible: np.ndarray
 ) -> None:
-    """Sample a reference, bilinearly, where the rows of the view from `top` on fall, with a margin of RADIUS.
+    """Sample a source view, bilinearly, where the rows of the view from `top` on fall, with a margin of RADIUS.
 
     A row takes three passes, of which the first and the last run on vectors; the second only reads.
     """
-    squares = references.squares[reference].reshape(-1)
-    turn, shift = references.turns[reference], references.shifts[reference] * inverse_depth
-    size, stride = references.sizes[reference], references.squares.shape[2]
+    squares = source_views.squares[source].reshape(-1)
+    turn, shift = source_views.turns[source], source_views.shifts[source] * inverse_depth
+    size, stride = source_views.sizes[source], source_views.squares.shape[2]
     columns = warped.shape[1]
     # Arrays of their own: of rows of one array Numba does not know that they are contiguous, and uses no vectors.
     places, read = np.empty(columns, np.uint32), np.empty(columns, np.uint32)
@@ -126,8 +126,8 @@ def warp(
         for column in range(columns):
             read[column] = squares[places[column]]
         interpolate(read, right_shares, below_shares, warped[row])
-        if len(references.usable):
-            usable = references.usable[reference].reshape(-1)
+        if len(source_views.usable):
+            usable = source_views.usable[source].reshape(-1)
             for column in range(columns):
                 visible[row, column] &= usable[places[column]]
 

@@ -13,7 +13,7 @@ from pocketgs.capture.loading import downscaled
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.depth_range import DepthRange
-from pocketgs.prior.matching_cost import ALL_USABLE, BITS, References, matching_costs, squares_of
+from pocketgs.prior.matching_cost import ALL_USABLE, BITS, SourceViews, matching_costs, squares_of
 from pocketgs.prior.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners
 
 SMOOTHING_WINDOW, SMOOTHING_WIDTH, SMOOTHING_STEPS = 9, 4.0, 3.0
@@ -27,7 +27,7 @@ BASELINE_SPREAD = 0.5
 """Standard deviation of the baseline's score, as a share of the baseline aimed at."""
 
 THIRD_VIEW = 0.2
-"""What a reference counts for where two better ones see the same point: their costs are what is averaged."""
+"""What a source view counts for where two better ones see the same point: their costs are what is averaged."""
 
 
 @dataclass(frozen=True)
@@ -35,17 +35,17 @@ class SweepSettings:
     """How depths are searched.
 
     Attributes:
-        references: frames that a keyframe is compared with.
+        source_views: frames that a keyframe is compared with.
         paths: directions of semi-global matching, 4 or 8.
         small_step, large_step: its penalties, in census bits.
-        angle: that the baseline to a reference should span, seen from the scene, in radians.
-        least_angle: a reference whose viewing angle is smaller counts less, in radians.
+        angle: that the baseline to a source view should span, seen from the scene, in radians.
+        least_angle: a source view whose viewing angle is smaller counts less, in radians.
 
     Raises:
         PocketGSError: a number makes no sense.
     """
 
-    references: int = 4
+    source_views: int = 4
     paths: int = 8
     small_step: int = 8
     large_step: int = 60
@@ -53,8 +53,8 @@ class SweepSettings:
     least_angle: float = np.radians(4)
 
     def __post_init__(self) -> None:
-        if self.references < 1:
-            raise PocketGSError(f"references: found {self.references}, expected at least 1")
+        if self.source_views < 1:
+            raise PocketGSError(f"source views: found {self.source_views}, expected at least 1")
         if self.paths not in (4, 8):
             raise PocketGSError(f"paths of semi-global matching: found {self.paths}, expected 4 or 8")
 
@@ -86,7 +86,7 @@ def at_sweep_size(frame: Frame, most_pixels: int = MOST_PIXELS) -> Frame:
     return downscaled(frame, float(reduction), None) if reduction > 1 else frame
 
 
-def choose_references(
+def choose_source_views(
     keyframe: Frame, frames: Sequence[Frame], points: np.ndarray, settings: SweepSettings
 ) -> list[Frame]:
     """The frames to compare a keyframe with, so that most of what it sees is seen well by two of them.
@@ -99,13 +99,13 @@ def choose_references(
         keyframe: the frame whose depth is sought.
         frames: to choose from; the keyframe itself is passed over.
         points: (N, 3) what the keyframe sees.
-        settings: number of references, and angles.
+        settings: number of source views, and angles.
     """
     others = [frame for frame in frames if frame.name != keyframe.name]
     scores = np.array([_scores(keyframe.camera, other.camera, points, settings) for other in others])
     best, second = np.zeros((2, len(points)))
     chosen: list[int] = []
-    for _ in range(min(settings.references, len(others))):
+    for _ in range(min(settings.source_views, len(others))):
         added = np.maximum(scores, second) - second + THIRD_VIEW * scores
         added[chosen] = -1.0
         index = int(np.argmax(added.sum(axis=1)))
@@ -131,26 +131,26 @@ def _scores(view: Camera, other: Camera, points: np.ndarray, settings: SweepSett
     return np.where(seen, fit * np.minimum(angle / settings.least_angle, 1.0), 0.0)
 
 
-def sweep(keyframe: Frame, references: Sequence[Frame], search: DepthRange, settings: SweepSettings) -> DepthMap:
+def sweep(keyframe: Frame, source_views: Sequence[Frame], search: DepthRange, settings: SweepSettings) -> DepthMap:
     """Find the depths of a keyframe.
 
-    Pixels that a mask or alpha leaves out have no depth; those that a mask leaves out, here or in references, have no
+    Pixels that a mask or alpha leaves out have no depth; those that a mask leaves out, here or in source views, have no
     say in that of others. What alpha leaves out lies on the background and tells where an object ends.
 
     Args:
         keyframe: the frame whose depth is sought.
-        references: frames to compare it with; without any, no depth is known.
+        source_views: frames to compare it with; without any, no depth is known.
         search: the depths to try.
         settings: how.
     """
     view = _grey(keyframe)
     inverse_depths = search.inverse_depths
     step = float(inverse_depths[1] - inverse_depths[0])
-    if not references:
+    if not source_views:
         return DepthMap(np.zeros(view.shape, np.float32), np.zeros(view.shape, np.float32), step)
-    costs = matching_costs(view, _references(keyframe.camera, references), inverse_depths)
+    costs = matching_costs(view, _source_views(keyframe.camera, source_views), inverse_depths)
     if keyframe.mask is not None:
-        costs[~keyframe.mask] = BITS // 2  # as where no reference sees a hypothesis
+        costs[~keyframe.mask] = BITS // 2  # as where no source view sees a hypothesis
     paths = EIGHT_PATHS if settings.paths == 8 else FOUR_PATHS
     total = aggregate(costs, view, paths, settings.small_step, settings.large_step)
     depth, margin = winners(total, inverse_depths, len(paths))
@@ -183,8 +183,8 @@ def _grey(frame: Frame) -> np.ndarray:
     return grey
 
 
-def _references(view: Camera, frames: Sequence[Frame]) -> References:
-    """The references' images, and how pixels of the view fall into them: K_r (R K⁻¹ (x, y, 1) + i t)."""
+def _source_views(view: Camera, frames: Sequence[Frame]) -> SourceViews:
+    """The source views' images, and how pixels of the view fall into them: K_s (R K⁻¹ (x, y, 1) + i t)."""
     images = [_grey(frame) for frame in frames]
     sizes = np.array([image.shape for image in images])
     squares = np.zeros((len(images), *sizes.max(axis=0)), np.uint32)
@@ -194,11 +194,11 @@ def _references(view: Camera, frames: Sequence[Frame]) -> References:
         relative = frame.camera.world_to_camera @ view.camera_to_world
         turns[index] = frame.camera.intrinsic_matrix @ relative[:3, :3] @ np.linalg.inv(view.intrinsic_matrix)
         shifts[index] = frame.camera.intrinsic_matrix @ relative[:3, 3]
-    return References(squares, sizes.astype(np.float32), turns, shifts, _usable_of(frames, squares.shape))
+    return SourceViews(squares, sizes.astype(np.float32), turns, shifts, _usable_of(frames, squares.shape))
 
 
 def _usable_of(frames: Sequence[Frame], shape: tuple[int, ...]) -> np.ndarray:
-    """What the masks of the references leave, padded to one size."""
+    """What the masks of the source views leave, padded to one size."""
     if all(frame.mask is None for frame in frames):
         return ALL_USABLE
     usable = np.ones(shape, np.bool_)

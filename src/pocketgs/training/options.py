@@ -32,7 +32,7 @@ class TrainingOptions:
             capture as it is, with its own points, or points drawn where it has none; None for the recipe's.
         bundle: refine poses where the photographs contradict them.
         seeds: discs on the surface, or balls; None for the recipe's.
-        references: frames that each keyframe's pixels are matched in.
+        source_views: frames that each keyframe's pixels are matched in.
         max_keyframes: most frames that depth is computed for; None for the effort's.
         exposure: bring the training photographs to one exposure: "auto" does so where similar views differ.
         recipe: name of a recipe, see `pocketgs.training.recipes`.
@@ -61,7 +61,7 @@ class TrainingOptions:
     prior: Prior | None = None
     bundle: bool = True
     seeds: Seeds | None = None
-    references: int = 4
+    source_views: int = 4
     max_keyframes: int | None = None
     exposure: Literal["auto", "on", "off"] = "auto"
     recipe: str = "pocketgs"
@@ -87,7 +87,7 @@ class TrainingOptions:
             "prior": (self.prior in (None, *get_args(Prior)), "dense, sparse, colmap or none"),
             "seeds": (self.seeds in (None, *get_args(Seeds)), "discs or balls"),
             "strategy": (self.strategy in (None, *STRATEGIES), "fixed, adc, mcmc or budgeted"),
-            "references": (self.references >= 1, "at least 1"),
+            "source views": (self.source_views >= 1, "at least 1"),
             "max keyframes": (self.max_keyframes is None or self.max_keyframes >= 2, "at least 2"),
             "exposure": (self.exposure in ("auto", "on", "off"), "auto, on or off"),
             "max gaussians": (self.max_gaussians is None or self.max_gaussians >= 4, "at least 4"),

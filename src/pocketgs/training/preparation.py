@@ -110,7 +110,7 @@ def _settings(options: SizedOptions) -> PriorSettings:
     return PriorSettings(
         keyframes=KeyframeSettings(max_keyframes=options.max_keyframes),
         structure=StructureSettings(bundle=options.bundle),
-        sweep=SweepSettings(references=options.references),
+        sweep=SweepSettings(source_views=options.source_views),
         dense=options.prior == "dense",
         exposure=options.exposure,
     )

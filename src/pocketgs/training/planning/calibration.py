@@ -59,7 +59,7 @@ def _frame(rng: np.random.Generator, index: int) -> Frame:
 
 
 def _sweep_seconds(frames: list[Frame]) -> float:
-    """Of one sweep with two references."""
+    """Of one sweep with two source views."""
     return _least_seconds(
         lambda: sweep(frames[0], frames[1:], DepthRange(DISTANCE / 2, DISTANCE * 2, HYPOTHESES), SweepSettings())
     )

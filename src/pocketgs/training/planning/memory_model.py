@@ -39,8 +39,8 @@ SPARSE = 75 * MB
 ADJUSTMENT = 110 * MB
 """Machine code of what refines poses, and its systems of equations: as if they were refined."""
 
-SWEEP_DEPTH, SWEEP_PIXEL, SWEEP_REFERENCE = 3, 40, 4
-"""Bytes by pixel and depth: a cost of one byte, and a sum of two. Bytes by pixel: the map's copies, and a reference."""
+SWEEP_DEPTH, SWEEP_PIXEL, SWEEP_SOURCE = 3, 40, 4
+"""Bytes by pixel and depth: a cost of one byte, and a sum of two. Bytes by pixel: its copies, and a source view."""
 
 MAP_PIXEL = 8
 """Depth and margin in float32."""
@@ -80,7 +80,7 @@ def stage_bytes(work: Work, engine: MemoryNeed, resident: int, compiles: bool, r
     if work.has_depth:
         copies = _sweep_copies(work)
         maps = work.keyframes * MAP_PIXEL * work.sweep_pixels
-        by_pixel = SWEEP_PIXEL + SWEEP_REFERENCE * work.options.references
+        by_pixel = SWEEP_PIXEL + SWEEP_SOURCE * work.options.source_views
         volume = work.sweep_pixels * (SWEEP_DEPTH * MOST_HYPOTHESES + by_pixel)
         stages["depth"] = held + copies + maps + volume + KERNELS
         stages["fusion"] = held + copies + maps + CANDIDATE * work.candidates + KERNELS // 2

@@ -21,7 +21,7 @@ FEATURES_MEGAPIXEL = 0.2
 MATCHED_PAIR = 0.01
 ADJUSTED_VIEW = 0.1
 SWEPT_MEGAPIXEL = 0.5
-SWEPT_MEGAPIXEL_AND_REFERENCE = 0.25
+SWEPT_MEGAPIXEL_AND_SOURCE = 0.25
 MERGED_MILLION = 0.6
 SEEDED_MILLION = 5.0
 STEP_MILLION, STEP_MILLION_COLUMNS, STEP_MEGAPIXEL = 0.3, 0.003, 0.07
@@ -68,7 +68,7 @@ def timetable(work: Work, speed: Speed) -> Timetable:
         prior += _poses(work)
     if work.has_depth:
         megapixels = work.keyframes * work.sweep_pixels / MEGA
-        prior += megapixels * (SWEPT_MEGAPIXEL + SWEPT_MEGAPIXEL_AND_REFERENCE * work.options.references)
+        prior += megapixels * (SWEPT_MEGAPIXEL + SWEPT_MEGAPIXEL_AND_SOURCE * work.options.source_views)
         prior += MERGED_MILLION * work.candidates / MEGA
     millions, megapixels = work.gaussians / MEGA, outline.pixels / MEGA
     seeding = SEEDED_MILLION * millions
