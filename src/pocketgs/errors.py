@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 
 class PocketGSError(Exception):
     """Something the user can put right: the message names it, what was found and what was expected.
@@ -9,11 +11,15 @@ class PocketGSError(Exception):
     The command line prints the message as one line and exits with status 2.
 
     Args:
-        message: is cut where it is far longer than a line, since files and other programs may say part of it.
+        message: where it is far longer than a line, what is longest in it is cut, as files and other programs may say
+            part of it.
     """
 
     def __init__(self, message: object = "") -> None:
-        super().__init__(clipped(message, LONGEST_MESSAGE))
+        said = str(message)
+        if len(said) > LONGEST_MESSAGE:
+            said = re.sub(r"\S{200,}", lambda word: f"{word[0][:100]}...{word[0][-40:]}", said)[:LONGEST_MESSAGE]
+        super().__init__(said)
 
 
 LONGEST_SHOWN, LONGEST_MESSAGE = 80, 1000
@@ -30,7 +36,7 @@ def short(found: object) -> str:
     return clipped(shown)
 
 
-def clipped(text: object, longest: int = LONGEST_SHOWN) -> str:
+def clipped(text: object) -> str:
     """A text, of which files or other programs say what it is, no longer than a message should quote it."""
     shown = str(text)
-    return shown if len(shown) <= longest else f"{shown[: longest - 3]}..."
+    return shown if len(shown) <= LONGEST_SHOWN else f"{shown[: LONGEST_SHOWN - 3]}..."
