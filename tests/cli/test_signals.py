@@ -25,7 +25,9 @@ WITH_THE_DEMO_THAT_IS_THERE = (
     "pocketgs.cli.demo.write_demo = lambda folder: None\n"
     "main()"
 )
-WITH_MANY_CHECKPOINTS = "import pocketgs.results.run; from pocketgs.cli import main\npocketgs.results.run.SECONDS_BETWEEN_CHECKPOINTS = 0.0\nmain()"
+WITH_MANY_CHECKPOINTS = (
+    "from pocketgs.cli import main; from pocketgs.results import run\nrun.SECONDS_BETWEEN_CHECKPOINTS = 0.0\nmain()"
+)
 
 
 def wait_until_it_trains(process: subprocess.Popen[str]) -> None:
