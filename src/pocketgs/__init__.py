@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from pocketgs.geometry.camera import Camera
     from pocketgs.metrics.evaluation import evaluate
     from pocketgs.scene.gaussians import Gaussians
+    from pocketgs.scene.morton import morton_order
     from pocketgs.scene.point_cloud import PointCloud
     from pocketgs.splat.engine import EngineOptions, Rendering
-    from pocketgs.splat.morton import morton_order
     from pocketgs.splat.optimiser import Adam, photometric_loss
     from pocketgs.splat.rasterizer import Rasterizer
     from pocketgs.splat.rendering import render
@@ -70,7 +70,7 @@ _HOMES = {
     "TrainingOptions": "training.options",
     "demo_capture": "capture.synthetic",
     "evaluate": "metrics.evaluation",
-    "morton_order": "splat.morton",
+    "morton_order": "scene.morton",
     "open_capture": "capture.open",
     "photometric_loss": "splat.optimiser",
     "prepare": "training.preparation",

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.scene.gaussians import Gaussians
+from pocketgs.scene.morton import morton_order
 from pocketgs.splat.cpu import clusters as clusters_module
 from pocketgs.splat.cpu.clusters import Clusters
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.cpu.layout import CLUSTER, View
-from pocketgs.splat.morton import morton_order
 from pocketgs.splat.reference.project import project
 from pocketgs.splat.reference.scene import Scene
 from pocketgs.splat.settings import AdamSettings, LearningRates, LossSettings, StepSettings

@@ -1,4 +1,4 @@
-"""What one run of a benchmark found, as it is kept on disk: a JSON file a cell of the table."""
+"""What one run of a benchmark found, as it is kept on disk: one JSON file per cell of the table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""LLFF: poses_bounds.npy beside folders of images, one folder a resolution, and often COLMAP's cloud."""
+"""LLFF: poses_bounds.npy beside folders of images, one folder per resolution, and often COLMAP's cloud."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Photographs without poses as structure from motion takes them: upright, 8 bits a channel, in a format it reads."""
+"""Photographs without poses as structure from motion takes them: upright, 8 bits per channel, in a format it reads."""
 
 from __future__ import annotations
 

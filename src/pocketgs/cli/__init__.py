@@ -1,4 +1,4 @@
-"""The `pocketgs` command: a file a subcommand, each a thin call of the public API."""
+"""The `pocketgs` command: one file per subcommand, each a thin call of the public API."""
 
 from __future__ import annotations
 

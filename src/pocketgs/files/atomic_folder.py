@@ -1,4 +1,4 @@
-"""Folders that appear whole or not at all."""
+"""Atomic folder writes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Progress callbacks of a run."""
+"""What a run tells its caller while it works."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pocketgs.training.planning.plan import Plan
 
 @dataclass(frozen=True)
 class Reporter:
-    """Whom a run tells what it is doing.
+    """Progress callbacks of a run.
 
     Attributes:
         on_stage: called with a stage's name when it begins.

@@ -19,7 +19,7 @@ FRUSTUM_MARGIN = 0.15
 """Fraction of the image by which x/z and y/z may leave the image before the projection's Jacobian clamps them."""
 
 BRIGHTEST = 1e4
-"""A Gaussian with a channel brighter than this has diverged and is not drawn, lest it poison its neighbours."""
+"""A Gaussian with a channel brighter than this has diverged and is not drawn: it would spoil its neighbours."""
 
 ALPHA_MIN = 1.0 / 255.0
 """Contributions more transparent than this are skipped."""

@@ -13,8 +13,8 @@ from pocketgs.errors import PocketGSError
 from pocketgs.metrics.evaluation import psnr
 from pocketgs.prior.prior import PreparedCapture
 from pocketgs.scene.gaussians import Gaussians
+from pocketgs.scene.morton import morton_order
 from pocketgs.splat.engine import Engine, create_engine
-from pocketgs.splat.morton import morton_order
 from pocketgs.splat.rows import Statistics
 from pocketgs.splat.settings import StepSettings
 from pocketgs.system.interrupt import Interrupt, deferred_interrupt

@@ -11,9 +11,9 @@ import pytest
 
 from pocketgs.scene.edits import rotated
 from pocketgs.scene.formats import read_scene, spz, write_scene
-from pocketgs.scene.formats.morton import morton_order
 from pocketgs.scene.formats.spz_precision import FINE, SMALL, Precision
 from pocketgs.scene.gaussians import Gaussians
+from pocketgs.scene.morton import morton_order
 from scene.formats.scenes import covariances, opacity_error, random_scene, turns_between
 
 pytestmark = pytest.mark.slow

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.formats import FORMATS, format_of, is_scene_name, read_scene, write_scene
-from pocketgs.scene.formats.morton import morton_order
 from pocketgs.scene.gaussians import SH_DC, Gaussians
 from scene.formats.scenes import load_or_refuse, opacity_error, random_scene, scenes, turns_between
 
@@ -207,15 +206,3 @@ def test_gaussians_save_and_load_any_format(tmp_path: Path) -> None:
     for suffix in (suffix for each in FORMATS for suffix in each.suffixes if suffix != ".gltf"):
         random_scene(3, 1).save(str(tmp_path / f"a{suffix}"))
         assert len(Gaussians.load(str(tmp_path / f"a{suffix}"))) == 3
-
-
-def test_morton_order_interleaves_bits() -> None:
-    points = np.random.default_rng(0).uniform(-5, 9, (300, 3)).astype(np.float32)
-    low = points.min(axis=0).astype(np.float64)
-    cells = ((points - low) / (points.max(axis=0) - low) * (2**21 - 1)).astype(np.int64)
-
-    def code(cell: np.ndarray) -> int:
-        return sum((int(cell[axis]) >> bit & 1) << (3 * bit + axis) for bit in range(21) for axis in range(3))
-
-    codes = [code(cell) for cell in cells]
-    assert morton_order(points).tolist() == sorted(range(300), key=codes.__getitem__)

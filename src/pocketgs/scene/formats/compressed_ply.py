@@ -1,4 +1,4 @@
-"""PlayCanvas' `.compressed.ply`: 16 bytes a Gaussian, and one for each coefficient of spherical harmonics.
+"""PlayCanvas' `.compressed.ply`: 16 bytes per Gaussian, and one for each coefficient of spherical harmonics.
 
 Gaussians stand in Morton order, in chunks of 256. The element `chunk` has the extremes of a chunk's centres, log scales
 and colours, between which `vertex` places each Gaussian: 11, 10 and 11 bits for x, y, z of centre and log scale, 8 bits
@@ -19,8 +19,8 @@ from pocketgs.files.ply_file import LARGEST_HEADER, read_elements
 from pocketgs.geometry.quaternions import LARGEST_OTHER, drop_largest, restore_largest, unit
 from pocketgs.scene.formats.activations import colour_of, dc_of, opacity_from_byte, opacity_of
 from pocketgs.scene.formats.checks import require_room, require_sound
-from pocketgs.scene.formats.morton import morton_order
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
+from pocketgs.scene.morton import morton_order
 
 CHUNK = 256
 CENTRE = ("min_x", "min_y", "min_z", "max_x", "max_y", "max_z")

@@ -1,4 +1,4 @@
-"""The `.splat` of antimatter15's viewer: 32 bytes a Gaussian, no header, no spherical harmonics above degree 0.
+"""The `.splat` of antimatter15's viewer: 32 bytes per Gaussian, no header, no spherical harmonics above degree 0.
 
 A record is the centre and the standard deviations (float32), then red, green, blue and opacity, then w, x, y, z of the
 rotation as 128 + 128 q (uint8). Viewers draw what has arrived while the rest loads, so the largest and most opaque come

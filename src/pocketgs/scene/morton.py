@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-BITS = 16
-"""Of each coordinate; three times as many make a code."""
+BITS = 21
+"""Of each coordinate; three of them fill a 64-bit code."""
 
 
 def morton_order(means: np.ndarray) -> np.ndarray:
@@ -33,7 +33,7 @@ def morton_order(means: np.ndarray) -> np.ndarray:
 
 
 def _spread(numbers: np.ndarray) -> np.ndarray:
-    """Put two zeros between the bits of numbers of up to 21 bits."""
+    """Put two zeros between the bits of numbers of up to BITS bits."""
     for shift, mask in (
         (32, 0x1F00000000FFFF),
         (16, 0x1F0000FF0000FF),
