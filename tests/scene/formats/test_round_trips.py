@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.formats import FORMATS, format_of, is_scene_name, read_scene, write_scene
 from pocketgs.scene.gaussians import SH_DC, Gaussians
+from pocketgs.scene.morton import morton_order
 from scene.formats.scenes import load_or_refuse, opacity_error, random_scene, scenes, turns_between
 
 LOSSY = (".compressed.ply", ".spz", ".splat", ".glb")
