@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pocketgs import Camera, Gaussians, PocketGSError
+from pocketgs.geometry.quaternions import rotation_matrices
 from pocketgs.scene.gaussians import PARAMETERS
 from pocketgs.splat.cpu.adam import regularise
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.cpu.noise import add_noise
 from pocketgs.splat.engine import OptimiserState
 from pocketgs.splat.parameters import COEFFICIENTS, GROUPS, Group, ParameterLayout, first_column
-from pocketgs.splat.quaternions import rotation_matrices
 from pocketgs.splat.reference.loss import photometric_loss
 from pocketgs.splat.reference.project import project
 from pocketgs.splat.reference.rasterize import rasterize, rasterize_backward

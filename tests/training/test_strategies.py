@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pocketgs import Capture, Gaussians, PocketGSError
+from pocketgs.geometry.quaternions import rotation_matrices
 from pocketgs.results.checkpoint import CHECKPOINT, read_checkpoint, read_size, write_checkpoint
 from pocketgs.scene.gaussians import PARAMETERS
-from pocketgs.splat.quaternions import rotation_matrices
 from pocketgs.splat.rows import RowChange, Statistics
 from pocketgs.splat.settings import LossSettings
 from pocketgs.splat.store import ParameterStore

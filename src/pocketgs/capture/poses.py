@@ -6,6 +6,7 @@ import numpy as np
 
 from pocketgs.errors import PocketGSError, short
 from pocketgs.geometry.camera import LARGEST_SIDE, Camera
+from pocketgs.geometry.quaternions import rotation_matrices
 
 ROTATION_TOLERANCE = 1e-2
 LARGEST_COORDINATE = 1e9
@@ -64,15 +65,9 @@ def rotation_from_quaternion(quaternion: np.ndarray, where: str) -> np.ndarray:
     largest = np.abs(quaternion).max()
     if not np.isfinite(largest) or largest == 0:
         raise PocketGSError(f"{where}: rotation quaternion {quaternion.tolist()}, expected finite and not zero")
-    scaled = quaternion / largest
-    w, x, y, z = scaled / np.linalg.norm(scaled)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    # Divided first, so that squares neither overflow nor vanish.
+    rotation: np.ndarray = rotation_matrices((quaternion / largest)[None])[0]
+    return rotation
 
 
 def camera_at(

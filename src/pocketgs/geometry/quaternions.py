@@ -1,4 +1,4 @@
-"""Unit quaternions, and the packing that leaves out the largest of their four components."""
+"""Quaternions: their rotations, and the packing that leaves out the largest of the four components."""
 
 from __future__ import annotations
 
@@ -14,6 +14,18 @@ def unit(quaternions: np.ndarray) -> np.ndarray:
     whole = np.where(largest > 0, quaternions, np.eye(4)[0])
     scaled = whole / np.where(largest > 0, largest, 1.0)
     return scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
+
+
+def rotation_matrices(quaternions: np.ndarray) -> np.ndarray:
+    """(N, 3, 3) rotations of (N, 4) quaternions w, x, y, z, normalised here; NaN where they cannot be."""
+    with np.errstate(all="ignore"):
+        w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def composed(first: np.ndarray, second: np.ndarray) -> np.ndarray:

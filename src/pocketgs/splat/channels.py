@@ -10,7 +10,7 @@ import numpy as np
 
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
-from pocketgs.splat.quaternions import rotation_matrices
+from pocketgs.geometry.quaternions import rotation_matrices
 
 if TYPE_CHECKING:
     from pocketgs.splat.rasterizer import Parameters

@@ -30,6 +30,9 @@ ALPHA_MAX = 0.99
 TRANSMITTANCE_MIN = 1e-4
 """A pixel whose transmittance has fallen below this takes no more contributions."""
 
+RADIUS_SIGMAS = 3.0
+"""Standard deviations that a Gaussian's radius on the image stands for in statistics (3DGS)."""
+
 SSIM_WINDOW = 11
 SSIM_SIGMA = 1.5
 SSIM_C1 = 0.01**2

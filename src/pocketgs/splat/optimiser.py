@@ -7,7 +7,6 @@ import numpy as np
 
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rasterizer import RasterGradient
 from pocketgs.splat.settings import AdamSettings, LearningRates, LossSettings
 from pocketgs.splat.store import ParameterStore
@@ -71,31 +70,16 @@ class Adam:
             gradient: from `Rasterizer.backward`.
             rates: step sizes by group; fields of a recipe, or one's own.
         """
-        from pocketgs.splat.cpu.adam import adam
+        from pocketgs.splat.cpu.adam import update
         from pocketgs.splat.cpu.clusters import Clusters
 
-        store, settings, scene = self._store, self._settings, self._store.scene
+        store = self._store
         parts = (gradient.means, gradient.log_scales, gradient.rotations, gradient.opacity_logits, gradient.sh)
         rows = [np.reshape(part, (store.count, -1)) for part in parts]
         np.concatenate(rows, axis=1, out=store.gradients)
         self._steps += 1
         threads = kernel_threads(None)
         numba.set_num_threads(threads)
-        adam(
-            scene.means,
-            scene.log_scales,
-            scene.quaternions,
-            scene.opacity_logits,
-            scene.sh,
-            store.gradients,
-            store.first_moments,
-            store.second_moments,
-            ParameterLayout(scene.sh.shape[1]).rates_by_column(rates),
-            settings.beta1,
-            settings.beta2,
-            settings.epsilon,
-            self._steps,
-            settings.seen_only,
-            Clusters(store.count).all,
-            threads,
+        update(
+            store, store.layout.rates_by_column(rates), self._settings, self._steps, Clusters(store.count).all, threads
         )

@@ -1,20 +1,8 @@
-"""Rotations of Gaussians: matrices, and gradients between their tangent spaces and the quaternions themselves."""
+"""Gradients of rotations, from their tangent spaces to the quaternions themselves."""
 
 from __future__ import annotations
 
 import numpy as np
-
-
-def rotation_matrices(quaternions: np.ndarray) -> np.ndarray:
-    """(N, 3, 3) rotations of (N, 4) quaternions w, x, y, z, normalised here; NaN where they cannot be."""
-    with np.errstate(all="ignore"):
-        w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def quaternion_gradient(quaternions: np.ndarray, d_rotations: np.ndarray) -> np.ndarray:

@@ -18,11 +18,12 @@ import numpy as np
 
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
+from pocketgs.geometry.quaternions import rotation_matrices
 from pocketgs.scene.background import checked_background
 from pocketgs.splat.channels import Channels, channels_of
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.pose import matrix_gradient, pose_gradient
-from pocketgs.splat.quaternions import quaternion_gradient, rotation_matrices
+from pocketgs.splat.quaternions import quaternion_gradient
 
 Output = Literal["rgb", "alpha", "depth", "median_depth", "normals", "features", "radii", "contributions"]
 OUTPUTS = get_args(Output)

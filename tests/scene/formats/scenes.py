@@ -8,9 +8,9 @@ import numpy as np
 from hypothesis import strategies as st
 
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.quaternions import rotation_matrices
 from pocketgs.scene.formats import read_scene
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
-from pocketgs.splat.quaternions import rotation_matrices
 
 
 def random_scene(count: int, degree: int, seed: int = 0, extent: float = 3.0, offset: float = 0.0) -> Gaussians:

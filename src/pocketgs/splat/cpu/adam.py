@@ -15,6 +15,8 @@ from pocketgs.splat.cpu.layout import (
     GRADIENT_ROTATION,
     GRADIENT_SH,
 )
+from pocketgs.splat.settings import AdamSettings
+from pocketgs.splat.store import ParameterStore
 from pocketgs.system.compile import parallel_kernel, part
 from pocketgs.system.dealing import first_piece, take
 
@@ -102,6 +104,31 @@ def adam(
                     for channel in range(3):
                         sh[i, k, channel] -= step[GRADIENT_SH + 3 * k + channel]
             place = take(counter)
+
+
+def update(
+    store: ParameterStore, rates: np.ndarray, settings: AdamSettings, steps: int, clusters: np.ndarray, threads: int
+) -> None:
+    """Move a store's parameters against the gradients that stand in it; see `adam`."""
+    scene = store.scene
+    adam(
+        scene.means,
+        scene.log_scales,
+        scene.quaternions,
+        scene.opacity_logits,
+        scene.sh,
+        store.gradients,
+        store.first_moments,
+        store.second_moments,
+        rates,
+        settings.beta1,
+        settings.beta2,
+        settings.epsilon,
+        steps,
+        settings.seen_only,
+        clusters,
+        threads,
+    )
 
 
 def regularise(

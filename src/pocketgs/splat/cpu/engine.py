@@ -14,7 +14,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.scene.background import checked_background
 from pocketgs.scene.gaussians import PARAMETERS, SH_COEFFICIENTS, Gaussians
 from pocketgs.splat.checks import check_state, check_view, checked_scene
-from pocketgs.splat.cpu.adam import adam, regularise
+from pocketgs.splat.cpu.adam import regularise, update
 from pocketgs.splat.cpu.bin import Binner, TileLists
 from pocketgs.splat.cpu.clusters import Clusters, clear
 from pocketgs.splat.cpu.compositor import OVER, Compositor
@@ -359,24 +359,7 @@ class CpuEngine:
             trained = min(SH_COEFFICIENTS[settings.sh_degree], layout.coefficients)
             layout = ParameterLayout(trained)
         self._steps += 1
-        adam(
-            scene.means,
-            scene.log_scales,
-            scene.quaternions,
-            scene.opacity_logits,
-            scene.sh,
-            store.gradients,
-            store.first_moments,
-            store.second_moments,
-            layout.rates_by_column(settings.rates),
-            settings.adam.beta1,
-            settings.adam.beta2,
-            settings.adam.epsilon,
-            self._steps,
-            settings.adam.seen_only,
-            moving,
-            self.threads,
-        )
+        update(store, layout.rates_by_column(settings.rates), settings.adam, self._steps, moving, self.threads)
         if settings.noise is not None:
             self._shake(settings.noise)
             moving = self._clusters.all

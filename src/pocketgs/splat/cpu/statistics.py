@@ -6,15 +6,13 @@ import math
 
 import numpy as np
 
+from pocketgs.splat.constants import RADIUS_SIGMAS
 from pocketgs.splat.cpu.layout import EXPONENT_XX, EXPONENT_XY, EXPONENT_YY, View
 from pocketgs.system.compile import inlined
 
 SCREEN_GRADIENT, SEEN, RADIUS = range(3)
 STATISTICS = 3
 """Columns of the sums, one row per Gaussian."""
-
-RADIUS_SIGMAS = 3.0
-"""Standard deviations that a Gaussian's radius on the image stands for (3DGS)."""
 
 _LN2 = math.log(2.0)
 

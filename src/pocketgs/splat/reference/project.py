@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pocketgs.geometry.camera import Camera
+from pocketgs.geometry.quaternions import rotation_matrices
 from pocketgs.scene.spherical_harmonics import basis, basis_gradient
 from pocketgs.splat.constants import (
     ALPHA_MIN,
@@ -17,7 +18,6 @@ from pocketgs.splat.constants import (
     LOW_PASS,
 )
 from pocketgs.splat.near_plane import near_plane
-from pocketgs.splat.quaternions import rotation_matrices
 from pocketgs.splat.reference.scene import Scene, SceneGradient
 
 

@@ -19,6 +19,9 @@ _IMAGE_FORMATION = (
     "TRANSMITTANCE_MIN",
     "SSIM_C1",
     "SSIM_C2",
+    "NOISE_STEEPNESS",
+    "NOISE_THRESHOLD",
+    "RADIUS_SIGMAS",
 )
 _LARGEST_LOG_SCALE = 40.0
 """In float32 the square of a larger one's exponential overflows. The other engines, in float64, leave that to
@@ -31,8 +34,6 @@ SHADERS = ShaderLibrary(
         "LOG2_ALPHA_MIN": math.log2(constants.ALPHA_MIN),
         "LOG2_E": math.log2(math.e),
         "LARGEST_LOG_SCALE": _LARGEST_LOG_SCALE,
-        "NOISE_STEEPNESS": constants.NOISE_STEEPNESS,
-        "NOISE_THRESHOLD": constants.NOISE_THRESHOLD,
         **PLACES,
         "TILE": TILE,
         "PATCH": PATCH,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from pocketgs.geometry.quaternions import rotation_matrices
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.quaternions import rotation_matrices
 
 SHRINKING = 1.6
 """Parts of a Gaussian that is split are smaller by this factor (3DGS, section 5.2)."""

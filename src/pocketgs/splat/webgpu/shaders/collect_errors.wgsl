@@ -1,7 +1,7 @@
 // Add to each Gaussian its part of a view's error: Σ over pixels of α T |rendered - photograph|, which the backward
 // pass has left in the place of the red gradient. Nothing happens while the run is halted. One thread per Gaussian, in
 // order of depth.
-import view, statistics, gradient_rows.gather, workgroups
+import view, ranks, statistics, gradient_rows.gather, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> order: array<u32>;
@@ -16,13 +16,9 @@ fn main(
     @builtin(local_invocation_index) thread: u32,
 ) {
     let rank = folded(workgroup) * THREADS + thread;
-    if (rank >= view.gaussians || entry_count[0] == 0u) {
-        return;
-    }
-    let first = first_slots[rank];
-    let end = first_slots[rank + 1u];
-    if (first < end) {
+    let reached = slots_at(rank);
+    if (reached.x < reached.y) {
         let i = order[rank];
-        statistics[ERROR * view.gaussians + i] += gather(i, first, end).colour.r;
+        statistics[ERROR * view.gaussians + i] += gather(i, reached.x, reached.y).colour.r;
     }
 }

@@ -1,7 +1,7 @@
 // Add one view of each Gaussian that it shows to the sums that strategies decide by: the norm of the gradient with
 // respect to its projected centre, in half the image's width and height; the number of views; and the largest radius.
 // Nothing happens while the run is halted. One thread per Gaussian, in order of depth.
-import view, statistics, splats.read, gradient_rows.gather, workgroups
+import view, ranks, statistics, splats.read, gradient_rows.gather, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> splats: array<u32>;
@@ -10,9 +10,6 @@ import view, statistics, splats.read, gradient_rows.gather, workgroups
 @group(0) @binding(4) var<storage, read> gradient_rows: array<f32>;
 @group(0) @binding(5) var<storage, read> entry_count: array<u32>;
 @group(0) @binding(6) var<storage, read_write> statistics: array<f32>;
-
-// Standard deviations that a Gaussian's radius on the image stands for (3DGS).
-const RADIUS_SIGMAS: f32 = 3.0;
 
 // The radius in pixels: the larger variance is one over the lesser eigenvalue of Σ'⁻¹.
 fn radius_of(inverse: mat2x2f) -> f32 {
@@ -28,18 +25,14 @@ fn main(
     @builtin(local_invocation_index) thread: u32,
 ) {
     let rank = folded(workgroup) * THREADS + thread;
-    if (rank >= view.gaussians || entry_count[0] == 0u) {
-        return;
-    }
-    let first = first_slots[rank];
-    let end = first_slots[rank + 1u];
-    if (first == end) {
+    let reached = slots_at(rank);
+    if (reached.x == reached.y) {
         return;
     }
     let i = order[rank];
     let inverse = inverse_covariance(read_splat(i));
     let size = vec2f(f32(view.width), f32(view.height));
-    let gradient = 0.5 * size * (inverse * gather(i, first, end).offset);
+    let gradient = 0.5 * size * (inverse * gather(i, reached.x, reached.y).offset);
     let radius = radius_of(inverse) / max(size.x, size.y);
     statistics[SCREEN_GRADIENT * view.gaussians + i] += length(gradient);
     statistics[SEEN * view.gaussians + i] += 1.0;

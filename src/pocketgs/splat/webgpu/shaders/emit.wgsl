@@ -1,6 +1,6 @@
 // List every tile that each Gaussian reaches, in order of depth: the tile is the key to sort by, the place the value.
 // One thread per Gaussian.
-import view, splats.read, tiles, workgroups
+import view, ranks, splats.read, tiles, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> order: array<u32>;
@@ -17,14 +17,12 @@ fn main(
     @builtin(local_invocation_index) thread: u32,
 ) {
     let rank = folded(workgroup) * THREADS + thread;
-    if (rank >= view.gaussians || entry_count[0] == 0u) {
+    let reached = slots_at(rank);
+    if (reached.x == reached.y) {
         return;
     }
-    var slot = first_slots[rank];
-    let end = first_slots[rank + 1u];
-    if (slot == end) {
-        return;
-    }
+    var slot = reached.x;
+    let end = reached.y;
     let i = order[rank];
     let ellipse = ellipse_of(read_splat(i));
     let rows = tile_rows(view, ellipse);

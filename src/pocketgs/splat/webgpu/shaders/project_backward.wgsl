@@ -1,6 +1,6 @@
 // Gradients from the image back to the Gaussians, through the sort permutation: ∇θ[π(i)] += g_i. `gradients` is all 0
 // before. One thread per Gaussian, in order of depth.
-import view, gaussians.read, gaussians.read_sh, projection, spherical_harmonics.gradient, splats.read
+import view, ranks, gaussians.read, gaussians.read_sh, projection, spherical_harmonics.gradient, splats.read
 import gradient_rows.gather, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
@@ -98,17 +98,13 @@ fn main(
     @builtin(local_invocation_index) thread: u32,
 ) {
     let rank = folded(workgroup) * THREADS + thread;
-    if (rank >= view.gaussians || entry_count[0] == 0u) {
-        return;
-    }
-    let first = first_slots[rank];
-    let end = first_slots[rank + 1u];
-    if (first == end) {
+    let reached = slots_at(rank);
+    if (reached.x == reached.y) {
         return;
     }
     let i = order[rank];
     let splat = read_splat(i);
-    let sums = gather(i, first, end);
+    let sums = gather(i, reached.x, reached.y);
     let inverse = inverse_covariance(splat);
     let gaussian = read_gaussian(i);
     let local = to_camera(view, gaussian.mean);
