@@ -29,7 +29,15 @@ from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.constants import ALPHA_MAX, TRANSMITTANCE_MIN
 from pocketgs.splat.cpu.engine import CpuEngine
-from pocketgs.splat.cpu.layout import ENTRY_ROWS, ENTRY_SPLAT, LOG2_ALPHA_MIN, TILE_HEIGHT, TILE_WIDTH, View, tiles_down
+from pocketgs.splat.cpu.layout import (
+    INTERSECTION_ROWS,
+    INTERSECTION_SPLAT,
+    LOG2_ALPHA_MIN,
+    TILE_HEIGHT,
+    TILE_WIDTH,
+    View,
+    tiles_down,
+)
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.timing import NoTimer, PassTimer
 from pocketgs.system.process import peak_rss_mb
@@ -146,12 +154,12 @@ def count_pairs(engine: CpuEngine, frame: Frame) -> tuple[int, int]:
     view = View.of(frame.camera)
     raster = engine._forward(view, np.zeros(3, np.float32))
     ends, lists = raster.canvas.drawn_ends, raster.lists
-    return count_in_tiles(engine._splats, lists.entries, lists.ranges, ends, view.width, view.height)
+    return count_in_tiles(engine._splats, lists.intersections, lists.ranges, ends, view.width, view.height)
 
 
 @njit
 def count_in_tiles(
-    splats: np.ndarray, entries: np.ndarray, ranges: np.ndarray, ends: np.ndarray, width: int, height: int
+    splats: np.ndarray, intersections: np.ndarray, ranges: np.ndarray, ends: np.ndarray, width: int, height: int
 ) -> tuple[int, int]:
     """`count_pairs`, pixel by pixel."""
     visited, contributing = 0, 0
@@ -160,8 +168,8 @@ def count_in_tiles(
         left, top = tile // tiles_down(height) * TILE_WIDTH, tile % tiles_down(height) * TILE_HEIGHT
         transmittance[:] = 1.0
         for index in range(ranges[tile], ends[tile]):
-            x, y, xx, xy, yy, log2_opacity = splats[entries[index, ENTRY_SPLAT]][:6]
-            rows = entries[index, ENTRY_ROWS]
+            x, y, xx, xy, yy, log2_opacity = splats[intersections[index, INTERSECTION_SPLAT]][:6]
+            rows = intersections[index, INTERSECTION_ROWS]
             for row in range((rows >> 8) // 2 * 2, ((rows & 255) + 1) // 2 * 2):
                 for column in range(TILE_WIDTH):
                     visited += 1

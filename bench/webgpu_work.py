@@ -1,4 +1,4 @@
-"""What a step of the WebGPU engine has to do for one view: splats, entries of tiles' lists, pairs, bytes, operations.
+"""What a step of the WebGPU engine has to do for one view: splats, intersections, pairs, bytes, operations.
 
 A pair is one splat at one pixel. Visited pairs are those at which a shader evaluates a splat's exponent; contributing
 ones have an alpha of at least 1/255 at a pixel that is not saturated.
@@ -65,8 +65,9 @@ TRAFFIC = {
 """Bytes that each pass has to read and to write, if what it reads twice comes from a cache the second time.
 
 Besides the numbers of the engine's own expressions: `visible` Gaussians that stand in at least one list, `listed`
-entries of all lists, `drawn` entries up to the last that contributes in its tile, `drawn_splats` different splats among
-these, rows of gradients, and bytes of the replay cache in use. Passes that are not named move next to nothing.
+intersections of all lists, `drawn` intersections up to the last that contributes in its tile, `drawn_splats`
+different splats among these, rows of gradients, and bytes of the replay cache in use. Passes that are not named
+move next to nothing.
 """
 
 FLOPS_PER_PAIR = {
@@ -123,7 +124,7 @@ class Work:
             "tile_digits": 2 * ceil_div(symbols["tiles"].bit_length(), 2 * DIGIT_BITS),
             "splat_bytes": SPLAT_BYTES[options.precision],
             "cache_bytes": 4 * symbols["pixels"] + RECORD_BYTES[options.precision] * recorded if cached else 0,
-            "row_room": symbols["entries"] if ordered else symbols["gaussians"],
+            "row_room": symbols["intersections"] if ordered else symbols["gaussians"],
             "rows_written": rows,
             "rows_added_to": 0 if ordered else rows,
             "rows_read": self.listed if ordered else self.visible,
@@ -164,11 +165,11 @@ def _count_view(engine: WebGpuEngine, view: int, frame: Frame, settings: StepSet
     count = len(engine.download())
     tiles = ceil_div(camera.width, TILE) * ceil_div(camera.height, TILE)
     starts = read("tile_starts", np.uint32, tiles + 1)
-    listed = int(read("entry_count", np.uint32, 1)[0])
-    entry_splats = read("slot_splats", np.uint32, listed)[read("slots", np.uint32, listed)]
+    listed = int(read("intersection_count", np.uint32, 1)[0])
+    intersection_splats = read("slot_splats", np.uint32, listed)[read("slots", np.uint32, listed)]
     splats = read("splats", np.float32, 10 * count).reshape(count, 10)
-    forward, ends, contributions = _replay(splats, entry_splats, starts, camera.width, camera.height)
-    in_tiles = [entry_splats[start:end] for start, end in zip(starts, ends, strict=False)]
+    forward, ends, contributions = _replay(splats, intersection_splats, starts, camera.width, camera.height)
+    in_tiles = [intersection_splats[start:end] for start, end in zip(starts, ends, strict=False)]
     drawn = int((ends - starts[:-1]).sum())
     return Work(
         visible=int(np.count_nonzero(read("tile_counts", np.uint32, count))),
@@ -184,7 +185,7 @@ def _count_view(engine: WebGpuEngine, view: int, frame: Frame, settings: StepSet
 
 @njit(parallel=True)
 def _replay(
-    splats: np.ndarray, entry_splats: np.ndarray, starts: np.ndarray, width: int, height: int
+    splats: np.ndarray, intersection_splats: np.ndarray, starts: np.ndarray, width: int, height: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Go through the lists as `rasterize.wgsl` does, in batches, until no pixel of the tile takes any more.
 
@@ -199,12 +200,12 @@ def _replay(
         left, top = tile % across * TILE, tile // across * TILE
         right, bottom = min(left + TILE, width), min(top + TILE, height)
         transmittance = np.ones((TILE, TILE))
-        for entry in range(starts[tile], starts[tile + 1]):
-            in_batch = (entry - starts[tile]) % TILE_PIXELS
+        for intersection in range(starts[tile], starts[tile + 1]):
+            in_batch = (intersection - starts[tile]) % TILE_PIXELS
             if in_batch == 0 and transmittance[: bottom - top, : right - left].max() < TRANSMITTANCE_MIN:
                 break
             visited[tile] += TILE_PIXELS
-            x, y, _, log2_opacity, xx, xy, yy = splats[entry_splats[entry]][:7]
+            x, y, _, log2_opacity, xx, xy, yy = splats[intersection_splats[intersection]][:7]
             for row in range(top, bottom):
                 for column in range(left, right):
                     dx, dy = column + 0.5 - x, row + 0.5 - y
@@ -213,5 +214,5 @@ def _replay(
                     if exponent >= LOG2_ALPHA_MIN and in_front >= TRANSMITTANCE_MIN:
                         transmittance[row - top, column - left] -= min(2.0**exponent, ALPHA_MAX) * in_front
                         contributions[row, column] += 1
-                        ends[tile] = entry + 1
+                        ends[tile] = intersection + 1
     return visited, ends, contributions

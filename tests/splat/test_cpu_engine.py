@@ -16,7 +16,15 @@ from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.cpu.adam import adam
 from pocketgs.splat.cpu.dssim import dssim
 from pocketgs.splat.cpu.engine import CpuEngine
-from pocketgs.splat.cpu.layout import DEPTH, ENTRY_ROWS, ENTRY_SPLAT, TILE_HEIGHT, TILE_WIDTH, View, tiles_down
+from pocketgs.splat.cpu.layout import (
+    DEPTH,
+    INTERSECTION_ROWS,
+    INTERSECTION_SPLAT,
+    TILE_HEIGHT,
+    TILE_WIDTH,
+    View,
+    tiles_down,
+)
 from pocketgs.splat.cpu.loss import pointwise
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
@@ -141,15 +149,15 @@ def test_tile_lists_hold_every_pixel_that_a_splat_colours(seed: int, width: int,
     raster = engine._forward(view, np.zeros(3, np.float32))
     listed = np.zeros((count, height, width), bool)
     for tile in range(view.tiles):
-        entries = raster.lists.entries[raster.lists.ranges[tile] : raster.lists.ranges[tile + 1]]
-        depths = engine._splats[entries[:, ENTRY_SPLAT], DEPTH]
+        intersections = raster.lists.intersections[raster.lists.ranges[tile] : raster.lists.ranges[tile + 1]]
+        depths = engine._splats[intersections[:, INTERSECTION_SPLAT], DEPTH]
         assert np.all(np.diff(depths) >= 0)
         left = tile // tiles_down(height) * TILE_WIDTH
         top = tile % tiles_down(height) * TILE_HEIGHT
-        for entry in entries:
-            first, end = entry[ENTRY_ROWS] >> 8, entry[ENTRY_ROWS] & 255
+        for intersection in intersections:
+            first, end = intersection[INTERSECTION_ROWS] >> 8, intersection[INTERSECTION_ROWS] & 255
             assert 0 <= first < end <= TILE_HEIGHT
-            listed[entry[ENTRY_SPLAT], top + first : top + end, left : left + TILE_WIDTH] = True
+            listed[intersection[INTERSECTION_SPLAT], top + first : top + end, left : left + TILE_WIDTH] = True
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     for i in raster.order:
         splat = engine._splats[i].astype(np.float64)

@@ -13,7 +13,6 @@ from pocketgs.scene.edits import rotated
 from pocketgs.scene.formats import read_scene, spz, write_scene
 from pocketgs.scene.formats.spz_precision import FINE, SMALL, Precision
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.scene.morton import morton_order
 from scene.formats.scenes import covariances, opacity_error, random_scene, turns_between
 
 pytestmark = pytest.mark.slow
@@ -84,8 +83,7 @@ def test_theirs_in_compressed_ply(tmp_path: Path, splat_transform: Callable[...,
     distance = np.linalg.norm(found.means[:, None] - scene.means, axis=2)
     nearest = distance.argmin(axis=1)
     close(found, scene.select(nearest), means=0.021, log_scales=0.008, sh=0.02, turn=0.3)
-    # Theirs is coarser, and finer only where many Gaussians share a cell.
-    assert np.mean(nearest == morton_order(scene.means)) > 0.95
+    assert len(set(nearest)) > 0.95 * len(scene)
 
 
 @DEGREES

@@ -154,7 +154,7 @@ def given_numbers(scene: Gaussians, camera: Camera) -> dict[str, int]:
         "coefficients": scene.sh.shape[1],
         "width": camera.width,
         "height": camera.height,
-        "entries": 20_000,
+        "intersections": 20_000,
         "photograph_pixels": camera.width * camera.height,
         "replay_depth": 32,
         "regularised": 1,

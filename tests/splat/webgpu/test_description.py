@@ -31,7 +31,7 @@ CASE = {
     "coefficients": 4,
     "width": 650,
     "height": 480,
-    "entries": 65_536,
+    "intersections": 65_536,
     "photograph_pixels": 312_000,
     "replay_depth": 24,
     "structural": 1,
@@ -170,27 +170,29 @@ def test_a_description_survives_json(description: Description) -> None:
 
 
 def test_sizes_are_those_worked_out_by_hand() -> None:
-    """1,000 Gaussians of SH degree 1 and room for 65,536 entries, at 650 x 480: 82 x 60 tiles, 41 x 30 patches."""
+    """1,000 Gaussians of SH degree 1 and room for 65,536 intersections, at 650 x 480: 82 x 60 tiles."""
     description = describe(Variant("f32", "cache"))
     sizes = description.sizes(description.symbols(CASE), description.buffers)
     half = describe(Variant("f16", "cache", "atomic"))
-    pixels, tiles, patches, entries = 312_000, 4_920, 1_230, 65_536
+    pixels, tiles, patches, intersections = 312_000, 4_920, 1_230, 65_536
     by_gaussian = {"shape": 44, "sh": 48, "splats": 40, "depth_keys": 4, "order": 4, "tile_counts": 4}
     by_gaussian |= {"depth_keys_spare": 4, "order_spare": 4}
     by_gaussian |= dict.fromkeys(("gradients", "first_moments", "second_moments"), 88)
     expected = {name: 1000 * size for name, size in by_gaussian.items()}
     expected |= {"statistics": 16_000, "row_sources": 4_000, "listed_rows": 1_200, "listed_values": 300 * 4 * 12}
-    expected |= {name: 4 * entries for name in ("tile_keys", "tile_keys_spare", "slots", "slots_spare", "slot_splats")}
     expected |= {
-        "gradient_rows": 36 * entries,
+        name: 4 * intersections for name in ("tile_keys", "tile_keys_spare", "slots", "slots_spare", "slot_splats")
+    }
+    expected |= {
+        "gradient_rows": 36 * intersections,
         "first_slots": 4_004,
         "block_sums": 16,
         "digit_counts": 16 * 4 * 32,
         "depth_digit": 16,
         "tile_digit": 16,
         "gaussian_count": 16,
-        "entry_count": 16,
-        "entry_dispatches": 24,
+        "intersection_count": 16,
+        "intersection_dispatches": 24,
         "status": 16,
         "tile_starts": 4 * tiles + 8,
         "drawn_ranges": 8 * tiles,
@@ -214,7 +216,7 @@ def test_words_of_the_shaders_are_the_bytes_of_the_buffers() -> None:
     for precision in ("f32", "f16"):
         for replay in ("recompute", "cache"):
             description = describe(Variant(precision, replay))  # type: ignore[arg-type]
-            symbols = {"capacity": 1, "entries": 1, "pixels": 1, "replay_depth": 1}
+            symbols = {"capacity": 1, "intersections": 1, "pixels": 1, "replay_depth": 1}
             backward = description.shaders["rasterize_backward"].source
             splat = 4 * constant("SPLAT_WORDS", backward)
             assert evaluate(description.buffers["splats"], symbols) == splat

@@ -28,9 +28,9 @@ MakeGaussians = Callable[..., Gaussians]
 
 @pytest.fixture
 def cramped(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Engines begin with next to no room for entries."""
-    monkeypatch.setattr(engine_module, "ENTRIES_PER_GAUSSIAN", 0)
-    monkeypatch.setattr(engine_module, "LEAST_ENTRIES", 20)
+    """Engines begin with next to no room for intersections."""
+    monkeypatch.setattr(engine_module, "INTERSECTIONS_PER_GAUSSIAN", 0)
+    monkeypatch.setattr(engine_module, "LEAST_INTERSECTIONS", 20)
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def frames() -> list[Frame]:
 
 
 def room(engine: WebGpuEngine) -> int:
-    """Entries that the lists of tiles have room for."""
+    """Intersections that the lists of tiles have room for."""
     return engine.memory()["tile_keys"] // 4
 
 
@@ -51,7 +51,7 @@ def step_and_look(engine: WebGpuEngine, view: int) -> float:
 
 
 def approach(engine: WebGpuEngine, look_every_step: bool) -> list[int]:
-    """Train from nearer and nearer; the room there was for entries at each distance."""
+    """Train from nearer and nearer; the room there was for intersections at each distance."""
     rooms = [room(engine)]
     for view in (0, 1, 2, 0):
         for _ in range(4):
@@ -85,7 +85,7 @@ def test_lists_that_outgrow_their_room_in_the_middle_of_a_run(
     monkeypatch.undo()
     spacious = begin(shared_engine(options), gaussians, frames)
     approach(spacious, look_every_step)
-    assert room(spacious) >= engine_module.LEAST_ENTRIES
+    assert room(spacious) >= engine_module.LEAST_INTERSECTIONS
     assert_identical(spacious.download(), engine.download())
     assert losses == [spacious.loss(steps) for steps in range(1, 17)]
     states = [one.optimiser_state() for one in (spacious, engine)]

@@ -179,7 +179,7 @@ def test_halted_steps_are_counted_once(make_gaussians: MakeGaussians) -> None:
     scene = make_gaussians(count=300, sh_degree=0)
     frames = [photograph(camera_in_front(72, 56, 72.0, distance)) for distance in (60.0, 3.0)]
     engines = [begin(WebGpuEngine(), scene, frames) for _ in range(2)]
-    engines[1]._fit(replace(engines[1]._extent, entries=20))
+    engines[1]._fit(replace(engines[1]._extent, intersections=20))
     for engine in engines:
         engine._most_pending = 8
         for view in (0, 0, 1, 1):

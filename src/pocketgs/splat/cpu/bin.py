@@ -1,7 +1,7 @@
 """Bin splats into tiles, each tile's list in order of depth.
 
 A tile is a strip of TILE_WIDTH x TILE_HEIGHT pixels. A splat enters only the tiles where its ellipse of α = 1/255
-reaches a row of pixel centres, and its entry says which rows, so that rasterizing visits few pixels in vain.
+reaches a row of pixel centres, and its intersection says which rows, so that rasterizing visits few pixels in vain.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from numba import prange
 
 from pocketgs.splat.cpu.lanes import prefetch
 from pocketgs.splat.cpu.layout import (
-    ENTRY_FIELDS,
-    ENTRY_ROWS,
-    ENTRY_SLOT,
-    ENTRY_SPLAT,
     EXPONENT_XX,
     EXPONENT_XY,
     EXPONENT_YY,
+    INTERSECTION_FIELDS,
+    INTERSECTION_ROWS,
+    INTERSECTION_SLOT,
+    INTERSECTION_SPLAT,
     LOG2_ALPHA_MIN,
     LOG2_OPACITY,
     MEAN_X,
@@ -48,14 +48,15 @@ class TileLists(NamedTuple):
     """Which splats each tile draws.
 
     Attributes:
-        entries: (E, ENTRY_FIELDS) int32, tile after tile, nearest splat first.
-        ranges: (tiles + 1,) int32, where each tile's entries begin.
-        slots: (N, 2) int32, of visible Gaussians only: SLOTS_FIRST and SLOTS_COUNT of the slots of their entries. A
-            slot is a row for an entry's gradients that nobody else writes to. Slots follow the order of the Gaussians
-            in memory, not that of their depths, so that gradients are gathered from memory that is read in one go.
+        intersections: (E, INTERSECTION_FIELDS) int32, tile after tile, nearest splat first.
+        ranges: (tiles + 1,) int32, where each tile's intersections begin.
+        slots: (N, 2) int32, of visible Gaussians only: SLOTS_FIRST and SLOTS_COUNT of the slots of their
+            intersections. A slot is a row for an intersection's gradients that nobody else writes to. Slots follow the
+            order of the Gaussians in memory, not that of their depths, so that gradients are gathered from memory that
+            is read in one go.
     """
 
-    entries: np.ndarray
+    intersections: np.ndarray
     ranges: np.ndarray
     slots: np.ndarray
 
@@ -132,9 +133,9 @@ def _list_range(
     counts: np.ndarray,
     listed: np.ndarray,
 ) -> int:
-    """List the entries of the splats from `first_rank` up to `end_rank`, and count them by tile.
+    """List the intersections of the splats from `first_rank` up to `end_rank`, and count them by tile.
 
-    Writes no further than `listed` has room, but returns how many entries there are.
+    Writes no further than `listed` has room, but returns how many intersections there are.
     """
     down = tiles_down(height)
     found = 0
@@ -151,17 +152,17 @@ def _list_range(
                     tile, top = column * down + tile_row, tile_row * TILE_HEIGHT
                     counts[tile] += 1
                     if found < len(listed):
-                        entry = listed[found]
-                        entry[_LISTED_TILE] = tile
-                        entry[_LISTED_SPLAT] = order[rank]
-                        entry[_LISTED_ROWS] = max(first - top, 0) << 8 | min(end - top, TILE_HEIGHT)
+                        intersection = listed[found]
+                        intersection[_LISTED_TILE] = tile
+                        intersection[_LISTED_SPLAT] = order[rank]
+                        intersection[_LISTED_ROWS] = max(first - top, 0) << 8 | min(end - top, TILE_HEIGHT)
                     found += 1
         slots[order[rank], SLOTS_COUNT] = found - before
     return found
 
 
 @parallel_kernel
-def _list_entries(
+def _list_intersections(
     splats: np.ndarray,
     order: np.ndarray,
     width: int,
@@ -172,7 +173,7 @@ def _list_entries(
     listed: np.ndarray,
     found: np.ndarray,
 ) -> None:
-    """Each share lists the entries of its run of `order`."""
+    """Each share lists the intersections of its run of `order`."""
     shares = len(counts)
     counter = first_piece()
     for _ in prange(threads):
@@ -214,9 +215,9 @@ def _distribute(
     places: np.ndarray,
     threads: int,
     slots: np.ndarray,
-    entries: np.ndarray,
+    intersections: np.ndarray,
 ) -> None:
-    """Move the listed entries to their tiles."""
+    """Move the listed intersections to their tiles."""
     shares = len(found)
     counter = first_piece()
     for _ in prange(threads):
@@ -225,14 +226,14 @@ def _distribute(
             place = places[share]
             splat, slot = -1, 0
             for index in range(found[share]):
-                entry = entries[place[listed[share, index, _LISTED_TILE]]]
+                intersection = intersections[place[listed[share, index, _LISTED_TILE]]]
                 place[listed[share, index, _LISTED_TILE]] += 1
                 if listed[share, index, _LISTED_SPLAT] != splat:
                     splat = listed[share, index, _LISTED_SPLAT]
                     slot = slots[splat, SLOTS_FIRST]
-                entry[ENTRY_SPLAT] = splat
-                entry[ENTRY_SLOT] = slot
-                entry[ENTRY_ROWS] = listed[share, index, _LISTED_ROWS]
+                intersection[INTERSECTION_SPLAT] = splat
+                intersection[INTERSECTION_SLOT] = slot
+                intersection[INTERSECTION_ROWS] = listed[share, index, _LISTED_ROWS]
                 slot += 1
             share = take(counter)
 
@@ -248,13 +249,13 @@ class Binner:
     def __init__(self, threads: int) -> None:
         self._threads, shares = threads, SHARES_PER_THREAD * threads
         self._listed = np.empty((shares, (1 << 14) // SHARES_PER_THREAD, 3), np.int32)
-        self._entries = np.empty((1 << 14, ENTRY_FIELDS), np.int32)
+        self._intersections = np.empty((1 << 14, INTERSECTION_FIELDS), np.int32)
         self._slots = np.empty((0, 2), np.int32)
 
     @property
     def nbytes(self) -> int:
         """Bytes of working memory."""
-        return self._listed.nbytes + self._entries.nbytes + self._slots.nbytes
+        return self._listed.nbytes + self._intersections.nbytes + self._slots.nbytes
 
     def bin(self, splats: np.ndarray, visible: np.ndarray, order: np.ndarray, view: View) -> TileLists:
         """Make the tiles' lists of one image.
@@ -271,16 +272,16 @@ class Binner:
         slots = self._slots
         counts, found = np.empty((shares, view.tiles), np.int32), np.empty(shares, np.int64)
         size = (view.width, view.height, self._threads)
-        _list_entries(splats, order, *size, slots, counts, self._listed, found)
+        _list_intersections(splats, order, *size, slots, counts, self._listed, found)
         if found.max() > self._listed.shape[1]:
             self._listed = np.empty((shares, int(found.max() * 5 // 4), 3), np.int32)
-            _list_entries(splats, order, *size, slots, counts, self._listed, found)
+            _list_intersections(splats, order, *size, slots, counts, self._listed, found)
         ranges = np.empty(view.tiles + 1, np.int32)
         _place(counts, ranges)
-        # Fresh memory costs a page fault every 4 KB, so the entries' is kept too.
-        if len(self._entries) < ranges[-1]:
-            self._entries = np.empty((ranges[-1] * 5 // 4, ENTRY_FIELDS), np.int32)
-        entries = self._entries[: ranges[-1]]
+        # Fresh memory costs a page fault every 4 KB, so the intersections' is kept too.
+        if len(self._intersections) < ranges[-1]:
+            self._intersections = np.empty((ranges[-1] * 5 // 4, INTERSECTION_FIELDS), np.int32)
+        intersections = self._intersections[: ranges[-1]]
         _number_slots(visible, slots)
-        _distribute(self._listed, found, counts, self._threads, slots, entries)
-        return TileLists(entries, ranges, slots)
+        _distribute(self._listed, found, counts, self._threads, slots, intersections)
+        return TileLists(intersections, ranges, slots)

@@ -8,9 +8,9 @@ from numba import prange
 from pocketgs.splat.cpu.lanes import LANES, Floats, broadcast, load, select, store, sums
 from pocketgs.splat.cpu.layout import (
     DEPTH,
-    ENTRY_ROWS,
-    ENTRY_SLOT,
-    ENTRY_SPLAT,
+    INTERSECTION_ROWS,
+    INTERSECTION_SLOT,
+    INTERSECTION_SPLAT,
     SLOTS_COUNT,
     SLOTS_FIRST,
     TILE_PIXELS,
@@ -45,7 +45,7 @@ def _inspect(
     inside: np.ndarray,
     transmittance: np.ndarray,
     median: np.ndarray,
-    entry: np.ndarray,
+    intersection: np.ndarray,
 ) -> None:
     """Draw one splat in one tile without its colour, and write its contributions there."""
     dx = column_offsets(splat, left)
@@ -64,39 +64,39 @@ def _inspect(
         weight = weight * load(inside, pixel)
         pixels, summed = pixels + select(zero < weight, one, zero), summed + weight
         largest = max(largest, weight)
-    _write(sums((pixels, summed)), largest, entry)
+    _write(sums((pixels, summed)), largest, intersection)
 
 
 @inlined
-def _write(totals: Floats, largest: Floats, entry: np.ndarray) -> None:
+def _write(totals: Floats, largest: Floats, intersection: np.ndarray) -> None:
     lanes = np.empty(LANES, np.float32)
     store(lanes, 0, totals)
-    entry[PIXELS], entry[SUMMED] = lanes[0], lanes[1]
+    intersection[PIXELS], intersection[SUMMED] = lanes[0], lanes[1]
     store(lanes, 0, largest)
-    entry[LARGEST] = lanes.max()
+    intersection[LARGEST] = lanes.max()
 
 
 @parallel_kernel
 def inspect(
     splats: np.ndarray,
-    entries: np.ndarray,
+    intersections: np.ndarray,
     ranges: np.ndarray,
     drawn_ends: np.ndarray,
     width: int,
     threads: int,
-    by_entry: np.ndarray,
+    by_intersection: np.ndarray,
     median_image: np.ndarray,
 ) -> None:
     """Go through every tile as `rasterize` does.
 
     Args:
         splats: (N, FIRST_CHANNEL + C) from `project`.
-        entries: (E, ENTRY_FIELDS) int32, the tiles' lists; see `TileLists`.
-        ranges: (tiles + 1,) int32, where each tile's entries begin.
+        intersections: (E, INTERSECTION_FIELDS) int32, the tiles' lists; see `TileLists`.
+        ranges: (tiles + 1,) int32, where each tile's intersections begin.
         drawn_ends: (tiles,) int32 that `rasterize` wrote.
         width: of the image.
         threads: number of threads that share the work.
-        by_entry: (E, 3) float32, all 0; written at each entry's slot.
+        by_intersection: (E, 3) float32, all 0; written at each intersection's slot.
         median_image: (H, W) float32, written: depth of the splat that brings the transmittance below one half, or 0.
     """
     height = median_image.shape[0]
@@ -110,27 +110,29 @@ def inspect(
             pixels_inside(left, top, width, height, inside)
             transmittance[:], median[:] = 1.0, 0.0
             for index in range(ranges[tile], drawn_ends[tile]):
-                entry = entries[index]
-                own = by_entry[entry[ENTRY_SLOT]]
-                splat = splats[entry[ENTRY_SPLAT]]
-                _inspect(splat, entry[ENTRY_ROWS], left, top, inside, transmittance, median, own)
+                intersection = intersections[index]
+                own = by_intersection[intersection[INTERSECTION_SLOT]]
+                splat = splats[intersection[INTERSECTION_SPLAT]]
+                _inspect(splat, intersection[INTERSECTION_ROWS], left, top, inside, transmittance, median, own)
             write_tile(median, left, top, median_image)
             tile = take(counter)
 
 
 @kernel
-def gather_contributions(visible: np.ndarray, slots: np.ndarray, by_entry: np.ndarray, by_splat: np.ndarray) -> None:
-    """Bring the entries' contributions together, in the order of their slots.
+def gather_contributions(
+    visible: np.ndarray, slots: np.ndarray, by_intersection: np.ndarray, by_splat: np.ndarray
+) -> None:
+    """Bring the intersections' contributions together, in the order of their slots.
 
     Args:
         visible: (V,) int32 indices of the Gaussians that are drawn.
         slots: (N, 2) int32 of `TileLists`.
-        by_entry: (E, 3) float32 from `inspect`.
+        by_intersection: (E, 3) float32 from `inspect`.
         by_splat: (N, 3) float32, all 0; written where visible.
     """
     for i in visible:
         own = by_splat[i]
         for slot in range(slots[i, SLOTS_FIRST], slots[i, SLOTS_FIRST] + slots[i, SLOTS_COUNT]):
-            own[PIXELS] += by_entry[slot, PIXELS]
-            own[SUMMED] += by_entry[slot, SUMMED]
-            own[LARGEST] = max(own[LARGEST], by_entry[slot, LARGEST])
+            own[PIXELS] += by_intersection[slot, PIXELS]
+            own[SUMMED] += by_intersection[slot, SUMMED]
+            own[LARGEST] = max(own[LARGEST], by_intersection[slot, LARGEST])

@@ -93,7 +93,7 @@ class CpuEngine:
         self._views: list[_TrainingView] = []
         self._binner = Binner(self.threads)
         self._canvas: _Canvas | None = None
-        self._entry_sums = np.empty(0, np.float32)
+        self._intersection_sums = np.empty(0, np.float32)
         self.timer: PassTimer = NoTimer()
         self._losses: deque[float] = deque(maxlen=KEPT_LOSSES)
 
@@ -221,7 +221,7 @@ class CpuEngine:
             "photographs": sum(view.photo.nbytes + view.mask.nbytes for view in self._views),
             **self._store.nbytes(),
             "tile lists": self._binner.nbytes,
-            "gradients by tile": self._entry_sums.nbytes,
+            "gradients by tile": self._intersection_sums.nbytes,
             "statistics": self._statistics.nbytes + self._errors.nbytes,
             "clusters": self._clusters.nbytes,
             "projected splats": self._splats.nbytes + self._depth_keys.nbytes + 3 * self._order.nbytes,
@@ -264,7 +264,7 @@ class CpuEngine:
         self.timer.begins("rasterize")
         self._compositor.forward(
             self._splats,
-            lists.entries,
+            lists.intersections,
             lists.ranges,
             background,
             self.threads,
@@ -301,7 +301,7 @@ class CpuEngine:
             raster.visible,
             lists.slots,
             LANES,
-            self._entry_sums,
+            self._intersection_sums,
             self._statistics if with_statistics else self._statistics[:0],
             gradients,
             _NO_CENTRES,
@@ -315,18 +315,20 @@ class CpuEngine:
         canvas = raster.canvas
         write_error(canvas.image, view.photo, view.mask, canvas.d_image)
         self._replay(raster)
-        self._errors[raster.visible] += error_sums(raster.visible, raster.lists, self._entry_sums).astype(np.float32)
+        self._errors[raster.visible] += error_sums(raster.visible, raster.lists, self._intersection_sums).astype(
+            np.float32
+        )
 
     def _replay(self, raster: Raster) -> None:
         """Rasterize backward, from the gradient that stands on the canvas."""
         lists = raster.lists
-        size = len(lists.entries) * LANES
-        if len(self._entry_sums) < size:
-            self._entry_sums = np.empty(size * 5 // 4, np.float32)
+        size = len(lists.intersections) * LANES
+        if len(self._intersection_sums) < size:
+            self._intersection_sums = np.empty(size * 5 // 4, np.float32)
         self.timer.begins("rasterize backward")
         self._compositor.replay(
             self._splats,
-            lists.entries,
+            lists.intersections,
             lists.ranges,
             raster.canvas.drawn_ends,
             self.threads,
@@ -335,7 +337,7 @@ class CpuEngine:
             raster.canvas.transmittance,
             _NO_PLANE,
             False,
-            self._entry_sums,
+            self._intersection_sums,
         )
 
     def _update(self, settings: StepSettings, in_view: np.ndarray) -> float:

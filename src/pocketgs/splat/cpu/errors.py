@@ -30,9 +30,9 @@ def write_error(image: np.ndarray, photo: np.ndarray, mask: np.ndarray, d_image:
         d_image[0][~mask] = 0.0
 
 
-def error_sums(visible: np.ndarray, lists: TileLists, entry_sums: np.ndarray) -> np.ndarray:
+def error_sums(visible: np.ndarray, lists: TileLists, intersection_sums: np.ndarray) -> np.ndarray:
     """(V,) float64: the sum of each of the (V,) visible Gaussians, from what `rasterize_backward` wrote."""
-    by_slot = entry_sums[: len(lists.entries) * LANES].reshape(-1, LANES)[:, SUM_RED]
+    by_slot = intersection_sums[: len(lists.intersections) * LANES].reshape(-1, LANES)[:, SUM_RED]
     up_to = np.zeros(len(by_slot) + 1)
     np.cumsum(by_slot, dtype=np.float64, out=up_to[1:])
     first = lists.slots[visible, SLOTS_FIRST]

@@ -23,12 +23,12 @@ MEAN_X, MEAN_Y, EXPONENT_XX, EXPONENT_XY, EXPONENT_YY, LOG2_OPACITY, DEPTH, RED,
 FIRST_CHANNEL, COLOURS = RED, 3
 SPLAT_FIELDS = FIRST_CHANNEL + COLOURS
 
-# One entry of a tile's list: a row of int32. ROWS holds the first and one past the last row of the tile that the splat
+# A tile intersection: a row of int32. ROWS holds the first and one past the last row of the tile that the splat
 # reaches, as first << 8 | end.
-ENTRY_SPLAT, ENTRY_SLOT, ENTRY_ROWS = range(3)
-ENTRY_FIELDS = 3
+INTERSECTION_SPLAT, INTERSECTION_SLOT, INTERSECTION_ROWS = range(3)
+INTERSECTION_FIELDS = 3
 
-# The slots of a Gaussian's entries: a row of int32, the first and their number.
+# The slots of a Gaussian's intersections: a row of int32, the first and their number.
 SLOTS_FIRST, SLOTS_COUNT = range(2)
 
 # One row of gradients, and of each of Adam's moments, per Gaussian.

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pocketgs.splat.cpu.layout import ENTRY_FIELDS, SPLAT_FIELDS
+from pocketgs.splat.cpu.layout import INTERSECTION_FIELDS, SPLAT_FIELDS
 from pocketgs.splat.cpu.statistics import STATISTICS
 from pocketgs.splat.parameters import FLOAT_BYTES, ParameterLayout
 
-ENTRIES_PER_GAUSSIAN, ENTRIES_PER_PIXEL = 2.5, 0.9
-"""Entries of tiles' lists, as measured at most: a Gaussian is in more than one list, and large ones tile the image."""
+INTERSECTIONS_PER_GAUSSIAN, INTERSECTIONS_PER_PIXEL = 2.5, 0.9
+"""Tile intersections, as measured at most: a Gaussian reaches more than one tile, and large ones cover the image."""
 
-ENTRY_BYTES = 2 * 5 * ENTRY_FIELDS + 5 * 16
-"""The entry listed and distributed, and its 16 sums of gradients, 4 bytes each, with a quarter more to grow into."""
+INTERSECTION_BYTES = 2 * 5 * INTERSECTION_FIELDS + 5 * 16
+"""The intersection listed and distributed, and its 16 sums of 4 bytes each, with a quarter more to grow into."""
 
 PHOTOGRAPH_PIXEL = 3 + 1
 """Colour, and a mask where there is one."""
@@ -36,5 +36,5 @@ def training_bytes(gaussians: int, coefficients: int, photographs: Sequence[tupl
     # statistics.
     numbers = layout.numbers + 3 * layout.columns + SPLAT_FIELDS + 1 + 3 + 2 + STATISTICS + 1
     of_gaussians = gaussians * FLOAT_BYTES * numbers
-    entries = int(ENTRIES_PER_GAUSSIAN * gaussians + ENTRIES_PER_PIXEL * largest)
-    return PHOTOGRAPH_PIXEL * sum(pixels) + of_gaussians + ENTRY_BYTES * entries + CANVAS_PIXEL * largest
+    intersections = int(INTERSECTIONS_PER_GAUSSIAN * gaussians + INTERSECTIONS_PER_PIXEL * largest)
+    return PHOTOGRAPH_PIXEL * sum(pixels) + of_gaussians + INTERSECTION_BYTES * intersections + CANVAS_PIXEL * largest

@@ -48,7 +48,7 @@ from pocketgs.system.dealing import PIECE, first_piece, take
 
 LN2 = math.log(2.0)
 
-# Columns of a block of LANES Gaussians: what goes in, the sums of their entries, and their gradients but for colour.
+# Columns of a block of LANES Gaussians: inputs, the sums of their intersections, and their gradients but for colour.
 _MEAN, _LOG_SCALE, _QUATERNION, _SPLAT = 0, 3, 6, 10
 _SUMS = _SPLAT + LOG2_OPACITY + 1
 _GRADIENT = _SUMS + LANES
@@ -75,12 +75,12 @@ def _set_column(block: np.ndarray, number: int, values: Floats) -> None:
 
 
 @part
-def _add_up(entry_sums: np.ndarray, slots: np.ndarray, row: int, total: np.ndarray) -> None:
+def _add_up(intersection_sums: np.ndarray, slots: np.ndarray, row: int, total: np.ndarray) -> None:
     """Sum a splat's rows, one per tile that it entered."""
     for part_of_row in range(0, row, LANES):
         vector = broadcast(np.float32(0.0))
         for slot in range(slots[SLOTS_FIRST], slots[SLOTS_FIRST] + slots[SLOTS_COUNT]):
-            vector = vector + load(entry_sums, slot * row + part_of_row)
+            vector = vector + load(intersection_sums, slot * row + part_of_row)
         store(total, part_of_row, vector)
 
 
@@ -265,7 +265,7 @@ def _project_range_backward(
     splats: np.ndarray,
     slots: np.ndarray,
     row: int,
-    entry_sums: np.ndarray,
+    intersection_sums: np.ndarray,
     statistics: np.ndarray,
     gradients: np.ndarray,
     d_centres: np.ndarray,
@@ -278,7 +278,7 @@ def _project_range_backward(
         count = min(LANES, len(visible) - first)
         for lane in range(count):
             i = visible[first + lane]
-            _add_up(entry_sums, slots[i], row, totals[lane])
+            _add_up(intersection_sums, slots[i], row, totals[lane])
             _read(i, lane, means, log_scales, quaternions, splats, totals[lane], block)
         _block_backward(view, block)
         for lane in range(count):
@@ -312,7 +312,7 @@ def project_backward(
     visible: np.ndarray,
     slots: np.ndarray,
     row: int,
-    entry_sums: np.ndarray,
+    intersection_sums: np.ndarray,
     statistics: np.ndarray,
     gradients: np.ndarray,
     d_centres: np.ndarray,
@@ -330,8 +330,8 @@ def project_backward(
         splats: what `project` wrote.
         visible: (V,) the visible Gaussians, in the order of memory.
         slots: (N, 2) int32 of `TileLists`.
-        row: length of a row of `entry_sums`.
-        entry_sums: what `rasterize_backward` wrote.
+        row: length of a row of `intersection_sums`.
+        intersection_sums: what `rasterize_backward` wrote.
         statistics: (N, STATISTICS) float32 sums, added to where visible, or (0, STATISTICS) for none.
         gradients: (N, GRADIENT_SH + 3 K) float32, all 0; written where visible.
         d_centres: (N, 4) float32, written where visible: the gradient of the projected centre, and the sums over pixels
@@ -352,7 +352,7 @@ def project_backward(
                 splats,
                 slots,
                 row,
-                entry_sums,
+                intersection_sums,
                 statistics,
                 gradients,
                 d_centres,

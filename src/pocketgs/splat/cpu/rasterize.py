@@ -7,9 +7,9 @@ from numba import prange
 
 from pocketgs.splat.cpu.lanes import LANES, load, prefetch, store
 from pocketgs.splat.cpu.layout import (
-    ENTRY_ROWS,
-    ENTRY_SPLAT,
     FIRST_CHANNEL,
+    INTERSECTION_ROWS,
+    INTERSECTION_SPLAT,
     TILE_HEIGHT,
     TILE_PIXELS,
     TILE_WIDTH,
@@ -27,10 +27,10 @@ from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import first_piece, take
 
 AHEAD = 4
-"""Splats are asked of memory so many entries before they are drawn."""
+"""Splats are asked of memory so many intersections before they are drawn."""
 
 # Asking whether a whole tile is saturated costs about as much as drawing one splat.
-ENTRIES_PER_CHECK = 16
+INTERSECTIONS_PER_CHECK = 16
 
 
 @inlined
@@ -61,7 +61,7 @@ def write_tile(tile_pixels: np.ndarray, left: int, top: int, image: np.ndarray) 
 @parallel_kernel
 def rasterize(
     splats: np.ndarray,
-    entries: np.ndarray,
+    intersections: np.ndarray,
     ranges: np.ndarray,
     background: np.ndarray,
     threads: int,
@@ -73,13 +73,13 @@ def rasterize(
 
     Args:
         splats: (N, FIRST_CHANNEL + C) from `project`.
-        entries: (E, ENTRY_FIELDS) int32, the tiles' lists; see `TileLists`.
-        ranges: (tiles + 1,) int32, where each tile's entries begin.
+        intersections: (E, INTERSECTION_FIELDS) int32, the tiles' lists; see `TileLists`.
+        ranges: (tiles + 1,) int32, where each tile's intersections begin.
         background: (C,) float32.
         threads: number of threads that draw.
         image: (C, H, W) float32, written.
         transmittance_image: (H, W) float32, written.
-        drawn_ends: (tiles,) int32, written: one past the last entry drawn before the tile saturated.
+        drawn_ends: (tiles,) int32, written: one past the last intersection drawn before the tile saturated.
     """
     channels, height = image.shape[:2]
     counter = first_piece()
@@ -91,12 +91,12 @@ def rasterize(
             transmittance[:], colours[:] = 1.0, 0.0
             end = ranges[tile + 1]
             for index in range(ranges[tile], ranges[tile + 1]):
-                entry = entries[index]
+                intersection = intersections[index]
                 if index + AHEAD < ranges[tile + 1]:
-                    prefetch(splats, entries[index + AHEAD, ENTRY_SPLAT])
-                splat = splats[entry[ENTRY_SPLAT]]
-                _draw(splat, entry[ENTRY_ROWS], left, top, channels, transmittance, colours)
-                if index % ENTRIES_PER_CHECK == 0 and is_saturated(transmittance):
+                    prefetch(splats, intersections[index + AHEAD, INTERSECTION_SPLAT])
+                splat = splats[intersection[INTERSECTION_SPLAT]]
+                _draw(splat, intersection[INTERSECTION_ROWS], left, top, channels, transmittance, colours)
+                if index % INTERSECTIONS_PER_CHECK == 0 and is_saturated(transmittance):
                     end = index + 1
                     break
             drawn_ends[tile] = end

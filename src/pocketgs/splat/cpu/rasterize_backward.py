@@ -16,14 +16,14 @@ from pocketgs.splat.cpu.lanes import LANES, Floats, broadcast, load, magnitude, 
 from pocketgs.splat.cpu.layout import (
     BLUE,
     COLOURS,
-    ENTRY_ROWS,
-    ENTRY_SLOT,
-    ENTRY_SPLAT,
     EXPONENT_XX,
     EXPONENT_XY,
     EXPONENT_YY,
     FIRST_CHANNEL,
     GREEN,
+    INTERSECTION_ROWS,
+    INTERSECTION_SLOT,
+    INTERSECTION_SPLAT,
     RED,
     TILE_HEIGHT,
     TILE_PIXELS,
@@ -53,8 +53,8 @@ LN2 = np.float32(math.log(2.0))
 
 
 @part
-def sums_per_entry(channels: int) -> int:
-    """Length of an entry's row of sums: LANES, and as many more times LANES as the channels after the third take."""
+def sums_per_intersection(channels: int) -> int:
+    """Length of an intersection's row of sums: LANES, and as many times LANES again as channels past the third take."""
     return LANES * (1 + (max(channels, COLOURS) - COLOURS + LANES - 1) // LANES)
 
 
@@ -118,12 +118,12 @@ def _replay(
 
 
 @inlined
-def _write_sums(entry_sums: np.ndarray, first: int, total: Floats, channels: int, more_sums: np.ndarray) -> None:
-    """Write an entry's row of sums."""
-    store(entry_sums, first, total)
+def _write_sums(intersection_sums: np.ndarray, first: int, total: Floats, channels: int, more_sums: np.ndarray) -> None:
+    """Write an intersection's row of sums."""
+    store(intersection_sums, first, total)
     for channel in range(COLOURS, channels):
         own = more_sums[(channel - COLOURS) * LANES : (channel - COLOURS + 1) * LANES]
-        entry_sums[first + LANES + channel - COLOURS] = own.sum()
+        intersection_sums[first + LANES + channel - COLOURS] = own.sum()
 
 
 @part
@@ -147,7 +147,7 @@ def _add_product(image: np.ndarray, d_image: np.ndarray, left: int, top: int, ti
 @parallel_kernel
 def rasterize_backward(
     splats: np.ndarray,
-    entries: np.ndarray,
+    intersections: np.ndarray,
     ranges: np.ndarray,
     drawn_ends: np.ndarray,
     threads: int,
@@ -156,14 +156,14 @@ def rasterize_backward(
     transmittance_image: np.ndarray,
     d_transmittance: np.ndarray,
     absolute: bool,
-    entry_sums: np.ndarray,
+    intersection_sums: np.ndarray,
 ) -> None:
     """Replay every tile.
 
     Args:
         splats: (N, FIRST_CHANNEL + C) from `project`, C at least 3.
-        entries: (E, ENTRY_FIELDS) int32, the tiles' lists; see `TileLists`.
-        ranges: (tiles + 1,) int32, where each tile's entries begin.
+        intersections: (E, INTERSECTION_FIELDS) int32, the tiles' lists; see `TileLists`.
+        ranges: (tiles + 1,) int32, where each tile's intersections begin.
         drawn_ends: (tiles,) int32 that `rasterize` wrote.
         threads: number of threads that replay.
         image: (C, H, W) float32 that `rasterize` wrote.
@@ -172,10 +172,11 @@ def rasterize_backward(
         d_transmittance: (H, W) float32 gradient with respect to it, besides that through the image's background, or
             (0, 0) for none.
         absolute: whether to sum the magnitudes of what every pixel asks of the splat's centre.
-        entry_sums: (entries · sums_per_entry(C),) float32, written: a row for each entry, at its slot.
+        intersection_sums: (intersections · sums_per_intersection(C),) float32, written: one row per
+            intersection, at its slot.
     """
     channels, height = image.shape[:2]
-    row = sums_per_entry(channels)
+    row = sums_per_intersection(channels)
     counter = first_piece()
     for _ in prange(threads):
         transmittance, behind = np.empty(TILE_PIXELS, np.float32), np.empty(TILE_PIXELS, np.float32)
@@ -191,10 +192,10 @@ def rasterize_backward(
             if d_transmittance.size:
                 _add_product(transmittance_image, d_transmittance, left, top, behind)
             for index in range(ranges[tile], drawn_ends[tile]):
-                entry = entries[index]
+                intersection = intersections[index]
                 if index + AHEAD < drawn_ends[tile]:
-                    prefetch(splats, entries[index + AHEAD, ENTRY_SPLAT])
-                splat, rows = splats[entry[ENTRY_SPLAT]], entry[ENTRY_ROWS]
+                    prefetch(splats, intersections[index + AHEAD, INTERSECTION_SPLAT])
+                splat, rows = splats[intersection[INTERSECTION_SPLAT]], intersection[INTERSECTION_ROWS]
                 if channels == COLOURS and not absolute:
                     # With these as constants the compiler leaves out the rest.
                     total = _replay(splat, rows, left, top, COLOURS, False, transmittance, behind, d_colours, more_sums)
@@ -202,8 +203,8 @@ def rasterize_backward(
                     total = _replay(
                         splat, rows, left, top, channels, absolute, transmittance, behind, d_colours, more_sums
                     )
-                _write_sums(entry_sums, entry[ENTRY_SLOT] * row, total, channels, more_sums)
+                _write_sums(intersection_sums, intersection[INTERSECTION_SLOT] * row, total, channels, more_sums)
             for index in range(drawn_ends[tile], ranges[tile + 1]):
-                slot = entries[index, ENTRY_SLOT]
-                entry_sums[slot * row : (slot + 1) * row] = 0.0
+                slot = intersections[index, INTERSECTION_SLOT]
+                intersection_sums[slot * row : (slot + 1) * row] = 0.0
             tile = take(counter)

@@ -31,7 +31,7 @@ from pocketgs.splat.cpu.layout import (
 )
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
-from pocketgs.splat.cpu.rasterize_backward import sums_per_entry
+from pocketgs.splat.cpu.rasterize_backward import sums_per_intersection
 from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.splat.cpu.statistics import STATISTICS
 from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
@@ -110,7 +110,7 @@ class CpuBackend:
         transmittance, drawn_ends = np.empty(shape, np.float32), np.empty(view.tiles, np.int32)
         background = np.zeros(len(image), np.float32)
         self._compositor.forward(
-            splats, lists.entries, lists.ranges, background, self.threads, image, transmittance, drawn_ends
+            splats, lists.intersections, lists.ranges, background, self.threads, image, transmittance, drawn_ends
         )
         tape = _Tape(scene, sh, view, composited, splats, visible, lists, image, transmittance, drawn_ends)
         return Composite(image[:composited], transmittance, visible, _radii(splats[visible]), tape)
@@ -124,11 +124,11 @@ class CpuBackend:
         scene, lists = tape.scene, tape.lists
         d_channel_images = np.zeros_like(tape.image)
         d_channel_images[: tape.channels] = d_image
-        row = sums_per_entry(len(tape.image))
-        entry_sums = np.empty(len(lists.entries) * row, np.float32)
+        row = sums_per_intersection(len(tape.image))
+        intersection_sums = np.empty(len(lists.intersections) * row, np.float32)
         self._compositor.replay(
             tape.splats,
-            lists.entries,
+            lists.intersections,
             lists.ranges,
             tape.drawn_ends,
             self.threads,
@@ -137,7 +137,7 @@ class CpuBackend:
             tape.transmittance,
             d_transmittance,
             absolute,
-            entry_sums,
+            intersection_sums,
         )
         count, coefficients = scene.sh.shape[:2]
         gradients = np.zeros((count, GRADIENT_SH + 3 * coefficients), np.float32)
@@ -153,7 +153,7 @@ class CpuBackend:
             tape.visible,
             lists.slots,
             row,
-            entry_sums,
+            intersection_sums,
             _NO_STATISTICS,
             gradients,
             centres,
@@ -173,9 +173,9 @@ class CpuBackend:
     def contributions(self, composite: Composite) -> Contributions:
         """What every Gaussian adds to the image."""
         tape: _Tape = composite.tape
-        by_entry, _ = self._inspected(tape)
+        by_intersection, _ = self._inspected(tape)
         found = np.zeros((len(tape.scene), 3), np.float32)
-        gather_contributions(tape.visible, tape.lists.slots, by_entry, found)
+        gather_contributions(tape.visible, tape.lists.slots, by_intersection, found)
         return Contributions(found[:, PIXELS].astype(np.int32), found[:, LARGEST].copy(), found[:, SUMMED].copy())
 
     def median_depth(self, composite: Composite) -> np.ndarray:
@@ -184,19 +184,19 @@ class CpuBackend:
 
     def _inspected(self, tape: _Tape) -> tuple[np.ndarray, np.ndarray]:
         numba.set_num_threads(self.threads)
-        by_entry = np.zeros((len(tape.lists.entries), 3), np.float32)
+        by_intersection = np.zeros((len(tape.lists.intersections), 3), np.float32)
         median = np.empty_like(tape.transmittance)
         inspect(
             tape.splats,
-            tape.lists.entries,
+            tape.lists.intersections,
             tape.lists.ranges,
             tape.drawn_ends,
             tape.view.width,
             self.threads,
-            by_entry,
+            by_intersection,
             median,
         )
-        return by_entry, median
+        return by_intersection, median
 
 
 def _radii(splats: np.ndarray) -> np.ndarray:

@@ -44,7 +44,7 @@ def origin(tile: int, height: int) -> tuple[int, int]:
 
 @inlined
 def first_and_end_pixel(rows: int) -> tuple[int, int]:
-    """Where in a tile's row-major pixels the vectors begin and end that cover an entry's rows."""
+    """Where in a tile's row-major pixels the vectors begin and end that cover an intersection's rows."""
     return (rows >> 8) // ROWS_PER_VECTOR * LANES, (rows & 255) * TILE_WIDTH
 
 

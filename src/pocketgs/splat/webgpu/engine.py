@@ -30,20 +30,20 @@ from pocketgs.splat.webgpu.photographs import PIXEL_BYTES, packed
 from pocketgs.splat.webgpu.row_changes import gather_rows, set_values
 from pocketgs.splat.webgpu.scene_columns import from_columns, to_columns, transposed
 
-ENTRIES_PER_GAUSSIAN = 8
-LEAST_ENTRIES = 1 << 16
-"""Room for entries of tiles' lists to begin with; it grows where that is too little."""
+INTERSECTIONS_PER_GAUSSIAN = 8
+LEAST_INTERSECTIONS = 1 << 16
+"""Room for intersections of tiles' lists to begin with; it grows where that is too little."""
 
 EXPECTED_PER_GAUSSIAN, EXPECTED_PER_PIXEL = 4.0, 1.5
-"""Entries that a run's tiles' lists may come to hold: large Gaussians tile the image."""
+"""Intersections that a run's tiles' lists may come to hold: large Gaussians tile the image."""
 
 GROWTH = 1.25
 
 DRIVER_BYTES = 150_000_000
 """Of this process's memory that a GPU's driver takes, with its compiled shaders."""
 
-ENTRY_BYTES = {"ordered": 36, "atomic": 4}
-"""What the largest of the buffers with something for every entry holds of each."""
+INTERSECTION_BYTES = {"ordered": 36, "atomic": 4}
+"""What the largest of the buffers with something for every intersection holds of each."""
 
 MOST_PENDING = 64
 MOST_STREAMED = 4
@@ -95,7 +95,7 @@ class WebGpuEngine:
         # Until it is known how long a step takes, the host looks after each.
         self._most_pending = 1
         self._first_pending = 0.0
-        self._most_entries = largest // ENTRY_BYTES[options.accumulation]
+        self._most_intersections = largest // INTERSECTION_BYTES[options.accumulation]
         self._fit(Extent(), [])
 
     def prepare(self) -> None:
@@ -124,7 +124,7 @@ class WebGpuEngine:
         count, coefficients = len(gaussians), gaussians.sh.shape[1]
         trains = self._extent.trains or state is not None
         extent = replace(self._extent, gaussians=count, capacity=count, coefficients=coefficients, trains=trains)
-        self._fit_entries(extent, ENTRIES_PER_GAUSSIAN * count, LEAST_ENTRIES)
+        self._fit_intersections(extent, INTERSECTIONS_PER_GAUSSIAN * count, LEAST_INTERSECTIONS)
         self._pending.clear()
         self._completed = self._completed_before = state.steps if state else 0
         self._write_status()
@@ -233,10 +233,13 @@ class WebGpuEngine:
             PocketGSError: the GPU's memory does not hold it.
         """
         largest = max((width * height for width, height in photographs), default=0)
-        entries = int(EXPECTED_PER_GAUSSIAN * gaussians + EXPECTED_PER_PIXEL * largest)
-        entries = max(LEAST_ENTRIES, min(max(entries, ENTRIES_PER_GAUSSIAN * gaussians), self._most_entries))
+        intersections = int(EXPECTED_PER_GAUSSIAN * gaussians + EXPECTED_PER_PIXEL * largest)
+        intersections = max(
+            LEAST_INTERSECTIONS,
+            min(max(intersections, INTERSECTIONS_PER_GAUSSIAN * gaussians), self._most_intersections),
+        )
         sizes = frozenset(photographs)
-        extent = Extent(gaussians, gaussians, coefficients, entries, tuple(photographs), sizes, trains=True)
+        extent = Extent(gaussians, gaussians, coefficients, intersections, tuple(photographs), sizes, trains=True)
         description = self.executor.description
         uniforms = sum(layout.size for layout in description.uniforms.values())
         device = plan_memory(description, extent, self._limits).total + uniforms
@@ -276,12 +279,12 @@ class WebGpuEngine:
             if plan.shelf.is_resident(view) and not shelved:
                 self.executor.write("photographs", packed(frame), PIXEL_BYTES * plan.shelf.place(view))
 
-    def _fit_entries(self, extent: Extent, wanted: int, needed: int) -> None:
-        """`_fit`, with room for as many entries as are wanted, or at least for those that are needed."""
+    def _fit_intersections(self, extent: Extent, wanted: int, needed: int) -> None:
+        """`_fit`, with room for as many intersections as are wanted, or at least for those that are needed."""
         try:
-            self._fit(replace(extent, entries=max(needed, min(wanted, self._most_entries))))
+            self._fit(replace(extent, intersections=max(needed, min(wanted, self._most_intersections))))
         except PocketGSError:
-            self._fit(replace(extent, entries=needed))
+            self._fit(replace(extent, intersections=needed))
 
     def _submit(self, step: _Step) -> None:
         frame, shelf = self._frames[step.view], self._plan.shelf
@@ -314,9 +317,9 @@ class WebGpuEngine:
         self._most_pending = int(np.clip(SECONDS_AHEAD / seconds, 1, MOST_PENDING))
 
     def _make_room(self, needed: int) -> None:
-        """Let the lists of tiles hold `needed` entries and some more, and let the run go on."""
+        """Let the lists of tiles hold `needed` intersections and some more, and let the run go on."""
         try:
-            self._fit_entries(self._extent, int(needed * GROWTH), needed)
+            self._fit_intersections(self._extent, int(needed * GROWTH), needed)
         finally:
             self._write_status()
 

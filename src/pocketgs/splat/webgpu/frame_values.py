@@ -25,7 +25,7 @@ def view_values(
         camera: from where.
         background: RGB.
         near: least depth of what is drawn, see `near_plane`.
-        symbols: gives gaussians, coefficients, entries and replay_depth.
+        symbols: gives gaussians, coefficients, intersections and replay_depth.
         photograph: where it begins, in pixels.
     """
     pose, size = camera.world_to_camera, np.array([camera.width, camera.height])
@@ -47,7 +47,7 @@ def view_values(
         "tiles_down": ceil_div(camera.height, TILE),
         "gaussians": symbols["gaussians"],
         "coefficients": symbols["coefficients"],
-        "entry_capacity": symbols["entries"],
+        "intersection_capacity": symbols["intersections"],
         "photograph": photograph,
         "replay_depth": symbols["replay_depth"],
         "near": near,

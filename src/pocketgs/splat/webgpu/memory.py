@@ -35,7 +35,7 @@ class Extent:
         gaussians: their number.
         capacity: how many there is room for.
         coefficients: of spherical harmonics per channel.
-        entries: of tiles' lists, that there is to be room for.
+        intersections: of tiles' lists, that there is to be room for.
         photographs: width and height of each.
         drawn_sizes: width and height of other images that are drawn.
         trains: whether it is to train, or only to render.
@@ -44,7 +44,7 @@ class Extent:
     gaussians: int = 0
     capacity: int = 0
     coefficients: int = 1
-    entries: int = 0
+    intersections: int = 0
     photographs: tuple[tuple[int, int], ...] = ()
     drawn_sizes: frozenset[tuple[int, int]] = frozenset()
     trains: bool = False
@@ -56,7 +56,7 @@ class Extent:
             "gaussians": self.gaussians,
             "capacity": self.capacity,
             "coefficients": self.coefficients,
-            "entries": self.entries,
+            "intersections": self.intersections,
             "listed": 0,
         }
 

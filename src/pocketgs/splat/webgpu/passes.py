@@ -22,7 +22,7 @@ DEFINITIONS = {
     "columns": f"{GRADIENT_COLUMNS} + 3 * coefficients",
     "groups": f"ceil_div(gaussians, {THREADS})",
     "blocks": f"ceil_div(gaussians, {BLOCK})",
-    "entry_blocks": f"ceil_div(entries, {BLOCK})",
+    "intersection_blocks": f"ceil_div(intersections, {BLOCK})",
 }
 
 
@@ -88,18 +88,18 @@ def _buffers(variant: Variant) -> dict[str, str]:
         "tile_counts": "4 * capacity",
         "block_sums": f"4 * ceil_div(capacity, {BLOCK})",
         "first_slots": "4 * capacity + 4",
-        "digit_counts": digit_counts_bytes(f"max(ceil_div(capacity, {BLOCK}), entry_blocks)"),
+        "digit_counts": digit_counts_bytes(f"max(ceil_div(capacity, {BLOCK}), intersection_blocks)"),
         "depth_digit": "8",
         "tile_digit": "8",
         "gaussian_count": "4",
-        "entry_count": "4",
-        "entry_dispatches": "24",
+        "intersection_count": "4",
+        "intersection_dispatches": "24",
         "status": "12",
-        "tile_keys": "4 * entries",
-        "tile_keys_spare": "4 * entries",
-        "slots": "4 * entries",
-        "slots_spare": "4 * entries",
-        "slot_splats": "4 * entries",
+        "tile_keys": "4 * intersections",
+        "tile_keys_spare": "4 * intersections",
+        "slots": "4 * intersections",
+        "slots_spare": "4 * intersections",
+        "slot_splats": "4 * intersections",
         "tile_starts": "4 * tiles + 8",
         "drawn_ranges": "8 * tiles",
         "image": "16 * pixels",
@@ -124,7 +124,7 @@ _TRAINING_BUFFERS = {
 
 
 _GAUSSIANS = Items("gaussian_count", blocks="blocks")
-_ENTRIES = Items("entry_count", indirect=("entry_dispatches", 0))
+_INTERSECTIONS = Items("intersection_count", indirect=("intersection_dispatches", 0))
 
 
 def _tiles_have_digit(shift: int) -> str:
@@ -140,8 +140,8 @@ def _bin_passes() -> list[Pass]:
         *running_sums(_GAUSSIANS, "tile_counts", "order", "block_sums", "first_slots"),
         Pass("plan", "plan", "1"),
         Pass("emit", "emit", "groups"),
-        *radix_sort(_ENTRIES, "tile_keys", "slots", "tile_digit", 24, _tiles_have_digit),
-        Pass("tile ranges", "tile_ranges", indirect=("entry_dispatches", 12)),
+        *radix_sort(_INTERSECTIONS, "tile_keys", "slots", "tile_digit", 24, _tiles_have_digit),
+        Pass("tile ranges", "tile_ranges", indirect=("intersection_dispatches", 12)),
     ]
 
 
@@ -191,8 +191,8 @@ def describe(variant: Variant, training: bool = True) -> Description:
     """Describe rendering, and training if asked for.
 
     The numbers that the expressions are computed from: gaussians, capacity (room for them), coefficients, width,
-    height, entries (room for them), photograph_pixels, replay_depth, listed (rows to set), structural, regularised and
-    collecting (0 or 1).
+    height, intersections (room for them), photograph_pixels, replay_depth, listed (rows to set), structural,
+    regularised and collecting (0 or 1).
     """
     assert not training or variant.appearance == "splats", variant.appearance
     bins = _bin_passes()
@@ -209,7 +209,7 @@ def describe(variant: Variant, training: bool = True) -> Description:
         buffers |= _TRAINING_BUFFERS
         if variant.replay == "cache":
             buffers["replay_cache"] = f"pixels * (4 + {RECORD_BYTES[variant.precision]} * replay_depth)"
-        buffers["gradient_rows"] = f"36 * {'entries' if variant.accumulation == 'ordered' else 'capacity'}"
+        buffers["gradient_rows"] = f"36 * {'intersections' if variant.accumulation == 'ordered' else 'capacity'}"
     names = dict.fromkeys(one.shader for sequence in sequences.values() for one in sequence.passes)
     shaders = {name: _shader(name, variant) for name in names}
     uniforms = {"view": UniformLayout.of("View", shaders["project"].source)}

@@ -7,7 +7,7 @@ import view, ranks, statistics, gradient_rows.gather, workgroups
 @group(0) @binding(1) var<storage, read> order: array<u32>;
 @group(0) @binding(2) var<storage, read> first_slots: array<u32>;
 @group(0) @binding(3) var<storage, read> gradient_rows: array<f32>;
-@group(0) @binding(4) var<storage, read> entry_count: array<u32>;
+@group(0) @binding(4) var<storage, read> intersection_count: array<u32>;
 @group(0) @binding(5) var<storage, read_write> statistics: array<f32>;
 
 @compute @workgroup_size(THREADS)

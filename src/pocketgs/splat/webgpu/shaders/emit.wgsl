@@ -6,7 +6,7 @@ import view, ranks, splats.read, tiles, workgroups
 @group(0) @binding(1) var<storage, read> order: array<u32>;
 @group(0) @binding(2) var<storage, read> splats: array<u32>;
 @group(0) @binding(3) var<storage, read> first_slots: array<u32>;
-@group(0) @binding(4) var<storage, read> entry_count: array<u32>;
+@group(0) @binding(4) var<storage, read> intersection_count: array<u32>;
 @group(0) @binding(5) var<storage, read_write> tile_keys: array<u32>;
 @group(0) @binding(6) var<storage, read_write> slots: array<u32>;
 @group(0) @binding(7) var<storage, read_write> slot_splats: array<u32>;

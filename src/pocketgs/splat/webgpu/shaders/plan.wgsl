@@ -1,29 +1,29 @@
-// Plan what follows from the number of entries: how many workgroups walk over them. One thread.
+// Plan what follows from the number of intersections: how many workgroups walk over them. One thread.
 import view, update.status, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> first_slots: array<u32>;
 @group(0) @binding(2) var<storage, read_write> status: array<u32>;
-@group(0) @binding(3) var<storage, read_write> entry_count: array<u32>;
-@group(0) @binding(4) var<storage, read_write> entry_dispatches: array<u32>;
+@group(0) @binding(3) var<storage, read_write> intersection_count: array<u32>;
+@group(0) @binding(4) var<storage, read_write> intersection_dispatches: array<u32>;
 
 // Write the dispatch of `groups` workgroups, folded.
 fn write_dispatch(place: u32, groups: u32) {
     let rows = (groups + LONGEST_ROW - 1u) / LONGEST_ROW;
-    entry_dispatches[place] = min(groups, LONGEST_ROW);
-    entry_dispatches[place + 1u] = rows;
-    entry_dispatches[place + 2u] = 1u;
+    intersection_dispatches[place] = min(groups, LONGEST_ROW);
+    intersection_dispatches[place + 1u] = rows;
+    intersection_dispatches[place + 2u] = 1u;
 }
 
 @compute @workgroup_size(1)
 fn main() {
     let needed = first_slots[view.gaussians];
-    if (needed > view.entry_capacity) {
+    if (needed > view.intersection_capacity) {
         status[HALTED] = 1u;
     }
     status[NEEDED] = max(status[NEEDED], needed);
-    let entries = select(needed, 0u, status[HALTED] != 0u);
-    entry_count[0] = entries;
-    write_dispatch(0u, (entries + BLOCK - 1u) / BLOCK);
-    write_dispatch(3u, (entries + THREADS - 1u) / THREADS);
+    let intersections = select(needed, 0u, status[HALTED] != 0u);
+    intersection_count[0] = intersections;
+    write_dispatch(0u, (intersections + BLOCK - 1u) / BLOCK);
+    write_dispatch(3u, (intersections + THREADS - 1u) / THREADS);
 }

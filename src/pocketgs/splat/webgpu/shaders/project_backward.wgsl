@@ -11,7 +11,7 @@ import gradient_rows.gather, workgroups
 @group(0) @binding(5) var<storage, read> first_slots: array<u32>;
 @group(0) @binding(6) var<storage, read> gradient_rows: array<f32>;
 @group(0) @binding(7) var<storage, read_write> gradients: array<f32>;
-@group(0) @binding(8) var<storage, read> entry_count: array<u32>;
+@group(0) @binding(8) var<storage, read> intersection_count: array<u32>;
 
 fn write_gradient(column: u32, i: u32, value: f32) {
     gradients[column * view.gaussians + i] = value;

@@ -46,11 +46,11 @@ struct Contribution {
 }
 
 // Take a splat to a pixel of the tile.
-fn visit(splat: Splat, entry: u32, pixel: u32, centre: vec2f, sums: ptr<function, SplatSums>) {
+fn visit(splat: Splat, intersection: u32, pixel: u32, centre: vec2f, sums: ptr<function, SplatSums>) {
     let offset = centre - splat.mean;
     let transmittance = transmittances[pixel];
     let d_colour = d_colours[pixel];
-    let contribution = replay(splat, entry, pixel, offset, transmittance, d_colour);
+    let contribution = replay(splat, intersection, pixel, offset, transmittance, d_colour);
     let alpha = contribution.alpha;
     if (alpha == 0.0) {
         return;
@@ -89,26 +89,26 @@ fn main(
     // The splat in hand, and the next one, which all threads fetch together.
     var splat: Splat;
     var next: Splat;
-    var entry = end;
-    var next_entry = end;
+    var intersection = end;
+    var next_intersection = end;
     var sums: SplatSums;
     for (var step = 0u; step < (rounds + 1u) * TILE_PIXELS - 1u; step++) {
         if (step % TILE_PIXELS == 0u) {
-            next_entry = first + step + thread;
-            if (next_entry < end) {
-                next = read_splat(slot_splats[sorted_slots[next_entry]]);
+            next_intersection = first + step + thread;
+            if (next_intersection < end) {
+                next = read_splat(slot_splats[sorted_slots[next_intersection]]);
             }
         }
         let pixel = (step - thread) % TILE_PIXELS;
         if (step >= thread && pixel == 0u) {
             splat = next;
-            entry = next_entry;
+            intersection = next_intersection;
             sums = SplatSums();
         }
-        if (step >= thread && entry < end) {
-            visit(splat, entry, pixel, origin + vec2f(f32(pixel % TILE), f32(pixel / TILE)), &sums);
+        if (step >= thread && intersection < end) {
+            visit(splat, intersection, pixel, origin + vec2f(f32(pixel % TILE), f32(pixel / TILE)), &sums);
             if (pixel == TILE_PIXELS - 1u) {
-                let slot = sorted_slots[entry];
+                let slot = sorted_slots[intersection];
                 accumulate(slot, slot_splats[slot], sums);
             }
         }

@@ -23,9 +23,9 @@ import { viewValues } from "./view_values.js";
  * @property {boolean} asDepth
  */
 
-/** Room for entries of tiles' lists to begin with, and how it grows: as in `engine.py`. */
-const ENTRIES_PER_GAUSSIAN = 8;
-const LEAST_ENTRIES = 1 << 16;
+/** Room for intersections of tiles' lists to begin with, and how it grows: as in `engine.py`. */
+const INTERSECTIONS_PER_GAUSSIAN = 8;
+const LEAST_INTERSECTIONS = 1 << 16;
 const GROWTH = 1.25;
 
 /** Holds the device and what is on it. */
@@ -39,7 +39,7 @@ export class Renderer {
     #appearance = "splats";
     /** @type {GaussianColumns | null} */
     #scene = null;
-    #entries = 0;
+    #intersections = 0;
     #near = 0;
     /** Sizes of images that there is room for. */
     #reserved = new Set();
@@ -147,9 +147,10 @@ export class Renderer {
     }
 
     async #upload(scene) {
-        const entries = Math.max(this.#entries, LEAST_ENTRIES, ENTRIES_PER_GAUSSIAN * scene.count);
+        const expected = INTERSECTIONS_PER_GAUSSIAN * scene.count;
+        const intersections = Math.max(this.#intersections, LEAST_INTERSECTIONS, expected);
         this.#reserved.clear();
-        await this.#makeRoom(this.#symbols(1, 1, scene, entries));
+        await this.#makeRoom(this.#symbols(1, 1, scene, intersections));
         this.#near = nearPlane([0, 1, 2].map((axis) => scene.column(MEAN + axis)), scene.count);
         this.#executor.write("shape", scene.shape);
         this.#executor.write("sh", scene.sh);
@@ -162,9 +163,9 @@ export class Renderer {
         }
         const sequence = asDepth ? "render depth" : "render";
         const behind = asDepth ? [0, 0, 0] : background;
-        let entries = this.#entries;
+        let intersections = this.#intersections;
         for (;;) {
-            const symbols = this.#symbols(camera.width, camera.height, this.#scene, entries);
+            const symbols = this.#symbols(camera.width, camera.height, this.#scene, intersections);
             await this.#makeRoom(symbols);
             this.#executor.writeUniform("view", viewValues(camera, behind, this.#near, symbols));
             this.#executor.submit(sequence, symbols);
@@ -172,7 +173,7 @@ export class Renderer {
             if (!halted) {
                 break;
             }
-            entries = Math.ceil(needed * GROWTH);
+            intersections = Math.ceil(needed * GROWTH);
             this.#resume();
         }
         this.#display.show(this.#executor.buffer("image"), camera, this.#canvas, background, asDepth);
@@ -188,18 +189,18 @@ export class Renderer {
         if (!this.#reserved.has(key)) {
             await this.#executor.reserve(this.#executor.description.sizes(symbols));
             this.#reserved.add(key);
-            this.#entries = symbols.entries;
+            this.#intersections = symbols.intersections;
         }
     }
 
-    #symbols(width, height, { count, coefficients }, entries) {
+    #symbols(width, height, { count, coefficients }, intersections) {
         return this.#executor.description.symbols({
             gaussians: count,
             capacity: count,
             coefficients,
             width,
             height,
-            entries,
+            intersections,
             photograph_pixels: 0,
             replay_depth: 0,
             structural: 0,

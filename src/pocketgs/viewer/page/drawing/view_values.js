@@ -14,7 +14,7 @@ const TILE = 8;
  * @param {import("../scene/camera.js").Camera} camera from where
  * @param {[number, number, number]} background RGB
  * @param {number} near least depth of what is drawn, see `nearPlane`
- * @param {Object<string, number>} symbols gives gaussians, coefficients, entries and replay_depth
+ * @param {Object<string, number>} symbols gives gaussians, coefficients, intersections and replay_depth
  * @returns {Object<string, number | number[]>}
  */
 export function viewValues(camera, background, near, symbols) {
@@ -38,7 +38,7 @@ export function viewValues(camera, background, near, symbols) {
         tiles_down: Math.ceil(height / TILE),
         gaussians: symbols.gaussians,
         coefficients: symbols.coefficients,
-        entry_capacity: symbols.entries,
+        intersection_capacity: symbols.intersections,
         photograph: 0,
         replay_depth: symbols.replay_depth,
         near,

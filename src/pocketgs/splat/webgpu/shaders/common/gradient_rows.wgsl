@@ -24,8 +24,8 @@ fn sum_words(sums: SplatSums) -> array<f32, SUM_WORDS> {
 }
 
 section add_ordered
-// Every entry has a row of its own, and a splat's rows lie side by side: they are added up later, always in the same
-// order, so that a step gives the same bits every time.
+// Every intersection has a row of its own, and a splat's rows lie side by side: they are added up later, always in
+// the same order, so that a step gives the same bits every time.
 alias GradientWord = f32;
 
 fn accumulate(slot: u32, splat: u32, sums: SplatSums) {

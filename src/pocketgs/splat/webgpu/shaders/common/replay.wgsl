@@ -3,7 +3,7 @@
 
 section record_nothing
 // Replay by recomputation: the forward pass keeps nothing.
-fn remember(pixel: u32, contribution: u32, entry: u32, alpha: f32, colour: vec3f) {
+fn remember(pixel: u32, contribution: u32, intersection: u32, alpha: f32, colour: vec3f) {
 }
 
 fn remember_count(pixel: u32, contributions: u32) {
@@ -14,7 +14,7 @@ section by_recomputing
 fn begin_replay(pixel: u32, image_index: u32) {
 }
 
-fn replay(splat: Splat, entry: u32, pixel: u32, offset: vec2f, transmittance: f32, d_colour: vec3f) -> Contribution {
+fn replay(splat: Splat, intersection: u32, pixel: u32, offset: vec2f, transmittance: f32, d_colour: vec3f) -> Contribution {
     let alpha = alpha_at(exponent_at(splat, offset), transmittance);
     return Contribution(alpha, behind[pixel] - alpha * transmittance * dot(splat.colour, d_colour));
 }
@@ -22,8 +22,8 @@ fn replay(splat: Splat, entry: u32, pixel: u32, offset: vec2f, transmittance: f3
 section cache
 import replay.words
 // The replay cache: for every pixel the number of its contributions, and of the first of them a record each. A record
-// holds the entry that contributed, its α, and the colour composited up to and with it: what lies behind, C_in of the
-// PocketGS paper, is the pixel's final colour less that.
+// holds the intersection that contributed, its α, and the colour composited up to and with it: what lies behind, C_in
+// of the PocketGS paper, is the pixel's final colour less that.
 fn cache_place(pixel: u32) -> u32 {
     return pixel * (1u + RECORD_WORDS * view.replay_depth);
 }
@@ -33,12 +33,12 @@ fn record_place(cache_place: u32, contribution: u32) -> u32 {
 }
 
 section words_f32
-// How a record of the replay cache is stored: in full precision. The entry comes first.
+// How a record of the replay cache is stored: in full precision. The intersection comes first.
 const RECORD_WORDS: u32 = 5u;
 
-fn pack_record(entry: u32, alpha: f32, colour: vec3f) -> array<u32, RECORD_WORDS> {
+fn pack_record(intersection: u32, alpha: f32, colour: vec3f) -> array<u32, RECORD_WORDS> {
     let c = bitcast<vec3u>(colour);
-    return array<u32, RECORD_WORDS>(entry, bitcast<u32>(alpha), c.r, c.g, c.b);
+    return array<u32, RECORD_WORDS>(intersection, bitcast<u32>(alpha), c.r, c.g, c.b);
 }
 
 fn record_alpha(words: array<u32, RECORD_WORDS>) -> f32 {
@@ -51,12 +51,12 @@ fn record_colour(words: array<u32, RECORD_WORDS>) -> vec3f {
 
 section words_f16
 // How a record of the replay cache is stored: colours in half precision, α in steps of 1/65535, since half precision
-// would lose 1 - α where α is near 1. The entry comes first.
+// would lose 1 - α where α is near 1. The intersection comes first.
 const RECORD_WORDS: u32 = 3u;
 
-fn pack_record(entry: u32, alpha: f32, colour: vec3f) -> array<u32, RECORD_WORDS> {
+fn pack_record(intersection: u32, alpha: f32, colour: vec3f) -> array<u32, RECORD_WORDS> {
     let alpha_red = pack2x16unorm(vec2f(alpha, 0.0)) | pack2x16float(vec2f(0.0, colour.r));
-    return array<u32, RECORD_WORDS>(entry, alpha_red, pack2x16float(colour.gb));
+    return array<u32, RECORD_WORDS>(intersection, alpha_red, pack2x16float(colour.gb));
 }
 
 fn record_alpha(words: array<u32, RECORD_WORDS>) -> f32 {
@@ -73,10 +73,10 @@ import replay.cache
 
 @group(0) @binding(7) var<storage, read_write> replay_cache: array<u32>;
 
-fn remember(pixel: u32, contribution: u32, entry: u32, alpha: f32, colour: vec3f) {
+fn remember(pixel: u32, contribution: u32, intersection: u32, alpha: f32, colour: vec3f) {
     if (contribution < view.replay_depth) {
         let place = record_place(cache_place(pixel), contribution);
-        let words = pack_record(entry, alpha, colour);
+        let words = pack_record(intersection, alpha, colour);
         for (var w = 0u; w < RECORD_WORDS; w++) {
             replay_cache[place + w] = words[w];
         }
@@ -108,7 +108,7 @@ fn begin_replay(pixel: u32, image_index: u32) {
     totals[pixel] = dot(image[image_index].rgb, d_image[image_index].rgb);
 }
 
-fn replay(splat: Splat, entry: u32, pixel: u32, offset: vec2f, transmittance: f32, d_colour: vec3f) -> Contribution {
+fn replay(splat: Splat, intersection: u32, pixel: u32, offset: vec2f, transmittance: f32, d_colour: vec3f) -> Contribution {
     let next = replayed[pixel];
     if (transmittance == 0.0 || next == contributions[pixel]) {
         return Contribution(0.0, 0.0);
@@ -119,7 +119,7 @@ fn replay(splat: Splat, entry: u32, pixel: u32, offset: vec2f, transmittance: f3
         return Contribution(alpha, behind[pixel] - alpha * transmittance * dot(splat.colour, d_colour));
     }
     let place = record_place(cache_places[pixel], next);
-    if (replay_cache[place] != entry) {
+    if (replay_cache[place] != intersection) {
         return Contribution(0.0, 0.0);
     }
     replayed[pixel] = next + 1u;

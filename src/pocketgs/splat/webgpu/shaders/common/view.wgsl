@@ -19,8 +19,8 @@ struct View {
     gaussians: u32,
     // Spherical-harmonics coefficients per channel: 1, 4, 9 or 16.
     coefficients: u32,
-    // How many entries of tiles' lists there is room for.
-    entry_capacity: u32,
+    // How many intersections of tiles' lists there is room for.
+    intersection_capacity: u32,
     // Where the photograph begins in `photographs`, in pixels.
     photograph: u32,
     // Contributions of each pixel that the replay cache has room for.
