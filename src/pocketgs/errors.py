@@ -17,12 +17,12 @@ class PocketGSError(Exception):
 
     def __init__(self, message: object = "") -> None:
         said = str(message)
-        if len(said) > LONGEST_MESSAGE:
-            said = re.sub(r"\S{200,}", lambda word: f"{word[0][:100]}...{word[0][-40:]}", said)[:LONGEST_MESSAGE]
+        if len(said) > MAX_MESSAGE:
+            said = re.sub(r"\S{200,}", lambda word: f"{word[0][:100]}...{word[0][-40:]}", said)[:MAX_MESSAGE]
         super().__init__(said)
 
 
-LONGEST_SHOWN, LONGEST_MESSAGE = 80, 1000
+MAX_SHOWN, MAX_MESSAGE = 80, 1000
 
 
 def short(found: object) -> str:
@@ -39,4 +39,4 @@ def short(found: object) -> str:
 def clipped(text: object) -> str:
     """A text, of which files or other programs say what it is, no longer than a message should quote it."""
     shown = str(text)
-    return shown if len(shown) <= LONGEST_SHOWN else f"{shown[: LONGEST_SHOWN - 3]}..."
+    return shown if len(shown) <= MAX_SHOWN else f"{shown[: MAX_SHOWN - 3]}..."

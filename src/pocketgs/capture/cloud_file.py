@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pocketgs.capture.poses import LARGEST_COORDINATE
+from pocketgs.capture.poses import MAX_COORDINATE
 from pocketgs.errors import PocketGSError
 from pocketgs.files.ply_file import read_vertices
 from pocketgs.scene.point_cloud import PointCloud
@@ -29,8 +29,8 @@ def read_cloud(path: Path) -> PointCloud | None:
         raise PocketGSError(f"{path}: not a point cloud ({error}), expected vertices with x, y, z") from error
     if len(positions) == 0:
         return None
-    if not np.all(np.abs(positions) < LARGEST_COORDINATE):
-        raise PocketGSError(f"{path}: holds NaN or coordinates beyond {LARGEST_COORDINATE:g}")
+    if not np.all(np.abs(positions) < MAX_COORDINATE):
+        raise PocketGSError(f"{path}: holds NaN or coordinates beyond {MAX_COORDINATE:g}")
     return PointCloud(positions, _colours(vertices))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from pocketgs.capture import colmap_binary, colmap_text
 from pocketgs.capture.colmap_model import ColmapCamera, ColmapImage
-from pocketgs.capture.poses import LARGEST_COORDINATE
+from pocketgs.capture.poses import MAX_COORDINATE
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.point_cloud import PointCloud
 
@@ -54,6 +54,6 @@ def read_points(folder: Path) -> PointCloud | None:
         return None
     with np.errstate(over="ignore"):
         cloud = (colmap_binary if path.suffix == ".bin" else colmap_text).read_points(path)
-    if not np.all(np.abs(cloud.positions) < LARGEST_COORDINATE) or not np.all(np.isfinite(cloud.colours)):
-        raise PocketGSError(f"{path}: holds NaN or coordinates beyond {LARGEST_COORDINATE:g}")
+    if not np.all(np.abs(cloud.positions) < MAX_COORDINATE) or not np.all(np.isfinite(cloud.colours)):
+        raise PocketGSError(f"{path}: holds NaN or coordinates beyond {MAX_COORDINATE:g}")
     return cloud if len(cloud) else None

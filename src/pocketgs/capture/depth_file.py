@@ -14,7 +14,7 @@ from pocketgs.files.memory_bound import require_memory
 from pocketgs.files.opening import checked
 from pocketgs.files.paths import CaptureFile
 
-LARGEST_SIDE = 16_384
+MAX_SIDE = 16_384
 
 
 def read_depth(path: CaptureFile, unit: float, shape: tuple[int, int] | None = None) -> np.ndarray:
@@ -74,8 +74,8 @@ def _only_channel(path: Path) -> np.ndarray:
         parts = openexr.File(str(checked(path)), header_only=True)
         header = parts.header()
         first, last = header["dataWindow"]
-        if max(last - first) >= LARGEST_SIDE:
-            raise ValueError(f"{last - first + 1} pixels, expected at most {LARGEST_SIDE} a side")
+        if max(last - first) >= MAX_SIDE:
+            raise ValueError(f"{last - first + 1} pixels, expected at most {MAX_SIDE} a side")
         count, (columns, rows) = len(header["channels"]), last - first + 1
         require_memory(path, 2 * 4 * count * rows * columns, f"{count} channels of {columns}x{rows} pixels")
         channels = openexr.File(str(path), separate_channels=True).channels()

@@ -12,7 +12,7 @@ from pocketgs.capture.image_file import DECODING, DECODING_ALPHA, ImageHeader, r
 from pocketgs.capture.lens import inner_rectangle
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.loading import (
-    MOST_WORKERS,
+    MAX_WORKERS,
     Preparation,
     camera_of_size,
     load_frames,
@@ -188,7 +188,7 @@ class ListedCapture:
         count = len(self.listing.frames)
         require_memory(self.path, outline.image_bytes, f"{count} photographs of up to {width}x{height} pixels")
         pixel_bytes = DECODING_ALPHA if outline.pixel_bytes > RGB_BYTES else DECODING
-        return room_for(pixel_bytes * outline.stored_pixels, MOST_WORKERS)
+        return room_for(pixel_bytes * outline.stored_pixels, MAX_WORKERS)
 
     @cached_property
     def _cropped_sizes(self) -> dict[str, Size]:

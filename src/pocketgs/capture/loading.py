@@ -25,7 +25,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.system.cores import usable_cores
 
 # Every worker holds a few full-size copies of one image; more workers decode little faster.
-MOST_WORKERS = 8
+MAX_WORKERS = 8
 ASPECT_TOLERANCE = 0.01
 MASK_ASPECT_TOLERANCE = 0.02  # masks are often computed on small images, where rounding shows
 
@@ -51,7 +51,7 @@ class Preparation:
     masks: Path | None = None
 
 
-def load_frames(sources: Sequence[FrameSource], preparation: Preparation, workers: int = MOST_WORKERS) -> list[Frame]:
+def load_frames(sources: Sequence[FrameSource], preparation: Preparation, workers: int = MAX_WORKERS) -> list[Frame]:
     """Load frames in parallel, in order. Only as many full-size images as there are workers exist at any time.
 
     Args:
@@ -69,7 +69,7 @@ def map_frames(
     sources: Sequence[FrameSource],
     preparation: Preparation,
     look: Callable[[Frame], Result],
-    workers: int = MOST_WORKERS,
+    workers: int = MAX_WORKERS,
 ) -> list[Result]:
     """What `look` makes of every frame, in order. It is called in parallel, and frames are kept only if it keeps them.
 
@@ -78,7 +78,7 @@ def map_frames(
     """
     found: list[Result] = []
     try:
-        threads = min(MOST_WORKERS, usable_cores(), workers)
+        threads = min(MAX_WORKERS, usable_cores(), workers)
         with reading_inside(preparation.folder), ThreadPoolExecutor(threads) as pool:
 
             def load(source: FrameSource) -> Result:
@@ -115,7 +115,7 @@ def _map_video(
         with reading_inside(preparation.folder):
             return look(prepared(pair[0], pair[1], None, preparation))
 
-    while batch := list(islice(pairs, MOST_WORKERS)):
+    while batch := list(islice(pairs, MAX_WORKERS)):
         yield from pool.map(finish, batch)
 
 

@@ -18,7 +18,7 @@ FOUND, NONE = "found", "none"
 
 FOLDERS = ("masks", "mask")
 
-NUMBERLESS, MOST_DIGITS = -1, 18
+NUMBERLESS, MAX_DIGITS = -1, 18
 
 
 def named_folder(capture: Path, masks: str) -> Path | None:
@@ -140,7 +140,7 @@ def _numbered(photographs: Sequence[str], masks: Sequence[Path]) -> dict[str, Pa
 
 def _number(stem: str) -> int:
     digits = re.findall(r"\d+", stem)
-    return int(digits[-1][-MOST_DIGITS:]) if digits else NUMBERLESS
+    return int(digits[-1][-MAX_DIGITS:]) if digits else NUMBERLESS
 
 
 def _files(folder: Path) -> list[Path]:

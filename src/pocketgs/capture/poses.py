@@ -9,8 +9,8 @@ from pocketgs.geometry.camera import LARGEST_SIDE, Camera
 from pocketgs.geometry.quaternions import rotation_matrices
 
 ROTATION_TOLERANCE = 1e-2
-LARGEST_COORDINATE = 1e9
-SMALLEST_FOCAL_LENGTH, LARGEST_INTRINSIC = 1e-2, 1e7
+MAX_COORDINATE = 1e9
+MIN_FOCAL_LENGTH, MAX_INTRINSIC = 1e-2, 1e7
 
 ARKIT_PIXEL_CENTRE = 0.5
 """What to add to ARKit's principal point, which counts from the centre of the top left pixel, ours from its corner.
@@ -32,8 +32,8 @@ def world_to_camera_of(rotation: np.ndarray, translation: np.ndarray, where: str
     Raises:
         PocketGSError: a number is not finite, a coordinate is beyond reason, or the 3x3 block is no rotation.
     """
-    if not (np.all(np.isfinite(rotation)) and np.all(np.abs(translation) < LARGEST_COORDINATE)):
-        raise PocketGSError(f"{where}: the pose holds NaN or coordinates beyond {LARGEST_COORDINATE:g}")
+    if not (np.all(np.isfinite(rotation)) and np.all(np.abs(translation) < MAX_COORDINATE)):
+        raise PocketGSError(f"{where}: the pose holds NaN or coordinates beyond {MAX_COORDINATE:g}")
     if np.abs(rotation).max() > 2 or np.abs(rotation @ rotation.T - np.eye(3)).max() > ROTATION_TOLERANCE:
         raise PocketGSError(f"{where}: the pose is not rigid, expected a rotation without scale or shear")
     if np.linalg.det(rotation) < 0:
@@ -88,11 +88,11 @@ def camera_at(
     if not all(1 <= side <= LARGEST_SIDE for side in size):
         found = "x".join(map(short, size))
         raise PocketGSError(f"{where}: image size {found}, expected 1 to {LARGEST_SIDE} pixels a side")
-    if not all(SMALLEST_FOCAL_LENGTH <= value <= LARGEST_INTRINSIC for value in focal):
+    if not all(MIN_FOCAL_LENGTH <= value <= MAX_INTRINSIC for value in focal):
         raise PocketGSError(
             f"{where}: focal lengths {', '.join(map(short, focal))}, expected positive numbers of pixels"
         )
-    if not all(abs(value) <= LARGEST_INTRINSIC for value in centre):
+    if not all(abs(value) <= MAX_INTRINSIC for value in centre):
         raise PocketGSError(f"{where}: principal point {', '.join(map(short, centre))}, expected pixels of the image")
     (width, height), (fx, fy), (cx, cy) = size, focal, centre
     return Camera(round(width), round(height), float(fx), float(fy), float(cx), float(cy), pose)

@@ -15,7 +15,7 @@ from pocketgs.files.paths import CaptureFile
 REDUCED_SIDE = 640
 """The longer side at which sharpness is measured: sensor noise averages out, the blur of a moving hand does not."""
 
-MOST_FRAMES = 150
+MAX_FRAMES = 150
 """Frames taken from a recording at most: it holds up to 60 a second, and more views of a place add time, not detail."""
 
 
@@ -45,7 +45,7 @@ def sharpest_in_windows(values: Sequence[float], count: int) -> list[int]:
     return [int(start + window.argmax()) for start, window in zip(starts, windows, strict=True) if window.size]
 
 
-def sharpest_photographs(files: Mapping[int, CaptureFile], most: int = MOST_FRAMES) -> list[int]:
+def sharpest_photographs(files: Mapping[int, CaptureFile], most: int = MAX_FRAMES) -> list[int]:
     """The numbers of a recording's photographs to use, ascending: all, or the sharpest of each of `most` stretches.
 
     Raises:

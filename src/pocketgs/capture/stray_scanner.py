@@ -14,7 +14,7 @@ import numpy as np
 
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.poses import ARKIT_PIXEL_CENTRE, camera_at, rotation_from_quaternion, world_to_camera_from_axes
-from pocketgs.capture.sharpness import MOST_FRAMES, sharpest_in_windows, thinning_warning
+from pocketgs.capture.sharpness import MAX_FRAMES, sharpest_in_windows, thinning_warning
 from pocketgs.capture.video_file import VideoFrame, sharpness_of_frames, video_info
 from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.opening import read_bytes
@@ -61,7 +61,7 @@ def read(path: Path, images: str | None = None) -> Listing:
     posed = [index for index in poses if index < len(sharpness)]
     if not posed:
         raise PocketGSError(f"{path / ODOMETRY}: no pose belongs to one of the {len(sharpness)} frames of {VIDEO}")
-    chosen = [posed[place] for place in sharpest_in_windows([sharpness[index] for index in posed], MOST_FRAMES)]
+    chosen = [posed[place] for place in sharpest_in_windows([sharpness[index] for index in posed], MAX_FRAMES)]
     # Poses and intrinsics refer to the sensor's pixels, so the video is read as stored.
     info = video_info(video, upright=False)
     frames = [_frame(path, video, index, shared, (info.width, info.height), poses[index]) for index in chosen]

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 from pathlib import PurePosixPath
 
-LONGEST_NAME = 50
+MAX_NAME_LENGTH = 50
 
 
 def plain_names(frames: Iterable[str]) -> list[str]:
@@ -16,7 +16,7 @@ def plain_names(frames: Iterable[str]) -> list[str]:
     for frame in frames:
         stem = re.sub(r"[^\w-]+", "_", str(PurePosixPath(frame).with_suffix(""))).strip("_")
         # File systems take names of 255 bytes, and a letter may need four; a name's end says most.
-        stem = name = stem[-LONGEST_NAME:] or "frame"
+        stem = name = stem[-MAX_NAME_LENGTH:] or "frame"
         number = 1
         while name.casefold() in taken:
             number += 1

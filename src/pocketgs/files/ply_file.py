@@ -11,7 +11,7 @@ from plyfile import PlyData
 from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.opening import checked
 
-LARGEST_HEADER = 1 << 20
+MAX_HEADER_BYTES = 1 << 20
 
 
 def read_vertices(path: Path) -> np.ndarray:
@@ -50,10 +50,10 @@ def _check_size(path: Path) -> None:
         PocketGSError: it does, or has no end.
     """
     with path.open("rb") as file:
-        header, end, _ = file.read(LARGEST_HEADER).partition(b"end_header")
+        header, end, _ = file.read(MAX_HEADER_BYTES).partition(b"end_header")
         size = file.seek(0, os.SEEK_END)
     if not end:
-        raise PocketGSError(f"{path}: not a .ply: no end_header in its first {LARGEST_HEADER} bytes")
+        raise PocketGSError(f"{path}: not a .ply: no end_header in its first {MAX_HEADER_BYTES} bytes")
     elements: list[list[int]] = []
     for words in map(bytes.split, header.splitlines()):
         if words[:1] == [b"element"]:

@@ -11,7 +11,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.up_direction import up_direction
 
 # Optical axes that all lie within about 1.8 degrees of each other (sin² below this) say nothing about distance.
-LEAST_CONVERGENCE = 1e-3
+MIN_CONVERGENCE = 1e-3
 GUESSED_DISTANCE = 4.0
 
 
@@ -34,7 +34,7 @@ def focus_point(cameras: Sequence[Camera]) -> np.ndarray:
     guess = centre + mean_direction(forwards) * (GUESSED_DISTANCE * spread if spread > 0 else 1.0)
     across = np.eye(3) - forwards[:, :, None] * forwards[:, None, :]
     residual = np.einsum("nij,nj->i", across, centres - guess) / len(cameras)
-    step, *_ = np.linalg.lstsq(across.mean(axis=0), residual, rcond=LEAST_CONVERGENCE)
+    step, *_ = np.linalg.lstsq(across.mean(axis=0), residual, rcond=MIN_CONVERGENCE)
     return guess + step
 
 

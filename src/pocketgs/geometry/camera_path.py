@@ -14,7 +14,7 @@ from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.geometry.camera_geometry import focus_point, looks_at, upward
 
 SURROUNDED_BELOW_GAP = np.radians(120)
-SMALLEST_SWAY = np.radians(2)
+MIN_SWAY = np.radians(2)
 WRAPPED_KEYS = 3
 
 
@@ -112,7 +112,7 @@ def _largest_gap(angles: np.ndarray) -> float:
 
 def _sway(angles: np.ndarray) -> float:
     """Amplitude of the sine that spreads as the angles do."""
-    return max(float(np.sqrt(2) * np.std(angles)), SMALLEST_SWAY)
+    return max(float(np.sqrt(2) * np.std(angles)), MIN_SWAY)
 
 
 def _world_to_camera(rotation: np.ndarray, centre: np.ndarray) -> np.ndarray:

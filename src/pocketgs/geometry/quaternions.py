@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-LARGEST_OTHER = np.sqrt(0.5)
+MAX_OTHER = np.sqrt(0.5)
 """No component but the largest of a unit quaternion can exceed this."""
 
 

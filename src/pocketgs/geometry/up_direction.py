@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-LEAST_VARIETY, CLEARER = 0.001, 8.0
+MIN_VARIETY, CLEARER = 0.001, 8.0
 """Variance of level axes across their main direction that tells what is horizontal: 2 degrees of heading, and clearly
 more than hands let a camera lean."""
 
@@ -39,7 +39,7 @@ def up_direction(rotations: np.ndarray) -> np.ndarray:
 def _at_right_angles(across: np.ndarray, ups: np.ndarray, weights: np.ndarray) -> np.ndarray:
     mean_up = (weights[:, None] * ups).sum(axis=0)
     values, vectors = np.linalg.eigh((weights[:, None] * across).T @ across / weights.sum())
-    if values[1] > max(LEAST_VARIETY, CLEARER * values[0]):
+    if values[1] > max(MIN_VARIETY, CLEARER * values[0]):
         up = vectors[:, 0]
         return up if up @ mean_up >= 0 else -up
     up = mean_up - (mean_up @ vectors[:, 2]) * vectors[:, 2]

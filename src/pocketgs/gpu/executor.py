@@ -21,7 +21,7 @@ from pocketgs.gpu.workgroups import LONGEST_ROW
 
 LARGE_WRITE = 1 << 20
 
-MOST_RECORDED = 64
+MAX_RECORDED = 64
 """Sequences whose passes are kept with everything looked up: one for each size of image and amount of data."""
 
 _LAYOUT_TYPES = {
@@ -177,7 +177,7 @@ class Executor:
         """A sequence's passes with names and sizes resolved: once, for all later submissions at this size."""
         key = (sequence, tuple(symbols.items()))
         if key not in self._recordings:
-            if len(self._recordings) == MOST_RECORDED:
+            if len(self._recordings) == MAX_RECORDED:
                 self._recordings.clear()
             self._recordings[key] = self._record(self.description.sequences[sequence], symbols)
         return self._recordings[key]

@@ -14,7 +14,7 @@ import pycolmap
 from pocketgs.structure_from_motion.job import Job, Outcome, announce, announce_count, serve
 from pocketgs.structure_from_motion.world import from_places, upright
 
-SMALLEST_MODEL = 3
+MIN_MODEL = 3
 FAR, AS_GOOD = 0.1, 1.1
 """Logarithm of a ratio of focal lengths that is worth a look; ratio of reprojection errors that is as good as 1."""
 
@@ -137,7 +137,7 @@ def _map(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
     options.random_seed = job["seed"]
     # The sums of several threads come in any order, and bundle adjustment makes their last bits visible.
     options.num_threads = 1
-    options.min_model_size = SMALLEST_MODEL
+    options.min_model_size = MIN_MODEL
     options.extract_colors = False
     options.min_num_matches = job["least_matches"]
     options.mapper.abs_pose_min_num_inliers = 2 * job["least_matches"]

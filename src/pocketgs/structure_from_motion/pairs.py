@@ -7,12 +7,12 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-MOST_FOR_ALL_PAIRS = 45
+MAX_FOR_ALL_PAIRS = 45
 """All pairs of 45 images are 990."""
 
-MOST_ALIKE = 20
+MAX_SIMILAR = 20
 FOLLOWING = (1, 2, 3, 4, 6, 8)
-MOST_NEAR = 8
+MAX_NEARBY = 8
 
 Pairs = set[tuple[int, int]]
 """Indices of images, the smaller first."""
@@ -33,15 +33,15 @@ def chosen_pairs(likeness: np.ndarray, in_order: bool, places: np.ndarray | None
         places: (F, 3) metres, NaN where unknown, or None.
     """
     count = len(likeness)
-    if count <= MOST_FOR_ALL_PAIRS:
+    if count <= MAX_FOR_ALL_PAIRS:
         return all_pairs(count)
-    pairs = _best(-likeness, MOST_ALIKE)
+    pairs = _best(-likeness, MAX_SIMILAR)
     if in_order:
         pairs |= {(i, i + step) for step in FOLLOWING for i in range(count - step)}
     if places is not None:
         distances = np.linalg.norm(places[:, None] - places[None], axis=2)
         np.fill_diagonal(distances, np.inf)
-        pairs |= _best(np.where(np.isfinite(distances), distances, np.inf), MOST_NEAR)
+        pairs |= _best(np.where(np.isfinite(distances), distances, np.inf), MAX_NEARBY)
     return pairs
 
 

@@ -14,7 +14,7 @@ from pocketgs.capture.image_file import high_bytes, read_image
 from pocketgs.capture.mask_file import read_mask
 from pocketgs.structure_from_motion.exif import Exif, read_exif
 from pocketgs.structure_from_motion.features import find_features
-from pocketgs.structure_from_motion.pairs import MOST_FOR_ALL_PAIRS
+from pocketgs.structure_from_motion.pairs import MAX_FOR_ALL_PAIRS
 from pocketgs.structure_from_motion.retrieval import FEATURES_OF_AN_IMAGE
 from pocketgs.structure_from_motion.work import Count, each
 
@@ -65,7 +65,7 @@ def read_photographs(
         PocketGSError: an image cannot be decoded.
     """
     paths = sorted(images.iterdir())
-    most = FEATURES_OF_FEW if len(paths) <= MOST_FOR_ALL_PAIRS else FEATURES_OF_MANY
+    most = FEATURES_OF_FEW if len(paths) <= MAX_FOR_ALL_PAIRS else FEATURES_OF_MANY
 
     def read(path: Path) -> Photograph:
         size, image, exif = read_image(path, lambda opened: _reduced(opened, max_size))

@@ -33,7 +33,7 @@ ADVICE = (
     "photograph sharply and in good light something that has texture, from places that differ, such that each "
     "photograph shows two thirds of what the one before shows; see docs/photographing.md"
 )
-MOST_NAMES = 12
+MAX_NAMES = 12
 
 
 @dataclass(frozen=True)
@@ -172,9 +172,7 @@ def _threads(source: Path, options: PoseOptions) -> int:
 
 def _lacking(unplaced: list[str], frames: int, other_models: list[int]) -> str:
     """What to say of images that have no pose."""
-    names = ", ".join(unplaced[:MOST_NAMES]) + (
-        f" and {len(unplaced) - MOST_NAMES} more" if unplaced[MOST_NAMES:] else ""
-    )
+    names = ", ".join(unplaced[:MAX_NAMES]) + (f" and {len(unplaced) - MAX_NAMES} more" if unplaced[MAX_NAMES:] else "")
     said = f"poses of {frames - len(unplaced)} of {frames} images were found; left out: {names}"
     if other_models:
         parts = ", ".join(map(str, other_models))

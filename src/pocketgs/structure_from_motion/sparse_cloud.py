@@ -17,7 +17,7 @@ from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.structure_from_motion.job import Job
 from pocketgs.structure_from_motion.process import check_installed, run_colmap, threads_that_fit
 
-MOST_PARTNERS = 30
+MAX_PARTNERS = 30
 """An image is matched with as many others, those taken nearest to it: all of them for a capture of 31 photographs."""
 
 
@@ -47,7 +47,7 @@ def triangulate(
     return points if points is not None else PointCloud(np.zeros((0, 3)), np.zeros((0, 3)))
 
 
-def partners(centres: np.ndarray, most: int = MOST_PARTNERS) -> list[tuple[int, int]]:
+def partners(centres: np.ndarray, most: int = MAX_PARTNERS) -> list[tuple[int, int]]:
     """Pairs of frames to match: each with its nearest.
 
     Args:

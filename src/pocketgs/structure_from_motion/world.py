@@ -14,11 +14,11 @@ from pocketgs.geometry.up_direction import up_direction
 MEDIAN_DISTANCE = 3.0
 """From cameras to the points that they see, where nothing tells the scale: as from a person to what is photographed."""
 
-LEAST_GPS_SPREAD = 10.0
+MIN_GPS_SPREAD = 10.0
 """How many times as far as GPS places differ from the cameras' they must be spread to tell the scale."""
 
-FEWEST_PLACES = 5
-LEAST_SHARE_OF_PLACES = 0.6
+MIN_PLACES = 5
+MIN_SHARE_OF_PLACES = 0.6
 ROBUST_ROUNDS = 10
 
 
@@ -66,7 +66,7 @@ def from_places(centres: np.ndarray, places: np.ndarray) -> Similarity | None:
     """
     known = np.isfinite(places).all(axis=1)
     centres, places = centres[known], places[known]
-    if len(places) < FEWEST_PLACES:
+    if len(places) < MIN_PLACES:
         return None
     weights = np.ones(len(places))
     for _ in range(ROBUST_ROUNDS):
@@ -76,11 +76,11 @@ def from_places(centres: np.ndarray, places: np.ndarray) -> Similarity | None:
         unit = max(float(np.median(errors)) * 2, 1e-9)
         weights = 1 / (1 + (errors / unit) ** 2) ** 2
     agree = errors < 3 * unit
-    if agree.mean() < LEAST_SHARE_OF_PLACES or found.scale <= 0:
+    if agree.mean() < MIN_SHARE_OF_PLACES or found.scale <= 0:
         return None
     spreads = np.linalg.svd(places[agree] - places[agree].mean(axis=0), compute_uv=False) / np.sqrt(agree.sum())
     error = float(np.sqrt(np.mean(errors[agree] ** 2)))
-    return found if spreads[0] > LEAST_GPS_SPREAD * error and spreads[1] > LEAST_GPS_SPREAD / 2 * error else None
+    return found if spreads[0] > MIN_GPS_SPREAD * error and spreads[1] > MIN_GPS_SPREAD / 2 * error else None
 
 
 def upright(rotations: np.ndarray, centres: np.ndarray, points: np.ndarray) -> Similarity:

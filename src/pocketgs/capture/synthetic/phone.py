@@ -30,7 +30,7 @@ JITTER_METRES, JITTER_DEGREES = 0.004, 0.15
 
 EXPOSURE_SEED = 9
 EXPOSURE_HELD = (0.2, 1.2)  # seconds
-MOST_EXPOSURE = 0.13
+MAX_EXPOSURE = 0.13
 
 READ_NOISE, SHOT_NOISE = 0.9 / 255, 1.6 / 255  # standard deviations in the dark, and what white adds to it
 
@@ -133,7 +133,7 @@ def _gains(times: np.ndarray) -> np.ndarray:
     """(T, 3) gains of automatic exposure, which holds for 1.2 s at most and then jumps, and of white balance."""
     generator = np.random.default_rng(EXPOSURE_SEED)
     jumps = np.cumsum(generator.uniform(*EXPOSURE_HELD, int(DURATION / EXPOSURE_HELD[0])))
-    metered = generator.uniform(-MOST_EXPOSURE, MOST_EXPOSURE, len(jumps) + 1)
+    metered = generator.uniform(-MAX_EXPOSURE, MAX_EXPOSURE, len(jumps) + 1)
     exposure = metered[np.searchsorted(jumps, times)]
     balance = 0.02 * np.sin(0.19 * times[:, None] + [0, 2.1, 4.2])
     return 1 + exposure[:, None] + balance

@@ -13,7 +13,7 @@ from pocketgs.capture.synthetic.tracing import SUN_ACROSS, SUN_CELL, SUN_CELLS, 
 
 Triple = tuple[float, float, float]
 
-LONGEST_SHADOW = 1.8
+MAX_SHADOW = 1.8
 """Metres between a part and the farthest point that it shades."""
 
 
@@ -105,7 +105,7 @@ def _sun_grid(furniture: Sequence[Part], first: int) -> tuple[np.ndarray, np.nda
     for number, part in enumerate(furniture):
         beads, radius = _beads(part)
         # Half the diagonal of a cell, and of the square that stands for the sun at the far end of a shadow.
-        reach = radius + 0.71 * SUN_CELL + 0.71 * SUN_SPREAD * LONGEST_SHADOW
+        reach = radius + 0.71 * SUN_CELL + 0.71 * SUN_SPREAD * MAX_SHADOW
         for column, row in zip(beads @ SUN_ACROSS, beads @ SUN_UP, strict=True):
             shaded[:, :, number] |= np.hypot(middles - column, (middles - row)[:, None]) < reach
     cells, casts = np.nonzero(shaded.reshape(-1, len(furniture)))

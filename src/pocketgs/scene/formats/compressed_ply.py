@@ -15,8 +15,8 @@ from plyfile import PlyData, PlyElement
 
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
-from pocketgs.files.ply_file import LARGEST_HEADER, read_elements
-from pocketgs.geometry.quaternions import LARGEST_OTHER, drop_largest, restore_largest, unit
+from pocketgs.files.ply_file import MAX_HEADER_BYTES, read_elements
+from pocketgs.geometry.quaternions import MAX_OTHER, drop_largest, restore_largest, unit
 from pocketgs.scene.formats.activations import colour_of, dc_of, opacity_from_byte, opacity_of
 from pocketgs.scene.formats.checks import require_room, require_sound
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
@@ -27,7 +27,7 @@ CENTRE = ("min_x", "min_y", "min_z", "max_x", "max_y", "max_z")
 SCALE = ("min_scale_x", "min_scale_y", "min_scale_z", "max_scale_x", "max_scale_y", "max_scale_z")
 COLOUR = ("min_r", "min_g", "min_b", "max_r", "max_g", "max_b")
 PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
-LARGEST_LOG_SCALE = 20.0
+MAX_LOG_SCALE = 20.0
 # Bytes by Gaussian and by coefficient of spherical harmonics that reading takes at most, as measured.
 READING = (280, 80)
 
@@ -44,7 +44,7 @@ def recognises(path: Path) -> bool:
     """Whether a `.ply` is packed in this way."""
     try:
         with path.open("rb") as file:
-            header = file.read(LARGEST_HEADER).partition(b"end_header")[0]
+            header = file.read(MAX_HEADER_BYTES).partition(b"end_header")[0]
     except OSError:
         return False
     return b"element chunk" in header and PACKED[0].encode() in header
@@ -58,14 +58,14 @@ def write_gaussians(path: Path, gaussians: Gaussians) -> None:
     """
     require_sound(path, gaussians)
     ordered = gaussians.select(morton_order(gaussians.means))
-    log_scales = np.clip(ordered.log_scales, -LARGEST_LOG_SCALE, LARGEST_LOG_SCALE)
+    log_scales = np.clip(ordered.log_scales, -MAX_LOG_SCALE, MAX_LOG_SCALE)
     centre_extremes, centres = _within_chunks(ordered.means)
     scale_extremes, scales = _within_chunks(log_scales)
     colour_extremes, colours = _within_chunks(colour_of(ordered.sh[:, 0]))
     largest, others = drop_largest(unit(ordered.quaternions))
     words = [
         _pack(centres, THREE_FIELDS),
-        _pack(others * LARGEST_OTHER + 0.5, ROTATION_FIELDS) | largest.astype(np.uint32) << 30,
+        _pack(others * MAX_OTHER + 0.5, ROTATION_FIELDS) | largest.astype(np.uint32) << 30,
         _pack(scales, THREE_FIELDS),
         _pack(np.concatenate([colours, opacity_of(ordered.opacity_logits)[:, None]], axis=1), FOUR_FIELDS),
     ]
@@ -139,7 +139,7 @@ def read_gaussians(path: Path) -> Gaussians:
     # Files of earlier writers have no extremes of colour: theirs are 0 and 1.
     if COLOUR[0] in (elements["chunk"].dtype.names or ()):
         rgb = _between(_columns(path, elements, "chunk", COLOUR, "f4")[chunk], rgb)
-    quaternions = restore_largest(rotations >> 30, (_unpack(rotations, ROTATION_FIELDS) - 0.5) / LARGEST_OTHER)
+    quaternions = restore_largest(rotations >> 30, (_unpack(rotations, ROTATION_FIELDS) - 0.5) / MAX_OTHER)
     gaussians = Gaussians(
         _between(_columns(path, elements, "chunk", CENTRE, "f4")[chunk], _unpack(positions, THREE_FIELDS)),
         _between(_columns(path, elements, "chunk", SCALE, "f4")[chunk], _unpack(scales, THREE_FIELDS)),

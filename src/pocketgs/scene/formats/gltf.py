@@ -29,8 +29,8 @@ KERNEL, COLOUR_SPACE = "ellipse", "srgb_rec709_display"
 POINTS, ARRAY_BUFFER = 0, 34962
 TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 FLOAT, UNSIGNED_BYTE = 5126, 5121
-SMALLEST_SCALE, LARGEST_SCALE = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
-MOST_PARTS = 4096
+MIN_SCALE, MAX_SCALE = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
+MAX_PARTS = 4096
 """Groups of Gaussians, each with a place of its own; each takes about a millisecond."""
 
 # Bytes by Gaussian and by coefficient of spherical harmonics that reading takes at most, as measured.
@@ -78,7 +78,7 @@ def write_gaussians(path: Path, gaussians: Gaussians) -> None:
 def _columns(gaussians: Gaussians) -> dict[str, np.ndarray]:
     """The attributes, each with a row a Gaussian; the first is POSITION."""
     with np.errstate(over="ignore"):
-        scales = np.clip(gaussians.scales, SMALLEST_SCALE, LARGEST_SCALE)
+        scales = np.clip(gaussians.scales, MIN_SCALE, MAX_SCALE)
     shown = [to_byte(colour_of(gaussians.sh[:, 0]) * 255), opacity_to_byte(gaussians.opacity_logits)[:, None]]
     columns = {
         "POSITION": gaussians.means,
@@ -147,8 +147,8 @@ def _shown(document: Document) -> list[tuple[dict[str, Any], Placement]]:
         for primitive in item(document, "meshes", placement.mesh)["primitives"]:
             if EXTENSION in primitive.get("extensions", {}):
                 shown.append((primitive, placement))
-                if len(shown) > MOST_PARTS:
-                    raise PocketGSError(f"{document.path}: shows more than {MOST_PARTS} groups of Gaussians")
+                if len(shown) > MAX_PARTS:
+                    raise PocketGSError(f"{document.path}: shows more than {MAX_PARTS} groups of Gaussians")
     return shown
 
 
@@ -189,7 +189,7 @@ def _part(document: Document, primitive: dict[str, Any], placement: Placement) -
         raise PocketGSError(f"{where}: attributes of {sorted(lengths)} Gaussians, expected as many in each")
     gaussians = Gaussians(
         means,
-        np.log(np.maximum(scales, SMALLEST_SCALE)),
+        np.log(np.maximum(scales, MIN_SCALE)),
         unit(np.roll(rotations, 1, axis=1)),
         logit_of(opacities[:, 0], OPACITY_MARGIN),
         np.stack(harmonics, axis=1),

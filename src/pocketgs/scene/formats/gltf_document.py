@@ -20,7 +20,7 @@ GLB_MAGIC, GLB_VERSION = b"glTF", 2
 GLB_HEADER, CHUNK_HEADER = struct.Struct("<4sII"), struct.Struct("<I4s")
 JSON_CHUNK, BINARY_CHUNK = b"JSON", b"BIN\0"
 ALIGNMENT = 4
-LARGEST_FILE = 2**32 - 1
+MAX_FILE_BYTES = 2**32 - 1
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def glb_bytes(path: Path, document: dict[str, Any], binary: bytes) -> bytes:
     text += b" " * (-len(text) % ALIGNMENT)
     binary += b"\0" * (-len(binary) % ALIGNMENT)
     length = GLB_HEADER.size + 2 * CHUNK_HEADER.size + len(text) + len(binary)
-    if length > LARGEST_FILE:
-        raise PocketGSError(f"{path}: would take {length} bytes, but a .glb can hold {LARGEST_FILE}")
+    if length > MAX_FILE_BYTES:
+        raise PocketGSError(f"{path}: would take {length} bytes, but a .glb can hold {MAX_FILE_BYTES}")
     parts = [GLB_HEADER.pack(GLB_MAGIC, GLB_VERSION, length), CHUNK_HEADER.pack(len(text), JSON_CHUNK), text]
     return b"".join([*parts, CHUNK_HEADER.pack(len(binary), BINARY_CHUNK), binary])

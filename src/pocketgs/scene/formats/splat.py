@@ -19,7 +19,7 @@ from pocketgs.scene.formats.checks import read_contents, require_room, require_s
 from pocketgs.scene.gaussians import Gaussians
 
 RECORD = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("colours", "u1", 4), ("quaternions", "u1", 4)])
-SMALLEST_SCALE = np.finfo(np.float32).tiny
+MIN_SCALE = np.finfo(np.float32).tiny
 # Bytes by Gaussian and by coefficient of spherical harmonics that reading takes at most, as measured.
 READING = (200, 0)
 
@@ -38,7 +38,7 @@ def write_gaussians(path: Path, gaussians: Gaussians) -> None:
     records = np.empty(len(ordered), RECORD)
     records["means"] = ordered.means
     with np.errstate(over="ignore"):
-        records["scales"] = np.clip(ordered.scales, SMALLEST_SCALE, np.finfo(np.float32).max)
+        records["scales"] = np.clip(ordered.scales, MIN_SCALE, np.finfo(np.float32).max)
     records["colours"][:, :3] = to_byte(colour_of(ordered.sh[:, 0]) * 255)
     records["colours"][:, 3] = opacity_to_byte(ordered.opacity_logits)
     records["quaternions"] = to_byte(unit(ordered.quaternions) * STEPS + ZERO)
@@ -67,7 +67,7 @@ def read_gaussians(path: Path) -> Gaussians:
         raise PocketGSError(f"{path}: not a .splat: negative scales, expected standard deviations")
     # What is no number is found when the scene is whole.
     with np.errstate(invalid="ignore"):
-        log_scales = np.log(np.maximum(records["scales"], SMALLEST_SCALE))
+        log_scales = np.log(np.maximum(records["scales"], MIN_SCALE))
     gaussians = Gaussians(
         records["means"],
         log_scales,

@@ -18,7 +18,7 @@ from pocketgs.files.atomic_file import replacing
 from pocketgs.scene.formats.axes import RIGHT_UP_BACK, half_turn
 from pocketgs.scene.formats.checks import read_contents, require_room, require_sound
 from pocketgs.scene.formats.spz_arrangement import rearranged
-from pocketgs.scene.formats.spz_attributes import LARGEST_FIXED, Layout, fractional_bits_for, pack, unpack
+from pocketgs.scene.formats.spz_attributes import MAX_FIXED, Layout, fractional_bits_for, pack, unpack
 from pocketgs.scene.formats.spz_precision import FINE, Precision
 from pocketgs.scene.gaussians import Gaussians
 
@@ -45,7 +45,7 @@ EXTENSION = struct.Struct("<II")
 
 FIRST_ROW = HEADER.size + TABLE_START.size
 STREAMS = 6
-LARGEST_DEGREE = 4
+MAX_DEGREE = 4
 HAS_EXTENSIONS = 2
 AXES_EXTENSION, AXES_RIGHT_UP_BACK = 0xADBE0003, 4
 GZIP_LEVEL = 9
@@ -90,7 +90,7 @@ def encode(
     require_sound(path, gaussians)
     bits = fractional_bits_for(gaussians, precision)
     if bits is None:
-        raise PocketGSError(f"{path}: a coordinate exceeds {LARGEST_FIXED}, the most that .spz can hold")
+        raise PocketGSError(f"{path}: a coordinate exceeds {MAX_FIXED}, the most that .spz can hold")
     turned = half_turn(gaussians, RIGHT_UP_BACK)
     if precision.rearranged:
         turned = rearranged(turned, precision)
@@ -136,8 +136,8 @@ def _layout(path: Path, header: bytes, versions: tuple[int, ...]) -> tuple[Layou
         raise PocketGSError(f"{path}: not a .spz: holds {magic!r}, expected {MAGIC!r}")
     if version not in versions:
         raise PocketGSError(f"{path}: version {version} in this packing, expected {' or '.join(map(str, versions))}")
-    if degree > LARGEST_DEGREE:
-        raise PocketGSError(f"{path}: spherical harmonics of degree {degree}, expected 0 to {LARGEST_DEGREE}")
+    if degree > MAX_DEGREE:
+        raise PocketGSError(f"{path}: spherical harmonics of degree {degree}, expected 0 to {MAX_DEGREE}")
     if not count:
         raise PocketGSError(f"{path}: 0 Gaussians, expected at least one")
     require_room(path, count, (degree + 1) ** 2, READING)

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pocketgs.geometry.quaternions import LARGEST_OTHER, drop_largest, restore_largest, unit
+from pocketgs.geometry.quaternions import MAX_OTHER, drop_largest, restore_largest, unit
 from pocketgs.scene.formats.activations import OPACITY_STEPS, opacity_from_byte, opacity_of
 from pocketgs.scene.formats.spz_precision import Precision
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 
-LARGEST_FIXED = 2**23 - 1
+MAX_FIXED = 2**23 - 1
 COLOUR_SCALE = 0.15 * 255
 """Bytes a unit of the coefficient of degree 0: less than the visible range needs, so that colours may leave it."""
 
@@ -58,7 +58,7 @@ def fractional_bits_for(gaussians: Gaussians, precision: Precision) -> int | Non
         Bits, or None where not even whole numbers fit.
     """
     largest = float(np.abs(gaussians.means).max())
-    most = next((bits for bits in range(23, -1, -1) if round(largest * 2**bits) <= LARGEST_FIXED), None)
+    most = next((bits for bits in range(23, -1, -1) if round(largest * 2**bits) <= MAX_FIXED), None)
     if most is None or precision.steps_in_size is None:
         return most
     # What shows of a Gaussian has the size of its larger two axes; one in ten may be smaller.
@@ -124,7 +124,7 @@ def pack_rotations(quaternions: np.ndarray, step: int) -> np.ndarray:
     Magnitudes are multiples of `step`.
     """
     largest, others = drop_largest(np.roll(unit(quaternions), -1, axis=1))
-    steps = np.floor(np.abs(others) / LARGEST_OTHER * (ROTATION_STEPS / step) + 0.5).astype(np.uint32)
+    steps = np.floor(np.abs(others) / MAX_OTHER * (ROTATION_STEPS / step) + 0.5).astype(np.uint32)
     fields = ((others < 0) & (steps > 0)).astype(np.uint32) << 9 | np.minimum(steps * step, ROTATION_STEPS)
     return (largest.astype(np.uint32) << 30 | fields[:, 0] << 20 | fields[:, 1] << 10 | fields[:, 2]).astype("<u4")
 
@@ -138,7 +138,7 @@ def _unpack_rotations(stored: np.ndarray) -> np.ndarray:
     packed = np.ascontiguousarray(stored).view("<u4")
     fields = packed >> np.array([20, 10, 0], np.uint32)
     signs = np.where(fields & 512, -1.0, 1.0)
-    others = signs * (fields & ROTATION_STEPS) * (LARGEST_OTHER / ROTATION_STEPS)
+    others = signs * (fields & ROTATION_STEPS) * (MAX_OTHER / ROTATION_STEPS)
     return unit(np.roll(restore_largest(packed[:, 0] >> 30, others), 1, axis=1))
 
 
