@@ -1,4 +1,4 @@
-"""Point clouds that captures bring along as .ply."""
+"""Reader of point clouds in .ply files."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ UNKNOWN_COLOUR = 0.5
 
 
 def read_cloud(path: Path) -> PointCloud | None:
-    """The vertices of a .ply file with fields x, y, z and, if coloured, red, green, blue; None if there are none.
+    """Read the vertices of a .ply file with fields x, y, z and optionally red, green, blue; None if there are none.
 
-    Colours are 0 to 255 where they are integers, 0 to 1 where they are floats; without any, points are grey.
+    Integer colours are 0 to 255, float colours 0 to 1. Without colours, points are grey.
 
     Raises:
-        PocketGSError: the file cannot be read, has no such vertices, or a coordinate is not finite or beyond reason.
+        PocketGSError: the file cannot be read, has no such vertices, or a coordinate is not finite or too large.
     """
     vertices = read_vertices(path)
     try:

@@ -1,4 +1,4 @@
-"""Placing photographs step by step: with the likeliest pairs, with more of them, and with less asked of a match."""
+"""Registering photographs in steps: with the likeliest pairs, with more pairs, and with a lower match threshold."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from pocketgs.structure_from_motion.retrieval import similarities
 from pocketgs.structure_from_motion.work import Count
 
 MIN_MATCHES, MIN_MATCHES_RELAXED = 15, 10
-"""That a pair must have, COLMAP's default; and where too few photographs are placed with it."""
+"""Minimum number of matches per pair: COLMAP's default, and the value used if too few photographs are registered."""
 
 MIN_SHARE = 0.8
-"""Of the photographs, that must be placed before less is asked of a match."""
+"""Share of photographs that must be registered; below it the lower match threshold is tried."""
 
 MAX_EXTRA_PAIRS = 5000
 
@@ -35,19 +35,19 @@ def place_all(
     on_stage: Callable[[str], None],
     on_count: Count,
 ) -> Outcome:
-    """Find the poses of as many photographs as can be placed together.
+    """Find the poses of as many photographs as possible.
 
     Args:
         photographs: with their features.
-        in_order: whether they are known to be in the order in which they were taken.
-        model: folder, where COLMAP's model is written.
-        workspace: folder for what is needed in between.
+        in_order: whether they are known to be in capture order.
+        model: output folder for COLMAP's model.
+        workspace: folder for intermediate files.
         options: of structure from motion.
-        on_stage: told "matching" and "mapping".
-        on_count: told how much of a stage is done.
+        on_stage: called with "matching" and "mapping".
+        on_count: called with the progress of a stage.
 
     Returns:
-        See `colmap.run`; of the attempt that placed most.
+        See `colmap.run`; the attempt that registered most photographs.
 
     Raises:
         PocketGSError: COLMAP failed.
@@ -62,7 +62,7 @@ def place_all(
         return run_colmap("colmap", {**job, "pairs": listed, **changes}, workspace / "log.txt", on_stage, on_count)
 
     best = attempt(pairs)
-    # A later attempt leaves the model alone unless it places more.
+    # A later attempt replaces the model only if it registers more photographs.
     lacking = [index for index, name in enumerate(names) if name not in best["placed"]]
     more = all_pairs(len(names), lacking) - pairs
     if lacking and 0 < len(more) <= MAX_EXTRA_PAIRS:
