@@ -8,6 +8,7 @@ from pocketgs.prior.report import PriorReport
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import OptimiserState
 from pocketgs.splat.rows import Statistics
+from pocketgs.training.validation import Course
 
 
 @dataclass(frozen=True)
@@ -41,12 +42,14 @@ class Checkpoint:
         gaussians: the scene.
         state: the optimiser's.
         statistics: what its strategy has collected, or None where it collects nothing.
+        course: what an open-ended run has learnt so far, or None where its length was given.
     """
 
     iteration: int
     gaussians: Gaussians
     state: OptimiserState
     statistics: Statistics | None = None
+    course: Course | None = None
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,7 @@ class TrainingResult:
         prior: what the geometry prior found, or None if there was none.
         strategy: name of what decided on the number of Gaussians.
         statistics: what it has collected since it last changed them, for going on later; None if nothing.
+        course: what the validation views of an open-ended run said; None where its length was given.
     """
 
     scene: Gaussians
@@ -85,8 +89,9 @@ class TrainingResult:
     prior: PriorReport | None = None
     strategy: str = "fixed"
     statistics: Statistics | None = None
+    course: Course | None = None
 
     @property
     def checkpoint(self) -> Checkpoint:
         """What a later run needs to go on from here."""
-        return Checkpoint(self.iterations, self.scene, self.optimiser_state, self.statistics)
+        return Checkpoint(self.iterations, self.scene, self.optimiser_state, self.statistics, self.course)
