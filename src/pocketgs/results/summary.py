@@ -9,14 +9,14 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from pocketgs.capture.capture import Capture
-from pocketgs.metrics.evaluation import Evaluation
+from pocketgs.metrics.evaluation import MEANS, Evaluation
 from pocketgs.results.memory_trace import MemorySample
 from pocketgs.system.process import peak_rss_mb
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.plan import Plan
 from pocketgs.training.result import TrainingResult
 
-DEPENDENCIES = ("numpy", "numba", "llvmlite", "opencv-python-headless", "scipy", "pillow", "wgpu")
+DEPENDENCIES = ("numpy", "numba", "llvmlite", "opencv-python-headless", "scipy", "pillow", "wgpu", "flip-evaluator")
 
 
 def summarise(
@@ -31,9 +31,7 @@ def summarise(
 ) -> dict[str, Any]:
     """The content of `run.json`."""
     return {
-        "psnr": evaluation.psnr if evaluation else None,
-        "ssim": evaluation.ssim if evaluation else None,
-        "lpips": evaluation.lpips if evaluation else None,
+        **(evaluation.means if evaluation else dict.fromkeys(MEANS)),
         "lpips_note": evaluation.lpips_note if evaluation else None,
         "coverage": result.prior.coverage if result.prior else None,
         "keyframes": result.prior.keyframes if result.prior else None,
