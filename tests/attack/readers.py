@@ -37,10 +37,10 @@ from pocketgs.system.process import peak_rss_mb
 from pocketgs.viewer.scene_content import scene_content
 
 SECONDS_A_CASE = 20.0
-BOUND_MB, MOST_MB = 200, 500
+BOUND_MB, MAX_MB = 200, 500
 """What readers are told that they may take, and what the process may grow by before that is a failure."""
 
-LONGEST_ERROR = 2000
+MAX_ERROR = 2000
 
 Kind = Literal["capture", "scene", "result"]
 
@@ -103,7 +103,7 @@ def try_case(original: Original, rng: Random, work: Path) -> tuple[str, str]:
             read(original.kind, copy / original.path.relative_to(original.folder))
         except PocketGSError as error:
             length = len(str(error))
-            return what, "refused" if 0 < length <= LONGEST_ERROR else f"refused with {length} characters"
+            return what, "refused" if 0 < length <= MAX_ERROR else f"refused with {length} characters"
         except BaseException:
             return what, "".join(traceback.format_exc())
         return what, "read"
@@ -116,7 +116,7 @@ def work_through(originals: list[Original], seed: int, first: int, last: int, wo
     work.mkdir(parents=True, exist_ok=True)
     for original in originals:  # what is loaded with the first of each kind is no case's
         read(original.kind, original.path)
-    allowed = peak_rss_mb() + MOST_MB
+    allowed = peak_rss_mb() + MAX_MB
     with memory_bound(BOUND_MB):
         for number in range(first, last):
             rng = Random(f"{seed} {number}")

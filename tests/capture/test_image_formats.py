@@ -132,7 +132,7 @@ def test_openexr_depth(tmp_path: Path, channel: str) -> None:
     whole = path.read_bytes()
     for kept in (0, 3, 100, len(whole) - 20):
         path.write_bytes(whole[:kept])
-        with pytest.raises(PocketGSError, match=r"a\.exr: no readable OpenEXR file"):
+        with pytest.raises(PocketGSError, match=r"a\.exr: not a readable OpenEXR file"):
             read_depth(path, 1.0)
     with pytest.raises(PocketGSError, match=r"b\.exr: no such file"):
         read_depth(tmp_path / "b.exr", 1.0)

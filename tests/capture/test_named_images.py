@@ -90,7 +90,7 @@ def test_one_folder_too_high(write_transforms, tmp_path):
     assert len(capture.frames) == 10
     assert not lacks_poses(tmp_path)
     shutil.copytree(outer, tmp_path / "second")
-    with pytest.raises(PocketGSError, match="no capture of a known format"):
+    with pytest.raises(PocketGSError, match="not a capture of a supported format"):
         open_capture(tmp_path)
 
 

@@ -86,8 +86,8 @@ def test_no_capture(refused: Callable[..., str], tmp_path: Path, result: Path) -
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").write_text("hello")
     assert "none: no such file or folder" in refused("train", tmp_path / "none", "--output", result)
-    assert "no capture of a known format" in refused("train", tmp_path / "empty", "--output", result)
-    assert "no capture of a known format" in refused("info", tmp_path / "file")
+    assert "not a capture of a supported format" in refused("train", tmp_path / "empty", "--output", result)
+    assert "not a capture of a supported format" in refused("info", tmp_path / "file")
     assert "File name too long" in refused("info", tmp_path / ("long" * 100))
     assert "File name too long" in refused("eval", tmp_path / ("long" * 100), tmp_path)
 

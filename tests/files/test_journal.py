@@ -100,5 +100,5 @@ def test_what_nobody_can_complete_is_an_error(
     monkeypatch.undo()
     assert version_in(tmp_path) == 2
     (tmp_path / ".pocketgs" / "pending").mkdir()
-    with pytest.raises(PocketGSError, match="half in place there and cannot be completed"):
+    with pytest.raises(PocketGSError, match="a half-published result there cannot be completed"):
         settle(tmp_path)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from pocketgs.prior.bundle_input import by_point, first_estimate
 from pocketgs.prior.reprojection import COLUMNS, POINT_COLUMN, Estimate, linearise, weigh
-from pocketgs.prior.schur import LEAST_DIAGONAL, point_steps, reduced_equations
+from pocketgs.prior.schur import MIN_DIAGONAL, point_steps, reduced_equations
 from prior.bundle_problem import make_problem
 
 
@@ -60,7 +60,7 @@ def test_reduced_equations_give_the_step_of_the_whole_system(repeated: bool) -> 
         dense[rows, point : point + 3] = jacobian[:, POINT_COLUMN:]
         right[rows] = -residual
     normal = dense.T @ dense
-    normal += damping * np.diag(np.maximum(np.diag(normal), LEAST_DIAGONAL))
+    normal += damping * np.diag(np.maximum(np.diag(normal), MIN_DIAGONAL))
     expected = np.linalg.solve(normal, dense.T @ right)
 
     equations, points = reduced_equations(sightings, estimate, huber, damping)

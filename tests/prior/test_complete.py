@@ -9,7 +9,7 @@ import pytest
 
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera, look_at
-from pocketgs.prior.complete import GUESSED_CONFIDENCE, MOST_ADDED, completion, joined
+from pocketgs.prior.complete import GUESSED_CONFIDENCE, MAX_ADDED_SHARE, completion, joined
 from pocketgs.prior.coverage import ViewCells, point_radii
 from pocketgs.scene.point_cloud import PointCloud
 
@@ -128,7 +128,7 @@ def test_never_more_points_than_there_may_be(cloud_size: int, count: int) -> Non
     cloud = whole.select(np.sort(rng.permutation(len(whole))[: min(cloud_size, count)]))
     sources = [wall(70), wall(90)]
     found = completion(cloud, [frame(), frame(turned=True)], sources, DISTANCE, count)
-    assert len(found.added) <= max(count - len(cloud), int(MOST_ADDED * count))
+    assert len(found.added) <= max(count - len(cloud), int(MAX_ADDED_SHARE * count))
     assert 0 <= found.guessed <= len(found.added)
 
 

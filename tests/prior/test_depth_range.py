@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
-from pocketgs.prior.depth_maps import MOST_SWEPT_PIXELS, depth_maps, sweep_pixels
+from pocketgs.prior.depth_maps import MAX_SWEPT_PIXELS, depth_maps, sweep_pixels
 from pocketgs.prior.depth_range import (
     FEWEST,
     MOST,
@@ -24,7 +24,7 @@ from pocketgs.prior.depth_range import (
     small_copy,
     wide_range,
 )
-from pocketgs.prior.sweep import MOST_PIXELS, DepthMap, SweepSettings
+from pocketgs.prior.sweep import MAX_PIXELS, DepthMap, SweepSettings
 
 DISTANCE = 4.0
 NEAR = 1.5
@@ -132,10 +132,10 @@ def test_depths_of_points() -> None:
 
 
 def test_more_keyframes_are_searched_at_a_smaller_size() -> None:
-    assert sweep_pixels(1) == sweep_pixels(2) == MOST_PIXELS
+    assert sweep_pixels(1) == sweep_pixels(2) == MAX_PIXELS
     for keyframes in (50, 100, 300):
-        assert 0.9 * MOST_SWEPT_PIXELS < keyframes * sweep_pixels(keyframes) <= MOST_SWEPT_PIXELS
-    assert sweep_pixels(0) == MOST_PIXELS
+        assert 0.9 * MAX_SWEPT_PIXELS < keyframes * sweep_pixels(keyframes) <= MAX_SWEPT_PIXELS
+    assert sweep_pixels(0) == MAX_PIXELS
 
 
 TEXTURE = cv2.GaussianBlur(np.random.default_rng(3).random((768, 768), np.float32), (0, 0), 1.5)

@@ -114,7 +114,7 @@ def test_a_bound_that_is_too_low_is_spent_on_all_of_the_walk() -> None:
 
 
 def test_of_many_frames_those_looked_at_are_spread_evenly(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(keyframes, "MOST_VIEWS", 30)
+    monkeypatch.setattr(keyframes, "MAX_VIEWS", 30)
     decisions = select(walk(200, 0.05))
     assert len(decisions) == 200
     nearest = np.abs(np.arange(200)[:, None] - kept(decisions)).min(axis=1)

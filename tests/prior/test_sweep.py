@@ -13,7 +13,7 @@ from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import look_at
 from pocketgs.prior.depth_range import DepthRange
-from pocketgs.prior.sweep import MOST_PIXELS, DepthMap, SweepSettings, at_sweep_size, choose_source_views, sweep
+from pocketgs.prior.sweep import MAX_PIXELS, DepthMap, SweepSettings, at_sweep_size, choose_source_views, sweep
 
 SETTINGS = SweepSettings()
 PLANE = np.array([0.25, -0.4, 1.0]), 3.0
@@ -230,11 +230,11 @@ def test_large_frames_are_swept_at_a_smaller_size(width: int, height: int) -> No
     camera = Camera(width, height, width, width, width / 2, height / 2, np.eye(4))
     frame = Frame("a", camera, np.zeros((height, width, 3), np.uint8))
     found = at_sweep_size(frame)
-    if width * height <= MOST_PIXELS:
+    if width * height <= MAX_PIXELS:
         assert found is frame
         return
     shape = found.image.shape
-    assert 0.9 * MOST_PIXELS < shape[0] * shape[1] <= MOST_PIXELS
+    assert 0.9 * MAX_PIXELS < shape[0] * shape[1] <= MAX_PIXELS
     assert (found.camera.height, found.camera.width) == shape[:2]
     # It sees the same.
     assert found.camera.fx / found.camera.width == pytest.approx(camera.fx / camera.width)

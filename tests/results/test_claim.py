@@ -130,7 +130,7 @@ def test_links_are_nobodys(tmp_path: Path) -> None:
         write(tmp_path / "result", "scene.ply")
     (tmp_path / "result" / "held_out").rmdir()
     (tmp_path / "result" / "held_out").symlink_to(outside)
-    with pytest.raises(PocketGSError, match="held_out: is no folder that pocketgs has made"):
+    with pytest.raises(PocketGSError, match="held_out: is not a folder that pocketgs made"):
         write(tmp_path / "result", "held_out/a.png")
     assert sorted(os.listdir(outside)) == ["a.png", "scene.ply"]
 

@@ -16,8 +16,8 @@ from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.webgpu.scene_columns import to_columns
 
 BACKGROUND = (0.2, 0.4, 0.6)
-LEAST_OPACITY = 0.1
-LARGEST_RADIUS = 64.0
+MIN_OPACITY = 0.1
+MAX_RADIUS = 64.0
 CAMERA = Camera(40, 30, 30.0, 30.0, 20.7, 14.2, np.eye(4))
 
 DRAW = """async ([shape, sh, counts, camera, share, background]) => {
@@ -57,11 +57,11 @@ def nearest_discs(scene: Gaussians, share: float) -> tuple[np.ndarray, np.ndarra
     for mean, log_scale, opacity, dc in zip(
         scene.means.astype(float), scene.log_scales.astype(float), opacities, scene.sh[:, 0].astype(float), strict=True
     ):
-        if opacity <= LEAST_OPACITY or mean[2] < near:
+        if opacity <= MIN_OPACITY or mean[2] < near:
             continue
         x, y = CAMERA.fx * mean[0] / mean[2] + CAMERA.cx, CAMERA.fy * mean[1] / mean[2] + CAMERA.cy
-        reach = np.exp(log_scale.mean()) * np.sqrt(2 * np.log(opacity / LEAST_OPACITY))
-        radius = min(CAMERA.fy * reach / mean[2], share * LARGEST_RADIUS)
+        reach = np.exp(log_scale.mean()) * np.sqrt(2 * np.log(opacity / MIN_OPACITY))
+        radius = min(CAMERA.fy * reach / mean[2], share * MAX_RADIUS)
         half = np.maximum(np.sqrt(np.maximum(radius**2 - (rows - y) ** 2, 0)), 0.5)
         above = max(radius, 0.5) - np.abs(rows - y)
         beside = half - np.abs(columns - x)

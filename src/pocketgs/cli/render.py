@@ -23,7 +23,7 @@ from pocketgs.results.video import write_video
 from pocketgs.splat.engine import EngineOptions, Rendering
 from pocketgs.splat.rendering import render_all
 
-MOST_FRAMES = 100_000
+MAX_FRAMES = 100_000
 
 Views = Literal["held-out", "train", "orbit", "path"]
 Show = Literal["colour", "depth", "alpha"]
@@ -83,8 +83,8 @@ def _cameras(capture: Capture, views: Views, frames: int) -> list[tuple[str, Cam
     # SciPy's splines take as long to load as a short training run's first steps: only this command needs them.
     from pocketgs.geometry.camera_path import orbit, path
 
-    if not 1 <= frames <= MOST_FRAMES:
-        raise PocketGSError(f"frames: found {frames}, expected at least 1 and at most {MOST_FRAMES}")
+    if not 1 <= frames <= MAX_FRAMES:
+        raise PocketGSError(f"frames: found {frames}, expected at least 1 and at most {MAX_FRAMES}")
     given = [frame.camera for frame in capture.train]
     made = orbit(given, frames) if views == "orbit" else path(given, frames)
     return [(f"{number:04d}", camera) for number, camera in enumerate(made)]

@@ -19,7 +19,7 @@ PAGE = "docs/photographing.md"
 FEWEST, FEW = 3, 12
 """Photographs without which nothing can be told of shapes, and below which much stays a guess."""
 
-LEAST_WALK = 0.02
+MIN_WALK = 0.02
 """Share of the distance to the scene that cameras lie apart, below which they stand in one place."""
 
 LOOKED_AT = 320
@@ -31,10 +31,10 @@ CELL = 16
 FINE, COARSE = 1.5, 4.0
 """Standard deviations of two blurs. Their difference keeps texture, and drops most noise and soft shadows."""
 
-LEAST_CONTRAST = 2.0
+MIN_CONTRAST = 2.0
 """Grey levels by which this difference varies in a cell that shows texture."""
 
-LEAST_TEXTURED = 0.25
+MIN_TEXTURED = 0.25
 """Share of a photograph's cells that show texture, below which it shows hardly any."""
 
 HIGHLIGHT, DARK = 98, 90
@@ -113,7 +113,7 @@ def poses_hint(wrong: int, frames: int) -> tuple[str, ...]:
 def nothing_found(capture: Capture, scale: Scale) -> str:
     """Why no points were found, and what to photograph differently, in words."""
     centres = np.array([frame.camera.centre for frame in capture.frames])
-    if np.ptp(centres, axis=0).max() < LEAST_WALK * scale.distance:
+    if np.ptp(centres, axis=0).max() < MIN_WALK * scale.distance:
         return (
             "the photographs were taken from nearly one place, which tells nothing of distances: poses are used as "
             "given; walk around what you photograph, a step to the side between photographs; "
@@ -144,8 +144,8 @@ def _look(frame: Frame) -> tuple[bool, bool]:
     inside = cv2.erode(used.astype(np.uint8), np.ones((CELL + 1, CELL + 1), np.uint8)) > 0
     fine, coarse = (cv2.GaussianBlur(small.astype(np.float32), (0, 0), sigma) for sigma in (FINE, COARSE))
     contrast = _cells(fine - coarse).std(axis=1)
-    textured = contrast[_cells(inside).all(axis=1)] >= LEAST_CONTRAST
-    blank = bool(len(textured)) and float(textured.mean()) < LEAST_TEXTURED
+    textured = contrast[_cells(inside).all(axis=1)] >= MIN_CONTRAST
+    blank = bool(len(textured)) and float(textured.mean()) < MIN_TEXTURED
     return blank, float(np.percentile(small[used], HIGHLIGHT)) < DARK
 
 

@@ -22,7 +22,7 @@ from pocketgs.prior.levenberg_marquardt import minimise
 from pocketgs.prior.observations import Observations
 from pocketgs.prior.pose_prior import PosePrior, pose_prior, unheld
 from pocketgs.prior.reprojection import CAMERA_UNKNOWNS, SHARED_UNKNOWNS, Estimate, Sightings, distances
-from pocketgs.prior.schur import LEAST_DIAGONAL, CameraEquations, camera_equations, point_steps, reduced_equations
+from pocketgs.prior.schur import MIN_DIAGONAL, CameraEquations, camera_equations, point_steps, reduced_equations
 
 
 @dataclass(frozen=True)
@@ -238,7 +238,7 @@ def _solve(
     The expected decrease of the linear model is ½ hᵀ (μ D h + b): Madsen, Nielsen and Tingleff (2004), equation 3.14.
     """
     slope = -prior.weights * prior.deviation(estimate)
-    added = damping * np.maximum(equations.diagonal + prior.weights, LEAST_DIAGONAL)
+    added = damping * np.maximum(equations.diagonal + prior.weights, MIN_DIAGONAL)
     matrix = equations.matrix + np.diag(prior.weights + added)
     factor = cho_factor(matrix[np.ix_(free, free)], lower=True, overwrite_a=True, check_finite=False)
     step = np.zeros(len(free))

@@ -12,7 +12,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.prior.observations import Observations
 from pocketgs.prior.reprojection import Estimate, Sightings
 
-FEWEST_POINTS = 3
+MIN_POINTS = 3
 """Points that determine a pose."""
 
 
@@ -56,9 +56,9 @@ def check(
         listed = ", ".join(map(str, lonely[:10])) + (", ..." if len(lonely) > 10 else "")
         raise PocketGSError(f"bundle: {len(lonely)} points seen by fewer than {fewest_views} cameras: {listed}")
     seen = np.bincount(pairs[1], minlength=len(cameras))
-    if not poses_known and seen.min() < FEWEST_POINTS:
+    if not poses_known and seen.min() < MIN_POINTS:
         raise PocketGSError(
-            f"bundle: camera {seen.argmin()} sees {seen.min()} points, expected {FEWEST_POINTS} or a prior on its pose"
+            f"bundle: camera {seen.argmin()} sees {seen.min()} points, expected {MIN_POINTS} or a prior on its pose"
         )
 
 

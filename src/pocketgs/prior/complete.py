@@ -17,7 +17,7 @@ MISSING_SHARE = 0.5
 
 GUESSED_CONFIDENCE = 0.05
 
-MOST_ADDED = 0.3
+MAX_ADDED_SHARE = 0.3
 """Share of the cloud that may be added to what fusion found; all that it leaves free, if that is more."""
 
 
@@ -56,7 +56,7 @@ def completion(
     views = ViewCells.of(frames)
     depths = views.empty()
     views.cover(depths, cloud, point_radii(cloud.positions))
-    room = max(int(MOST_ADDED * count), count - len(cloud))
+    room = max(int(MAX_ADDED_SHARE * count), count - len(cloud))
     found: list[PointCloud] = []
     for source in sources:
         missing = np.flatnonzero(views.uncovered_share(depths, source.positions.astype(np.float64)) > MISSING_SHARE)

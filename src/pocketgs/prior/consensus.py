@@ -13,7 +13,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.prior.observations import Observations
 from pocketgs.system.compile import parallel_kernel, part
 
-MOST_TRIALS = 36
+MAX_TRIALS = 36
 """Pairs of sightings of a track that a point is made from; tracks of up to nine sightings try all of theirs."""
 
 
@@ -89,8 +89,8 @@ def _vote_on(
     costs = np.full(count, np.inf)
     errors, point = np.empty(count), np.empty(3)
     pairs = count * (count - 1) // 2
-    for trial in range(min(pairs, MOST_TRIALS)):
-        one, other = _pair(trial * pairs // min(pairs, MOST_TRIALS), count)
+    for trial in range(min(pairs, MAX_TRIALS)):
+        one, other = _pair(trial * pairs // min(pairs, MAX_TRIALS), count)
         if not _meet(poses, intrinsics, views, seen, one, other, largest_cosine, point):
             continue
         near, cost = 0, 0.0

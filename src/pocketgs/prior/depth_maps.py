@@ -9,12 +9,12 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.prior.depth_range import depths_of, narrowed, small_copy, wide_range
 from pocketgs.prior.sensor_depth import SURE_MARGIN, completed
-from pocketgs.prior.sweep import MOST_PIXELS, DepthMap, SweepSettings, at_sweep_size, choose_source_views, sweep
+from pocketgs.prior.sweep import MAX_PIXELS, DepthMap, SweepSettings, at_sweep_size, choose_source_views, sweep
 
-MOST_SWEPT_PIXELS = 16_000_000
+MAX_SWEPT_PIXELS = 16_000_000
 """Of all keyframes together: with more keyframes each is searched at a smaller size, which bounds the time it takes."""
 
-FEWEST_POINTS, MOST_POINTS = 20, 200
+MIN_POINTS, MAX_POINTS = 20, 200
 """Sparse points that tell which frames to compare a keyframe with; with fewer, points on a grid do."""
 
 GRID = 5
@@ -22,7 +22,7 @@ GRID = 5
 
 def sweep_pixels(keyframes: int) -> int:
     """Pixels that each of so many keyframes is searched at, at most."""
-    return min(MOST_PIXELS, MOST_SWEPT_PIXELS // max(keyframes, 1))
+    return min(MAX_PIXELS, MAX_SWEPT_PIXELS // max(keyframes, 1))
 
 
 def depth_maps(
@@ -66,8 +66,8 @@ def _depth_map(
 
 def _representative(keyframe: Frame, points: np.ndarray, distance: float) -> np.ndarray:
     """(M, 3) what the keyframe sees: some of its sparse points, or a grid at the typical distance."""
-    if len(points) >= FEWEST_POINTS:
-        return points[np.linspace(0, len(points) - 1, min(len(points), MOST_POINTS)).astype(np.int64)]
+    if len(points) >= MIN_POINTS:
+        return points[np.linspace(0, len(points) - 1, min(len(points), MAX_POINTS)).astype(np.int64)]
     camera = keyframe.camera
     x, y = np.meshgrid((np.arange(GRID) + 0.5) * camera.width / GRID, (np.arange(GRID) + 0.5) * camera.height / GRID)
     return camera.centre + distance * camera.rays(np.stack([x.ravel(), y.ravel()], axis=1))

@@ -19,7 +19,7 @@ NEAREST_SHARE, NEAREST_QUANTILE = 0.3, 0.02
 UNKNOWN_NEAREST = 0.15
 """Where there are too few sparse points it begins at this share of the distance to the scene."""
 
-FEWEST_POINTS = 20
+MIN_POINTS = 20
 
 WIDE_HYPOTHESES, WIDE_PIXELS = 64, 25_000
 WIDENED = 1.5
@@ -63,7 +63,7 @@ def wide_range(frame: Frame, points: np.ndarray, distance: float) -> DepthRange:
         distance: typical distance to the scene, for frames that see too few points.
     """
     depths = depths_of(frame, points)
-    if len(depths) < FEWEST_POINTS:
+    if len(depths) < MIN_POINTS:
         return DepthRange(UNKNOWN_NEAREST * distance, np.inf, WIDE_HYPOTHESES)
     return DepthRange(NEAREST_SHARE * float(np.quantile(depths, NEAREST_QUANTILE)), np.inf, WIDE_HYPOTHESES)
 
@@ -80,7 +80,7 @@ def narrowed(wide: DepthRange, found: np.ndarray, frame: Frame, source_views: Se
     inverse = wide.inverse_depths
     step = float(inverse[1] - inverse[0])
     low, high = float(inverse[0]), float(inverse[-1])
-    if len(found) >= FEWEST_POINTS:
+    if len(found) >= MIN_POINTS:
         far, near = np.quantile(1 / found, QUANTILES)
         low, high = max(low, float(far) - WIDENED * step), min(high, float(near) + WIDENED * step)
     farthest = np.inf if low <= step else 1 / low

@@ -14,7 +14,7 @@ from pocketgs.capture.loading import downscaled
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.features import Features, detect
 
-LONGEST_SIDE = 1280
+MAX_SIDE = 1280
 """Features of larger images are no easier to recognise: phones blur by more than a pixel."""
 
 PIXELS = 160e6
@@ -54,7 +54,7 @@ def _side(frames: Sequence[Frame]) -> int:
     """Longer side of the images to look at, so that all of them together have `PIXELS`."""
     shapes = [sorted((frame.camera.width, frame.camera.height)) for frame in frames]
     shape = float(np.median([longer / shorter for shorter, longer in shapes]))
-    return int(min(LONGEST_SIDE, np.sqrt(PIXELS / len(frames) * shape)))
+    return int(min(MAX_SIDE, np.sqrt(PIXELS / len(frames) * shape)))
 
 
 def _detect_in_memory(frame: Frame, most: int, side: int) -> Features:

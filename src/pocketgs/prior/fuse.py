@@ -30,7 +30,7 @@ Where a scene has no points at all, a few Gaussians have to grow over it, and do
 SHELL_EXTENT = 4.0
 """The sphere for what is far away is at least so many times as large as the space that the cameras stand in."""
 
-MOST_CANDIDATES = 2_000_000
+MAX_CANDIDATES = 2_000_000
 """Pixels that are merged, of all keyframes together: it bounds memory."""
 
 
@@ -63,7 +63,7 @@ def fuse(
     """
     views = _views(keyframes, maps)
     shell = _far_shell(keyframes, maps)
-    stride = max(1, int(np.ceil(sum(map_.depth.size for map_ in maps) / MOST_CANDIDATES)))
+    stride = max(1, int(np.ceil(sum(map_.depth.size for map_ in maps) / MAX_CANDIDATES)))
     found = [
         _candidates(keyframe, map_, views, index, stride, shell, settings)
         for index, (keyframe, map_) in enumerate(zip(keyframes, maps, strict=True))

@@ -28,7 +28,7 @@ COARSER = 2.0
 WIDEST_ANGLE = np.radians(60)
 """Surfaces seen from directions further apart look too different to be matched."""
 
-MOST_VIEWS = 300
+MAX_VIEWS = 300
 """Of more frames, every so many are looked at: it bounds memory and time."""
 
 
@@ -91,7 +91,7 @@ def select_keyframes(
         One decision per frame. At least one is kept if there is a frame.
     """
     sharpnesses = np.array([sharpness(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY)) for frame in frames])
-    looked_at = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), MOST_VIEWS)).round().astype(np.int64))
+    looked_at = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), MAX_VIEWS)).round().astype(np.int64))
     views = [_Cells.of(frames[index], points[index], distance) for index in looked_at]
     relative = _relative_sharpness(sharpnesses)[looked_at] ** 2
     chosen = {int(looked_at[view]): gain for view, gain in _greedy(views, relative, settings)}

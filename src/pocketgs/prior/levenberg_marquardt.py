@@ -11,7 +11,7 @@ import numpy as np
 State = TypeVar("State")
 
 FIRST_DAMPING = 1e-4
-LEAST_DAMPING = 1e-12
+MIN_DAMPING = 1e-12
 NEGLIGIBLE = 1e-15
 """A decrease of the cost by less is rounding, where residuals are pixels."""
 
@@ -71,7 +71,7 @@ def minimise(
             state, least = candidate, reached
             if decrease <= enough:
                 return Outcome(state, cost_before, least, iteration, True)
-            damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * decrease / expected - 1.0) ** 3), LEAST_DAMPING)
+            damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * decrease / expected - 1.0) ** 3), MIN_DAMPING)
             growth = 2.0
         else:
             damping, growth = damping * growth, growth * 2.0

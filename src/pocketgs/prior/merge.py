@@ -13,10 +13,10 @@ OVERFULL = 1.05
 """Voxels filled for each point asked for, at most: the lightest are left out."""
 
 DETAIL_POWER = 2 / 3
-MOST_OCTAVES = 1.5
+MAX_OCTAVES = 1.5
 """Voxels' sides fall with this power of the detail, up to so many octaves from that of the median detail."""
 
-LEAST_DETAIL = 1e-4
+MIN_DETAIL = 1e-4
 """Less than this is taken for this: photographs are rounded to 1/255."""
 
 STEPS_AN_OCTAVE = 2
@@ -94,9 +94,9 @@ def merged(candidates: Candidates, count: int) -> PointCloud:
 
 def _levels(candidates: Candidates) -> np.ndarray:
     """(M,) int64 logarithm of the voxels' relative sides, in steps of the root of two."""
-    details = np.maximum(candidates.details, LEAST_DETAIL)
+    details = np.maximum(candidates.details, MIN_DETAIL)
     octaves = -DETAIL_POWER * np.log2(details / np.median(details))
-    octaves = np.log2(candidates.footprints) + np.clip(octaves, -MOST_OCTAVES, MOST_OCTAVES)
+    octaves = np.log2(candidates.footprints) + np.clip(octaves, -MAX_OCTAVES, MAX_OCTAVES)
     return np.round(STEPS_AN_OCTAVE * octaves).astype(np.int64)
 
 

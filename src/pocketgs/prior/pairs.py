@@ -21,10 +21,10 @@ RANKS_BY_POSE = (0, 1, 2, 4, 7, 11, 16)
 """Among the views that the poses say are alike: the most similar, and some further ones for longer baselines."""
 
 STEPS_IN_SEQUENCE = (1, 2)
-MOST_ALIKE = 4
+MAX_SIMILAR = 4
 """So many of those that look most alike."""
 
-PAIRS_PER_VIEW = len(RANKS_BY_POSE) + len(STEPS_IN_SEQUENCE) + MOST_ALIKE
+PAIRS_PER_VIEW = len(RANKS_BY_POSE) + len(STEPS_IN_SEQUENCE) + MAX_SIMILAR
 """No more pairs than this times the number of views."""
 
 WORDS = 1024
@@ -75,7 +75,7 @@ def by_appearance(features: Sequence[Features]) -> list[Pair]:
     np.fill_diagonal(rows, -1.0)
     pairs = set()
     for view, row in enumerate(rows):
-        for other in np.argsort(-row, kind="stable")[:MOST_ALIKE]:
+        for other in np.argsort(-row, kind="stable")[:MAX_SIMILAR]:
             if row[other] > 0:
                 pairs.add(_pair(view, int(other)))
     return sorted(pairs)

@@ -13,7 +13,7 @@ from pocketgs.prior.structure import Structure
 from pocketgs.prior.two_view import VERIFICATION, agreeing
 
 FEATURES = 2000
-MOST_ALIKE = 12
+MAX_SIMILAR = 12
 """Views that the photograph is matched with: those that look most alike, wherever it is said to stand."""
 
 
@@ -30,7 +30,7 @@ def placed_again(frame: Frame, structure: Structure) -> Camera | None:
     others = [view for view, name in enumerate(structure.names) if name != frame.name]
     alike = likeness([own, *(structure.landmarks[view][0] for view in others)])[0, 1:]
     pixels, points = [np.zeros((0, 2))], [np.zeros((0, 3))]
-    for place in np.argsort(-alike, kind="stable")[:MOST_ALIKE].tolist():
+    for place in np.argsort(-alike, kind="stable")[:MAX_SIMILAR].tolist():
         view = others[place]
         theirs, point = structure.landmarks[view]
         found = match(own, theirs)

@@ -9,20 +9,20 @@ import numpy as np
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.consensus import consensus
 from pocketgs.prior.features import Features
-from pocketgs.prior.pairs import MOST_ALIKE, Pair, by_pose, likeness
+from pocketgs.prior.pairs import MAX_SIMILAR, Pair, by_pose, likeness
 from pocketgs.prior.refinement import carried_along
 from pocketgs.prior.relocalise import agreeing, pose_from_points
-from pocketgs.prior.tolerance import LEAST_ANGLE
+from pocketgs.prior.tolerance import MIN_ANGLE
 from pocketgs.prior.tracks import link, triangulate
 from pocketgs.prior.two_view import Matches, match_views
 
 ROUNDS = 3
 """Views that were placed in one round help to place others in the next."""
 
-MORE_ALIKE = 4 * MOST_ALIKE
+MORE_SIMILAR = 4 * MAX_SIMILAR
 """Views that look alike which a wrong view is matched with: its neighbours by pose are the wrong ones."""
 
-LEAST_FIT = 0.6
+MIN_FIT = 0.6
 """Share of the sightings that must agree with a new pose, once the view is matched with its neighbours there."""
 
 
@@ -70,7 +70,7 @@ class Placement:
         rows[:, self.wrong] = -1.0
         pairs = []
         for view in np.flatnonzero(self.wrong):
-            for other in np.argsort(-rows[view], kind="stable")[:MORE_ALIKE]:
+            for other in np.argsort(-rows[view], kind="stable")[:MORE_SIMILAR]:
                 if rows[view, other] > 0:
                     pairs.append((min(int(view), int(other)), max(int(view), int(other))))
         return pairs
@@ -97,7 +97,7 @@ class Placement:
         tracks, feature = link(self._features, right)
         if not len(tracks):
             return known
-        kept = np.flatnonzero(consensus(self.cameras, tracks, self._tolerance, LEAST_ANGLE).agrees)
+        kept = np.flatnonzero(consensus(self.cameras, tracks, self._tolerance, MIN_ANGLE).agrees)
         points = triangulate(self.cameras, tracks.select(kept))
         for view, own in enumerate(known):
             here = kept[tracks.frame[kept] == view]
@@ -142,7 +142,7 @@ class Placement:
         if placed is None:
             return None
         fits = agreeing(placed, points, pixels, 2 * self._tolerance)
-        return placed if fits.mean() >= LEAST_FIT else None
+        return placed if fits.mean() >= MIN_FIT else None
 
     def _pairs_of(self, view: int) -> list[Pair]:
         return [pair for pair in self.matches if view in pair]

@@ -13,7 +13,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle import BundleSettings, adjust_bundle, adjust_pose
 from pocketgs.prior.consensus import consensus
 from pocketgs.prior.observations import Observations, enough_for_each_view
-from pocketgs.prior.tolerance import LEAST_ANGLE, next_tolerance
+from pocketgs.prior.tolerance import MIN_ANGLE, next_tolerance
 from pocketgs.prior.tracks import reprojection_errors, triangulate, view_distances
 
 CHECKED_SHARE = 3
@@ -22,7 +22,7 @@ CHECKED_SHARE = 3
 LEFT_OUT_SHARE = 5
 """One in so many views likewise: it is then placed against the points that the others agree on."""
 
-LEAST_GAIN = 0.1
+MIN_GAIN = 0.1
 """Poses are replaced when that lowers the error of points they were not fitted to by this share, at least.
 
 Poses that were computed from larger images, or from more of them, are often better than what our features tell.
@@ -33,10 +33,10 @@ ROUNDS = 4
 SIGHTINGS_PER_VIEW = 250
 """Points are used until every view has so many sightings, those that most views see first."""
 
-FEWEST_SIGHTINGS, FEWEST_CELLS = 30, 5
+MIN_SIGHTINGS, MIN_CELLS = 30, 5
 """A view with fewer sightings, or in fewer of 4 x 4 parts of its image, is not adjusted: it follows its neighbours."""
 
-FEWEST_VIEWS = 3
+MIN_VIEWS = 3
 """A part of the capture with fewer is not adjusted."""
 
 
@@ -101,7 +101,7 @@ def _adjusted(
     """Cameras adjusted to what agrees, which of them see enough, and how far sightings are off in the end."""
     cameras, supported = list(given), np.zeros(len(given), bool)
     for _ in range(ROUNDS):
-        agreeing = tracks.select(consensus(cameras, tracks, tolerance, LEAST_ANGLE).agrees)
+        agreeing = tracks.select(consensus(cameras, tracks, tolerance, MIN_ANGLE).agrees)
         chosen, supported = _well_seen(given, agreeing)
         if not supported.any():
             return list(given), supported, tolerance
@@ -139,14 +139,14 @@ def _accepted(
     ]
     accepted = np.zeros(len(given), bool)
     for part in _parts(tracks, present | absent):
-        if (part & present).sum() < FEWEST_VIEWS:
+        if (part & present).sum() < MIN_VIEWS:
             continue
         inside = part[tracks.frame[checked]] & present[tracks.frame[checked]]
         before, after = (_truncated(by_points, inside, final, which) for which in (0, 1))
         views_before, views_after = (
             _truncated(by_views, part[tracks.frame[~checked]], final, which) for which in (0, 1)
         )
-        if after <= (1 - LEAST_GAIN) * before and views_after <= views_before:
+        if after <= (1 - MIN_GAIN) * before and views_after <= views_before:
             accepted |= part
     return accepted
 
@@ -162,7 +162,7 @@ def _truncated(errors: Sequence[np.ndarray], inside: np.ndarray, tolerance: floa
 def _errors_of_points(cameras: Sequence[Camera], tracks: Observations, tolerance: float) -> np.ndarray:
     """(M,) how far sightings are from where the point falls that two others or more agree on; infinite without one."""
     tracks = _renumbered(tracks)
-    found = consensus(cameras, tracks, tolerance, LEAST_ANGLE)
+    found = consensus(cameras, tracks, tolerance, MIN_ANGLE)
     return np.where(found.support >= 2, found.error, np.inf)
 
 
@@ -177,7 +177,7 @@ def _errors_of_views(
     others = tracks.select(~absent[tracks.frame])
     numbers, point = np.unique(others.point, return_inverse=True)
     theirs = Observations(others.frame, point.astype(np.int32), others.pixels)
-    theirs = theirs.select(consensus(cameras, theirs, tolerance, LEAST_ANGLE).agrees)
+    theirs = theirs.select(consensus(cameras, theirs, tolerance, MIN_ANGLE).agrees)
     positions = np.full((int(tracks.point.max()) + 1, 3), np.nan)
     if len(theirs):
         found = triangulate(cameras, theirs)
@@ -187,7 +187,7 @@ def _errors_of_views(
     for view in np.flatnonzero(absent).tolist():
         own = np.flatnonzero((tracks.frame == view) & known)
         fitted, judged = own[::2], own[1::2]
-        if len(fitted) < FEWEST_SIGHTINGS // 2:
+        if len(fitted) < MIN_SIGHTINGS // 2:
             continue
         points, pixels = positions[tracks.point], tracks.pixels
         placed = adjust_pose(cameras[view], points[fitted], pixels[fitted], settings).camera
@@ -205,7 +205,7 @@ def _well_seen(cameras: Sequence[Camera], tracks: Observations) -> tuple[Observa
         views = np.bincount(tracks.point, minlength=1)
         tracks = tracks.select(views[tracks.point] >= 2)
         sightings = np.bincount(tracks.frame, minlength=len(cameras))
-        enough = supported & (sightings >= FEWEST_SIGHTINGS) & (_cells(cameras, tracks) >= FEWEST_CELLS)
+        enough = supported & (sightings >= MIN_SIGHTINGS) & (_cells(cameras, tracks) >= MIN_CELLS)
         if np.array_equal(enough, supported):
             break
         supported = enough

@@ -13,7 +13,7 @@ from pocketgs.prior.bundle import BundleSettings, adjust_pose
 from pocketgs.prior.observations import Observations
 from pocketgs.prior.tracks import reprojection_errors
 
-FEWEST_SIGHTINGS, FEWEST_CELLS = 24, 5
+MIN_SIGHTINGS, MIN_CELLS = 24, 5
 """A pose that fewer sightings agree on, or in fewer of 4 x 4 parts of the image, is not believed."""
 
 CONFIDENCE, TRIALS = 0.9999, 2000
@@ -30,7 +30,7 @@ def pose_from_points(camera: Camera, points: np.ndarray, pixels: np.ndarray, tol
         pixels: (M, 2) where they may have been seen; wrong ones among them.
         tolerance: distance in pixels within which a sighting agrees.
     """
-    if len(points) < FEWEST_SIGHTINGS:
+    if len(points) < MIN_SIGHTINGS:
         return None
     # OpenCV's RANSAC works in single precision on the points: it takes them about their middle, and small.
     middle, size = points.mean(axis=0), max(float(np.abs(points - points.mean(axis=0)).max()), 1e-300)
@@ -69,7 +69,7 @@ def agreeing(camera: Camera, points: np.ndarray, pixels: np.ndarray, tolerance: 
 
 def enough(camera: Camera, pixels: np.ndarray) -> bool:
     """Whether sightings at these pixels are enough, and spread enough, to tell a pose."""
-    return len(pixels) >= FEWEST_SIGHTINGS and cells(camera, pixels) >= FEWEST_CELLS
+    return len(pixels) >= MIN_SIGHTINGS and cells(camera, pixels) >= MIN_CELLS
 
 
 def cells(camera: Camera, pixels: np.ndarray) -> int:

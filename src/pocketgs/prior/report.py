@@ -9,7 +9,7 @@ from pocketgs.capture.capture import Capture
 from pocketgs.prior.keyframes import Decision
 from pocketgs.prior.structure import Structure
 
-MOST_NAMES = 8
+MAX_NAMES = 8
 """Names that a warning lists."""
 
 
@@ -57,7 +57,7 @@ class Poses:
 
 
 def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:MOST_NAMES]) + (", ..." if len(names) > MOST_NAMES else "")
+    return ", ".join(names[:MAX_NAMES]) + (", ..." if len(names) > MAX_NAMES else "")
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from pocketgs.system.compile import kernel, parallel_kernel, part
 SHARES = 16
 """Parts that the points are split into. It does not depend on the number of threads, so neither do the sums."""
 
-LEAST_DIAGONAL = 1e-9
+MIN_DIAGONAL = 1e-9
 """Damping is in proportion to the diagonal of JᵀJ, or to this where nothing was seen."""
 
 
@@ -178,7 +178,7 @@ def _reduce_share(
                 _add_to_point(residual, jacobian, matrix, gradient)
                 _add_to_coupling(jacobian, coupling[k - first], coupling[last - first])
         for axis in range(3):
-            points.damping[p, axis] = damping * max(matrix[axis, axis], LEAST_DIAGONAL)
+            points.damping[p, axis] = damping * max(matrix[axis, axis], MIN_DIAGONAL)
             matrix[axis, axis] += points.damping[p, axis]
         _invert(matrix, points.inverses[p])
         _eliminate(sightings.frame[first:last], coupling, points.inverses[p], gradient, first_shared, cameras)

@@ -11,7 +11,7 @@ WEAK_MARGIN = 0.04
 """A matched depth that wins by less gives way to a measured one: the wall is white, and the sensor sees it."""
 
 SURE_MARGIN = 0.1
-FEWEST_PIXELS = 100
+MIN_PIXELS = 100
 
 
 def completed(found: DepthMap, keyframe: Frame) -> DepthMap:
@@ -28,7 +28,7 @@ def completed(found: DepthMap, keyframe: Frame) -> DepthMap:
         return found
     measured = keyframe.depth if keyframe.usable is None else np.where(keyframe.usable, keyframe.depth, 0)
     sure = (found.depth > 0) & (measured > 0) & (found.margin >= SURE_MARGIN)
-    scale = np.median(found.depth[sure] / measured[sure]) if np.count_nonzero(sure) >= FEWEST_PIXELS else 1.0
+    scale = np.median(found.depth[sure] / measured[sure]) if np.count_nonzero(sure) >= MIN_PIXELS else 1.0
     unsure = (measured > 0) & ((found.depth == 0) | (found.margin < WEAK_MARGIN))
     return DepthMap(
         np.where(unsure, measured * np.float32(scale), found.depth),

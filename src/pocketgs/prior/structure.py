@@ -20,11 +20,11 @@ from pocketgs.prior.placement import Placement
 from pocketgs.prior.refinement import refine
 from pocketgs.prior.scale import Scale
 from pocketgs.prior.suspects import contradicted, strangers
-from pocketgs.prior.tolerance import FINEST, LEAST_ANGLE, measured_tolerance, widest_tolerance
+from pocketgs.prior.tolerance import FINEST, MIN_ANGLE, measured_tolerance, widest_tolerance
 from pocketgs.prior.tracks import link, reprojection_errors, triangulate, triangulation_angles
 from pocketgs.prior.two_view import VERIFICATION, Matches, match_views
 
-MOST_STEPS, NEGLIGIBLE_GAIN = 15, 1e-4
+MAX_STEPS, NEGLIGIBLE_GAIN = 15, 1e-4
 """Adjustment ends after so many steps, or when one gains less than this share of the cost: far below noise."""
 
 
@@ -54,7 +54,7 @@ class StructureSettings:
     def bundle_settings(self, scale: Scale) -> BundleSettings:
         """Those of bundle adjustment in a scene of this scale."""
         return BundleSettings(
-            iterations=MOST_STEPS,
+            iterations=MAX_STEPS,
             position_sigma=self.position_sigma * scale.unit,
             rotation_sigma=self.rotation_sigma,
             tolerance=NEGLIGIBLE_GAIN,
@@ -195,7 +195,7 @@ def _agreeing(
     cameras: Sequence[Camera], tracks: Observations, tolerance: float
 ) -> tuple[np.ndarray, Observations, np.ndarray]:
     """The points that sightings agree on, those sightings, and (M,) which of the tracks' they are."""
-    kept = np.flatnonzero(consensus(cameras, tracks, tolerance, LEAST_ANGLE).agrees)
+    kept = np.flatnonzero(consensus(cameras, tracks, tolerance, MIN_ANGLE).agrees)
     for _ in range(2):
         _, point = np.unique(tracks.point[kept], return_inverse=True)
         seen = Observations(tracks.frame[kept], point.astype(np.int32), tracks.pixels[kept])
@@ -203,7 +203,7 @@ def _agreeing(
         near = reprojection_errors(cameras, points, seen) < tolerance
         views = np.bincount(seen.point[near], minlength=len(points))
         angles = triangulation_angles(cameras, points, seen.select(near))
-        kept = kept[near & ((views >= 2) & (angles >= LEAST_ANGLE))[seen.point]]
+        kept = kept[near & ((views >= 2) & (angles >= MIN_ANGLE))[seen.point]]
     _, point = np.unique(tracks.point[kept], return_inverse=True)
     seen = Observations(tracks.frame[kept], point.astype(np.int32), tracks.pixels[kept])
     return triangulate(cameras, seen), seen, kept

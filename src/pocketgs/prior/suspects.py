@@ -23,21 +23,21 @@ Matches that one motion explains suit right poses nearly all. Of matches that do
 epipolar lines, since these are long.
 """
 
-LEAST_SUPPORT = 1 / 3
+MIN_SUPPORT = 1 / 3
 """Share of the matches between two groups that must be of pairs that speak for the poses.
 
 Not more, since patterns that repeat give wrong matches that agree on a motion, even between views that stand right.
 """
 
-FEWEST_MATCHES = 32
+MIN_MATCHES = 32
 """Matches between two groups below which they say nothing about each other."""
 
 NEIGHBOURS = 4
-LEAST_FEATURES = 0.5
+MIN_FEATURES = 0.5
 """A view that matches nothing is a stranger if it has this share of its neighbours' features, at least."""
 
-FEWEST_VIEWS = 3
-LEAST_MAIN = 0.25
+MIN_VIEWS = 3
+MIN_MAIN = 0.25
 """The largest group decides if it has so many views, and this share of all."""
 
 
@@ -63,11 +63,11 @@ def contradicted(
     largest = np.bincount(group).argmax()
     main = group == largest
     found = np.zeros(len(cameras), bool)
-    if main.sum() < max(FEWEST_VIEWS, LEAST_MAIN * len(cameras)):
+    if main.sum() < max(MIN_VIEWS, MIN_MAIN * len(cameras)):
         return found
     for number in np.unique(group[~main]):
         between = np.ix_(group == number, main)
-        if total[between].sum() >= FEWEST_MATCHES and supporting[between].sum() < LEAST_SUPPORT * total[between].sum():
+        if total[between].sum() >= MIN_MATCHES and supporting[between].sum() < MIN_SUPPORT * total[between].sum():
             found |= group == number
     return found
 
@@ -97,7 +97,7 @@ def strangers(
         linked = matched[np.ix_(near, near)]
         reach = apart[np.ix_(near, near)][linked].max(initial=0.0)
         expected = linked.any(axis=1) & (apart[view, near] <= reach)
-        found[view] = expected.sum() >= NEIGHBOURS - 1 and counts[view] >= LEAST_FEATURES * np.median(counts[near])
+        found[view] = expected.sum() >= NEIGHBOURS - 1 and counts[view] >= MIN_FEATURES * np.median(counts[near])
     return found
 
 
@@ -108,7 +108,7 @@ def _groups(pairs: Sequence[Pair], total: np.ndarray, supporting: np.ndarray) ->
         if group[first] == group[second] or not supporting[first, second]:
             continue
         one, other = group == group[first], group == group[second]
-        if supporting[np.ix_(one, other)].sum() >= LEAST_SUPPORT * total[np.ix_(one, other)].sum():
+        if supporting[np.ix_(one, other)].sum() >= MIN_SUPPORT * total[np.ix_(one, other)].sum():
             group[other] = group[first]
     return group
 

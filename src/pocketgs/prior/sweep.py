@@ -20,7 +20,7 @@ SMOOTHING_WINDOW, SMOOTHING_WIDTH, SMOOTHING_STEPS = 9, 4.0, 3.0
 """Side and standard deviation in pixels of the window in which depths are smoothed, and, in hypotheses, that of what
 counts as the same surface."""
 
-MOST_PIXELS = 400_000
+MAX_PIXELS = 400_000
 """Larger frames are searched at a smaller size: it bounds the memory and the time of a sweep."""
 
 BASELINE_SPREAD = 0.5
@@ -79,7 +79,7 @@ class DepthMap:
         return 1 / self.step
 
 
-def at_sweep_size(frame: Frame, most_pixels: int = MOST_PIXELS) -> Frame:
+def at_sweep_size(frame: Frame, most_pixels: int = MAX_PIXELS) -> Frame:
     """The frame, smaller if it has more pixels than a sweep takes."""
     width, height = frame.camera.width, frame.camera.height
     reduction = np.sqrt(width * height / most_pixels)

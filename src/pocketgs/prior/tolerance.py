@@ -10,7 +10,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.prior.consensus import consensus
 from pocketgs.prior.observations import Observations
 
-LEAST_ANGLE = np.radians(1.5)
+MIN_ANGLE = np.radians(1.5)
 """Angle between two rays below which they do not tell how far the point is."""
 
 WIDEST = 0.02
@@ -54,7 +54,7 @@ def measured_tolerance(cameras: Sequence[Camera], tracks: Observations, finest: 
     """
     tolerance = widest_tolerance(cameras)
     for _ in range(ROUNDS):
-        found = consensus(cameras, tracks, tolerance, LEAST_ANGLE)
+        found = consensus(cameras, tracks, tolerance, MIN_ANGLE)
         last, tolerance = tolerance, next_tolerance(found.error[found.agrees & (found.support >= 2)], tolerance, finest)
         if tolerance > 0.9 * last:
             break

@@ -16,8 +16,8 @@ from pocketgs.prior.pairs import Pair
 VERIFICATION = 1.5
 """Distance from epipolar lines within which matches agree with one motion, in pixels of the images matched."""
 
-FEWEST_MATCHES = 16
-LEAST_SHARE = 0.25
+MIN_MATCHES = 16
+MIN_SHARE = 0.25
 """Fewer matches that agree, or a smaller share of all, are what a motion fitted to chance would find as well."""
 
 CONFIDENCE, TRIALS = 0.999, 1000
@@ -64,7 +64,7 @@ def agreeing(first: Camera, second: Camera, here: np.ndarray, there: np.ndarray,
         (M,) bool; all False where too few agree.
     """
     nothing = np.zeros(len(here), bool)
-    if len(here) < FEWEST_MATCHES:
+    if len(here) < MIN_MATCHES:
         return nothing
     focal = float(np.sqrt(np.sqrt(first.fx * first.fy * second.fx * second.fy)))
     one, other = (_normalised(camera, pixels) * focal for camera, pixels in ((first, here), (second, there)))
@@ -76,7 +76,7 @@ def agreeing(first: Camera, second: Camera, here: np.ndarray, there: np.ndarray,
     if inliers is None:
         return nothing
     agrees = np.asarray(inliers).ravel() > 0
-    return agrees if agrees.sum() >= max(FEWEST_MATCHES, LEAST_SHARE * len(here)) else nothing
+    return agrees if agrees.sum() >= max(MIN_MATCHES, MIN_SHARE * len(here)) else nothing
 
 
 def _normalised(camera: Camera, pixels: np.ndarray) -> np.ndarray:

@@ -30,7 +30,7 @@ PATCH = np.array([[0, 0], [-2, 0], [2, 0], [0, -2], [0, 2]])
 KEPT = 0.6
 """Share of the rays that are kept: those whose best depth stands out most from their others."""
 
-FEWEST_POINTS = 4
+MIN_POINTS = 4
 
 
 def draw_points(frames: Sequence[Frame], count: int, seed: int = 0) -> PointCloud:
@@ -60,7 +60,7 @@ def draw_points(frames: Sequence[Frame], count: int, seed: int = 0) -> PointClou
     drawn = [_draw_from(frame, _neighbours(frame, frames, focus), focus, rays, rng) for frame in frames]
     positions, colours, rivals = (np.concatenate(arrays) for arrays in zip(*drawn, strict=True))
     solid = np.flatnonzero(~outside_hull(positions, frames))
-    if len(solid) < FEWEST_POINTS:
+    if len(solid) < MIN_POINTS:
         raise PocketGSError(f"no volume is seen by several of the {len(frames)} cameras: are the poses right?")
     best = solid[np.argsort(rivals[solid], kind="stable")[:count]]
     return PointCloud(positions[best], colours[best])

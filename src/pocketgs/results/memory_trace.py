@@ -11,7 +11,7 @@ import psutil
 
 from pocketgs.system.process import seconds_since_start
 
-MOST_SAMPLES = 400
+MAX_SAMPLES = 400
 """When there are more, every other one is dropped and half as many are taken from then on."""
 
 
@@ -53,7 +53,7 @@ class MemoryTrace:
         while True:
             rss_mb = process.memory_info().rss / 1e6
             self.samples.append(MemorySample(round(seconds_since_start(), 2), self._stage(), round(rss_mb, 1)))
-            if len(self.samples) > MOST_SAMPLES:
+            if len(self.samples) > MAX_SAMPLES:
                 self.samples, self._interval = self.samples[::2], 2 * self._interval
             if self._over.wait(self._interval):
                 return

@@ -48,7 +48,7 @@ from pocketgs.training.preparation import prepare
 from pocketgs.training.result import TrainingResult
 
 SECONDS_BETWEEN_CHECKPOINTS = 60.0
-LEAST_TIME = 1e-3
+MIN_TIME = 1e-3
 """Seconds of training where the time budget is used up before it."""
 
 
@@ -149,7 +149,7 @@ def _run(
         reporter.on_warning("the time budget is used up before training begins: what it would begin with is written")
     result = train(
         prepared,
-        replace(planned, time_budget=None if seconds is None else max(seconds, LEAST_TIME)),
+        replace(planned, time_budget=None if seconds is None else max(seconds, MIN_TIME)),
         observer=observe,
         resume=checkpoint,
         stopwatch=stopwatch,

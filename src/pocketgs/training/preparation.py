@@ -25,7 +25,7 @@ from pocketgs.training.planning.effort import sized
 from pocketgs.training.random_points import points_in_a_cube
 from pocketgs.training.recipes import recipe_named
 
-FEWEST_POINTS = 16
+MIN_POINTS = 16
 """A cloud of fewer is not worth starting from."""
 
 
@@ -58,7 +58,7 @@ def prepare(
         prepared = build_prior(capture, options.most_at_start, _settings(options), stopwatch)
         if options.prior == "colmap":
             prepared = _with_colmap_cloud(capture, prepared, options, stopwatch)
-        if prepared.points and len(prepared.points) >= FEWEST_POINTS:
+        if prepared.points and len(prepared.points) >= MIN_POINTS:
             return _with_points(prepared, _at_most(prepared.points, options))
     with stopwatch.stage("points"):
         points = starting_points(replace(prepared, points=capture.points), options)

@@ -22,7 +22,7 @@ PLANE_NEIGHBOURS = 16
 THICKNESS = 0.3
 """A disc's scale along the surface's normal, as a share of that along the surface."""
 
-FEWEST_POINTS = SPACING_NEIGHBOURS + 1
+MIN_POINTS = SPACING_NEIGHBOURS + 1
 
 Seeding = Callable[[PointCloud, float, int, float], Gaussians]
 """From points, opacity, SH degree and a factor on the size to Gaussians."""
@@ -75,8 +75,8 @@ SEEDINGS: dict[str, Seeding] = {"discs": seed_discs, "balls": seed_balls}
 def _neighbourhoods(points: PointCloud) -> tuple[np.ndarray, np.ndarray]:
     """(N, K) indices of each point's nearest, itself among them, and (N,) mean distance to the nearest few."""
     count = len(points)
-    if count < FEWEST_POINTS:
-        raise PocketGSError(f"seeding: {count} points to start from, expected at least {FEWEST_POINTS}")
+    if count < MIN_POINTS:
+        raise PocketGSError(f"seeding: {count} points to start from, expected at least {MIN_POINTS}")
     if not np.isfinite(points.positions).all():
         raise PocketGSError("seeding: points to start from have coordinates that are not finite")
     tree = cKDTree(points.positions)

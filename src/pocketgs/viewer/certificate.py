@@ -27,7 +27,7 @@ FILE = "viewer.pem"
 VALIDITY = timedelta(days=397)
 """Apple's systems refuse what is valid for longer than 398 days."""
 
-LEAST_LEFT = timedelta(days=2)
+MIN_VALIDITY = timedelta(days=2)
 CLOCK_SKEW = timedelta(days=1)
 
 
@@ -86,7 +86,7 @@ def _is_good_for(path: Path, hosts: Sequence[str]) -> bool:
     except (OSError, ValueError, TypeError, x509.ExtensionNotFound, UnsupportedAlgorithm):
         return False
     is_pair = key.public_key() == certificate.public_key()
-    return is_pair and left >= LEAST_LEFT and all(_general_name(host) in named for host in hosts)
+    return is_pair and left >= MIN_VALIDITY and all(_general_name(host) in named for host in hosts)
 
 
 def _make(hosts: Sequence[str], now: datetime) -> bytes:

@@ -18,7 +18,7 @@ SECONDS_BETWEEN_LOOKS = 0.1
 SECONDS_BETWEEN_PINGS = 20.0
 SECONDS_TO_CLOSE = 1.0
 SECONDS_TO_DISMISS = 2.0
-LARGEST_COMMAND = 256
+MAX_COMMAND_BYTES = 256
 """Bytes of a message from a page."""
 
 
@@ -33,7 +33,7 @@ class Followers:
     async def follow(self, request: web.Request) -> web.WebSocketResponse:
         """Tell a page of the run, and the run what the page asks for, until the page goes or breaks the protocol."""
         page = web.WebSocketResponse(
-            max_msg_size=LARGEST_COMMAND, heartbeat=SECONDS_BETWEEN_PINGS, timeout=SECONDS_TO_CLOSE, compress=False
+            max_msg_size=MAX_COMMAND_BYTES, heartbeat=SECONDS_BETWEEN_PINGS, timeout=SECONDS_TO_CLOSE, compress=False
         )
         await page.prepare(request)
         teller = asyncio.create_task(self._tell(page))

@@ -33,7 +33,7 @@ SECONDS_BETWEEN_GLANCES = 0.1
 SPZ_VERSION: Final = 3
 """The last whose packing browsers undo by themselves."""
 
-MOST_SAMPLES = 1000
+MAX_SAMPLES = 1000
 """Points of the curves, spread over the run."""
 
 
@@ -129,7 +129,7 @@ class LiveRun:
             gaussians=progress.gaussians,
             memory_mb=peak_rss_mb(),
         )
-        if progress.fraction - self._sampled_fraction >= 1 / MOST_SAMPLES:
+        if progress.fraction - self._sampled_fraction >= 1 / MAX_SAMPLES:
             self._sampled_fraction = progress.fraction
             self.news.post_sample(progress.iteration, loss, held_out_psnr)
 

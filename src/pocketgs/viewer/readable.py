@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 from pocketgs.scene.gaussians import Gaussians
 
-LONGEST_PLY_HEADER = 1 << 16
+MAX_PLY_HEADER_BYTES = 1 << 16
 
 
 @contextmanager
@@ -36,7 +36,7 @@ def _is_readable(path: Path) -> bool:
     if path.suffix.lower() != ".ply":
         return path.suffix.lower() in (".splat", ".spz")
     with path.open("rb") as file:
-        return _is_plain_ply(file.read(LONGEST_PLY_HEADER))
+        return _is_plain_ply(file.read(MAX_PLY_HEADER_BYTES))
 
 
 def _is_plain_ply(start: bytes) -> bool:

@@ -205,7 +205,7 @@ def test_property_that_is_a_list(tmp_path: Path) -> None:
     properties = "".join(f"property list uchar float {name}\n" for name in LAYOUT + LAYOUT_END)
     numbers = " ".join(["2 0.5 0.5"] * len(LAYOUT + LAYOUT_END))
     path.write_text(f"ply\nformat ascii 1.0\nelement vertex 1\n{properties}end_header\n{numbers}\n")
-    with pytest.raises(PocketGSError, match="'x' is missing or no number"):
+    with pytest.raises(PocketGSError, match="'x' is missing or not a number"):
         Gaussians.load(path)
 
 

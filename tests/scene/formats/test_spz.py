@@ -199,7 +199,7 @@ def test_scene_that_is_too_large(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("version", [0, 4, 5, 2**31])
 def test_unknown_version(tmp_path: Path, version: int) -> None:
-    with pytest.raises(PocketGSError, match=f"version {version} in this packing, expected 1 or 2 or 3"):
+    with pytest.raises(PocketGSError, match=f"version {version} in this container, expected 1 or 2 or 3"):
         read(tmp_path, in_gzip(header(version), *streams(3)))
 
 

@@ -20,19 +20,19 @@ STANDARD_KEYFRAMES = 100
 SMALL_CAPTURE = 3_000_000
 """Pixels of a capture that the least of `standard` is made for: some twenty photographs of 500 x 370."""
 
-LEAST_GAUSSIANS, MOST_GAUSSIANS = 50_000, 150_000
-LEAST_SECONDS, MOST_SECONDS = 35.0, 190.0
+MIN_GAUSSIANS, MAX_GAUSSIANS = 50_000, 150_000
+MIN_SECONDS, MAX_SECONDS = 35.0, 190.0
 """Of training, on the machine that the time model was measured on."""
 
 GAUSSIANS_POWER, SECONDS_POWER = 0.5, 0.75
 """With which powers of the pixels they grow."""
 
-FEWEST_ITERATIONS, MOST_ITERATIONS = 500, 3000
+MIN_ITERATIONS, MAX_ITERATIONS = 500, 3000
 
 OF_THE_RECIPE = ("iterations", "max_gaussians", "prior", "seeds", "strategy")
 """Options that a recipe may state; what the user gives wins over it, and it over the effort."""
 
-MOST_EPOCHS = 40
+MAX_EPOCHS = 40
 """Times that each photograph is trained on: of few photographs, more learn the noise of each rather than the scene."""
 
 
@@ -63,13 +63,13 @@ def _quick() -> dict[str, int]:
 def _standard(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> dict[str, int]:
     pixels = sum(width * height for width, height in views)
     growth = max(pixels / SMALL_CAPTURE, 1.0)
-    gaussians = options.max_gaussians or min(int(LEAST_GAUSSIANS * growth**GAUSSIANS_POWER), MOST_GAUSSIANS)
+    gaussians = options.max_gaussians or min(int(MIN_GAUSSIANS * growth**GAUSSIANS_POWER), MAX_GAUSSIANS)
     degree = recipe_named(options.recipe).sh_degree if options.sh_degree is None else options.sh_degree
     step = step_seconds(gaussians, (degree + 1) ** 2, pixels / max(len(views), 1))
-    iterations = int(min(LEAST_SECONDS * growth**SECONDS_POWER, MOST_SECONDS) / step)
-    iterations = min(iterations, MOST_EPOCHS * len(views), MOST_ITERATIONS)
+    iterations = int(min(MIN_SECONDS * growth**SECONDS_POWER, MAX_SECONDS) / step)
+    iterations = min(iterations, MAX_EPOCHS * len(views), MAX_ITERATIONS)
     return {
-        "iterations": max(iterations, FEWEST_ITERATIONS),
+        "iterations": max(iterations, MIN_ITERATIONS),
         "max_gaussians": gaussians,
         "max_keyframes": STANDARD_KEYFRAMES,
     }

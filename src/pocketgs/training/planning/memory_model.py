@@ -6,8 +6,8 @@ with whole runs. They are upper bounds: of a capture without texture fusion merg
 
 from __future__ import annotations
 
-from pocketgs.capture.loading import MOST_WORKERS
-from pocketgs.prior.depth_range import MOST as MOST_HYPOTHESES
+from pocketgs.capture.loading import MAX_WORKERS
+from pocketgs.prior.depth_range import MOST as MAX_HYPOTHESES
 from pocketgs.prior.volume import DEPTHS, KEPT
 from pocketgs.splat.engine import MemoryNeed
 from pocketgs.training.planning.work import Work
@@ -69,7 +69,7 @@ def stage_bytes(work: Work, engine: MemoryNeed, resident: int, compiles: bool, r
     base = resident + LIBRARIES + (COMPILER if compiles else 0)
     images = int(OBJECTS * outline.image_bytes)
     decoding = DECODING + (DECODING_ALPHA if outline.pixel_bytes > 3 else 0)
-    stages = {"capture": base + images + min(readers, MOST_WORKERS) * outline.stored_pixels * decoding}
+    stages = {"capture": base + images + min(readers, MAX_WORKERS) * outline.stored_pixels * decoding}
     held = base + images
     if work.has_prior:
         views = min(work.threads, len(outline.training))
@@ -81,7 +81,7 @@ def stage_bytes(work: Work, engine: MemoryNeed, resident: int, compiles: bool, r
         copies = _sweep_copies(work)
         maps = work.keyframes * MAP_PIXEL * work.sweep_pixels
         by_pixel = SWEEP_PIXEL + SWEEP_SOURCE * work.options.source_views
-        volume = work.sweep_pixels * (SWEEP_DEPTH * MOST_HYPOTHESES + by_pixel)
+        volume = work.sweep_pixels * (SWEEP_DEPTH * MAX_HYPOTHESES + by_pixel)
         stages["depth"] = held + copies + maps + volume + KERNELS
         stages["fusion"] = held + copies + maps + CANDIDATE * work.candidates + KERNELS // 2
     else:

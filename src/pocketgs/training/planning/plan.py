@@ -19,16 +19,16 @@ from pocketgs.training.planning.memory_model import MB, stage_bytes
 from pocketgs.training.planning.time_model import Timetable, timetable
 from pocketgs.training.planning.work import Work
 
-LEAST_SIDE = 100
+MIN_SIDE = 100
 """Photographs are not shrunk until their shorter side has fewer pixels."""
 
-LEAST_GAUSSIANS = 1000
+MIN_GAUSSIANS = 1000
 """Fewer show nothing, unless fewer are asked for."""
 
 SHRINKING = (1, 2, 4)
 """Parts of the Gaussians that are asked for, which are tried before photographs shrink."""
 
-ENOUGH_ITERATIONS, LEAST_ITERATIONS = 0.5, 50
+ENOUGH_ITERATIONS, MIN_ITERATIONS = 0.5, 50
 """Share of the iterations that are asked for which a size must leave time for; how many the last size must."""
 
 
@@ -97,7 +97,7 @@ def make_plan(listed: ListedCapture, options: SizedOptions, machine: Machine) ->
         raise last.refusal
     if not _fits(last, options):
         raise PocketGSError(_too_little_memory(last, listed, options, machine))
-    if _steps(last, options, machine) < min(LEAST_ITERATIONS, options.iterations):
+    if _steps(last, options, machine) < min(MIN_ITERATIONS, options.iterations):
         raise PocketGSError(_too_little_time(last, listed, options, machine))
     return _plan(last, options, machine)
 
@@ -138,9 +138,9 @@ def shrinking_warning(plan: Plan, options: SizedOptions) -> str | None:
 
 
 def _sizes_to_try(listed: ListedCapture, gaussians: int) -> Iterator[tuple[int, Outline, int]]:
-    least = min(LEAST_GAUSSIANS, gaussians)
+    least = min(MIN_GAUSSIANS, gaussians)
     outline = listed.outline()
-    most = 1 if listed.size_is_given else max(1, outline.least_side // LEAST_SIDE)
+    most = 1 if listed.size_is_given else max(1, outline.least_side // MIN_SIDE)
     for shrink in range(1, most + 1):
         outline = listed.outline(shrink)
         for part in SHRINKING:
@@ -207,7 +207,7 @@ def _too_little_memory(size: _Size, listed: ListedCapture, options: SizedOptions
 
 def _too_little_time(size: _Size, listed: ListedCapture, options: SizedOptions, machine: Machine) -> str:
     assert size.times is not None
-    iterations = min(LEAST_ITERATIONS, options.iterations)
+    iterations = min(MIN_ITERATIONS, options.iterations)
     needed = int(machine.elapsed + size.times.total(iterations)) + 1
     return (
         f"time budget: found {options.time_budget:g} s, but {_described(size, listed)}, {iterations} iterations take "

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pocketgs.prior.detection import LONGEST_SIDE, PIXELS
+from pocketgs.prior.detection import MAX_SIDE, PIXELS
 from pocketgs.prior.pairs import PAIRS_PER_VIEW
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.training.planning.calibration import Speed
@@ -100,7 +100,7 @@ def _poses(work: Work) -> float:
     """Features and matches of all frames, and adjusted poses if they may be: whether they are is found out later."""
     outline = work.outline
     views = len(outline.training) + len(outline.held_out)
-    looked_at = min(outline.stored_pixels, LONGEST_SIDE**2, PIXELS / views)
+    looked_at = min(outline.stored_pixels, MAX_SIDE**2, PIXELS / views)
     features = (DECODED_MEGAPIXEL * outline.stored_pixels + FEATURES_MEGAPIXEL * looked_at) / MEGA * views
     pairs = views * min(PAIRS_PER_VIEW, views - 1) / 2
     return features + MATCHED_PAIR * pairs + (ADJUSTED_VIEW * views if work.options.bundle else 0.0)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pocketgs.capture.listed import Outline
 from pocketgs.prior.depth_maps import sweep_pixels
-from pocketgs.prior.fuse import MOST_CANDIDATES
+from pocketgs.prior.fuse import MAX_CANDIDATES
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.recipes import recipe_named
@@ -66,4 +66,4 @@ class Work:
     def candidates(self) -> int:
         """Pixels that may become points of the cloud."""
         pixels = self.keyframes * self.sweep_pixels
-        return pixels // max(1, -(-pixels // MOST_CANDIDATES))
+        return pixels // max(1, -(-pixels // MAX_CANDIDATES))

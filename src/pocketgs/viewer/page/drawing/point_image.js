@@ -10,7 +10,7 @@
  */
 
 /** Pixels of the full resolution that a disc's radius has at most, lest the nearest hold up a camera amid points. */
-const LARGEST_RADIUS = 64;
+const MAX_RADIUS = 64;
 
 /** Pixels and their depths. */
 export class PointImage {
@@ -41,7 +41,7 @@ export class PointImage {
         this.#depths.fill(Infinity);
         const { fx, fy, cx, cy, world_to_camera: m } = camera;
         const { x, y, z, radii, colours, near } = points;
-        const largest = share * LARGEST_RADIUS;
+        const largest = share * MAX_RADIUS;
         for (let i = 0; i < points.count; i++) {
             const depth = m[8] * x[i] + m[9] * y[i] + m[10] * z[i] + m[11];
             if (radii[i] > 0 && depth >= near) {

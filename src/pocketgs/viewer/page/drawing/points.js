@@ -10,7 +10,7 @@ import { nearPlane } from "../scene/near_plane.js";
 /** @typedef {import("../scene/gaussian_columns.js").GaussianColumns} GaussianColumns */
 
 /** A point covers what its Gaussian alone makes at least this opaque; one that is so nowhere has no size. */
-const LEAST_OPACITY = 0.1;
+const MIN_OPACITY = 0.1;
 
 /** Points of a scene that may still be arriving. */
 export class Points {
@@ -50,10 +50,10 @@ export class Points {
         const logits = this.#scene.column(OPACITY_LOGIT);
         for (let i = this.count; i < count; i++) {
             const opacity = 1 / (1 + Math.exp(-logits[i]));
-            if (opacity > LEAST_OPACITY) {
+            if (opacity > MIN_OPACITY) {
                 // A ball of the same volume, out to where exp(-½ r²) · opacity has come down to the least.
                 const scale = Math.exp((a[i] + b[i] + c[i]) / 3);
-                this.radii[i] = scale * Math.sqrt(2 * Math.log(opacity / LEAST_OPACITY));
+                this.radii[i] = scale * Math.sqrt(2 * Math.log(opacity / MIN_OPACITY));
                 this.colours[i] = 0xff000000 | (byteOf(blue[i]) << 16) | (byteOf(green[i]) << 8) | byteOf(red[i]);
             }
         }

@@ -25,7 +25,7 @@ import { viewValues } from "./view_values.js";
 
 /** Room for intersections of tiles' lists to begin with, and how it grows: as in `engine.py`. */
 const INTERSECTIONS_PER_GAUSSIAN = 8;
-const LEAST_INTERSECTIONS = 1 << 16;
+const MIN_INTERSECTIONS = 1 << 16;
 const GROWTH = 1.25;
 
 /** Holds the device and what is on it. */
@@ -148,7 +148,7 @@ export class Renderer {
 
     async #upload(scene) {
         const expected = INTERSECTIONS_PER_GAUSSIAN * scene.count;
-        const intersections = Math.max(this.#intersections, LEAST_INTERSECTIONS, expected);
+        const intersections = Math.max(this.#intersections, MIN_INTERSECTIONS, expected);
         this.#reserved.clear();
         await this.#makeRoom(this.#symbols(1, 1, scene, intersections));
         this.#near = nearPlane([0, 1, 2].map((axis) => scene.column(MEAN + axis)), scene.count);

@@ -31,7 +31,7 @@ const TYPES = {
     float64: [8, "Float64"],
 };
 
-const LONGEST_HEADER = 1 << 16;
+const MAX_HEADER_BYTES = 1 << 16;
 const ROWS_AT_ONCE = 1 << 11;
 const COEFFICIENTS = { 0: 1, 9: 4, 24: 9, 45: 16 };
 
@@ -71,7 +71,7 @@ export async function readPly(source, bytes, onPart) {
 }
 
 async function takeHeader(source) {
-    const start = await source.takeUpTo(LONGEST_HEADER);
+    const start = await source.takeUpTo(MAX_HEADER_BYTES);
     const text = new TextDecoder("latin1").decode(start);
     const end = /^end_header\r?\n/m.exec(text);
     if (!end) {

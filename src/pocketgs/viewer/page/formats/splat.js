@@ -8,7 +8,7 @@ import { GaussianColumns, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, dcOf } fro
 import { logitOfByte } from "./opacity.js";
 
 const RECORD = 32;
-const SMALLEST_SCALE = 2 ** -126;
+const MIN_SCALE = 2 ** -126;
 
 const ROWS_AT_ONCE = 1 << 13;
 
@@ -43,7 +43,7 @@ function readRows(records, first, rows, gaussians) {
         for (let row = 0; row < rows; row++) {
             const scale = records.getFloat32(RECORD * row + 12 + 4 * axis, true);
             means[first + row] = records.getFloat32(RECORD * row + 4 * axis, true);
-            scales[first + row] = Math.log(Math.max(scale, SMALLEST_SCALE));
+            scales[first + row] = Math.log(Math.max(scale, MIN_SCALE));
             colours[first + row] = dcOf(records.getUint8(RECORD * row + 24 + axis) / 255);
         }
     }

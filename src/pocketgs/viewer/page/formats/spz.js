@@ -17,7 +17,7 @@ const MAGIC = 0x5053474e;
 const HEADER = 16;
 const LONG_HEADER = 32;
 const TABLE_ROW = 16;
-const LARGEST_DEGREE = 4;
+const MAX_DEGREE = 4;
 const HAS_EXTENSIONS = 2;
 const AXES_EXTENSION = 0xadbe0003;
 const AXES_RIGHT_UP_BACK = 4;
@@ -59,8 +59,8 @@ function layoutOf(header, versions) {
         throw new Error(`the .spz is of version ${version}, expected ${versions.join(" or ")}`);
     }
     const degree = header.getUint8(12);
-    if (degree > LARGEST_DEGREE) {
-        throw new Error(`the .spz has spherical harmonics of degree ${degree}, expected 0 to ${LARGEST_DEGREE}`);
+    if (degree > MAX_DEGREE) {
+        throw new Error(`the .spz has spherical harmonics of degree ${degree}, expected 0 to ${MAX_DEGREE}`);
     }
     const layout = { version, count: header.getUint32(8, true), degree, fractionalBits: header.getUint8(13) };
     const unpacked = streamSizes(layout).reduce((sum, size) => sum + size, 0);

@@ -16,7 +16,7 @@ import { logitOfByte } from "./opacity.js";
  */
 
 const COLOUR_SCALE = 0.15 * 255;
-const LARGEST_OTHER = Math.SQRT1_2;
+const MAX_OTHER = Math.SQRT1_2;
 const ROTATION_STEPS = 511;
 
 /** The file's axes are right, up, back; ours are right, down, forward. */
@@ -104,7 +104,7 @@ function smallestThree(rotations, i) {
     let squares = 0;
     for (let part = 0, field = 0; part < 4; part++) {
         if (part !== largest) {
-            const value = ((parts[field] & ROTATION_STEPS) * LARGEST_OTHER) / ROTATION_STEPS;
+            const value = ((parts[field] & ROTATION_STEPS) * MAX_OTHER) / ROTATION_STEPS;
             xyzw[part] = parts[field] & 512 ? -value : value;
             squares += value * value;
             field++;

@@ -7,7 +7,7 @@
 import { BackwardBits, decodeHuffman, readHuffmanTable, readStateTable, stateTable } from "./zstd_entropy.js";
 
 const FRAME_MAGIC = 0xfd2fb528;
-const LARGEST_BLOCK = 1 << 17;
+const MAX_BLOCK = 1 << 17;
 
 /** Extra bits and least values of the codes of literal lengths and match lengths (section 3.1.1.3.2.1). */
 const LITERALS = lengthCodes(0, [...Array(16).fill(0), 1, 1, 1, 1, 2, 2, 3, 3, 4, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16]);
@@ -58,7 +58,7 @@ export function unpackZstd(bytes, size) {
         isLast = Boolean(header & 1);
         place += 3;
         const content = bytes.subarray(place, place + (kind === 1 ? 1 : length));
-        if (kind === 3 || length > LARGEST_BLOCK || place + content.length > bytes.length || !content.length !== !length) {
+        if (kind === 3 || length > MAX_BLOCK || place + content.length > bytes.length || !content.length !== !length) {
             throw new Error("a Zstandard block is broken");
         }
         if (kind === 2) {
@@ -116,7 +116,7 @@ function takeLiterals(content, state) {
         state.huffman = table;
         body = body.subarray(size);
     }
-    if (!state.huffman || length > LARGEST_BLOCK) {
+    if (!state.huffman || length > MAX_BLOCK) {
         throw new Error("a Zstandard block has no code");
     }
     const literals = new Uint8Array(length);

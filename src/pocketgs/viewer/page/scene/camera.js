@@ -26,7 +26,7 @@ import { add, axesOf, cross, dot, length, mix, normalised, product, rotationTo, 
  */
 
 /** The optical axis comes no nearer to the vertical than this, in radians: beyond it lies a view upside down. */
-const LEAST_ANGLE_TO_VERTICAL = 0.05;
+const MIN_ANGLE_TO_VERTICAL = 0.05;
 
 /** The lens of a scene that brings no cameras: 50 degrees across the shorter side. */
 const USUAL_LENS = { width: 1, height: 1, fx: 1.07, fy: 1.07, cx: 0.5, cy: 0.5 };
@@ -98,7 +98,7 @@ export class MovingCamera {
         const { target, up } = this;
         const [across, , forward] = this.axes;
         const toVertical = Math.acos(Math.max(-1, Math.min(1, dot(forward, up))));
-        const limit = LEAST_ANGLE_TO_VERTICAL;
+        const limit = MIN_ANGLE_TO_VERTICAL;
         const allowed = Math.max(limit, Math.min(Math.PI - limit, toVertical + down)) - toVertical;
         const turned = product(product(turn(up, -right), turn(across, -allowed)), this.pose.rotation);
         const rotation = unit(turned);

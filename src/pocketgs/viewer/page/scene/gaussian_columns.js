@@ -12,7 +12,7 @@ export const OPACITY_LOGIT = 10;
 const SHAPE_COLUMNS = 11;
 
 /** Bytes that a scene may take while it is read, as `pocketgs` allows by itself: a file can state any number. */
-const MOST_BYTES = 3e9;
+const MAX_BYTES = 3e9;
 
 /** The spherical harmonic of degree 0: colour = 0.5 + SH_DC · coefficient. */
 export const SH_DC = 0.28209479177387814;
@@ -30,8 +30,8 @@ export const dcOf = (colour) => (colour - 0.5) / SH_DC;
  */
 export function requireRoom(count, coefficients, unpacked = 0) {
     const needed = 4 * (SHAPE_COLUMNS + 3 * coefficients) * count + unpacked;
-    if (needed > MOST_BYTES) {
-        const [found, most] = [needed, MOST_BYTES].map((bytes) => Math.ceil(bytes / 1e6).toLocaleString("en"));
+    if (needed > MAX_BYTES) {
+        const [found, most] = [needed, MAX_BYTES].map((bytes) => Math.ceil(bytes / 1e6).toLocaleString("en"));
         throw new Error(`${count.toLocaleString("en")} Gaussians would take ${found} MB, expected at most ${most} MB`);
     }
 }
