@@ -8,6 +8,7 @@ from typing import Literal, get_args
 
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.engine import Accumulation, EngineName, EngineOptions, Precision, Replay
+from pocketgs.training.colours import COLOURS, Colours
 from pocketgs.training.recipes import Prior, Seeds, recipe_named
 from pocketgs.training.strategies.choose import STRATEGIES, StrategyName, most_at_start
 
@@ -36,6 +37,8 @@ class TrainingOptions:
         source_views: frames that each keyframe's pixels are matched in.
         max_keyframes: most frames that depth is computed for; None for the effort's.
         exposure: bring the training photographs to one exposure: "auto" does so where similar views differ.
+        colours: learn an affine colour transform for each training photograph beside the scene: "auto" does so where
+            similar views differ.
         recipe: name of a recipe, see `pocketgs.training.recipes`; None for the effort's.
         strategy: how the number of Gaussians changes: "fixed" keeps those of the start; "adc" is 3DGS's cloning,
             splitting and pruning; "mcmc" relocates those that have become transparent; "budgeted" grows where the
@@ -65,6 +68,7 @@ class TrainingOptions:
     source_views: int = 4
     max_keyframes: int | None = None
     exposure: Literal["auto", "on", "off"] = "auto"
+    colours: Colours = "auto"
     recipe: str | None = None
     strategy: StrategyName | None = None
     seed: int = 0
@@ -92,6 +96,7 @@ class TrainingOptions:
             "source views": (self.source_views >= 1, "at least 1"),
             "max keyframes": (self.max_keyframes is None or self.max_keyframes >= 2, "at least 2"),
             "exposure": (self.exposure in ("auto", "on", "off"), "auto, on or off"),
+            "colours": (self.colours in COLOURS, "auto, on or off"),
             "max gaussians": (self.max_gaussians is None or self.max_gaussians >= 4, "at least 4"),
             "SH degree": (self.sh_degree in (None, 0, 1, 2, 3), "0, 1, 2 or 3"),
             "threads": (self.threads is None or self.threads >= 1, "at least 1"),
