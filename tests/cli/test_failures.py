@@ -181,7 +181,7 @@ def test_nothing_held_out(refused: Callable[..., str], written_capture: Path, re
 
 def test_resume(refused: Callable[..., str], written_capture: Path, result: Path, tmp_path: Path) -> None:
     command = ["train", written_capture, "--resume", "--prior", "none", "--output"]
-    assert "40 iterations are done already" in refused(*command, result, "--iterations", "40")
+    assert "40 iterations are already done" in refused(*command, result, "--iterations", "40")
     assert "holds no unfinished.npz or checkpoint.npz" in refused(*command, tmp_path / "new")
     others = [["--seed", "1"], ["--recipe", "reference"], ["--sh-degree", "2"], ["--hold-out", "4"]]
     others += [["--prior", "sparse"], ["--no-bundle"], ["--source-views", "2"], ["--max-keyframes", "5"]]

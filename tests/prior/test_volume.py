@@ -113,7 +113,7 @@ def test_one_frame_shows_no_volume(small_capture: Capture) -> None:
 
 def test_cameras_that_look_apart() -> None:
     frames = [Frame("", camera, np.zeros((48, 48, 3), np.uint8)) for camera in ring(8, 1.0, outwards=True)]
-    with pytest.raises(PocketGSError, match="the 8 cameras look apart"):
+    with pytest.raises(PocketGSError, match="the 8 cameras face outwards"):
         draw_points(frames, 100)
 
 

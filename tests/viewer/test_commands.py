@@ -146,7 +146,7 @@ def test_view_refuses(capsys: pytest.CaptureFixture[str], result: Path, tmp_path
     assert "none: no such file or folder" in refused(capsys, "view", result, "--capture", tmp_path / "none")
     assert "port 70000: found 70000" in refused(capsys, "view", result, "--port", 70000)
     (result / "cameras.json").write_text('{"refined": true, "cameras": {"a": [1, 2]}}')
-    assert "cameras.json: 'a' is no camera" in refused(capsys, "view", result)
+    assert "cameras.json: 'a' is not a camera" in refused(capsys, "view", result)
     (result / "cameras.json").write_text("[]")
     assert "cameras.json: not a readable file of cameras" in refused(capsys, "view", result)
     (result / "run.json").write_text("{")
