@@ -6,7 +6,7 @@ import json
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from pocketgs.splat.engine import OptimiserState
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import Statistics
 from pocketgs.training.result import Checkpoint
+from pocketgs.training.validation import Course, Look
 
 CHECKPOINT = "checkpoint.npz"
 SHRINK = "shrink"
@@ -45,6 +46,8 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) ->
     arrays = {name: getattr(checkpoint.gaussians, name) for name in PARAMETERS}
     if checkpoint.statistics is not None:
         arrays |= {name: getattr(checkpoint.statistics, name) for name in STATISTICS}
+    if checkpoint.course is not None:
+        arrays["course"] = np.array(json.dumps(asdict(checkpoint.course)))
     if checkpoint.state.near is not None:
         arrays["near"] = np.float64(checkpoint.state.near)
     with replacing(path) as partial:
@@ -112,6 +115,7 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
             state = OptimiserState(data["first_moments"], data["second_moments"], int(data["steps"]), near)
             statistics = Statistics(*(data[name] for name in STATISTICS)) if STATISTICS[0] in data else None
             iteration = int(data["iteration"])
+            course = _course(json.loads(str(data["course"]))) if "course" in data else None
     except Exception as error:  # a damaged archive fails in many ways
         raise PocketGSError(f"{path}: not a readable checkpoint ({error})") from error
     if iteration < 0 or state.steps < 0:
@@ -127,7 +131,16 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
     for key, value in run.items():
         if written.get(key) != value:
             raise PocketGSError(f"{path}: belongs to a run with {key} {written.get(key)!r}, but this one has {value!r}")
-    return Checkpoint(iteration, gaussians, state, statistics)
+    return Checkpoint(iteration, gaussians, state, statistics, course)
+
+
+def _course(written: dict[str, Any]) -> Course:
+    looks = (
+        Look(int(look["iteration"]), float(look["psnr"]), int(look["gaussians"]), float(look["seconds"]))
+        for look in written["looks"]
+    )
+    decays_from = written["decays_from"]
+    return Course(tuple(looks), None if decays_from is None else int(decays_from))
 
 
 def _newest_checkpoint(folder: Path) -> Path:

@@ -219,6 +219,7 @@ def _identity(capture: Capture, options: SizedOptions, plan: Plan) -> dict[str, 
         "strategy": options.strategy,
         SHRINK: plan.shrink,
         ROOM: plan.gaussians,
+        **({"open ended": True} if options.open_ended else {}),
     }
 
 

@@ -64,6 +64,7 @@ def summarise(
         "prior": asdict(result.prior) if result.prior else None,
         "images": [asdict(image) for image in evaluation.images] if evaluation else [],
         "progress": [asdict(sample) for sample in result.losses],
+        "validation": asdict(result.course) if result.course else None,
         "memory": [asdict(sample) for sample in memory],
         "versions": versions(),
     }

@@ -11,7 +11,7 @@ from pocketgs.splat.engine import Accumulation, EngineName, EngineOptions, Preci
 from pocketgs.training.recipes import Prior, Seeds, recipe_named
 from pocketgs.training.strategies.choose import STRATEGIES, StrategyName, most_at_start
 
-Effort = Literal["quick", "standard"]
+Effort = Literal["quick", "standard", "best"]
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,8 @@ class TrainingOptions:
 
     Attributes:
         effort: preset for sizes that the options below do not set: "quick" is 500 iterations on 50,000 Gaussians;
-            "standard" sizes both, and the keyframes, to the capture.
+            "standard" sizes both, and the keyframes, to the capture; "best" trains with the recipe "long" until
+            validation views, held back for a while, show that it no longer pays.
         iterations: number of training steps, one view each; None for the recipe's, or the effort's.
         time_budget: seconds until the work is done, or None: of the whole command, or, in Python, of `train`. A command
             plans by it, and refuses one that is too short. Learning rates decay by iterations or time, whichever is
@@ -35,7 +36,7 @@ class TrainingOptions:
         source_views: source views per keyframe.
         max_keyframes: maximum number of keyframes; None for the effort's.
         exposure: compensate exposure differences of the training photographs: "auto" does so if similar views differ.
-        recipe: name of a recipe, see `pocketgs.training.recipes`.
+        recipe: name of a recipe, see `pocketgs.training.recipes`; None for the effort's.
         strategy: how the number of Gaussians changes: "fixed" keeps it; "adc" clones, splits and prunes as 3DGS does;
             "mcmc" relocates transparent Gaussians; "budgeted" grows where the training views have errors; None for the
             recipe's.
@@ -64,7 +65,7 @@ class TrainingOptions:
     source_views: int = 4
     max_keyframes: int | None = None
     exposure: Literal["auto", "on", "off"] = "auto"
-    recipe: str = "pocketgs"
+    recipe: str | None = None
     strategy: StrategyName | None = None
     seed: int = 0
     max_gaussians: int | None = None
@@ -79,9 +80,10 @@ class TrainingOptions:
     evaluate_every: int = 100
 
     def __post_init__(self) -> None:
-        recipe_named(self.recipe)
+        if self.recipe is not None:
+            recipe_named(self.recipe)
         checks = {
-            "effort": (self.effort in get_args(Effort), "quick or standard"),
+            "effort": (self.effort in get_args(Effort), "quick, standard or best"),
             "iterations": (self.iterations is None or self.iterations >= 1, "at least 1"),
             "time budget": (self.time_budget is None or 0 < self.time_budget < math.inf, "seconds above 0"),
             "prior": (self.prior in (None, *get_args(Prior)), "dense, sparse, colmap or none"),
@@ -123,16 +125,22 @@ class TrainingOptions:
 
 @dataclass(frozen=True)
 class SizedOptions(TrainingOptions):
-    """Training options with the sizes of the run set: see `pocketgs.training.planning.effort.sized`."""
+    """Training options with the sizes of the run set: see `pocketgs.training.planning.effort.sized`.
+
+    Attributes:
+        open_ended: whether the run ends when it stops paying, after at most `iterations`.
+    """
 
     iterations: int = 500
     max_keyframes: int = 40
     max_gaussians: int = 50_000
     prior: Prior = "dense"
     seeds: Seeds = "discs"
+    recipe: str = "pocketgs"
     strategy: StrategyName = "fixed"
+    open_ended: bool = False
 
     @property
     def most_at_start(self) -> int:
         """Maximum number of Gaussians at the start."""
-        return most_at_start(self.strategy, self.max_gaussians)
+        return most_at_start(self.strategy, self.max_gaussians, self.open_ended)

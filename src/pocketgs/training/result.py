@@ -8,6 +8,7 @@ from pocketgs.prior.report import PriorReport
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import OptimiserState
 from pocketgs.splat.rows import Statistics
+from pocketgs.training.validation import Course
 
 
 @dataclass(frozen=True)
@@ -41,12 +42,14 @@ class Checkpoint:
         gaussians: the scene.
         state: the optimiser's.
         statistics: collected by its strategy, or None if it collects nothing.
+        course: what an open-ended run has learnt so far; None if its length was given.
     """
 
     iteration: int
     gaussians: Gaussians
     state: OptimiserState
     statistics: Statistics | None = None
+    course: Course | None = None
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,7 @@ class TrainingResult:
         prior: report of the geometry prior, or None without one.
         strategy: name of the strategy.
         statistics: collected by the strategy since its last change, for resuming; None if nothing.
+        course: evaluations on the validation views of an open-ended run; None if its length was given.
     """
 
     scene: Gaussians
@@ -85,8 +89,9 @@ class TrainingResult:
     prior: PriorReport | None = None
     strategy: str = "fixed"
     statistics: Statistics | None = None
+    course: Course | None = None
 
     @property
     def checkpoint(self) -> Checkpoint:
         """The checkpoint that a later run can resume from."""
-        return Checkpoint(self.iterations, self.scene, self.optimiser_state, self.statistics)
+        return Checkpoint(self.iterations, self.scene, self.optimiser_state, self.statistics, self.course)

@@ -12,7 +12,8 @@ from dataclasses import fields, replace
 
 from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.planning.time_model import step_seconds
-from pocketgs.training.recipes import recipe_named
+from pocketgs.training.recipes import Recipe, recipe_named
+from pocketgs.training.validation import validation_views
 
 QUICK_ITERATIONS, QUICK_GAUSSIANS, QUICK_KEYFRAMES = 500, 50_000, 40
 STANDARD_KEYFRAMES = 100
@@ -29,6 +30,12 @@ GAUSSIANS_POWER, SECONDS_POWER = 0.5, 0.75
 """Options that a recipe may set. The user's values take precedence over it, and it over the effort."""
 
 MIN_ITERATIONS, MAX_ITERATIONS = 500, 3000
+
+MAX_OPEN_ENDED = 20_000
+"""Iterations of a run that trains until it stops paying."""
+
+OPEN_ENDED_GAUSSIANS = 2
+"""How many times the Gaussians of `standard` such a run may have: it begins with half, and grows if that pays."""
 
 OF_THE_RECIPE = ("iterations", "max_gaussians", "prior", "seeds", "strategy")
 """Options that a recipe may state; what the user gives wins over it, and it over the effort."""
@@ -48,24 +55,29 @@ def sized(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> SizedOp
     """
     if isinstance(options, SizedOptions):
         return options
-    recipe = recipe_named(options.recipe)
+    recipe = recipe_named(options.recipe or ("long" if options.effort == "best" else "pocketgs"))
+    options = replace(options, recipe=recipe.name)
+    open_ended = recipe.open_ended and options.iterations is None and bool(validation_views(len(views)))
     given = {field.name: getattr(options, field.name) for field in fields(options)}
     for name in OF_THE_RECIPE:
         given[name] = getattr(recipe, name) if given[name] is None else given[name]
     options = replace(options, max_gaussians=given["max_gaussians"])
-    sizes = _quick() if options.effort == "quick" else _standard(options, views)
-    return SizedOptions(**{**given, **{name: size for name, size in sizes.items() if given[name] is None}})
+    sizes = _quick() if options.effort == "quick" else _standard(options, recipe, views)
+    if open_ended:
+        sizes |= {"iterations": MAX_OPEN_ENDED, "max_gaussians": OPEN_ENDED_GAUSSIANS * sizes["max_gaussians"]}
+    sizes = {name: size for name, size in sizes.items() if given[name] is None}
+    return SizedOptions(**{**given, **sizes, "open_ended": open_ended})
 
 
 def _quick() -> dict[str, int]:
     return {"iterations": QUICK_ITERATIONS, "max_gaussians": QUICK_GAUSSIANS, "max_keyframes": QUICK_KEYFRAMES}
 
 
-def _standard(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> dict[str, int]:
+def _standard(options: TrainingOptions, recipe: Recipe, views: Sequence[tuple[int, int]]) -> dict[str, int]:
     pixels = sum(width * height for width, height in views)
     growth = max(pixels / SMALL_CAPTURE, 1.0)
     gaussians = options.max_gaussians or min(int(MIN_GAUSSIANS * growth**GAUSSIANS_POWER), MAX_GAUSSIANS)
-    degree = recipe_named(options.recipe).sh_degree if options.sh_degree is None else options.sh_degree
+    degree = recipe.sh_degree if options.sh_degree is None else options.sh_degree
     step = step_seconds(gaussians, (degree + 1) ** 2, pixels / max(len(views), 1))
     iterations = int(min(MIN_SECONDS * growth**SECONDS_POWER, MAX_SECONDS) / step)
     iterations = min(iterations, MAX_EPOCHS * len(views), MAX_ITERATIONS)
