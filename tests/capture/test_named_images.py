@@ -1,4 +1,4 @@
-"""Images that are not where the capture says."""
+"""Images that are not at the paths that the capture states."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `pocketgs info --devices` says."""
+"""The output of `pocketgs info --devices`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever goes wrong is one line on stderr, exit status 2, and an earlier result that stays as it was."""
+"""Errors are one line on stderr with exit status 2, and keep an earlier result."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from PIL import Image
 def refused(
     pocketgs: Callable[..., Any], result: Path, contents: Callable[[Path], dict[str, bytes]]
 ) -> Callable[..., str]:
-    """A function that runs a command which must fail as promised, and gives its message."""
+    """A function that runs a command that must fail, and returns its message."""
 
     def check(*arguments: object) -> str:
         before = contents(result)

@@ -1,4 +1,4 @@
-"""Hints follow from what photographs show, not from their size or masks."""
+"""Hints depend on the content of photographs, not on their size or masks."""
 
 from __future__ import annotations
 

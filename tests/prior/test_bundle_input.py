@@ -1,4 +1,4 @@
-"""What bundle adjustment refuses, and that it says why."""
+"""Input checks of bundle adjustment, and their messages."""
 
 from __future__ import annotations
 

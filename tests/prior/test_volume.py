@@ -41,7 +41,7 @@ def photograph_of_a_ball(camera: Camera, colour: tuple[int, int, int]) -> Frame:
 
 
 def distance_to_surface(positions: np.ndarray, frames: list[Frame]) -> np.ndarray:
-    """How far points lie from what the frames see, along the optical axis of the frame that likes them best."""
+    """Distances of points from the frames' surfaces, along the optical axis of the best frame."""
     best = np.full(len(positions), np.inf)
     for frame in frames:
         assert frame.depth is not None

@@ -1,4 +1,4 @@
-"""Cameras on disk: they come back as written, and what is none is refused."""
+"""Cameras on disk: round trips, and errors for invalid files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A folder has one writer, who leaves alone what is somebody else's."""
+"""A folder has one writer at a time, who does not touch other programs' files."""
 
 from __future__ import annotations
 

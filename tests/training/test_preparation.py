@@ -1,4 +1,4 @@
-"""Preparation: which points a run starts from, whatever it asks for and whatever the capture has."""
+"""Preparation: the points that a run starts from, for all options and captures."""
 
 from __future__ import annotations
 

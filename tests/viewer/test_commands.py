@@ -1,4 +1,4 @@
-"""`pocketgs view`, and `--view`: processes that serve a page until Ctrl-C, and what they refuse."""
+"""`pocketgs view` and `--view`: processes that serve a page until Ctrl-C, and their errors."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ OPTIONS = ["--prior", "none", "--engine", "cpu", "--threads", "1"]
 
 @pytest.fixture
 def started() -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
-    """A function that starts `pocketgs` and gives the process with its page's address; all end with the test."""
+    """A function that starts `pocketgs` and returns the process and its page's address; all end with the test."""
     processes: list[subprocess.Popen[str]] = []
 
     def start(*arguments: object) -> tuple[subprocess.Popen[str], str]:
@@ -68,7 +68,7 @@ def result(scene: Gaussians, small_capture: Capture, tmp_path: Path) -> Path:
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    """The one line in which a command refuses."""
+    """The one-line error message of a command."""
     with pytest.raises(SystemExit) as stop:
         main(list(map(str, arguments)))
     errors = capsys.readouterr().err

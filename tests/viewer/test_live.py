@@ -1,4 +1,4 @@
-"""Following a run that really trains: what pages are told and ask for, and that training waits for none of them."""
+"""Following a real training run: messages to pages, commands from pages; training does not wait for them."""
 
 from __future__ import annotations
 
