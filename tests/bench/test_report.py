@@ -1,4 +1,4 @@
-"""The report: one page that stands alone, with everything in it that was measured."""
+"""The report: one self-contained page with all measurements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What cameras and phones write besides plain JPEG and PNG, and photographs that are stored on their side."""
+"""Image formats of cameras and phones besides plain JPEG and PNG, and rotated photographs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What phone apps record, as far as it is alike, and Polycam and NeRFCapture."""
+"""Features common to phone apps' recordings, and Polycam and NeRFCapture."""
 
 from __future__ import annotations
 

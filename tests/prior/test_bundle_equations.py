@@ -13,7 +13,7 @@ from prior.bundle_problem import make_problem
 
 
 def shifted(estimate: Estimate, frame: int, point: int, step: np.ndarray) -> Estimate:
-    """The estimate with one camera, the lens and one point moved by (COLUMNS,)."""
+    """The estimate with one camera, the lens and one point changed by (COLUMNS,)."""
     rotations, moved, points = estimate.rotations.copy(), estimate.centres.copy(), estimate.points.copy()
     rotations[frame] = Rotation.from_rotvec(step[:3]).as_matrix() @ rotations[frame]
     moved[frame] += step[3:6]

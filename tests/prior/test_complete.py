@@ -1,4 +1,4 @@
-"""Completion: points for what is seen and not known, at likely depths, and never more than may be."""
+"""Completion: points for uncovered surfaces, at plausible depths, and not too many."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SIZE = 96
 
 
 def frame(x: float = 0.0, turned: bool = False) -> Frame:
-    """A view along z, as wide as it is far, red on its left and blue on its right half; or one the other way."""
+    """A view along z, as wide as it is far, red on its left and blue on its right half; or the other way round."""
     eye = np.array([x, 0, -4.0])
     pose = look_at(eye, eye + np.array([0, 0, -1.0 if turned else 1.0]), np.array([0, -1.0, 0]))
     image = np.zeros((SIZE, SIZE, 3), np.uint8)
@@ -90,7 +90,7 @@ def test_nothing_is_added_where_all_is_known() -> None:
 
 
 def test_other_sources_fill_only_what_is_bare() -> None:
-    """Of a source over all of the wall, the points in the hole; of the next, what those leave."""
+    """From a source that covers the whole wall, the points in the hole; from the next, what is still missing."""
     cloud = with_hole(wall())
     own = wall(400)
     left = own.select(own.positions[:, 0] < 0.1)
@@ -110,7 +110,7 @@ def test_other_sources_fill_only_what_is_bare() -> None:
 
 
 def test_sources_that_are_seen_from_the_other_side_do_not_fill() -> None:
-    """They are taken, since nothing else is there, but what they do not cover is guessed."""
+    """They are used, since there is nothing else, but what they do not cover is guessed."""
     behind = wall(60)
     behind = replace(behind, directions=-behind.directions)  # type: ignore[operator]
     found = completion(with_hole(wall()), [frame()], [behind], DISTANCE, 100_000)

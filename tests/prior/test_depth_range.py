@@ -1,4 +1,4 @@
-"""Ranges of depth: what is near, far and infinitely far lies within them, and they are as fine as need be."""
+"""Depth ranges contain near, far and infinitely far surfaces, and are fine enough."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ TEXTURE = np.float32(255) * (TEXTURE - TEXTURE.min()) / (TEXTURE.max() - TEXTURE
 
 
 SKY = 1e9
-"""Depth of what is as good as infinitely far away."""
+"""A depth that is practically infinite."""
 
 
 def three_layers(x: float) -> Frame:
@@ -164,7 +164,7 @@ def three_layers(x: float) -> Frame:
 
 @pytest.mark.parametrize("know_points", [True, False])
 def test_depth_maps_tell_near_wall_and_sky(know_points: bool) -> None:
-    """Sparse points lie on the wall alone, or there are none: what is nearer and farther is found none the less."""
+    """Sparse points are on the wall only, or missing: nearer and farther surfaces are found all the same."""
     frames = [three_layers(x) for x in (-0.5, -0.25, 0.0, 0.25, 0.5)]
     bare = [replace(one, depth=None) for one in frames]
     points = [points_at(4.0) if know_points else np.zeros((0, 3))]

@@ -61,7 +61,7 @@ def swept(frame: Frame, source_views: list[Frame], settings: SweepSettings = SET
 
 
 def seen_by(frame: Frame) -> np.ndarray:
-    """(M, 3) some of what a frame sees."""
+    """(M, 3) some points that a frame sees."""
     rows, columns = (grid.ravel() for grid in np.mgrid[10 : frame.camera.height : 20, 10 : frame.camera.width : 20])
     rays = frame.camera.rays(np.column_stack([columns, rows]) + 0.5)
     return np.asarray(frame.camera.centre + rays * depth_of(frame)[rows, columns, None])
@@ -90,7 +90,7 @@ def test_one_source_view_is_enough_where_it_sees(plane: list[Frame]) -> None:
 
 
 def test_demo_scene(table: Capture) -> None:
-    """Real shapes: edges, what hides other things, and surfaces without texture."""
+    """Real shapes: edges, occlusions, and textureless surfaces."""
     keyframe = table.train[3]
     source_views = choose_source_views(keyframe, table.train, seen_by(keyframe), SETTINGS)
     found = swept(keyframe, source_views)
@@ -203,7 +203,7 @@ def test_references_are_those_of_the_best_baselines() -> None:
 
 
 def test_references_together_see_all_of_the_view() -> None:
-    """One camera sees the left half from where it should be and one the right; all others see the left one again."""
+    """One source view shows the left half correctly and one the right; all others repeat the left one."""
     keyframe = frame_at("key", 0, 0, 0)
     left, right = [[-1.2, 0, 5.0]], [[1.2, 0, 5.0]]
     sides = [frame_at(f"left{y}", -0.5, y, 0, towards=(-2.6, 0, 5)) for y in (0.48, 0.5, 0.52, 0.54)]

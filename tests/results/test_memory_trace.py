@@ -1,4 +1,4 @@
-"""Memory over a run: what is allocated shows, and long runs keep few samples."""
+"""Memory over time: allocations are visible, and long runs keep few samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Structure from motion: what it refuses, what it leaves behind, and poses that agree with known ones."""
+"""Structure from motion: errors, result files, and accuracy of poses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Effort: what sizes a capture is given, whatever machine it is trained on."""
+"""Effort: the sizes chosen for a capture, independent of the machine."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_standard_grows_with_the_size_of_photographs(width: int, height: int, co
 
 
 def test_standard_takes_the_time_that_it_should() -> None:
-    """A minute less what goes before training for a small capture; five less that for 150 photographs of a phone."""
+    """One minute minus preparation for a small capture; five minutes minus preparation for 150 photographs."""
     for views, least, most in ((FERN, 20.0, 40.0), (PHONE, 150.0, MAX_SECONDS)):
         options = sized(TrainingOptions(), views)
         assert least <= seconds(options, views) <= most

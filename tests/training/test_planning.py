@@ -1,4 +1,4 @@
-"""Plans: what fits is taken, what does not is refused, and a larger budget never gives less."""
+"""Plans: what fits is used, what does not is refused, and a larger budget never gives less."""
 
 from __future__ import annotations
 
@@ -211,7 +211,7 @@ def test_outlines_know_what_undistortion_leaves(capture_folder: Path, k1: float)
 @settings(deadline=None)
 @given(st.integers(101, 3000), st.integers(1, 400))
 def test_the_smallest_photograph_bounds_shrinking(side: int, memory: int) -> None:
-    """Among photographs of several sizes none is shrunk to nothing."""
+    """With photographs of several sizes, none is reduced to nothing."""
     mixed = photographs(3000, 2000, 3)
     camera = Camera(side, 100, side, side, side / 2, 50.0, np.eye(4))
     small = FrameSource("small", Path("small.png"), camera)

@@ -1,4 +1,4 @@
-"""Preparation: which points a run starts from, whatever it asks for and whatever the capture has."""
+"""Preparation: the points that a run starts from, for all options and captures."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_cameras_that_look_apart_with_nothing_to_start_from(small_capture: Captu
         pose = look_at(direction, 2 * direction, np.array([0, 0, 1.0]))
         frames.append(replace(frame, camera=replace(frame.camera, world_to_camera=pose)))
     apart = without_texture(replace(small_capture, train=frames, held_out=[], points=None))
-    with pytest.raises(PocketGSError, match="cameras look apart"):
+    with pytest.raises(PocketGSError, match="cameras face outwards"):
         prepare(apart, TrainingOptions(prior="sparse"))
 
 

@@ -1,4 +1,4 @@
-"""The page in a browser: it draws what the engine draws, and does what a person asks of it."""
+"""The page in a browser: it renders like the engine, and responds to user actions."""
 
 from __future__ import annotations
 

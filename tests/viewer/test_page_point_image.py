@@ -39,7 +39,7 @@ DRAW = """async ([shape, sh, counts, camera, share, background]) => {
 
 
 def draw(page: Page, scene: Gaussians, *counts: int, share: float = 1.0) -> list[np.ndarray]:
-    """(H, W, 3) uint8: the image of the first so many points, for each number of them, drawn one after the other."""
+    """(H, W, 3) uint8: the image of the first n points, for each n, drawn one after the other."""
     shape, sh = to_columns(scene)
     fields = ("width", "height", "fx", "fy", "cx", "cy")
     camera = {name: getattr(CAMERA, name) for name in fields} | {"world_to_camera": np.eye(4).ravel().tolist()}
@@ -116,7 +116,7 @@ def test_image_grows_with_what_arrives(page: Page) -> None:
     + [("means", np.inf)],
 )
 def test_points_that_are_no_numbers_are_left_out(page: Page, name: str, value: float) -> None:
-    """One that is none, in front of one that is."""
+    """An invisible point in front of a visible one."""
     fields = {
         "means": np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 2.0]]),
         "log_scales": np.full((2, 3), np.log(0.1)),

@@ -1,4 +1,4 @@
-"""What a training run shows on the terminal."""
+"""Terminal output of a training run."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ STAGES = {
     "capture": "reading the capture",
     "keyframes": "choosing keyframes",
     "poses": "matching features and refining poses",
-    "depth": "computing depth (the first run compiles for it)",
+    "depth": "computing depth (the first run compiles its kernels)",
     "fusion": "fusing depths into a cloud",
-    "coverage": "filling what the cloud leaves open",
+    "coverage": "filling holes of the cloud",
     "planning": "planning",
-    "points": "looking for points to start from",
+    "points": "choosing points to start from",
     "seeding": "seeding Gaussians",
     "compilation": "loading kernels (the first run compiles them: up to half a minute)",
     "upload": "preparing the engine",
@@ -43,11 +43,11 @@ STAGES = {
 ITERATIONS_BETWEEN_LINES = 100
 SECONDS_BETWEEN_LINES = 10.0
 SECONDS_BEFORE_GUESSING = 2.0
-"""Before it says how long a stage will take."""
+"""Time before a stage's remaining time is estimated."""
 
 
 class Display:
-    """Shows stages and progress on one line that is redrawn, or as plain lines where the output is no terminal."""
+    """Shows stages and progress on one line that is redrawn, or as plain lines if the output is not a terminal."""
 
     def __init__(self, console: Terminal) -> None:
         self._console = console
@@ -57,7 +57,7 @@ class Display:
 
     @contextmanager
     def showing(self) -> Iterator[Reporter]:
-        """A reporter whose news is shown for as long as the block runs."""
+        """A reporter that shows progress while the block runs."""
         if self._console.is_terminal:
             with Live(Text(""), console=self._console, transient=True, refresh_per_second=8) as live:
                 self._live = live
@@ -117,7 +117,7 @@ class Display:
 
 
 def capture_lines(capture: Capture) -> list[str]:
-    """What a capture holds, in words."""
+    """Describe a capture."""
     points = f"{len(capture.points):,} points" if capture.points else "no points of its own"
     views = f"{len(capture.train)} training views, {len(capture.held_out)} held out"
     masked = sum(frame.mask is not None for frame in capture.frames)
@@ -131,7 +131,7 @@ def capture_lines(capture: Capture) -> list[str]:
 
 
 def count_line(stage: str, done: int, of: int, seconds: float) -> str:
-    """How much of a stage is done, and about how long the rest will take if it goes on like this."""
+    """Progress of a stage, with its estimated remaining time."""
     line = f"{STAGES.get(stage, stage)}: {done}/{of}"
     if of / 10 < done < of and seconds >= SECONDS_BEFORE_GUESSING:
         line += f", about {max(1, round(seconds / done * (of - done)))} s left"
@@ -139,7 +139,7 @@ def count_line(stage: str, done: int, of: int, seconds: float) -> str:
 
 
 def plan_line(plan: Plan) -> str:
-    """What a run is planned to take, in one line."""
+    """One line about a plan."""
     parts = [f"photographs up to {plan.width}x{plan.height}", f"at most {plan.gaussians:,} Gaussians"]
     parts.append(f"up to {plan.peak_rss_mb:.0f} MB of memory")
     if plan.device_mb:
@@ -150,14 +150,14 @@ def plan_line(plan: Plan) -> str:
 
 
 def prior_line(report: PriorReport) -> str:
-    """What the geometry prior found, in one line."""
+    """One line about the result of the geometry prior."""
     parts = [f"{report.keyframes} keyframes of {len(report.decisions)} frames"]
     if report.rmse is not None and report.rmse_given is not None:
         change = f"{report.rmse_given:.2f} -> {report.rmse:.2f} px" if report.poses_refined else f"{report.rmse:.2f} px"
         parts.append(f"{report.sparse_points:,} sparse points")
         parts.append(f"poses {'refined' if report.poses_refined else 'as given'} (reprojection {change})")
     if report.gains:
-        parts.append("exposure from {:.0%} to {:.0%} evened out".format(*report.gains))
+        parts.append("exposure compensated, gains {:.0%} to {:.0%}".format(*report.gains))
     parts.append(f"cloud of {report.points:,} points")
     if report.coverage is not None:
         known = f" ({report.coverage_known:.1%} by known depths)"
@@ -166,7 +166,7 @@ def prior_line(report: PriorReport) -> str:
 
 
 def progress_line(progress: Progress) -> str:
-    """Where a run stands, in one line."""
+    """One line about the progress of a run."""
     rate = progress.iteration_rate
     parts = [
         f"iteration {progress.iteration}/{progress.iterations}",
@@ -184,7 +184,7 @@ def progress_line(progress: Progress) -> str:
 
 
 def print_result(console: Terminal, result: RunResult) -> None:
-    """Quality, time and memory of a run, and where its result is."""
+    """Print quality, time and memory of a run, and the path of its result."""
     summary = result.summary
     if result.evaluation:
         print_evaluation(console, result.evaluation)
@@ -195,7 +195,7 @@ def print_result(console: Terminal, result: RunResult) -> None:
     engine = f"engine {summary['engine']} ({summary['device']}), its buffers {buffers:.0f} MB"
     lines = [
         f"{summary['iterations']} iterations{stopped}, {summary['gaussians']:,} Gaussians, {engine}",
-        f"{seconds['total']:.1f} s in all ({stages}), peak memory {summary['peak_rss_mb']:.0f} MB",
+        f"{seconds['total']:.1f} s in total ({stages}), peak memory {summary['peak_rss_mb']:.0f} MB",
         f"result in {result.folder}: scene.ply, run.json{', held_out/' if result.evaluation else ''}",
     ]
     console.say(*lines)
@@ -231,7 +231,7 @@ COLUMNS = (
 
 
 def print_evaluation(console: Terminal, evaluation: Evaluation) -> None:
-    """A table of metrics by image, with their means."""
+    """Print a table of metrics per image, with means."""
     columns = [column for column in COLUMNS if getattr(evaluation, column.name) is not None]
     table = Table("held-out view", *(column.title for column in columns))
     for image in evaluation.images:

@@ -34,10 +34,10 @@ def evaluate(
     Args:
         scene: A scene file (.ply, .spz, .splat, .glb …), or a result folder.
         capture: The capture's folder, or its transforms.json.
-        pictures: Folder for pictures of photograph and rendering side by side.
-        json: File for the figures.
-        engine: What renders, and how.
-        reading: How to read the capture.
+        pictures: Folder for images of photograph and rendering side by side.
+        json: File for the metrics.
+        engine: Options of the engine.
+        reading: Options for reading the capture.
     """
     console = Terminal()
     with memory_bound(engine.max_memory):

@@ -1,4 +1,4 @@
-"""The depth maps of all keyframes: for each its source views, its range of depths, and a sweep."""
+"""Depth maps of all keyframes: source views, depth range and plane sweep for each."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from pocketgs.prior.sensor_depth import SURE_MARGIN, completed
 from pocketgs.prior.sweep import MAX_PIXELS, DepthMap, SweepSettings, at_sweep_size, choose_source_views, sweep
 
 MAX_SWEPT_PIXELS = 16_000_000
-"""Of all keyframes together: with more keyframes each is searched at a smaller size, which bounds the time it takes."""
+"""Pixels of all keyframes together: with more keyframes, each is swept at a smaller size, which bounds the time."""
 
 MIN_POINTS, MAX_POINTS = 20, 200
-"""Sparse points that tell which frames to compare a keyframe with; with fewer, points on a grid do."""
+"""Minimum and maximum number of sparse points for choosing source views; with fewer, points on a grid are used."""
 
 GRID = 5
 
 
 def sweep_pixels(keyframes: int) -> int:
-    """Pixels that each of so many keyframes is searched at, at most."""
+    """Maximum number of pixels to sweep per keyframe."""
     return min(MAX_PIXELS, MAX_SWEPT_PIXELS // max(keyframes, 1))
 
 
@@ -32,17 +32,17 @@ def depth_maps(
     distance: float,
     settings: SweepSettings,
 ) -> tuple[list[Frame], list[DepthMap]]:
-    """Search the depths of every keyframe, one after the other.
+    """Compute the depth maps of all keyframes, one after the other.
 
     Args:
         keyframes: K frames.
-        frames: the training frames, keyframes among them, to compare with.
+        frames: the training frames, including keyframes, to take source views from.
         points: for each keyframe, (N, 3) the sparse points that it sees.
         distance: typical distance to the scene.
         settings: of the sweeps.
 
     Returns:
-        The keyframes at the size at which they were searched, and their depth maps.
+        The keyframes at the size of their sweeps, and their depth maps.
     """
     most = sweep_pixels(len(keyframes))
     sized = {frame.name: at_sweep_size(frame, most) for frame in frames}
@@ -65,7 +65,7 @@ def _depth_map(
 
 
 def _representative(keyframe: Frame, points: np.ndarray, distance: float) -> np.ndarray:
-    """(M, 3) what the keyframe sees: some of its sparse points, or a grid at the typical distance."""
+    """(M, 3) points in the keyframe's view: some of its sparse points, or a grid at the typical distance."""
     if len(points) >= MIN_POINTS:
         return points[np.linspace(0, len(points) - 1, min(len(points), MAX_POINTS)).astype(np.int64)]
     camera = keyframe.camera

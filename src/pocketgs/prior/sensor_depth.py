@@ -1,4 +1,4 @@
-"""Depth that a phone's sensor measured, where matching photographs does not tell."""
+"""Filling depth maps with the depth of a phone's sensor where matching is unsure."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pocketgs.capture.capture import Frame
 from pocketgs.prior.sweep import DepthMap
 
 WEAK_MARGIN = 0.04
-"""A matched depth that wins by less gives way to a measured one: the wall is white, and the sensor sees it."""
+"""Matched depths with a smaller margin are replaced by measured ones, for example on white walls."""
 
 SURE_MARGIN = 0.1
 MIN_PIXELS = 100
@@ -17,12 +17,11 @@ MIN_PIXELS = 100
 def completed(found: DepthMap, keyframe: Frame) -> DepthMap:
     """The depth map with measured depths where matching is unsure.
 
-    Measured depths are first scaled to those that matching is sure of: refined poses may have changed the scene's scale
-    a little.
+    Measured depths are first scaled to the confident matched ones: pose refinement may have changed the scale slightly.
 
     Args:
-        found: by matching.
-        keyframe: the frame, with the sensor's depth or without.
+        found: from matching.
+        keyframe: the frame, with or without the sensor's depth.
     """
     if keyframe.depth is None:
         return found

@@ -1,8 +1,8 @@
-"""Cameras that the photographs contradict: those whose matches with the others another motion explains.
+"""Detection of wrong poses: cameras whose matches with the others imply another relative motion.
 
-Wrong cameras often come in groups that agree among themselves, say all views of the far side of a thing that looks
-alike from both. So views are first joined into groups, the pairs with the most in common first, for as long as what two
-groups have in common suits their poses. What does not join the largest group although it has matches with it is wrong.
+Wrong cameras often come in consistent groups, for example all views of the far side of an object that looks the same
+from both sides. So views are merged into groups, pairs with most matches first, as long as the matches between two
+groups fit their poses. Views that match the largest group but do not join it are wrong.
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ from pocketgs.prior.pairs import Pair
 from pocketgs.prior.tracks import view_distances
 
 PAIR_FIT = 0.8
-"""Share of a pair's matches that must suit the poses for the pair to speak for them.
+"""Minimum share of a pair's matches that must fit the poses for the pair to support them.
 
-Matches that one motion explains suit right poses nearly all. Of matches that do not belong together about half lie near
-epipolar lines, since these are long.
+Of matches that one motion explains, nearly all fit correct poses. Of random matches about half lie near epipolar lines,
+since these are long.
 """
 
 MIN_SUPPORT = 1 / 3
-"""Share of the matches between two groups that must be of pairs that speak for the poses.
+"""Minimum share of the matches between two groups that must belong to supporting pairs.
 
-Not more, since patterns that repeat give wrong matches that agree on a motion, even between views that stand right.
+Not higher, since repeated patterns give wrong matches that agree on a motion, even between correct views.
 """
 
 MIN_MATCHES = 32
-"""Matches between two groups below which they say nothing about each other."""
+"""Minimum number of matches between two groups that allows a conclusion."""
 
 NEIGHBOURS = 4
 MIN_FEATURES = 0.5
-"""A view that matches nothing is a stranger if it has this share of its neighbours' features, at least."""
+"""A view without matches is a stranger if it has at least this share of its neighbours' features."""
 
 MIN_VIEWS = 3
 MIN_MAIN = 0.25
-"""The largest group decides if it has so many views, and this share of all."""
+"""Minimum number of views of the largest group, and share of all views, for it to decide."""
 
 
 def contradicted(
@@ -50,7 +50,7 @@ def contradicted(
         cameras: of F views.
         features: of the views.
         matches: verified without poses, see `two_view.match_views`.
-        tolerance: distance in pixels from epipolar lines that right poses explain.
+        tolerance: maximum distance in pixels from epipolar lines under correct poses.
     """
     total, supporting = np.zeros((2, len(cameras), len(cameras)))
     for (first, second), found in matches.items():
@@ -75,9 +75,9 @@ def contradicted(
 def strangers(
     cameras: Sequence[Camera], features: Sequence[Features], matches: Mapping[Pair, np.ndarray], scene_distance: float
 ) -> np.ndarray:
-    """(F,) bool: views with features that match nothing, though views on all sides of them match each other.
+    """(F,) bool: views with features but no matches, though views all around them match each other.
 
-    They show another place than their poses say. Views with few features may just see a blank wall.
+    They show another place than their poses say. Views with few features may just show a blank wall.
 
     Args:
         cameras: of F views.
@@ -114,7 +114,7 @@ def _groups(pairs: Sequence[Pair], total: np.ndarray, supporting: np.ndarray) ->
 
 
 def epipolar_distance(first: Camera, second: Camera, here: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """(M,) how far in pixels two views' sightings are from seeing one point, to first order (Sampson 1982).
+    """(M,) Sampson distance in pixels of matches from the epipolar geometry of two cameras (Sampson 1982).
 
     Args:
         first: one camera.

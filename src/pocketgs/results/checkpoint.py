@@ -1,4 +1,4 @@
-"""Checkpoints: a run on disk as it stands, so that it can be resumed."""
+"""Checkpoints, from which a run can be resumed."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ from pocketgs.training.validation import Course, Look
 
 CHECKPOINT = "checkpoint.npz"
 SHRINK = "shrink"
-"""Where a checkpoint says by what whole factor the photographs of its run are smaller than asked for."""
+"""Key of the integer factor by which the run's photographs are reduced further than requested."""
 
 ROOM = "room"
-"""Where it says how many Gaussians the run may come to have."""
+"""Key of the maximum number of Gaussians of the run."""
 
 STATISTICS = tuple(field.name for field in fields(Statistics))
 
 UNFINISHED = "unfinished.npz"
-"""Checkpoint of a run under way; it goes when the run's result is in place."""
+"""Checkpoint of an unfinished run; deleted when the result is complete."""
 
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) -> None:
-    """Write what resuming needs, atomically.
+    """Write a checkpoint atomically.
 
     Args:
         path: ends in .npz.
-        checkpoint: the run as it stands.
+        checkpoint: state of the run.
         run: what must be the same when it is resumed.
     """
     arrays = {name: getattr(checkpoint.gaussians, name) for name in PARAMETERS}
@@ -66,7 +66,7 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) ->
 
 @contextmanager
 def _arrays(path: Path) -> Iterator[Any]:
-    """The arrays of a checkpoint, which may be packed so that a small file unpacks to any amount."""
+    """The arrays of a checkpoint. The memory bound is checked, since a small file can unpack to any size."""
     with zipfile.ZipFile(path) as archive:
         unpacked = sum(member.file_size for member in archive.infolist())
     require_memory(path, unpacked, f"unpacking {unpacked:,} bytes")
@@ -79,12 +79,12 @@ def is_checkpoint(path: Path) -> bool:
     try:
         with _arrays(path) as data:
             return {"run", "first_moments", *PARAMETERS} <= set(data)
-    except Exception:  # a file that is something else fails in many ways
+    except Exception:  # other files fail in many ways
         return False
 
 
 def read_size(folder: Path) -> tuple[int, int]:
-    """By what factor a folder's newest checkpoint shrinks photographs, and how many Gaussians it may come to have.
+    """The factor by which a folder's newest checkpoint reduces photographs, and its maximum number of Gaussians.
 
     Raises:
         PocketGSError: there is none, or it is broken.
@@ -99,7 +99,7 @@ def read_size(folder: Path) -> tuple[int, int]:
 
 
 def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
-    """Read a folder's newest checkpoint: of a run that was under way there, or of the one that ended there.
+    """Read a folder's newest checkpoint, of an unfinished or a finished run.
 
     Args:
         folder: a run's folder.

@@ -1,4 +1,4 @@
-"""What a run was asked, what it took and how good it is: the content of `run.json`."""
+"""The content of `run.json`: options, resources used and quality of a run."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def summarise(
     seconds: dict[str, float],
     memory: Sequence[MemorySample],
 ) -> dict[str, Any]:
-    """The content of `run.json`."""
+    """Make the content of `run.json`."""
     return {
         **(evaluation.means if evaluation else dict.fromkeys(MEANS)),
         "lpips_note": evaluation.lpips_note if evaluation else None,
@@ -80,7 +80,7 @@ def _learned_colours(result: TrainingResult) -> dict[str, float] | None:
 
 
 def _expected_and_actual(plan: Plan, result: TrainingResult, seconds: float) -> dict[str, Any]:
-    """The plan, with what the run took beside what was expected of it; buffers of a GPU count as the device's."""
+    """The plan's predictions beside the actual figures; a GPU's buffers count as the device's."""
     on_device = 0 if result.engine == "cpu" else sum(result.engine_bytes.values())
     return {
         **asdict(plan),
@@ -95,7 +95,7 @@ def _expected_and_actual(plan: Plan, result: TrainingResult, seconds: float) -> 
 
 
 def versions() -> dict[str, str]:
-    """Versions of this package, of Python, of the system and of what the numbers depend on."""
+    """Versions of this package, of Python, of the system and of the dependencies that affect results."""
     found = {"python": platform.python_version(), "system": platform.platform()}
     for package in ("pocketgs", *DEPENDENCIES):
         try:

@@ -1,4 +1,4 @@
-"""What a user may ask of a training run."""
+"""Options of a training run."""
 
 from __future__ import annotations
 
@@ -17,45 +17,44 @@ Effort = Literal["quick", "standard", "best"]
 
 @dataclass(frozen=True)
 class TrainingOptions:
-    """What a user may ask of a training run.
+    """Options of a training run.
 
     Attributes:
-        effort: how much work a run is worth where the options below do not say: "quick" is 500 iterations on 50,000
-            Gaussians; "standard" sizes both, and the keyframes, to the capture; "best" trains with the recipe "long"
-            until views that are held back for a while say that it no longer pays.
+        effort: preset for sizes that the options below do not set: "quick" is 500 iterations on 50,000 Gaussians;
+            "standard" sizes both, and the keyframes, to the capture; "best" trains with the recipe "long" until
+            validation views, held back for a while, show that it no longer pays.
         iterations: number of training steps, one view each; None for the recipe's, or the effort's.
-        time_budget: seconds until the work is done, or None: of the whole command, or, in Python, of `train`. A
-            command plans by it, and refuses one that is too short. Learning rates fall with whichever of iterations
-            and time runs out first.
-        engine: what renders and differentiates: "auto" takes a GPU where there is one, else the CPU; "webgpu" takes
+        time_budget: seconds until the work is done, or None: of the whole command, or, in Python, of `train`. A command
+            plans by it, and refuses one that is too short. Learning rates decay by iterations or time, whichever is
+            further along.
+        engine: rendering and training engine: "auto" uses a GPU if there is one, else the CPU; "webgpu" accepts
             software adapters too.
-        prior: what to start from: "dense" matches the photographs pixel by pixel; "sparse" takes the points of
-            matched features; "colmap" the capture's own sparse cloud, or the one that COLMAP triangulates; "none" the
-            capture as it is, with its own points, or points drawn where it has none; None for the recipe's.
+        prior: initial points: "dense" computes depth maps; "sparse" uses the points of matched features; "colmap" the
+            capture's own sparse cloud, or one that COLMAP triangulates; "none" the capture's own points and poses, or
+            random points if it has none; None for the recipe's.
         bundle: refine poses where the photographs contradict them.
         seeds: discs on the surface, or balls; None for the recipe's.
-        source_views: frames that each keyframe's pixels are matched in.
-        max_keyframes: most frames that depth is computed for; None for the effort's.
-        exposure: bring the training photographs to one exposure: "auto" does so where similar views differ.
-        colours: learn an affine colour transform for each training photograph beside the scene: "auto" does so where
-            similar views differ.
+        source_views: source views per keyframe.
+        max_keyframes: maximum number of keyframes; None for the effort's.
+        exposure: compensate exposure differences of the training photographs: "auto" does so if similar views differ.
+        colours: learn an affine colour transform per training photograph: "auto" does so if similar views differ.
         recipe: name of a recipe, see `pocketgs.training.recipes`; None for the effort's.
-        strategy: how the number of Gaussians changes: "fixed" keeps those of the start; "adc" is 3DGS's cloning,
-            splitting and pruning; "mcmc" relocates those that have become transparent; "budgeted" grows where the
-            errors of the training views are; None for the recipe's.
-        seed: of everything random.
-        max_gaussians: most Gaussians at any time, None for the recipe's, or the effort's; fewer are taken where budgets
-            hold no more.
-        sh_degree: degree of the spherical harmonics, or None for the recipe's.
-        threads: CPU threads, or None for all cores.
-        gpu: part of the name of the GPU to use, or None for the best.
+        strategy: how the number of Gaussians changes: "fixed" keeps it; "adc" clones, splits and prunes as 3DGS does;
+            "mcmc" relocates transparent Gaussians; "budgeted" grows where the training views have errors; None for the
+            recipe's.
+        seed: random seed.
+        max_gaussians: maximum number of Gaussians; None for the recipe's, or the effort's; smaller if budgets require
+            it.
+        sh_degree: degree of the spherical harmonics; None for the recipe's.
+        threads: CPU threads; None for all cores.
+        gpu: part of the name of the GPU to use; None for the best.
         precision: of projected splats and of the replay cache on the GPU.
-        replay: whether the GPU's backward pass recomputes what the forward pass did, or reads it from a cache.
-        accumulation: whether the gradients of a GPU's tiles are added up in order, or atomically in less memory.
-        portable: use only what every GPU with WebGPU has.
-        max_memory: megabytes that the process may hold, and megabytes that buffers on the GPU may. A command takes
-            smaller photographs, unless --downscale is given, or fewer Gaussians to keep to it.
-        evaluate_every: iterations between looks at the held-out views; 0 for none until the end.
+        replay: whether the GPU's backward pass recomputes the forward pass, or reads a cache.
+        accumulation: whether gradients on the GPU are summed in order, or atomically in less memory.
+        portable: use only features that every WebGPU device has.
+        max_memory: megabytes for the process, and megabytes for buffers on the GPU. To keep to it, a command uses
+            smaller photographs, unless --downscale is given, or fewer Gaussians.
+        evaluate_every: iterations between evaluations on the held-out views; 0 for none until the end.
     """
 
     effort: Effort = "standard"
@@ -115,7 +114,7 @@ class TrainingOptions:
 
     @property
     def engine_options(self) -> EngineOptions:
-        """Those that concern the engine."""
+        """The options of the engine."""
         return EngineOptions(
             self.engine,
             self.threads,
@@ -130,10 +129,10 @@ class TrainingOptions:
 
 @dataclass(frozen=True)
 class SizedOptions(TrainingOptions):
-    """Training options that say how large the run is: see `pocketgs.training.planning.effort.sized`.
+    """Training options with the sizes of the run set: see `pocketgs.training.planning.effort.sized`.
 
     Attributes:
-        open_ended: whether the run ends when it stops paying, after `iterations` at the latest.
+        open_ended: whether the run ends when it stops paying, after at most `iterations`.
     """
 
     iterations: int = 500
@@ -147,5 +146,5 @@ class SizedOptions(TrainingOptions):
 
     @property
     def most_at_start(self) -> int:
-        """How many Gaussians the run may begin with."""
+        """Maximum number of Gaussians at the start."""
         return most_at_start(self.strategy, self.max_gaussians, self.open_ended)

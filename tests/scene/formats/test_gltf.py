@@ -1,4 +1,4 @@
-"""glTF: buffers in all places, numbers in all types, nodes that move their Gaussians, and broken files."""
+"""glTF: all kinds of buffers and component types, nodes with transforms, and broken files."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def test_quantised_and_interleaved_numbers(
 
 
 def test_nodes_move_their_gaussians(tmp_path: Path, parts: tuple[dict[str, Any], bytes], scene: Gaussians) -> None:
-    """A mesh shown twice: by a node below another, and by one with a whole matrix."""
+    """A mesh shown twice: by a child node, and by a node with a matrix."""
     document, binary = parts
     first, second = Rotation.from_euler("xyz", [20, 30, -40], degrees=True), Rotation.from_euler("z", 50, degrees=True)
     matrix = np.eye(4)
@@ -186,7 +186,7 @@ def test_meshes_of_different_degrees(tmp_path: Path, parts: tuple[dict[str, Any]
 
 
 def put(*steps: Any) -> Change:
-    """Set what the steps but the last lead to."""
+    """Set the value at a path of keys."""
 
     def change(document: dict[str, Any]) -> None:
         *path, last, value = steps

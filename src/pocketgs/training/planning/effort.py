@@ -1,8 +1,8 @@
-"""Effort: how many Gaussians, keyframes and iterations a capture is worth.
+"""Effort: choosing the number of Gaussians, keyframes and iterations for a capture.
 
-A capture with four times the pixels shows more, but not four times as much, since its views overlap: Gaussians grow
-with the square root of the pixels of all training views together. The time of training grows a little faster, since
-each Gaussian is seen in a smaller share of the steps.
+A capture with four times the pixels shows more, but not four times as much, since its views overlap: the number of
+Gaussians grows with the square root of the pixels of all training views together. Training time grows a little faster,
+since each Gaussian is seen in fewer of the steps.
 """
 
 from __future__ import annotations
@@ -19,14 +19,15 @@ QUICK_ITERATIONS, QUICK_GAUSSIANS, QUICK_KEYFRAMES = 500, 50_000, 40
 STANDARD_KEYFRAMES = 100
 
 SMALL_CAPTURE = 3_000_000
-"""Pixels of a capture that the least of `standard` is made for: some twenty photographs of 500 x 370."""
+"""Pixels of the smallest capture that `standard` is tuned for: some twenty photographs of 500 x 370."""
 
 MIN_GAUSSIANS, MAX_GAUSSIANS = 50_000, 150_000
 MIN_SECONDS, MAX_SECONDS = 35.0, 190.0
-"""Of training, on the machine that the time model was measured on."""
+"""Bounds of the training time, on the machine that the time model was measured on."""
 
 GAUSSIANS_POWER, SECONDS_POWER = 0.5, 0.75
-"""With which powers of the pixels they grow."""
+"""Exponents of their growth with the number of pixels."""
+"""Options that a recipe may set. The user's values take precedence over it, and it over the effort."""
 
 MIN_ITERATIONS, MAX_ITERATIONS = 500, 3000
 
@@ -40,13 +41,13 @@ OF_THE_RECIPE = ("iterations", "max_gaussians", "prior", "seeds", "strategy")
 """Options that a recipe may state; what the user gives wins over it, and it over the effort."""
 
 MAX_EPOCHS = 40
-"""Times that each photograph is trained on: of few photographs, more learn the noise of each rather than the scene."""
+"""Maximum number of times that each photograph is trained on: with few photographs, more would overfit."""
 
 
 def sized(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> SizedOptions:
-    """The options with the sizes that their effort gives to a capture; sizes that the user has given stay.
+    """Fill in the sizes that the effort chooses for a capture; sizes set by the user are kept.
 
-    Sizes follow from the capture alone, never from the machine: the same command gives the same scene everywhere.
+    Sizes depend on the capture alone, not on the machine: the same command gives the same scene everywhere.
 
     Args:
         options: of the run.

@@ -15,11 +15,11 @@ const ROWS_AT_ONCE = 1 << 13;
 /**
  * Read a scene.
  *
- * @param {import("./byte_stream.js").ByteStream} source at the file's begin
+ * @param {import("./byte_stream.js").ByteStream} source at the start of the file
  * @param {number} bytes the file's size
  * @param {import("./scene_file.js").PartListener} onPart
  * @returns {Promise<GaussianColumns>}
- * @throws {Error} it is no whole number of records
+ * @throws {Error} it is not a whole number of records
  */
 export async function readSplat(source, bytes, onPart) {
     if (bytes === 0 || bytes % RECORD) {
