@@ -141,11 +141,15 @@ def scene_megabytes(suffix: str) -> Callable[[CellResult], float | None]:
 
 PSNR = Figure("PSNR (dB)", 2, in_run("psnr"), lambda source: source.psnr)
 SSIM = Figure("SSIM", 3, in_run("ssim"), lambda source: source.ssim)
+CC_PSNR = Figure("colour-corrected PSNR (dB)", 2, in_run("cc_psnr"))
+FLIP = Figure("FLIP", 3, in_run("flip"))
 LPIPS = Figure("LPIPS", 3, in_run("lpips"), lambda source: source.lpips)
 SECONDS = Figure("time (s)", 1, lambda result: number(result.wall_seconds), lambda source: source.seconds)
 FIGURES = (
     PSNR,
+    CC_PSNR,
     SSIM,
+    FLIP,
     LPIPS,
     SECONDS,
     Figure("peak memory (MB)", 0, in_run("peak_rss_mb")),

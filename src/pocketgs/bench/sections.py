@@ -9,6 +9,7 @@ from pocketgs.bench import published
 from pocketgs.bench.aggregate import (
     BASELINE,
     FIGURES,
+    FLIP,
     LPIPS,
     PSNR,
     SECONDS,
@@ -86,8 +87,8 @@ def figures_table(results: Sequence[CellResult], capture: str) -> Table:
         ("runs", *(f"{len(row.results)} of {row.seeds}" for row in rows), *(NONE for _ in sources)),
     ]
     for figure in FIGURES:
-        # LPIPS has a column even if its package was missing, to show that it is missing.
-        if figure is LPIPS or any(row.mean(figure.of) for row in rows):
+        # FLIP and LPIPS have columns even if their packages were missing, to show that they are missing.
+        if figure in (FLIP, LPIPS) or any(row.mean(figure.of) for row in rows):
             columns.append(_column(figure, rows, sources))
         if figure is PSNR and len(rows) > 1:
             columns.append((f"Δ {BASELINE}", *_to_baseline(rows), *(NONE for _ in sources)))

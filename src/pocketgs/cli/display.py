@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 from rich.live import Live
 from rich.table import Table
@@ -12,7 +13,7 @@ from rich.text import Text
 
 from pocketgs.capture.capture import Capture
 from pocketgs.cli.terminal import Terminal, printable
-from pocketgs.metrics.evaluation import Evaluation
+from pocketgs.metrics.evaluation import Evaluation, ImageMetrics
 from pocketgs.prior.report import PriorReport
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import RunResult
@@ -200,16 +201,43 @@ def print_result(console: Terminal, result: RunResult) -> None:
     console.say(*lines)
 
 
+@dataclass(frozen=True)
+class Column:
+    """A figure in the table of held-out views.
+
+    Attributes:
+        name: of the figure in `ImageMetrics` and `Evaluation`.
+        title: of its column.
+        decimals: that are shown.
+    """
+
+    name: str
+    title: str
+    decimals: int
+
+    def text_of(self, metrics: ImageMetrics | Evaluation) -> str:
+        """The figure, or that there is none."""
+        value = getattr(metrics, self.name)
+        return "n/a" if value is None else f"{value:.{self.decimals}f}"
+
+
+COLUMNS = (
+    Column("psnr", "PSNR (dB)", 2),
+    Column("cc_psnr", "colour-corrected", 2),
+    Column("ssim", "SSIM", 4),
+    Column("flip", "FLIP", 4),
+    Column("lpips", "LPIPS", 4),
+)
+
+
 def print_evaluation(console: Terminal, evaluation: Evaluation) -> None:
     """Print a table of metrics per image, with means."""
-    with_lpips = evaluation.lpips is not None
-    table = Table("held-out view", "PSNR (dB)", "SSIM", *(["LPIPS"] if with_lpips else []))
+    columns = [column for column in COLUMNS if getattr(evaluation, column.name) is not None]
+    table = Table("held-out view", *(column.title for column in columns))
     for image in evaluation.images:
-        lpips = [f"{image.lpips:.4f}" if image.lpips is not None else "n/a"] if with_lpips else []
-        table.add_row(Text(printable(image.name)), f"{image.psnr:.2f}", f"{image.ssim:.4f}", *lpips)
+        table.add_row(Text(printable(image.name)), *(column.text_of(image) for column in columns))
     table.add_section()
-    means = [f"{evaluation.psnr:.2f}", f"{evaluation.ssim:.4f}"]
-    table.add_row("mean", *means, *([f"{evaluation.lpips:.4f}"] if with_lpips else []))
+    table.add_row("mean", *(column.text_of(evaluation) for column in columns))
     console.print(table, soft_wrap=False)
     if evaluation.lpips_note:
         console.say(evaluation.lpips_note, style="dim")

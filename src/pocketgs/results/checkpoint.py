@@ -48,6 +48,8 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) ->
         arrays |= {name: getattr(checkpoint.statistics, name) for name in STATISTICS}
     if checkpoint.course is not None:
         arrays["course"] = np.array(json.dumps(asdict(checkpoint.course)))
+    if checkpoint.state.colours is not None:
+        arrays["colours"] = checkpoint.state.colours
     if checkpoint.state.near is not None:
         arrays["near"] = np.float64(checkpoint.state.near)
     with replacing(path) as partial:
@@ -112,7 +114,8 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
             written = dict(json.loads(str(data["run"])))
             gaussians = Gaussians(*(data[name] for name in PARAMETERS))
             near = float(data["near"]) if "near" in data else None
-            state = OptimiserState(data["first_moments"], data["second_moments"], int(data["steps"]), near)
+            colours = data.get("colours")
+            state = OptimiserState(data["first_moments"], data["second_moments"], int(data["steps"]), near, colours)
             statistics = Statistics(*(data[name] for name in STATISTICS)) if STATISTICS[0] in data else None
             iteration = int(data["iteration"])
             course = _course(json.loads(str(data["course"]))) if "course" in data else None

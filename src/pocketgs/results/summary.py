@@ -9,14 +9,15 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from pocketgs.capture.capture import Capture
-from pocketgs.metrics.evaluation import Evaluation
+from pocketgs.metrics.evaluation import MEANS, Evaluation
 from pocketgs.results.memory_trace import MemorySample
+from pocketgs.splat.colours import transforms_of
 from pocketgs.system.process import peak_rss_mb
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.plan import Plan
 from pocketgs.training.result import TrainingResult
 
-DEPENDENCIES = ("numpy", "numba", "llvmlite", "opencv-python-headless", "scipy", "pillow", "wgpu")
+DEPENDENCIES = ("numpy", "numba", "llvmlite", "opencv-python-headless", "scipy", "pillow", "wgpu", "flip-evaluator")
 
 
 def summarise(
@@ -31,10 +32,9 @@ def summarise(
 ) -> dict[str, Any]:
     """Make the content of `run.json`."""
     return {
-        "psnr": evaluation.psnr if evaluation else None,
-        "ssim": evaluation.ssim if evaluation else None,
-        "lpips": evaluation.lpips if evaluation else None,
+        **(evaluation.means if evaluation else dict.fromkeys(MEANS)),
         "lpips_note": evaluation.lpips_note if evaluation else None,
+        "colours": _learned_colours(result),
         "coverage": result.prior.coverage if result.prior else None,
         "keyframes": result.prior.keyframes if result.prior else None,
         "gaussians": len(result.scene),
@@ -68,6 +68,15 @@ def summarise(
         "memory": [asdict(sample) for sample in memory],
         "versions": versions(),
     }
+
+
+def _learned_colours(result: TrainingResult) -> dict[str, float] | None:
+    """By what factors the photographs' colour transforms multiply red, green and blue; None if none was learned."""
+    table = result.optimiser_state.colours
+    if table is None:
+        return None
+    gains = transforms_of(table)[:, range(3), range(3)]
+    return {"least_gain": float(gains.min()), "largest_gain": float(gains.max())}
 
 
 def _expected_and_actual(plan: Plan, result: TrainingResult, seconds: float) -> dict[str, Any]:

@@ -30,7 +30,7 @@ STEP_MILLION, STEP_MILLION_COLUMNS, STEP_MEGAPIXEL = 0.3, 0.003, 0.07
 LOOK_VIEW, LOOK_MEGAPIXEL = 0.005, 0.1
 """Seconds per held-out view in evaluations during training."""
 
-EVALUATED_VIEW, EVALUATED_MEGAPIXEL = 0.02, 0.5
+EVALUATED_VIEW, EVALUATED_MEGAPIXEL = 0.02, 2.0
 """Seconds per held-out view at the end: rendering, metrics, and writing an image."""
 
 WRITTEN, WRITTEN_MILLION = 0.2, 3.0

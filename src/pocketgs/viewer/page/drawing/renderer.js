@@ -205,6 +205,8 @@ export class Renderer {
             replay_depth: 0,
             structural: 0,
             regularised: 0,
+            colours_learned: 0,
+            photographs: 0,
             collecting: 0,
             listed: 0,
         });
