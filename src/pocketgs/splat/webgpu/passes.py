@@ -56,6 +56,9 @@ class Variant:
             "replay.words": f"replay.words_{self.precision}",
             "replay.source": "replay.from_cache" if cached else "replay.by_recomputing",
             "replay.record": "replay.record_in_cache" if cached else "replay.record_nothing",
+            "compositor.forward": "over.forward",
+            "compositor.backward": "over.backward",
+            "channels.kind": "channels.colour",
             "gradient_rows.add": f"gradient_rows.add_{self.accumulation}",
             "gradient_rows.gather": f"gradient_rows.gather_{self.accumulation}",
             "appearance.kind": f"appearance.{self.appearance}",
@@ -75,7 +78,7 @@ STATISTICS = 4
 """Columns of sums: see `common/statistics.wgsl`."""
 
 
-def _buffers(variant: Variant) -> dict[str, str]:
+def rendering_buffers(variant: Variant) -> dict[str, str]:
     """Sizes in bytes of the buffers that rendering needs."""
     return {
         "shape": f"{4 * SHAPE_COLUMNS} * capacity",
@@ -132,7 +135,7 @@ def _tiles_have_digit(shift: int) -> str:
     return f"tiles + 1 > {1 << (shift - shift % (2 * DIGIT_BITS))}"
 
 
-def _bin_passes() -> list[Pass]:
+def bin_passes() -> list[Pass]:
     """Everything before rasterizing: tiles' lists of splats, nearest first."""
     return [
         Pass("project", "project", "groups"),
@@ -145,15 +148,17 @@ def _bin_passes() -> list[Pass]:
     ]
 
 
-_CLEARED = ("gaussian_count", "depth_digit", "tile_digit", "tile_starts")
-_SORTED = {"sorted_slots": "slots"}
-_RASTERIZE = Pass("rasterize", "rasterize", "tiles", buffers=_SORTED)
-_RASTERIZE_DEPTH = Pass("rasterize", "rasterize", "tiles", buffers=_SORTED, constants={"draw_depth": 1})
+CLEARED = ("gaussian_count", "depth_digit", "tile_digit", "tile_starts")
+"""Buffers that `bin_passes` need filled with zeros."""
+
+SORTED = {"sorted_slots": "slots"}
+_RASTERIZE = Pass("rasterize", "rasterize", "tiles", buffers=SORTED)
+_RASTERIZE_DEPTH = Pass("rasterize", "rasterize", "tiles", buffers=SORTED, constants={"draw_depth": 1})
 _TRAINING = (
-    Pass("rasterize", "rasterize_for_replay", "tiles", buffers=_SORTED),
+    Pass("rasterize", "rasterize_for_replay", "tiles", buffers=SORTED),
     Pass("dssim", "dssim", "patches", when="structural"),
     Pass("loss", "loss", "patches"),
-    Pass("rasterize backward", "rasterize_backward", "tiles", buffers=_SORTED),
+    Pass("rasterize backward", "rasterize_backward", "tiles", buffers=SORTED),
     Pass("project backward", "project_backward", "groups"),
     Pass("collect statistics", "collect_statistics", "groups", when="collecting"),
     Pass("regularise", "regularise", "groups", when="regularised"),
@@ -163,7 +168,7 @@ _TRAINING = (
 
 _ERRORS = (
     Pass("write error", "write_error", f"ceil_div(pixels, {THREADS})"),
-    Pass("rasterize error backward", "rasterize_backward", "tiles", buffers=_SORTED),
+    Pass("rasterize error backward", "rasterize_backward", "tiles", buffers=SORTED),
     Pass("collect errors", "collect_errors", "groups"),
 )
 """After a step, and from what it has left: the part of the view's error that each Gaussian takes."""
@@ -195,14 +200,14 @@ def describe(variant: Variant, training: bool = True) -> Description:
     regularised and collecting (0 or 1).
     """
     assert not training or variant.appearance == "splats", variant.appearance
-    bins = _bin_passes()
+    bins = bin_passes()
     sequences = {
-        "render": Sequence(_CLEARED, (*bins, _RASTERIZE)),
-        "render depth": Sequence(_CLEARED, (*bins, _RASTERIZE_DEPTH)),
+        "render": Sequence(CLEARED, (*bins, _RASTERIZE)),
+        "render depth": Sequence(CLEARED, (*bins, _RASTERIZE_DEPTH)),
     }
-    buffers = _buffers(variant)
+    buffers = rendering_buffers(variant)
     if training:
-        cleared = (*_CLEARED, "gradients", "gradient_rows")
+        cleared = (*CLEARED, "gradients", "gradient_rows")
         sequences["step"] = Sequence(cleared, (*bins, *_TRAINING))
         sequences["errors"] = Sequence(("gradient_rows",), _ERRORS)
         sequences |= _row_sequences()
