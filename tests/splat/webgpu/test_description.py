@@ -195,6 +195,8 @@ def test_sizes_are_those_worked_out_by_hand() -> None:
         "depth_digit": 16,
         "tile_digit": 16,
         "gaussian_count": 16,
+        "cluster_bounds": 32 * 4,
+        "cluster_places": 16,
         "intersection_count": 16,
         "intersection_dispatches": 24,
         "status": 16,

@@ -74,6 +74,9 @@ class Variant:
 
 SPLAT_BYTES = {"f32": 40, "f16": 28}
 RECORD_BYTES = {"f32": 20, "f16": 12}
+BOUND_WORDS = 8
+"""Of a cluster's bounds: see `common/clusters.wgsl`."""
+
 STATISTICS = 4
 """Columns of sums: see `common/statistics.wgsl`."""
 
@@ -94,8 +97,10 @@ def rendering_buffers(variant: Variant) -> dict[str, str]:
         "digit_counts": digit_counts_bytes(f"max(ceil_div(capacity, {BLOCK}), intersection_blocks)"),
         "depth_digit": "8",
         "tile_digit": "8",
+        "cluster_bounds": f"{4 * BOUND_WORDS} * ceil_div(capacity, {THREADS})",
+        "cluster_places": f"4 * ceil_div(capacity, {THREADS})",
         "gaussian_count": "4",
-        "intersection_count": "4",
+        "intersection_count": "8",
         "intersection_dispatches": "24",
         "status": "12",
         "tile_keys": "4 * intersections",
@@ -138,6 +143,8 @@ def _tiles_have_digit(shift: int) -> str:
 def bin_passes() -> list[Pass]:
     """Everything before rasterizing: tiles' lists of splats, nearest first."""
     return [
+        Pass("bound clusters", "bound_clusters", "groups"),
+        Pass("cull", "cull", "1"),
         Pass("project", "project", "groups"),
         *radix_sort(_GAUSSIANS, "depth_keys", "order", "depth_digit", 32, lambda _: "1"),
         *running_sums(_GAUSSIANS, "tile_counts", "order", "block_sums", "first_slots"),
@@ -148,30 +155,53 @@ def bin_passes() -> list[Pass]:
     ]
 
 
-CLEARED = ("gaussian_count", "depth_digit", "tile_digit", "tile_starts")
+CLEARED = ("depth_digit", "tile_digit", "tile_starts")
 """Buffers that `bin_passes` need filled with zeros."""
 
 SORTED = {"sorted_slots": "slots"}
 _RASTERIZE = Pass("rasterize", "rasterize", "tiles", buffers=SORTED)
 _RASTERIZE_DEPTH = Pass("rasterize", "rasterize", "tiles", buffers=SORTED, constants={"draw_depth": 1})
-_TRAINING = (
-    Pass("rasterize", "rasterize_for_replay", "tiles", buffers=SORTED),
-    Pass("dssim", "dssim", "patches", when="structural"),
-    Pass("loss", "loss", "patches"),
-    Pass("rasterize backward", "rasterize_backward", "tiles", buffers=SORTED),
-    Pass("project backward", "project_backward", "groups"),
-    Pass("collect statistics", "collect_statistics", "groups", when="collecting"),
-    Pass("regularise", "regularise", "groups", when="regularised"),
-    Pass("adam", "adam", "groups"),
-    Pass("sum loss", "sum_loss", "1"),
-)
+_REPLAY = Pass("rasterize backward", "rasterize_backward", "tiles", buffers=SORTED)
 
-_ERRORS = (
-    Pass("write error", "write_error", f"ceil_div(pixels, {THREADS})"),
-    Pass("rasterize error backward", "rasterize_backward", "tiles", buffers=SORTED),
-    Pass("collect errors", "collect_errors", "groups"),
-)
-"""After a step, and from what it has left: the part of the view's error that each Gaussian takes."""
+
+def _replayed(variant: Variant, replay: Pass) -> tuple[tuple[str, ...], tuple[Pass, ...]]:
+    """Replaying into rows of gradients that are all 0: what is to be cleared for it, and the passes."""
+    if variant.accumulation == "atomic":
+        return ("gradient_rows",), (replay,)
+    return (), (Pass("clear rows", "clear_rows", indirect=("intersection_dispatches", 12)), replay)
+
+
+def _step(variant: Variant) -> Sequence:
+    cleared, replayed = _replayed(variant, _REPLAY)
+    return Sequence(
+        (*CLEARED, *cleared),
+        (
+            *bin_passes(),
+            Pass("rasterize", "rasterize_for_replay", "tiles", buffers=SORTED),
+            Pass("dssim", "dssim", "patches", when="structural"),
+            Pass("loss", "loss", "patches"),
+            *replayed,
+            Pass("project backward", "project_backward", "groups"),
+            Pass("collect statistics", "collect_statistics", "groups", when="collecting"),
+            Pass("regularise", "regularise", "groups", when="regularised"),
+            Pass("adam", "adam", "groups"),
+            Pass("sum loss", "sum_loss", "1"),
+        ),
+    )
+
+
+def _errors(variant: Variant) -> Sequence:
+    """After a step, and from what it has left: the part of the view's error that each Gaussian takes."""
+    cleared, replayed = _replayed(variant, replace(_REPLAY, name="rasterize error backward"))
+    return Sequence(
+        cleared,
+        (
+            Pass("write error", "write_error", f"ceil_div(pixels, {THREADS})"),
+            *replayed,
+            Pass("collect errors", "collect_errors", "groups"),
+        ),
+    )
+
 
 TABLES = ("shape", "sh", "first_moments", "second_moments")
 """Buffers that lie column by column, with a number for every Gaussian in each column."""
@@ -207,9 +237,8 @@ def describe(variant: Variant, training: bool = True) -> Description:
     }
     buffers = rendering_buffers(variant)
     if training:
-        cleared = (*CLEARED, "gradients", "gradient_rows")
-        sequences["step"] = Sequence(cleared, (*bins, *_TRAINING))
-        sequences["errors"] = Sequence(("gradient_rows",), _ERRORS)
+        sequences["step"] = _step(variant)
+        sequences["errors"] = _errors(variant)
         sequences |= _row_sequences()
         buffers |= _TRAINING_BUFFERS
         if variant.replay == "cache":

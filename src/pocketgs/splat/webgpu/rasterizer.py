@@ -116,7 +116,7 @@ class WebGpuBackend:
         pixels = self._executor.read("image", np.float32, 4 * groups * self._symbols["pixels"])
         planes = np.moveaxis(pixels.reshape(groups, camera.height, camera.width, 4), 3, 1)
         image = planes[:, :GROUP].reshape(GROUP * groups, camera.height, camera.width)[:composited]
-        visible = self._visible(len(scene))
+        visible = self._visible()
         splats = self._executor.read("splats", np.float32, SPLAT_WORDS * len(scene)).reshape(-1, SPLAT_WORDS)[visible]
         return Composite(image, planes[0, GROUP].copy(), visible, half_sizes(splats[:, 3], splats[:, 4:7]), tape)
 
@@ -179,6 +179,7 @@ class WebGpuBackend:
             self._symbols = self._executor.description.symbols(symbols)
             self._reserve("forward")
             self._executor.write_uniform("view", view_values(tape.camera, (0.0, 0.0, 0.0), tape.near, self._symbols))
+            self._executor.clear("cluster_bounds")
             self._submit("forward", {**content, "status": np.zeros(3, np.uint32)})
             _, halted, needed = self._executor.read("status", np.uint32, 3)
             if not halted:
@@ -212,9 +213,10 @@ class WebGpuBackend:
                 )
         self._executor.reserve(sizes)
 
-    def _visible(self, count: int) -> np.ndarray:
+    def _visible(self) -> np.ndarray:
         """(V,) int32, ascending: the Gaussians that are drawn."""
-        keys = self._executor.read("depth_keys", np.uint32, count)
+        in_view = int(self._executor.read("gaussian_count", np.uint32, 1)[0])
+        keys = self._executor.read("depth_keys", np.uint32, in_view)
         order = self._executor.read("order", np.uint32, int(np.searchsorted(keys, CULLED)))
         return np.sort(order).astype(np.int32)
 

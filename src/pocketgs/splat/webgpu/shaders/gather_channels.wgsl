@@ -1,6 +1,6 @@
 // The gradients of each Gaussian's centre on the image, signed and absolute, and of its channels: the sums of its rows.
 // `channel_gradients` is all 0 before. One thread per Gaussian, in order of depth.
-import view, ranks, splats.read, channel_rows.gather, workgroups
+import view, ranks.slots, splats.read, channel_rows.gather, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> splats: array<u32>;

@@ -1,6 +1,6 @@
 // What each Gaussian adds to the image: its tiles' contributions together. `contributions` is all 0 before. One thread per
 // Gaussian, in order of depth.
-import view, ranks, workgroups
+import view, ranks.slots, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> order: array<u32>;

@@ -43,7 +43,7 @@ fn main(
         atomicStore(&clear_pixels, 0u);
     }
     workgroupBarrier();
-    var gathered = Gathered(vec3f(), select(0.0, 1.0, inside));
+    var gathered = vec4f(vec3f(), select(0.0, 1.0, inside));
     var contributions = 0u;
     var last = first;
     for (var start = first; start < end; start += TILE_PIXELS) {
@@ -55,16 +55,16 @@ fn main(
         workgroupBarrier();
         for (var k = 0u; k < min(TILE_PIXELS, end - start); k++) {
             let splat = batch[k];
-            let alpha = alpha_at(exponent_at(splat, centre - splat.mean), gathered.transmittance);
+            let alpha = alpha_at(exponent_at(splat, centre - splat.mean), gathered.a);
             if (alpha > 0.0) {
-                gather_splat(&gathered, alpha, select(splat.colour, vec3f(splat.depth), draw_depth));
+                gathered = with_splat(gathered, alpha, select(splat.colour, vec3f(splat.depth), draw_depth));
                 last = start + k + 1u;
-                remember(index, contributions, start + k, alpha, gathered.colour);
+                remember(index, contributions, start + k, alpha, gathered.rgb);
                 contributions++;
             }
         }
         // The tile is finished once no pixel takes any more.
-        if (gathered.transmittance >= TRANSMITTANCE_MIN) {
+        if (gathered.a >= TRANSMITTANCE_MIN) {
             atomicAdd(&clear_pixels, 1u);
         }
         workgroupBarrier();

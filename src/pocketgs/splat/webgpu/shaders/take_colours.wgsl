@@ -1,5 +1,5 @@
 // Let the first group of channels be the splats' colours. One thread per Gaussian, in order of depth.
-import view, ranks, splats.read, workgroups
+import view, ranks.slots, splats.read, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> splats: array<u32>;

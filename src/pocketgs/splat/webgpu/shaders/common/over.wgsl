@@ -9,21 +9,15 @@ fn alpha_at(exponent: f32, transmittance: f32) -> f32 {
 }
 
 section forward
-// What a pixel has gathered so far, front to back.
-struct Gathered {
-    colour: vec3f,
-    transmittance: f32,
+// What a pixel has gathered so far, front to back, is a colour and the transmittance.
+fn with_splat(gathered: vec4f, alpha: f32, colour: vec3f) -> vec4f {
+    let weight = alpha * gathered.a;
+    return vec4f(gathered.rgb + weight * colour, gathered.a - weight);
 }
 
-fn gather_splat(gathered: ptr<function, Gathered>, alpha: f32, colour: vec3f) {
-    let weight = alpha * (*gathered).transmittance;
-    (*gathered).colour += weight * colour;
-    (*gathered).transmittance -= weight;
-}
-
-// Colour over the background, and the transmittance.
-fn composited(gathered: Gathered) -> vec4f {
-    return vec4f(gathered.colour + gathered.transmittance * view.background.rgb, gathered.transmittance);
+// The finished pixel: colour over the background, and the transmittance.
+fn composited(gathered: vec4f) -> vec4f {
+    return vec4f(gathered.rgb + gathered.a * view.background.rgb, gathered.a);
 }
 
 section backward
