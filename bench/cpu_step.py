@@ -3,8 +3,8 @@
     python bench/cpu_step.py                                    # random scenes of several sizes
     python bench/cpu_step.py ../data/fern --images images_8     # a capture
 
-A capture's scene is its own sparse cloud after 100 iterations, one Gaussian a point, so that rows compare from version
-to version whatever a run would start from by default.
+A capture's scene is its own sparse cloud after 100 iterations, one Gaussian per point, so that rows are comparable
+between versions with different defaults.
 
 A pair is one splat at one pixel. Visited pairs are those that a vector of 16 pixels covers; contributing ones have an
 alpha of at least 1/255 at a pixel that is not saturated.
@@ -47,7 +47,7 @@ from pocketgs.training.recipes import recipe_named
 
 SIZES = ((10_000, 504, 378), (50_000, 504, 378), (50_000, 1008, 756), (170_000, 504, 378), (170_000, 1008, 756))
 PASSES = ("cull", "project", "sort", "bin", "rasterize", "loss", "rasterize backward", "project backward", "Adam")
-"""What the engine's timer calls the passes of a step."""
+"""Names of the passes in the engine's timer."""
 
 ITERATIONS = 100
 
@@ -87,7 +87,7 @@ def scenes(capture: Path | None, reading: CaptureOptions) -> Iterator[tuple[str,
     else:
         opened = reading.open(capture)
         if opened.points is None:
-            raise SystemExit(f"{capture}: has no cloud of its own, expected one with points to start from")
+            raise SystemExit(f"{capture}: has no point cloud, expected one with points to start from")
         most = len(opened.points)
         scene = train(opened, prior="none", iterations=ITERATIONS, evaluate_every=0, max_gaussians=most).scene
         yield opened.name, scene, opened.train

@@ -186,7 +186,7 @@ def test_blender_without_test_split(ring, tmp_path):
         ("camera_model", "EQUIRECTANGULAR", "expected one of PINHOLE"),
         ("camera_angle_x", 4.0, "radians"),
         ("ply_file_path", "../cloud.ply", "outside"),
-        ("test_filenames", "images/view_00.png", "list of texts"),
+        ("test_filenames", "images/view_00.png", "list of strings"),
         ("k1", [0.1], "k1"),
         ("is_fisheye", "yes", "true or false"),
     ],
