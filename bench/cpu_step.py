@@ -38,6 +38,7 @@ from pocketgs.splat.cpu.layout import (
     View,
     tiles_down,
 )
+from pocketgs.splat.cpu.lens import kernel_lens
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.timing import NoTimer, PassTimer
 from pocketgs.system.process import peak_rss_mb
@@ -152,7 +153,7 @@ def add_rows(
 def count_pairs(engine: CpuEngine, frame: Frame) -> tuple[int, int]:
     """Visited and contributing pairs of one view."""
     view = View.of(frame.camera)
-    raster = engine._forward(view, np.zeros(3, np.float32))
+    raster = engine._forward(view, kernel_lens(frame.camera), np.zeros(3, np.float32))
     ends, lists = raster.canvas.drawn_ends, raster.lists
     return count_in_tiles(engine._splats, lists.intersections, lists.ranges, ends, view.width, view.height)
 

@@ -15,9 +15,9 @@ from PIL import Image
 from plyfile import PlyData, PlyElement
 
 from pocketgs.capture import open_capture
-from pocketgs.capture.lens import PINHOLE
 from pocketgs.capture.open import read_listing
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.lens import PINHOLE
 
 
 def test_reads_poses_and_intrinsics(ring, write_transforms, assert_same_cameras):

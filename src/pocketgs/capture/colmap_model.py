@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pocketgs.capture.lens import PINHOLE, Lens
 from pocketgs.errors import PocketGSError, clipped
+from pocketgs.geometry.lens import PINHOLE, Lens
 
 
 @dataclass(frozen=True)

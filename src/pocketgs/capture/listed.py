@@ -9,7 +9,6 @@ from pathlib import Path
 
 from pocketgs.capture.capture import Capture, Frame, Result
 from pocketgs.capture.image_file import DECODING, DECODING_ALPHA, ImageHeader, read_header
-from pocketgs.capture.lens import inner_rectangle
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.loading import (
     MAX_WORKERS,
@@ -20,6 +19,7 @@ from pocketgs.capture.loading import (
     refers_to_turned_pixels,
     size_after,
 )
+from pocketgs.capture.undistortion import inner_rectangle
 from pocketgs.capture.video_file import VideoFrame
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import require_memory, room_for

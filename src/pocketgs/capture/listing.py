@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from pocketgs.capture.lens import PINHOLE, Lens
 from pocketgs.capture.video_file import VideoFrame
 from pocketgs.files.paths import CaptureFile
 from pocketgs.geometry.camera import Camera
+from pocketgs.geometry.lens import PINHOLE, Lens
 from pocketgs.scene.point_cloud import PointCloud
 
 

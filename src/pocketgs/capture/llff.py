@@ -8,11 +8,11 @@ import numpy as np
 
 from pocketgs.capture import colmap_files
 from pocketgs.capture.image_file import read_array
-from pocketgs.capture.lens import PINHOLE, Lens
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.poses import camera_at, world_to_camera_from_axes
 from pocketgs.errors import PocketGSError
 from pocketgs.files.paths import inside, list_images, relative_name
+from pocketgs.geometry.lens import PINHOLE, Lens
 
 FORMAT = "llff"
 LOOKED_FOR = "poses_bounds.npy"

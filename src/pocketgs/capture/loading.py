@@ -14,9 +14,9 @@ import numpy as np
 from pocketgs.capture.capture import Frame, Result
 from pocketgs.capture.depth_file import read_depth, read_reliable
 from pocketgs.capture.image_file import ImageHeader, read_colour, read_header
-from pocketgs.capture.lens import forget_undistortions, undistortion
 from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.mask_file import read_mask
+from pocketgs.capture.undistortion import forget_undistortions, undistortion
 from pocketgs.capture.video_file import VideoFrame, read_frames
 from pocketgs.errors import PocketGSError
 from pocketgs.files.opening import reading_inside

@@ -8,7 +8,6 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from pocketgs.capture.image_file import read_size
-from pocketgs.capture.lens import PINHOLE, Lens
 from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.named_images import find_images, find_stated
 from pocketgs.capture.poses import camera_at, world_to_camera_from_axes
@@ -17,6 +16,7 @@ from pocketgs.errors import PocketGSError, short
 from pocketgs.files.json_fields import Fields
 from pocketgs.files.paths import inside, relative_name
 from pocketgs.geometry.camera import Camera
+from pocketgs.geometry.lens import PINHOLE, Lens
 
 # Scenes rendered by Blender name their images without an extension.
 EXTENSIONS_TRIED = ("", ".png", ".jpg", ".jpeg")

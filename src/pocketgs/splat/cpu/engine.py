@@ -23,6 +23,7 @@ from pocketgs.splat.cpu.compositor import OVER, Compositor
 from pocketgs.splat.cpu.errors import error_sums, write_error
 from pocketgs.splat.cpu.lanes import LANES
 from pocketgs.splat.cpu.layout import BLUE, DEPTH, RED, SPLAT_FIELDS, View
+from pocketgs.splat.cpu.lens import KernelLens, kernel_lens
 from pocketgs.splat.cpu.loss import photometric
 from pocketgs.splat.cpu.memory import training_bytes
 from pocketgs.splat.cpu.noise import add_noise
@@ -49,6 +50,7 @@ class _TrainingView:
     """One photograph, as planes of uint8; `mask` is (0, 0) where there is none."""
 
     view: View
+    lens: KernelLens
     photo: np.ndarray
     mask: np.ndarray
 
@@ -122,6 +124,7 @@ class CpuEngine:
         self._views = [
             _TrainingView(
                 View.of(frame.camera),
+                kernel_lens(frame.camera),
                 np.ascontiguousarray(np.moveaxis(frame.image, 2, 0)),
                 np.zeros((0, 0), np.bool_) if frame.mask is None else np.array(frame.mask, np.bool_, order="C"),
             )
@@ -187,11 +190,11 @@ class CpuEngine:
         check_view(view, self._views)
         numba.set_num_threads(self.threads)
         training_view = self._views[view]
-        raster = self._forward(training_view.view, np.array(settings.background, np.float32))
+        raster = self._forward(training_view.view, training_view.lens, np.array(settings.background, np.float32))
         loss = self._compare(view, raster, settings)
         if settings.statistics and len(self._statistics) == 0:
             self._statistics = np.zeros((self.count, STATISTICS), np.float32)
-        self._backward(training_view.view, raster, settings.statistics)
+        self._backward(training_view, raster, settings.statistics)
         if settings.errors:
             self._add_errors(view, raster, settings)
         self._losses.append(loss + self._update(settings, raster.clusters))
@@ -206,7 +209,7 @@ class CpuEngine:
         """Render the scene as it stands."""
         numba.set_num_threads(self.threads)
         view = View.of(camera)
-        raster = self._forward(view, np.array(checked_background(background), np.float32))
+        raster = self._forward(view, kernel_lens(camera), np.array(checked_background(background), np.float32))
         image = np.moveaxis(raster.canvas.image, 0, 2).copy()
         alpha = 1.0 - raster.canvas.transmittance
         expected_depth = None
@@ -243,11 +246,11 @@ class CpuEngine:
         """What training would take."""
         return MemoryNeed(training_bytes(gaussians, coefficients, photographs))
 
-    def _forward(self, view: View, background: np.ndarray) -> Raster:
+    def _forward(self, view: View, lens: KernelLens, background: np.ndarray) -> Raster:
         """Cull → project → sort → bin → rasterize."""
         scene, timer = self._scene, self.timer
         timer.begins("cull")
-        clusters = self._clusters.in_view(scene, view, self._near, self.threads)
+        clusters = self._clusters.in_view(scene, view, lens, self._near, self.threads)
         timer.begins("project")
         project(
             scene.means,
@@ -256,6 +259,7 @@ class CpuEngine:
             scene.opacity_logits,
             scene.sh,
             view,
+            lens,
             self._near,
             clusters,
             self.threads,
@@ -308,7 +312,7 @@ class CpuEngine:
         photometric(image, view.photo, view.mask, settings, self.threads, canvas.d_image, canvas.row_losses)
         return float(canvas.row_losses.sum(dtype=np.float64))
 
-    def _backward(self, view: View, raster: Raster, with_statistics: bool) -> None:
+    def _backward(self, view: _TrainingView, raster: Raster, with_statistics: bool) -> None:
         """Rasterize backward → project backward: fills in the gradients."""
         scene, lists = self._scene, raster.lists
         self._replay(raster)
@@ -321,7 +325,8 @@ class CpuEngine:
             scene.log_scales,
             scene.quaternions,
             scene.sh,
-            view,
+            view.view,
+            view.lens,
             self.threads,
             self._splats,
             raster.visible,
