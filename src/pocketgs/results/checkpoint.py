@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
@@ -110,7 +110,7 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
             gaussians = Gaussians(*(data[name] for name in PARAMETERS))
             near = float(data["near"]) if "near" in data else None
             state = OptimiserState(data["first_moments"], data["second_moments"], int(data["steps"]), near)
-            statistics = Statistics(*(data[name] for name in STATISTICS)) if STATISTICS[0] in data else None
+            statistics = _statistics(data, len(gaussians)) if STATISTICS[0] in data else None
             iteration = int(data["iteration"])
     except Exception as error:  # a damaged archive fails in many ways
         raise PocketGSError(f"{path}: not a readable checkpoint ({error})") from error
@@ -128,6 +128,11 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
         if written.get(key) != value:
             raise PocketGSError(f"{path}: belongs to a run with {key} {written.get(key)!r}, but this one has {value!r}")
     return Checkpoint(iteration, gaussians, state, statistics)
+
+
+def _statistics(data: Mapping[str, np.ndarray], count: int) -> Statistics:
+    """What was summed up. What was not known of when the checkpoint was written is 0."""
+    return Statistics(*(data[name] if name in data else np.zeros(count, np.float32) for name in STATISTICS))
 
 
 def _newest_checkpoint(folder: Path) -> Path:

@@ -104,6 +104,8 @@ class StepSettings:
         statistics: whether to add this step to what `Engine.statistics` gives.
         errors: whether to sum up the errors of this step's view too, which takes about a third of a step.
         noise: what positions are shaken by, or None.
+        absolute: whether statistics are to hold absolute gradients too; it takes the WebGPU engine another run of its
+            backward pass.
     """
 
     rates: LearningRates
@@ -114,6 +116,7 @@ class StepSettings:
     statistics: bool = False
     errors: bool = False
     noise: PositionNoise | None = None
+    absolute: bool = False
 
     def __post_init__(self) -> None:
         checked_background(self.background)

@@ -235,6 +235,7 @@ class _Loop:
             collected.statistics,
             collected.errors,
             self._strategy.noise(number, rates.means / self._rates.means),
+            collected.absolute,
         )
         self._engine.step(self._next_view(), settings)
         self._strategy.after_step(number, self._engine)

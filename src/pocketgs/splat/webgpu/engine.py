@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -176,8 +176,8 @@ class WebGpuEngine:
             self._fit(replace(self._extent, trains=True))
         self.executor.clear("statistics")
         if start is not None:
-            columns = np.stack([start.screen_gradients, start.seen, start.radii, start.errors])
-            self.executor.write("statistics", columns.astype(np.float32))
+            columns = [getattr(start, column.name) for column in fields(Statistics)]
+            self.executor.write("statistics", np.stack(columns).astype(np.float32))
 
     def step(self, view: int, settings: StepSettings) -> None:
         """Train on one view. Returns before it is done."""
@@ -298,6 +298,8 @@ class WebGpuEngine:
         self.executor.write_uniform("view", view_values(camera, step.settings.background, self._near, symbols, place))
         self.executor.write_uniform("update", update_values(step.settings, camera, symbols, number))
         self.executor.submit("step", symbols)
+        if step.settings.statistics and step.settings.absolute:
+            self.executor.submit("absolute gradients", symbols)
         if step.settings.errors:
             self.executor.submit("errors", symbols)
         self._pending.append(step)
