@@ -58,6 +58,7 @@ class Variant:
             "replay.record": "replay.record_in_cache" if cached else "replay.record_nothing",
             "compositor.forward": "over.forward",
             "compositor.backward": "over.backward",
+            "compositor.inspection": "over.inspection",
             "channels.kind": "channels.colour",
             "gradient_rows.add": f"gradient_rows.add_{self.accumulation}",
             "gradient_rows.gather": f"gradient_rows.gather_{self.accumulation}",
