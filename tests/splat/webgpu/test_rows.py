@@ -185,7 +185,7 @@ def test_halted_steps_are_counted_once(make_gaussians: MakeGaussians) -> None:
     engines = [begin(WebGpuEngine(), scene, frames) for _ in range(2)]
     engines[1]._fit(replace(engines[1]._extent, intersections=20))
     for engine in engines:
-        engine._most_pending = 8
+        engine._ahead.most = 8
         for view in (0, 0, 1, 1):
             engine.step(view, replace(STEP, errors=True, absolute=True))
     for name in ("screen_gradients", "seen", "radii", "errors", "absolute_gradients"):
