@@ -21,12 +21,12 @@ Prior = Literal["dense", "sparse", "colmap", "none"]
 Schedule = Callable[[LearningRates, float], LearningRates]
 """From the initial rates and the fraction of the run that is over, the rates of this iteration."""
 
-MOST_DEGREE = 3
+MAX_DEGREE = 3
 
 SLOWEST_SCALES = 0.5
 """Share of their rate that scales keep in the longest runs, which are often stopped early."""
 
-LEAST_EXTENT = 1e-6
+MIN_EXTENT = 1e-6
 """Cameras nearer to each other than this times their distance from the points differ by rounding only."""
 
 
@@ -79,7 +79,7 @@ def camera_extent(cameras: Sequence[Camera], points: PointCloud) -> float:
     centres = np.array([camera.centre for camera in cameras])
     extent = 1.1 * float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max())
     distance = float(np.median(np.linalg.norm(points.positions - centres.mean(axis=0), axis=1)))
-    if extent <= LEAST_EXTENT * distance:
+    if extent <= MIN_EXTENT * distance:
         raise PocketGSError(
             f"the training cameras ({len(cameras)}) stand in one place, which gives the recipe no length to measure "
             "steps in: expected cameras that moved, or the recipe 'pocketgs'"
@@ -109,6 +109,7 @@ class Recipe:
             photographs agree.
         strategy: how the number of Gaussians changes.
         iterations, max_gaussians: of a run, or None where its effort says.
+        open_ended: train until it stops paying, where the user gives no iterations.
         scales_for: iterations that the rate of the scales is made for, or None for any. Noise in the gradients lets
             scales wander with the square root of the number of steps: in longer runs their rate falls with it.
     """
@@ -129,11 +130,12 @@ class Recipe:
     strategy: StrategyName = "fixed"
     iterations: int | None = None
     max_gaussians: int | None = None
+    open_ended: bool = False
     scales_for: int | None = None
 
     def active_degree(self, iteration: int) -> int | None:
         """Degree up to which iteration `iteration`, counted from 1, trains spherical harmonics; None for all."""
-        return None if self.sh_every is None else min(iteration // self.sh_every, MOST_DEGREE)
+        return None if self.sh_every is None else min(iteration // self.sh_every, MAX_DEGREE)
 
     def rates_for(self, iterations: int, unit: float) -> LearningRates:
         """The initial rates of a run.
@@ -194,16 +196,8 @@ RECIPES = {
         Recipe(name="reference", rates=_3DGS_RATES, length=camera_extent, schedule=exponential_means(final=0.01)),
         _3dgs(7000),
         _3dgs(30_000),
-        # For thousands of iterations: from the dense cloud, growing where errors are.
-        replace(
-            _POCKETGS,
-            name="long",
-            strategy="budgeted",
-            iterations=5000,
-            max_gaussians=200_000,
-            sh_degree=3,
-            sh_every=500,
-        ),
+        # For as long as it pays: from the dense cloud, growing where errors are.
+        replace(_POCKETGS, name="long", strategy="budgeted", open_ended=True, sh_degree=3, sh_every=250),
     )
 }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,13 +16,13 @@ from pocketgs.gpu.executor import Executor
 from pocketgs.scene.background import checked_background
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.checks import check_state, check_view, checked_scene
+from pocketgs.splat.colours import check_transforms
 from pocketgs.splat.engine import EngineOptions, MemoryNeed, OptimiserState, Rendering
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import RowChange, Statistics, check_change
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.frame_values import is_regularised, structural_share, update_values, view_values
-from pocketgs.splat.webgpu.layout import SHAPE_COLUMNS
 from pocketgs.splat.webgpu.memory import (
     GROWTH,
     INTERSECTIONS_PER_GAUSSIAN,
@@ -34,11 +34,18 @@ from pocketgs.splat.webgpu.memory import (
     plan_memory,
     plan_rows,
 )
-from pocketgs.splat.webgpu.passes import STATISTICS, Variant, describe
+from pocketgs.splat.webgpu.passes import Variant, describe
 from pocketgs.splat.webgpu.photographs import PIXEL_BYTES, packed
 from pocketgs.splat.webgpu.row_changes import gather_rows, set_values
-from pocketgs.splat.webgpu.scene_columns import from_columns, to_columns, transposed
 from pocketgs.splat.webgpu.steps_ahead import Step, StepsAhead
+from pocketgs.splat.webgpu.tables import (
+    read_optimiser_state,
+    read_scene,
+    read_statistics,
+    write_optimiser_state,
+    write_scene,
+    write_statistics,
+)
 
 DRIVER_BYTES = 150_000_000
 """Of this process's memory that a GPU's driver takes, with its compiled shaders."""
@@ -94,6 +101,7 @@ class WebGpuEngine:
         self._settle()
         sizes = tuple((frame.camera.width, frame.camera.height) for frame in frames)
         self._fit(replace(self._extent, photographs=sizes, drawn_sizes=frozenset(), trains=True), frames)
+        self.executor.clear("colours")
 
     def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
         """Take a copy of the scene, and of the optimiser's state or start it anew.
@@ -104,19 +112,17 @@ class WebGpuEngine:
         gaussians = checked_scene(gaussians)
         if state is not None:
             check_state(gaussians, state)
+            if state.colours is not None:
+                check_transforms(state.colours, len(self._extent.photographs))
         count, coefficients = len(gaussians), gaussians.sh.shape[1]
         trains = self._extent.trains or state is not None
         extent = replace(self._extent, gaussians=count, capacity=count, coefficients=coefficients, trains=trains)
         self._fit_intersections(extent, INTERSECTIONS_PER_GAUSSIAN * count, LEAST_INTERSECTIONS)
         self._ahead.restart(state.steps if state else 0)
         self._near = near_plane(gaussians.means) if state is None or state.near is None else state.near
-        for name, values in zip(("shape", "sh"), to_columns(gaussians), strict=True):
-            self.executor.write(name, values)
-        self.executor.clear("cluster_bounds")
+        write_scene(self.executor, gaussians)
         if trains:
-            zeros = np.zeros((count, self._columns), np.float32)
-            self.executor.write("first_moments", transposed(state.first_moments if state else zeros))
-            self.executor.write("second_moments", transposed(state.second_moments if state else zeros))
+            write_optimiser_state(self.executor, state)
             self.restart_statistics()
 
     @property
@@ -148,17 +154,14 @@ class WebGpuEngine:
         self._settle()
         if not self._extent.trains:
             return Statistics.none_yet(self.count)
-        return Statistics(*self._read_columns("statistics", STATISTICS))
+        return read_statistics(self.executor, self.count)
 
     def restart_statistics(self, start: Statistics | None = None) -> None:
         """Sum up from zero, or from sums that were taken before."""
         self._settle()
         if not self._extent.trains:
             self._fit(replace(self._extent, trains=True))
-        self.executor.clear("statistics")
-        if start is not None:
-            columns = [getattr(start, column.name) for column in fields(Statistics)]
-            self.executor.write("statistics", np.stack(columns).astype(np.float32))
+        write_statistics(self.executor, start)
 
     def step(self, view: int, settings: StepSettings) -> None:
         """Train on one view. Returns before it is done."""
@@ -187,17 +190,17 @@ class WebGpuEngine:
     def download(self) -> Gaussians:
         """A copy of the scene as it stands."""
         self._settle()
-        shape = self._read_columns("shape", SHAPE_COLUMNS)
-        return from_columns(shape, self._read_columns("sh", 3 * self._extent.coefficients))
+        return read_scene(self.executor, self.count, self._extent.coefficients)
 
     def optimiser_state(self) -> OptimiserState:
         """A copy of the optimiser's state."""
         self._settle()
+        coefficients, photographs = self._extent.coefficients, len(self._extent.photographs)
         if not self._extent.trains:
-            zeros = np.zeros((self._extent.gaussians, self._columns), np.float32)
+            zeros = np.zeros((self.count, ParameterLayout(coefficients).columns), np.float32)
             return OptimiserState(zeros, zeros.copy(), self._ahead.completed, self._near)
-        first, second = (self._read_columns(name, self._columns) for name in ("first_moments", "second_moments"))
-        return OptimiserState(transposed(first), transposed(second), self._ahead.completed, self._near)
+        first, second, colours = read_optimiser_state(self.executor, self.count, coefficients, photographs)
+        return OptimiserState(first, second, self._ahead.completed, self._near, colours)
 
     def memory(self) -> dict[str, int]:
         """Bytes of every buffer on the GPU, by its name in the passes."""
@@ -215,15 +218,6 @@ class WebGpuEngine:
         device = plan_memory(description, extent, self._limits).total + uniforms
         return MemoryNeed(DRIVER_BYTES + (device if self._shares_memory else 0), device)
 
-    @property
-    def _columns(self) -> int:
-        return ParameterLayout(self._extent.coefficients).columns
-
-    def _read_columns(self, name: str, columns: int) -> np.ndarray:
-        """(columns, N) float32."""
-        count = self._extent.gaussians
-        return self.executor.read(name, np.float32, columns * count).reshape(columns, count)
-
     def _symbols(self, camera: Camera, settings: StepSettings | None = None) -> dict[str, int]:
         """The numbers that the passes of one image follow from."""
         return self.executor.description.symbols(
@@ -235,6 +229,7 @@ class WebGpuEngine:
                 "structural": int(settings is not None and structural_share(settings, camera) > 0.0),
                 "regularised": int(settings is not None and is_regularised(settings)),
                 "collecting": int(settings is not None and settings.statistics),
+                "colours_learned": int(settings is not None and settings.colours is not None),
             }
         )
 
@@ -263,7 +258,9 @@ class WebGpuEngine:
             self.executor.write("photographs", packed(frame), PIXEL_BYTES * place)
         symbols = self._symbols(camera, step.settings)
         self.executor.write_uniform("view", view_values(camera, step.settings.background, self._near, symbols, place))
-        self.executor.write_uniform("update", update_values(step.settings, camera, symbols, self._ahead.next_number))
+        self.executor.write_uniform(
+            "update", update_values(step.settings, camera, symbols, self._ahead.next_number, step.view)
+        )
         self.executor.submit("step", symbols)
         if step.settings.statistics and step.settings.absolute:
             self.executor.submit("absolute gradients", symbols)

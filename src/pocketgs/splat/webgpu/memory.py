@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from pocketgs.errors import PocketGSError
-from pocketgs.gpu.description import LEAST_BUFFER, Description
+from pocketgs.gpu.description import MIN_BUFFER, Description
 from pocketgs.splat.webgpu.photographs import PIXEL_BYTES, Shelf
 
 RENDERING = ("render", "render depth")
@@ -67,6 +67,7 @@ class Extent:
             "capacity": self.capacity,
             "coefficients": self.coefficients,
             "intersections": self.intersections,
+            "photographs": len(self.photographs),
             "listed": 0,
         }
 
@@ -122,7 +123,7 @@ def plan_memory(description: Description, extent: Extent, limits: Limits) -> Mem
             )
     room = min(limits.total - sum(sizes.values()), limits.buffer)
     shelf = Shelf(photographs, room // PIXEL_BYTES)
-    return MemoryPlan({**sizes, "photographs": max(PIXEL_BYTES * shelf.pixels, LEAST_BUFFER)}, depth, shelf)
+    return MemoryPlan({**sizes, "photographs": max(PIXEL_BYTES * shelf.pixels, MIN_BUFFER)}, depth, shelf)
 
 
 def expected_extent(

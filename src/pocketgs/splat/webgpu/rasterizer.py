@@ -92,9 +92,22 @@ class WebGpuBackend:
         self._symbols: dict[str, int] = {}
 
     def forward(
-        self, parameters: Parameters, camera: Camera, near: float, colours: bool, channels: np.ndarray
+        self,
+        parameters: Parameters,
+        camera: Camera,
+        near: float,
+        colours: bool,
+        channels: np.ndarray,
+        antialiased: bool = False,
     ) -> Composite:
-        """Project → sort → bin → rasterize."""
+        """Project → sort → bin → rasterize.
+
+        Raises:
+            PocketGSError: the camera is no pinhole, or anti-aliasing is asked for.
+        """
+        for asked, what in ((not camera.is_pinhole, "a camera with a lens"), (antialiased, "anti-aliased rasterizing")):
+            if asked:
+                raise PocketGSError(f'{what}: not on WebGPU, expected the engine "cpu" or "reference"')
         scene = Gaussians(
             parameters.means,
             parameters.log_scales,

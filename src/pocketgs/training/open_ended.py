@@ -1,0 +1,135 @@
+"""Open-ended training: a run that continues as long as the validation PSNR improves.
+
+It explores in stages, each of which adds a third to the iterations so far. A stage that gains less than MIN_GAIN on the
+validation views ends the exploration. Then the learning rates decay, and the validation views are trained on too. So
+the length of a run depends on the capture, and not on the speed of the machine.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from pocketgs.capture.capture import Frame
+from pocketgs.splat.engine import Engine
+from pocketgs.splat.settings import LearningRates
+from pocketgs.training.validation import Course, Look, validation_psnr, validation_views
+
+FIRST_STAGE, STAGE_RATIO = 500, 4 / 3
+"""Iterations of the first stage, and the ratio between the ends of consecutive stages."""
+
+MIN_GAIN = 0.05
+"""Minimum gain of a stage in dB."""
+
+DECAY = 0.5
+"""Length of the final decay, relative to the iterations before it."""
+
+LAST_RATES = 0.02
+"""Final learning rates, relative to those at the start of the decay."""
+
+GROWTH = 1.25
+"""Growth factor of the number of Gaussians after a stage with sufficient gain."""
+
+SLOWS_FROM = 500
+"""Iterations after which rates decay with the inverse square root of the iteration: the length of the run is unknown,
+and averaging noise over many steps needs smaller ones (Robbins and Monro 1951)."""
+
+
+class OpenEndedPace:
+    """See the module's docstring; also schedules the growth of the strategy `budgeted`.
+
+    Args:
+        iterations: maximum number.
+        seconds: maximum training time, or None.
+        initial: initial learning rates.
+        frames: the training views, enough of them for `validation_views`.
+        background: of the renderings.
+        most: maximum number of Gaussians.
+        course: of the run to resume, or None.
+    """
+
+    def __init__(
+        self,
+        iterations: int,
+        seconds: float | None,
+        initial: LearningRates,
+        frames: Sequence[Frame],
+        background: tuple[float, float, float],
+        most: int,
+        course: Course | None,
+    ) -> None:
+        self._course = course or Course()
+        self._longest, self._seconds, self._initial, self._most = iterations, seconds, initial, most
+        held_back = validation_views(len(frames))
+        self._validation, self._background = [frames[index] for index in held_back], background
+        self._all = range(len(frames))
+        self._shown = [index for index in self._all if index not in held_back]
+        self._stages = stages(int(iterations / (1.0 + DECAY)))
+
+    @property
+    def course(self) -> Course:
+        """Evaluations on the validation views, and decisions."""
+        return self._course
+
+    @property
+    def iterations(self) -> int:
+        """End of the run if the current stage does not gain enough."""
+        decays_from = self.course.decays_from
+        if decays_from is None:
+            looked = len(self.course.looks)
+            decays_from = self._stages[min(looked, len(self._stages) - 1)]
+        return max(min(round(decays_from * (1.0 + DECAY)), self._longest), decays_from + 1)
+
+    def fraction(self, iteration: int, seconds: float) -> float:
+        """Progress by iterations, as far as they are known, or by time."""
+        by_time = 0.0 if self._seconds is None else seconds / self._seconds if self._seconds > 0 else 1.0
+        return min(max(iteration / self.iterations, by_time), 1.0)
+
+    def rates(self, iteration: int, seconds: float) -> LearningRates:
+        """Constant, then slowly decaying; at the end a half cosine."""
+        decays_from = self.course.decays_from
+        reached = iteration if decays_from is None else decays_from
+        factor = math.sqrt(SLOWS_FROM / max(reached, SLOWS_FROM))
+        if decays_from is not None:
+            done = (iteration - decays_from) / (self.iterations - decays_from)
+            if self._seconds:
+                before = 1.0 / (1.0 + DECAY)
+                done = max(done, (seconds / self._seconds - before) / (1.0 - before))
+            factor *= LAST_RATES + (1.0 - LAST_RATES) * 0.5 * (1.0 + math.cos(math.pi * min(max(done, 0.0), 1.0)))
+        return self._initial.scaled(factor)
+
+    def views(self, iteration: int) -> Sequence[int]:
+        """All but the validation views during exploration, then all."""
+        return self._shown if self.course.decays_from is None else self._all
+
+    def after_step(self, iteration: int, seconds: float, engine: Engine) -> None:
+        """Evaluate the validation views at the end of a stage, and decide whether to start the decay."""
+        if self.course.decays_from is not None:
+            return
+        if iteration in self._stages:
+            value = validation_psnr(engine, self._validation, self._background)
+            self._course = self.course.with_look(Look(iteration, value, engine.count, seconds))
+        is_late = self._seconds is not None and seconds >= self._seconds / (1.0 + DECAY)
+        gain = self.course.gain if iteration in self._stages else None
+        if is_late or iteration >= self._stages[-1] or (gain is not None and not gain >= MIN_GAIN):
+            self._course = replace(self.course, decays_from=iteration)
+
+    def next_growth(self, iteration: int) -> int | None:
+        """The first iteration, from this one on, after which Gaussians may be added."""
+        if self.course.decays_from is not None:
+            return None
+        return next((stage for stage in self._stages if stage >= iteration), None)
+
+    def target(self, iteration: int, count: int) -> int:
+        """Number of Gaussians to grow to from `count`."""
+        return min(int(GROWTH * count), self._most)
+
+
+def stages(last: int) -> list[int]:
+    """Iterations at which stages end, the last at `last`."""
+    ends, end = [], float(FIRST_STAGE)
+    while round(end) < last:
+        ends.append(round(end))
+        end *= STAGE_RATIO
+    return [*ends, max(last, 1)]
