@@ -1,8 +1,7 @@
 """Export of a capture as COLMAP's text model with its images, for other trainers and viewers.
 
-The cameras are those of the images in memory: pinhole, undistorted, cropped and downscaled, or, with
-`--lens direct`, with their lenses. Points have no tracks. Masks, alpha and depth are not exported: COLMAP's model cannot
-hold them.
+The cameras are those of the images in memory: pinhole, undistorted, cropped and downscaled, or, with `--lens direct`,
+with their lenses. Points have no tracks. Masks, alpha and depth are not exported: COLMAP's model cannot hold them.
 """
 
 from __future__ import annotations
