@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import cv2
@@ -11,7 +11,7 @@ import numpy as np
 
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
-from pocketgs.geometry.lens import Lens, undistort
+from pocketgs.geometry.lens import PINHOLE, Lens, undistort
 
 # Number of samples along each side of an image's border.
 BORDER_SAMPLES = 129
@@ -40,7 +40,7 @@ class Undistortion:
 
     def view(self, camera: Camera) -> Camera:
         """The pinhole camera of the result, with the focal lengths of the distorted image's camera."""
-        return camera.cropped(self.left, self.top, self.width, self.height)
+        return replace(camera.cropped(self.left, self.top, self.width, self.height), lens=PINHOLE)
 
     def apply(self, image: np.ndarray, interpolation: int) -> np.ndarray:
         """Undistort an (H, W[, C]) image; `interpolation` is one of `cv2.INTER_…`."""
