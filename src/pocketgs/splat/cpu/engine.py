@@ -29,6 +29,7 @@ from pocketgs.splat.cpu.project_backward import project_backward
 from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.splat.cpu.statistics import RADIUS, SCREEN_GRADIENT, SEEN, STATISTICS
 from pocketgs.splat.engine import KEPT_LOSSES, MemoryNeed, OptimiserState, Rendering
+from pocketgs.splat.limits import TRAINING
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import RowChange, Statistics
@@ -267,6 +268,7 @@ class CpuEngine:
             lists.intersections,
             lists.ranges,
             background,
+            TRAINING,
             self.threads,
             canvas.image,
             canvas.transmittance,
@@ -331,6 +333,7 @@ class CpuEngine:
             lists.intersections,
             lists.ranges,
             raster.canvas.drawn_ends,
+            TRAINING,
             self.threads,
             raster.canvas.image,
             raster.canvas.d_image,

@@ -34,6 +34,7 @@ from pocketgs.splat.cpu.project_backward import project_backward
 from pocketgs.splat.cpu.rasterize_backward import sums_per_intersection
 from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.splat.cpu.statistics import STATISTICS
+from pocketgs.splat.limits import TRAINING
 from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
 from pocketgs.system.cores import kernel_threads
 
@@ -110,7 +111,15 @@ class CpuBackend:
         transmittance, drawn_ends = np.empty(shape, np.float32), np.empty(view.tiles, np.int32)
         background = np.zeros(len(image), np.float32)
         self._compositor.forward(
-            splats, lists.intersections, lists.ranges, background, self.threads, image, transmittance, drawn_ends
+            splats,
+            lists.intersections,
+            lists.ranges,
+            background,
+            TRAINING,
+            self.threads,
+            image,
+            transmittance,
+            drawn_ends,
         )
         tape = _Tape(scene, sh, view, composited, splats, visible, lists, image, transmittance, drawn_ends)
         return Composite(image[:composited], transmittance, visible, _radii(splats[visible]), tape)
@@ -131,6 +140,7 @@ class CpuBackend:
             lists.intersections,
             lists.ranges,
             tape.drawn_ends,
+            TRAINING,
             self.threads,
             tape.image,
             d_channel_images,
