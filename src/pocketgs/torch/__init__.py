@@ -11,8 +11,9 @@ from pocketgs.torch.intersections import isect_offset_encode, isect_tiles
 from pocketgs.torch.pixels import rasterize_to_pixels
 from pocketgs.torch.project import Project2D
 from pocketgs.torch.projection import fully_fused_projection
-from pocketgs.torch.rasterize import TileBinner, TileRasterizer
+from pocketgs.torch.rasterize import TileRasterizer
 from pocketgs.torch.rendering import rasterization
+from pocketgs.torch.tiles import TileBinner
 
 __all__ = [
     "Project2D",

@@ -18,6 +18,11 @@ def array_of(tensor: Tensor) -> np.ndarray:
     return tensor.detach().contiguous().numpy()
 
 
+def flat(tensor: Tensor, columns: int) -> np.ndarray:
+    """(M, columns) of a (..., columns) tensor, not copied if it is contiguous."""
+    return array_of(tensor).reshape(-1, columns)
+
+
 def zeros(*shape: int) -> np.ndarray:
     """Float32 zeros for a gradient to be written to."""
     return np.zeros(shape, np.float32)

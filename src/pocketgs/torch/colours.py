@@ -32,12 +32,12 @@ def drawn_colours(rows: Rows, means: Tensor, colors: Tensor, viewmats: Tensor, s
     seen = rows.seen
     places = means.reshape(-1, rows.count, 3)
     coefficients = colors.reshape(-1, rows.count, *colors.shape[-2:])
-    centres = torch.linalg.inv(viewmats)[..., :3, 3].reshape(-1, 3)
+    # What does not depend on the direction need not know it.
+    centres = torch.linalg.inv(viewmats)[..., :3, 3].reshape(-1, 3) if sh_degree else None
     found = []
     for image in range(rows.images):
         batch = image // rows.cameras
-        # What does not depend on the direction need not know it.
-        directions = places[batch] - centres[image] if sh_degree else places[batch].detach()
+        directions = places[batch].detach() if centres is None else places[batch] - centres[image]
         table = coefficients[batch if are_shared else image]
         found.append(spherical_harmonics(sh_degree, directions, table, seen[image]))
     values = found[0] if len(found) == 1 else torch.stack(found)

@@ -11,8 +11,9 @@ from torch import Tensor
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.cpu.layout import TILE_HEIGHT
 from pocketgs.torch.arrays import array_of, check_shape, checked_dtype
-from pocketgs.torch.rasterize import TileRasterizer, tiles_from
+from pocketgs.torch.rasterize import TileRasterizer
 from pocketgs.torch.reference import GivenLists, ReferenceRasterizer
+from pocketgs.torch.tiles import tiles_from
 
 
 def rasterize_to_pixels(

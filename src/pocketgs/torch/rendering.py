@@ -16,8 +16,9 @@ from pocketgs.torch.intersections import isect_offset_encode, isect_tiles
 from pocketgs.torch.meta import Meta
 from pocketgs.torch.pixels import rasterize_to_pixels
 from pocketgs.torch.projection import fully_fused_projection
-from pocketgs.torch.rasterize import TileBinner, TileRasterizer
+from pocketgs.torch.rasterize import TileRasterizer
 from pocketgs.torch.rows import Rows
+from pocketgs.torch.tiles import TileBinner
 from pocketgs.torch.unsupported import refuse_arguments
 
 RENDER_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")

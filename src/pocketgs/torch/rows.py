@@ -44,16 +44,18 @@ class Rows:
     @property
     def first_rows(self) -> list[int]:
         """Where each image's rows begin, and where the last one's end."""
-        firsts = torch.arange(self.images + 1)
         ids = self.image_ids
-        return list(((firsts * self.count) if ids is None else torch.searchsorted(ids, firsts)).tolist())
+        if ids is None:
+            return [image * self.count for image in range(self.images + 1)]
+        return list(torch.searchsorted(ids, torch.arange(self.images + 1)).tolist())
 
     @property
     def seen(self) -> Tensor:
         """(I, N) bool, which Gaussians each image shows."""
         ids = self.image_ids
         if ids is None or self.gaussian_ids is None:
-            return self.radii.reshape(self.images, self.count, 2)[..., 0] > 0
+            # NumPy: waking PyTorch's threads for so little takes longer.
+            return torch.from_numpy(self.radii.numpy()[..., 0].reshape(self.images, self.count) > 0)
         seen = torch.zeros(self.images * self.count, dtype=torch.bool)
         seen[ids * self.count + self.gaussian_ids] = True
         return seen.reshape(self.images, self.count)
