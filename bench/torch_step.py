@@ -15,8 +15,8 @@ from collections.abc import Callable
 import numpy as np
 import torch
 import tyro
-from cpu_step import random_scene
 
+from cpu_step import random_scene
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.cpu.engine import CpuEngine

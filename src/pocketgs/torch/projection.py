@@ -9,7 +9,7 @@ from torch import Tensor
 
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.constants import ALPHA_MIN
-from pocketgs.splat.cpu.ewa import REACH
+from pocketgs.splat.cpu.ewa import REACH, UNBOUNDED
 from pocketgs.torch.arrays import check_shape, checked_dtype
 from pocketgs.torch.covariance import from_upper_triangle, proj, quat_scale_to_covar_preci, world_to_cam
 from pocketgs.torch.project import Project2D, Projection, Splats
@@ -122,10 +122,10 @@ def _project(
     compensations = (before / determinant).clamp(min=0.0).sqrt() if projection.compensated else torch.ones_like(depths)
     conics = torch.stack([yy, -xy, xx], -1) / determinant[..., None]
     with torch.no_grad():
-        drawn = torch.ones_like(depths)
+        drawn = torch.full_like(depths, UNBOUNDED)
         if opacities.shape[-1]:
             drawn = opacities[..., None, :] * compensations
-        reach = (2.0 * (drawn.clamp(max=1.0) / ALPHA_MIN).clamp(min=1.0).log()).sqrt().clamp(max=REACH)
+        reach = (2.0 * (drawn / ALPHA_MIN).clamp(min=1.0).log()).sqrt().clamp(max=REACH)
         radii = (reach[..., None] * torch.stack([xx, yy], -1).sqrt()).ceil()
         seen = in_range & (drawn >= ALPHA_MIN) & (radii > projection.radius_clip).any(-1)
         inside = (centres + radii > 0.0) & (centres - radii < centres.new_tensor(size))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from enum import Enum
 from typing import Any, NamedTuple
 
 import torch
@@ -20,6 +21,17 @@ from pocketgs.torch.rasterize import TileRasterizer
 from pocketgs.torch.rows import Rows
 from pocketgs.torch.tiles import TileBinner
 from pocketgs.torch.unsupported import refuse_arguments
+
+
+class RollingShutterType(Enum):
+    """gsplat's kinds of shutters, of which only GLOBAL is supported."""
+
+    ROLLING_TOP_TO_BOTTOM = 0
+    ROLLING_LEFT_TO_RIGHT = 1
+    ROLLING_BOTTOM_TO_TOP = 2
+    ROLLING_RIGHT_TO_LEFT = 3
+    GLOBAL = 4
+
 
 RENDER_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
 RASTERIZE_MODES = ("classic", "antialiased")

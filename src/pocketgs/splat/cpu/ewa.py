@@ -13,7 +13,7 @@ from numba import prange
 
 from pocketgs.splat.constants import ALPHA_MIN, LARGEST_VARIANCE, LEAST_DETERMINANT
 from pocketgs.splat.cpu.layout import View
-from pocketgs.splat.cpu.project import clamped_slopes, footprint, jacobian_at, to_camera
+from pocketgs.splat.cpu.project import Jacobian, clamped_slopes, footprint, jacobian_at, to_camera
 from pocketgs.splat.cpu.vectors import Vector, axes_of, dot, scaled, transposed_times
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import PIECE, first_piece, take
@@ -23,6 +23,9 @@ MATRIX = 12
 
 REACH = 3.33
 """Standard deviations that a splat reaches at most; those of an opaque one, as gsplat rounds them."""
+
+UNBOUNDED = 1e30
+"""Stands for the opacity where none is given, so that all reach REACH."""
 
 _LEAST_COMPENSATION = 1e-6
 
@@ -80,7 +83,7 @@ def _project_one(
     if not opacity >= ALPHA_MIN:
         return -1.0
     # No further than where α falls to 1/255 of the most opaque.
-    reach = math.sqrt(2.0 * math.log(min(opacity, 1.0) / ALPHA_MIN))
+    reach = math.sqrt(2.0 * math.log(opacity / ALPHA_MIN))
     radius_x, radius_y = math.ceil(min(reach, REACH) * math.sqrt(xx)), math.ceil(min(reach, REACH) * math.sqrt(yy))
     if radius_x <= least_radius and radius_y <= least_radius:
         return -1.0
@@ -119,7 +122,7 @@ def project_ewa(
         means: (N, 3) float32.
         quaternions: (N, 4) float32 of any length.
         scales: (N, 3) float32 standard deviations.
-        opacities: (N,) float32, or (0,) where all count as opaque.
+        opacities: (N,) float32, or (0,) where all are to reach as far as any can.
         view: the camera; its matrix need not be a rotation.
         low_pass: added to both variances on the image, in pixels².
         near: least depth of what is seen.
@@ -139,7 +142,7 @@ def project_ewa(
         while first < len(means):
             for i in range(first, min(first + PIECE, len(means))):
                 local = to_camera(view, means[i])
-                opacity = float(opacities[i]) if len(opacities) else 1.0
+                opacity = float(opacities[i]) if len(opacities) else UNBOUNDED
                 compensation = -1.0
                 if near <= local[2] <= far:
                     compensation = _project_one(
@@ -174,9 +177,7 @@ def _covariance_gradient(
 
 
 @inlined
-def _position_backward(
-    view: View, local: Vector, d_centre: np.ndarray, d_jacobian: tuple[float, float, float, float]
-) -> Vector:
+def _position_backward(view: View, local: Vector, d_centre: np.ndarray, d_jacobian: Jacobian) -> Vector:
     """Gradient with respect to the camera-space position, through the centre and through the Jacobian."""
     x, y, z = local
     slope_x, slope_y = clamped_slopes(view, local)
@@ -202,6 +203,36 @@ def _add_outer(column: Vector, row: Vector, matrix: np.ndarray) -> None:
             matrix[4 * i + j] += column[i] * row[j]
 
 
+@inlined
+def _axis_backward(
+    view: View,
+    jacobian: Jacobian,
+    axes: tuple[Vector, Vector, Vector],
+    k: int,
+    scale: np.ndarray,
+    d_covariance: tuple[float, float, float],
+    d_jacobian: Jacobian,
+    d_matrix: np.ndarray,
+) -> tuple[Jacobian, Vector, float]:
+    """The part of one of the Gaussian's axes: ∂L/∂J so far, ∂L/∂axis along the axes, and ∂L/∂scale."""
+    d_xx, d_xy, d_yy = d_covariance
+    size = float(scale[k])
+    a, u = footprint(view, jacobian, axes[k], size)
+    du = (2.0 * (d_xx * u[0] + d_xy * u[1]), 2.0 * (d_xy * u[0] + d_yy * u[1]))
+    d_jacobian = (
+        d_jacobian[0] + du[0] * a[0],
+        d_jacobian[1] + du[0] * a[2],
+        d_jacobian[2] + du[1] * a[1],
+        d_jacobian[3] + du[1] * a[2],
+    )
+    d_a = (jacobian[0] * du[0], jacobian[2] * du[1], jacobian[1] * du[0] + jacobian[3] * du[1])
+    if len(d_matrix):
+        _add_outer(d_a, scaled(axes[k], size), d_matrix)
+    d_axis = transposed_times(view.rotation, d_a)
+    row = (size * dot(axes[0], d_axis), size * dot(axes[1], d_axis), size * dot(axes[2], d_axis))
+    return d_jacobian, row, dot(axes[k], d_axis)
+
+
 @part
 def _back_one(
     view: View,
@@ -219,34 +250,24 @@ def _back_one(
     """Add one Gaussian's gradients to its rows, and to the camera's matrix if that has one."""
     local = to_camera(view, mean)
     jacobian = jacobian_at(view, local)
-    d_xx, d_xy, d_yy = d_covariance
     unit, length = _unit(quaternion)
     axes = axes_of(unit)
-    j_xx, j_xz, j_yy, j_yz = 0.0, 0.0, 0.0, 0.0
-    turned = np.empty((3, 3))
-    for k in range(3):
-        axis = axes[0] if k == 0 else (axes[1] if k == 1 else axes[2])
-        size = float(scale[k])
-        a, u = footprint(view, jacobian, axis, size)
-        du = (2.0 * (d_xx * u[0] + d_xy * u[1]), 2.0 * (d_xy * u[0] + d_yy * u[1]))
-        j_xx, j_xz = j_xx + du[0] * a[0], j_xz + du[0] * a[2]
-        j_yy, j_yz = j_yy + du[1] * a[1], j_yz + du[1] * a[2]
-        d_a = (jacobian[0] * du[0], jacobian[2] * du[1], jacobian[1] * du[0] + jacobian[3] * du[1])
-        d_axis = transposed_times(view.rotation, d_a)
-        d_scale[k] += dot(axis, d_axis)
-        for j in range(3):
-            turned[k, j] = size * dot(axes[0] if j == 0 else (axes[1] if j == 1 else axes[2]), d_axis)
-        if len(d_matrix):
-            _add_outer(d_a, scaled(axis, size), d_matrix)
+    d_jacobian = (0.0, 0.0, 0.0, 0.0)
+    d_jacobian, row_x, d_scale_x = _axis_backward(view, jacobian, axes, 0, scale, d_covariance, d_jacobian, d_matrix)
+    d_jacobian, row_y, d_scale_y = _axis_backward(view, jacobian, axes, 1, scale, d_covariance, d_jacobian, d_matrix)
+    d_jacobian, row_z, d_scale_z = _axis_backward(view, jacobian, axes, 2, scale, d_covariance, d_jacobian, d_matrix)
+    d_scale[0] += d_scale_x
+    d_scale[1] += d_scale_y
+    d_scale[2] += d_scale_z
     # q ← q ⊗ exp(½δ) turns R into R exp([δ]×); a step of q itself is 2 q ⊗ (0, δ) over its length.
-    x, y, z = turned[1, 2] - turned[2, 1], turned[2, 0] - turned[0, 2], turned[0, 1] - turned[1, 0]
+    x, y, z = row_y[2] - row_z[1], row_z[0] - row_x[2], row_x[1] - row_y[0]
     q_w, q_x, q_y, q_z = unit
     factor = 2.0 / length
     d_quaternion[0] -= factor * (q_x * x + q_y * y + q_z * z)
     d_quaternion[1] += factor * (q_w * x + q_y * z - q_z * y)
     d_quaternion[2] += factor * (q_w * y + q_z * x - q_x * z)
     d_quaternion[3] += factor * (q_w * z + q_x * y - q_y * x)
-    d_x, d_y, d_z = _position_backward(view, local, d_centre, (j_xx, j_xz, j_yy, j_yz))
+    d_x, d_y, d_z = _position_backward(view, local, d_centre, d_jacobian)
     d_local = (d_x, d_y, d_z + d_depth)
     d_world = transposed_times(view.rotation, d_local)
     for c in range(3):
