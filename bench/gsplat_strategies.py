@@ -2,7 +2,8 @@
 
     python bench/gsplat_strategies.py path/to/fern --images images_8 --strategy mcmc
 
-Both runs start from the same Gaussians, with the same loss, rates and schedule; the one through PyTorch has torch's Adam.
+Both runs start from the same Gaussians, with the same loss, rates and schedule; the one through PyTorch has torch's
+Adam.
 """
 
 from __future__ import annotations
@@ -132,10 +133,8 @@ class Trainer:
         with torch.no_grad():
             shown = [self.render(frame)[0][0].clamp(0, 1).numpy() for frame in self.capture.held_out]
         values = [psnr(image, frame.image / 255.0) for image, frame in zip(shown, self.capture.held_out, strict=True)]
-        name = type(self.strategy).__name__
-        print(
-            f"gsplat {name}: {np.mean(values):.2f} dB, {len(self.params['means']):,}, {1e3 * np.mean(times):.0f} ms a step"
-        )
+        name, count = type(self.strategy).__name__, len(self.params["means"])
+        print(f"gsplat {name}: {np.mean(values):.2f} dB, {count:,}, {1e3 * np.mean(times):.0f} ms a step")
 
     def step(self, step: int) -> float:
         """One view."""

@@ -5,6 +5,9 @@
 The extra `torch` brings PyTorch: `pip install pocketgs[torch]`. See docs/gsplat.md.
 """
 
+# It sets how threads wait, which PyTorch's own heed if it is loaded later.
+import pocketgs.system.compile  # noqa: F401
+
 try:
     import torch  # noqa: F401 - that it is there
 except ModuleNotFoundError as error:

@@ -198,4 +198,5 @@ def _sparse(gradient: np.ndarray, seen: np.ndarray, count: int, cameras: int) ->
     """A sparse tensor of the rows of what each camera has seen."""
     places = torch.from_numpy(seen % count)[None]
     size = (count, gradient.shape[1])
-    return torch.sparse_coo_tensor(places, torch.from_numpy(gradient), size, is_coalesced=cameras == 1)
+    values = torch.from_numpy(gradient)
+    return torch.sparse_coo_tensor(places, values, size, check_invariants=False, is_coalesced=cameras == 1)
