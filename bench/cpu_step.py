@@ -3,8 +3,8 @@
     python bench/cpu_step.py                                    # random scenes of several sizes
     python bench/cpu_step.py ../data/fern --images images_8     # a capture
 
-A capture's scene is its own sparse cloud after 100 iterations, one Gaussian a point, so that rows compare from version
-to version whatever a run would start from by default.
+A capture's scene is its own sparse cloud after 100 iterations, one Gaussian per point, so that rows are comparable
+between versions with different defaults.
 
 A pair is one splat at one pixel. Visited pairs are those that a vector of 16 pixels covers; contributing ones have an
 alpha of at least 1/255 at a pixel that is not saturated.
@@ -38,6 +38,7 @@ from pocketgs.splat.cpu.layout import (
     View,
     tiles_down,
 )
+from pocketgs.splat.cpu.lens import kernel_lens
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.timing import NoTimer, PassTimer
 from pocketgs.system.process import peak_rss_mb
@@ -46,7 +47,7 @@ from pocketgs.training.recipes import recipe_named
 
 SIZES = ((10_000, 504, 378), (50_000, 504, 378), (50_000, 1008, 756), (170_000, 504, 378), (170_000, 1008, 756))
 PASSES = ("cull", "project", "sort", "bin", "rasterize", "loss", "rasterize backward", "project backward", "Adam")
-"""What the engine's timer calls the passes of a step."""
+"""Names of the passes in the engine's timer."""
 
 ITERATIONS = 100
 
@@ -86,7 +87,7 @@ def scenes(capture: Path | None, reading: CaptureOptions) -> Iterator[tuple[str,
     else:
         opened = reading.open(capture)
         if opened.points is None:
-            raise SystemExit(f"{capture}: has no cloud of its own, expected one with points to start from")
+            raise SystemExit(f"{capture}: has no point cloud, expected one with points to start from")
         most = len(opened.points)
         scene = train(opened, prior="none", iterations=ITERATIONS, evaluate_every=0, max_gaussians=most).scene
         yield opened.name, scene, opened.train
@@ -152,7 +153,7 @@ def add_rows(
 def count_pairs(engine: CpuEngine, frame: Frame) -> tuple[int, int]:
     """Visited and contributing pairs of one view."""
     view = View.of(frame.camera)
-    raster = engine._forward(view, np.zeros(3, np.float32))
+    raster = engine._forward(view, kernel_lens(frame.camera), np.zeros(3, np.float32))
     ends, lists = raster.canvas.drawn_ends, raster.lists
     return count_in_tiles(engine._splats, lists.intersections, lists.ranges, ends, view.width, view.height)
 

@@ -1,4 +1,4 @@
-"""What a device can do at most, as measured: bytes moved and floating-point operations a second."""
+"""Measured peak performance of a device: memory bandwidth and floating-point throughput."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import wgpu
 
 LONGEST_ROW = 65_535
 SECONDS = 0.1
-"""A measurement is repeated until it takes so long."""
+"""Minimum duration of a measurement, which is repeated until it takes this long."""
 
 COPY_BYTES = {"gpu": 512_000_000, "software": 64_000_000}
 FMA_GROUPS = {"gpu": 8192, "software": 16}
 
 ROUNDS = 256
 CHAINS = "abcdefgh"
-"""Vectors of four, each updated 4 times a round: 32 sums that do not wait for each other."""
+"""Vectors of four, each updated 4 times per round: 32 independent sums."""
 
 FLOPS_PER_THREAD = ROUNDS * 4 * len(CHAINS) * 4 * 2
 
@@ -62,7 +62,7 @@ class Roofline:
 
     Attributes:
         bytes_per_second: read and written together, by a shader that copies a large buffer.
-        flops_per_second: of float32, by a shader of fused multiplications and additions, which count as two.
+        flops_per_second: of float32, by a shader of fused multiply-adds, which count as two.
     """
 
     bytes_per_second: float
@@ -74,7 +74,7 @@ def measure_roofline(device: Any, is_software: bool) -> Roofline:
 
     Args:
         device: from `shared_device`.
-        is_software: whether the CPU does the work; it is given less.
+        is_software: whether the device is a software adapter, which gets less work.
     """
     kind = "software" if is_software else "gpu"
     largest = min(device.limits["max-buffer-size"], device.limits["max-storage-buffer-binding-size"])
@@ -109,7 +109,7 @@ def _seconds(device: Any, source: str, read_bytes: int, written_bytes: int, grou
 
 
 def _per_run(run: Callable[[int], None]) -> float:
-    """Seconds of one run, from so many that they take long enough to be timed."""
+    """Seconds per run, from enough runs to measure."""
     run(1)
     times = 1
     while True:

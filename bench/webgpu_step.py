@@ -4,7 +4,7 @@
     python bench/webgpu_step.py --small --replay both       # small ones, and what a replay cache changes
     python bench/webgpu_step.py ../data/fern --images images_8     # a capture, after 100 iterations
 
-Passes are timed by the device's timestamps, a compute pass each; without them, each is submitted alone and waited for.
+Passes are timed by timestamps, one compute pass each; without timestamps, each is submitted alone and waited for.
 """
 
 from __future__ import annotations
@@ -72,9 +72,9 @@ def main(
         capture: A capture to train on first; random scenes if none is given.
         gpu: Part of the GPU's name; by default the best.
         precision: Of projected splats, or both.
-        replay: How the backward pass comes by what the forward pass computed, or both ways.
-        accumulation: How tiles' gradients come together, or both ways.
-        steps: Steps timed of each kind, with and without the times of their passes.
+        replay: Whether the backward pass recomputes the forward pass or reads a cache, or both ways.
+        accumulation: How tiles' gradients are summed, or both ways.
+        steps: Number of steps timed, with and without timing of passes.
         iterations: How long to train on the capture.
         small: Small random scenes, for a quick run.
         max_memory: Megabytes of GPU memory that the engine may take.
@@ -107,20 +107,20 @@ def main(
 
 
 def _variants(options: EngineOptions, asked: dict[str, str]) -> Iterator[EngineOptions]:
-    """Every combination of what was asked for."""
+    """Every combination of the requested options."""
     ways = [CHOICES[name] if value == "both" else (value,) for name, value in asked.items()]
     for combination in itertools.product(*ways):
         yield replace(options, **dict(zip(asked, combination, strict=True)))
 
 
 def random_scenes(small: bool) -> Iterator[Scene]:
-    """Scenes as `bench/cpu_step.py` has them."""
+    """The scenes of `bench/cpu_step.py`."""
     for count, width, height in SMALL_SIZES if small else SIZES:
         yield random_scene(count, width, height)
 
 
 def scene_of(path: Path, reading: CaptureOptions, iterations: int, options: EngineOptions) -> Scene:
-    """A scene trained on a capture, with the views that it was trained on."""
+    """A scene trained on a capture, with its training views."""
     training = TrainingOptions(
         iterations=iterations,
         evaluate_every=0,
@@ -134,13 +134,13 @@ def scene_of(path: Path, reading: CaptureOptions, iterations: int, options: Engi
 
 
 def _settings() -> StepSettings:
-    """The default recipe's, with rates of 0: every step is the same."""
+    """The default recipe's settings with rates of 0, so that every step is the same."""
     recipe = recipe_named("pocketgs")
     return StepSettings(recipe.rates.scaled(0.0), recipe.loss)
 
 
 def work_of(scene: Scene, options: EngineOptions) -> Work:
-    """Count what a step on the scene has to do."""
+    """Count the work of a step on the scene."""
     gaussians, frames = scene
     engine = WebGpuEngine(options)
     engine.set_views(frames)

@@ -1,4 +1,4 @@
-"""What was measured of the WebGPU engine, and the tables that show it."""
+"""Measurements of the WebGPU engine, and their tables."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from webgpu_work import Work
 PAIR_PASSES = ("rasterize", "rasterize backward")
 
 LISTED = 0.005
-"""Buffers of a smaller share of the memory are listed together."""
+"""Buffers below this share of the memory are listed together."""
 
 CHOICES: dict[str, tuple[str, str]] = {
     "precision": ("f32", "f16"),
     "replay": ("recompute", "cache"),
     "accumulation": ("ordered", "atomic"),
 }
-"""What an engine may be asked to do in either way, the first of which is what the other is compared with."""
+"""Options with two values; the first is the baseline of comparisons."""
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """How one engine trains one scene.
+    """Measurements of one engine on one scene.
 
     Attributes:
         options: of the engine.
-        passes: times of steps whose passes were timed.
-        step: milliseconds of a step as training submits it.
+        passes: times of steps with timed passes.
+        step: milliseconds per step as submitted in training.
         memory: bytes on the GPU, by buffer.
-        work: what the steps had to do.
+        work: of the steps.
     """
 
     options: EngineOptions
@@ -45,11 +45,11 @@ class Measurement:
 
     @property
     def milliseconds(self) -> dict[str, float]:
-        """Medians by pass."""
+        """Median milliseconds by pass."""
         return self.passes.medians()
 
     def pairs_per_second(self, name: str) -> float:
-        """Pairs that one of PAIR_PASSES visits."""
+        """Pairs per second of one of PAIR_PASSES."""
         pairs = self.work.forward_pairs if name == "rasterize" else self.work.backward_pairs
         return 1e3 * pairs / self.milliseconds[name]
 
@@ -59,7 +59,7 @@ def _name(options: EngineOptions) -> str:
 
 
 def passes_table(measurement: Measurement, roofline: Roofline) -> Table:
-    """Time by pass, and how much of the device's bandwidth it is known to use."""
+    """Time by pass, and the minimum share of the device's bandwidth that it uses."""
     table = Table("pass", "ms", "share", "MB at least", "GB/s", "of a copy", title=_name(measurement.options))
     moved = measurement.work.bytes_moved(measurement.passes.symbols, measurement.options)
     milliseconds = measurement.milliseconds
@@ -73,7 +73,7 @@ def passes_table(measurement: Measurement, roofline: Roofline) -> Table:
 
 
 def steps_table(measurements: Sequence[Measurement]) -> Table:
-    """Whole steps, as training submits them."""
+    """Whole steps, as submitted in training."""
     table = Table("engine", "step (ms)", "steps/s", "passes alone (ms)", "GPU MB")
     for one in measurements:
         table.add_row(
@@ -87,7 +87,7 @@ def steps_table(measurements: Sequence[Measurement]) -> Table:
 
 
 def pairs_table(measurements: Sequence[Measurement], roofline: Roofline) -> Table:
-    """The two passes over pairs of splat and pixel."""
+    """The two passes over splat-pixel pairs."""
     table = Table("engine", "pass", "visited (M)", "contribute", "G pairs/s", "GFLOP/s", "of FMA")
     for one in measurements:
         flops = one.work.flops(one.options)
@@ -107,7 +107,7 @@ def pairs_table(measurements: Sequence[Measurement], roofline: Roofline) -> Tabl
 
 
 def ratios_table(measurements: Sequence[Measurement]) -> Table:
-    """What either way costs in proportion to the other, all else equal: times, and memory."""
+    """Ratios of time and memory between the two values of each option, all else equal."""
     table = Table("ratio", "all else", "step", *PAIR_PASSES, "GPU memory")
     of = {one.options: one for one in measurements}
     for choice, (plain, other) in CHOICES.items():
@@ -134,5 +134,5 @@ def memory_table(measurements: Sequence[Measurement]) -> Table:
     others = [sum(size for name, size in one.memory.items() if name not in listed) for one in measurements]
     table.add_row(f"the other {len(largest) - len(listed)}", *(f"{size / 1e6:.2f}" for size in others))
     table.add_section()
-    table.add_row("in all", *(f"{sum(one.memory.values()) / 1e6:.1f}" for one in measurements))
+    table.add_row("in total", *(f"{sum(one.memory.values()) / 1e6:.1f}" for one in measurements))
     return table

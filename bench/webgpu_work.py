@@ -1,4 +1,4 @@
-"""What a step of the WebGPU engine has to do for one view: splats, intersections, pairs, bytes, operations.
+"""The work of a WebGPU step for one view: splats, intersections, pairs, bytes, operations.
 
 A pair is one splat at one pixel. Visited pairs are those at which a shader evaluates a splat's exponent; contributing
 ones have an alpha of at least 1/255 at a pixel that is not saturated.
@@ -62,7 +62,7 @@ TRAFFIC = {
     ),
     "sum loss": ("8 * patches", "0"),
 }
-"""Bytes that each pass has to read and to write, if what it reads twice comes from a cache the second time.
+"""Bytes that each pass must read and write, assuming that repeated reads hit a cache.
 
 Besides the numbers of the engine's own expressions: `visible` Gaussians that stand in at least one list, `listed`
 intersections of all lists, `drawn` intersections up to the last that contributes in its tile, `drawn_splats`

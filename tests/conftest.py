@@ -39,7 +39,7 @@ def data_folder() -> Path:
 
 @pytest.fixture(scope="session")
 def adapter() -> Adapter:
-    """The best device with WebGPU, software ones included."""
+    """The best WebGPU device, including software ones."""
     if not adapters():
         unavailable("no Vulkan, Metal or DX12 adapter: install a driver, such as Mesa's software Vulkan")
     return adapters()[0]
@@ -94,7 +94,7 @@ def write_nerfstudio(capture: Capture, folder: Path) -> None:
 
 @pytest.fixture(scope="session")
 def contents() -> Callable[[Path], dict[str, bytes]]:
-    """A function that gives every file below a folder, by its path there."""
+    """A function that returns the content of every file below a folder, by its path there."""
 
     def read(folder: Path) -> dict[str, bytes]:
         files = (path for path in sorted(folder.rglob("*")) if path.is_file())

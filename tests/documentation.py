@@ -1,4 +1,4 @@
-"""What README and docs tell a reader to type, and the tables that they show."""
+"""Commands and tables in README and docs."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Command:
 
 @dataclass(frozen=True)
 class Table:
-    """A table, and the paragraph before it, which says where it comes from."""
+    """A table, and the paragraph before it."""
 
     where: str
     before: str

@@ -9,7 +9,7 @@ import pytest
 
 
 def unavailable(reason: str) -> NoReturn:
-    """Leave the test out, but fail where continuous integration must have what is missing."""
+    """Skip the test, or fail if continuous integration must have what is missing."""
     if os.environ.get("CI"):
         pytest.fail(reason)
     pytest.skip(reason)

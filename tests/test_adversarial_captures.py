@@ -1,4 +1,6 @@
-"""Captures with one mistake each, run whole: a usable scene, or a refusal that says what to photograph differently."""
+"""Complete runs on captures with one mistake each: a usable scene, or an error that says what to photograph
+differently.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,7 @@ class Attempt:
 
 @pytest.fixture(scope="module")
 def attempt(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Attempt]:
-    """A function that films a capture with a mistake, trains on it and says what came of it."""
+    """A function that makes a capture with a mistake, trains on it and returns the outcome."""
 
     @lru_cache
     def made(mistake: str) -> Attempt:

@@ -1,4 +1,4 @@
-"""What README and docs tell a reader to type works, and prints what they say it prints, in kind."""
+"""The commands in README and docs work, and print what the docs show."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def of(program: str) -> list[Command]:
 
 @pytest.fixture(scope="module")
 def help_of() -> Callable[[str], str]:
-    """A function that gives what `pocketgs SUBCOMMAND --help` prints."""
+    """A function that returns the output of `pocketgs SUBCOMMAND --help`."""
 
     @cache
     def ask(subcommand: str) -> str:
@@ -61,7 +61,7 @@ def accepts(told: str, option: str, value: str | None) -> bool:
 
 
 def pairs(arguments: tuple[str, ...]) -> list[tuple[str, str | None]]:
-    """Each option with what follows it."""
+    """Each option with the argument after it."""
     given = [pair for pair in pairwise([*arguments, "--"]) if pair[0].startswith("--")]
     return [(option, None if value.startswith("--") else value) for option, value in given]
 

@@ -1,4 +1,4 @@
-"""Modules can be imported, each before all others: whoever needs one need not know what else to import first."""
+"""Every module can be imported first, and folders import only those that they may."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def imported_at_once(path: Path) -> Iterator[str]:
 
 
 def test_no_module_imports_itself_by_a_detour() -> None:
-    """A package counts as imported by whoever imports one of its modules, but for the modules inside it."""
+    """Importing a module counts as importing its package, except from inside the package."""
     root = Path(pocketgs.__file__).parent
     needs: dict[str, set[str]] = {}
     for path in root.rglob("*.py"):

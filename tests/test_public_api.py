@@ -1,4 +1,4 @@
-"""What `import pocketgs` gives."""
+"""The names in `import pocketgs`."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture
 def trained(data_folder: Path, tmp_path: Path) -> Callable[..., dict[str, Any]]:
-    """A function that trains on a capture with some options, and gives the run's record."""
+    """A function that trains on a capture with some options, and returns the run's record."""
 
     def train(name: str, *options: object) -> dict[str, Any]:
         command = ["train", data_folder / name, "--output", tmp_path / name, *options]

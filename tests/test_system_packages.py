@@ -1,4 +1,4 @@
-"""What is installed for tests, and what is said where nothing may be. Nothing is installed here."""
+"""Installation of system packages for tests, and the messages if it is not allowed. Nothing is installed here."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def a_browser(tool: ModuleType, *there: bool) -> Any:
 
 @pytest.fixture
 def apt(tool: ModuleType, monkeypatch: pytest.MonkeyPatch) -> Callable[[int], Commands]:
-    """A function that lets the tool run as root, with an apt-get that ends with a status; gives what is called."""
+    """A function that runs the tool as root with a fake apt-get of a given status, and returns the calls."""
 
     def provide(status: int) -> Commands:
         called: Commands = []

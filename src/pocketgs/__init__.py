@@ -5,7 +5,7 @@
     result = pocketgs.train(capture, iterations=500)
     result.scene.save("fern.ply")
 
-Names are loaded when they are first used, so importing the package is quick and needs no engine.
+Names are imported on first use, so `import pocketgs` is quick and loads no engine.
 """
 
 from __future__ import annotations

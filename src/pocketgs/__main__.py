@@ -1,4 +1,4 @@
-"""The command `pocketgs`, and `python -m pocketgs`: Ctrl-C is heard before anything that takes long is loaded."""
+"""Entry point of `pocketgs` and `python -m pocketgs`. Handles Ctrl-C before the slow imports start."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pocketgs.system.interrupt import STOPPED, listen, raise_interrupt
 
 
 def main() -> None:
-    """Run the command line, and exit in one line whenever Ctrl-C is pressed."""
+    """Run the command line. Ctrl-C at any time ends it with one line."""
     listen(_stop_at_once)
     from pocketgs.cli import main as run
 
@@ -22,15 +22,15 @@ def main() -> None:
         except SystemExit as end:
             status = end.code
         finally:
-            # Nothing but Python's own tidying is left, which would answer Ctrl-C with a traceback.
+            # Only Python's own cleanup is left; Ctrl-C there would print a traceback.
             listen(_stop_at_once)
-    except KeyboardInterrupt:  # pressed again while the first was being dealt with
+    except KeyboardInterrupt:  # pressed again while the first was being handled
         _stop_at_once()
     sys.exit(status)  # type: ignore[arg-type]
 
 
 def _stop_at_once(number: int = 0, frame: FrameType | None = None) -> None:
-    """End without tidying up: nothing has been begun yet, or all has been ended."""
+    """Exit without cleanup: nothing has started yet, or everything has ended."""
     os.write(2, b"pocketgs: stopped\n")
     os._exit(STOPPED)
 

@@ -1,4 +1,4 @@
-"""Small files that state, or unpack to, far more than they are; each is built without ever holding what it states."""
+"""Small files that state, or decompress to, huge sizes; built without allocating these."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def gltf_shared_view(path: Path, count: int, primitives: int) -> Path:
 
 
 def gltf_named_often(path: Path, size: int, times: int) -> Path:
-    """Many buffers that name one file."""
+    """Many buffers that refer to one file."""
     path.with_suffix(".bin").write_bytes(bytes(size))
     buffers = [{"uri": path.with_suffix(".bin").name, "byteLength": size - index} for index in range(times)]
     path.write_text(json.dumps(_gltf(buffers, size // 16, 1)))

@@ -87,7 +87,7 @@ def broken_bytes(rng: Random, content: bytes) -> bytes:
 
 
 def _place(rng: Random, length: int) -> int:
-    """Somewhere; headers more often than what follows."""
+    """A random position, more often in headers."""
     return rng.randrange(max(1, min(length, rng.choice((16, 64, 400, length)))))
 
 
@@ -164,7 +164,7 @@ def broken_gzip(rng: Random, content: bytes) -> bytes:
 
 
 def broken_archive(rng: Random, content: bytes) -> bytes:
-    """A file of an archive, or an archive in which one is absent or there twice."""
+    """A file of an archive, or an archive with a file missing or duplicated."""
     import io
     import warnings
 

@@ -35,7 +35,7 @@ Trouble = Literal["none", "error", "errors from then on", "kill"]
 TROUBLES: tuple[Trouble, ...] = ("error", "errors from then on", "kill")
 
 DONE, REFUSED, BROKEN = 0, 2, 70
-"""How a process ends that has published, that has said why not, and that has failed in a way it must not."""
+"""Exit statuses of a process that has published, has reported an error, or has failed in a forbidden way."""
 
 # What Python reports to audit hooks before it does it; `os.remove` stands for unlink, and `os.rename` for replace.
 OPERATIONS = frozenset(
@@ -82,7 +82,7 @@ def version_in(folder: Path) -> int:
 
 
 def prepare(folder: Path) -> None:
-    """A folder with version 2 and things of somebody else."""
+    """A folder with version 2 and other programs' files."""
     for name, content in FOREIGN.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)
@@ -90,7 +90,7 @@ def prepare(folder: Path) -> None:
 
 
 class FileOperations:
-    """Counts the file operations of this process in a folder, and disturbs one of them."""
+    """Counts this process's file operations in a folder, and disturbs one of them."""
 
     def __init__(self, folder: Path, at: int, trouble: Trouble) -> None:
         self.count = 0
@@ -136,7 +136,7 @@ def outcome_of(child: int) -> int:
 
 
 def disturbed(folder: Path, work: Callable[[], None], at: int, trouble: Trouble) -> int:
-    """Do some work in another process with trouble at one of its file operations; how it has ended."""
+    """Do some work in another process with a fault at one of its file operations; returns its exit status."""
 
     def act() -> None:
         FileOperations(folder, at, trouble)
@@ -146,7 +146,7 @@ def disturbed(folder: Path, work: Callable[[], None], at: int, trouble: Trouble)
 
 
 def operations_of(folder: Path, work: Callable[[], None]) -> int:
-    """How many file operations some work takes in a folder."""
+    """Number of file operations that some work takes in a folder."""
     reading, writing = os.pipe()
 
     def act() -> None:
@@ -250,14 +250,14 @@ def _publish_soon(folder: Path, version: int) -> None:
 
 
 class Attacks:
-    """What has been tried, and what has failed."""
+    """Counts of attempts and failures."""
 
     def __init__(self) -> None:
         self.tried: Counter[str] = Counter()
         self.failures: list[str] = []
 
     def attempt(self, kind: str, attack: Callable[..., object], *arguments: object) -> None:
-        """Make one attack."""
+        """Run one attack."""
         self.tried[kind] += 1
         try:
             found = attack(*arguments)

@@ -37,17 +37,17 @@ from pocketgs.system.process import peak_rss_mb
 from pocketgs.viewer.scene_content import scene_content
 
 SECONDS_A_CASE = 20.0
-BOUND_MB, MOST_MB = 200, 500
-"""What readers are told that they may take, and what the process may grow by before that is a failure."""
+BOUND_MB, MAX_MB = 200, 500
+"""Memory bound of the readers, and growth of the process that counts as a failure."""
 
-LONGEST_ERROR = 2000
+MAX_ERROR = 2000
 
 Kind = Literal["capture", "scene", "result"]
 
 
 @dataclass(frozen=True)
 class Original:
-    """A sound example: what is opened, the folder that all its files are in, and how it is opened."""
+    """A valid example: its path, the folder of all its files, and the function that opens it."""
 
     name: str
     kind: Kind
@@ -57,7 +57,7 @@ class Original:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a case ended: "read", "refused", or what went wrong."""
+    """Outcome of a case: "read", "refused", or an error."""
 
     number: int
     what: str
@@ -85,7 +85,7 @@ def read(kind: Kind, path: Path) -> None:
 
 
 def try_case(original: Original, rng: Random, work: Path) -> tuple[str, str]:
-    """Break a copy and read it; gives what was broken, and how it ended."""
+    """Break a copy and read it; returns what was broken, and the outcome."""
     copy = Path(shutil.copytree(original.folder, work / "copy"))
     try:
         files = sorted(path for path in copy.rglob("*") if path.is_file())
@@ -103,7 +103,7 @@ def try_case(original: Original, rng: Random, work: Path) -> tuple[str, str]:
             read(original.kind, copy / original.path.relative_to(original.folder))
         except PocketGSError as error:
             length = len(str(error))
-            return what, "refused" if 0 < length <= LONGEST_ERROR else f"refused with {length} characters"
+            return what, "refused" if 0 < length <= MAX_ERROR else f"refused with {length} characters"
         except BaseException:
             return what, "".join(traceback.format_exc())
         return what, "read"
@@ -112,11 +112,11 @@ def try_case(original: Original, rng: Random, work: Path) -> tuple[str, str]:
 
 
 def work_through(originals: list[Original], seed: int, first: int, last: int, work: Path, told: Connection) -> None:
-    """Try cases one by one, in a process that may hang or be killed."""
+    """Run cases one by one, in a process that may hang or be killed."""
     work.mkdir(parents=True, exist_ok=True)
     for original in originals:  # what is loaded with the first of each kind is no case's
         read(original.kind, original.path)
-    allowed = peak_rss_mb() + MOST_MB
+    allowed = peak_rss_mb() + MAX_MB
     with memory_bound(BOUND_MB):
         for number in range(first, last):
             rng = Random(f"{seed} {number}")

@@ -19,7 +19,7 @@ MakeResult = Callable[..., CellResult]
 
 @pytest.fixture(scope="session")
 def made_result() -> MakeResult:
-    """A function that makes a result: what it is given by name stands in its run in place of what is there."""
+    """A function that makes a result; keyword arguments replace entries of its run."""
 
     def make(capture: str = "fern", method: str = "pocketgs", seed: int = 0, **run: Any) -> CellResult:
         command = f"pocketgs train {capture} --method {method} --seed {seed}"
@@ -56,7 +56,7 @@ def many_results(made_result: MakeResult, failed_result: MakeResult) -> list[Cel
 
 @pytest.fixture
 def leave_pictures(tmp_path: Path) -> Callable[[CellResult, Mapping[str, np.ndarray]], Path]:
-    """A function that leaves pictures (H, 2 W, 3) by view and run.json as a run does, and gives the folder of all."""
+    """A function that writes images (H, 2 W, 3) by view and run.json like a run, and returns the parent folder."""
 
     def leave(result: CellResult, pairs: Mapping[str, np.ndarray]) -> Path:
         folder = tmp_path / "work" / result.cell.name / "held_out"
@@ -73,6 +73,8 @@ def _run() -> dict[str, Any]:
     return {
         "psnr": 28.0,
         "ssim": 0.9,
+        "cc_psnr": 28.5,
+        "flip": 0.08,
         "lpips": None,
         "lpips_note": "no LPIPS here",
         "gaussians": 50_000,

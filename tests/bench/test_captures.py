@@ -1,4 +1,4 @@
-"""Which captures a table is made on, and what is said of those that are missing."""
+"""The captures of a table, and the messages for missing ones."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ def python_cell(written_capture: Path, work: Path, monkeypatch: pytest.MonkeyPat
 
 
 @ON_POSIX
-@pytest.mark.parametrize(("word", "error"), [("", " and no word"), ("far so good", ": far so good")])
+@pytest.mark.parametrize(("word", "error"), [("", " and no output"), ("far so good", ": far so good")])
 def test_a_killed_cell_says_so(
     word: str, error: str, written_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

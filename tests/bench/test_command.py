@@ -1,4 +1,4 @@
-"""`pocketgs bench`: what it runs, what it leaves out, what it writes, and how it ends."""
+"""`pocketgs bench`: the cells it runs and skips, the files it writes, and its exit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report: one page that stands alone, with everything in it that was measured."""
+"""The report: one self-contained page with all measurements."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MakeResult = Callable[..., CellResult]
 Leave = Callable[[CellResult, Mapping[str, np.ndarray]], Path]
 
 NEVER_CLOSED = {"meta", "img", "link", "br"}
-MOST_BYTES = 3_000_000
+MAX_BYTES = 3_000_000
 
 
 class Page(HTMLParser):
@@ -209,7 +209,7 @@ def test_the_report_of_a_whole_table_is_small(made_result: MakeResult, leave_pic
                 ]
                 results.append(made_result(capture, method, seed, memory=memory))
             folder = leave_pictures(results[-3], {"images_a": view(len(results)), "images_b": view(-len(results) % 99)})
-    assert len(report_of(results, tmp_path, folder)) < MOST_BYTES
+    assert len(report_of(results, tmp_path, folder)) < MAX_BYTES
 
 
 def test_a_file_that_cannot_be_written_is_named(made_result: MakeResult, tmp_path: Path) -> None:

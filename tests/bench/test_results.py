@@ -1,4 +1,4 @@
-"""Results are kept whole, and what is no result is refused."""
+"""Results survive a round trip, and other files are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A table goes on where it stopped, and holds what was measured under the same conditions."""
+"""A table continues where it stopped, and contains results under the same conditions only."""
 
 from __future__ import annotations
 

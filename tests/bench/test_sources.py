@@ -1,4 +1,4 @@
-"""Results tell which code they come from, and under which conditions they were measured."""
+"""Results record the source code and the conditions of their measurement."""
 
 from __future__ import annotations
 

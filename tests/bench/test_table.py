@@ -1,4 +1,4 @@
-"""The table of results: means over seeds, differences, what is missing, and the source's figures, as Markdown."""
+"""The table of results as Markdown: means over seeds, differences, missing figures, and the source's figures."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MakeResult = Callable[..., CellResult]
 
 
 def column(table: Table, name: str) -> dict[str, str]:
-    """A column's cells by what the first column says."""
+    """A column's cells by the first column."""
     place = table.head.index(name)
     return {row[0]: row[place] for row in table.rows}
 

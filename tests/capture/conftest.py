@@ -141,7 +141,7 @@ def assert_same_cameras() -> Callable[[list[Camera], list[Camera]], None]:
 
 @pytest.fixture(scope="session")
 def written_phones(small_capture: Capture, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """`small_capture` as every phone app writes it, to be read only, by format."""
+    """`small_capture` in every phone app's layout, read-only, by format."""
     folders = {name: tmp_path_factory.mktemp("phone") / name for name in WRITERS}
     for name, write in WRITERS.items():
         write(small_capture, folders[name])
@@ -150,5 +150,5 @@ def written_phones(small_capture: Capture, tmp_path_factory: pytest.TempPathFact
 
 @pytest.fixture
 def copied_phone(written_phones: dict[str, Path], tmp_path: Path) -> Callable[[str], Path]:
-    """A function that copies one of `written_phones` for the test to do with as it likes."""
+    """A function that copies one of `written_phones`, for tests that modify it."""
     return lambda name: Path(shutil.copytree(written_phones[name], tmp_path / name))

@@ -1,4 +1,4 @@
-"""Writers that lay out a capture with ground truth as the phone apps do, and what compares it with what is read."""
+"""Writers of a ground-truth capture in phone apps' layouts, and comparison with what is read."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def write_lossless_video(path: Path, images: list[np.ndarray]) -> None:
 
 
 def with_quarter_turn(mp4: bytes, height: int) -> bytes:
-    """A video whose track matrix asks to turn its pictures clockwise, as phones write it (ISO 14496-12, 8.3.2)."""
+    """A video whose track matrix states a clockwise rotation, as phones write it (ISO 14496-12, 8.3.2)."""
     start = mp4.index(b"tkhd") + 4 + 40
     matrix = struct.pack(">9i", 0, 1 << 16, 0, -1 << 16, 0, 0, height << 16, 0, 1 << 30)
     return mp4[:start] + matrix + mp4[start + len(matrix) :]

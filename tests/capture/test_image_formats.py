@@ -1,4 +1,4 @@
-"""What cameras and phones write besides plain JPEG and PNG, and photographs that are stored on their side."""
+"""Image formats of cameras and phones besides plain JPEG and PNG, and rotated photographs."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def test_openexr_depth(tmp_path: Path, channel: str) -> None:
     whole = path.read_bytes()
     for kept in (0, 3, 100, len(whole) - 20):
         path.write_bytes(whole[:kept])
-        with pytest.raises(PocketGSError, match=r"a\.exr: no readable OpenEXR file"):
+        with pytest.raises(PocketGSError, match=r"a\.exr: not a readable OpenEXR file"):
             read_depth(path, 1.0)
     with pytest.raises(PocketGSError, match=r"b\.exr: no such file"):
         read_depth(tmp_path / "b.exr", 1.0)

@@ -9,11 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from pocketgs.capture.lens import Lens, distort, inner_rectangle, undistort, undistortion
 from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.loading import Preparation, load_frame
+from pocketgs.capture.undistortion import inner_rectangle, undistortion
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
+from pocketgs.geometry.lens import Lens, distort, undistort
 
 LENSES = {
     "barrel": Lens("opencv", (-0.25, 0.05, 0.001, -0.002)),

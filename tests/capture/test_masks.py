@@ -1,4 +1,4 @@
-"""Masks: where they are found, which photograph each belongs to, and what they leave of it."""
+"""Masks: where they are found, how they are matched to photographs, and their effect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Images that are not where the capture says."""
+"""Images that are not at the paths that the capture states."""
 
 from __future__ import annotations
 
@@ -86,11 +86,11 @@ def test_one_folder_too_high(write_transforms, tmp_path):
     (tmp_path / "__MACOSX").mkdir()
     (outer / "images/._view_00.png").write_bytes(b"\0\5\x16\7")
     capture = open_capture(tmp_path)
-    assert "the one in its folder unpacked is taken" in capture.warnings[0]
+    assert "using the one in its folder unpacked" in capture.warnings[0]
     assert len(capture.frames) == 10
     assert not lacks_poses(tmp_path)
     shutil.copytree(outer, tmp_path / "second")
-    with pytest.raises(PocketGSError, match="no capture of a known format"):
+    with pytest.raises(PocketGSError, match="not a capture of a supported format"):
         open_capture(tmp_path)
 
 

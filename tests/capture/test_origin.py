@@ -1,4 +1,4 @@
-"""Captures far from their origin: held near one of their own, which is known, and from which everything leads back."""
+"""Captures far from their origin are moved to one of their own, and results can be moved back."""
 
 from __future__ import annotations
 
@@ -62,14 +62,14 @@ def test_what_is_left_is_small(extent: float, distance: float, seed: int) -> Non
 
 
 def test_metres_are_not_far_within_a_kilometre() -> None:
-    """A phone that hardly moved is no reason to move the world."""
+    """Cameras with little motion do not cause a move."""
     centres = np.array([[30.0, 2.0, 500.0], [30.001, 2.0, 500.0]])
     assert middle_if_far(centres, metric=True) is None
     assert middle_if_far(centres, metric=False) is not None
 
 
 def test_a_result_is_shown_about_its_own_origin(far: Path, tmp_path: Path) -> None:
-    """Even one from before the capture was held elsewhere."""
+    """Also one that was made before the capture was moved."""
     capture = open_capture(far)
     path = tmp_path / "cameras.json"
     for origin in (capture.origin, (0.0, 0.0, 0.0)):

@@ -1,4 +1,4 @@
-"""What phone apps record, as far as it is alike, and Polycam and NeRFCapture."""
+"""Features common to phone apps' recordings, and Polycam and NeRFCapture."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def test_broken_cameras(copied_phone, replaced, message):
     [
         ({"cameraPoseARFrame": [1.0] * 12}, "field 'cameraPoseARFrame'"),
         ({"intrinsics": [0.0] * 9}, "image size 0x0"),
-        ({"projectionMatrix": [0.0] * 16}, "no perspective projection"),
+        ({"projectionMatrix": [0.0] * 16}, "not a perspective projection"),
         ({"projectionMatrix": [2.0] * 16}, "expected the shape of its camera"),
     ],
 )

@@ -1,4 +1,4 @@
-"""The readers on real captures: poses, lenses and clouds must agree with what the images show."""
+"""The readers on real captures: poses, lenses and clouds must agree with the images."""
 
 from __future__ import annotations
 

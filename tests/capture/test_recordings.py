@@ -1,4 +1,4 @@
-"""The readers of phone apps on what the apps have really written."""
+"""The readers on real recordings of phone apps."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def recordings(data_folder: Path) -> Path:
 
 
 def disagreement(one: FrameSource, other: FrameSource) -> float:
-    """Median relative difference of one frame's depths, moved into the other frame, from those that it has there."""
+    """Median relative difference between one frame's depths, transformed to another frame, and that frame's own."""
     depths = [reliable_depth(source) for source in (one, other)]
     cameras = [s.camera.resized(d.shape[1], d.shape[0]) for s, d in zip((one, other), depths, strict=True)]
     rows, columns = np.nonzero(depths[0])
@@ -86,7 +86,7 @@ def test_record3d_poses_explain_matches(recordings, tmp_path):
 
 
 def epipolar_distances(one: Frame, other: Frame) -> np.ndarray:
-    """Of what SIFT matches, in pixels."""
+    """Of SIFT matches, in pixels."""
     detector = cv2.SIFT.create(2000)
     (first, descriptors), (second, others) = (detector.detectAndCompute(f.image, None) for f in (one, other))
     pairs = cv2.BFMatcher().knnMatch(descriptors, others, k=2)

@@ -343,14 +343,14 @@ def projected(truth: GroundTruth, source: str, target: str) -> tuple[np.ndarray,
 
 
 def pixels_inside(truth: GroundTruth, source: str, target: str) -> np.ndarray:
-    """(H·W,) bool, which of the source's pixels show what lies in the target's image."""
+    """(H·W,) bool: pixels of the source that are visible in the target's image."""
     pixels, depth = projected(truth, source, target)
     height, width = truth.depths[target].shape
     return (depth > 0) & np.all((pixels > 1) & (pixels < [width - 1, height - 1]), axis=1)
 
 
 def seen_in(truth: GroundTruth, source: str, target: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Row and column in the target of what the source shows, and its depth there."""
+    """Row and column in the target of the source's pixels, and their depth there."""
     pixels, depth = projected(truth, source, target)
     inside = pixels_inside(truth, source, target)
     column, row = pixels[inside].astype(int).T

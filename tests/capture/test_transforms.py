@@ -15,9 +15,9 @@ from PIL import Image
 from plyfile import PlyData, PlyElement
 
 from pocketgs.capture import open_capture
-from pocketgs.capture.lens import PINHOLE
 from pocketgs.capture.open import read_listing
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.lens import PINHOLE
 
 
 def test_reads_poses_and_intrinsics(ring, write_transforms, assert_same_cameras):
@@ -186,7 +186,7 @@ def test_blender_without_test_split(ring, tmp_path):
         ("camera_model", "EQUIRECTANGULAR", "expected one of PINHOLE"),
         ("camera_angle_x", 4.0, "radians"),
         ("ply_file_path", "../cloud.ply", "outside"),
-        ("test_filenames", "images/view_00.png", "list of texts"),
+        ("test_filenames", "images/view_00.png", "list of strings"),
         ("k1", [0.1], "k1"),
         ("is_fisheye", "yes", "true or false"),
     ],

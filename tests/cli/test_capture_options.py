@@ -1,4 +1,4 @@
-"""What every command that reads a capture says of it."""
+"""What all commands print about a capture."""
 
 from __future__ import annotations
 

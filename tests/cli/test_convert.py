@@ -102,7 +102,7 @@ def test_spz_version(
         ("none/out.ply", [], "cannot be written"),
         ("out.ply", ["--crop-box", 90, 90, 90, 91, 91, 91], "out.ply: none of 300 Gaussians are left"),
         ("out.ply", ["--min-opacity", 1], "none of 300 Gaussians are left"),
-        ("out.ply", ["--min-opacity", 2], "least opacity 2.0, expected 0 to 1"),
+        ("out.ply", ["--min-opacity", 2], "minimum opacity 2.0, expected 0 to 1"),
         ("out.ply", ["--crop-box", 1, 0, 0, 0, 1, 1], "expected each minimum at most its maximum"),
         ("out.ply", ["--scale", 0], "scale 0.0, expected a positive number"),
         ("out.ply", ["--rotate", "nan", 0, 0], "expected degrees"),

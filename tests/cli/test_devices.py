@@ -1,4 +1,4 @@
-"""What `pocketgs info --devices` says."""
+"""The output of `pocketgs info --devices`."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ def test_lists_what_this_machine_has(pocketgs: Callable[..., Any]) -> None:
     found = adapters()
     assert all(f"{one.name}: {one.kind}, {one.backend}, {one.driver}" in outcome.output for one in found)
     assert (NO_ADAPTER in outcome.output) == (not found)
-    assert ("\n  engine auto takes it" in outcome.output) == has_gpu()
+    assert ("\n  used by engine auto" in outcome.output) == has_gpu()
     cpu = outcome.output.splitlines()[-1]
     assert cpu.startswith("CPU engine: ")
-    assert ("auto takes it" in cpu) == (not has_gpu())
+    assert ("used by engine auto" in cpu) == (not has_gpu())
 
 
 def test_beside_a_path(pocketgs: Callable[..., Any], written_capture: Path) -> None:
@@ -56,12 +56,12 @@ def test_auto_takes_the_best_adapter_that_lacks_nothing() -> None:
         adapter("llvmpipe", kind="CPU"),
     ]
     lines = device_lines(found, threads=8)
-    assert "no engine takes it: max-storage-buffers-per-shader-stage 4 (expected 8)" in lines_about("weak", lines)
+    assert "not usable: max-storage-buffers-per-shader-stage 4 (expected 8)" in lines_about("weak", lines)
     good = lines_about("good", lines)
-    assert "engine auto takes it" in good
+    assert "used by engine auto" in good
     assert "features: subgroup; not shader-f16, shader-float32-atomic, timestamp-query" in good
-    assert "buffers of 2,000 MB, bindings of 1,000 MB, 8 storage buffers a stage, 16,384 bytes" in good
-    assert "engine webgpu takes it by --gpu" in lines_about("other", lines)
+    assert "buffers of 2,000 MB, bindings of 1,000 MB, 8 storage buffers per stage, 16,384 bytes" in good
+    assert "used by engine webgpu with --gpu" in lines_about("other", lines)
     assert "auto does not" in lines_about("llvmpipe", lines)
     assert lines[-1] == "CPU engine: 8 threads"
 
@@ -69,5 +69,5 @@ def test_auto_takes_the_best_adapter_that_lacks_nothing() -> None:
 @pytest.mark.parametrize("found", [[], [adapter("llvmpipe", kind="CPU")]])
 def test_without_a_gpu_auto_takes_the_cpu(found: list[Adapter]) -> None:
     lines = device_lines(found, threads=1)
-    assert lines[-1] == "CPU engine: 1 thread; engine auto takes it"
+    assert lines[-1] == "CPU engine: 1 thread; used by engine auto"
     assert (lines[0] == NO_ADAPTER) == (not found)

@@ -1,4 +1,4 @@
-"""Whatever goes wrong is one line on stderr, exit status 2, and an earlier result that stays as it was."""
+"""Errors are one line on stderr with exit status 2, and keep an earlier result."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from PIL import Image
 def refused(
     pocketgs: Callable[..., Any], result: Path, contents: Callable[[Path], dict[str, bytes]]
 ) -> Callable[..., str]:
-    """A function that runs a command which must fail as promised, and gives its message."""
+    """A function that runs a command that must fail, and returns its message."""
 
     def check(*arguments: object) -> str:
         before = contents(result)
@@ -86,8 +86,8 @@ def test_no_capture(refused: Callable[..., str], tmp_path: Path, result: Path) -
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").write_text("hello")
     assert "none: no such file or folder" in refused("train", tmp_path / "none", "--output", result)
-    assert "no capture of a known format" in refused("train", tmp_path / "empty", "--output", result)
-    assert "no capture of a known format" in refused("info", tmp_path / "file")
+    assert "not a capture of a supported format" in refused("train", tmp_path / "empty", "--output", result)
+    assert "not a capture of a supported format" in refused("info", tmp_path / "file")
     assert "File name too long" in refused("info", tmp_path / ("long" * 100))
     assert "File name too long" in refused("eval", tmp_path / ("long" * 100), tmp_path)
 
@@ -181,7 +181,7 @@ def test_nothing_held_out(refused: Callable[..., str], written_capture: Path, re
 
 def test_resume(refused: Callable[..., str], written_capture: Path, result: Path, tmp_path: Path) -> None:
     command = ["train", written_capture, "--resume", "--prior", "none", "--output"]
-    assert "40 iterations are done already" in refused(*command, result, "--iterations", "40")
+    assert "40 iterations are already done" in refused(*command, result, "--iterations", "40")
     assert "holds no unfinished.npz or checkpoint.npz" in refused(*command, tmp_path / "new")
     others = [["--seed", "1"], ["--recipe", "reference"], ["--sh-degree", "2"], ["--hold-out", "4"]]
     others += [["--prior", "sparse"], ["--no-bundle"], ["--source-views", "2"], ["--max-keyframes", "5"]]

@@ -27,7 +27,7 @@ def names_in(folder: Path) -> list[str]:
 
 
 def figures(pocketgs: Callable[..., Any], *arguments: Path) -> dict[str, Any]:
-    """What `pocketgs eval` says."""
+    """The output of `pocketgs eval`."""
     file = arguments[-1].parent / "figures.json"
     outcome = pocketgs("eval", *arguments, "--json", file)
     assert (outcome.status, outcome.errors) == (0, "")

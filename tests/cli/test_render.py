@@ -1,4 +1,4 @@
-"""`pocketgs render`: which views, what is shown, and in which files."""
+"""`pocketgs render`: views, appearances, and files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def psnr(one: np.ndarray, other: np.ndarray) -> float:
 def rendered(
     pocketgs: Callable[..., Any], result: Path, written_capture: Path, tmp_path: Path
 ) -> Callable[..., dict[str, np.ndarray]]:
-    """A function that renders to pictures with some options, and gives them by name."""
+    """A function that renders to images with some options, and returns them by name."""
 
     def call(*options: object) -> dict[str, np.ndarray]:
         output = tmp_path / "deep" / "rendered"

@@ -1,4 +1,4 @@
-"""What train, eval and info leave behind and say."""
+"""Files and output of train, eval and info."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from pocketgs.training.options import TrainingOptions
 FILES = ["cameras.json", "checkpoint.npz"]
 
 PLAIN = ["--prior", "none"]
-"""Options of runs that start from the capture's own points, where what they start from makes no difference."""
+"""Options of runs for which the initial points do not matter: they use the capture's own."""
 
 
 def names_in(folder: Path) -> list[str]:

@@ -197,7 +197,7 @@ def test_killed_run_goes_on_from_its_last_checkpoint(
 
 
 def test_on_a_terminal(written_capture: Path, tmp_path: Path) -> None:
-    """Where the progress is drawn anew again and again."""
+    """When progress is redrawn in place."""
     pty = pytest.importorskip("pty")
     try:
         terminal, ours = pty.openpty()

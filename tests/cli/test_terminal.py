@@ -1,4 +1,4 @@
-"""Names of files reach the terminal as text, whatever characters they hold."""
+"""File names are printed literally, whatever characters they contain."""
 
 from __future__ import annotations
 

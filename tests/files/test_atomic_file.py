@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all: after exceptions, and after kills at random moments."""
+"""Atomic file writes, after exceptions and after kills at random moments."""
 
 from __future__ import annotations
 

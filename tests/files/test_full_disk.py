@@ -1,4 +1,4 @@
-"""A disk that fills up anywhere in a file is an error, whatever writes it, and leaves the earlier file."""
+"""A full disk at any point of a write is an error, and keeps the earlier file."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SCENES = ["a.ply", "a.compressed.ply", "a.spz", "a.splat", "a.glb"]
 
 @contextmanager
 def files_of_at_most(size: int) -> Iterator[None]:
-    """A limit on the size of files, which stops what is written as a full disk does."""
+    """A limit on file sizes, which makes writes fail like a full disk."""
     before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.getsignal(signal.SIGXFSZ)
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
@@ -41,7 +41,7 @@ def files_of_at_most(size: int) -> Iterator[None]:
 
 
 def fails_at_any_length(path: Path, write: Callable[[], Any], tries: int = 12) -> None:
-    """Check that a file that is cut off anywhere is an error, and that what was there before stays.
+    """Check that truncation anywhere is an error, and that the earlier content is kept.
 
     Right before the end is the hardest: those bytes wait in buffers until the file is closed.
     """

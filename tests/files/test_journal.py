@@ -1,4 +1,4 @@
-"""What is published appears whole or not at all, whatever happens at whichever file operation."""
+"""Publishing is atomic, whichever file operation fails."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_two_at_a_time() -> None:
 
 
 def test_a_file_that_refuses_to_be_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As one that is open on Windows, or immutable: the old result stays, and the new one is kept."""
+    """Like a file that is open on Windows, or immutable: the old result stays, and the new one is kept."""
     prepare(tmp_path)
     replace = os.replace
 
@@ -100,5 +100,5 @@ def test_what_nobody_can_complete_is_an_error(
     monkeypatch.undo()
     assert version_in(tmp_path) == 2
     (tmp_path / ".pocketgs" / "pending").mkdir()
-    with pytest.raises(PocketGSError, match="half in place there and cannot be completed"):
+    with pytest.raises(PocketGSError, match="a half-published result there cannot be completed"):
         settle(tmp_path)

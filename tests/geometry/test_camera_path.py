@@ -1,4 +1,4 @@
-"""Where cameras look, and the paths made from them."""
+"""The focus point of cameras, and camera paths."""
 
 from __future__ import annotations
 

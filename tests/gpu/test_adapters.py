@@ -1,4 +1,4 @@
-"""Which device is taken, and what is said where there is none that will do."""
+"""The choice of the adapter, and the messages if none is suitable."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def test_a_gpu_that_will_do_is_preferred_to_a_better_one_that_will_not(
 
 
 def test_a_device_has_no_more_than_every_device_must_have(adapter: Adapter) -> None:
-    """So what runs in these tests runs everywhere, whatever this machine's adapter could do."""
+    """So tests use no more than what every device offers."""
     device = open_device(adapter)
     assert {name: device.limits[name] for name in NEEDED} == NEEDED
     assert device.limits["max-storage-buffer-binding-size"] == adapter.limits["max-storage-buffer-binding-size"]

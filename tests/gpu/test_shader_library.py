@@ -1,4 +1,4 @@
-"""Linking: files, sections, variants, constants, and what is said where one is missing."""
+"""Linking of shaders: files, sections, variants, constants, and errors."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def test_running_sums_follow_the_order(count: int) -> None:
 
 @pytest.mark.parametrize("waiting", [False, True])
 def test_every_pass_is_timed(adapter: Adapter, monkeypatch: pytest.MonkeyPatch, waiting: bool) -> None:
-    """By the device's own clock or by waiting; what is computed stays the same."""
+    """By timestamps or by waiting; the results are the same."""
     keys = np.array([5, 3, 4, 3])
     symbols = reserve(4, keys=keys, values=np.arange(4))
     if waiting:

@@ -1,4 +1,4 @@
-"""Where the fields of uniform buffers lie."""
+"""Layouts of uniform buffers."""
 
 from __future__ import annotations
 

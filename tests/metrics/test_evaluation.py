@@ -1,4 +1,4 @@
-"""PSNR and SSIM against scikit-image, masks, and LPIPS that is or is not there."""
+"""PSNR and SSIM against scikit-image, corrected colours, masks, and FLIP and LPIPS that are there or not."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from skimage import data
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from pocketgs.errors import PocketGSError
-from pocketgs.metrics.evaluation import Evaluation, ImageMetrics, evaluate, psnr, ssim
+from pocketgs.metrics.evaluation import Evaluation, ImageMetrics, cc_psnr, evaluate, psnr, ssim
+from pocketgs.metrics.flip import flip
 from pocketgs.metrics.perceptual import Lpips
 
 
@@ -70,6 +71,54 @@ def test_mask_hides_what_lies_outside(photo: np.ndarray) -> None:
     assert psnr(rendered, photo, mask) == pytest.approx(psnr(rendered[30:90, 40:150], inside))
 
 
+def test_colour_correction_undoes_a_camera_s_own_colours(photo: np.ndarray) -> None:
+    mixed = np.clip(photo @ [[0.8, 0.05, 0.0], [0.0, 0.9, 0.1], [0.02, 0.0, 1.1]] + 0.02, 0, 1).astype(np.float32)
+    curved = np.clip(0.9 * photo + 0.08 * photo**2, 0, 1).astype(np.float32)
+    for rendered in (mixed, curved):
+        assert psnr(rendered, photo) < 33
+        assert cc_psnr(rendered, photo) > 38
+    noise = noisy(photo, 0.05)
+    assert cc_psnr(noise, photo) == pytest.approx(psnr(noise, photo), abs=0.5)
+
+
+def test_colour_correction_forgives_nothing_but_colours(photo: np.ndarray) -> None:
+    shifted = np.roll(photo, 8, axis=1)
+    assert cc_psnr(shifted, photo) < psnr(shifted, photo) + 3
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0])
+def test_colour_correction_of_what_is_clipped_everywhere(photo: np.ndarray, level: float) -> None:
+    flat = np.full_like(photo, level)
+    assert cc_psnr(flat, photo) == pytest.approx(psnr(flat, photo))
+    assert cc_psnr(photo, flat) == pytest.approx(psnr(photo, flat))
+
+
+def test_colours_are_fitted_within_the_mask(photo: np.ndarray) -> None:
+    mask = np.zeros(photo.shape[:2], dtype=bool)
+    mask[30:90, 40:150] = True
+    rendered = np.where(mask[:, :, None], 0.8 * photo, 1 - photo).astype(np.float32)
+    assert cc_psnr(rendered, photo, mask) > 40
+    assert cc_psnr(rendered, photo) < 30
+
+
+def test_flip_grows_with_the_error(photo: np.ndarray) -> None:
+    pytest.importorskip("flip_evaluator")
+    found = [flip(noisy(photo, amount), photo) for amount in (0.01, 0.05, 0.2)]
+    assert flip(photo, photo) == 0
+    assert all(value is not None and 0 < value < 1 for value in found)
+    assert found == sorted(found, key=lambda value: value or 0.0)
+    mask = np.zeros(photo.shape[:2], dtype=bool)
+    mask[:80] = True
+    spoilt = photo.copy()
+    spoilt[80:] = 0
+    assert flip(spoilt, photo, mask) == 0
+
+
+def test_missing_flip_is_none(monkeypatch: pytest.MonkeyPatch, photo: np.ndarray) -> None:
+    monkeypatch.setitem(sys.modules, "flip_evaluator", None)
+    assert evaluate([("a", photo, photo, None)], with_lpips=False).flip is None
+
+
 def test_full_mask_changes_nothing(photo: np.ndarray) -> None:
     rendered, everything = noisy(photo, 0.05), np.ones(photo.shape[:2], dtype=bool)
     assert psnr(rendered, photo, everything) == pytest.approx(psnr(rendered, photo))
@@ -107,10 +156,15 @@ def test_no_images() -> None:
 
 def test_means_are_over_images() -> None:
     evaluation = Evaluation(
-        [ImageMetrics("a", 20.0, 0.5, 0.25), ImageMetrics("b", 30.0, 0.75), ImageMetrics("c", 40, 1)]
+        [
+            ImageMetrics("a", 20.0, 0.5, 21.0, 0.5, 0.25),
+            ImageMetrics("b", 30.0, 0.75, 33.0, 0.25),
+            ImageMetrics("c", 40, 1, 42),
+        ]
     )
-    assert (evaluation.psnr, evaluation.ssim, evaluation.lpips) == (30.0, 0.75, 0.25)
-    assert Evaluation([ImageMetrics("a", 20.0, 0.5)]).lpips is None
+    assert evaluation.means == {"psnr": 30.0, "cc_psnr": 32.0, "ssim": 0.75, "flip": 0.375, "lpips": 0.25}
+    without = Evaluation([ImageMetrics("a", 20.0, 0.5, 20.0)])
+    assert (without.flip, without.lpips) == (None, None)
 
 
 def test_takes_a_generator_and_is_json(photo: np.ndarray) -> None:

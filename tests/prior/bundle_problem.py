@@ -14,7 +14,7 @@ from pocketgs.prior.observations import Observations
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """The truth, what was seen of it, and a start some way off."""
+    """Ground truth, observations, and a perturbed start."""
 
     true_cameras: list[Camera]
     true_points: np.ndarray
@@ -108,7 +108,7 @@ def similarity(source: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarra
 
 
 def position_errors(cameras: Sequence[Camera], true_cameras: Sequence[Camera]) -> np.ndarray:
-    """(F,) distances of centres from the true ones once a similarity has aligned all of them."""
+    """(F,) distances of centres from the true ones after similarity alignment."""
     scale, rotation, offset = similarity(centres(cameras), centres(true_cameras))
     return np.linalg.norm(scale * centres(cameras) @ rotation.T + offset - centres(true_cameras), axis=1)
 

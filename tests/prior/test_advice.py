@@ -1,4 +1,4 @@
-"""Hints follow from what photographs show, not from their size or masks."""
+"""Hints depend on the content of photographs, not on their size or masks."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_good_photographs_need_no_hint(small_capture: Capture) -> None:
 @pytest.mark.parametrize("size", [(90, 120), (600, 800)])
 def test_noise_on_a_wall_is_no_texture(size: tuple[int, int]) -> None:
     (hint,) = photograph_hints(frames_of(noise((*size, 3), 200, 3)))
-    assert f"{FEW} of {FEW} photographs show hardly any texture" in hint
+    assert f"{FEW} of {FEW} photographs have little texture" in hint
 
 
 def test_dark_photographs(small_capture: Capture) -> None:
@@ -49,7 +49,7 @@ def test_masked_pixels_do_not_count(small_capture: Capture) -> None:
     image[:, :48], mask[:, 48:] = 180, False
     assert photograph_hints([replace(frame, image=image)] * FEW) == ()
     (hint,) = photograph_hints([replace(frame, image=image, mask=mask)] * FEW)
-    assert "hardly any texture" in hint
+    assert "little texture" in hint
     assert photograph_hints([replace(frame, mask=np.zeros_like(mask))] * FEW) == ()
 
 

@@ -8,12 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from pocketgs.prior.bundle_input import by_point, first_estimate
 from pocketgs.prior.reprojection import COLUMNS, POINT_COLUMN, Estimate, linearise, weigh
-from pocketgs.prior.schur import LEAST_DIAGONAL, point_steps, reduced_equations
+from pocketgs.prior.schur import MIN_DIAGONAL, point_steps, reduced_equations
 from prior.bundle_problem import make_problem
 
 
 def shifted(estimate: Estimate, frame: int, point: int, step: np.ndarray) -> Estimate:
-    """The estimate with one camera, the lens and one point moved by (COLUMNS,)."""
+    """The estimate with one camera, the lens and one point changed by (COLUMNS,)."""
     rotations, moved, points = estimate.rotations.copy(), estimate.centres.copy(), estimate.points.copy()
     rotations[frame] = Rotation.from_rotvec(step[:3]).as_matrix() @ rotations[frame]
     moved[frame] += step[3:6]
@@ -60,7 +60,7 @@ def test_reduced_equations_give_the_step_of_the_whole_system(repeated: bool) -> 
         dense[rows, point : point + 3] = jacobian[:, POINT_COLUMN:]
         right[rows] = -residual
     normal = dense.T @ dense
-    normal += damping * np.diag(np.maximum(np.diag(normal), LEAST_DIAGONAL))
+    normal += damping * np.diag(np.maximum(np.diag(normal), MIN_DIAGONAL))
     expected = np.linalg.solve(normal, dense.T @ right)
 
     equations, points = reduced_equations(sightings, estimate, huber, damping)

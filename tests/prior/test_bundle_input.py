@@ -1,4 +1,4 @@
-"""What bundle adjustment refuses, and that it says why."""
+"""Input checks of bundle adjustment, and their messages."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_a_pose_that_nothing_determines_is_refused() -> None:
     with pytest.raises(PocketGSError, match="camera 0 sees 2 points"):
         adjust_pose(camera, points, pixels, FREE)
     assert adjust_pose(camera, points, pixels, HELD).rmse_after < 1e-9
-    with pytest.raises(PocketGSError, match="2 points seen at 1 pixels"):
+    with pytest.raises(PocketGSError, match="2 points and 1 pixels"):
         adjust_pose(camera, points, pixels[:1], HELD)
 
 

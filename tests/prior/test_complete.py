@@ -1,4 +1,4 @@
-"""Completion: points for what is seen and not known, at likely depths, and never more than may be."""
+"""Completion: points for uncovered surfaces, at plausible depths, and not too many."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera, look_at
-from pocketgs.prior.complete import GUESSED_CONFIDENCE, MOST_ADDED, completion, joined
+from pocketgs.prior.complete import GUESSED_CONFIDENCE, MAX_ADDED_SHARE, completion, joined
 from pocketgs.prior.coverage import ViewCells, point_radii
 from pocketgs.scene.point_cloud import PointCloud
 
@@ -18,7 +18,7 @@ SIZE = 96
 
 
 def frame(x: float = 0.0, turned: bool = False) -> Frame:
-    """A view along z, as wide as it is far, red on its left and blue on its right half; or one the other way."""
+    """A view along z, as wide as it is far, red on its left and blue on its right half; or the other way round."""
     eye = np.array([x, 0, -4.0])
     pose = look_at(eye, eye + np.array([0, 0, -1.0 if turned else 1.0]), np.array([0, -1.0, 0]))
     image = np.zeros((SIZE, SIZE, 3), np.uint8)
@@ -90,7 +90,7 @@ def test_nothing_is_added_where_all_is_known() -> None:
 
 
 def test_other_sources_fill_only_what_is_bare() -> None:
-    """Of a source over all of the wall, the points in the hole; of the next, what those leave."""
+    """From a source that covers the whole wall, the points in the hole; from the next, what is still missing."""
     cloud = with_hole(wall())
     own = wall(400)
     left = own.select(own.positions[:, 0] < 0.1)
@@ -110,7 +110,7 @@ def test_other_sources_fill_only_what_is_bare() -> None:
 
 
 def test_sources_that_are_seen_from_the_other_side_do_not_fill() -> None:
-    """They are taken, since nothing else is there, but what they do not cover is guessed."""
+    """They are used, since there is nothing else, but what they do not cover is guessed."""
     behind = wall(60)
     behind = replace(behind, directions=-behind.directions)  # type: ignore[operator]
     found = completion(with_hole(wall()), [frame()], [behind], DISTANCE, 100_000)
@@ -128,7 +128,7 @@ def test_never_more_points_than_there_may_be(cloud_size: int, count: int) -> Non
     cloud = whole.select(np.sort(rng.permutation(len(whole))[: min(cloud_size, count)]))
     sources = [wall(70), wall(90)]
     found = completion(cloud, [frame(), frame(turned=True)], sources, DISTANCE, count)
-    assert len(found.added) <= max(count - len(cloud), int(MOST_ADDED * count))
+    assert len(found.added) <= max(count - len(cloud), int(MAX_ADDED_SHARE * count))
     assert 0 <= found.guessed <= len(found.added)
 
 

@@ -1,4 +1,4 @@
-"""Coverage: what a cloud explains of the views, against a computation cell by cell."""
+"""Coverage of views by a cloud, against a computation cell by cell."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def test_a_lonely_point_explains_little() -> None:
 
 
 def test_sparse_points_cover_what_lies_between_them() -> None:
-    """As much as dense ones do: they stand for larger Gaussians."""
+    """As much as dense ones: they become larger Gaussians."""
     views, depths = covered([frame((0, 0, -4))], wall(side=30))
     assert views.share(depths) > 0.99
 
@@ -167,7 +167,7 @@ def test_views_of_other_sizes_are_padded_and_padding_does_not_count() -> None:
 
 
 def test_uncovered_share() -> None:
-    """Of two views that see a point, one is covered there; a third has it behind itself."""
+    """Of two views that see a point, one is covered there; the point is behind a third."""
     frames = [frame((0, 0, -4)), frame((0, 0, 4)), frame((0, 0, -1), target=(0, 0, -2))]
     views, depths = covered(frames, wall())
     masked = [*frames[:1], replace(frames[1], mask=np.zeros((96, 96), bool)), frames[2]]

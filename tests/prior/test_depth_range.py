@@ -1,4 +1,4 @@
-"""Ranges of depth: what is near, far and infinitely far lies within them, and they are as fine as need be."""
+"""Depth ranges contain near, far and infinitely far surfaces, and are fine enough."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
-from pocketgs.prior.depth_maps import MOST_SWEPT_PIXELS, depth_maps, sweep_pixels
+from pocketgs.prior.depth_maps import MAX_SWEPT_PIXELS, depth_maps, sweep_pixels
 from pocketgs.prior.depth_range import (
     FEWEST,
     MOST,
@@ -24,7 +24,7 @@ from pocketgs.prior.depth_range import (
     small_copy,
     wide_range,
 )
-from pocketgs.prior.sweep import MOST_PIXELS, DepthMap, SweepSettings
+from pocketgs.prior.sweep import MAX_PIXELS, DepthMap, SweepSettings
 
 DISTANCE = 4.0
 NEAR = 1.5
@@ -132,10 +132,10 @@ def test_depths_of_points() -> None:
 
 
 def test_more_keyframes_are_searched_at_a_smaller_size() -> None:
-    assert sweep_pixels(1) == sweep_pixels(2) == MOST_PIXELS
+    assert sweep_pixels(1) == sweep_pixels(2) == MAX_PIXELS
     for keyframes in (50, 100, 300):
-        assert 0.9 * MOST_SWEPT_PIXELS < keyframes * sweep_pixels(keyframes) <= MOST_SWEPT_PIXELS
-    assert sweep_pixels(0) == MOST_PIXELS
+        assert 0.9 * MAX_SWEPT_PIXELS < keyframes * sweep_pixels(keyframes) <= MAX_SWEPT_PIXELS
+    assert sweep_pixels(0) == MAX_PIXELS
 
 
 TEXTURE = cv2.GaussianBlur(np.random.default_rng(3).random((768, 768), np.float32), (0, 0), 1.5)
@@ -143,7 +143,7 @@ TEXTURE = np.float32(255) * (TEXTURE - TEXTURE.min()) / (TEXTURE.max() - TEXTURE
 
 
 SKY = 1e9
-"""Depth of what is as good as infinitely far away."""
+"""A depth that is practically infinite."""
 
 
 def three_layers(x: float) -> Frame:
@@ -164,7 +164,7 @@ def three_layers(x: float) -> Frame:
 
 @pytest.mark.parametrize("know_points", [True, False])
 def test_depth_maps_tell_near_wall_and_sky(know_points: bool) -> None:
-    """Sparse points lie on the wall alone, or there are none: what is nearer and farther is found none the less."""
+    """Sparse points are on the wall only, or missing: nearer and farther surfaces are found all the same."""
     frames = [three_layers(x) for x in (-0.5, -0.25, 0.0, 0.25, 0.5)]
     bare = [replace(one, depth=None) for one in frames]
     points = [points_at(4.0) if know_points else np.zeros((0, 3))]

@@ -1,4 +1,4 @@
-"""Detail: nothing on plain surfaces, the contrast of what is fine, and hardly anything of what is coarse."""
+"""Detail: 0 on plain surfaces, the contrast of fine structures, and little for coarse ones."""
 
 from __future__ import annotations
 

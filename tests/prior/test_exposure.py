@@ -111,6 +111,12 @@ STEPS = np.linspace(-1.0, 1.0, 10)
 JUMPS = np.array([1.0, -1.0] * 5)
 
 
+def test_white_balance_that_jumps_needs_compensation(clean_walk: Capture, scale: Scale) -> None:
+    warmer = 0.1 * np.outer(JUMPS, [1.0, 0.0, -1.0])
+    assert needs_compensation(clean_walk.train, np.exp(warmer), scale)
+    assert not needs_compensation(clean_walk.train, np.exp(0.05 * warmer), scale)
+
+
 @pytest.mark.parametrize(
     ("logarithms", "needed"),
     [

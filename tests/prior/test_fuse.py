@@ -1,4 +1,4 @@
-"""Fusion: what views say of each other's depths, and the cloud that comes of depths known to be exact."""
+"""Fusion: consistency of depth maps, and clouds from exact depths."""
 
 from __future__ import annotations
 
@@ -247,7 +247,7 @@ def test_maps_of_different_sizes(table: Capture, exact: list[DepthMap]) -> None:
 
 
 def test_alpha_of_any_training_frame_bounds_the_cloud(table: Capture, exact: list[DepthMap]) -> None:
-    """Of one that is no keyframe, too."""
+    """Also of a frame that is not a keyframe."""
     left = np.tile(np.where(np.arange(160) < 80, 255, 0).astype(np.uint8), (120, 1))
     judge = replace(table.train[3], alpha=left)
     others = [index for index in range(len(table.train)) if index != 3]
@@ -262,7 +262,7 @@ def test_alpha_of_any_training_frame_bounds_the_cloud(table: Capture, exact: lis
 
 @pytest.mark.parametrize("step", [0.05, 0.001])
 def test_what_is_too_far_to_tell_lies_on_one_sphere(step: float) -> None:
-    """Three cameras see the same far stars, each at another depth that it cannot tell from infinity."""
+    """Three cameras see the same distant stars, each at another depth that it cannot tell from infinity."""
     eyes = np.array([[-1.0, 0, 0], [0, 0.3, 0], [1.0, 0, 0.2]])
     frames = [wall_frame(f"{index}", eye, 64) for index, eye in enumerate(eyes)]
     resolved = 1 / step
@@ -286,7 +286,7 @@ def test_what_is_too_far_to_tell_lies_on_one_sphere(step: float) -> None:
 
 
 def test_stars_that_three_views_see_are_at_the_same_pixels_of_all() -> None:
-    """A star that each camera sees in one direction lies, from all of them, within a pixel of that direction."""
+    """A star in the same direction for all cameras lies within a pixel of that direction for each of them."""
     eyes = np.array([[-1.0, 0, 0], [0, 0.3, 0], [1.0, 0, 0.2]])
     frames = [wall_frame(f"{index}", eye, 64) for index, eye in enumerate(eyes)]
     step = 1 / (64 * 3.0)  # a pixel's shift over the widest baseline

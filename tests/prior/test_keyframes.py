@@ -1,4 +1,4 @@
-"""Which frames become keyframes: together they cover what is seen, each part twice, and no frame comes for nothing."""
+"""Keyframe selection: keyframes together cover the views, each part twice, and each adds something."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_a_walk_is_covered_with_few(count: int, step: float) -> None:
 
 
 def test_a_bound_that_is_too_low_is_spent_on_all_of_the_walk() -> None:
-    """Where not everything may be covered twice, what is covered is, and no two pairs cover the same."""
+    """If not everything can be covered twice, no part is covered more often than needed."""
     frames = walk(120, 0.25)
     decisions = select(frames, most=12)
     assert len(kept(decisions)) == 12
@@ -114,7 +114,7 @@ def test_a_bound_that_is_too_low_is_spent_on_all_of_the_walk() -> None:
 
 
 def test_of_many_frames_those_looked_at_are_spread_evenly(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(keyframes, "MOST_VIEWS", 30)
+    monkeypatch.setattr(keyframes, "MAX_VIEWS", 30)
     decisions = select(walk(200, 0.05))
     assert len(decisions) == 200
     nearest = np.abs(np.arange(200)[:, None] - kept(decisions)).min(axis=1)
@@ -123,7 +123,7 @@ def test_of_many_frames_those_looked_at_are_spread_evenly(monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize("copies", [2, 5, 20])
 def test_duplicates_add_nothing(copies: int) -> None:
-    """A phone that stands still gives two keyframes, and a walk no more for being filmed slowly."""
+    """A phone that stands still gives two keyframes, and a slower walk gives no more."""
     assert len(kept(select(frames_at([[0.0]] * copies)))) == 2
     twice, often = (
         select(frames_at([[x] for x in (0.0, 0.5, 1.0, 1.5) for _ in range(times)])) for times in (2, copies)
@@ -152,7 +152,7 @@ def test_the_sharper_of_two_like_views_is_chosen() -> None:
 
 
 def test_what_is_farther_away_is_covered_by_fewer() -> None:
-    """Sparse points tell how far it is to the wall, whatever the typical distance."""
+    """Sparse points determine the distance to the wall, whatever the typical distance."""
     frames = walk(60, 0.1)
     counts = []
     for distance in (1.0, 4.0, 16.0):
@@ -165,7 +165,7 @@ def test_what_is_farther_away_is_covered_by_fewer() -> None:
 
 
 def test_what_something_hides_is_covered_by_others() -> None:
-    """Two frames see a board before the wall, two others the wall behind it: none makes up for the other."""
+    """Two frames see a board in front of the wall, two others the wall behind it: neither pair replaces the other."""
     spread = np.stack(np.meshgrid(*2 * [np.linspace(-0.5, 0.5, 9)]), axis=2).reshape(-1, 2)
     plane = np.column_stack([spread, np.ones(len(spread))])
     frames = frames_at([[0, 0, -5.0]] * 2 + [[0, 0, -2.6]] * 2)
@@ -178,7 +178,7 @@ def test_what_something_hides_is_covered_by_others() -> None:
 
 
 def test_what_is_seen_from_much_nearer_is_covered_from_there() -> None:
-    """A wall, from twice as far and a little more: pixels there are too large to show what the nearer views do."""
+    """A wall from twice as far and a little more: pixels there are too coarse to replace the nearer views."""
     spread = np.stack(np.meshgrid(*2 * [np.linspace(-0.5, 0.5, 9)]), axis=2).reshape(-1, 2)
     plane = np.column_stack([spread, np.ones(len(spread))])
     for nearer, expected in ((2.4, [0, 1, 2, 3]), (2.6, [0, 1])):
@@ -201,7 +201,7 @@ def test_both_sides_of_a_thing_are_covered() -> None:
 
 
 def test_masked_parts_need_no_keyframe() -> None:
-    """Three frames see a wall; of the fourth, which looks elsewhere, everything is masked, and of the fifth half."""
+    """Three frames see a wall; the fourth, which looks elsewhere, is masked completely, and the fifth by half."""
     frames = frames_at([[0.0], [0.0], [0.1], [9.0], [20.0]])
     frames[3] = replace(frames[3], mask=np.zeros((8, 8), bool))
     left = np.tile(np.arange(8) < 4, (8, 1))

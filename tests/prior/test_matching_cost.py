@@ -1,4 +1,4 @@
-"""Matching costs: the kernel against a twin in plain NumPy, and what the census is for."""
+"""Matching costs: the kernel against plain NumPy, and the invariances of the census."""
 
 from __future__ import annotations
 

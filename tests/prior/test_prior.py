@@ -81,7 +81,7 @@ def distances_along_rays(positions: np.ndarray, truth: GroundTruth, names: list[
 
 
 def surface(truth: GroundTruth, names: list[str], step: int) -> np.ndarray:
-    """(M, 3) what the frames truly see, one point for every `step` x `step` pixels."""
+    """(M, 3) true surface points of the frames, one per `step` x `step` pixels."""
     points = []
     for name in names:
         camera, depth = truth.cameras[name], truth.depths[name]

@@ -1,4 +1,4 @@
-"""How large a scene is, and between which depths it lies."""
+"""The scale of a scene."""
 
 from __future__ import annotations
 

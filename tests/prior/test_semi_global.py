@@ -69,7 +69,7 @@ def test_number_of_threads_changes_nothing(one_thread_then_more: list[int]) -> N
 
 
 def test_neighbours_settle_what_a_pixel_leaves_open() -> None:
-    """All pixels but one say hypothesis 6; that one finds 2 a little cheaper."""
+    """All pixels but one favour hypothesis 6; that one slightly favours 2."""
     costs = np.full((9, 9, 12), 30, np.uint8)
     costs[:, :, 6] = 5
     costs[4, 4] = 20
@@ -93,7 +93,7 @@ def test_depth_changes_where_the_grey_level_does() -> None:
 @given(steps=st.integers(2, 12), vertex=st.floats(1.5, 13.5), lift=st.integers(0, 500))
 @settings(deadline=None)
 def test_vertex_of_a_parabola_is_found(steps: int, vertex: float, lift: int) -> None:
-    """Of one whose samples are whole numbers, to rounding."""
+    """Of one with integer samples, to rounding."""
     numerator = round(vertex * steps)
     total = ((steps * np.arange(16) - numerator) ** 2 + lift).astype(np.uint16).reshape(1, 1, 16)
     inverse_depths = np.linspace(0.2, 1.7, 16, dtype=np.float32)

@@ -16,7 +16,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle import BundleSettings, adjust_bundle, huber_cost
 from pocketgs.prior.scale import Scale, estimate_scale
 from pocketgs.prior.structure import Structure, StructureSettings, build_structure
-from pocketgs.prior.tolerance import LEAST_ANGLE
+from pocketgs.prior.tolerance import MIN_ANGLE
 from pocketgs.prior.tracks import reprojection_errors, triangulate, triangulation_angles, view_distances
 from prior.bundle_problem import pose_errors, position_errors, predicted, turned_and_moved
 
@@ -94,7 +94,7 @@ def test_points_are_well_seen(walk: Refined) -> None:
     assert np.percentile(errors, 99) < structure.tolerance
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(structure.rmse_after)
     angles = triangulation_angles(structure.cameras, structure.points, structure.observations)
-    assert np.mean(angles >= LEAST_ANGLE) > 0.99
+    assert np.mean(angles >= MIN_ANGLE) > 0.99
 
 
 def test_landmarks_are_the_features_behind_the_points(walk: Refined) -> None:

@@ -13,7 +13,7 @@ from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import look_at
 from pocketgs.prior.depth_range import DepthRange
-from pocketgs.prior.sweep import MOST_PIXELS, DepthMap, SweepSettings, at_sweep_size, choose_source_views, sweep
+from pocketgs.prior.sweep import MAX_PIXELS, DepthMap, SweepSettings, at_sweep_size, choose_source_views, sweep
 
 SETTINGS = SweepSettings()
 PLANE = np.array([0.25, -0.4, 1.0]), 3.0
@@ -61,7 +61,7 @@ def swept(frame: Frame, source_views: list[Frame], settings: SweepSettings = SET
 
 
 def seen_by(frame: Frame) -> np.ndarray:
-    """(M, 3) some of what a frame sees."""
+    """(M, 3) some points that a frame sees."""
     rows, columns = (grid.ravel() for grid in np.mgrid[10 : frame.camera.height : 20, 10 : frame.camera.width : 20])
     rays = frame.camera.rays(np.column_stack([columns, rows]) + 0.5)
     return np.asarray(frame.camera.centre + rays * depth_of(frame)[rows, columns, None])
@@ -90,7 +90,7 @@ def test_one_source_view_is_enough_where_it_sees(plane: list[Frame]) -> None:
 
 
 def test_demo_scene(table: Capture) -> None:
-    """Real shapes: edges, what hides other things, and surfaces without texture."""
+    """Real shapes: edges, occlusions, and textureless surfaces."""
     keyframe = table.train[3]
     source_views = choose_source_views(keyframe, table.train, seen_by(keyframe), SETTINGS)
     found = swept(keyframe, source_views)
@@ -203,7 +203,7 @@ def test_references_are_those_of_the_best_baselines() -> None:
 
 
 def test_references_together_see_all_of_the_view() -> None:
-    """One camera sees the left half from where it should be and one the right; all others see the left one again."""
+    """One source view shows the left half correctly and one the right; all others repeat the left one."""
     keyframe = frame_at("key", 0, 0, 0)
     left, right = [[-1.2, 0, 5.0]], [[1.2, 0, 5.0]]
     sides = [frame_at(f"left{y}", -0.5, y, 0, towards=(-2.6, 0, 5)) for y in (0.48, 0.5, 0.52, 0.54)]
@@ -230,11 +230,11 @@ def test_large_frames_are_swept_at_a_smaller_size(width: int, height: int) -> No
     camera = Camera(width, height, width, width, width / 2, height / 2, np.eye(4))
     frame = Frame("a", camera, np.zeros((height, width, 3), np.uint8))
     found = at_sweep_size(frame)
-    if width * height <= MOST_PIXELS:
+    if width * height <= MAX_PIXELS:
         assert found is frame
         return
     shape = found.image.shape
-    assert 0.9 * MOST_PIXELS < shape[0] * shape[1] <= MOST_PIXELS
+    assert 0.9 * MAX_PIXELS < shape[0] * shape[1] <= MAX_PIXELS
     assert (found.camera.height, found.camera.width) == shape[:2]
     # It sees the same.
     assert found.camera.fx / found.camera.width == pytest.approx(camera.fx / camera.width)

@@ -1,4 +1,4 @@
-"""Two views: which matches one rigid motion explains, whatever the poses."""
+"""Two-view geometry: matches that one rigid motion explains, whatever the poses."""
 
 from __future__ import annotations
 

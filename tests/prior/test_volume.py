@@ -41,7 +41,7 @@ def photograph_of_a_ball(camera: Camera, colour: tuple[int, int, int]) -> Frame:
 
 
 def distance_to_surface(positions: np.ndarray, frames: list[Frame]) -> np.ndarray:
-    """How far points lie from what the frames see, along the optical axis of the frame that likes them best."""
+    """Distances of points from the frames' surfaces, along the optical axis of the best frame."""
     best = np.full(len(positions), np.inf)
     for frame in frames:
         assert frame.depth is not None
@@ -113,7 +113,7 @@ def test_one_frame_shows_no_volume(small_capture: Capture) -> None:
 
 def test_cameras_that_look_apart() -> None:
     frames = [Frame("", camera, np.zeros((48, 48, 3), np.uint8)) for camera in ring(8, 1.0, outwards=True)]
-    with pytest.raises(PocketGSError, match="the 8 cameras look apart"):
+    with pytest.raises(PocketGSError, match="the 8 cameras face outwards"):
         draw_points(frames, 100)
 
 

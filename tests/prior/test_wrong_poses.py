@@ -1,4 +1,4 @@
-"""Captures that lie: wrong poses, strange photographs, views that tell no depth."""
+"""Captures with wrong poses, unrelated photographs, and views without parallax."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def moved(frames: Sequence[Frame], which: Sequence[int], metres: float) -> list[
 
 
 def offsets(cameras: Sequence[Camera], frames: Sequence[Frame]) -> np.ndarray:
-    """(F,) how far cameras are from the frames' true ones, which are where the frames say."""
+    """(F,) distances of cameras from the frames' true ones."""
     return np.array([np.linalg.norm(a.centre - b.camera.centre) for a, b in zip(cameras, frames, strict=True)])
 
 
@@ -77,7 +77,7 @@ def test_half_the_poses_wrong(capture: Capture) -> None:
 
 
 def test_a_group_that_agrees_only_with_itself(capture: Capture) -> None:
-    """Frames in a row that are all moved together suit each other, and nobody else."""
+    """Consecutive frames that are all moved together agree with each other only."""
     turn, offset = np.array([0.0, 0.3, 0.0]), np.array([1.0, 0.0, 0.5])
     order = np.argsort([frame.name for frame in capture.frames])
     group = [int(order[place]) for place in range(5, 9)]

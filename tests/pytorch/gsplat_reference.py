@@ -27,15 +27,12 @@ def nerfacc() -> Iterator[None]:
 
 
 def _weights(alphas: Tensor, ray_indices: Tensor, n_rays: int) -> tuple[Tensor, Tensor]:
-    """α T of samples that follow each other along rays, by the sum of logarithms."""
+    """α T of samples that follow each other along rays, ray after ray, by the sum of logarithms."""
     logs = torch.log1p(-alphas.double())
-    order = torch.argsort(ray_indices, stable=True)
-    sums = logs[order].cumsum(0) - logs[order]
-    rays = ray_indices[order]
-    first = torch.ones_like(rays, dtype=torch.bool)
-    first[1:] = rays[1:] != rays[:-1]
-    sums = sums - sums[first][first.cumsum(0) - 1]
-    light = torch.zeros_like(logs).index_copy(0, order, sums).exp()
+    sums = logs.cumsum(0) - logs
+    first = torch.ones_like(ray_indices, dtype=torch.bool)
+    first[1:] = ray_indices[1:] != ray_indices[:-1]
+    light = (sums - sums[first][first.cumsum(0) - 1]).exp()
     return (alphas * light).to(alphas.dtype), light
 
 
@@ -67,7 +64,8 @@ def pairs(
         found = torch.nonzero(counts.flatten())[:, 0]
         pixels.append(found)
         splats.append(torch.full_like(found, int(index)))
-    return torch.cat(splats), torch.cat(pixels)
+    order = torch.argsort(torch.cat(pixels), stable=True)
+    return torch.cat(splats)[order], torch.cat(pixels)[order]
 
 
 def rasterization(

@@ -1,4 +1,4 @@
-"""Cameras on disk: they come back as written, and what is none is refused."""
+"""Cameras on disk: round trips, and errors for invalid files."""
 
 from __future__ import annotations
 
@@ -85,11 +85,11 @@ def test_what_is_no_camera(small_capture: Capture, path: Path, entry: str, value
     name = small_capture.train[1].name
     document["cameras"][name][entry] = value
     path.write_text(json.dumps(document))
-    with pytest.raises(PocketGSError, match=rf"cameras\.json: '{name}' is no camera"):
+    with pytest.raises(PocketGSError, match=rf"cameras\.json: '{name}' is not a camera"):
         read_cameras(path)
     del document["cameras"][name][entry]
     path.write_text(json.dumps(document))
-    with pytest.raises(PocketGSError, match=rf"cameras\.json: '{name}' is no camera"):
+    with pytest.raises(PocketGSError, match=rf"cameras\.json: '{name}' is not a camera"):
         read_cameras(path)
 
 
@@ -168,7 +168,7 @@ def test_what_is_no_pose(small_capture: Capture, path: Path, pose: Any) -> None:
     name = small_capture.train[2].name
     document["cameras"][name]["world_to_camera"] = pose
     path.write_text(json.dumps(document))
-    with pytest.raises(PocketGSError, match=rf"cameras\.json: '{name}' is no camera"):
+    with pytest.raises(PocketGSError, match=rf"cameras\.json: '{name}' is not a camera"):
         with_poses_of(small_capture, path)
 
 

@@ -1,4 +1,4 @@
-"""A folder has one writer, who leaves alone what is somebody else's."""
+"""A folder has one writer at a time, who does not touch other programs' files."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_a_staging_folder_that_vanishes_is_an_error(tmp_path: Path) -> None:
                 staging.rmdir()
 
     for remove in ("scene.ply", "run.json"):
-        with pytest.raises(PocketGSError, match=r"scene\.ply: was written and is gone"):
+        with pytest.raises(PocketGSError, match=r"scene\.ply: was written but is missing"):
             publish(remove)
     assert list(tmp_path.iterdir()) == []
 
@@ -92,7 +92,7 @@ def test_somebody_elses_files_are_refused_before_the_work(tmp_path: Path, foreig
 
 def test_unfinished_of_somebody_else(tmp_path: Path) -> None:
     (tmp_path / "unfinished.npz").write_bytes(b"mine")
-    with pytest.raises(PocketGSError, match=r"unfinished\.npz: is no checkpoint of ours"), claimed_for_run(tmp_path):
+    with pytest.raises(PocketGSError, match=r"unfinished\.npz: is not a checkpoint of ours"), claimed_for_run(tmp_path):
         pytest.fail("the work began")
 
 
@@ -130,7 +130,7 @@ def test_links_are_nobodys(tmp_path: Path) -> None:
         write(tmp_path / "result", "scene.ply")
     (tmp_path / "result" / "held_out").rmdir()
     (tmp_path / "result" / "held_out").symlink_to(outside)
-    with pytest.raises(PocketGSError, match="held_out: is no folder that pocketgs has made"):
+    with pytest.raises(PocketGSError, match="held_out: is not a folder that pocketgs made"):
         write(tmp_path / "result", "held_out/a.png")
     assert sorted(os.listdir(outside)) == ["a.png", "scene.ply"]
 

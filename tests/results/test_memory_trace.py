@@ -1,4 +1,4 @@
-"""Memory over a run: what is allocated shows, and long runs keep few samples."""
+"""Memory over time: allocations are visible, and long runs keep few samples."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_what_is_allocated_shows_in_its_stage() -> None:
 
 
 def test_a_long_run_keeps_few_samples_spread_over_all_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(memory_trace, "MOST_SAMPLES", 16)
+    monkeypatch.setattr(memory_trace, "MAX_SAMPLES", 16)
     with MemoryTrace(lambda: "", interval=0.002) as trace:
         first = trace.samples[0] if trace.samples else None
         time.sleep(0.3)

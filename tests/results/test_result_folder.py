@@ -1,4 +1,4 @@
-"""The result folder: published whole whatever happens, and checkpoints that are sound or refused."""
+"""The result folder is published as a whole, and checkpoints are valid or refused."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ def test_checkpoint_cut_off(tmp_path: Path, checkpoint: Checkpoint) -> None:
 @given(data=st.data())
 @settings(deadline=None)
 def test_damaged_checkpoint(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
-    """Garbage, and a sound file with some bytes changed: it is refused, or what was damaged does not matter."""
+    """Garbage, and a valid file with some bytes changed: it is refused, or the damage does not matter."""
     folder = tmp_path_factory.mktemp("damaged")
     path = folder / CHECKPOINT
     path.write_bytes(data.draw(st.binary(max_size=100)))

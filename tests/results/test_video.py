@@ -1,4 +1,4 @@
-"""Videos can be read back, and what goes wrong leaves nothing behind."""
+"""Videos can be read back, and errors leave no file behind."""
 
 from __future__ import annotations
 

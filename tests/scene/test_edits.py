@@ -1,4 +1,4 @@
-"""Edits of a scene: what it shows must be what it showed before, seen from where it went."""
+"""Edits of a scene: an edited scene renders as the original does from the corresponding camera."""
 
 from __future__ import annotations
 

@@ -17,6 +17,7 @@ from pocketgs.splat.cpu import clusters as clusters_module
 from pocketgs.splat.cpu.clusters import Clusters
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.cpu.layout import CLUSTER, View
+from pocketgs.splat.cpu.lens import kernel_lens
 from pocketgs.splat.reference.project import project
 from pocketgs.splat.reference.scene import Scene
 from pocketgs.splat.settings import AdamSettings, LearningRates, LossSettings, StepSettings
@@ -51,7 +52,7 @@ def a_camera(rng: np.random.Generator) -> Camera:
 def test_what_is_visible_is_in_a_cluster_in_view(seed: int) -> None:
     scene, camera = around(seed), a_camera(np.random.default_rng(seed))
     near = 0.05
-    found = Clusters(len(scene)).in_view(scene, View.of(camera), near, 2)
+    found = Clusters(len(scene)).in_view(scene, View.of(camera), kernel_lens(camera), near, 2)
     visible = np.flatnonzero(project(Scene.of(scene), camera, near).visible)
     assert np.isin(visible // CLUSTER, found).all()
 
@@ -60,7 +61,7 @@ def test_a_view_of_a_part_needs_few_clusters() -> None:
     scene = around(1, 40_000)
     scene.log_scales -= 5.0
     narrow = camera_in_front(40, 30, 120.0)
-    found = Clusters(len(scene)).in_view(scene, View.of(narrow), 0.05, 2)
+    found = Clusters(len(scene)).in_view(scene, View.of(narrow), kernel_lens(narrow), 0.05, 2)
     assert 0 < len(found) < 0.5 * len(scene) / CLUSTER
 
 
@@ -84,7 +85,7 @@ def test_training_is_the_same_with_and_without_culling(
         return engine.download(), [engine.render(frame.camera).image for frame in frames]
 
     culled, pictures = trained()
-    monkeypatch.setattr(clusters_module, "outside", lambda bounds, view, near: np.zeros(len(bounds), bool))
+    monkeypatch.setattr(clusters_module, "outside", lambda bounds, view, lens, near: np.zeros(len(bounds), bool))
     whole, whole_pictures = trained()
     assert_identical(culled, whole)
     for one, other in zip(pictures, whole_pictures, strict=True):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pocketgs.structure_from_motion.pairs import MOST_ALIKE, all_pairs, are_in_order, chosen_pairs
+from pocketgs.structure_from_motion.pairs import MAX_SIMILAR, all_pairs, are_in_order, chosen_pairs
 from pocketgs.structure_from_motion.retrieval import similarities
 
 
@@ -23,7 +23,7 @@ def test_many_photographs_are_matched_with_those_like_them() -> None:
     pairs = chosen_pairs(likeness, in_order=False)
     assert all(first < second for first, second in pairs)
     assert (0, count - 1) in pairs  # the loop closes
-    assert count * MOST_ALIKE / 2 <= len(pairs) <= count * MOST_ALIKE
+    assert count * MAX_SIMILAR / 2 <= len(pairs) <= count * MAX_SIMILAR
     with_neighbours = chosen_pairs(np.zeros((count, count)), in_order=True)
     assert {(i, i + 1) for i in range(count - 1)} <= with_neighbours
 

@@ -1,4 +1,4 @@
-"""Structure from motion: what it refuses, what it leaves behind, and poses that agree with known ones."""
+"""Structure from motion: errors, result files, and accuracy of poses."""
 
 from __future__ import annotations
 
@@ -131,9 +131,7 @@ def test_options(options: dict[str, Any], message: str) -> None:
 
 
 def test_photographs_that_do_not_match(photographs: Path, tmp_path: Path) -> None:
-    message = (
-        r"photographs: no poses found for 4 images \(\d+ features an image, 0 pairs that match\): photograph sharply"
-    )
+    message = r"photographs: no poses found for 4 images \(\d+ features per image, 0 matching pairs\): take sharp"
     stages: list[str] = []
     with pytest.raises(PocketGSError, match=message):
         pose(photographs, tmp_path / "output", on_stage=stages.append)

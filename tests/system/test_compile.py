@@ -1,4 +1,4 @@
-"""Machine code on disk belongs to one state of the sources."""
+"""Cached machine code belongs to one state of the sources."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How many threads there are where the system lets a process use fewer cores than the machine has."""
+"""The number of threads if the process may use fewer cores than the machine has."""
 
 from __future__ import annotations
 

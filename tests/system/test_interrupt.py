@@ -1,4 +1,4 @@
-"""Ctrl-C that waits: the first is noted, the second raised, whoever else has asked to stop meanwhile."""
+"""Deferred Ctrl-C: the first is recorded, the second raised, whoever else requests a stop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Effort: what sizes a capture is given, whatever machine it is trained on."""
+"""Effort: the sizes chosen for a capture, independent of the machine."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from pocketgs import Capture, PocketGSError, train
 from pocketgs.system import cores
 from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.planning.effort import (
-    FEWEST_ITERATIONS,
-    LEAST_GAUSSIANS,
-    LEAST_SECONDS,
-    MOST_EPOCHS,
-    MOST_GAUSSIANS,
-    MOST_ITERATIONS,
-    MOST_SECONDS,
+    MAX_EPOCHS,
+    MAX_GAUSSIANS,
+    MAX_ITERATIONS,
+    MAX_SECONDS,
+    MIN_GAUSSIANS,
+    MIN_ITERATIONS,
+    MIN_SECONDS,
     STANDARD_KEYFRAMES,
     sized,
 )
@@ -54,13 +54,13 @@ def test_standard_is_the_default_and_what_sizes_are_bounded_by() -> None:
     assert sizes(TrainingOptions()) == (None, None, None)
     many = [(40, 30)] * 1000
     small, large = sized(TrainingOptions(), many), sized(TrainingOptions(), [(4000, 3000)] * 500)
-    assert small.max_gaussians == LEAST_GAUSSIANS
-    assert LEAST_SECONDS - 0.1 < seconds(small, many) <= LEAST_SECONDS
-    assert sized(TrainingOptions(max_gaussians=1000), many).iterations == MOST_ITERATIONS
-    assert sized(TrainingOptions(), many[:20]).iterations == 20 * MOST_EPOCHS
-    assert sized(TrainingOptions(), many[:3]).iterations == FEWEST_ITERATIONS
-    assert large.max_gaussians == MOST_GAUSSIANS
-    assert large.iterations == FEWEST_ITERATIONS
+    assert small.max_gaussians == MIN_GAUSSIANS
+    assert MIN_SECONDS - 0.1 < seconds(small, many) <= MIN_SECONDS
+    assert sized(TrainingOptions(max_gaussians=1000), many).iterations == MAX_ITERATIONS
+    assert sized(TrainingOptions(), many[:20]).iterations == 20 * MAX_EPOCHS
+    assert sized(TrainingOptions(), many[:3]).iterations == MIN_ITERATIONS
+    assert large.max_gaussians == MAX_GAUSSIANS
+    assert large.iterations == MIN_ITERATIONS
 
 
 @settings(deadline=None)
@@ -79,16 +79,16 @@ def test_standard_grows_with_the_size_of_photographs(width: int, height: int, co
     views, enlarged = [(width, height)] * count, [(times * width, times * height)] * count
     smaller, larger = sized(TrainingOptions(), views), sized(TrainingOptions(), enlarged)
     assert smaller.max_gaussians <= larger.max_gaussians
-    assert seconds(smaller, views) <= seconds(larger, enlarged) + step_seconds(MOST_GAUSSIANS, 9, 1e8)
+    assert seconds(smaller, views) <= seconds(larger, enlarged) + step_seconds(MAX_GAUSSIANS, 9, 1e8)
 
 
 def test_standard_takes_the_time_that_it_should() -> None:
-    """A minute less what goes before training for a small capture; five less that for 150 photographs of a phone."""
-    for views, least, most in ((FERN, 20.0, 40.0), (PHONE, 150.0, MOST_SECONDS)):
+    """One minute minus preparation for a small capture; five minutes minus preparation for 150 photographs."""
+    for views, least, most in ((FERN, 20.0, 40.0), (PHONE, 150.0, MAX_SECONDS)):
         options = sized(TrainingOptions(), views)
         assert least <= seconds(options, views) <= most
     assert sized(TrainingOptions(), FERN).max_gaussians < 55_000
-    assert sized(TrainingOptions(), PHONE).max_gaussians == MOST_GAUSSIANS
+    assert sized(TrainingOptions(), PHONE).max_gaussians == MAX_GAUSSIANS
     assert sized(TrainingOptions(), PHONE).max_keyframes == STANDARD_KEYFRAMES
 
 

@@ -1,4 +1,4 @@
-"""Plans: what fits is taken, what does not is refused, and a larger budget never gives less."""
+"""Plans: what fits is used, what does not is refused, and a larger budget never gives less."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from pocketgs.splat.engine import EngineOptions, MemoryNeed, create_engine
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.planning.calibration import Speed, measure_speed
 from pocketgs.training.planning.machine import Machine, this_machine
-from pocketgs.training.planning.plan import LEAST_GAUSSIANS, LEAST_SIDE, Plan, make_plan, shrinking_warning
+from pocketgs.training.planning.plan import MIN_GAUSSIANS, MIN_SIDE, Plan, make_plan, shrinking_warning
 
 MACHINE = Machine(threads=2, readers=2, resident=160_000_000, compiles=False, memory_needed=CpuEngine(1).memory_needed)
 
@@ -165,8 +165,8 @@ def test_a_size_that_is_given_is_kept(memory: int) -> None:
 def test_nothing_becomes_senselessly_small(listed: ListedCapture, options: SizedOptions, memory: int) -> None:
     plan = planned(listed, replace(options, max_memory=memory))
     if plan:
-        assert plan.gaussians >= min(LEAST_GAUSSIANS, options.max_gaussians)
-        assert plan.shrink == 1 or min(plan.width, plan.height) >= LEAST_SIDE
+        assert plan.gaussians >= min(MIN_GAUSSIANS, options.max_gaussians)
+        assert plan.shrink == 1 or min(plan.width, plan.height) >= MIN_SIDE
 
 
 def test_a_first_run_is_refused_for_what_compiling_takes() -> None:
@@ -211,7 +211,7 @@ def test_outlines_know_what_undistortion_leaves(capture_folder: Path, k1: float)
 @settings(deadline=None)
 @given(st.integers(101, 3000), st.integers(1, 400))
 def test_the_smallest_photograph_bounds_shrinking(side: int, memory: int) -> None:
-    """Among photographs of several sizes none is shrunk to nothing."""
+    """With photographs of several sizes, none is reduced to nothing."""
     mixed = photographs(3000, 2000, 3)
     camera = Camera(side, 100, side, side, side / 2, 50.0, np.eye(4))
     small = FrameSource("small", Path("small.png"), camera)

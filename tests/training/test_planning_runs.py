@@ -28,7 +28,7 @@ Run = Callable[..., dict[str, Any]]
 
 @pytest.fixture
 def trained(tmp_path: Path) -> Run:
-    """A function that trains on a capture with some options, and gives the run's record."""
+    """A function that trains on a capture with some options, and returns the run's record."""
 
     def train(capture: Path, *options: object) -> dict[str, Any]:
         command = ["train", capture, "--output", tmp_path / "result", *options]
@@ -93,7 +93,7 @@ def test_a_run_that_was_made_smaller_goes_on_at_its_size(trained: Run, data_fold
 
 @pytest.mark.usefixtures("_compiled")
 def test_a_run_keeps_to_its_time(trained: Run, written_capture: Path) -> None:
-    """However many iterations are asked for; machines that do other work too are given twice the time."""
+    """For any number of iterations; twice the time is allowed, since the machine may be busy."""
     record = trained(written_capture, "--time-budget", 25, "--iterations", 10**6, "--prior", "none", "--engine", "cpu")
     plan = record["plan"]
     assert plan["iterations"] < 10**6

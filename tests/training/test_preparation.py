@@ -1,4 +1,4 @@
-"""Preparation: which points a run starts from, whatever it asks for and whatever the capture has."""
+"""Preparation: the points that a run starts from, for all options and captures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import look_at
 from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.training.options import SizedOptions, TrainingOptions
-from pocketgs.training.preparation import FEWEST_POINTS, prepare, starting_points
+from pocketgs.training.preparation import MIN_POINTS, prepare, starting_points
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def test_prior_takes_the_place_of_the_captures_own_points(textured: Capture, mod
     prior = prepare(textured, TrainingOptions(prior=mode, max_gaussians=3000, max_keyframes=6), stopwatch)
     assert prior.report is not None
     assert prior.points is not None
-    if prior.report.points >= FEWEST_POINTS:
+    if prior.report.points >= MIN_POINTS:
         assert prior.report.points == len(prior.points) <= 3000
         assert prior.points is not textured.points
         assert "points" not in stopwatch.seconds
@@ -61,7 +61,7 @@ def test_a_prior_that_finds_nothing_leaves_the_captures_own_points(textured: Cap
     prior = prepare(even, TrainingOptions(prior="sparse"), stopwatch)
     assert prior.points is textured.points
     assert prior.report is not None
-    assert prior.report.points < FEWEST_POINTS
+    assert prior.report.points < MIN_POINTS
     assert prior.report.warnings
     assert "points" in stopwatch.seconds
     for frame, before in zip(prior.frames, even.frames, strict=True):
@@ -101,7 +101,7 @@ def test_cameras_that_look_apart_with_nothing_to_start_from(small_capture: Captu
         pose = look_at(direction, 2 * direction, np.array([0, 0, 1.0]))
         frames.append(replace(frame, camera=replace(frame.camera, world_to_camera=pose)))
     apart = without_texture(replace(small_capture, train=frames, held_out=[], points=None))
-    with pytest.raises(PocketGSError, match="cameras look apart"):
+    with pytest.raises(PocketGSError, match="cameras face outwards"):
         prepare(apart, TrainingOptions(prior="sparse"))
 
 

@@ -29,7 +29,7 @@ from pocketgs.training.recipes import recipe_named
 from pocketgs.training.result import Checkpoint
 from pocketgs.training.strategies import choose
 from pocketgs.training.strategies.adc import AdaptiveDensityControl, DensityControl
-from pocketgs.training.strategies.budgeted import Budgeted, Growth
+from pocketgs.training.strategies.budgeted import Budgeted, Growth, Parabola
 from pocketgs.training.strategies.division import halves
 from pocketgs.training.strategies.mcmc import MarkovChain, Relocation
 from pocketgs.training.strategies.relocation import MOST_SHARING, shared
@@ -228,9 +228,10 @@ def test_opacities_are_reset(iteration: int, bright: bool) -> None:
 
 def test_the_budget_is_met_exactly_where_errors_are() -> None:
     situation = replace(SITUATION, most=200)
-    strategy = Budgeted(situation, Growth(start=0.1, stop=0.5, times=5, first=0.5))
-    targets = [strategy.target(iteration) for iteration in (100, 200, 300, 400, 500, 900)]
+    plan = Parabola(Growth(start=0.1, stop=0.5, times=5, first=0.5), situation.iterations, situation.most)
+    targets = [plan.target(iteration, 100) for iteration in (100, 200, 300, 400, 500, 900)]
     assert targets == [100, 143, 175, 193, 200, 200]
+    strategy = Budgeted(replace(situation, growth=plan))
     scene = scattered()
     scene.opacity_logits[:10] = -6.0
     engine = Rows(scene)

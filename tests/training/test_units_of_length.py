@@ -1,4 +1,4 @@
-"""The unit and the origin of a capture's lengths are nobody's choice: pictures are the same in all of them."""
+"""Results do not depend on the unit and origin of a capture's coordinates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A browser that opens the page, and what a person does there: looking, dragging, touching, dropping files."""
+"""A browser that opens the page, and user actions: dragging, touching, dropping files."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ PATIENCE = 120_000
 
 @contextmanager
 def open_browser() -> Iterator[Browser]:
-    """Start the browser; without one the test is left out."""
+    """Start the browser; skip the test if there is none."""
     program = next(filter(None, map(shutil.which, BROWSERS)), None)
     if program is None:
         unavailable(f"no browser: found none of {', '.join(BROWSERS)}")
@@ -67,14 +67,14 @@ class Visit:
         self["#canvas[aria-busy=false]"].wait_for(timeout=PATIENCE)
 
     def picture(self) -> np.ndarray:
-        """(H, W, 3) float32 in [0, 1]: what the button saves, once nothing moves."""
+        """(H, W, 3) float32 in [0, 1]: the image that the save button gives, once nothing moves."""
         self.until_drawn()
         with self.page.expect_download(timeout=PATIENCE) as saved:
             self.page.keyboard.press("p")
         return _decoded(Path(saved.value.path()).read_bytes())
 
     def seen(self) -> np.ndarray:
-        """(H, W, 3) float32 in [0, 1]: what the page shows behind its buttons, whatever draws it."""
+        """(H, W, 3) float32 in [0, 1]: a screenshot of the canvas, whichever renderer draws it."""
         self.page.evaluate(
             """() => {
                 for (const part of document.querySelectorAll("header, .card")) {

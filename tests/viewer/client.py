@@ -1,4 +1,4 @@
-"""Clients of the page's server that say exactly what a test wants said."""
+"""HTTP and WebSocket clients of the page's server."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def fetch(
     body: bytes | None = None,
     trust: ssl.SSLContext | None = None,
 ) -> Answer:
-    """Ask for a path below a URL, or for one with a leading slash; it is not tidied up as browsers would."""
+    """Request a path below a URL, or an absolute one, without normalising it as browsers do."""
     parts = urlsplit(url)
     assert parts.hostname
     if parts.scheme == "https":
@@ -58,7 +58,7 @@ def origin_of(url: str) -> str:
 
 @dataclass
 class Follower:
-    """A page's end of the WebSocket, and what it has been told."""
+    """The client end of the WebSocket, and the messages it has received."""
 
     socket: ClientWebSocketResponse
     progress: list[dict[str, Any]] = field(default_factory=list)
@@ -74,7 +74,7 @@ class Follower:
         await self.socket.send_str(json.dumps({"type": kind}))
 
     async def read(self) -> bool:
-        """Take in one message; whether there was one."""
+        """Receive one message; returns whether there was one."""
         message = await self.socket.receive(timeout=30)
         if message.type is not WSMsgType.TEXT:
             return False

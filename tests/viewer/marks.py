@@ -1,4 +1,4 @@
-"""A scene whose picture tells from where it is seen: coloured marks in a grey cloud."""
+"""A scene whose renderings reveal the camera: coloured marks in a grey cloud."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def marks(picture: np.ndarray, names: Sequence[str] = tuple(MARKS)) -> dict[str, np.ndarray]:
-    """Where coloured Gaussians are seen: (x, y) in pixels, weighted by how much of their colour is there."""
+    """Positions of the coloured marks in an image: (x, y) in pixels, weighted by colour."""
     found = {}
     for channel, name in ((channel, name) for channel, name in enumerate(MARKS) if name in names):
         others = np.delete(picture, channel, axis=2).max(axis=2)

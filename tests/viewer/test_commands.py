@@ -1,4 +1,4 @@
-"""`pocketgs view`, and `--view`: processes that serve a page until Ctrl-C, and what they refuse."""
+"""`pocketgs view` and `--view`: processes that serve a page until Ctrl-C, and their errors."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ OPTIONS = ["--prior", "none", "--engine", "cpu", "--threads", "1"]
 
 @pytest.fixture
 def started() -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
-    """A function that starts `pocketgs` and gives the process with its page's address; all end with the test."""
+    """A function that starts `pocketgs` and returns the process and its page's address; all end with the test."""
     processes: list[subprocess.Popen[str]] = []
 
     def start(*arguments: object) -> tuple[subprocess.Popen[str], str]:
@@ -68,7 +68,7 @@ def result(scene: Gaussians, small_capture: Capture, tmp_path: Path) -> Path:
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    """The one line in which a command refuses."""
+    """The one-line error message of a command."""
     with pytest.raises(SystemExit) as stop:
         main(list(map(str, arguments)))
     errors = capsys.readouterr().err
@@ -146,7 +146,7 @@ def test_view_refuses(capsys: pytest.CaptureFixture[str], result: Path, tmp_path
     assert "none: no such file or folder" in refused(capsys, "view", result, "--capture", tmp_path / "none")
     assert "port 70000: found 70000" in refused(capsys, "view", result, "--port", 70000)
     (result / "cameras.json").write_text('{"refined": true, "cameras": {"a": [1, 2]}}')
-    assert "cameras.json: 'a' is no camera" in refused(capsys, "view", result)
+    assert "cameras.json: 'a' is not a camera" in refused(capsys, "view", result)
     (result / "cameras.json").write_text("[]")
     assert "cameras.json: not a readable file of cameras" in refused(capsys, "view", result)
     (result / "run.json").write_text("{")

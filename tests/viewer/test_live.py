@@ -1,4 +1,4 @@
-"""Following a run that really trains: what pages are told and ask for, and that training waits for none of them."""
+"""Following a real training run: messages to pages, commands from pages; training does not wait for them."""
 
 from __future__ import annotations
 
@@ -392,4 +392,4 @@ def test_scene_that_cannot_be_shown_is_a_warning(scene: Gaussians, tmp_path: Pat
     scene.means[3] = np.inf
     followed.finish(RunResult(tmp_path, scene, None, {"iterations": 7}))
     assert len(warnings) == 1
-    assert "the page is not shown iteration 7" in warnings[0]
+    assert "iteration 7 cannot be shown on the page" in warnings[0]

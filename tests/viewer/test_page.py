@@ -1,4 +1,4 @@
-"""The page in a browser: it draws what the engine draws, and does what a person asks of it."""
+"""The page in a browser: it renders like the engine, and responds to user actions."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def test_picture_is_the_engines(visit: Visit, engine: CpuEngine, cameras: list[C
 
 
 def test_values_for_the_shaders_are_those_of_python(visit: Visit, cameras: list[Camera]) -> None:
-    symbols = {"gaussians": 5, "coefficients": 4, "entries": 77, "replay_depth": 0}
+    symbols = {"gaussians": 5, "coefficients": 4, "intersections": 77, "replay_depth": 0}
     camera = cameras[2]
     fields = ("width", "height", "fx", "fy", "cx", "cy")
     described = {name: getattr(camera, name) for name in fields}

@@ -84,7 +84,7 @@ def test_page_reads_what_python_reads(
 
 @pytest.mark.parametrize("written", FORMATS[:2], ids=("ply", "splat"))
 def test_page_shows_what_has_been_read(page: Page, tmp_path: Path, written: Written) -> None:
-    """Row after row, in parts that grow until all is there; what they say is there is."""
+    """Row by row, in growing parts; the reported rows are always there."""
     name, write, read_again = written
     path = tmp_path / name
     write(path, random_scene(20_000, 1))
@@ -247,5 +247,5 @@ PACE = """async () => {
 
 
 def test_pace_lets_a_while_go_by_and_passes_on_the_newest(page: Page) -> None:
-    """Once for all that is given meanwhile, and again for what is given later."""
+    """One call for everything given meanwhile, and another for what is given later."""
     assert page.evaluate(PACE) == ["asked", "called", [3, -3], "asked", "called", [4, -4]]

@@ -16,8 +16,8 @@ from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.webgpu.scene_columns import to_columns
 
 BACKGROUND = (0.2, 0.4, 0.6)
-LEAST_OPACITY = 0.1
-LARGEST_RADIUS = 64.0
+MIN_OPACITY = 0.1
+MAX_RADIUS = 64.0
 CAMERA = Camera(40, 30, 30.0, 30.0, 20.7, 14.2, np.eye(4))
 
 DRAW = """async ([shape, sh, counts, camera, share, background]) => {
@@ -39,7 +39,7 @@ DRAW = """async ([shape, sh, counts, camera, share, background]) => {
 
 
 def draw(page: Page, scene: Gaussians, *counts: int, share: float = 1.0) -> list[np.ndarray]:
-    """(H, W, 3) uint8: the image of the first so many points, for each number of them, drawn one after the other."""
+    """(H, W, 3) uint8: the image of the first n points, for each n, drawn one after the other."""
     shape, sh = to_columns(scene)
     fields = ("width", "height", "fx", "fy", "cx", "cy")
     camera = {name: getattr(CAMERA, name) for name in fields} | {"world_to_camera": np.eye(4).ravel().tolist()}
@@ -57,11 +57,11 @@ def nearest_discs(scene: Gaussians, share: float) -> tuple[np.ndarray, np.ndarra
     for mean, log_scale, opacity, dc in zip(
         scene.means.astype(float), scene.log_scales.astype(float), opacities, scene.sh[:, 0].astype(float), strict=True
     ):
-        if opacity <= LEAST_OPACITY or mean[2] < near:
+        if opacity <= MIN_OPACITY or mean[2] < near:
             continue
         x, y = CAMERA.fx * mean[0] / mean[2] + CAMERA.cx, CAMERA.fy * mean[1] / mean[2] + CAMERA.cy
-        reach = np.exp(log_scale.mean()) * np.sqrt(2 * np.log(opacity / LEAST_OPACITY))
-        radius = min(CAMERA.fy * reach / mean[2], share * LARGEST_RADIUS)
+        reach = np.exp(log_scale.mean()) * np.sqrt(2 * np.log(opacity / MIN_OPACITY))
+        radius = min(CAMERA.fy * reach / mean[2], share * MAX_RADIUS)
         half = np.maximum(np.sqrt(np.maximum(radius**2 - (rows - y) ** 2, 0)), 0.5)
         above = max(radius, 0.5) - np.abs(rows - y)
         beside = half - np.abs(columns - x)
@@ -116,7 +116,7 @@ def test_image_grows_with_what_arrives(page: Page) -> None:
     + [("means", np.inf)],
 )
 def test_points_that_are_no_numbers_are_left_out(page: Page, name: str, value: float) -> None:
-    """One that is none, in front of one that is."""
+    """An invisible point in front of a visible one."""
     fields = {
         "means": np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 2.0]]),
         "log_scales": np.full((2, 3), np.log(0.1)),

@@ -76,7 +76,7 @@ def url(content: Content) -> Iterator[str]:
 
 
 def painted_wall() -> Gaussians:
-    """Discs on a wavy wall, more or less opaque, painted with stripes; its left half comes first in the file."""
+    """Discs of various opacities on a wavy wall, with stripes; its left half comes first in the file."""
     rng, count = np.random.default_rng(5), 20_000
     across, down = rng.uniform((-2.0, -1.5), (2.0, 1.5), (count, 2)).T
     across = across[np.argsort(across > 0, kind="stable")]
@@ -124,7 +124,7 @@ def release(visit: Visit, name: str) -> None:
 
 
 def test_points_stand_in_for_the_gpu(browser: Browser, wall: Content) -> None:
-    """They are seen before it is there, resemble what it draws, and then are gone."""
+    """Points are shown before the GPU draws, resemble its image, and are then removed."""
     with serving(wall) as page, visiting(browser, page.url, WIDTH, HEIGHT, script=HOLD) as visit:
         release(visit, "rest")
         until_points(visit)
@@ -179,7 +179,7 @@ def test_what_has_arrived_is_seen(browser: Browser, wall: Content) -> None:
 
 
 def test_a_file_that_ends_too_early_is_told_of(browser: Browser, wall: Content) -> None:
-    """Its points stay beside the message, which says that this is all."""
+    """The points stay visible beside the message."""
     with serving(wall) as page, visiting(browser, page.url, WIDTH, HEIGHT, script=CUT + HOLD) as visit:
         release(visit, "rest")
         release(visit, "gpu")
@@ -235,7 +235,7 @@ def test_page_of_a_run_rests_until_its_first_scene(browser: Browser) -> None:
 
 @pytest.mark.parametrize("moves", [False, True])
 def test_scene_without_cameras_stays_in_view_as_it_arrives(browser: Browser, wall: Content, moves: bool) -> None:
-    """Its first half is in the middle, then the whole is; unless the user has moved: then the camera stays."""
+    """First the loaded half is centred, then the whole scene; if the user has moved, the camera stays."""
     alone = replace(wall, views=())
     with serving(alone) as page, visiting(browser, page.url, WIDTH, HEIGHT, script=HOLD) as visit:
         until_points(visit)

@@ -57,7 +57,7 @@ def url(content: Content) -> Iterator[str]:
 
 
 def expect_points_only(visit: Visit) -> None:
-    """They are to be seen, not just for now, and there is no button for what they cannot show."""
+    """Points are final, and there are no buttons for other appearances."""
     expect(visit["#points"]).to_be_visible(timeout=PATIENCE)
     expect(visit["#for-now"]).to_be_hidden()
     expect(visit["#appearances"]).to_be_hidden()
@@ -134,7 +134,7 @@ def test_points_take_over_from_a_gpu_that_is_lost(browser: Browser, url: str, co
 
 
 def test_without_webgpu_points_stay(browser: Browser, url: str) -> None:
-    """They turn with the pointer, are saved by the button, and a message says why there are no splats."""
+    """They follow the pointer, the button saves them, and a message says why there are no splats."""
     with visiting(browser, url, WIDTH, 640, script=NO_GPU) as visit:
         expect(visit["#message-text"]).to_contain_text("points")
         expect(visit["#message-text"]).to_contain_text("WebGPU")
@@ -155,7 +155,7 @@ def test_without_webgpu_points_stay(browser: Browser, url: str) -> None:
 
 
 def test_pictures_are_shown_with_no_other_message(browser: Browser, url: str) -> None:
-    """And with that one again where a run has made some."""
+    """Shown again when a run has made new previews."""
     with visiting(browser, url, WIDTH, 640, script=NO_GPU) as visit:
         expect(visit["#previews"]).to_be_visible()
         visit.drop("broken.ply", b"ply\n")

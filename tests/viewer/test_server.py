@@ -1,4 +1,4 @@
-"""What the server gives, to whom, and what it refuses."""
+"""The server's responses, access control, and errors."""
 
 from __future__ import annotations
 

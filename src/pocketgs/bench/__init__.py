@@ -1,1 +1,1 @@
-"""The table of results: named methods on named captures, run as commands that anyone can type, and a report of it."""
+"""The benchmark: named methods on named captures, run as ordinary commands, with tables and a report."""

@@ -1,7 +1,6 @@
-"""Results as rows over seeds: means, spreads, and differences between methods.
+"""Aggregation of results over seeds: means, spreads, and differences between methods.
 
-A spread is half the range, (largest − smallest) / 2: of the three seeds that a table can afford, a standard deviation
-would say little more and sound as if it did.
+A spread is half the range, (largest − smallest) / 2: with three seeds, a standard deviation would say little more.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from pocketgs.bench.published import Published
 from pocketgs.bench.results import CellResult
 
 BASELINE = "pocketgs"
-"""The method that the others are held against."""
+"""The method that the others are compared with."""
 
 STAGES = {
     "start": ("startup", "capture", "planning", "compilation", "upload"),
@@ -28,18 +27,18 @@ STAGES = {
     "evaluation": ("evaluation",),
     "writing": ("writing",),
 }
-"""The stages of a run, short ones put together: what `run.json` names, by the name in the report."""
+"""The stages of a run, short ones merged: names in the report, and the names in `run.json` that they stand for."""
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A number that every run has, or may have.
+    """A figure of a run.
 
     Attributes:
         name: as in a table's head, with its unit.
         decimals: to show.
-        of: its value in a result; None where the run has none.
-        quoted: its value in what the source reports; None where it reports none.
+        of: reads it from a result; None if the run does not have it.
+        quoted: reads it from the figures that the source reports; None if it reports none.
     """
 
     name: str
@@ -50,12 +49,12 @@ class Figure:
 
 @dataclass(frozen=True)
 class Mean:
-    """Mean over seeds of one figure.
+    """Mean of one figure over seeds.
 
     Attributes:
         value: the mean.
         spread: half the range.
-        count: seeds that it is the mean of.
+        count: number of seeds.
     """
 
     value: float
@@ -71,7 +70,7 @@ class Row:
         capture: its name.
         method: its name.
         results: of the runs that succeeded, by seed.
-        seeds: how many seeds any method has on this capture: as many results as there should be.
+        seeds: maximum number of seeds of any method on this capture.
     """
 
     capture: str
@@ -80,12 +79,12 @@ class Row:
     seeds: int
 
     def mean(self, of: Callable[[CellResult], float | None]) -> Mean | None:
-        """Mean of a figure over the runs that have it, or None if none has."""
+        """Mean of a figure over the runs that have it, or None if none does."""
         return mean_of(of(result) for result in self.results)
 
 
 def mean_of(values: Iterable[float | None]) -> Mean | None:
-    """Mean and spread of those values that are there, or None if there are none."""
+    """Mean and spread of the values that are not None, or None if there are none."""
     found = [value for value in values if value is not None]
     if not found:
         return None
@@ -93,19 +92,19 @@ def mean_of(values: Iterable[float | None]) -> Mean | None:
 
 
 def number(value: Any) -> float | None:
-    """The value if it is a finite number, else None: files may hold null, NaN, or nothing at all."""
+    """The value if it is a finite number, else None: files may contain null or NaN."""
     if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
         return float(value)
     return None
 
 
 def in_run(name: str) -> Callable[[CellResult], float | None]:
-    """What gives the number of this name in a result's `run.json`."""
+    """A function that reads the number of this name from a result's `run.json`."""
     return lambda result: number(result.run.get(name))
 
 
 def stage_seconds(result: CellResult) -> dict[str, float]:
-    """Seconds by stage, put together as in `STAGES`; a stage that is not listed there keeps its own name."""
+    """Seconds by stage, merged as in `STAGES`; other stages keep their own names."""
     group = {name: stage for stage, names in STAGES.items() for name in names}
     seconds: dict[str, float] = {}
     for name, value in (result.run.get("seconds") or {}).items():
@@ -117,13 +116,13 @@ def stage_seconds(result: CellResult) -> dict[str, float]:
 
 
 def stages_of(results: Iterable[CellResult]) -> list[str]:
-    """The stages that any of these runs had, in order; those that are not in `STAGES` last."""
+    """All stages of some runs, in order; those that are not in `STAGES` last."""
     found = {stage for result in results for stage in stage_seconds(result)}
     return [stage for stage in STAGES if stage in found] + sorted(found - STAGES.keys())
 
 
 def gpu_megabytes(result: CellResult) -> float | None:
-    """MB of GPU memory that the engine held, or None where it used no GPU."""
+    """MB of GPU memory of the engine, or None if it used no GPU."""
     if result.run.get("engine") != "webgpu":
         return None
     held = [number(value) for value in (result.run.get("engine_bytes") or {}).values()]
@@ -131,7 +130,7 @@ def gpu_megabytes(result: CellResult) -> float | None:
 
 
 def scene_megabytes(suffix: str) -> Callable[[CellResult], float | None]:
-    """What gives the size in MB of a result's scene in a file format."""
+    """A function that reads the size in MB of a result's scene in a file format."""
 
     def size(result: CellResult) -> float | None:
         found = number(result.scene_bytes.get(suffix))
@@ -142,11 +141,15 @@ def scene_megabytes(suffix: str) -> Callable[[CellResult], float | None]:
 
 PSNR = Figure("PSNR (dB)", 2, in_run("psnr"), lambda source: source.psnr)
 SSIM = Figure("SSIM", 3, in_run("ssim"), lambda source: source.ssim)
+CC_PSNR = Figure("colour-corrected PSNR (dB)", 2, in_run("cc_psnr"))
+FLIP = Figure("FLIP", 3, in_run("flip"))
 LPIPS = Figure("LPIPS", 3, in_run("lpips"), lambda source: source.lpips)
 SECONDS = Figure("time (s)", 1, lambda result: number(result.wall_seconds), lambda source: source.seconds)
 FIGURES = (
     PSNR,
+    CC_PSNR,
     SSIM,
+    FLIP,
     LPIPS,
     SECONDS,
     Figure("peak memory (MB)", 0, in_run("peak_rss_mb")),
@@ -158,28 +161,28 @@ FIGURES = (
 
 
 def method_order(method: str) -> tuple[int, str]:
-    """A key that sorts methods as `METHODS` lists them, and any others by name behind them."""
+    """Sort key: methods in the order of `METHODS`, then others by name."""
     names = list(METHODS)
     return (names.index(method) if method in names else len(names), method)
 
 
 def in_order(results: Iterable[CellResult]) -> list[CellResult]:
-    """Results by capture, method and seed, whatever order they come in."""
+    """Results sorted by capture, method and seed."""
     return sorted(results, key=lambda it: (it.cell.capture, method_order(it.cell.method), it.cell.seed))
 
 
 def captures_of(results: Iterable[CellResult]) -> list[str]:
-    """Names of the captures, sorted."""
+    """Sorted names of the captures."""
     return sorted({result.cell.capture for result in results})
 
 
 def methods_of(results: Iterable[CellResult]) -> list[str]:
-    """Names of the methods, in the order of tables."""
+    """Names of the methods, in table order."""
     return sorted({result.cell.method for result in results}, key=method_order)
 
 
 def rows_of(results: Sequence[CellResult], capture: str) -> list[Row]:
-    """A row for each method that has been tried on a capture, be it that all its runs failed."""
+    """A row per method with results on a capture, even if all its runs failed."""
     here = in_order(result for result in results if result.cell.capture == capture)
     seeds = len({result.cell.seed for result in here})
     return [
@@ -189,12 +192,12 @@ def rows_of(results: Sequence[CellResult], capture: str) -> list[Row]:
 
 
 def difference(row: Row, other: Row, figure: Figure) -> Mean | None:
-    """Mean over the seeds that both have of a figure of `row` minus that of `other`; None if they share no seed."""
+    """Mean difference of a figure, `row` minus `other`, over common seeds; None without common seeds."""
     return mean_of(mine - theirs for mine, theirs in _pairs(row, other, figure.of))
 
 
 def ratio(row: Row, other: Row, figure: Figure) -> Mean | None:
-    """Mean over the seeds that both have of a figure of `row` over that of `other`; None if they share no seed."""
+    """Mean ratio of a figure, `row` over `other`, over common seeds; None without common seeds."""
     return mean_of(mine / theirs for mine, theirs in _pairs(row, other, figure.of) if theirs > 0)
 
 

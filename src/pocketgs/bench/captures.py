@@ -1,4 +1,4 @@
-"""The captures of the table, and where they come from."""
+"""The captures of the benchmark, and their sources."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ DATA_VARIABLE = "POCKETGS_DATA"
 
 @dataclass(frozen=True)
 class BenchCapture:
-    """A capture to measure on.
+    """A capture of the benchmark.
 
     Attributes:
         name: as in tables and on the command line.
-        path: of its folder.
-        flags: of `pocketgs train` that say how to read it.
-        what: it is, in words; empty for a user's own.
-        origin: where to get it, in words; empty for a user's own.
+        path: its folder.
+        flags: of `pocketgs train`, for reading it.
+        what: description; empty for a user's own.
+        origin: where to get it; empty for a user's own.
     """
 
     name: str
@@ -31,7 +31,7 @@ class BenchCapture:
 
     @property
     def folder_name(self) -> str:
-        """Its folder's own name, with which a command reads it from the folder around it."""
+        """Name of its folder, with which a command reads it from the parent folder."""
         return os.path.basename(os.path.abspath(self.path))
 
     @property
@@ -68,16 +68,16 @@ PUBLISHED = (
 
 
 def data_folder(named: Path | None) -> Path:
-    """The folder of all data: the one named, or the one that POCKETGS_DATA names, or `data`."""
+    """The folder of all data: `named`, or the one that POCKETGS_DATA names, or `data`."""
     return named or Path(os.environ.get(DATA_VARIABLE, "data"))
 
 
 def known_captures(data: Path, demo: Path) -> dict[str, BenchCapture]:
-    """The captures of the table, by name.
+    """The captures of the benchmark by name.
 
     Args:
-        data: folder that holds those that have been published.
-        demo: folder of the built-in demo's capture, which is made when it is needed.
+        data: folder of the published captures.
+        demo: folder of the built-in demo's capture, which is made when needed.
     """
     found = {
         capture.name: BenchCapture(capture.name, data / capture.path, capture.flags, capture.what, capture.origin)
@@ -92,16 +92,16 @@ def known_captures(data: Path, demo: Path) -> dict[str, BenchCapture]:
 def captures_named(
     names: tuple[str, ...], known: dict[str, BenchCapture], own_flags: tuple[str, ...] = ()
 ) -> list[BenchCapture]:
-    """The captures of these names or folders; all known ones that are there if none is named.
+    """The captures with these names or folders; all available known ones if none is named.
 
     Args:
         names: names of known captures, or paths of a user's own.
         known: see `known_captures`.
-        own_flags: of `pocketgs train` that say how to read a user's own captures.
+        own_flags: of `pocketgs train`, for reading a user's own captures.
 
     Raises:
-        PocketGSError: one is neither known nor a folder, or is not there, or has the name of another; or flags are
-            given and all captures are known ones.
+        PocketGSError: one is neither known nor a folder, or is missing, or has the name of another; or flags are given
+            and all captures are known ones.
     """
     chosen = [_named(name, known, own_flags) for name in names] or [it for it in known.values() if it.is_there]
     twice = {capture.name for capture in chosen if [other.name for other in chosen].count(capture.name) > 1}

@@ -1,4 +1,4 @@
-"""One cell of the table: a `pocketgs train` command in a process of its own, and what it left behind."""
+"""Running one cell of the benchmark: a `pocketgs train` command in a process of its own."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from pocketgs.scene.formats import read_scene, spz
 from pocketgs.scene.formats.spz_precision import SMALL
 
 GRACE = 15.0
-"""Seconds that an interrupted command has to end what it has started, COLMAP for one."""
+"""Seconds that an interrupted command has to end its own child processes, such as COLMAP."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """A cell that is to be run.
+    """A cell to run.
 
     Attributes:
-        method, capture, seed: which.
-        common_flags: of `pocketgs train`, the same for all cells.
+        method, capture, seed: of the cell.
+        common_flags: of `pocketgs train`, common to all cells.
     """
 
     method: Method
@@ -41,34 +41,34 @@ class Job:
 
     @property
     def cell(self) -> Cell:
-        """Its place in the table."""
+        """The cell in the table."""
         return Cell(self.capture.name, self.method.name, self.seed)
 
     @property
     def flags(self) -> list[str]:
-        """All flags of `pocketgs train` but the output."""
+        """All flags of `pocketgs train` except the output."""
         return [*self.capture.flags, *self.method.flags, *self.common_flags, "--seed", str(self.seed)]
 
     @property
     def command(self) -> str:
-        """The command as one types it in the folder that holds the capture's."""
+        """The command line, as typed in the parent folder of the capture."""
         return shlex.join(["pocketgs", "train", self.capture.folder_name, *self.flags])
 
 
 def run_cell(job: Job, work: Path) -> CellResult:
     """Run a cell.
 
-    A process of its own makes its times and its peak memory those of the command, and keeps its failure to itself.
+    A process of its own isolates failures, and makes time and peak memory those of the command.
 
     Args:
         job: what to run.
-        work: folder for what the run writes: a folder and a log with the cell's name.
+        work: folder for the run's files: a folder and a log with the cell's name.
 
     Returns:
-        What came of it; if the command failed, a result that says why.
+        The result; if the command failed, it contains the error.
 
     Raises:
-        KeyboardInterrupt: Ctrl-C; the command has been ended.
+        KeyboardInterrupt: Ctrl-C; the command has been stopped.
         OSError: the folder cannot be written to.
     """
     folder, log = work / job.cell.name, work / f"{job.cell.name}.log"
@@ -96,7 +96,7 @@ def _run(command: Sequence[str], log: Path) -> int:
 def _end(process: subprocess.Popen[bytes]) -> None:
     """Ask a process to stop, so that it ends its own processes too, and kill it if it does not.
 
-    SIGTERM means to the command what Ctrl-C does, and reaches it even where Ctrl-C is ignored, as under `nohup`.
+    The command handles SIGTERM like Ctrl-C, and receives it even where Ctrl-C is ignored, as under `nohup`.
     """
     try:
         process.terminate()
@@ -108,16 +108,16 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _last_words(log: Path, status: int) -> str:
-    """The last line of a log, and the status where that says more: of a killed process, or one that said nothing."""
+    """The last line of a log; and the status if the process was killed or printed nothing."""
     lines = [line.strip() for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
     ended = f"ended with status {status}".replace("-", "−")
     if not lines:
-        return f"{ended} and no word"
+        return f"{ended} and no output"
     return f"{ended}: {lines[-1]}" if status < 0 else lines[-1]
 
 
 def _collected(begun: CellResult, folder: Path, capture: Path) -> CellResult:
-    """The result with what the command left in its folder; where the capture lies is nothing to a reader elsewhere."""
+    """Add the files that the command wrote to the result; the capture's path is removed."""
     told = (folder / result_folder.RECORD).read_text(encoding="utf-8")
     run: dict[str, Any] = json.loads(told.replace(json.dumps(str(capture))[1:-1], capture.name))
     if run["interrupted"]:
@@ -125,7 +125,7 @@ def _collected(begun: CellResult, folder: Path, capture: Path) -> CellResult:
     if run["psnr"] is None:
         raise PocketGSError("the capture has no held-out view to measure on")
     if run["prior"]:
-        del run["prior"]["decisions"]  # a line a frame, the same in every cell
+        del run["prior"]["decisions"]  # one line per frame, the same in every cell
     scene = folder / result_folder.SCENE
     compressed = scene.with_suffix(".spz")
     spz.write_gaussians(compressed, read_scene(scene), precision=SMALL)  # as `pocketgs convert` does

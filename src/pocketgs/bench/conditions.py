@@ -1,4 +1,4 @@
-"""What runs must have in common to stand in one table."""
+"""The conditions that runs must share to be compared."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from pocketgs.bench.sources import digest_of_sources
 
 @dataclass(frozen=True)
 class Conditions:
-    """What runs must have in common to stand in one table.
+    """The conditions that runs must share to be compared.
 
     Attributes:
-        settings: flags of `pocketgs train` that all cells have, as one types them.
+        settings: flags of `pocketgs train` common to all cells.
         sources: see `pocketgs.bench.sources`.
         machine: see `pocketgs.bench.machine`.
     """
@@ -26,5 +26,5 @@ class Conditions:
 
 
 def present_conditions(common_flags: Sequence[str]) -> Conditions:
-    """Those of a cell that is run now, on this machine, with these flags besides its own."""
+    """The conditions of a cell that runs now, on this machine, with these common flags."""
     return Conditions(shlex.join(common_flags), digest_of_sources(), describe_machine())

@@ -1,4 +1,4 @@
-"""One piece of one held-out view of a capture, as the photograph shows it and as every method does."""
+"""A crop of a held-out view, from the photograph and from each method's rendering."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from pocketgs.files.plain_names import plain_names
 from pocketgs.results.folder import PICTURES, RECORD
 
 CROP = (200, 150)
-"""Width and height in pixels, at most: a smaller picture is taken whole."""
+"""Maximum width and height in pixels."""
 
 
 @dataclass(frozen=True)
 class Crop:
-    """The same piece of a view in several pictures.
+    """The same crop of a view in several images.
 
     Attributes:
-        view: name of the view's picture.
-        left, top: of the piece in the view, in pixels.
+        view: name of the view's image.
+        left, top: position of the crop in the view, in pixels.
         photo: (H, W, 3) uint8, the photograph.
-        renderings: (H, W, 3) uint8 by method, each of the method's first run that left pictures.
-        psnr: of the whole view in dB, by method; methods whose run does not say are left out.
+        renderings: (H, W, 3) uint8 by method, from the method's first run with images.
+        psnr: of the whole view in dB, by method, where the run recorded it.
     """
 
     view: str
@@ -43,18 +43,17 @@ class Crop:
 
 
 def choose_crop(results: Sequence[CellResult], capture: str, pictures: Path) -> Crop | None:
-    """The piece of all held-out views where the methods differ most; with one method, that with most detail.
+    """The crop of all held-out views where the methods differ most; with one method, the one with most detail.
 
-    Methods that have other views than the first, or views of another size, are left out, and so are views of which a
-    picture cannot be read.
+    Methods with other views or image sizes than the first are left out, and so are views with unreadable images.
 
     Args:
         results: in any order.
         capture: its name.
-        pictures: folder with a result folder for each cell, by the cell's name.
+        pictures: folder with a result folder per cell, by the cell's name.
 
     Returns:
-        The crop, or None if there are no pictures of the capture's runs.
+        The crop, or None if there are no images of the capture's runs.
     """
     runs = _runs_with_pictures(results, capture, pictures)
     if not runs:
@@ -64,7 +63,7 @@ def choose_crop(results: Sequence[CellResult], capture: str, pictures: Path) -> 
     for view in sorted(shared):
         try:
             photo, renderings = _open_view({method: views[view] for method, (_, views) in runs.items()})
-        except (OSError, SyntaxError):  # which Pillow raises for damaged pictures
+        except (OSError, SyntaxError):  # raised by Pillow for damaged images
             continue
         left, top, score = _most_telling(photo, renderings)
         if score > best_score:
@@ -82,7 +81,7 @@ def choose_crop(results: Sequence[CellResult], capture: str, pictures: Path) -> 
 def _runs_with_pictures(
     results: Sequence[CellResult], capture: str, pictures: Path
 ) -> dict[str, tuple[CellResult, dict[str, Path]]]:
-    """Each method's first run that has its pictures, with the files by view; methods with other views are left out."""
+    """Each method's first run with images, with its files by view; methods with other views are left out."""
     runs: dict[str, tuple[CellResult, dict[str, Path]]] = {}
     expected: set[str] | None = None
     for row in rows_of(results, capture):
@@ -97,7 +96,7 @@ def _runs_with_pictures(
 
 
 def _is_of(folder: Path, result: CellResult) -> bool:
-    """Whether a folder holds what the result's run has left, and not that of another run of its cell."""
+    """Whether a folder holds the files of this result's run, and not those of another run of the cell."""
     try:
         settle(folder)
         left = json.loads((folder / RECORD).read_text(encoding="utf-8"))
@@ -107,7 +106,7 @@ def _is_of(folder: Path, result: CellResult) -> bool:
 
 
 def _open_view(files: Mapping[str, Path]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """The photograph of a view and its renderings by method; those of another size than the first are left out."""
+    """The photograph of a view and its renderings by method; those of other sizes are left out."""
     photo: np.ndarray | None = None
     renderings = {}
     for method, file in files.items():
@@ -122,7 +121,7 @@ def _open_view(files: Mapping[str, Path]) -> tuple[np.ndarray, dict[str, np.ndar
 
 
 def _most_telling(photo: np.ndarray, renderings: Mapping[str, np.ndarray]) -> tuple[int, int, float]:
-    """Left and top of the window with the largest mean of what the methods differ by, and that mean."""
+    """Left and top of the window with the largest mean difference between methods, and that mean."""
     if len(renderings) > 1:
         telling = np.std([rendered.astype(np.float32) for rendered in renderings.values()], axis=0).mean(axis=2)
     else:
@@ -130,7 +129,7 @@ def _most_telling(photo: np.ndarray, renderings: Mapping[str, np.ndarray]) -> tu
         telling = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1))
     height, width = telling.shape
     across, down = min(CROP[0], width), min(CROP[1], height)
-    # Sums over windows, from sums over all that lies above and to the left.
+    # Window sums from a summed-area table.
     sums = cv2.integral(telling, sdepth=cv2.CV_64F)
     windows = sums[down:, across:] - sums[:-down, across:] - sums[down:, :-across] + sums[:-down, :-across]
     top, left = np.unravel_index(np.argmax(windows), windows.shape)

@@ -1,4 +1,4 @@
-"""What a benchmark ran on, in words that a reader can compare with a machine of their own."""
+"""Description of the machine that a benchmark runs on."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pocketgs.system.cores import usable_cores
 
 
 def describe_machine() -> dict[str, str]:
-    """Processor, cores that this process may use, memory and system."""
+    """Processor, usable cores, memory and system."""
     return {
         "processor": _processor(),
         "cores": str(usable_cores()),
@@ -22,7 +22,7 @@ def describe_machine() -> dict[str, str]:
 
 
 def _processor() -> str:
-    """The processor's name as its maker writes it, where the system tells it."""
+    """The processor's name, if the system reports it."""
     try:
         told = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
     except OSError:

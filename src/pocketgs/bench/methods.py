@@ -1,4 +1,4 @@
-"""The methods that are compared: each is a set of flags of `pocketgs train`, and nothing else."""
+"""The methods of the benchmark, each a set of flags of `pocketgs train`."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ class Method:
 
     Attributes:
         name: as in tables and on the command line.
-        what: it does, in a sentence.
-        flags: of `pocketgs train`, beyond those that all methods have.
+        what: description in a sentence.
+        flags: of `pocketgs train`, beyond those common to all methods.
         stands_for: the method's name in the source's tables, or None if it is not there.
     """
 
@@ -32,7 +32,7 @@ METHODS = {
         Method("pocketgs", "Refined poses, dense cloud, discs, fast recipe.", (), "PocketGS"),
         Method(
             "3dgs-sfm",
-            "COLMAP's sparse cloud, isotropic seeds, 3DGS's learning rates and loss; poses as PocketGS has them.",
+            "COLMAP's sparse cloud, isotropic seeds, 3DGS's learning rates and loss; poses as in PocketGS.",
             ("--prior", "colmap", *_3DGS),
             "3DGS-SFM-WK",
         ),
@@ -43,9 +43,9 @@ METHODS = {
             "3DGS-MVS-WK",
         ),
         Method("no-seeding", "PocketGS with balls instead of discs.", ("--seeds", "balls"), "w/o I"),
-        Method("no-bundle", "PocketGS with poses as the capture gives them.", ("--no-bundle",), "w/o Global BA"),
+        Method("no-bundle", "PocketGS with the capture's own poses.", ("--no-bundle",), "w/o Global BA"),
         Method("no-dense", "PocketGS on the points of matched features.", ("--prior", "sparse"), "w/o MVS"),
-        Method("no-exposure", "PocketGS on photographs at their own exposures.", ("--exposure", "off")),
+        Method("no-exposure", "PocketGS without exposure compensation.", ("--exposure", "off")),
         Method("one-source", "PocketGS with depth from one source view per keyframe.", ("--source-views", "1")),
         Method("15-keyframes", "PocketGS with as many keyframes as the source has.", ("--max-keyframes", "15")),
         Method("pocketgs-100k", "PocketGS with twice the Gaussians.", ("--max-gaussians", "100000")),
@@ -54,10 +54,10 @@ METHODS = {
 
 
 def methods_named(names: tuple[str, ...]) -> list[Method]:
-    """The methods of these names; all of them if none is named.
+    """The methods with these names; all of them if none is named.
 
     Raises:
-        PocketGSError: one is not known, or named twice.
+        PocketGSError: one is unknown, or named twice.
     """
     for name in names:
         if name not in METHODS:

@@ -28,19 +28,19 @@ if TYPE_CHECKING:
     from matplotlib.container import BarContainer
 
 METHOD_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#7a7a7a", "#56b4e9")
-"""Colours that the colour-blind can tell apart (Okabe and Ito, 2008), with grey for black, which text has."""
+"""Colours that remain distinct with colour blindness (Okabe and Ito, 2008), with grey for black, which text has."""
 
 MARKERS = "os^DvPX*<>"
-"""There are more of them than colours: methods that share a colour differ in marker and dashes."""
+"""More than there are colours: methods that share a colour differ in marker and dashes."""
 
 STAGE_COLOURS = ("#dddddd", "#77aadd", "#bbcc33", "#ffaabb", "#ee8866", "#eedd88", "#99ddff", "#44bb99")
-"""The scheme "light" (Tol, 2021), on which black text can be read."""
+"""The scheme "light" (Tol, 2021), on which black text is readable."""
 
 INK, FAINT = "#111111", "#c8c8c9"
-"""Of text and axes, and of the grid; a page puts its own in their place."""
+"""Colours of text and axes, and of the grid; a page replaces them by its own."""
 
 WIDTH = 4.8
-"""Inches of a chart on a page, at 72 points each: about a phone's width, so that its text is as large as set."""
+"""Width of a chart in inches at 72 points: about a phone's width, so that text keeps its size."""
 
 STYLE: dict[Any, Any] = {
     "axes.edgecolor": INK,
@@ -57,7 +57,7 @@ STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "pocketgs",
     "text.color": INK,
-    # Names are what they are, even with dollar signs in them.
+    # Names are literal, even with dollar signs in them.
     "text.parse_math": False,
     "xtick.color": INK,
     "ytick.color": INK,
@@ -66,7 +66,7 @@ STYLE: dict[Any, Any] = {
 
 @contextmanager
 def _style() -> Iterator[None]:
-    """Matplotlib as the charts want it, whatever its user has set, and as it was afterwards."""
+    """Set Matplotlib's style for the charts, and restore the user's afterwards."""
     try:
         import matplotlib as mpl
     except ImportError as error:
@@ -78,12 +78,12 @@ def _style() -> Iterator[None]:
 
 
 def colour_of(method: str) -> str:
-    """A method's colour, "#rrggbb": the same in every chart of every report."""
+    """A method's colour, "#rrggbb", the same in all charts."""
     return METHOD_COLOURS[_place(method) % len(METHOD_COLOURS)]
 
 
 def _line_style(method: str) -> dict[str, Any]:
-    """Colour, marker and dashes of a method's lines, which together are its own."""
+    """Colour, marker and dashes of a method's lines, a unique combination."""
     place = _place(method)
     dashes = "-" if place < len(METHOD_COLOURS) else (0, (4, 1.5))
     return {"color": colour_of(method), "marker": MARKERS[place % len(MARKERS)], "linestyle": dashes}
@@ -91,12 +91,12 @@ def _line_style(method: str) -> dict[str, Any]:
 
 def _place(method: str) -> int:
     place, name = method_order(method)
-    # Those that are not listed take a colour by name, so that it does not depend on which others there are.
+    # Unlisted methods get a colour by name, independent of the other methods.
     return place if method in METHODS else sum(name.encode())
 
 
 def curves_svg(results: Sequence[CellResult], capture: str) -> str | None:
-    """Held-out PSNR against time on a capture, as SVG for a page; None if no run was looked at on its way."""
+    """Held-out PSNR against time on a capture, as SVG; None if no run was evaluated during training."""
     found = curves(results, capture)
     if not found:
         return None
@@ -106,7 +106,7 @@ def curves_svg(results: Sequence[CellResult], capture: str) -> str | None:
 
 
 def stages_svg(results: Sequence[CellResult], capture: str) -> str | None:
-    """Seconds by stage of each method on a capture, as SVG for a page; None if no run says."""
+    """Seconds by stage of each method on a capture, as SVG; None if no run recorded them."""
     seconds: dict[str, dict[str, float]] = {}
     for row in rows_of(results, capture):
         stages = [stage_seconds(result) for result in row.results]
@@ -116,12 +116,12 @@ def stages_svg(results: Sequence[CellResult], capture: str) -> str | None:
     if not seconds:
         return None
     totals = [f"{method} {sum(stages.values()):.1f} s" for method, stages in seconds.items()]
-    label = f"Seconds by stage on {capture}, in all: {', '.join(totals)}"
+    label = f"Seconds by stage on {capture}, in total: {', '.join(totals)}"
     return _svg(lambda axes: _draw_stages(axes, seconds), 0.8 + 0.32 * len(seconds), label)
 
 
 def memory_svg(results: Sequence[CellResult], capture: str) -> str | None:
-    """Memory over time of one run of each method on a capture, as SVG for a page; None if no run says."""
+    """Memory over time of one run of each method on a capture, as SVG; None if no run recorded it."""
     found = traces(results, capture)
     if not found:
         return None
@@ -130,11 +130,11 @@ def memory_svg(results: Sequence[CellResult], capture: str) -> str | None:
 
 
 def write_overview(results: Sequence[CellResult], path: Path) -> None:
-    """Write a picture of quality against time, one chart a capture; without anything to show, remove an earlier one.
+    """Write an image of quality against time, one chart per capture; without results, remove an earlier one.
 
     Args:
-        results: in any order; those that failed are left out.
-        path: of the picture, a `.png`.
+        results: in any order; failed ones are left out.
+        path: of the image, a `.png`.
 
     Raises:
         PocketGSError: matplotlib is missing, or the file cannot be written.
@@ -162,7 +162,7 @@ def write_overview(results: Sequence[CellResult], path: Path) -> None:
 
 
 def _draw_curves(axes: Axes, by_method: dict[str, list[Curve]]) -> dict[str, Artist]:
-    """Draw each method's mean over seeds, and its seeds thinly; gives what stands for each method in a legend."""
+    """Draw each method's mean over seeds, and its seeds as thin lines; returns legend entries by method."""
     handles: dict[str, Artist] = {}
     for method, seeds in by_method.items():
         if len(seeds) > 1:
@@ -180,7 +180,7 @@ def _draw_curves(axes: Axes, by_method: dict[str, list[Curve]]) -> dict[str, Art
 
 
 def _draw_stages(axes: Axes, seconds: dict[str, dict[str, float]]) -> dict[str, Artist | BarContainer]:
-    """Draw a bar a method, from stage to stage; gives what stands for each stage in a legend."""
+    """Draw one bar per method, divided into stages; returns legend entries by stage."""
     handles: dict[str, Artist | BarContainer] = {}
     longest = max(sum(stages.values()) for stages in seconds.values())
     found = {stage for stages in seconds.values() for stage in stages}
@@ -202,7 +202,7 @@ def _draw_stages(axes: Axes, seconds: dict[str, dict[str, float]]) -> dict[str, 
 
 
 def _draw_memory(axes: Axes, by_method: dict[str, Trace]) -> dict[str, Artist]:
-    """Draw a line a method with a mark at its peak; gives what stands for each method in a legend."""
+    """Draw one line per method with a mark at its peak; returns legend entries by method."""
     handles: dict[str, Artist] = {}
     for method, trace in by_method.items():
         peak = max(trace, key=lambda sample: sample.rss_mb)
@@ -227,16 +227,16 @@ def _svg(draw: Callable[[Axes], Mapping[str, Any]], height: float, label: str) -
     """A chart with its legend below it as an `<svg>` element.
 
     Args:
-        draw: draws on axes and gives the legend's entries by name.
+        draw: draws on axes and returns the legend entries by name.
         height: of the chart in inches, without its legend.
-        label: says in words what it shows.
+        label: text description, for screen readers.
     """
     with _style():
         from matplotlib.figure import Figure
 
         figure = Figure(layout="constrained")
         handles = draw(figure.add_subplot())
-        # As many as fit: a sample takes 30 points, a letter of its name 4.5 on average.
+        # As many columns as fit: a sample takes 30 points, a letter of its name 4.5 on average.
         columns = min(len(handles), max(1, int(72 * WIDTH / (30 + 4.5 * max(map(len, handles))))))
         figure.legend(handles.values(), handles, loc="outside lower center", ncols=columns)
         figure.set_size_inches(WIDTH, height + 0.19 * math.ceil(len(handles) / columns))
@@ -247,9 +247,9 @@ def _svg(draw: Callable[[Axes], Mapping[str, Any]], height: float, label: str) -
 
 
 def _for_page(svg: str, label: str) -> str:
-    """Make a file of SVG an element of a page: in the page's colours, named in words, and with marks of its own."""
+    """Convert an SVG file to an element of a page: with the page's colours, a text label, and unique ids."""
     element = svg[svg.index("<svg") :]
-    # A page needs no namespaces, and its own rules say how lines are joined.
+    # A page needs no namespaces, and its own style defines line joins.
     element = re.sub(
         r'<!--.*?-->|<metadata.*?</metadata>|<style.*?</style>| xmlns\S*="\S*"', "", element, flags=re.DOTALL
     )

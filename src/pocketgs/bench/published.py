@@ -1,4 +1,4 @@
-"""The figures that the source gives for its methods, as data.
+"""The figures that the source reports for its methods.
 
 *PocketGS: On-Device Training of 3D Gaussian Splatting for High Perceptual Modeling* (Guo et al., 2026), the comparison
 with 3DGS on three datasets and the ablations on MobileScan. They are means over all scenes of a dataset after 500
@@ -16,15 +16,15 @@ ITERATIONS = 500
 
 @dataclass(frozen=True)
 class Published:
-    """What the source reports of a method on a dataset.
+    """The figures that the source reports for a method on a dataset.
 
     Attributes:
-        method: its name there; `pocketgs.bench.methods.Method.stands_for` names it too.
+        method: its name there; `pocketgs.bench.methods.Method.stands_for` refers to it.
         psnr: in dB, mean over the dataset's scenes.
         ssim: likewise.
         lpips: likewise.
         seconds: of the whole pipeline.
-        gaussians: their number, to thousands, or None where the source gives none.
+        gaussians: their number, to thousands, or None if the source reports none.
     """
 
     method: str
@@ -62,22 +62,22 @@ ABLATIONS: tuple[Published, ...] = (
     Published("w/o Global BA", 23.45, 0.752, 0.232, 251.1),
     Published("w/o MVS", 21.07, 0.646, 0.414, 124.8),
 )
-"""On MobileScan; what is left out is the discs, the bundle adjustment and the dense cloud."""
+"""On MobileScan: without the discs, the bundle adjustment, and the dense cloud."""
 
 DATASETS = {"fern": LLFF, "lego": NERF_SYNTHETIC, "fox": MOBILE_SCAN, "demo": MOBILE_SCAN}
-"""The dataset that a capture is held against, by the capture's name."""
+"""The dataset that each capture is compared with, by the capture's name."""
 
 _BELONGS = {LLFF: "is one of its scenes", NERF_SYNTHETIC: "is one of its scenes"}
 
 
 def reported(method: str, dataset: str) -> Published | None:
-    """What the source reports of a method, named as there, on a dataset; None if it reports nothing."""
+    """The figures that the source reports for a method, by its name there, on a dataset; None if there are none."""
     rows = COMPARISON.get(dataset, ()) + (ABLATIONS if dataset == MOBILE_SCAN else ())
     return next((row for row in rows if row.method == method), None)
 
 
 def comparability(capture: str) -> str | None:
-    """How far a capture's figures can be held against the source's, in words; None if it reports on nothing like it."""
+    """How comparable a capture's figures are with the source's, as text; None if it reports nothing similar."""
     dataset = DATASETS.get(capture)
     if dataset is None:
         return None

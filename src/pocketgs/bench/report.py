@@ -1,4 +1,4 @@
-"""The report of a benchmark: one HTML file that needs nothing else, and makes no requests."""
+"""The HTML report of a benchmark: one self-contained file that makes no requests."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ TEMPLATE = "report.html.jinja"
 NEEDED = ("jinja2", "matplotlib")
 
 QUALITY = 90
-"""Of crops as JPEG: what it loses is far less than what methods differ by."""
+"""JPEG quality of crops: its loss is far below the differences between methods."""
 
 
 @dataclass(frozen=True)
 class Chart:
-    """A chart: what is said below it, and an `<svg>` element that is right as it is."""
+    """A chart: its caption, and an `<svg>` element, which is not escaped."""
 
     caption: str
     svg: str
@@ -50,7 +50,7 @@ class Chart:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture: what is said below it, what stands for it where it cannot be seen, and its content as a URI."""
+    """An image: its caption, its alternative text, and its content as a URI."""
 
     caption: str
     alternative: str
@@ -62,7 +62,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class CaptureSection:
-    """What the report says of a capture."""
+    """The report's section on a capture."""
 
     name: str
     protocol: list[str]
@@ -74,10 +74,10 @@ class CaptureSection:
 
 
 def check_report_possible() -> None:
-    """Find out before the work starts that a report can be written at its end.
+    """Check before the work starts that a report can be written.
 
     Raises:
-        PocketGSError: a package that reports need is missing; the message names it.
+        PocketGSError: a required package is missing; the message names it.
     """
     for package in NEEDED:
         try:
@@ -87,12 +87,12 @@ def check_report_possible() -> None:
 
 
 def write_report(results: Sequence[CellResult], pictures: Path | None, path: Path) -> None:
-    """Write the report. The same results and pictures give the same file.
+    """Write the report. It is deterministic.
 
     Args:
         results: in any order; some may have failed.
-        pictures: folder with a result folder for each cell, by the cell's name, or None. Where there are pictures of
-            held-out views of these results in it, the report shows a piece of them.
+        pictures: folder with a result folder per cell, by the cell's name, or None. If it contains images of held-out
+            views of these results, the report shows crops of them.
         path: of the HTML file.
 
     Raises:

@@ -1,4 +1,4 @@
-"""What one run of a benchmark found, as it is kept on disk: one JSON file per cell of the table."""
+"""Results of benchmark cells on disk: one JSON file per cell."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
 
 FORMAT = 1
-"""Grows when older files can no longer be compared with newer ones."""
+"""Increased when older files become incomparable."""
 
 
 @dataclass(frozen=True, order=True)
 class Cell:
-    """One run of the table: a method on a capture with a seed."""
+    """One cell of the table: a method on a capture with a seed."""
 
     capture: str
     method: str
@@ -31,16 +31,16 @@ class Cell:
 
 @dataclass(frozen=True)
 class CellResult:
-    """What a cell found.
+    """The result of a cell.
 
     Attributes:
-        cell: which.
-        command: that was run, as one types it in the folder that holds the capture's.
-        error: why it failed, in one line, or None. The fields below are empty then.
-        wall_seconds: from the command's start to the written scene, looks at held-out views left out.
+        cell: the cell.
+        command: as typed in the parent folder of the capture.
+        error: reason of a failure, in one line, or None. The fields below are empty then.
+        wall_seconds: from the command's start to the written scene, without evaluations on held-out views.
         scene_bytes: size of the scene by file format: "ply", "spz".
         run: the content of `run.json`; see `pocketgs.results.summary`.
-        settings, sources, machine: under which conditions; see `pocketgs.bench.conditions`.
+        settings, sources, machine: the conditions; see `pocketgs.bench.conditions`.
     """
 
     cell: Cell
@@ -55,11 +55,11 @@ class CellResult:
 
     @property
     def conditions(self) -> Conditions:
-        """What it must have in common with others to stand in one table with them."""
+        """The conditions that results must share to be compared."""
         return Conditions(self.settings, self.sources, self.machine)
 
     def repeats(self, other: CellResult) -> bool:
-        """Whether it is of the same cell as another, by the same command, under the same conditions."""
+        """Whether it is of the same cell as another, with the same command and conditions."""
         return (self.cell, self.command, self.conditions) == (other.cell, other.command, other.conditions)
 
 
@@ -73,11 +73,11 @@ _KINDS: dict[str, type | tuple[type, ...]] = {
     "sources": str,
     "machine": dict,
 }
-"""What a file must hold for each field of a result but its cell."""
+"""The type of each field of a result in the file, except its cell."""
 
 
 def write_result(folder: Path, result: CellResult) -> Path:
-    """Write a result into the folder, in place of an earlier one of its cell.
+    """Write a result to the folder, replacing an earlier one of its cell.
 
     Raises:
         PocketGSError: it cannot be written.
@@ -96,7 +96,7 @@ def read_result(path: Path) -> CellResult:
     """Read a result.
 
     Raises:
-        PocketGSError: the file cannot be read, or is no result of this version.
+        PocketGSError: the file cannot be read, or is not a result of this version.
     """
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
@@ -111,19 +111,19 @@ def read_result(path: Path) -> CellResult:
     found = {name: document[name] for name in _KINDS if name in document}
     for name, value in found.items():
         if not isinstance(value, _KINDS[name]):
-            raise PocketGSError(f"{path}: its {name} is {value!r}, expected what results of a benchmark have there")
+            raise PocketGSError(f"{path}: its {name} is {value!r}, expected the type of benchmark results")
     if "command" not in found:
         raise PocketGSError(f"{path}: no command, expected a result of a benchmark")
     return CellResult(Cell(**cell), **found)
 
 
 def read_results(folder: Path) -> list[CellResult]:
-    """All results in a folder, sorted by capture, method and seed; an empty list if there is no such folder.
+    """Read all results in a folder, sorted by capture, method and seed; empty if there is no such folder.
 
-    Hidden files are what killed processes left half written.
+    Hidden files are ignored: killed processes leave them half written.
 
     Raises:
-        PocketGSError: one of the files is no result.
+        PocketGSError: a file is not a result.
     """
     paths = (path for path in folder.glob("*.json") if not path.name.startswith("."))
     return sorted(map(read_result, paths), key=lambda result: result.cell)

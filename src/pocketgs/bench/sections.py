@@ -1,4 +1,4 @@
-"""What a report says, as tables of text: how it is set, in Markdown or HTML, is decided elsewhere."""
+"""The content of the report as text tables, independent of Markdown and HTML."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pocketgs.bench import published
 from pocketgs.bench.aggregate import (
     BASELINE,
     FIGURES,
+    FLIP,
     LPIPS,
     PSNR,
     SECONDS,
@@ -30,10 +31,10 @@ from pocketgs.bench.published import FULL, MOBILE_SCAN, Published, reported
 from pocketgs.bench.results import Cell, CellResult
 
 MISSING = "n/a"
-"""Of a figure that a run might have had, and has not."""
+"""A figure that a run should have but does not."""
 
 NONE = "–"
-"""Of a figure that there cannot be."""
+"""A figure that does not apply."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +42,11 @@ class Table:
     """A table of text.
 
     Attributes:
-        title: what it shows.
+        title: of the table.
         head: of the columns; the first column names the rows.
-        rows: as many cells each as the head has.
-        notes: what is to be known when reading it, a sentence or two each.
-        quoted: how many of the last rows are the source's, not measured here.
+        rows: each with as many cells as the head.
+        notes: for the reader, a sentence or two each.
+        quoted: number of last rows that are the source's, not measured here.
         numeric: whether all columns but the first hold numbers.
     """
 
@@ -59,7 +60,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Command:
-    """The command behind a method on a capture: that of its first seed, and which others there are."""
+    """The command behind a method on a capture, with its first seed, and the other seeds."""
 
     cell: Cell
     command: str
@@ -78,7 +79,7 @@ def summary_table(results: Sequence[CellResult]) -> Table:
 
 
 def figures_table(results: Sequence[CellResult], capture: str) -> Table:
-    """Every method's figures on a capture, and below them the source's."""
+    """All methods' figures on a capture, followed by the source's."""
     rows = rows_of(results, capture)
     sources = published.COMPARISON.get(published.DATASETS.get(capture, ""), ())
     columns = [
@@ -86,17 +87,17 @@ def figures_table(results: Sequence[CellResult], capture: str) -> Table:
         ("runs", *(f"{len(row.results)} of {row.seeds}" for row in rows), *(NONE for _ in sources)),
     ]
     for figure in FIGURES:
-        # LPIPS has a column even where its package was not there: that it is missing is to be seen.
-        if figure is LPIPS or any(row.mean(figure.of) for row in rows):
+        # FLIP and LPIPS have columns even if their packages were missing, to show that they are missing.
+        if figure in (FLIP, LPIPS) or any(row.mean(figure.of) for row in rows):
             columns.append(_column(figure, rows, sources))
         if figure is PSNR and len(rows) > 1:
             columns.append((f"Δ {BASELINE}", *_to_baseline(rows), *(NONE for _ in sources)))
     notes = _warnings(rows) + _lpips_notes(rows)
     if any(row.seeds > 1 for row in rows):
         notes.append("Means over seeds ± half the range.")
-    notes.append("Time runs from the command's start to the written scene, looks at held-out views left out.")
+    notes.append("Time is from the command's start to the written scene, without evaluations on held-out views.")
     notes += [
-        f"Peak memory is of the command's own process: that of COLMAP, where {row.method} runs it, is left out."
+        f"Peak memory is that of the command's own process; COLMAP's, where {row.method} runs it, is not included."
         for row in rows
         if row.method in METHODS and "colmap" in METHODS[row.method].flags
     ]
@@ -128,7 +129,7 @@ def _to_baseline(rows: Sequence[Row]) -> list[str]:
 
 
 def _warnings(rows: Sequence[Row]) -> list[str]:
-    """What runs said of how they had to be made otherwise than asked, each with the methods that said it."""
+    """Warnings about runs that had to deviate from their options, with the methods concerned."""
     methods: dict[str, list[str]] = {}
     for row in rows:
         said = (warning for it in row.results for warning in (it.run.get("prior") or {}).get("warnings") or ())
@@ -152,12 +153,12 @@ def stages_table(results: Sequence[CellResult], capture: str) -> Table:
     cells = (
         (row.method, *(_text(row.mean(seconds(stage)), ",.1f", len(row.results)) for stage in stages)) for row in rows
     )
-    note = "Evaluation includes the looks at held-out views during training."
+    note = "Evaluation includes evaluations on held-out views during training."
     return Table("Seconds by stage", ("method", *stages), tuple(cells), (note,), numeric=True)
 
 
 def differences_table(results: Sequence[CellResult], capture: str) -> Table | None:
-    """What the source reports as differences beside what was measured; None where nothing can be compared."""
+    """The source's reported differences beside the measured ones; None if nothing can be compared."""
     dataset = published.DATASETS.get(capture)
     rows = {METHODS[row.method].stands_for: row for row in rows_of(results, capture) if row.method in METHODS}
     if dataset is None or FULL not in rows:
@@ -190,7 +191,7 @@ def _difference_cells(first: Row, second: Row, dataset: str) -> tuple[str, ...]:
 
 
 def protocol_lines(results: Sequence[CellResult], capture: str) -> list[str]:
-    """How images were prepared and split, and how long was trained: one line where all runs agree."""
+    """How images were prepared and split, and how long training was: one line if all runs agree."""
     cells_by_protocol: dict[str, list[str]] = {}
     for row in rows_of(results, capture):
         for result in row.results:
@@ -213,7 +214,7 @@ def _protocol(result: CellResult) -> str:
 
 
 def methods_table(results: Sequence[CellResult]) -> Table:
-    """What the methods are."""
+    """Descriptions of the methods."""
     rows = []
     for name in methods_of(results):
         method = METHODS.get(name)
@@ -223,13 +224,13 @@ def methods_table(results: Sequence[CellResult]) -> Table:
 
 
 def failures_table(results: Sequence[CellResult]) -> Table | None:
-    """Runs that failed, and why; None if none did. Rows say themselves of how many seeds they are the means."""
+    """Failed runs with their errors; None if none failed. Rows state the number of seeds in their means."""
     rows = [(it.cell.name, " ".join(it.error.split()) or "failed") for it in in_order(results) if it.error is not None]
     return Table("Failed runs", ("run", "why"), tuple(rows)) if rows else None
 
 
 def machines_table(results: Sequence[CellResult]) -> Table:
-    """What the runs ran on and with which versions: a column for each machine or set of versions."""
+    """Machines and versions of the runs: one column per machine or set of versions."""
     groups: dict[tuple[tuple[str, str], ...], list[str]] = {}
     for result in in_order(results):
         if result.error is None:
@@ -245,7 +246,7 @@ def machines_table(results: Sequence[CellResult]) -> Table:
 
 
 def commands(results: Sequence[CellResult]) -> list[Command]:
-    """The commands to reproduce the results with, one for each method on a capture."""
+    """The commands that reproduce the results, one per method and capture."""
     groups: dict[tuple[str, str], list[CellResult]] = {}
     for result in in_order(results):
         groups.setdefault((result.cell.capture, result.cell.method), []).append(result)
@@ -256,12 +257,12 @@ def commands(results: Sequence[CellResult]) -> list[Command]:
 
 
 def _text(mean: Mean | None, style: str, expected: int) -> str:
-    """A mean with its spread, and the number of runs that it is of where that is not as expected.
+    """A mean with its spread, and the number of runs if it is not as expected.
 
     Args:
-        mean: or None, where there is none.
-        style: a format for the mean; of the spread, which has no sign, it is the format without "+".
-        expected: of how many runs it should be.
+        mean: or None if there is none.
+        style: format of the mean; the spread uses it without "+".
+        expected: number of runs.
     """
     if mean is None:
         return MISSING

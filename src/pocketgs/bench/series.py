@@ -1,4 +1,4 @@
-"""What runs recorded along their way: quality and memory against time."""
+"""Time series recorded by runs: quality and memory."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from pocketgs.results.memory_trace import MemorySample
 
 @dataclass(frozen=True)
 class Look:
-    """One look at the held-out views during training.
+    """One evaluation on the held-out views during training.
 
     Attributes:
         iteration: iterations done.
-        seconds: since the command began, without those spent on looking.
+        seconds: since the command began, without evaluations.
         psnr: mean over the held-out views, in dB.
     """
 
@@ -30,7 +30,7 @@ Trace = list[MemorySample]
 
 
 def curves(results: Sequence[CellResult], capture: str) -> dict[str, list[Curve]]:
-    """The curves of a capture's runs, by method and one a seed; what has none is left out."""
+    """The curves of a capture's runs by method, one per seed; runs without a curve are left out."""
     by_method = {row.method: list(filter(None, map(_curve, row.results))) for row in rows_of(results, capture)}
     return {method: found for method, found in by_method.items() if found}
 
@@ -45,7 +45,7 @@ def _curve(result: CellResult) -> Curve:
 
 
 def mean_curve(seeds: Sequence[Curve]) -> Curve:
-    """The curve of means over seeds, of time as of PSNR, at the iterations at which all of them were looked at."""
+    """Mean over seeds, of time and of PSNR, at the iterations at which all were evaluated."""
     by_iteration = [{look.iteration: look for look in curve} for curve in seeds]
     shared = sorted(set.intersection(*(set(looks) for looks in by_iteration)))
     means = []
@@ -59,7 +59,7 @@ def mean_curve(seeds: Sequence[Curve]) -> Curve:
 
 
 def traces(results: Sequence[CellResult], capture: str) -> dict[str, Trace]:
-    """Memory over time of each method's first run that recorded it."""
+    """Memory over time of the first run of each method that recorded it."""
     found: dict[str, Trace] = {}
     for row in rows_of(results, capture):
         for trace in filter(None, map(_trace, row.results)):

@@ -1,4 +1,4 @@
-"""Running the cells of a table that are still to be run."""
+"""Running the remaining cells of a table."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from pocketgs.training.loop import train
 from pocketgs.training.options import TrainingOptions
 
 OVERHEAD = 1.5
-"""A cell takes about this many times its own seconds: looks at held-out views, starting, and measuring come on top."""
+"""Factor from a cell's own seconds to its total time, with evaluations, start-up and measurements."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """What is told before a cell is run.
+    """Progress before a cell runs.
 
     Attributes:
-        cell: that comes next.
-        number, count: its place among those still to be run, from 1.
-        seconds_left: estimate for it and all after it, or None before anything like it has been run.
+        cell: the next one.
+        number, count: its position among the remaining cells, from 1.
+        seconds_left: estimate for it and all following cells, or None if nothing similar has run yet.
     """
 
     cell: Cell
@@ -40,7 +40,7 @@ class Step:
 def plan_jobs(
     methods: Sequence[Method], captures: Sequence[BenchCapture], seeds: Sequence[int], common_flags: tuple[str, ...]
 ) -> list[Job]:
-    """All cells of a table, the first seed of everything before the second: what is there early covers the table.
+    """All cells of a table, ordered by seed, so that early results cover the whole table.
 
     Raises:
         PocketGSError: a seed is named twice.
@@ -52,7 +52,7 @@ def plan_jobs(
 
 
 def remaining(jobs: Sequence[Job], results: Sequence[CellResult], conditions: Conditions) -> list[Job]:
-    """The jobs without a result of the same command under these conditions; those that failed are tried again."""
+    """The jobs without a result of the same command and conditions; failed ones are retried."""
     done = {
         (result.cell, result.command) for result in results if result.error is None and result.conditions == conditions
     }
@@ -60,15 +60,15 @@ def remaining(jobs: Sequence[Job], results: Sequence[CellResult], conditions: Co
 
 
 def comparable(results: Sequence[CellResult], jobs: Sequence[Job], conditions: Conditions) -> list[CellResult]:
-    """The results that can stand in one table with those of the jobs.
+    """The results that can be compared with those of the jobs.
 
     Args:
         results: of cells of any table.
-        jobs: that the table is made for.
+        jobs: of the table.
         conditions: of the jobs.
 
     Returns:
-        Those under the same conditions; of the jobs' captures only those that read them in the same way.
+        Those with the same conditions; for the jobs' captures, only those that read them in the same way.
     """
     asked = {job.capture.name: job for job in jobs}
 
@@ -89,19 +89,19 @@ def run_jobs(
     on_step: Callable[[Step], None],
     on_result: Callable[[CellResult], None],
 ) -> list[CellResult]:
-    """Run jobs one after the other and keep each result as it comes.
+    """Run jobs one after the other, and save each result.
 
-    A cell that fails leaves an earlier success of the same command under the same conditions in its place.
+    A failure does not replace an earlier success of the same command and conditions.
 
     Args:
-        jobs: what to run.
+        jobs: to run.
         folder: for the results.
-        work: for what the runs write.
+        work: for the runs' files.
         on_step: called before each.
-        on_result: called after each, whether it failed or not.
+        on_result: called after each, also if it failed.
 
     Returns:
-        What came of each.
+        The result of each.
 
     Raises:
         PocketGSError: a result cannot be read or written.
@@ -123,7 +123,7 @@ def run_jobs(
 
 
 def seconds_left(jobs: Sequence[Job], results: Sequence[CellResult]) -> float | None:
-    """Estimate of the time that jobs take, from results of the same cell, capture or any; None without results."""
+    """Estimated time of some jobs, from results of the same cell, capture, or any; None without results."""
     done = [result for result in results if result.error is None]
     if not done:
         return None
@@ -141,9 +141,9 @@ def seconds_left(jobs: Sequence[Job], results: Sequence[CellResult]) -> float | 
 
 
 def compile_kernels() -> None:
-    """Compile the CPU's kernels by training on a small capture: no cell's time should include it.
+    """Compile the CPU kernels by training on a small capture, so that no cell's time includes compilation.
 
-    Its poses are a phone's, so that the kernels which refine poses are compiled too.
+    Its poses are a phone's, so that the kernels of pose refinement are compiled too.
     """
     capture = demo_capture(width=160, height=120, frames=20)
     train(capture, TrainingOptions(iterations=1, engine="cpu", max_gaussians=500, evaluate_every=0))

@@ -1,4 +1,4 @@
-"""Which code a result comes from: a version number stays the same while code changes."""
+"""Digest of the source code that a result comes from: the version number may stay the same while code changes."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 PACKAGE = Path(__file__).parents[1]
 
 ELSEWHERE = ("bench", "cli", "viewer")
-"""Folders of the package that measure, ask and show: what a run computes does not depend on them."""
+"""Folders of the package that do not affect what a run computes."""
 
 
 def digest_of_sources(package: Path = PACKAGE) -> str:
-    """Sixteen hexadecimal digits that change when a module or a shader that runs compute with does.
+    """Sixteen hexadecimal digits that change with any module or shader that affects results.
 
     Args:
         package: folder of the package's sources.

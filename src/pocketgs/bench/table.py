@@ -1,4 +1,4 @@
-"""The table of results as a Markdown document. The same results give the same text."""
+"""The table of results as a Markdown document. It is deterministic."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pocketgs.bench.sections import (
 )
 
 _STARTS = re.compile(r"^(\d*)([-+#>~=.)])")
-"""What at the start of a line makes it a heading, a quotation, a rule, a fence or an item of a list."""
+"""Line starts that Markdown would read as a heading, quotation, rule, fence or list item."""
 
 _SPECIAL = str.maketrans(
     {"\\": "\\\\", "|": "\\|", "<": "&lt;", "*": "\\*", "_": "\\_", "`": "\\`", "[": "\\[", "&": "&amp;"}
@@ -30,13 +30,13 @@ _SPECIAL = str.maketrans(
 
 
 def markdown_table(results: Sequence[CellResult]) -> str:
-    """Set the results as a Markdown document.
+    """Format the results as a Markdown document.
 
     Args:
         results: in any order; some may have failed.
 
     Returns:
-        A heading and tables for each capture, what failed, the machine, and the commands.
+        A heading and tables per capture, failures, machines, and commands.
     """
     parts = ["# Results"]
     failures = failures_table(results)
@@ -54,7 +54,7 @@ def markdown_table(results: Sequence[CellResult]) -> str:
 
 
 def _table(table: Table, heading: str) -> list[str]:
-    """A table as paragraphs: its title, its rows, and its notes; what is quoted from the source is in italics."""
+    """A table as paragraphs: title, rows, and notes; figures quoted from the source are in italics."""
     head = [_plain(name) or " " for name in table.head]
     lines = [head, ["---", *("---:" for _ in head[1:])] if table.numeric else ["---" for _ in head]]
     measured = len(table.rows) - table.quoted
@@ -66,17 +66,17 @@ def _table(table: Table, heading: str) -> list[str]:
 
 
 def _command(command: Command) -> str:
-    """A command in a block of code, indented because no text can end such a block."""
+    """A command in an indented code block, which no text can end."""
     seeds = ", ".join(map(str, command.other_seeds))
     more = f"; likewise with seed {seeds}" if seeds else ""
     return f"{_paragraph(command.cell.name)}{more}:\n\n    {command.command}"
 
 
 def _paragraph(text: str) -> str:
-    """Text as a paragraph of its own in which nothing means anything, not even how it begins."""
+    """Literal text as a paragraph, with all markup escaped, including at its start."""
     return _STARTS.sub(r"\1\\\2", _plain(text))
 
 
 def _plain(text: str) -> str:
-    """Text on one line in which nothing means anything to Markdown or HTML."""
+    """Literal text on one line, with Markdown and HTML escaped."""
     return " ".join(text.split()).translate(_SPECIAL)

@@ -1,4 +1,4 @@
-"""Captures: reading posed photographs in the formats that other programs write."""
+"""Captures: readers for posed photographs in many formats."""
 
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.listed import ListedCapture

@@ -1,4 +1,4 @@
-"""NeRF's synthetic scenes, rendered by Blender: transforms_train.json and transforms_test.json, images with alpha."""
+"""Reader of NeRF-Synthetic scenes, rendered by Blender: transforms_train.json and transforms_test.json, RGBA images."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ def recognises(path: Path) -> bool:
 
 
 def read(path: Path, images: str | None = None) -> Listing:
-    """Read the training and the test frames; transforms_val.json is not looked at.
+    """Read the training and test frames; transforms_val.json is ignored.
 
     Raises:
-        PocketGSError: a file is malformed, or `images` is given, for which the format has no use.
+        PocketGSError: a file is malformed, or `images` is given, which the format does not support.
     """
     if images is not None:
         raise PocketGSError(f"{path}: images='{images}' given, but blender captures name their images in full")
@@ -38,6 +38,6 @@ def read(path: Path, images: str | None = None) -> Listing:
 
 def _read_split(path: Path, name: str) -> tuple[list[FrameSource], tuple[str, ...]]:
     document = read_json(path / name)
-    # Never by name alone: the training and the test images have the same names.
+    # Always with the folder: training and test images have the same names.
     frames, warnings = read_frames(document, path, find=find_stated)
     return [frame for frame in frames if frame is not None], warnings + absent_warning(frames, document)

@@ -1,4 +1,4 @@
-"""What the rest of the program sees of a capture: posed frames in memory, split into training and held-out."""
+"""A capture in memory: posed frames, split into training and held-out."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ class Frame:
     """One photograph with its pinhole camera.
 
     Attributes:
-        name: the image's name inside the capture, for example "images/0001.jpg".
-        camera: the camera of the image as held here (undistorted, cropped and resized).
-        image: (H, W, 3) uint8 RGB; where the file has alpha, composited on the capture's background.
+        name: path of the image inside the capture, for example "images/0001.jpg".
+        camera: camera of the image in memory (undistorted, cropped and resized).
+        image: (H, W, 3) uint8 RGB; images with alpha are composited on the capture's background.
         alpha: (H, W) uint8 opacity of the file's pixels, or None.
-        mask: (H, W) bool, True where the pixel is to be used, or None for all.
+        mask: (H, W) bool, True for pixels to use, or None for all.
         depth: (H, W) float32 depth along the optical axis in the capture's units, 0 where unknown, or None.
 
     Raises:
-        PocketGSError: an array is not of the camera's size, or not of the type that is stated here.
+        PocketGSError: an array does not have the camera's size, or the stated type.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Frame:
             raise PocketGSError(f"frame {self.name!r}: depth holds NaN or infinity, expected 0 where it is unknown")
 
     def _check(self, what: str, array: np.ndarray | None, dtype: np.dtype, shape: tuple[int, ...]) -> None:
-        """Kernels trust these arrays: what does not fit would be read out of bounds."""
+        """Check an array's type and shape: kernels would read out of bounds otherwise."""
         if array is None and what != "image":
             return
         if not isinstance(array, np.ndarray) or array.dtype != dtype or array.shape != shape:
@@ -61,7 +61,7 @@ class Frame:
 
     @property
     def usable(self) -> np.ndarray | None:
-        """(H, W) bool: pixels that neither a mask nor alpha below one half leaves out, or None for all."""
+        """(H, W) bool: pixels with alpha of one half or more that the mask does not exclude, or None for all."""
         parts = [part for part in (self.mask, None if self.alpha is None else self.alpha >= 128) if part is not None]
         return np.logical_and.reduce(parts) if parts else None
 
@@ -70,39 +70,39 @@ Result = TypeVar("Result")
 
 
 class Photographs(Protocol):
-    """A capture's photographs where they are stored, to be looked at again in another size than that in memory."""
+    """A capture's photographs on disk, which can be decoded again at another size."""
 
     @property
     def longest_side(self) -> int:
-        """Pixels of the longest side that any of them is stored with."""
+        """Longest side of any stored photograph, in pixels."""
 
     def map(self, look: Callable[[Frame], Result], max_size: int) -> dict[str, Result]:
-        """What `look` makes of every frame, by name, decoded at most `max_size` pixels a side.
+        """Apply `look` to every frame, decoded at most `max_size` pixels a side, and return the results by name.
 
-        Few are decoded at a time and none is kept. `look` is called from several threads.
+        Only a few frames are in memory at a time. `look` is called from several threads.
         """
 
 
 @dataclass(frozen=True)
 class Capture:
-    """A capture, read and ready for training.
+    """A capture in memory, ready for training.
 
     Attributes:
         name: short name for reports.
         path: where it was read from.
-        format: which reader read it.
+        format: name of the reader.
         train: frames to train on, in capture order.
         held_out: frames kept for evaluation, in capture order.
         points: the capture's own point cloud, or None.
-        background: RGB in [0, 1] behind everything.
+        background: RGB in [0, 1].
         metric: whether lengths are metres.
-        origin: where the origin of these coordinates lies in the world of the files, see `pocketgs.capture.origin`.
-        protocol: how images were prepared and split, in words; every reported figure carries it.
-        warnings: what a user should know, such as listed frames whose files are absent.
-        photographs: where the frames come from, or None if there is no more than what is in memory.
+        origin: position of this coordinate origin in the world of the files, see `pocketgs.capture.origin`.
+        protocol: text that says how images were prepared and split; reported with every figure.
+        warnings: for the user, such as listed frames whose files are missing.
+        photographs: the photographs on disk, or None if there are only the frames in memory.
 
     Raises:
-        PocketGSError: the background is no colour.
+        PocketGSError: the background is not a colour.
     """
 
     name: str
@@ -123,11 +123,11 @@ class Capture:
 
     @property
     def frames(self) -> list[Frame]:
-        """Training frames, then held-out ones."""
+        """Training frames, then held-out frames."""
         return self.train + self.held_out
 
     def with_refined_poses(self, cameras: Mapping[str, Camera]) -> Capture:
-        """The capture with other cameras for the frames that are named; the protocol says so."""
+        """The capture with new cameras for the named frames; the protocol is updated."""
 
         def posed(frames: list[Frame]) -> list[Frame]:
             return [replace(frame, camera=cameras.get(frame.name, frame.camera)) for frame in frames]
@@ -137,6 +137,6 @@ class Capture:
 
     @property
     def image_bytes(self) -> int:
-        """Memory that the frames' images, alphas, masks and depths take."""
+        """Memory of the frames' images, alphas, masks and depths, in bytes."""
         arrays = [a for f in self.frames for a in (f.image, f.alpha, f.mask, f.depth) if a is not None]
         return sum(array.nbytes for array in arrays)

@@ -1,4 +1,4 @@
-"""Point clouds that captures bring along as .ply."""
+"""Reader of point clouds in .ply files."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pocketgs.capture.poses import LARGEST_COORDINATE
+from pocketgs.capture.poses import MAX_COORDINATE
 from pocketgs.errors import PocketGSError
 from pocketgs.files.ply_file import read_vertices
 from pocketgs.scene.point_cloud import PointCloud
@@ -15,12 +15,12 @@ UNKNOWN_COLOUR = 0.5
 
 
 def read_cloud(path: Path) -> PointCloud | None:
-    """The vertices of a .ply file with fields x, y, z and, if coloured, red, green, blue; None if there are none.
+    """Read the vertices of a .ply file with fields x, y, z and optionally red, green, blue; None if there are none.
 
-    Colours are 0 to 255 where they are integers, 0 to 1 where they are floats; without any, points are grey.
+    Integer colours are 0 to 255, float colours 0 to 1. Without colours, points are grey.
 
     Raises:
-        PocketGSError: the file cannot be read, has no such vertices, or a coordinate is not finite or beyond reason.
+        PocketGSError: the file cannot be read, has no such vertices, or a coordinate is not finite or too large.
     """
     vertices = read_vertices(path)
     try:
@@ -29,8 +29,8 @@ def read_cloud(path: Path) -> PointCloud | None:
         raise PocketGSError(f"{path}: not a point cloud ({error}), expected vertices with x, y, z") from error
     if len(positions) == 0:
         return None
-    if not np.all(np.abs(positions) < LARGEST_COORDINATE):
-        raise PocketGSError(f"{path}: holds NaN or coordinates beyond {LARGEST_COORDINATE:g}")
+    if not np.all(np.abs(positions) < MAX_COORDINATE):
+        raise PocketGSError(f"{path}: holds NaN or coordinates beyond {MAX_COORDINATE:g}")
     return PointCloud(positions, _colours(vertices))
 
 

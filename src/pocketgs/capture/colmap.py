@@ -1,4 +1,4 @@
-"""COLMAP: a sparse model (cameras, images, points3D; binary or text) beside a folder of images."""
+"""Reader of COLMAP captures: a sparse model (cameras, images, points3D; binary or text) and a folder of images."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ IMAGE_FOLDERS = (DEFAULT_IMAGES, "images_2", "images_4", "images_8", "rgb", "inp
 
 
 def recognises(path: Path) -> bool:
-    """Whether a sparse model with cameras and images is there. LLFF captures have one without images."""
+    """Whether the folder has a sparse model with cameras and images. LLFF captures have one without images."""
     return path.is_dir() and _model_folder(path) is not None
 
 
@@ -34,7 +34,7 @@ def read(path: Path, images: str | None = None) -> Listing:
         images: folder inside it with the image files, `images` if None.
 
     Raises:
-        PocketGSError: a file is malformed, a camera model cannot be undone, or no registered image exists.
+        PocketGSError: a file is malformed, a camera model is not supported, or no registered image exists.
     """
     model = _model_folder(path)
     if model is None:
@@ -54,7 +54,7 @@ def read(path: Path, images: str | None = None) -> Listing:
 
 
 def _is_metric(path: Path) -> bool:
-    """Whether lengths are metres, as only what this package has made itself states."""
+    """Whether lengths are metres, which only captures made by this package state."""
     try:
         return json.loads((path / POSED_RECORD).read_text(encoding="utf-8")).get("metric") is True
     except (OSError, ValueError, AttributeError, RecursionError):
@@ -70,7 +70,7 @@ def _model_folder(path: Path) -> Path | None:
 def _match_files(
     registered: list[ColmapImage], capture: Path, images: str | None, where: str
 ) -> tuple[list[Path | None], tuple[str, ...]]:
-    """Each registered image's file, None where it is absent, and what to warn of."""
+    """Each registered image's file, None where it is missing, and warnings."""
     folder = _image_folder(capture, images)
     names = [image.name for image in registered]
     files, warnings = find_stated(folder, names, where)
@@ -82,7 +82,7 @@ def _match_files(
     if len(absent) < len(names):
         found = f"{len(absent)} of {len(names)} registered images are absent, the first {absent[0]}"
         return files, (*warnings, found)
-    # Downscaled copies are often renamed (LLFF: images/IMG_4026.JPG, images_8/image000.png) but keep their order.
+    # Downscaled copies are often renamed (LLFF: images/IMG_4026.JPG, images_8/image000.png) but stay in order.
     renamed = list_images(folder)
     if len(renamed) != len(names):
         raise PocketGSError(f"{folder}: holds none of the {len(names)} registered images, such as {absent[0]}")
@@ -92,10 +92,10 @@ def _match_files(
 
 
 def _image_folder(capture: Path, images: str | None) -> Path:
-    """The folder asked for, or the first that exists of the usual ones, or the capture itself.
+    """The requested folder, or the first usual one that exists, or the capture itself.
 
     Raises:
-        PocketGSError: the folder asked for does not exist.
+        PocketGSError: the requested folder does not exist.
     """
     if images is not None:
         folder = inside(capture, images, "the images option")

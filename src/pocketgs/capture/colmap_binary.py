@@ -1,4 +1,4 @@
-"""COLMAP's binary encoding: cameras.bin, images.bin, points3D.bin (little-endian, counts first)."""
+"""Reader of COLMAP's binary models: cameras.bin, images.bin, points3D.bin (little-endian, counts first)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ POSITION_OFFSET, COLOUR_OFFSET, TRACK_OFFSET = 8, 32, 43
 
 
 class _Cursor:
-    """Reads a file's bytes from front to back; past the end is the user's error, not a crash."""
+    """Reads a file's bytes in order; raises PocketGSError at a premature end."""
 
     def __init__(self, path: Path) -> None:
         try:
@@ -43,7 +43,7 @@ class _Cursor:
         return layout.unpack_from(self.data, start)
 
     def skip(self, size: int) -> int:
-        """Step over `size` bytes; returns where they start."""
+        """Skip `size` bytes; returns their offset."""
         start = self.offset
         if start + size > len(self.data):
             raise self.truncated()
@@ -51,14 +51,14 @@ class _Cursor:
         return start
 
     def count(self, smallest_item: int) -> int:
-        """A number of items, refused when the rest of the file cannot hold that many."""
+        """Read a count, and check that the rest of the file can hold as many items."""
         (number,) = self.unpack(COUNT)
         if number > (len(self.data) - self.offset) // smallest_item:
             raise PocketGSError(f"{self.path}: states {number} items, more than its {len(self.data)} bytes can hold")
         return int(number)
 
     def text(self) -> str:
-        """A string that a zero byte ends."""
+        """Read a zero-terminated string."""
         end = self.data.find(b"\0", self.offset)
         if end < 0:
             raise self.truncated()
@@ -73,10 +73,10 @@ class _Cursor:
 
 
 def read_cameras(path: Path) -> dict[int, ColmapCamera]:
-    """The cameras of a cameras.bin by their ids.
+    """Read a cameras.bin: cameras by id.
 
     Raises:
-        PocketGSError: the file is truncated, or a camera model cannot be undone.
+        PocketGSError: the file is truncated, or a camera model is not supported.
     """
     cursor = _Cursor(path)
     cameras = {}
@@ -92,7 +92,7 @@ def read_cameras(path: Path) -> dict[int, ColmapCamera]:
 
 
 def read_images(path: Path) -> list[ColmapImage]:
-    """The registered images of an images.bin.
+    """Read the registered images of an images.bin.
 
     Raises:
         PocketGSError: the file is truncated, or a name is not UTF-8.
@@ -108,14 +108,14 @@ def read_images(path: Path) -> list[ColmapImage]:
 
 
 def read_points(path: Path) -> PointCloud:
-    """The cloud of a points3D.bin.
+    """Read the cloud of a points3D.bin.
 
     Raises:
         PocketGSError: the file is truncated.
     """
     cursor = _Cursor(path)
     count = cursor.count(TRACK_OFFSET + COUNT.size)
-    # Tracks make the records differ in length, so only finding their starts needs a loop.
+    # Tracks make the records differ in length, so finding their starts needs a loop.
     starts = np.empty(count, dtype=np.int64)
     data, offset, smallest = cursor.data, cursor.offset, TRACK_OFFSET + COUNT.size
     unpack_track_length = COUNT.unpack_from

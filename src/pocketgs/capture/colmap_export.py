@@ -1,7 +1,7 @@
-"""A capture as COLMAP's text model with its images, for other programs that train or view.
+"""Export of a capture as COLMAP's text model with its images, for other trainers and viewers.
 
-The cameras are those of the images as the capture holds them: pinhole ones, undistorted, cropped and downscaled. Points
-have no tracks, and masks, alpha and depth are left out: COLMAP's model has no place for them.
+The cameras are those of the images in memory: pinhole, undistorted, cropped and downscaled. Points have no tracks.
+Masks, alpha and depth are not exported: COLMAP's model cannot hold them.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ IMAGES, MODEL = "images", Path("sparse") / "0"
 def export_capture(folder: Path, capture: Capture) -> None:
     """Write `images/*.png` and `sparse/0/{cameras,images,points3D}.txt`, all or nothing.
 
-    Frames stand in the order of their names, so that a reader that holds out every 8th by name makes the same split
-    again.
+    Frames are written in the order of their names, so that a reader that holds out every 8th by name reproduces the
+    split.
 
     Args:
         folder: new or empty.
-        capture: what to write; a capture that is held about an origin of its own is moved back to where it was.
+        capture: the capture; if it has an origin of its own, it is moved back to the world of its files.
 
     Raises:
-        PocketGSError: the folder holds something, or cannot be written.
+        PocketGSError: the folder is not empty, or cannot be written.
     """
     try:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise PocketGSError(f"{folder}: holds something already, expected a new or empty folder")
+            raise PocketGSError(f"{folder}: is not empty, expected a new or empty folder")
         with replacing_folder(folder) as (staging, _):
             _write(staging, with_origin(capture, (0.0, 0.0, 0.0)))
     except OSError as error:
@@ -46,7 +46,7 @@ def export_capture(folder: Path, capture: Capture) -> None:
 def _write(folder: Path, capture: Capture) -> None:
     frames = sorted(capture.frames, key=lambda frame: frame.name)
     width = len(str(len(frames)))
-    # The number keeps the order, whatever sorting makes of the names behind it.
+    # The number keeps the frames in order when readers sort by name.
     plain = plain_names(frame.name for frame in frames)
     names = [f"{number:0{width}d}_{name}.png" for number, name in enumerate(plain)]
     model = folder / MODEL
@@ -60,7 +60,7 @@ def _write(folder: Path, capture: Capture) -> None:
 
 
 def _cameras(frames: list[Frame]) -> str:
-    """One camera a frame, because refined or cropped ones differ: CAMERA_ID MODEL WIDTH HEIGHT fx fy cx cy."""
+    """One camera per frame, because refined or cropped ones differ: CAMERA_ID MODEL WIDTH HEIGHT fx fy cx cy."""
     lines = ["# CAMERA_ID MODEL WIDTH HEIGHT fx fy cx cy"]
     for number, camera in enumerate((frame.camera for frame in frames), start=1):
         intrinsics = " ".join(repr(float(value)) for value in (camera.fx, camera.fy, camera.cx, camera.cy))
@@ -69,8 +69,8 @@ def _cameras(frames: list[Frame]) -> str:
 
 
 def _images(names: list[str], frames: list[Frame]) -> str:
-    """Two lines a frame, of which the second, its points, is empty."""
-    # SciPy takes long to load: only this needs it.
+    """Two lines per frame; the second, its points, is empty."""
+    # Imported here because SciPy is slow to load.
     from scipy.spatial.transform import Rotation
 
     lines = ["# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of points"]

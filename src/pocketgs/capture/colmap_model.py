@@ -1,4 +1,4 @@
-"""What a COLMAP sparse model holds, whichever encoding it was read from."""
+"""The contents of a COLMAP sparse model, independent of the encoding."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pocketgs.capture.lens import PINHOLE, Lens
 from pocketgs.errors import PocketGSError, clipped
+from pocketgs.geometry.lens import PINHOLE, Lens
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class CameraModel:
     fisheye: bool = False
 
 
-# By the number that stands for the model in cameras.bin. Those this reader cannot undo have no entry.
+# By the model's number in cameras.bin. Unsupported models have no entry.
 CAMERA_MODELS = {
     0: CameraModel("SIMPLE_PINHOLE", ("f", "cx", "cy")),
     1: CameraModel("PINHOLE", ("fx", "fy", "cx", "cy")),
@@ -77,7 +77,7 @@ class ColmapImage:
 def camera_from_parameters(
     model: CameraModel, width: int, height: int, values: list[float], where: str
 ) -> ColmapCamera:
-    """The camera that a model and its parameters describe.
+    """Make a camera from a model and its parameters.
 
     Raises:
         PocketGSError: a parameter is not finite.
@@ -92,7 +92,7 @@ def camera_from_parameters(
 
 
 def unknown_model(where: str, found: object) -> PocketGSError:
-    """The error for a camera model that this reader cannot undo."""
+    """The error for an unsupported camera model."""
     known = ", ".join(model.name for model in CAMERA_MODELS.values())
     return PocketGSError(
         f"{where}: camera model {clipped(found)}, expected one of {known}; undistort with COLMAP first"

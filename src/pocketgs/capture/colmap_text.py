@@ -1,4 +1,4 @@
-"""COLMAP's text encoding: cameras.txt, images.txt, points3D.txt (lines that begin with # are comments)."""
+"""Reader of COLMAP's text models: cameras.txt, images.txt, points3D.txt (lines that begin with # are comments)."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ MODELS_BY_NAME = {model.name: model for model in CAMERA_MODELS.values()}
 
 
 def read_cameras(path: Path) -> dict[int, ColmapCamera]:
-    """The cameras of a cameras.txt by their ids: CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS….
+    """Read a cameras.txt, cameras by id: CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS….
 
     Raises:
-        PocketGSError: a line is malformed, or a camera model cannot be undone.
+        PocketGSError: a line is malformed, or a camera model is not supported.
     """
     cameras = {}
     for where, line in _content(_lines(path)):
@@ -44,9 +44,9 @@ def read_cameras(path: Path) -> dict[int, ColmapCamera]:
 
 
 def read_images(path: Path) -> list[ColmapImage]:
-    """The registered images of an images.txt, two lines each.
+    """Read the registered images of an images.txt, two lines each.
 
-    The first is IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, the second the image's points, which may be empty.
+    The first is IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, the second lists the image's points and may be empty.
 
     Raises:
         PocketGSError: a line is malformed.
@@ -65,7 +65,7 @@ def read_images(path: Path) -> list[ColmapImage]:
 
 
 def read_points(path: Path) -> PointCloud:
-    """The cloud of a points3D.txt: POINT_ID X Y Z R G B ERROR TRACK….
+    """Read the cloud of a points3D.txt: POINT_ID X Y Z R G B ERROR TRACK….
 
     Raises:
         PocketGSError: a line is malformed.
@@ -81,7 +81,7 @@ def read_points(path: Path) -> PointCloud:
 
 
 def _lines(path: Path) -> Iterator[tuple[str, str]]:
-    """Every line with the place it stands at, for error messages."""
+    """Every line with its position, for error messages."""
     try:
         text = read_bytes(path).decode("utf-8")
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Depth maps and how far they can be relied on, in the forms that captures store them in."""
+"""Readers of depth maps and their confidences."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from pocketgs.files.memory_bound import require_memory
 from pocketgs.files.opening import checked
 from pocketgs.files.paths import CaptureFile
 
-LARGEST_SIDE = 16_384
+MAX_SIDE = 16_384
 
 
 def read_depth(path: CaptureFile, unit: float, shape: tuple[int, int] | None = None) -> np.ndarray:
-    """(H, W) float32 depth times `unit`; 0 where it is not known.
+    """Read a depth map as (H, W) float32 times `unit`; 0 where unknown.
 
     Args:
-        path: an integer image, an OpenEXR file or a .npy array; or, if there is a shape, float32 numbers compressed
+        path: an integer image, an OpenEXR file or a .npy array; or, if `shape` is given, float32 numbers compressed
             with LZFSE.
         unit: length of one unit of the file.
-        shape: rows and columns of a compressed map, which does not state them.
+        shape: rows and columns of a compressed map, whose file does not state them.
 
     Raises:
-        PocketGSError: the file is missing, damaged, or of another kind.
+        PocketGSError: the file is missing, damaged, or of another type.
     """
     if shape is not None:
         raw = _decompressed(path, shape, np.dtype("<f4"))
@@ -46,12 +46,12 @@ def read_depth(path: CaptureFile, unit: float, shape: tuple[int, int] | None = N
 
 
 def read_reliable(path: CaptureFile, shape: tuple[int, int] | None = None) -> np.ndarray:
-    """(H, W) bool, True where ARKit's confidence in a depth is medium or high.
+    """Read a confidence map as (H, W) bool, True where ARKit's confidence is medium or high.
 
-    Apps store the three levels as 0, 1, 2 or spread them up to 255, but low is always 0.
+    Apps store the three levels as 0, 1, 2 or spread up to 255; low is always 0.
 
     Args:
-        path: an 8-bit image; or, if there is a shape, bytes compressed with LZFSE.
+        path: an 8-bit image; or, if `shape` is given, bytes compressed with LZFSE.
         shape: rows and columns of a compressed map.
 
     Raises:
@@ -62,28 +62,28 @@ def read_reliable(path: CaptureFile, shape: tuple[int, int] | None = None) -> np
 
 
 def _only_channel(path: Path) -> np.ndarray:
-    """(H, W) float: the depth of an OpenEXR file, its channel Z or else the first.
+    """Read the depth of an OpenEXR file as (H, W) float: channel Z, or else the first channel.
 
     Raises:
         PocketGSError: the file is missing, damaged or far too large.
     """
     if not path.is_file():
         raise PocketGSError(f"{path}: no such file, expected a depth map")
-    openexr = importlib.import_module("OpenEXR")  # loaded where it is needed only
+    openexr = importlib.import_module("OpenEXR")  # loaded only when needed
     try:
         parts = openexr.File(str(checked(path)), header_only=True)
         header = parts.header()
         first, last = header["dataWindow"]
-        if max(last - first) >= LARGEST_SIDE:
-            raise ValueError(f"{last - first + 1} pixels, expected at most {LARGEST_SIDE} a side")
+        if max(last - first) >= MAX_SIDE:
+            raise ValueError(f"{last - first + 1} pixels, expected at most {MAX_SIDE} a side")
         count, (columns, rows) = len(header["channels"]), last - first + 1
         require_memory(path, 2 * 4 * count * rows * columns, f"{count} channels of {columns}x{rows} pixels")
         channels = openexr.File(str(path), separate_channels=True).channels()
         return np.array(channels["Z" if "Z" in channels else sorted(channels)[0]].pixels)
     except PocketGSError:
         raise
-    except Exception as error:  # the library raises several kinds
-        raise PocketGSError(f"{path}: no readable OpenEXR file ({error})") from error
+    except Exception as error:  # the library raises several types
+        raise PocketGSError(f"{path}: not a readable OpenEXR file ({error})") from error
 
 
 def _decompressed(path: CaptureFile, shape: tuple[int, int], kind: np.dtype) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Which frames are kept for evaluation."""
+"""The split into training and held-out frames."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from pocketgs.capture.listing import Listing
 
 
 def choose_held_out(listing: Listing, every: int) -> tuple[frozenset[str], str]:
-    """The names of the frames to hold out, and the protocol in words.
+    """Choose the frames to hold out. Returns their names, and the protocol as text.
 
     Args:
-        listing: the capture; the split it states, if any, is followed.
-        every: otherwise hold out frames 0, every, 2·every, … of those sorted by name; 0 holds nothing out, not even
-            what the data set's split sets apart.
+        listing: the capture; its own split is used if it has one.
+        every: otherwise hold out frames 0, every, 2·every, … in order of name; 0 holds nothing out, and ignores the
+            data set's split too.
     """
     if every == 0:
         return frozenset(), "nothing held out"
@@ -22,6 +22,6 @@ def choose_held_out(listing: Listing, every: int) -> tuple[frozenset[str], str]:
 
 
 def ordinal(number: int) -> str:
-    """The number as a rank: 1st, 2nd, 3rd, 4th, 11th …."""
+    """A number as an ordinal: 1st, 2nd, 3rd, 4th, 11th …."""
     suffix = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
     return f"{number}{suffix}"

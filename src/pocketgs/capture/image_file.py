@@ -1,4 +1,4 @@
-"""Image files as arrays, as stored unless the caller asks for the turn that EXIF states."""
+"""Reader of image files. Images are as stored unless the caller asks for EXIF's orientation to be applied."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from pocketgs.files.paths import CaptureFile
 
 Result = TypeVar("Result")
 
-# What Pillow warns of names a line of its own source; sizes are checked here.
+# Pillow's own warnings about image size; sizes are checked here.
 warnings.filterwarnings("ignore", module=r"PIL\.")
 
 SIXTEEN_BIT_MODES = ("I", "I;16", "I;16B", "I;16L", "I;16N")
 HEIF_SUFFIXES = frozenset({".heic", ".heif"})
 
 DECODING, DECODING_ALPHA = 24, 40
-"""Bytes by pixel of a photograph that is being read, and of one with alpha."""
+"""Bytes per pixel while a photograph is read, without and with alpha."""
 
 UPRIGHT, QUARTER_TURNS = 1, (5, 6, 7, 8)  # values of EXIF's tag Orientation
 
 
 @dataclass(frozen=True)
 class ImageHeader:
-    """What an image file's header states.
+    """The header of an image file.
 
     Attributes:
         width, height: in pixels, as stored.
         has_alpha: whether the pixels have alpha.
-        orientation: how a viewer is to turn the pixels, EXIF's tag Orientation: 1 for not at all.
+        orientation: EXIF's tag Orientation; 1 means upright.
     """
 
     width: int
@@ -48,37 +48,37 @@ class ImageHeader:
 
     @property
     def upright_size(self) -> tuple[int, int]:
-        """Width and height of the image when it is turned as EXIF states."""
+        """Width and height after applying EXIF's orientation."""
         turned = self.orientation in QUARTER_TURNS
         return (self.height, self.width) if turned else (self.width, self.height)
 
 
 def read_header(path: CaptureFile) -> ImageHeader:
-    """The header of an image file, decoding no pixel.
+    """Read the header of an image file without decoding pixels.
 
     Raises:
-        PocketGSError: the file is missing or no image.
+        PocketGSError: the file is missing or not an image.
     """
     return _opened(path, lambda image: ImageHeader(*image.size, _has_alpha(image), _orientation(image)))
 
 
 def read_size(path: CaptureFile) -> tuple[int, int]:
-    """Width and height of an image file, from its header alone.
+    """Read the width and height of an image file from its header.
 
     Raises:
-        PocketGSError: the file is missing or no image.
+        PocketGSError: the file is missing or not an image.
     """
     return _opened(path, lambda image: image.size)
 
 
 def read_colour(path: CaptureFile, upright: bool = False) -> tuple[np.ndarray, np.ndarray | None]:
-    """The colours of an image file, and its alpha where it has one.
+    """Read the colours of an image file, and its alpha if it has one.
 
-    Of a file with several pictures, as cameras with two lenses write them, the first is read. 16 bits become 8.
+    Of a file with several images, such as those of cameras with two lenses, the first is read. 16 bits become 8.
 
     Args:
         path: the file.
-        upright: turn the image as EXIF states; otherwise it is as stored.
+        upright: apply EXIF's orientation; otherwise pixels are as stored.
 
     Returns:
         (H, W, 3) uint8 RGB and (H, W) uint8 alpha or None.
@@ -90,16 +90,17 @@ def read_colour(path: CaptureFile, upright: bool = False) -> tuple[np.ndarray, n
 
 
 def read_image(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
-    """What a function makes of an image that Pillow has opened.
+    """Apply a function to an image that Pillow has opened.
 
     Raises:
-        PocketGSError: as `read_colour`, or whatever else the function raises, with the file's name.
+        PocketGSError: as `read_colour`, or the function failed; the message names the file.
     """
     return _decoded(path, read)
 
 
 def read_grey(path: CaptureFile, least_side: int) -> np.ndarray:
-    """(H, W) uint8 grey image, perhaps reduced, but to no less than `least_side` pixels a side if it has as many.
+    """Read a (H, W) uint8 greyscale image, possibly reduced, to no less than `least_side` pixels a side if it has as
+    many.
 
     Raises:
         PocketGSError: as `read_colour`.
@@ -114,38 +115,38 @@ def read_grey(path: CaptureFile, least_side: int) -> np.ndarray:
 
 
 def read_whole_numbers(path: CaptureFile) -> np.ndarray:
-    """The values of an 8- or 16-bit greyscale image, (H, W) of an integer type.
+    """Read an 8- or 16-bit greyscale image as (H, W) integers.
 
     Raises:
-        PocketGSError: as `read_colour`, or the image has colours.
+        PocketGSError: as `read_colour`, or the image is in colour.
     """
     return _decoded(path, _whole_numbers)
 
 
 def read_array(path: Path) -> np.ndarray:
-    """The array of a .npy file; never unpickles.
+    """Read a .npy file without unpickling.
 
     Raises:
         PocketGSError: the file is missing, truncated or not a .npy array.
     """
     try:
-        # Mapping the file first means that a header which states a huge array allocates nothing.
+        # Memory-mapping means that a header which states a huge array allocates nothing.
         array = np.load(checked(path), mmap_mode="r", allow_pickle=False)
         require_memory(path, 2 * array.nbytes, f"an array of shape {array.shape}")
         return np.array(array)
     except PocketGSError:
         raise
-    except Exception as error:  # what NumPy's header parser raises depends on where the damage is
+    except Exception as error:  # NumPy's header parser raises different types for different damage
         raise PocketGSError(f"{path}: not a readable .npy array ({error})") from error
 
 
 def high_bytes(image: Image.Image) -> np.ndarray:
-    """(H, W) uint8 of a 16-bit grey image, whose values Pillow would cut off at 255 in place of scaling them."""
+    """(H, W) uint8 of a 16-bit greyscale image: Pillow would clip its values at 255 instead of scaling them."""
     return (np.clip(np.asarray(image), 0, 65535) >> 8).astype(np.uint8)
 
 
 def _decoded(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
-    """What a function makes of an image whose pixels there is room for."""
+    """Apply a function to an image after checking the memory bound."""
 
     def bounded(image: Image.Image) -> Result:
         pixel_bytes = DECODING_ALPHA if _has_alpha(image) else DECODING
@@ -165,13 +166,13 @@ def _opened(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
             return read(image)
     except PocketGSError:
         raise
-    except Exception as error:  # Pillow's decoders raise whatever the damage trips over
+    except Exception as error:  # Pillow's decoders raise different types for different damage
         raise PocketGSError(f"{path}: cannot be decoded ({clipped(error)}), expected a whole image file") from error
 
 
 @cache
 def _know_heif() -> None:
-    """Let Pillow open HEIF, the format of iPhones' photographs. The library is loaded where it is needed only."""
+    """Register HEIF, the format of iPhone photographs, with Pillow. The library is loaded only when needed."""
     import pillow_heif
 
     pillow_heif.register_heif_opener()
@@ -193,9 +194,9 @@ def _has_alpha(image: Image.Image) -> bool:
 
 
 def _orientation(image: Image.Image) -> int:
-    if image.format == "TIFF":  # Pillow turns these by itself, and states the size that they then have
+    if image.format == "TIFF":  # Pillow rotates these itself, and states the rotated size
         return UPRIGHT
-    if image.format == "PNG" and "exif" not in image.info:  # Pillow would decode all pixels to look behind them
+    if image.format == "PNG" and "exif" not in image.info:  # Pillow would decode all pixels to find EXIF after them
         return UPRIGHT
     stated = image.getexif().get(ExifTags.Base.Orientation, UPRIGHT)
     return stated if isinstance(stated, int) and UPRIGHT < stated <= max(QUARTER_TURNS) else UPRIGHT

@@ -1,4 +1,4 @@
-"""A capture whose photographs are known by their headers and not yet decoded: what a run is planned from."""
+"""A capture known from its photographs' headers, not yet decoded. Runs are planned from it."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from pathlib import Path
 
 from pocketgs.capture.capture import Capture, Frame, Result
 from pocketgs.capture.image_file import DECODING, DECODING_ALPHA, ImageHeader, read_header
-from pocketgs.capture.lens import inner_rectangle
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.loading import (
-    MOST_WORKERS,
+    MAX_WORKERS,
     Preparation,
     camera_of_size,
     load_frames,
@@ -20,6 +19,7 @@ from pocketgs.capture.loading import (
     refers_to_turned_pixels,
     size_after,
 )
+from pocketgs.capture.undistortion import inner_rectangle
 from pocketgs.capture.video_file import VideoFrame
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import require_memory, room_for
@@ -33,13 +33,13 @@ Size = tuple[int, int]
 
 @dataclass(frozen=True)
 class Outline:
-    """What the memory and the time of a run follow from.
+    """The image sizes that determine the memory and the time of a run.
 
     Attributes:
-        training: sizes of the photographs to train on, as they would be held.
-        held_out: those of the photographs to evaluate on.
-        stored_pixels: of the largest photograph as its file holds it.
-        pixel_bytes: what a pixel takes: its colour and, where frames have them, alpha, mask and depth.
+        training: sizes of the training photographs, as held in memory.
+        held_out: sizes of the held-out photographs.
+        stored_pixels: pixels of the largest photograph as stored.
+        pixel_bytes: bytes per pixel: colour and, where frames have them, alpha, mask and depth.
     """
 
     training: tuple[Size, ...]
@@ -49,7 +49,7 @@ class Outline:
 
     @property
     def largest(self) -> Size:
-        """The size of the photograph with the most pixels."""
+        """Size of the photograph with the most pixels."""
         return max((*self.training, *self.held_out), key=lambda size: size[0] * size[1])
 
     @property
@@ -59,23 +59,23 @@ class Outline:
 
     @property
     def pixels(self) -> int:
-        """Of the largest photograph."""
+        """Pixels of the largest photograph."""
         width, height = self.largest
         return width * height
 
     @property
     def image_bytes(self) -> int:
-        """Memory that all photographs take, with what belongs to them."""
+        """Memory of all photographs with their alphas, masks and depths."""
         return self.pixel_bytes * sum(width * height for width, height in (*self.training, *self.held_out))
 
 
 @dataclass(frozen=True)
 class StoredPhotographs:
-    """Photographs in their files: `pocketgs.capture.capture.Photographs`.
+    """Photographs in files; implements `pocketgs.capture.capture.Photographs`.
 
     Attributes:
         sources: the frames.
-        preparation: what is done to every image; sizes in it do not count here.
+        preparation: applied to every image, except for its size limits.
     """
 
     sources: list[FrameSource]
@@ -83,12 +83,12 @@ class StoredPhotographs:
 
     @cached_property
     def longest_side(self) -> int:
-        """Pixels of the longest side that any photograph is stored with."""
+        """Longest side of any stored photograph, in pixels."""
         headers = [_header(source) for source in self.sources]
         return max(max(header.width, header.height) for header in headers)
 
     def map(self, look: Callable[[Frame], Result], max_size: int) -> dict[str, Result]:
-        """What `look` makes of every frame, by name, decoded at most `max_size` pixels a side.
+        """Apply `look` to every frame, decoded at most `max_size` pixels a side, and return the results by name.
 
         Raises:
             PocketGSError: a photograph cannot be used.
@@ -100,15 +100,15 @@ class StoredPhotographs:
 
 @dataclass(frozen=True)
 class ListedCapture:
-    """A capture that is listed, split, and ready to be decoded.
+    """A capture that is listed and split, ready to be decoded.
 
     Attributes:
         name, path: as in `Capture`.
         listing: its frames.
-        held_out_names: those kept for evaluation.
-        split: how they were chosen, in words.
-        preparation: what is done to every image.
-        size_is_given: whether the user has said how far to downscale.
+        held_out_names: names of the held-out frames.
+        split: how they were chosen, as text.
+        preparation: applied to every image.
+        size_is_given: whether the user chose the image size.
     """
 
     name: str
@@ -120,13 +120,13 @@ class ListedCapture:
     size_is_given: bool = False
 
     def outline(self, shrink: int = 1) -> Outline:
-        """What the photographs' headers say.
+        """Image sizes, from the photographs' headers.
 
         Args:
-            shrink: whole factor by which photographs are to be smaller than asked for.
+            shrink: integer factor by which photographs are reduced further than requested.
 
         Raises:
-            PocketGSError: a photograph is missing or no image, or nothing would be left of it.
+            PocketGSError: a photograph is missing or not an image, or no pixel of it would be left.
         """
         headers, preparation = self._headers, self._prepared(shrink)
 
@@ -145,10 +145,10 @@ class ListedCapture:
         """Decode the photographs.
 
         Args:
-            shrink: whole factor by which photographs are to be smaller than asked for.
+            shrink: integer factor by which photographs are reduced further than requested.
 
         Raises:
-            PocketGSError: one cannot be used.
+            PocketGSError: one of them cannot be used.
         """
         preparation = self._prepared(shrink)
         loaded = load_frames(self.listing.frames, preparation, self._workers(shrink))
@@ -173,26 +173,26 @@ class ListedCapture:
 
     @cached_property
     def _headers(self) -> dict[str, ImageHeader]:
-        """By the frame's name."""
+        """Headers by frame name."""
         with reading_inside(self.preparation.folder):
             return {source.name: _header(source) for source in self.listing.frames}
 
     def _workers(self, shrink: int) -> int:
-        """How many photographs may be decoded at the same time.
+        """Number of photographs to decode in parallel.
 
         Raises:
-            PocketGSError: memory does not hold all of them when they are decoded.
+            PocketGSError: the decoded photographs exceed the memory bound.
         """
         outline = self.outline(shrink)
         width, height = outline.largest
         count = len(self.listing.frames)
         require_memory(self.path, outline.image_bytes, f"{count} photographs of up to {width}x{height} pixels")
         pixel_bytes = DECODING_ALPHA if outline.pixel_bytes > RGB_BYTES else DECODING
-        return room_for(pixel_bytes * outline.stored_pixels, MOST_WORKERS)
+        return room_for(pixel_bytes * outline.stored_pixels, MAX_WORKERS)
 
     @cached_property
     def _cropped_sizes(self) -> dict[str, Size]:
-        """By the frame's name: the photograph's size when its distortion is undone. Frames mostly share a lens."""
+        """Sizes after undistortion by frame name. Most frames share a lens."""
         of_lens: dict[tuple, Size] = {}
         sizes = {}
         for source in self.listing.frames:
@@ -216,7 +216,7 @@ class ListedCapture:
 
 
 def describe_images(sources: list[FrameSource], frames: list[Frame], preparation: Preparation) -> str:
-    """How the images were prepared, in words; `frames` are those in use."""
+    """Text that says how the images were prepared; `frames` are those in use."""
     distorted = any(source.lens.distorts for source in sources)
     sizes = {(frame.camera.width, frame.camera.height) for frame in frames}
     width, height = max(sizes)
@@ -238,7 +238,7 @@ def describe_images(sources: list[FrameSource], frames: list[Frame], preparation
 
 
 def _masked_out_warning(loaded: list[Frame], usable: list[Frame]) -> tuple[str, ...]:
-    """One warning that counts the frames whose masks leave nothing, or none."""
+    """One warning that counts the frames whose masks exclude every pixel, or none."""
     if len(usable) == len(loaded):
         return ()
     left_out = {frame.name for frame in loaded} - {frame.name for frame in usable}
@@ -261,7 +261,7 @@ def _header(source: FrameSource) -> ImageHeader:
 
 
 def _undistorted_size(source: FrameSource, header: ImageHeader) -> Size:
-    """Of what undistortion leaves: smaller where the lens pulls corners outwards, larger where it pulls them in."""
+    """Size after undistortion: smaller where the lens pulls corners outwards, larger where it pulls them in."""
     camera = camera_of_size(source, header.width, header.height)
     try:
         left, top, right, bottom = inner_rectangle(camera, source.lens)
@@ -279,5 +279,5 @@ def _held_size(source: FrameSource, size: Size, preparation: Preparation) -> Siz
 
 
 def _pixel_bytes(source: FrameSource, header: ImageHeader) -> int:
-    """RGB, and alpha, mask (a byte each) and depth (float32) where the frame has them."""
+    """Bytes per pixel: RGB, and alpha, mask (one byte each) and depth (float32) if the frame has them."""
     return RGB_BYTES + header.has_alpha + (source.mask_path is not None) + 4 * (source.depth_path is not None)

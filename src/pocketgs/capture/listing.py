@@ -1,13 +1,13 @@
-"""What a reader returns: files, lenses and poses as the capture states them, before any image is decoded."""
+"""The result of a reader: files, lenses and poses as the capture states them. No image is decoded yet."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from pocketgs.capture.lens import PINHOLE, Lens
 from pocketgs.capture.video_file import VideoFrame
 from pocketgs.files.paths import CaptureFile
 from pocketgs.geometry.camera import Camera
+from pocketgs.geometry.lens import PINHOLE, Lens
 from pocketgs.scene.point_cloud import PointCloud
 
 
@@ -17,17 +17,17 @@ class FrameSource:
 
     Attributes:
         name: the image's name inside the capture.
-        image: file to decode, or frame of a video. Frames of one video stand together, their numbers ascending.
+        image: image file, or frame of a video. Frames of one video are adjacent and in ascending order.
         camera: intrinsics in pixels of an image of `camera.width` x `camera.height`, and the pose. The file may hold
-            the image at another size of the same shape; the intrinsics then scale with it. Both refer to pixels as
-            stored, before any turn that the file asks for.
-        lens: distortion that the image shows.
-        mask_path: image whose non-zero pixels are to be used, or None.
+            the image at another size of the same shape; the intrinsics are then scaled. Both refer to pixels as stored,
+            before EXIF's orientation is applied.
+        lens: distortion of the image.
+        mask_path: image whose non-zero pixels are used, or None.
         depth_path: depth map, or None.
-        depth_unit: length in the capture's units of one unit of the depth map.
-        depth_shape: rows and columns of a compressed depth map and its confidence, which do not state them.
-        confidence_path: ARKit's confidence in each depth, or None; depths of low confidence are dropped.
-        border: pixels to cut off at each side of the image.
+        depth_unit: length of one unit of the depth map in the capture's units.
+        depth_shape: rows and columns of a compressed depth map and its confidence, whose files do not state them.
+        confidence_path: ARKit's confidence of each depth, or None; depths of low confidence are dropped.
+        border: pixels to crop at each side of the image.
     """
 
     name: str
@@ -47,14 +47,14 @@ class Listing:
     """A capture as its reader found it.
 
     Attributes:
-        format: the reader's name for the format.
-        frames: in capture order, names unique.
-        held_out: names of the frames that the data set itself sets apart for testing, or None if it has no split.
+        format: name of the reader.
+        frames: in capture order, with unique names.
+        held_out: names of the test frames of the data set's own split, or None if it has no split.
         points: the capture's own cloud, or None.
-        background: what to composite images with alpha on when the caller names nothing else.
+        background: default colour that images with alpha are composited on.
         metric: whether lengths are metres.
-        origin: where the origin of these coordinates lies in the world of the files, see `pocketgs.capture.origin`.
-        warnings: what the user should know.
+        origin: position of this coordinate origin in the world of the files, see `pocketgs.capture.origin`.
+        warnings: for the user.
     """
 
     format: str

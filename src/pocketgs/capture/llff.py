@@ -1,4 +1,4 @@
-"""LLFF: poses_bounds.npy beside folders of images, one folder per resolution, and often COLMAP's cloud."""
+"""Reader of LLFF captures: poses_bounds.npy, folders of images, one per resolution, and often COLMAP's cloud."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 
 from pocketgs.capture import colmap_files
 from pocketgs.capture.image_file import read_array
-from pocketgs.capture.lens import PINHOLE, Lens
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.poses import camera_at, world_to_camera_from_axes
 from pocketgs.errors import PocketGSError
 from pocketgs.files.paths import inside, list_images, relative_name
+from pocketgs.geometry.lens import PINHOLE, Lens
 
 FORMAT = "llff"
 LOOKED_FOR = "poses_bounds.npy"
@@ -30,11 +30,11 @@ def read(path: Path, images: str | None = None) -> Listing:
 
     Args:
         path: the capture's folder.
-        images: folder inside it with the image files; if None the first that exists of images, images_2, images_4,
+        images: folder inside it with the image files; if None the first existing one of images, images_2, images_4,
             images_8.
 
     Raises:
-        PocketGSError: the array is malformed, or the number of images is not that of the poses.
+        PocketGSError: the array is malformed, or the numbers of images and poses differ.
     """
     table_path = path / "poses_bounds.npy"
     table = _read_table(table_path)
@@ -69,13 +69,13 @@ def _image_folder(path: Path, images: str | None) -> Path:
 
 
 def _lens(model: Path) -> Lens:
-    """The lens of COLMAP's only camera; poses_bounds.npy states none. Several cameras cannot be told apart here."""
+    """The lens of COLMAP's only camera; poses_bounds.npy has none, and cannot tell several cameras apart."""
     cameras = list(colmap_files.read_cameras(model).values())
     return cameras[0].lens if len(cameras) == 1 else PINHOLE
 
 
 def _frame(file: Path, capture: Path, row: np.ndarray, lens: Lens, where: str) -> FrameSource:
-    """A frame from its (3, 5) row: axes [down, right, back], the camera's centre, then height, width and focal."""
+    """Make a frame from its (3, 5) row: axes [down, right, back], centre, then height, width, focal length."""
     down, right, back, centre, (height, width, focal) = row.T
     pose = world_to_camera_from_axes(np.stack([right, down, -back], axis=1), centre, where)
     camera = camera_at(where, (width, height), (focal, focal), (width / 2, height / 2), pose)

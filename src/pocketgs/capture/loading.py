@@ -1,4 +1,4 @@
-"""From a listed frame to one in memory: decode, composite, undistort, crop, downscale."""
+"""Loading frames: decode, composite, undistort, crop, downscale."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ import numpy as np
 from pocketgs.capture.capture import Frame, Result
 from pocketgs.capture.depth_file import read_depth, read_reliable
 from pocketgs.capture.image_file import ImageHeader, read_colour, read_header
-from pocketgs.capture.lens import forget_undistortions, undistortion
 from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.mask_file import read_mask
+from pocketgs.capture.undistortion import forget_undistortions, undistortion
 from pocketgs.capture.video_file import VideoFrame, read_frames
 from pocketgs.errors import PocketGSError
 from pocketgs.files.opening import reading_inside
@@ -24,23 +24,24 @@ from pocketgs.files.paths import CaptureFile
 from pocketgs.geometry.camera import Camera
 from pocketgs.system.cores import usable_cores
 
-# Every worker holds a few full-size copies of one image; more workers decode little faster.
-MOST_WORKERS = 8
+# Each worker holds a few full-size copies of one image, and more workers decode little faster.
+MAX_WORKERS = 8
 ASPECT_TOLERANCE = 0.01
-MASK_ASPECT_TOLERANCE = 0.02  # masks are often computed on small images, where rounding shows
+MASK_ASPECT_TOLERANCE = 0.02  # masks are often computed on small images, where rounding is visible
 
 
 @dataclass(frozen=True)
 class Preparation:
-    """What is done to every image.
+    """How images are prepared.
 
     Attributes:
         background: RGB in [0, 1] that images with alpha are composited on.
-        undistort: whether to undo the lens; otherwise images stay as published and are treated as pinhole ones.
-        downscale: factor, at least 1, by which images shrink.
-        max_size: bound on the longer side in pixels, or None.
-        folder: that the files may not leave, see `reading_inside`; None for wherever they lie.
-        masks: the folder of masks that a user has named, which may lie elsewhere, or None.
+        undistort: whether to undo lens distortion; otherwise images stay as published and are treated as pinhole
+            images.
+        downscale: factor, at least 1, by which images are reduced.
+        max_size: maximum of the longer side in pixels, or None.
+        folder: that all files must lie in, see `reading_inside`; None for no restriction.
+        masks: folder of masks that the user named, which may lie elsewhere, or None.
     """
 
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -51,13 +52,13 @@ class Preparation:
     masks: Path | None = None
 
 
-def load_frames(sources: Sequence[FrameSource], preparation: Preparation, workers: int = MOST_WORKERS) -> list[Frame]:
-    """Load frames in parallel, in order. Only as many full-size images as there are workers exist at any time.
+def load_frames(sources: Sequence[FrameSource], preparation: Preparation, workers: int = MAX_WORKERS) -> list[Frame]:
+    """Load frames in parallel, in order. At most `workers` full-size images are in memory at any time.
 
     Args:
         sources: the frames as listed.
-        preparation: what is done to every image.
-        workers: most images to decode at the same time.
+        preparation: how images are prepared.
+        workers: maximum number of images to decode at the same time.
 
     Raises:
         PocketGSError: as `load_frame`, for the first frame that fails.
@@ -69,20 +70,20 @@ def map_frames(
     sources: Sequence[FrameSource],
     preparation: Preparation,
     look: Callable[[Frame], Result],
-    workers: int = MOST_WORKERS,
+    workers: int = MAX_WORKERS,
 ) -> list[Result]:
-    """What `look` makes of every frame, in order. It is called in parallel, and frames are kept only if it keeps them.
+    """Apply `look` to every frame, in parallel, and return the results in order. Frames are not kept.
 
     Raises:
         PocketGSError: as `load_frame`, for the first frame that fails.
     """
     found: list[Result] = []
     try:
-        threads = min(MOST_WORKERS, usable_cores(), workers)
+        threads = min(MAX_WORKERS, usable_cores(), workers)
         with reading_inside(preparation.folder), ThreadPoolExecutor(threads) as pool:
 
             def load(source: FrameSource) -> Result:
-                with reading_inside(preparation.folder):  # threads do not know of each other's
+                with reading_inside(preparation.folder):  # the restriction is per thread
                     return look(load_frame(source, preparation))
 
             for video, group in groupby(sources, key=_video_of):
@@ -106,7 +107,7 @@ def _map_video(
     look: Callable[[Frame], Result],
     pool: ThreadPoolExecutor,
 ) -> Iterator[Result]:
-    """Decode a video once, in order; a few frames at a time are then prepared in parallel."""
+    """Decode a video once, in order, and prepare a few frames at a time in parallel."""
     indices = [source.image.index for source in sources if isinstance(source.image, VideoFrame)]
     images = (image for _, image in read_frames(video, indices, upright=False))
     pairs = zip(sources, images, strict=True)
@@ -115,15 +116,15 @@ def _map_video(
         with reading_inside(preparation.folder):
             return look(prepared(pair[0], pair[1], None, preparation))
 
-    while batch := list(islice(pairs, MOST_WORKERS)):
+    while batch := list(islice(pairs, MAX_WORKERS)):
         yield from pool.map(finish, batch)
 
 
 def load_frame(source: FrameSource, preparation: Preparation) -> Frame:
-    """Decode one frame and bring its image, mask, depth and camera to their final form.
+    """Load one frame: decode and prepare its image, mask, depth and camera.
 
     Raises:
-        PocketGSError: a file is missing or damaged, an image has another shape than its camera, or nothing is left.
+        PocketGSError: a file is missing or damaged, an image's shape differs from its camera's, or no pixel is left.
     """
     if isinstance(source.image, VideoFrame):
         [(_, image)] = read_frames(source.image.path, [source.image.index], upright=False)
@@ -133,13 +134,13 @@ def load_frame(source: FrameSource, preparation: Preparation) -> Frame:
 
 
 def prepared(source: FrameSource, colours: np.ndarray, alpha: np.ndarray | None, preparation: Preparation) -> Frame:
-    """A frame whose image is decoded, with its mask and depth, in its final form.
+    """Prepare a decoded frame, with its mask and depth.
 
     Args:
         source: the frame as listed.
         colours: (H, W, 3) uint8 RGB.
         alpha: (H, W) uint8, or None.
-        preparation: what to do.
+        preparation: how images are prepared.
 
     Raises:
         PocketGSError: as `load_frame`.
@@ -165,7 +166,7 @@ def prepared(source: FrameSource, colours: np.ndarray, alpha: np.ndarray | None,
 
 
 def reliable_depth(source: FrameSource) -> np.ndarray:
-    """(H, W) float32 depth of a frame that has one, at the size it is stored at; 0 where unknown or not reliable.
+    """(H, W) float32 depth of a frame at its stored size; 0 where unknown or unreliable.
 
     Raises:
         PocketGSError: a file is missing or damaged, or depth and confidence differ in size.
@@ -182,10 +183,10 @@ def reliable_depth(source: FrameSource) -> np.ndarray:
 
 
 def refers_to_turned_pixels(source: FrameSource, header: ImageHeader) -> bool:
-    """Whether a frame's camera is meant for the photograph as EXIF would have it turned.
+    """Whether a frame's camera refers to the photograph after EXIF's orientation is applied.
 
-    Poses refer to stored pixels, since most programs read no EXIF. Some do, though, and then the camera's width and
-    height fit the photograph turned by a quarter only.
+    Poses usually refer to stored pixels, since most programs ignore EXIF. Some do not: then the camera's width and
+    height fit only the rotated photograph.
     """
     stored, turned = (header.width, header.height), header.upright_size
     return not _has_shape_of(source.camera, *stored) and _has_shape_of(source.camera, *turned)
@@ -196,10 +197,10 @@ def _has_shape_of(camera: Camera, width: int, height: int) -> bool:
 
 
 def _mask_of_size(path: CaptureFile, width: int, height: int, preparation: Preparation) -> np.ndarray:
-    """A mask, brought to its photograph's size.
+    """Read a mask and resize it to its photograph's size.
 
     Raises:
-        PocketGSError: it has another shape.
+        PocketGSError: its shape differs.
     """
     with reading_inside(preparation.masks or preparation.folder):
         mask = read_mask(path)
@@ -212,10 +213,10 @@ def _mask_of_size(path: CaptureFile, width: int, height: int, preparation: Prepa
 
 
 def camera_of_size(source: FrameSource, width: int, height: int) -> Camera:
-    """The frame's camera for the size that its image file has.
+    """The frame's camera, scaled to the size of its image file.
 
     Raises:
-        PocketGSError: the file's shape is not the camera's to within 1 %.
+        PocketGSError: the aspect ratios differ by more than 1 %.
     """
     camera = source.camera
     if not _has_shape_of(camera, width, height):
@@ -227,10 +228,10 @@ def camera_of_size(source: FrameSource, width: int, height: int) -> Camera:
 
 
 def composite(colours: np.ndarray, alpha: np.ndarray, background: tuple[float, float, float]) -> np.ndarray:
-    """Lay colours over a background.
+    """Composite colours on a background.
 
     Args:
-        colours: (H, W, 3) uint8, not multiplied by alpha.
+        colours: (H, W, 3) uint8, not premultiplied.
         alpha: (H, W) uint8.
         background: RGB in [0, 1].
 
@@ -245,14 +246,14 @@ def composite(colours: np.ndarray, alpha: np.ndarray, background: tuple[float, f
 
 
 def undistorted(frame: Frame, source: FrameSource) -> Frame:
-    """The frame as a pinhole camera would have taken it, cropped to pixels that the lens saw.
+    """Undistort a frame to a pinhole camera, cropped to pixels that the lens saw.
 
     Raises:
         PocketGSError: as `undistortion`.
     """
     undoing = undistortion(frame.camera, source.lens)
-    # Bilinear, as in OpenCV's undistort and COLMAP's image_undistorter, so that figures compare with theirs: a sharper
-    # interpolation leaves more fine texture to reproduce and costs about 1 dB of PSNR.
+    # Bilinear, as in OpenCV's undistort and COLMAP's image_undistorter, so that figures are comparable: sharper
+    # interpolation keeps more fine texture to reproduce and costs about 1 dB of PSNR.
     smooth = cv2.INTER_LINEAR
     return replace(
         frame,
@@ -265,12 +266,12 @@ def undistorted(frame: Frame, source: FrameSource) -> Frame:
 
 
 def downscaled(frame: Frame, downscale: float, max_size: int | None) -> Frame:
-    """The frame at 1 / `downscale` of its size, rounded down, and at most `max_size` pixels a side.
+    """Reduce a frame by `downscale`, rounding down, and to at most `max_size` pixels a side.
 
-    Colours and alpha are averaged over areas; a mask holds where most of the area does; depths are picked.
+    Colours and alpha are averaged over areas, masks take the majority of the area, and depths the nearest pixel.
 
     Raises:
-        PocketGSError: not one pixel would be left.
+        PocketGSError: no pixel would be left.
     """
     if float(downscale).is_integer():
         frame = _cropped_to_multiple(frame, int(downscale))
@@ -289,10 +290,10 @@ def downscaled(frame: Frame, downscale: float, max_size: int | None) -> Frame:
 
 
 def size_after(width: int, height: int, downscale: float, max_size: int | None) -> tuple[int, int]:
-    """Width and height of an image at 1 / `downscale` of its size, rounded down, and at most `max_size` pixels a side.
+    """Width and height after reducing an image by `downscale`, rounding down, and to at most `max_size` pixels a side.
 
     Raises:
-        PocketGSError: not one pixel would be left.
+        PocketGSError: no pixel would be left.
     """
     small_width, small_height = int(width / downscale), int(height / downscale)
     longer = max(small_width, small_height)
@@ -313,7 +314,7 @@ def _cropped_to_multiple(frame: Frame, factor: int) -> Frame:
 
 
 def cropped(frame: Frame, left: int, top: int, width: int, height: int) -> Frame:
-    """The part of a frame in the rectangle whose top left pixel is (left, top).
+    """Crop a frame to the rectangle whose top left pixel is (left, top).
 
     Raises:
         PocketGSError: the rectangle is empty.
@@ -334,7 +335,7 @@ def _averaged(array: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def _nearest(array: np.ndarray, width: int, height: int) -> np.ndarray:
-    """The array at another size, each pixel from the one that its centre falls in."""
+    """Resize with nearest-neighbour sampling at pixel centres."""
     rows = ((np.arange(height) + 0.5) * (array.shape[0] / height)).astype(int)
     columns = ((np.arange(width) + 0.5) * (array.shape[1] / width)).astype(int)
     return array[rows[:, None], columns]

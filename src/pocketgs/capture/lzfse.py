@@ -1,4 +1,4 @@
-"""LZFSE, Apple's compression, through the optional extra `pocketgs[record3d]`."""
+"""Decompression of LZFSE, Apple's format, with the optional extra `pocketgs[record3d]`."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ MODULE, PACKAGE = "liblzfse", "pyliblzfse"
 
 
 def lzfse_is_installed() -> bool:
-    """Whether compressed files can be read."""
+    """Whether the package that decompresses LZFSE is installed."""
     return importlib.util.find_spec(MODULE) is not None
 
 
 def read_compressed(path: CaptureFile) -> bytes:
-    """The content of a file that is compressed with LZFSE.
+    """Read a file that is compressed with LZFSE.
 
     Raises:
-        PocketGSError: the package is missing, the file is damaged, or unpacked it needs more memory than there may be.
+        PocketGSError: the package is missing, the file is damaged, or its content exceeds the memory bound.
     """
     if not lzfse_is_installed():
         raise PocketGSError(f"{path}: compressed with LZFSE, which needs the package {PACKAGE}")
@@ -32,7 +32,7 @@ def read_compressed(path: CaptureFile) -> bytes:
         unpacked = unpacked_size(content)
     except PocketGSError:
         raise
-    except Exception as error:  # damaged archives and damaged headers raise whatever they trip over
+    except Exception as error:  # damaged files raise different types
         raise PocketGSError(f"{path}: cannot be decompressed with LZFSE ({clipped(error)})") from error
     require_memory(path, len(content) + 2 * unpacked, f"unpacking {unpacked:,} bytes")
     try:
@@ -42,13 +42,13 @@ def read_compressed(path: CaptureFile) -> bytes:
 
 
 def unpacked_size(content: bytes) -> int:
-    """Bytes that LZFSE will unpack to, as its blocks state.
+    """Size of the decompressed content, as the LZFSE blocks state it.
 
-    A block begins with its kind and the number of bytes that it unpacks to; how long it is itself follows in a way that
-    depends on the kind (Apple's reference implementation, lzfse_internal.h).
+    A block starts with its type and its decompressed size; where its compressed size is depends on the type (Apple's
+    reference implementation, lzfse_internal.h).
 
     Raises:
-        ValueError: there is no such kind of block.
+        ValueError: the block type is unknown.
         struct.error: the content ends within a header.
     """
     total, at = 0, 0
@@ -59,9 +59,9 @@ def unpacked_size(content: bytes) -> int:
             at += 8 + unpacked
         elif kind == b"bvxn":  # LZVN
             at += 12 + struct.unpack_from("<I", content, at + 8)[0]
-        elif kind == b"bvx2":  # LZFSE, with the lengths of literals, of matches, and of the header among other bits
+        elif kind == b"bvx2":  # LZFSE; literal, match and header lengths are packed into bits
             literals, matches, header = struct.unpack_from("<QQQ", content, at + 8)
             at += (header & 0xFFFFFFFF) + (literals >> 20 & 0xFFFFF) + (matches >> 40 & 0xFFFFF)
         else:
-            raise ValueError(f"a block of the kind {kind!r}")
+            raise ValueError(f"a block of the unknown type {kind!r}")
     return total

@@ -1,4 +1,4 @@
-"""Masks as image files: white where a photograph's pixels are to be used, black where they are not."""
+"""Reader of mask images: white for pixels to use, black for pixels to ignore."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ HALF = 127
 
 
 def read_mask(path: CaptureFile) -> np.ndarray:
-    """(H, W) bool, True where a photograph's pixels are to be used.
+    """Read a mask as (H, W) bool, True for pixels to use.
 
-    That is where the mask is white, or half way to it at least: edges are often smoothed, and JPEG leaves noise on
-    black. Masks of zeros and ones count too, and so do coloured ones with a palette, as segmentation tools write them:
-    there, everything that is not black. Where a mask has alpha, transparent pixels are not to be used.
+    Pixels are used from half-way to white upwards: edges are often smoothed, and JPEG leaves noise on black. Masks of
+    zeros and ones also work, and so do palette images from segmentation tools: there everything but black is used. If a
+    mask has alpha, transparent pixels are not used.
 
     Raises:
         PocketGSError: the file is missing, truncated, damaged or far too large.
@@ -34,7 +34,7 @@ def _usable(image: Image.Image) -> np.ndarray:
         return np.asarray(image.convert("RGB")).max(axis=2) > 0
     if image.mode in ("RGBA", "LA", "PA", "P"):
         brightness, alpha = np.asarray(image.convert("RGBA").convert("LA")).transpose(2, 0, 1)
-        # A cut-out of one colour says nothing but by its alpha.
+        # A cut-out in one colour is described by its alpha alone.
         return (alpha > HALF) & (_bright(brightness) | (brightness.min() == brightness.max()))
     return _bright(np.asarray(image.convert("L")))
 

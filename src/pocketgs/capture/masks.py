@@ -1,4 +1,4 @@
-"""Which mask belongs to which photograph, in the layouts that other programs leave masks in."""
+"""Matching masks to photographs, in the layouts that other programs write."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.paths import list_images
 
 FOUND, NONE = "found", "none"
-"""Values of the option `masks` that name no folder: take what the capture states or has; take none."""
+"""Values of the option `masks` other than a folder: use the capture's own masks, or none."""
 
 FOLDERS = ("masks", "mask")
 
-NUMBERLESS, MOST_DIGITS = -1, 18
+NUMBERLESS, MAX_DIGITS = -1, 18
 
 
 def named_folder(capture: Path, masks: str) -> Path | None:
-    """The folder of masks that a user has named, inside the capture or anywhere; None where masks are found or not."""
+    """The folder of masks that the user named, inside the capture or elsewhere; None for "found" and "none"."""
     if masks in (FOUND, NONE):
         return None
     return capture / masks if (capture / masks).is_dir() else Path(masks)
 
 
 def with_masks(listing: Listing, capture: Path, masks: str) -> Listing:
-    """The listing with a mask for each frame that has one.
+    """Add a mask to each frame of a listing that has one.
 
     Args:
         listing: the capture.
         capture: its folder.
-        masks: a folder, inside the capture or anywhere; "found" for the masks that the capture states or, if it states
+        masks: a folder, inside the capture or elsewhere; "found" for the masks that the capture states or, if it states
             none, those of a folder `masks` or `mask` beside its images or in the capture; "none" for none.
 
     Raises:
@@ -49,7 +49,7 @@ def with_masks(listing: Listing, capture: Path, masks: str) -> Listing:
     if any(frame.mask_path is not None for frame in listing.frames):
         return listing
     for beside in folders_of_masks(names, capture):
-        # Nobody asked for these: what is wrong with them is no reason to fail.
+        # The user did not ask for these masks: errors in them must not stop the run.
         try:
             return _with(listing, _match_all(names, beside), beside)
         except PocketGSError as error:
@@ -58,9 +58,9 @@ def with_masks(listing: Listing, capture: Path, masks: str) -> Listing:
 
 
 def folders_of_masks(names: Sequence[str], capture: Path) -> list[Path]:
-    """The folders of masks that there are: beside the photographs' own folder, whatever its name, or in the capture.
+    """Existing folders of masks: beside the photographs' folder, whatever its name, or in the capture.
 
-    Photographs of half the size, in `images_2`, may have their masks in `masks_2`.
+    Photographs of half size, in `images_2`, may have their masks in `masks_2`.
 
     Args:
         names: the photographs' paths inside the capture.
@@ -75,10 +75,10 @@ def folders_of_masks(names: Sequence[str], capture: Path) -> list[Path]:
 
 
 def match(names: Sequence[str], folder: Path) -> dict[str, Path]:
-    """The masks in a folder and its sub-folders, by the name of the photograph that each belongs to.
+    """Match the masks in a folder and its sub-folders to photographs; returns them by photograph.
 
-    A mask is named as its photograph, with another suffix or, as COLMAP has it, with one more; in sub-folders as the
-    photographs or all in one place. Where no name agrees but the numbers in all names do, numbers decide.
+    A mask has its photograph's name with another suffix or, as in COLMAP, with a second one. Sub-folders mirror those
+    of the photographs, or there are none. If no name matches, the last number in each name is used, if these all match.
 
     Args:
         names: the photographs' paths inside the capture.
@@ -103,7 +103,7 @@ def match(names: Sequence[str], folder: Path) -> dict[str, Path]:
 
 
 def _match_all(names: Sequence[str], folder: Path) -> dict[str, Path]:
-    """As `match`; that nothing matches is an error too."""
+    """As `match`, but finding no mask at all is an error."""
     if not folder.is_dir():
         raise PocketGSError(f"{folder}: no such folder, expected one with masks")
     found = match(names, folder)
@@ -117,11 +117,11 @@ def _match_all(names: Sequence[str], folder: Path) -> dict[str, Path]:
 
 
 def _named(photograph: str, masks: dict[str, Path]) -> Path | None:
-    """The mask of a photograph by its path, or by as much of the path's end as there is a mask of."""
+    """The mask of a photograph by its path, or by the longest matching end of its path."""
     parts = PurePosixPath(photograph.casefold()).parts
     for start in range(len(parts)):
         name = PurePosixPath(*parts[start:])
-        # `masks` has each file's name without its last suffix too: NAME.jpg.png is found as NAME.jpg.
+        # `masks` also has each file by its name without the last suffix: NAME.jpg.png is found as NAME.jpg.
         for key in (name.as_posix(), name.with_suffix("").as_posix()):
             if key in masks:
                 return masks[key]
@@ -129,7 +129,7 @@ def _named(photograph: str, masks: dict[str, Path]) -> Path | None:
 
 
 def _numbered(photographs: Sequence[str], masks: Sequence[Path]) -> dict[str, Path]:
-    """Masks by the last numbers in their names; none unless they are those of the photographs, each once."""
+    """Masks by the last numbers in their names; empty unless the photographs have the same numbers, each once."""
     numbers = {name: _number(PurePosixPath(name).stem) for name in photographs}
     by_number = {_number(mask.stem): mask for mask in masks}
     agree = sorted(numbers.values()) == sorted(_number(mask.stem) for mask in masks)
@@ -140,11 +140,11 @@ def _numbered(photographs: Sequence[str], masks: Sequence[Path]) -> dict[str, Pa
 
 def _number(stem: str) -> int:
     digits = re.findall(r"\d+", stem)
-    return int(digits[-1][-MOST_DIGITS:]) if digits else NUMBERLESS
+    return int(digits[-1][-MAX_DIGITS:]) if digits else NUMBERLESS
 
 
 def _files(folder: Path) -> list[Path]:
-    """The images in a folder and its sub-folders, sorted."""
+    """All images in a folder and its sub-folders, sorted."""
     folders = [folder, *(path for path in sorted(folder.rglob("*")) if path.is_dir())]
     return [file for each in folders for file in list_images(each)]
 

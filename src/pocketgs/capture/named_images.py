@@ -1,4 +1,4 @@
-"""The image files that a capture names, found by their names where they are not at the paths stated."""
+"""Finding the image files that a capture names, also when they have moved."""
 
 from __future__ import annotations
 
@@ -14,28 +14,29 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.paths import existing_file, inside, is_folder_of_photographs, is_image, list_images, relative_name
 
 DEEPEST = 4
-"""Folders inside each other that are searched."""
+"""Maximum depth of nested folders to search."""
 
 ANY_SUFFIX = "/*"
-"""Stands for the suffix where it does not matter; no name of a file ends like that."""
+"""Key for a name with any suffix; no file name ends like this."""
 
 
 def find_images(
     folder: Path, named: Sequence[str], where: str, suffixes: tuple[str, ...] = ("",)
 ) -> tuple[list[Path | None], tuple[str, ...]]:
-    """The file of each image that a capture names, and what to warn of.
+    """Find the file of each image that a capture names; returns warnings too.
 
-    Where none is found as stated, see `find_stated`, each is sought by its name anywhere in the capture: captures are
-    moved about, and many tools write paths of the machine that they ran on. Where some are, the others are missing.
+    If no stated path exists (see `find_stated`), each image is searched by name in the whole capture: captures get
+    moved, and many tools write paths of the machine that they ran on. If some stated paths exist, the others are
+    missing.
 
     Args:
         folder: the capture's, inside which files must lie.
-        named: paths as stated, relative to it.
-        where: what states them, for messages.
+        named: stated paths, relative to it.
+        where: the file that states them, for messages.
         suffixes: to try at the end of each.
 
     Returns:
-        Files, None where there is none.
+        Files, None where missing, and warnings.
 
     Raises:
         PocketGSError: a path is not usable, or leaves the folder and no file inside has its name.
@@ -54,16 +55,16 @@ def find_images(
     if not found:
         return files, ()
     name, file = found[0]
-    said = f"no image is where it is said to be; {len(found)} of {len(named)} were found by their names"
+    said = f"no image is at its stated path; {len(found)} of {len(named)} were found by their names"
     return files, (f"{where}: {said}, such as {relative_name(file, folder)} for {name}",)
 
 
 def find_stated(
     folder: Path, named: Sequence[str], where: str, suffixes: tuple[str, ...] = ("",)
 ) -> tuple[list[Path | None], tuple[str, ...]]:
-    """As `find_images`, but only in the folders that the paths state, which needs no warning.
+    """Like `find_images`, but only in the stated folders, which needs no warning.
 
-    Letters may differ in case, accents in how they are encoded, and the suffix if no other file has the same stem.
+    Case, the encoding of accents, and the suffix (if no other file has the same stem) may differ.
 
     Raises:
         PocketGSError: a path is not usable, or leaves the folder.
@@ -79,7 +80,7 @@ def find_stated(
 
 
 def _spelt_otherwise(present: dict[str, list[Path]], stated: str, suffixes: tuple[str, ...]) -> Path | None:
-    """The one file of a folder whose name differs only in how it is spelt, or else in its suffix."""
+    """The only file of a folder whose name differs just in spelling, or else in its suffix."""
     spelling = _spelling(_last_part(stated))
     same = [file for suffix in suffixes for file in present.get(spelling + suffix, ())]
     same = same or present.get(os.path.splitext(spelling)[0] + ANY_SUFFIX, [])
@@ -87,7 +88,7 @@ def _spelt_otherwise(present: dict[str, list[Path]], stated: str, suffixes: tupl
 
 
 def _spelt_in(folder: Path) -> dict[str, list[Path]]:
-    """The images directly in a folder by the spelling of their names, and of their names with any suffix."""
+    """The images directly in a folder, by normalised name and by normalised name with any suffix."""
     found: dict[str, list[Path]] = defaultdict(list)
     for file in list_images(folder) if folder.is_dir() else ():
         if not file.is_symlink():
@@ -97,7 +98,7 @@ def _spelt_in(folder: Path) -> dict[str, list[Path]]:
 
 
 def _by_name_alone(folder: Path, named: Sequence[str], suffixes: tuple[str, ...]) -> list[Path | None]:
-    """Of the files with an image's name, the one whose folders agree best with the stated ones; None if two do."""
+    """For each image, the file of its name whose folders match the stated ones best; None on a tie."""
     by_name: dict[str, list[Path]] = defaultdict(list)
     for file in _images_below(folder):
         by_name[_spelling(file.name)].append(file)
@@ -111,7 +112,7 @@ def _by_name_alone(folder: Path, named: Sequence[str], suffixes: tuple[str, ...]
 
 
 def _rank(file: Path, stated: str) -> tuple[int, bool]:
-    """Least for the best: the more parts of the path agree, from its end on, and the fuller the folder's resolution."""
+    """Sort key, lowest is best: number of matching path parts from the end, then full resolution first."""
     agreeing = 0
     for one, other in zip(reversed(file.parts), reversed(PureWindowsPath(stated).parts), strict=False):
         if agreeing and _spelling(one) != _spelling(other):
@@ -121,7 +122,7 @@ def _rank(file: Path, stated: str) -> tuple[int, bool]:
 
 
 def _images_below(folder: Path) -> list[Path]:
-    """The images in a folder and those inside it, but not in folders of other pictures; never those of links."""
+    """All images below a folder, except in folders of masks, depths and the like; links are not followed."""
     found = []
     for place, folders, files in os.walk(folder):
         path = Path(place)
@@ -132,7 +133,7 @@ def _images_below(folder: Path) -> list[Path]:
 
 
 def _last_part(stated: str) -> str:
-    """The name of a file, with either kind of separator before it: paths may come from Windows."""
+    """File name of a path with either separator: paths may come from Windows."""
     return PureWindowsPath(stated).name
 
 

@@ -1,4 +1,4 @@
-"""Nerfstudio, instant-ngp and the NeRFCapture app: one transforms.json beside its images."""
+"""Reader of nerfstudio, instant-ngp and NeRFCapture captures: one transforms.json beside its images."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ def recognises(path: Path) -> bool:
 def read(path: Path, images: str | None = None) -> Listing:
     """Read the frames, the split if there is one, and the cloud that `ply_file_path` names.
 
-    The poses and the cloud are in one frame; `applied_transform` leads from there to the original data and is of no
-    concern.
+    The poses and the cloud share one coordinate frame; `applied_transform` relates it to the original data and is not
+    needed.
 
     Args:
         path: the folder or the file.
-        images: folder inside the capture to take the images from, by their last name.
+        images: folder inside the capture to take the images from, by file name.
 
     Raises:
         PocketGSError: a field is missing or malformed, a path leaves the folder, or no frame has an image.
@@ -42,17 +42,17 @@ def read(path: Path, images: str | None = None) -> Listing:
         raise PocketGSError(f"{file}: none of the {len(listed)} listed frames has an image file")
     frames, held_out = _split(document, listed)
     points, more_warnings = _cloud(document, file.parent)
-    # Only the NeRFCapture app writes this field (Manifest.swift in jc211/NeRFCapture), with ARKit's poses, in metres.
-    # Other files may say so; nerfstudio's own do not.
+    # Only the NeRFCapture app writes this field (Manifest.swift in jc211/NeRFCapture), with ARKit's poses in metres.
+    # Other files may use it too; nerfstudio itself does not.
     metric = "depth_integer_scale" in document.values or document.flag("metric")
     return Listing(FORMAT, frames, held_out=held_out, points=points, metric=metric, warnings=warnings + more_warnings)
 
 
 def _split(document: Fields, listed: list[FrameSource | None]) -> tuple[list[FrameSource], frozenset[str] | None]:
-    """The frames to use and the names of those held out, as the file's own split has it.
+    """The frames to use and the names of the held-out ones, by the file's own split.
 
-    The test frames are held out, or the validation frames if there are no test frames; frames of no part, and the
-    validation frames beside test frames, are not used at all.
+    The test frames are held out, or the validation frames if there are no test frames. Frames outside the split, and
+    validation frames beside test frames, are not used.
     """
     present = [frame for frame in listed if frame is not None]
     parts = {name: _part(document, listed, f"{name}_filenames") for name in ("train", "val", "test")}
@@ -66,7 +66,7 @@ def _split(document: Fields, listed: list[FrameSource | None]) -> tuple[list[Fra
 
 
 def _part(document: Fields, listed: list[FrameSource | None], name: str) -> frozenset[str] | None:
-    """The names of the existing frames that a list of file paths stands for, or None if there is no such list."""
+    """Names of the existing frames in a list of file paths, or None if there is no such list."""
     paths = document.optional_texts(name)
     if paths is None:
         return None

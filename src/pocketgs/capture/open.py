@@ -22,7 +22,7 @@ from pocketgs.scene.background import checked_background
 
 
 class Reader(Protocol):
-    """What every reader module offers."""
+    """The interface of a reader module."""
 
     FORMAT: str
     LOOKED_FOR: str
@@ -31,12 +31,12 @@ class Reader(Protocol):
         """Whether a file or folder looks like this format."""
 
     def read(self, path: Path, images: str | None = None) -> Listing:
-        """The capture's frames, not yet loaded."""
+        """List the capture's frames without loading them."""
 
 
-# The first that recognises a folder reads it. A phone app's own data says more than what has been converted from it, a
-# blender split more than a single transforms.json, and COLMAP's full calibration more than poses_bounds.npy, where a
-# folder has both.
+# The first reader that recognises a folder reads it. Where a folder fits several formats, a phone app's own data says
+# more than what was converted from it, a blender split more than a single transforms.json, and COLMAP's full
+# calibration more than poses_bounds.npy.
 READERS: tuple[Reader, ...] = (stray_scanner, record3d, scanner_app, polycam, blender, nerfstudio, colmap, llff)
 
 
@@ -51,7 +51,7 @@ def open_capture(
     hold_out_every: int = 8,
     masks: str = masks_of.FOUND,
 ) -> Capture:
-    """Read a capture of any known format into memory.
+    """Read a capture of any supported format into memory.
 
     Example:
         >>> capture = open_capture("fern", images="images_8")
@@ -60,15 +60,16 @@ def open_capture(
 
     Args:
         path: the capture's folder, or its transforms.json or .r3d file.
-        images: folder inside the capture to take the images from, for formats that keep several sizes.
-        downscale: shrink images by this factor, at least 1, averaging areas; None for the size they have.
-        max_size: shrink images further where their longer side exceeds this many pixels.
-        background: RGB in [0, 1] to lay images with alpha on; None is the format's own: white for blender, else black.
-        undistort: undo lens distortion and crop to what the lens saw; otherwise treat images as pinhole ones.
-        hold_out_every: hold out every so many frames by name, unless the data set states its own split; 0 trains on
-            every frame in either case.
-        masks: folder with masks, inside the capture or anywhere; "found" for those that the capture states or has in a
-            folder `masks` or `mask`, "none" for none. Alpha is no mask: see `background`.
+        images: folder inside the capture to take the images from, for formats that have several sizes.
+        downscale: reduce images by this factor, at least 1, averaging areas; None to keep their size.
+        max_size: reduce images further if their longer side exceeds this many pixels.
+        background: RGB in [0, 1] to composite images with alpha on; None for the format's default: white for blender,
+            else black.
+        undistort: undo lens distortion and crop to what the lens saw; otherwise treat images as pinhole images.
+        hold_out_every: hold out every n-th frame by name, unless the data set has its own split; 0 trains on all frames
+            in either case.
+        masks: folder with masks, inside the capture or elsewhere; "found" for those that the capture states or has in a
+            folder `masks` or `mask`, "none" for none. Alpha is not a mask: see `background`.
 
     Raises:
         PocketGSError: the capture or an option is not usable; the message names the file, what was found and what was
@@ -97,7 +98,7 @@ def list_capture(
     hold_out_every: int = 8,
     masks: str = masks_of.FOUND,
 ) -> ListedCapture:
-    """What `open_capture` would read, as far as it is known before photographs are decoded; arguments as there.
+    """List a capture without decoding photographs; arguments as in `open_capture`.
 
     Raises:
         PocketGSError: the capture or an option is not usable.
@@ -122,7 +123,7 @@ def list_capture(
 
 
 def read_listing(path: Path, images: str | None = None) -> Listing:
-    """Recognise a capture's format and read its frames' files, cameras and lenses, decoding no image.
+    """Recognise a capture's format and read its files, cameras and lenses, without decoding images.
 
     Raises:
         PocketGSError: no format is recognised, the capture is malformed, or it has no frames.
@@ -131,10 +132,10 @@ def read_listing(path: Path, images: str | None = None) -> Listing:
         place = located(path)
         with reading_inside(folder_of(place)):
             listing = _reader_for(place).read(place, images)
-    except OSError as error:  # such as a folder that may not be entered
+    except OSError as error:  # such as a folder without permission
         raise PocketGSError(f"{path}: cannot be read ({error})") from error
     if place != path:
-        found = f"{path}: no capture itself, the one in its folder {place.name} is taken"
+        found = f"{path}: not a capture itself, using the one in its folder {place.name}"
         listing = replace(listing, warnings=(found, *listing.warnings))
     names = [frame.name for frame in listing.frames]
     if not names:
@@ -146,22 +147,22 @@ def read_listing(path: Path, images: str | None = None) -> Listing:
 
 
 def holds_capture(path: Path) -> bool:
-    """Whether the path is a capture of a known format."""
+    """Whether the path is a capture of a supported format."""
     return any(reader.recognises(path) for reader in READERS)
 
 
 def lacks_poses(path: Path) -> bool:
-    """Whether the path is a video or a folder of photographs, and no capture of a known format."""
+    """Whether the path is a video or a folder of photographs, and not a capture of a supported format."""
     return holds_photographs(path) and not holds_capture(located(path))
 
 
 def located(path: Path) -> Path:
-    """The path itself, or, where it is no capture, the only one of the folders in it that is one.
+    """The path itself, or, if it is not a capture, the only folder in it that is one.
 
-    Archives are often unpacked into a folder of their own, which then holds one folder.
+    Unpacking an archive often creates a folder that contains only the capture's folder.
 
     Raises:
-        OSError: the folder may not be entered.
+        OSError: a folder cannot be read.
     """
     if not path.is_dir() or holds_capture(path) or find_photographs_in(path):
         return path
@@ -176,9 +177,9 @@ def _reader_for(path: Path) -> Reader:
         if reader.recognises(path):
             return reader
     if holds_photographs(path):
-        raise PocketGSError(f"{path}: photographs without poses, expected a capture; pocketgs pose makes one of them")
+        raise PocketGSError(f"{path}: photographs without poses, expected a capture; run pocketgs pose to make one")
     looked_for = "; ".join(f"{reader.FORMAT}: {reader.LOOKED_FOR}" for reader in READERS)
-    raise PocketGSError(f"{path}: no capture of a known format. Looked for {looked_for}")
+    raise PocketGSError(f"{path}: not a capture of a supported format. Looked for {looked_for}")
 
 
 def _name(path: Path) -> str:

@@ -1,6 +1,6 @@
-"""Captures far from their world's origin, such as those in a country's grid, are held near an origin of their own.
+"""Moving captures that are far from their origin, such as those in a national grid, to an origin of their own.
 
-Scenes are float32, with 24 bits a coordinate: 100,000 units away these are steps of 0.008 units.
+Scenes are float32, with 24 bits per coordinate: 100,000 units away the resolution is 0.008 units.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
     from pocketgs.capture.capture import Capture, Frame
 
 FAR = 1000.0
-"""Cameras are far away from this many times their own extent on: steps are then as large as a tenth of a pixel."""
+"""Cameras are far if their distance exceeds this many times their extent: the resolution is then a tenth of a pixel."""
 
 METRIC_EXTENT = 1.0
-"""Captures in metres count as at least so large: what is less than a kilometre from the origin stays where it is."""
+"""Minimum extent of metric captures: within a kilometre of the origin they are not moved."""
 
 Origin = tuple[float, float, float]
-"""Where the origin of a capture's coordinates lies in its own world."""
+"""Position of a capture's coordinate origin in its own world."""
 
 
 def near_origin(listing: Listing) -> Listing:
-    """The listing about an origin in its middle, a round number of units from its world's, if that is far away."""
+    """Move a listing that is far from its origin to a new one in its middle, at round coordinates."""
     origin = middle_if_far(np.array([frame.camera.centre for frame in listing.frames]), listing.metric)
     if origin is None:
         return listing
@@ -63,19 +63,19 @@ def middle_if_far(centres: np.ndarray, metric: bool) -> Origin | None:
 
 
 def moved_camera(camera: Camera, offset: np.ndarray) -> Camera:
-    """The camera in coordinates whose origin lies at `offset`."""
+    """The camera in coordinates with their origin at `offset`."""
     pose = camera.world_to_camera.copy()
     pose[:3, 3] += pose[:3, :3] @ offset
     return replace(camera, world_to_camera=pose)
 
 
 def moved_points(points: PointCloud | None, offset: np.ndarray) -> PointCloud | None:
-    """The cloud in coordinates whose origin lies at `offset`."""
+    """The cloud in coordinates with their origin at `offset`."""
     return points if points is None else replace(points, positions=points.positions - offset)
 
 
 def with_origin(capture: Capture, origin: Origin) -> Capture:
-    """The capture in coordinates whose origin lies at `origin` in its world."""
+    """The capture in coordinates with their origin at `origin` in its world."""
     if capture.origin == origin:
         return capture
     offset = np.subtract(origin, capture.origin)

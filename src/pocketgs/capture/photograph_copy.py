@@ -1,4 +1,4 @@
-"""Photographs without poses as structure from motion takes them: upright, 8 bits per channel, in a format it reads."""
+"""Copies of photographs for structure from motion: upright, 8 bits per channel, in a format that COLMAP reads."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ JPEG_QUALITY = 97
 def place_photograph(photograph: Path, folder: Path) -> Path:
     """Put a photograph into a folder.
 
-    It is a hard link where the file system has them, else a copy, if it stands upright as it is stored, in a format
-    that COLMAP reads. Others, HEIF for one, are turned as EXIF states and kept as JPEG, with the rest of their EXIF.
+    A photograph that is stored upright, in a format that COLMAP reads, is hard-linked if the file system can, else
+    copied. Others, such as HEIF, are rotated as EXIF states and saved as JPEG with the rest of their EXIF data.
 
     Returns:
         The new file.
@@ -45,15 +45,15 @@ def place_photograph(photograph: Path, folder: Path) -> Path:
 
 
 def place_masks(source: Path, placed: Mapping[Path, Path], folder: Path) -> int:
-    """Put the masks that lie beside photographs into a folder of their own, named as COLMAP names masks.
+    """Put the masks beside photographs into a folder of their own, with COLMAP's names.
 
     Args:
         source: the folder that the photographs were found in.
-        placed: by photograph, where `place_photograph` has put it.
-        folder: for the masks, made if there are any.
+        placed: the result of `place_photograph` by photograph.
+        folder: for the masks, created if there are any.
 
     Returns:
-        How many there were.
+        Number of masks.
 
     Raises:
         PocketGSError: a mask cannot be decoded, or fits several photographs.
@@ -67,7 +67,7 @@ def place_masks(source: Path, placed: Mapping[Path, Path], folder: Path) -> int:
         usable = Image.fromarray(read_mask(mask))
         header = read_header(names[name])
         if header.upright_size != (header.width, header.height) and usable.size == (header.width, header.height):
-            usable = _turned(usable, header.orientation)  # made of the pixels as stored
+            usable = _turned(usable, header.orientation)  # masks are made for stored pixels
         usable.save(folder / f"{placed[names[name]].name}.png")
     return len(found)
 
@@ -86,5 +86,5 @@ def _exif_upright(image: Image.Image) -> Image.Exif:
 def _link_or_copy(source: Path, target: Path) -> None:
     try:
         os.link(source.resolve(), target)
-    except OSError:  # another file system, or one without hard links
+    except OSError:  # another file system, or no hard links
         shutil.copyfile(source, target)

@@ -1,6 +1,6 @@
-"""Polycam's raw data: keyframes of an iPhone with LiDAR, corrected by Polycam where it could.
+"""Reader of Polycam's raw data: keyframes of an iPhone with LiDAR, with corrected poses if Polycam computed them.
 
-The layout is that of the README of PolyCam/polyform.
+The layout is documented in the README of PolyCam/polyform.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pocketgs.files.paths import existing_file
 FORMAT = "polycam"
 LOOKED_FOR = "keyframes/cameras or keyframes/corrected_cameras"
 KEYFRAMES = "keyframes"
-CAMERA_FILES = "[!.]*.json"  # without the hidden files that macOS puts beside them
+CAMERA_FILES = "[!.]*.json"  # without the hidden files that macOS adds
 CORRECTED, UNCORRECTED = "corrected_", ""
 
 UNDISTORTION_BORDER = 15
@@ -31,11 +31,11 @@ def recognises(path: Path) -> bool:
 
 
 def read(path: Path, images: str | None = None) -> Listing:
-    """Read the keyframes: the corrected ones if there are any, else as ARKit tracked them.
+    """Read the keyframes, corrected ones if there are any, else as ARKit tracked them.
 
     Raises:
-        PocketGSError: a camera is malformed, no camera has an image, or `images` is given, for which the format has no
-            use.
+        PocketGSError: a camera is malformed, no camera has an image, or `images` is given, which the format does not
+            support.
     """
     if images is not None:
         raise PocketGSError(f"{path}: images='{images}' given, but Polycam's captures keep theirs in {KEYFRAMES}")

@@ -1,4 +1,4 @@
-"""Poses and cameras as captures state them, checked and brought into this project's convention."""
+"""Checking poses and intrinsics that a capture states, and converting them to this project's conventions."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from pocketgs.geometry.camera import LARGEST_SIDE, Camera
 from pocketgs.geometry.quaternions import rotation_matrices
 
 ROTATION_TOLERANCE = 1e-2
-LARGEST_COORDINATE = 1e9
-SMALLEST_FOCAL_LENGTH, LARGEST_INTRINSIC = 1e-2, 1e7
+MAX_COORDINATE = 1e9
+MIN_FOCAL_LENGTH, MAX_INTRINSIC = 1e-2, 1e7
 
 ARKIT_PIXEL_CENTRE = 0.5
-"""What to add to ARKit's principal point, which counts from the centre of the top left pixel, ours from its corner.
+"""Offset from ARKit's principal point, measured from the centre of the top left pixel, to ours, from its corner.
 
-The projection matrices of a real recording put it there, to 0.0001 pixels.
+The projection matrices of a real recording agree with it to 0.0001 pixels.
 """
 
 
 def world_to_camera_of(rotation: np.ndarray, translation: np.ndarray, where: str) -> np.ndarray:
-    """(4, 4) world_to_camera from its rotation and translation.
+    """(4, 4) world_to_camera from a rotation and a translation.
 
-    Rotations that rounding has left slightly off are replaced by the nearest true one.
+    Rotations that are slightly off through rounding are replaced by the nearest exact one.
 
     Args:
         rotation: (3, 3), world to camera, OpenCV axes.
@@ -30,10 +30,10 @@ def world_to_camera_of(rotation: np.ndarray, translation: np.ndarray, where: str
         where: file and frame, for error messages.
 
     Raises:
-        PocketGSError: a number is not finite, a coordinate is beyond reason, or the 3x3 block is no rotation.
+        PocketGSError: a number is not finite, a coordinate is too large, or the 3x3 block is not a rotation.
     """
-    if not (np.all(np.isfinite(rotation)) and np.all(np.abs(translation) < LARGEST_COORDINATE)):
-        raise PocketGSError(f"{where}: the pose holds NaN or coordinates beyond {LARGEST_COORDINATE:g}")
+    if not (np.all(np.isfinite(rotation)) and np.all(np.abs(translation) < MAX_COORDINATE)):
+        raise PocketGSError(f"{where}: the pose holds NaN or coordinates beyond {MAX_COORDINATE:g}")
     if np.abs(rotation).max() > 2 or np.abs(rotation @ rotation.T - np.eye(3)).max() > ROTATION_TOLERANCE:
         raise PocketGSError(f"{where}: the pose is not rigid, expected a rotation without scale or shear")
     if np.linalg.det(rotation) < 0:
@@ -51,7 +51,7 @@ def world_to_camera_from_axes(axes: np.ndarray, centre: np.ndarray, where: str) 
     Raises:
         PocketGSError: as `world_to_camera_of`.
     """
-    # A rotation's inverse is its transpose: check it first, then place the exact one.
+    # The inverse of a rotation is its transpose: check it first, then use the exact one.
     rotation = world_to_camera_of(axes.T, centre, where)[:3, :3]
     return world_to_camera_of(rotation, -rotation @ centre, where)
 
@@ -65,7 +65,7 @@ def rotation_from_quaternion(quaternion: np.ndarray, where: str) -> np.ndarray:
     largest = np.abs(quaternion).max()
     if not np.isfinite(largest) or largest == 0:
         raise PocketGSError(f"{where}: rotation quaternion {quaternion.tolist()}, expected finite and not zero")
-    # Divided first, so that squares neither overflow nor vanish.
+    # Normalised by the largest first, so that squares neither overflow nor underflow.
     rotation: np.ndarray = rotation_matrices((quaternion / largest)[None])[0]
     return rotation
 
@@ -73,7 +73,7 @@ def rotation_from_quaternion(quaternion: np.ndarray, where: str) -> np.ndarray:
 def camera_at(
     where: str, size: tuple[float, float], focal: tuple[float, float], centre: tuple[float, float], pose: np.ndarray
 ) -> Camera:
-    """A camera from numbers that a file states.
+    """Make a camera from numbers that a file states.
 
     Args:
         where: file and frame, for error messages.
@@ -83,16 +83,16 @@ def camera_at(
         pose: (4, 4) world_to_camera.
 
     Raises:
-        PocketGSError: a number is not finite, not positive or beyond reason.
+        PocketGSError: a number is not finite, not positive or too large.
     """
     if not all(1 <= side <= LARGEST_SIDE for side in size):
         found = "x".join(map(short, size))
         raise PocketGSError(f"{where}: image size {found}, expected 1 to {LARGEST_SIDE} pixels a side")
-    if not all(SMALLEST_FOCAL_LENGTH <= value <= LARGEST_INTRINSIC for value in focal):
+    if not all(MIN_FOCAL_LENGTH <= value <= MAX_INTRINSIC for value in focal):
         raise PocketGSError(
             f"{where}: focal lengths {', '.join(map(short, focal))}, expected positive numbers of pixels"
         )
-    if not all(abs(value) <= LARGEST_INTRINSIC for value in centre):
+    if not all(abs(value) <= MAX_INTRINSIC for value in centre):
         raise PocketGSError(f"{where}: principal point {', '.join(map(short, centre))}, expected pixels of the image")
     (width, height), (fx, fy), (cx, cy) = size, focal, centre
     return Camera(round(width), round(height), float(fx), float(fy), float(cx), float(cy), pose)

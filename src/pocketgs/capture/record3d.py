@@ -1,7 +1,7 @@
-"""Record3D: an iPhone's RGB-D recording, as an exported .r3d archive or unpacked, or as its export "EXR + JPG".
+"""Reader of Record3D recordings (iPhone RGB-D): .r3d archives, packed or unpacked, and exports as "EXR + JPG".
 
-The layout of archives is as the app's author describes it in issues 27, 93 and 99 of marek-simonik/record3d; that of
-the export is what a real one holds. Both have the same metadata.
+The app's author documents the archive layout in issues 27, 93 and 99 of marek-simonik/record3d; the export's layout is
+that of a real one. Both have the same metadata.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LOOKED_FOR = "a .r3d file, or metadata and rgbd/, or metadata.json and rgb/ with
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the parts of a recording lie; `{}` stands for a frame's number, which counts the poses too.
+    """Paths of the parts of a recording; `{}` stands for a frame's number, which is also the index of its pose.
 
     Attributes:
         metadata, image, depth, confidence: paths inside the recording.
@@ -54,7 +54,7 @@ class Recording:
     layout: Layout
 
     def file(self, part: str, number: int | None = None) -> CaptureFile | None:
-        """The file of a part, as `Layout` names it, or None where it is absent."""
+        """The file of a part of the `Layout`, or None if it is missing."""
         name = getattr(self.layout, part).format(number)
         if isinstance(self.root, Path):
             return existing_file(self.root, name, str(self.root))
@@ -63,18 +63,18 @@ class Recording:
 
 
 def recognises(path: Path) -> bool:
-    """Whether the path is a .r3d file, a folder with the content of one, or an export as EXR and JPG."""
+    """Whether the path is a .r3d file, an unpacked one, or an export as EXR and JPG."""
     if path.is_file():
         return path.suffix.lower() == ".r3d"
     return _is_unpacked(path) or _is_export(path)
 
 
 def read(path: Path, images: str | None = None) -> Listing:
-    """Choose the sharpest frames and read their cameras. An archive is read as it is, without unpacking it.
+    """Choose the sharpest frames and read their cameras. Archives are read without unpacking.
 
     Raises:
-        PocketGSError: the archive or its metadata is malformed, no pose has an image, all poses are the same, or
-            `images` is given, for which the format has no use.
+        PocketGSError: the archive or its metadata is malformed, no pose has an image, all poses are equal, or `images`
+            is given, which the format does not support.
     """
     if images is not None:
         raise PocketGSError(f"{path}: images='{images}' given, but Record3D's captures have one folder of images")
@@ -107,7 +107,7 @@ def _is_unpacked(path: Path) -> bool:
 
 
 def _is_export(path: Path) -> bool:
-    """Other programs have a metadata.json too: only Record3D's holds poses and the camera's matrix K."""
+    """Whether a metadata.json is Record3D's: other programs write that file too, but without poses and a matrix K."""
     file = path / EXPORT.metadata
     if not file.is_file() or not (path / "rgb").is_dir():
         return False
@@ -120,7 +120,7 @@ def _frame(
 ) -> FrameSource:
     where = f"{metadata.where}, frame {number}"
     qx, qy, qz, qw = pose[:4]
-    # From camera to world, in OpenGL axes: x right, y up, z back (issues 36 and 64).
+    # Camera to world, in OpenGL axes: x right, y up, z back (issues 36 and 64).
     axes = rotation_from_quaternion(np.array([qw, qx, qy, qz]), where) * np.array([1.0, -1.0, -1.0])
     fx, fy, cx, cy = intrinsics
     image, depth = recording.file("image", number), recording.file("depth", number)
@@ -146,7 +146,7 @@ def _frame(
 def _archive(path: Path) -> zipfile.Path:
     try:
         return zipfile.Path(zipfile.ZipFile(path))
-    except Exception as error:  # zipfile raises whatever a damaged archive makes it trip over
+    except Exception as error:  # zipfile raises different types for different damage
         raise PocketGSError(f"{path}: not a readable .r3d archive ({clipped(error)})") from error
 
 
@@ -172,7 +172,7 @@ def _intrinsics(metadata: Fields, count: int) -> np.ndarray:
                 f"{metadata.where}: field 'perFrameIntrinsicCoeffs' has {len(table)} rows, expected {count} as 'poses'"
             )
         return table
-    # By columns: fx, 0, 0, 0, fy, 0, cx, cy, 1. Of the first frame.
+    # By columns: fx, 0, 0, 0, fy, 0, cx, cy, 1. For the first frame.
     matrix = metadata.numbers("K", 9).reshape(3, 3).T
     return np.tile([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]], (count, 1))
 

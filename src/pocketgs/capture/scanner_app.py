@@ -1,7 +1,7 @@
-"""3D Scanner App (Laan Labs): an iPhone's recording, exported with "All Data".
+"""Reader of 3D Scanner App (Laan Labs) recordings, exported with "All Data".
 
-The layout and the camera's axes are those of a real recording, whose depth maps agree with each other as they are read
-here and in no other way that axes may point.
+The layout and the camera axes are those of a real recording: its depth maps agree with each other only if they are read
+in these axes.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ def recognises(path: Path) -> bool:
 def read(path: Path, images: str | None = None) -> Listing:
     """Choose the sharpest photographs and read their cameras.
 
-    The app stores pose and depth many times a second, and a photograph for every few of them: the others are not used.
+    The app stores poses and depths many times a second, and a photograph for only some of them; the rest are not used.
 
     Raises:
-        PocketGSError: a camera file is malformed, no pose has a photograph, or `images` is given, for which the format
-            has no use.
+        PocketGSError: a camera file is malformed, no pose has a photograph, or `images` is given, which the format does
+            not support.
     """
     if images is not None:
         raise PocketGSError(f"{path}: images='{images}' given, but 3D Scanner App keeps its images beside the poses")
@@ -64,7 +64,7 @@ def _frame(path: Path, camera_file: Path, photograph: Path) -> FrameSource:
 
 
 def _camera(fields: Fields, photograph: Path) -> Camera:
-    """The camera: pose from camera to world by rows in ARKit's axes (x right, y up, z back), intrinsics by rows."""
+    """Read a camera: pose from camera to world by rows in ARKit's axes (x right, y up, z back), intrinsics by rows."""
     pose, matrix = fields.numbers("cameraPoseARFrame", 16).reshape(4, 4), fields.numbers("intrinsics", 9).reshape(3, 3)
     return camera_at(
         fields.where,
@@ -76,7 +76,7 @@ def _camera(fields: Fields, photograph: Path) -> Camera:
 
 
 def _size(fields: Fields, matrix: np.ndarray, photograph: Path) -> tuple[float, float]:
-    """The size of image that the intrinsics belong to; the photograph's where the projection does not tell it.
+    """The image size that the intrinsics refer to; the photograph's if the projection matrix does not determine it.
 
     A projection's first two scales are twice the focal lengths over width and height.
     """
@@ -84,5 +84,5 @@ def _size(fields: Fields, matrix: np.ndarray, photograph: Path) -> tuple[float, 
         return read_size(photograph)
     projection = fields.numbers("projectionMatrix", 16).reshape(4, 4)
     if projection[0, 0] <= 0 or projection[1, 1] <= 0:
-        raise PocketGSError(f"{fields.where}: field 'projectionMatrix' is no perspective projection")
+        raise PocketGSError(f"{fields.where}: field 'projectionMatrix' is not a perspective projection")
     return 2 * matrix[0, 0] / projection[0, 0], 2 * matrix[1, 1] / projection[1, 1]

@@ -1,4 +1,4 @@
-"""How sharp images are, and the choice of the sharpest of each stretch of a sequence."""
+"""Image sharpness, and the selection of the sharpest frame in each window of a sequence."""
 
 from __future__ import annotations
 
@@ -13,14 +13,16 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.paths import CaptureFile
 
 REDUCED_SIDE = 640
-"""The longer side at which sharpness is measured: sensor noise averages out, the blur of a moving hand does not."""
+"""Longer side at which sharpness is measured: small enough to average out sensor noise, large enough to show motion
+blur."""
 
-MOST_FRAMES = 150
-"""Frames taken from a recording at most: it holds up to 60 a second, and more views of a place add time, not detail."""
+MAX_FRAMES = 150
+"""Maximum number of frames from a recording: it has up to 60 per second, and more views of a place add time, not
+detail."""
 
 
 def sharpness(grey: np.ndarray) -> float:
-    """Mean absolute difference of neighbouring pixels of the reduced image; comparable between similar views only.
+    """Mean absolute difference of neighbouring pixels of the reduced image; only comparable between similar views.
 
     Args:
         grey: (H, W) uint8.
@@ -33,7 +35,7 @@ def sharpness(grey: np.ndarray) -> float:
 
 
 def sharpest_in_windows(values: Sequence[float], count: int) -> list[int]:
-    """The index of the largest value in each of `count` equal windows, ascending; every index if there are no more.
+    """Index of the largest value in each of `count` equal windows, ascending; all indices if there are no more.
 
     Raises:
         PocketGSError: `count` is below 1.
@@ -45,11 +47,11 @@ def sharpest_in_windows(values: Sequence[float], count: int) -> list[int]:
     return [int(start + window.argmax()) for start, window in zip(starts, windows, strict=True) if window.size]
 
 
-def sharpest_photographs(files: Mapping[int, CaptureFile], most: int = MOST_FRAMES) -> list[int]:
-    """The numbers of a recording's photographs to use, ascending: all, or the sharpest of each of `most` stretches.
+def sharpest_photographs(files: Mapping[int, CaptureFile], most: int = MAX_FRAMES) -> list[int]:
+    """Numbers of a recording's photographs to use, ascending: all, or the sharpest of each of `most` windows.
 
     Raises:
-        PocketGSError: there are more than `most` and one cannot be decoded.
+        PocketGSError: there are more than `most`, and one cannot be decoded.
     """
     if len(files) <= most:
         return sorted(files)
@@ -60,7 +62,7 @@ def sharpest_photographs(files: Mapping[int, CaptureFile], most: int = MOST_FRAM
 
 
 def thinning_warning(where: str, chosen: int, available: int) -> tuple[str, ...]:
-    """One warning that says how many frames of a recording are used, or none where all are."""
+    """A warning that says how many frames of a recording are used, or none if all are."""
     if chosen == available:
         return ()
-    return (f"{where}: {chosen} of {available} frames are used, the sharpest of each stretch of the recording",)
+    return (f"{where}: {chosen} of {available} frames are used, the sharpest of each part of the recording",)

@@ -1,4 +1,4 @@
-"""The intrinsics of a frame in a transforms JSON file: as numbers, as fields of view, or as a matrix."""
+"""Intrinsics of a frame in a transforms JSON file, stated as numbers, as fields of view, or as a matrix."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MATRIX_FIELDS = ("K", "intrinsics", "intrinsic_matrix", "camera_intrinsics")
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """What a frame states of its camera.
+    """The intrinsics that a frame states.
 
     Attributes:
         size: width and height in pixels.
@@ -30,11 +30,11 @@ class Intrinsics:
 
 
 def read_intrinsics(fields: Fields, image_size: Callable[[], tuple[int, int]]) -> Intrinsics:
-    """The intrinsics of a frame. A matrix is looked at only where no focal length or field of view is stated.
+    """Read the intrinsics of a frame. A matrix is used only if no focal length or field of view is stated.
 
     Args:
-        fields: the frame's, over those of the whole file.
-        image_size: gives the size of the image file, which stands in where none is stated.
+        fields: the frame's fields, over those of the whole file.
+        image_size: returns the size of the image file, used if none is stated.
 
     Raises:
         PocketGSError: no focal length is stated, or a field is malformed.
@@ -45,7 +45,7 @@ def read_intrinsics(fields: Fields, image_size: Callable[[], tuple[int, int]]) -
     matrix = _matrix(fields) if fx is None and fy is None else None
     if matrix is not None:
         fx, fy = float(matrix[0, 0]), float(matrix[1, 1])
-    # Pixels are square unless the file says otherwise.
+    # Pixels are square unless the file states otherwise.
     fx, fy = (fy if fx is None else fx), (fx if fy is None else fy)
     if fx is None or fy is None:
         raise PocketGSError(f"{fields.where}: no focal length, expected fl_x, camera_angle_x or a 3x3 matrix K")
@@ -63,7 +63,7 @@ def _stated_size(fields: Fields) -> tuple[float, float] | None:
 
 
 def _focal_length(fields: Fields, focal_name: str, angle_name: str, side: float) -> float | None:
-    """The focal length in pixels, stated or from the field of view across `side` pixels; None if neither is there."""
+    """Focal length in pixels, stated or computed from the field of view across `side` pixels; None without either."""
     focal, angle = fields.optional_number(focal_name), fields.optional_number(angle_name)
     if focal is not None or angle is None:
         return focal
@@ -75,7 +75,7 @@ def _focal_length(fields: Fields, focal_name: str, angle_name: str, side: float)
 def _matrix(fields: Fields) -> np.ndarray | None:
     """The 3x3 intrinsic matrix, or None if none is stated.
 
-    Rows of three or four numbers, or nine numbers; by rows as books have it, or by columns as Apple does.
+    It may have rows of three or four numbers, or be nine numbers; by rows as usual, or by columns as Apple writes it.
     """
     name = next((name for name in MATRIX_FIELDS if fields.values.get(name) is not None), None)
     if name is None:
@@ -89,5 +89,5 @@ def _matrix(fields: Fields) -> np.ndarray | None:
     if len(matrix) == 3 and not matrix[:2, 2].any():
         matrix = matrix.T
     if len(matrix) != 3 or not np.allclose(matrix[2], (0, 0, 1)) or matrix[1, 0] != 0:
-        raise PocketGSError(f"{fields.where}: field '{name}' is no intrinsic matrix (fx, s, cx; 0, fy, cy; 0, 0, 1)")
+        raise PocketGSError(f"{fields.where}: field '{name}' is not an intrinsic matrix (fx s cx; 0 fy cy; 0 0 1)")
     return matrix

@@ -1,6 +1,6 @@
-"""Stray Scanner: an iPhone's video with a pose and, from a LiDAR, a depth map for every frame.
+"""Reader of Stray Scanner recordings: an iPhone's video with a pose and, with LiDAR, a depth map per frame.
 
-The layout is that of docs/format.md in the app's repository, strayrobots/scanner.
+The layout is documented in docs/format.md of the app's repository, strayrobots/scanner.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.poses import ARKIT_PIXEL_CENTRE, camera_at, rotation_from_quaternion, world_to_camera_from_axes
-from pocketgs.capture.sharpness import MOST_FRAMES, sharpest_in_windows, thinning_warning
+from pocketgs.capture.sharpness import MAX_FRAMES, sharpest_in_windows, thinning_warning
 from pocketgs.capture.video_file import VideoFrame, sharpness_of_frames, video_info
 from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.opening import read_bytes
@@ -29,14 +29,14 @@ INTRINSIC_COLUMNS = ("fx", "fy", "cx", "cy")
 
 @dataclass(frozen=True)
 class Odometry:
-    """What a line of `odometry.csv` states: the pose, (4, 4) world to camera, and fx, fy, cx, cy or None."""
+    """One line of `odometry.csv`: the pose, (4, 4) world to camera, and fx, fy, cx, cy or None."""
 
     pose: np.ndarray
     intrinsics: tuple[float, ...] | None
 
 
 def recognises(path: Path) -> bool:
-    """Whether the folder holds the two tables that Stray Scanner writes."""
+    """Whether the folder holds Stray Scanner's two tables."""
     return (path / ODOMETRY).is_file() and (path / CAMERA_MATRIX).is_file()
 
 
@@ -45,7 +45,7 @@ def read(path: Path, images: str | None = None) -> Listing:
 
     Raises:
         PocketGSError: the video or a table is missing or malformed, no frame of the video has a pose, or `images` is
-            given, for which the format has no use.
+            given, which the format does not support.
     """
     if images is not None:
         raise PocketGSError(
@@ -61,7 +61,7 @@ def read(path: Path, images: str | None = None) -> Listing:
     posed = [index for index in poses if index < len(sharpness)]
     if not posed:
         raise PocketGSError(f"{path / ODOMETRY}: no pose belongs to one of the {len(sharpness)} frames of {VIDEO}")
-    chosen = [posed[place] for place in sharpest_in_windows([sharpness[index] for index in posed], MOST_FRAMES)]
+    chosen = [posed[place] for place in sharpest_in_windows([sharpness[index] for index in posed], MAX_FRAMES)]
     # Poses and intrinsics refer to the sensor's pixels, so the video is read as stored.
     info = video_info(video, upright=False)
     frames = [_frame(path, video, index, shared, (info.width, info.height), poses[index]) for index in chosen]
@@ -92,7 +92,7 @@ def _mismatch_warning(path: Path, posed: int, poses: int, frames: int) -> tuple[
 
 
 def _read_camera_matrix(path: Path) -> np.ndarray:
-    """(3, 3) intrinsic matrix, its rows in lines."""
+    """(3, 3) intrinsic matrix, one row per line."""
     rows = _read_rows(path)
     try:
         matrix = np.array([[float(value) for value in row] for _, row in rows])
@@ -105,7 +105,7 @@ def _read_camera_matrix(path: Path) -> np.ndarray:
 
 
 def _read_odometry(path: Path) -> dict[int, Odometry]:
-    """Pose and intrinsics by number of the video frame, ascending."""
+    """Poses and intrinsics by number of the video frame, ascending."""
     rows = _read_rows(path)
     header = [name.lower() for name in rows[0][1]] if rows else []
     if not set(POSE_COLUMNS) <= set(header):
@@ -133,14 +133,14 @@ def _frame_number(row: dict[str, str], where: str) -> int:
 def _pose(row: dict[str, str], where: str) -> np.ndarray:
     """World to camera."""
     x, y, z, qx, qy, qz, qw = _numbers(row, POSE_COLUMNS[1:], where)
-    # The app turns ARKit's camera by 180 degrees about x before it writes the rotation from camera to world
-    # (OdometryEncoder.swift, q_AC): the axes are OpenCV's already.
+    # The app rotates ARKit's camera by 180 degrees about x before it writes the rotation from camera to world
+    # (OdometryEncoder.swift, q_AC): the axes are already OpenCV's.
     axes = rotation_from_quaternion(np.array([qw, qx, qy, qz]), where)
     return world_to_camera_from_axes(axes, np.array([x, y, z]), where)
 
 
 def _intrinsics(row: dict[str, str], where: str) -> tuple[float, ...] | None:
-    """fx, fy, cx, cy, or None where the app's version does not state them for each frame."""
+    """fx, fy, cx, cy, or None if the app's version does not state them per frame."""
     stated = all(row.get(name) for name in INTRINSIC_COLUMNS)
     return _numbers(row, INTRINSIC_COLUMNS, where) if stated else None
 
@@ -153,7 +153,7 @@ def _numbers(row: dict[str, str], names: Sequence[str], where: str) -> tuple[flo
 
 
 def _read_rows(path: Path) -> list[tuple[int, list[str]]]:
-    """The lines of a CSV file that are not empty, each with its number from 1."""
+    """The non-empty lines of a CSV file with their line numbers from 1."""
     try:
         lines = read_bytes(path).decode("utf-8-sig").splitlines()
         rows = [(number, next(csv.reader([line]))) for number, line in enumerate(lines, 1) if line.strip()]

@@ -1,4 +1,4 @@
-"""The frames of a transforms JSON file, the format that nerfstudio, instant-ngp and NeRF's Blender scenes share."""
+"""Reader of transforms JSON files, the format that nerfstudio, instant-ngp and NeRF's Blender scenes share."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from pocketgs.capture.image_file import read_size
-from pocketgs.capture.lens import PINHOLE, Lens
 from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.named_images import find_images, find_stated
 from pocketgs.capture.poses import camera_at, world_to_camera_from_axes
@@ -17,6 +16,7 @@ from pocketgs.errors import PocketGSError, short
 from pocketgs.files.json_fields import Fields
 from pocketgs.files.paths import inside, relative_name
 from pocketgs.geometry.camera import Camera
+from pocketgs.geometry.lens import PINHOLE, Lens
 
 # Scenes rendered by Blender name their images without an extension.
 EXTENSIONS_TRIED = ("", ".png", ".jpg", ".jpeg")
@@ -31,15 +31,15 @@ FindImages = Callable[[Path, Sequence[str], str, tuple[str, ...]], tuple[list[Pa
 def read_frames(
     document: Fields, folder: Path, images: str | None = None, find: FindImages = find_images
 ) -> tuple[list[FrameSource | None], tuple[str, ...]]:
-    """The frames in the order listed, None for those whose image file is absent; and what to warn of.
+    """Read the frames in the listed order, None where an image file is missing; returns warnings too.
 
-    Intrinsics may stand at the top or in a frame, which then prevails.
+    Intrinsics may be at the top level or in a frame; the frame's take precedence.
 
     Args:
         document: the whole file.
-        folder: what its paths are relative to, and may not leave.
-        images: folder to take the images from instead, by their last name.
-        find: how to find the images where no folder is given.
+        folder: that its paths are relative to, and must lie in.
+        images: folder to take the images from instead, by file name.
+        find: finds the images if no folder is given.
 
     Raises:
         PocketGSError: a field is missing or malformed, or a path leaves the folder.
@@ -56,7 +56,7 @@ def read_frames(
 
 
 def absent_warning(frames: list[FrameSource | None], document: Fields) -> tuple[str, ...]:
-    """One warning that counts the frames whose images are absent, or none."""
+    """A warning that counts the frames without image files, or none."""
     absent = [index for index, frame in enumerate(frames) if frame is None]
     if not absent:
         return ()
@@ -65,15 +65,15 @@ def absent_warning(frames: list[FrameSource | None], document: Fields) -> tuple[
 
 
 def depth_warning(document: Fields) -> tuple[str, ...]:
-    """One warning if there are depth maps without a unit, or none.
+    """A warning if there are depth maps without a unit, or none.
 
-    The NeRFCapture app writes `depth_path` but no `integer_depth_scale` when it works offline; what it then writes are
-    8-bit pictures from which no depth can be had.
+    Offline, the NeRFCapture app writes `depth_path` without `integer_depth_scale`; the files are then 8-bit pictures
+    that hold no usable depth.
     """
     frames = [frame.over(document).values for frame in document.objects("frames")]
     if not any("depth_path" in f and "depth_file_path" not in f and "integer_depth_scale" not in f for f in frames):
         return ()
-    return (f"{document.where}: its depth maps are left out, as no 'integer_depth_scale' says what they mean",)
+    return (f"{document.where}: its depth maps are left out, since no 'integer_depth_scale' states their unit",)
 
 
 def _read_frame(fields: Fields, folder: Path, path: Path) -> FrameSource:
@@ -91,7 +91,7 @@ def _read_frame(fields: Fields, folder: Path, path: Path) -> FrameSource:
 
 
 def _read_depth(fields: Fields) -> tuple[str | None, float]:
-    """The file of the depth map, or None, and its unit: nerfstudio's fields, or else instant-ngp's."""
+    """The depth map's file, or None, and its unit: from nerfstudio's fields, or else instant-ngp's."""
     depth, unit = fields.optional_text("depth_file_path"), fields.optional_number("depth_unit_scale_factor")
     scale = fields.optional_number("integer_depth_scale")
     if depth is None and scale is not None:
@@ -109,7 +109,7 @@ def _read_pose(fields: Fields) -> np.ndarray:
     matrix = fields.matrix("transform_matrix", columns=4)
     last_row_fits = len(matrix) == 3 or (len(matrix) == 4 and np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-3))
     if not last_row_fits:
-        raise PocketGSError(f"{fields.where}: field 'transform_matrix' is no 4x4 (or 3x4) matrix of a rigid transform")
+        raise PocketGSError(f"{fields.where}: field 'transform_matrix' is not a rigid 4x4 or 3x4 matrix")
     axes = matrix[:3, :3] * np.array([1.0, -1.0, -1.0])
     return world_to_camera_from_axes(axes, matrix[:3, 3], fields.where)
 

@@ -1,4 +1,4 @@
-"""Photographs or a video without poses, of which structure from motion makes a capture."""
+"""Photographs or a video without poses, the input of structure from motion."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ USUAL_FOLDER = "images"
 
 
 def is_video(path: Path) -> bool:
-    """Whether the path is a file with a video's suffix."""
+    """Whether the path is a file with the suffix of a video."""
     return path.suffix.lower() in VIDEO_SUFFIXES and path.is_file()
 
 
 def find_photographs(folder: Path) -> list[Path]:
-    """The photographs directly in a folder, or where it has none those in its folder `images`, sorted by name.
+    """The photographs directly in a folder, or else in its folder `images`, sorted by name.
 
-    Without either, those of the only folder in it that holds photographs.
+    Without either, those of the only folder in it that contains photographs.
     """
     for candidate in (folder, folder / USUAL_FOLDER):
         if found := find_photographs_in(candidate):
@@ -30,7 +30,7 @@ def find_photographs(folder: Path) -> list[Path]:
 
 
 def find_photographs_in(folder: Path) -> list[Path]:
-    """The photographs directly in a folder, sorted by name; none if there is no such folder."""
+    """The photographs directly in a folder, sorted by name; empty if there is no such folder."""
     return list_images(folder) if folder.is_dir() else []
 
 

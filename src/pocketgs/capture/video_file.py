@@ -1,4 +1,4 @@
-"""Videos as sequences of frames, always decoded in order: seeking to a frame is not reliable in every codec."""
+"""Video decoding. Frames are always decoded in order: seeking is not reliable with every codec."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from pocketgs.files.opening import checked
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".3gp"})
 FFMPEG_QUIET = -8  # AV_LOG_QUIET
 DECODING = 24
-"""Bytes by pixel of a frame that is being decoded: its planes, the frames that it refers to, and its colours."""
+"""Bytes per pixel while a frame is decoded: its planes, the reference frames, and its colours."""
 
 
 @dataclass(frozen=True)
 class VideoInfo:
-    """What a video's header states.
+    """The header of a video.
 
     Attributes:
-        frames: their number; some containers state a duration only, from which it is estimated.
+        frames: number of frames; estimated if the container states only a duration.
         width, height: of a frame in pixels.
-        frames_per_second: the average rate, 0 where it is not stated.
+        frames_per_second: average rate, 0 if not stated.
     """
 
     frames: int
@@ -51,14 +51,14 @@ class VideoFrame:
 
 
 def video_info(path: Path, *, upright: bool = True) -> VideoInfo:
-    """The size and length of a video whose first frame can be decoded.
+    """Size and length of a video, checked by decoding its first frame.
 
     Args:
         path: the video.
-        upright: whether frames are to be turned as the file asks for; otherwise they are as stored.
+        upright: apply the rotation that the file states; otherwise frames are as stored.
 
     Raises:
-        PocketGSError: the file is missing or no readable video.
+        PocketGSError: the file is missing or not a readable video.
     """
     with _opened(path, upright) as video:
         decoded, frame = video.read()
@@ -79,14 +79,14 @@ def read_frames(path: Path, indices: Sequence[int], *, upright: bool = True) -> 
 
     Args:
         path: the video.
-        indices: numbers of frames from 0, in any order.
-        upright: whether frames are to be turned as the file asks for; otherwise they are as stored.
+        indices: frame numbers from 0, in any order.
+        upright: apply the rotation that the file states; otherwise frames are as stored.
 
     Yields:
         Each index once, ascending, and its frame: (H, W, 3) uint8 RGB.
 
     Raises:
-        PocketGSError: the file is no readable video, or it ends or is damaged before a frame that is asked for.
+        PocketGSError: the file is not a readable video, or it ends or is damaged before a requested frame.
     """
     wanted = sorted(set(indices))
     with _opened(path, upright) as video:
@@ -102,22 +102,22 @@ def read_frames(path: Path, indices: Sequence[int], *, upright: bool = True) -> 
 
 
 def sharpest_frames(path: Path, count: int) -> list[int]:
-    """Cut a video into `count` equal windows and choose the sharpest frame of each.
+    """Divide a video into `count` equal windows and choose the sharpest frame of each.
 
     Returns:
-        Numbers of frames, ascending; all of them where the video has no more than `count`.
+        Frame numbers, ascending; all if the video has no more than `count`.
 
     Raises:
-        PocketGSError: the file is no readable video, or `count` is below 1.
+        PocketGSError: the file is not a readable video, or `count` is below 1.
     """
     return sharpest_in_windows(sharpness_of_frames(path), count)
 
 
 def sharpness_of_frames(path: Path) -> list[float]:
-    """The sharpness of every frame. All are decoded, so their number is exact, which a header's is not.
+    """Sharpness of every frame. All frames are decoded, so their number is exact, unlike a header's.
 
     Raises:
-        PocketGSError: the file is no readable video.
+        PocketGSError: the file is not a readable video.
     """
     values = []
     with _opened(path, upright=False) as video:
@@ -135,11 +135,11 @@ def sharpness_of_frames(path: Path) -> list[float]:
 def _opened(path: Path, upright: bool) -> Iterator[cv2.VideoCapture]:
     if not path.is_file():
         raise PocketGSError(f"{path}: no such file, expected a video")
-    # FFmpeg and OpenCV would print lines of their own on a file that is no video, before ours.
+    # FFmpeg and OpenCV would print their own errors before ours.
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", str(FFMPEG_QUIET))
     level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        # An absolute path, since FFmpeg takes what stands before a colon for a protocol.
+        # An absolute path: FFmpeg takes the part before a colon for a protocol.
         video = cv2.VideoCapture(str(checked(path).resolve()), cv2.CAP_FFMPEG)
     finally:
         cv2.utils.logging.setLogLevel(level)

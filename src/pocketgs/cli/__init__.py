@@ -28,14 +28,14 @@ SUBCOMMANDS = {
     "demo": "demo",
     "bench": "bench",
 }
-"""The module of each, and the function in it: only the one that is asked for is loaded, as all together take long."""
+"""Module and function of each subcommand. Only the requested one is loaded, since all together take long."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line and exit: 0 on success, 2 for anything the user can put right, 130 for Ctrl-C."""
+    """Run the command line and exit: 0 on success, 2 for errors that the user can fix, 130 for Ctrl-C."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     if not sys.warnoptions:
-        warnings.simplefilter("ignore")  # they name lines of source, and are for whoever writes it
+        warnings.simplefilter("ignore")  # they name lines of source, for developers
     errors = Terminal(to_errors=True)
     try:
         if given and given[0] in SUBCOMMANDS:

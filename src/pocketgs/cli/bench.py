@@ -33,13 +33,13 @@ from pocketgs.training.options import Effort
 
 @dataclass(frozen=True)
 class Everywhere:
-    """What all cells have in common.
+    """Options common to all cells.
 
     Attributes:
-        effort: What sizes the cells, see `pocketgs train`.
+        effort: Preset of the cells' sizes, see `pocketgs train`.
         iterations: Training steps of every cell.
-        evaluate_every: Iterations between looks at the held-out views.
-        engine: What renders and differentiates.
+        evaluate_every: Iterations between evaluations on the held-out views.
+        engine: Rendering and training engine.
     """
 
     effort: Effort = "quick"
@@ -49,7 +49,7 @@ class Everywhere:
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """As flags of `pocketgs train`."""
+        """The options as flags of `pocketgs train`."""
         return (
             *("--effort", self.effort),
             *("--iterations", str(self.iterations)),
@@ -71,24 +71,24 @@ def bench(
     everywhere: Everywhere = Everywhere(),
     reading: CaptureOptions = CaptureOptions(),  # noqa: B008
 ) -> None:
-    """Compare methods on captures: run what has not been run yet, and write tables and a report.
+    """Compare methods on captures: run the cells without a result, and write tables and a report.
 
-    Each cell of the table is a `pocketgs train` command in a process of its own. Results are kept one by one, so a
-    table that was interrupted goes on where it stopped.
+    Each cell of the table is a `pocketgs train` command in a process of its own. Results are stored one by one, so an
+    interrupted table continues where it stopped.
 
     Args:
-        captures: Names of known captures or folders of your own; by default all known ones that are there.
+        captures: Names of known captures, or folders of your own; by default all known ones that are present.
         methods: By default all.
-        seeds: Of everything random; several show how far results scatter.
-        show: Say which methods and captures there are, what is missing and where to get it, and run nothing.
-        again: Run cells that have a result, too.
+        seeds: Random seeds; several show how much results vary.
+        show: List methods and captures, what is missing and where to get it, and run nothing.
+        again: Also rerun cells that have a result.
         data: Folder of the known captures; by default the one that POCKETGS_DATA names, or data.
-        demo: Where the built-in demo's capture is kept.
+        demo: Folder of the built-in demo's capture.
         output: Folder for the results, the table (results.md), its chart (overview.png) and the report (report.html).
-        work: Folder for what the runs write.
-        everywhere: The same for all cells.
-        reading: How to read captures of your own; refused where only known ones are asked for, which are read as
-            published results read them.
+        work: Folder for the runs' output.
+        everywhere: Options of all cells.
+        reading: How to read captures of your own; not allowed with known ones only, which are read as published results
+            read them.
     """
     console = Terminal()
     known = known_captures(data_folder(data), demo)
@@ -109,7 +109,7 @@ def bench(
     except BaseException:
         try:
             _write_report(console, jobs, conditions, output, work)
-        except Exception as error:  # whatever it is, what ended the runs is to be told
+        except Exception as error:  # the error that ended the runs must be reported first
             console.say(f"no report: {error}")
         raise
     _write_report(console, jobs, conditions, output, work)
@@ -117,7 +117,7 @@ def bench(
 
 
 def _prepare(console: Terminal, jobs: Sequence[Job], demo: Path) -> None:
-    with console.status("compiling kernels, and filming the demo if it is not there: no cell's time includes that"):
+    with console.status("compiling kernels, and making the demo if it is missing; this is not part of any cell's time"):
         compile_kernels()
         if any(job.capture.name == DEMO for job in jobs):
             write_demo(demo)
@@ -166,10 +166,10 @@ def _check_failures(results: Sequence[CellResult]) -> None:
 
 
 def _print_list(console: Terminal, known: dict[str, BenchCapture]) -> None:
-    methods = Table("method", "what it is", "flags of pocketgs train", box=box.SIMPLE)
+    methods = Table("method", "description", "flags of pocketgs train", box=box.SIMPLE)
     for method in METHODS.values():
         methods.add_row(method.name, method.what, " ".join(method.flags))
-    captures = Table("capture", "what it is", "where", box=box.SIMPLE)
+    captures = Table("capture", "description", "where", box=box.SIMPLE)
     for capture in known.values():
         where = str(capture.path) if capture.is_there else f"missing: expected in {capture.path}; {capture.origin}"
         captures.add_row(*(Text(printable(cell)) for cell in (capture.name, capture.what, where)))

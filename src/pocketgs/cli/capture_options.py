@@ -1,4 +1,4 @@
-"""How to read a capture: the options that several subcommands share."""
+"""Options for reading a capture, shared by several subcommands."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from pocketgs.cli.terminal import Terminal
 
 @dataclass(frozen=True)
 class CaptureOptions:
-    """How to read the capture.
+    """Options for reading a capture.
 
     Attributes:
         images: Folder inside the capture to take the images from, for example images_8.
-        downscale: Shrink images by this factor, averaging areas. By default not at all, or, in a run whose budgets
-            are too small for that, by the least whole factor that fits.
-        max_size: Shrink images further so that their longer side has at most this many pixels.
+        downscale: Reduce images by this factor, averaging areas. By default not at all, or, if a run's budgets are too
+            small for that, by the smallest integer factor that fits.
+        max_size: Reduce images further so that their longer side has at most this many pixels.
         background: Red, green and blue from 0 to 1 behind images with alpha. By default the format's own.
-        undistort: Undo lens distortion and crop to what the lens saw; --no-undistort takes images as they are.
-        hold_out: Keep every so many frames for evaluation, unless the data set states its own; 0 for none.
-        masks: Folder with masks, white where pixels are to be used. By default those that the capture states or has in
-            a folder masks or mask; "none" takes none.
+        undistort: Undo lens distortion and crop to what the lens saw; --no-undistort uses images as they are.
+        hold_out: Hold out every n-th frame for evaluation, unless the data set has its own split; 0 for none.
+        masks: Folder with masks, white for pixels to use. By default those that the capture states or has in a folder
+            masks or mask; "none" uses no masks.
     """
 
     images: str | None = None
@@ -34,14 +34,14 @@ class CaptureOptions:
     masks: str = "found"
 
     def open(self, path: Path) -> Capture:
-        """Read the capture at `path`, and print on standard error what its reader warns of."""
+        """Read the capture at `path`, and print its reader's warnings to standard error."""
         capture = self.listed(path).load()
         warnings = [f"warning: {warning}" for warning in capture.warnings]
         Terminal(to_errors=True).say(*warnings, style="yellow")
         return capture
 
     def listed(self, path: Path) -> ListedCapture:
-        """What is known of the capture at `path` before its photographs are decoded."""
+        """List the capture at `path` without decoding photographs."""
         return list_capture(
             path,
             images=self.images,

@@ -36,22 +36,22 @@ def convert(
     spz_version: spz.Version = spz.CURRENT,
     max_memory: int = DEFAULT_MB,
 ) -> None:
-    """Write a scene in another format, cut, thinned out or moved on the way.
+    """Convert a scene to another format, optionally cropped, thinned out or moved.
 
-    The options take effect in the order in which they stand here, whatever order they are given in.
+    The options apply in the order listed here, whatever their order on the command line.
 
     Args:
         scene: A .ply, .compressed.ply, .spz, .splat, .glb or .gltf, or a result folder.
-        output: The file to write; its suffix chooses the format.
+        output: The file to write; its suffix selects the format.
         crop_box: Keep the Gaussians whose centres lie between xmin ymin zmin and xmax ymax zmax.
-        min_opacity: Drop Gaussians of less opacity.
-        sh_degree: Degree of the spherical harmonics; higher ones are dropped.
-        scale: Enlarge by this factor about the origin.
-        rotate: Turn about the axes x, y and z, in this order, by these degrees.
+        min_opacity: Drop Gaussians of lower opacity.
+        sh_degree: Maximum degree of the spherical harmonics; higher ones are dropped.
+        scale: Scale by this factor about the origin.
+        rotate: Rotate about the axes x, y and z, in this order, by these degrees.
         translate: Move along x, y and z, in scene units.
         detail: Of a .spz; "fine" is close to lossless, "small" 0.6 as large and 0.1 to 0.2 dB worse where measured.
         spz_version: Of a .spz; older viewers read 3 only.
-        max_memory: Megabytes that reading may take; what would take more is refused.
+        max_memory: Megabytes that reading may take; larger files are refused.
     """
     chosen = _chosen_format(output, detail, spz_version)
     with memory_bound(max_memory):
@@ -64,7 +64,7 @@ def convert(
     if sh_degree is not None:
         edited = with_sh_degree(edited, min(sh_degree, edited.sh_degree))
     if len(edited) == 0:
-        raise PocketGSError(f"{output}: none of {len(original):,} Gaussians are left, nothing was written")
+        raise PocketGSError(f"{output}: none of {len(original):,} Gaussians is left, nothing was written")
     edited = _moved(edited, scale, rotate, translate)
     chosen.write(output, edited)
     lines = [f"{len(edited):,} Gaussians in {output}, {output.stat().st_size:,} bytes"]
@@ -88,7 +88,7 @@ def _moved(gaussians: Gaussians, scale: float, rotate: Triple | None, translate:
     if rotate is not None:
         if not np.all(np.isfinite(rotate)):
             raise PocketGSError(f"rotate: found {rotate}, expected degrees")
-        # SciPy takes long to load: only this needs it.
+        # Imported here because SciPy is slow to load.
         from scipy.spatial.transform import Rotation
 
         gaussians = rotated(gaussians, Rotation.from_euler("xyz", rotate, degrees=True).as_matrix())

@@ -21,13 +21,13 @@ def demo(
     training: TrainingOptions = TrainingOptions(effort="quick"),  # noqa: B008 - a frozen dataclass
     page: FollowOptions = FollowOptions(),  # noqa: B008 - a frozen dataclass
 ) -> None:
-    """Film a built-in scene with all the faults of a phone, and train on that: to see that everything works.
+    """Make a synthetic phone capture and train on it, to check that everything works.
 
     Args:
         output: Folder for the result.
-        capture: Folder for the capture, with the true poses and depths beside it; made once.
-        training: How to train.
-        page: Whether and where a page follows the run.
+        capture: Folder for the capture, with ground-truth poses and depths; made once.
+        training: Options of training.
+        page: Options of the page that follows the run.
     """
 
     def film() -> ListedCapture:

@@ -1,4 +1,4 @@
-"""What `pocketgs info --devices` says: which GPUs WebGPU finds, and what the engines make of them."""
+"""Output of `pocketgs info --devices`: the GPUs that WebGPU finds, and which engines can use them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pocketgs.gpu.adapters import Adapter
 
 FEATURES = ("subgroup", "shader-f16", "shader-float32-atomic", "timestamp-query")
-"""Optional features that make a difference to speed, memory or measurement; the engine needs none of them."""
+"""Optional features that affect speed, memory or measurements; the engine does not require them."""
 
 NO_ADAPTER = (
     "no GPU: WebGPU finds no Vulkan, Metal or DX12 driver; on Debian and Ubuntu, libvulkan1 is the loader and "
@@ -16,16 +16,16 @@ NO_ADAPTER = (
 
 
 def device_lines(adapters: Sequence[Adapter], threads: int) -> list[str]:
-    """What there is to compute on, in words.
+    """Describe the devices of this machine.
 
     Args:
-        adapters: the best first.
-        threads: that the CPU engine would use.
+        adapters: best first.
+        threads: of the CPU engine.
     """
     best = next((adapter for adapter in adapters if not adapter.is_software and not adapter.lacks()), None)
     lines = [line for adapter in adapters for line in _adapter_lines(adapter, adapter is best)] or [NO_ADAPTER]
     cpu = f"CPU engine: {threads} {'thread' if threads == 1 else 'threads'}"
-    return [*lines, cpu if best else f"{cpu}; engine auto takes it"]
+    return [*lines, cpu if best else f"{cpu}; used by engine auto"]
 
 
 def _adapter_lines(adapter: Adapter, is_best: bool) -> list[str]:
@@ -40,23 +40,23 @@ def _adapter_lines(adapter: Adapter, is_best: bool) -> list[str]:
 
 
 def _use(adapter: Adapter, is_best: bool) -> str:
-    """Which choice of engine takes the adapter, or why none does."""
+    """Which engine option uses the adapter, or why none can."""
     if missing := adapter.lacks():
-        return f"no engine takes it: {'; '.join(missing)}"
+        return f"not usable: {'; '.join(missing)}"
     if is_best:
-        return "engine auto takes it"
+        return "used by engine auto"
     if adapter.is_software:
-        return "engine webgpu takes it; auto does not, since the CPU does its work"
-    return "engine webgpu takes it by --gpu and its name"
+        return "used by engine webgpu; not by auto, since it is a software adapter"
+    return "used by engine webgpu with --gpu and its name"
 
 
 def _limits(limits: dict[str, int]) -> str:
-    """The limits that bound the size of a scene or decide whether the passes run."""
+    """The limits that bound the size of a scene or decide whether passes run."""
     return ", ".join(
         [
             f"buffers of {limits['max-buffer-size'] / 1e6:,.0f} MB",
             f"bindings of {limits['max-storage-buffer-binding-size'] / 1e6:,.0f} MB",
-            f"{limits['max-storage-buffers-per-shader-stage']} storage buffers a stage",
+            f"{limits['max-storage-buffers-per-shader-stage']} storage buffers per stage",
             f"{limits['max-compute-workgroup-storage-size']:,} bytes of workgroup memory",
         ]
     )

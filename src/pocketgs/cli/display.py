@@ -1,10 +1,11 @@
-"""What a training run shows on the terminal."""
+"""Terminal output of a training run."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 from rich.live import Live
 from rich.table import Table
@@ -12,7 +13,7 @@ from rich.text import Text
 
 from pocketgs.capture.capture import Capture
 from pocketgs.cli.terminal import Terminal, printable
-from pocketgs.metrics.evaluation import Evaluation
+from pocketgs.metrics.evaluation import Evaluation, ImageMetrics
 from pocketgs.prior.report import PriorReport
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import RunResult
@@ -28,11 +29,11 @@ STAGES = {
     "capture": "reading the capture",
     "keyframes": "choosing keyframes",
     "poses": "matching features and refining poses",
-    "depth": "computing depth (the first run compiles for it)",
+    "depth": "computing depth (the first run compiles its kernels)",
     "fusion": "fusing depths into a cloud",
-    "coverage": "filling what the cloud leaves open",
+    "coverage": "filling holes of the cloud",
     "planning": "planning",
-    "points": "looking for points to start from",
+    "points": "choosing points to start from",
     "seeding": "seeding Gaussians",
     "compilation": "loading kernels (the first run compiles them: up to half a minute)",
     "upload": "preparing the engine",
@@ -42,11 +43,11 @@ STAGES = {
 ITERATIONS_BETWEEN_LINES = 100
 SECONDS_BETWEEN_LINES = 10.0
 SECONDS_BEFORE_GUESSING = 2.0
-"""Before it says how long a stage will take."""
+"""Time before a stage's remaining time is estimated."""
 
 
 class Display:
-    """Shows stages and progress on one line that is redrawn, or as plain lines where the output is no terminal."""
+    """Shows stages and progress on one line that is redrawn, or as plain lines if the output is not a terminal."""
 
     def __init__(self, console: Terminal) -> None:
         self._console = console
@@ -56,7 +57,7 @@ class Display:
 
     @contextmanager
     def showing(self) -> Iterator[Reporter]:
-        """A reporter whose news is shown for as long as the block runs."""
+        """A reporter that shows progress while the block runs."""
         if self._console.is_terminal:
             with Live(Text(""), console=self._console, transient=True, refresh_per_second=8) as live:
                 self._live = live
@@ -116,7 +117,7 @@ class Display:
 
 
 def capture_lines(capture: Capture) -> list[str]:
-    """What a capture holds, in words."""
+    """Describe a capture."""
     points = f"{len(capture.points):,} points" if capture.points else "no points of its own"
     views = f"{len(capture.train)} training views, {len(capture.held_out)} held out"
     masked = sum(frame.mask is not None for frame in capture.frames)
@@ -130,7 +131,7 @@ def capture_lines(capture: Capture) -> list[str]:
 
 
 def count_line(stage: str, done: int, of: int, seconds: float) -> str:
-    """How much of a stage is done, and about how long the rest will take if it goes on like this."""
+    """Progress of a stage, with its estimated remaining time."""
     line = f"{STAGES.get(stage, stage)}: {done}/{of}"
     if of / 10 < done < of and seconds >= SECONDS_BEFORE_GUESSING:
         line += f", about {max(1, round(seconds / done * (of - done)))} s left"
@@ -138,7 +139,7 @@ def count_line(stage: str, done: int, of: int, seconds: float) -> str:
 
 
 def plan_line(plan: Plan) -> str:
-    """What a run is planned to take, in one line."""
+    """One line about a plan."""
     parts = [f"photographs up to {plan.width}x{plan.height}", f"at most {plan.gaussians:,} Gaussians"]
     parts.append(f"up to {plan.peak_rss_mb:.0f} MB of memory")
     if plan.device_mb:
@@ -149,14 +150,14 @@ def plan_line(plan: Plan) -> str:
 
 
 def prior_line(report: PriorReport) -> str:
-    """What the geometry prior found, in one line."""
+    """One line about the result of the geometry prior."""
     parts = [f"{report.keyframes} keyframes of {len(report.decisions)} frames"]
     if report.rmse is not None and report.rmse_given is not None:
         change = f"{report.rmse_given:.2f} -> {report.rmse:.2f} px" if report.poses_refined else f"{report.rmse:.2f} px"
         parts.append(f"{report.sparse_points:,} sparse points")
         parts.append(f"poses {'refined' if report.poses_refined else 'as given'} (reprojection {change})")
     if report.gains:
-        parts.append("exposure from {:.0%} to {:.0%} evened out".format(*report.gains))
+        parts.append("exposure compensated, gains {:.0%} to {:.0%}".format(*report.gains))
     parts.append(f"cloud of {report.points:,} points")
     if report.coverage is not None:
         known = f" ({report.coverage_known:.1%} by known depths)"
@@ -165,7 +166,7 @@ def prior_line(report: PriorReport) -> str:
 
 
 def progress_line(progress: Progress) -> str:
-    """Where a run stands, in one line."""
+    """One line about the progress of a run."""
     rate = progress.iteration_rate
     parts = [
         f"iteration {progress.iteration}/{progress.iterations}",
@@ -175,13 +176,15 @@ def progress_line(progress: Progress) -> str:
         f"{progress.gaussians:,} Gaussians",
         f"{peak_rss_mb():.0f} MB",
     ]
+    if progress.gain_per_minute is not None:
+        parts.insert(4, f"a minute was worth {progress.gain_per_minute:+.2f} dB")
     if progress.held_out_psnr is not None:
         parts.insert(2, f"held-out PSNR {progress.held_out_psnr:.2f} dB")
     return "  ".join(parts)
 
 
 def print_result(console: Terminal, result: RunResult) -> None:
-    """Quality, time and memory of a run, and where its result is."""
+    """Print quality, time and memory of a run, and the path of its result."""
     summary = result.summary
     if result.evaluation:
         print_evaluation(console, result.evaluation)
@@ -192,22 +195,49 @@ def print_result(console: Terminal, result: RunResult) -> None:
     engine = f"engine {summary['engine']} ({summary['device']}), its buffers {buffers:.0f} MB"
     lines = [
         f"{summary['iterations']} iterations{stopped}, {summary['gaussians']:,} Gaussians, {engine}",
-        f"{seconds['total']:.1f} s in all ({stages}), peak memory {summary['peak_rss_mb']:.0f} MB",
+        f"{seconds['total']:.1f} s in total ({stages}), peak memory {summary['peak_rss_mb']:.0f} MB",
         f"result in {result.folder}: scene.ply, run.json{', held_out/' if result.evaluation else ''}",
     ]
     console.say(*lines)
 
 
+@dataclass(frozen=True)
+class Column:
+    """A figure in the table of held-out views.
+
+    Attributes:
+        name: of the figure in `ImageMetrics` and `Evaluation`.
+        title: of its column.
+        decimals: that are shown.
+    """
+
+    name: str
+    title: str
+    decimals: int
+
+    def text_of(self, metrics: ImageMetrics | Evaluation) -> str:
+        """The figure, or that there is none."""
+        value = getattr(metrics, self.name)
+        return "n/a" if value is None else f"{value:.{self.decimals}f}"
+
+
+COLUMNS = (
+    Column("psnr", "PSNR (dB)", 2),
+    Column("cc_psnr", "colour-corrected", 2),
+    Column("ssim", "SSIM", 4),
+    Column("flip", "FLIP", 4),
+    Column("lpips", "LPIPS", 4),
+)
+
+
 def print_evaluation(console: Terminal, evaluation: Evaluation) -> None:
-    """A table of metrics by image, with their means."""
-    with_lpips = evaluation.lpips is not None
-    table = Table("held-out view", "PSNR (dB)", "SSIM", *(["LPIPS"] if with_lpips else []))
+    """Print a table of metrics per image, with means."""
+    columns = [column for column in COLUMNS if getattr(evaluation, column.name) is not None]
+    table = Table("held-out view", *(column.title for column in columns))
     for image in evaluation.images:
-        lpips = [f"{image.lpips:.4f}" if image.lpips is not None else "n/a"] if with_lpips else []
-        table.add_row(Text(printable(image.name)), f"{image.psnr:.2f}", f"{image.ssim:.4f}", *lpips)
+        table.add_row(Text(printable(image.name)), *(column.text_of(image) for column in columns))
     table.add_section()
-    means = [f"{evaluation.psnr:.2f}", f"{evaluation.ssim:.4f}"]
-    table.add_row("mean", *means, *([f"{evaluation.lpips:.4f}"] if with_lpips else []))
+    table.add_row("mean", *(column.text_of(evaluation) for column in columns))
     console.print(table, soft_wrap=False)
     if evaluation.lpips_note:
         console.say(evaluation.lpips_note, style="dim")

@@ -29,15 +29,15 @@ def evaluate(
     engine: EngineOptions = EngineOptions(),  # noqa: B008 - a frozen dataclass
     reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
 ) -> None:
-    """Compare a scene with a capture's held-out views: PSNR, SSIM, LPIPS.
+    """Compare a scene with a capture's held-out views: PSNR, SSIM, FLIP, LPIPS.
 
     Args:
         scene: A scene file (.ply, .spz, .splat, .glb …), or a result folder.
         capture: The capture's folder, or its transforms.json.
-        pictures: Folder for pictures of photograph and rendering side by side.
-        json: File for the figures.
-        engine: What renders, and how.
-        reading: How to read the capture.
+        pictures: Folder for images of photograph and rendering side by side.
+        json: File for the metrics.
+        engine: Options of the engine.
+        reading: Options for reading the capture.
     """
     console = Terminal()
     with memory_bound(engine.max_memory):
@@ -55,5 +55,6 @@ def evaluate(
     print_evaluation(console, evaluation)
     if json:
         images = [asdict(image) for image in evaluation.images]
-        means = {"psnr": evaluation.psnr, "ssim": evaluation.ssim, "lpips": evaluation.lpips}
-        write_json(json, {**means, "protocol": opened.protocol, "gaussians": len(gaussians), "images": images})
+        write_json(
+            json, {**evaluation.means, "protocol": opened.protocol, "gaussians": len(gaussians), "images": images}
+        )

@@ -28,8 +28,8 @@ def export_colmap(
         capture: The capture's folder, or its transforms.json.
         output: A new or empty folder, for images/ and sparse/0/.
         poses_of: A result folder whose refined poses are written instead of the capture's own.
-        max_memory: Megabytes that reading may take; what would take more is refused.
-        reading: How to read the capture; the images are written as they are then.
+        max_memory: Megabytes that reading may take; larger files are refused.
+        reading: Options for reading the capture; images are written as read.
     """
     with memory_bound(max_memory):
         opened = reading.open(capture)

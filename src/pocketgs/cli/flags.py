@@ -1,4 +1,4 @@
-"""Options as the flags that one types for them."""
+"""Converting options to command-line flags."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def flags_of(options: Any) -> tuple[str, ...]:
-    """The flags that give an option group its values; those at their defaults are left out.
+    """The flags that set an option group to these values; defaults are omitted.
 
     Args:
         options: a dataclass whose fields all have defaults and are booleans, tuples or single values.

@@ -25,13 +25,13 @@ def info(
     max_memory: int = DEFAULT_MB,
     reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
 ) -> None:
-    """Say what a capture or a scene holds, or which devices there are to compute on.
+    """Describe a capture or a scene, or list the devices to compute on.
 
     Args:
         path: A capture's folder or transforms.json, a scene file (.ply, .spz, .splat, .glb …), or a result folder.
-        devices: List the GPUs and what the engines make of them.
-        max_memory: Megabytes that reading may take; what would take more is refused.
-        reading: How to read a capture.
+        devices: List the GPUs and which engines can use them.
+        max_memory: Megabytes that reading may take; larger files are refused.
+        reading: Options for reading a capture.
     """
     lines = []
     if path is not None:
@@ -49,7 +49,7 @@ def _path_lines(path: Path, reading: CaptureOptions) -> list[str]:
 
 
 def _device_lines() -> list[str]:
-    # Loading the engines takes longer than all else that this command does.
+    # Loading the engines takes longer than everything else in this command.
     from pocketgs.gpu.adapters import adapters
     from pocketgs.splat.cpu.engine import CpuEngine
 

@@ -18,12 +18,12 @@ def pose(
     output: Path,
     options: PoseOptions = PoseOptions(),  # noqa: B008 - a frozen dataclass
 ) -> None:
-    """Make a capture of photographs or a video by finding their poses.
+    """Find the poses of photographs or a video, and write a capture.
 
     Args:
         images_or_video: A folder with photographs, or a video.
-        output: Folder for the capture, which train and the others take.
-        options: How to find poses.
+        output: Folder for the capture, which train and other commands accept.
+        options: Options of structure from motion.
     """
     console = Terminal()
     with Display(console).showing() as reporter:
@@ -38,7 +38,7 @@ def pose(
     lines = [
         f"{found.registered} of {found.frames} images posed, {found.points:,} points, "
         f"mean reprojection error {found.reprojection_error:.2f} pixels"
-        + (", in metres by the photographs' GPS places" if found.metric else ""),
+        + (", in metres by the photographs' GPS positions" if found.metric else ""),
         f"capture in {found.folder}",
     ]
     console.say(*lines)

@@ -23,7 +23,7 @@ from pocketgs.results.video import write_video
 from pocketgs.splat.engine import EngineOptions, Rendering
 from pocketgs.splat.rendering import render_all
 
-MOST_FRAMES = 100_000
+MAX_FRAMES = 100_000
 
 Views = Literal["held-out", "train", "orbit", "path"]
 Show = Literal["colour", "depth", "alpha"]
@@ -40,19 +40,19 @@ def render(
     engine: EngineOptions = EngineOptions(),  # noqa: B008 - a frozen dataclass
     reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
 ) -> None:
-    """Render a scene to pictures or a video.
+    """Render a scene to images or a video.
 
     Args:
         scene: A scene file (.ply, .spz, .splat, .glb …), or a result folder.
-        capture: The capture that gives the cameras: its folder, or its transforms.json.
+        capture: The capture whose cameras are used: its folder, or its transforms.json.
         output: A folder for numbered PNGs, or a video if it ends in .mp4.
-        views: The capture's held-out or training views, an orbit around what it looks at, or a smooth path through
-            its training views.
+        views: The capture's held-out or training views, an orbit around its subject, or a smooth path through its
+            training views.
         show: Colour, expected depth (near is bright) or alpha.
         frames: Number of views of an orbit or path.
         fps: Frames per second of a video.
-        engine: What renders, and how.
-        reading: How to read the capture.
+        engine: Options of the engine.
+        reading: Options for reading the capture.
     """
     with memory_bound(engine.max_memory):
         gaussians = load_scene(scene)
@@ -65,7 +65,7 @@ def render(
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise PocketGSError(f"{output}: there is no room for its folder ({error.strerror or error})") from error
+            raise PocketGSError(f"{output}: its folder cannot be made ({error.strerror or error})") from error
         write_video(output, pictures, fps)
     else:
         _write_pictures(output, [name for name, _ in named_cameras], pictures)
@@ -80,18 +80,18 @@ def _cameras(capture: Capture, views: Views, frames: int) -> list[tuple[str, Cam
             raise PocketGSError(f"{capture.path}: no view is held out, expected --hold-out of at least 2")
         names = plain_names(frame.name for frame in chosen)
         return [(name, frame.camera) for name, frame in zip(names, chosen, strict=True)]
-    # SciPy's splines take as long to load as a short training run's first steps: only this command needs them.
+    # Imported here because SciPy's splines are slow to load.
     from pocketgs.geometry.camera_path import orbit, path
 
-    if not 1 <= frames <= MOST_FRAMES:
-        raise PocketGSError(f"frames: found {frames}, expected at least 1 and at most {MOST_FRAMES}")
+    if not 1 <= frames <= MAX_FRAMES:
+        raise PocketGSError(f"frames: found {frames}, expected at least 1 and at most {MAX_FRAMES}")
     given = [frame.camera for frame in capture.train]
     made = orbit(given, frames) if views == "orbit" else path(given, frames)
     return [(f"{number:04d}", camera) for number, camera in enumerate(made)]
 
 
 def _picture(rendering: Rendering, show: Show) -> np.ndarray:
-    """(H, W, 3) uint8 for a screen."""
+    """(H, W, 3) uint8 image for display."""
     if show == "colour":
         shown = rendering.image
     elif show == "alpha":

@@ -1,4 +1,4 @@
-"""Finding the scene that a user names."""
+"""Loading the scene that the user names."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pocketgs.scene.gaussians import Gaussians
 
 
 def names_scene(path: Path) -> bool:
-    """Whether a path is that of a scene file or a result folder, and not of a capture."""
+    """Whether a path is a scene file or a result folder, rather than a capture."""
     settle(path)
     return is_scene_name(path) or all((path / name).is_file() for name in (SCENE, RECORD))
 
@@ -28,7 +28,7 @@ def load_scene(path: Path) -> Gaussians:
 
 
 def in_world_of(path: Path, capture: Capture) -> Capture:
-    """The capture with the poses that the scene was trained with, if they are not the capture's own.
+    """The capture with the poses that the scene was trained with, if they differ from the capture's.
 
     Raises:
         PocketGSError: they cannot be read.

@@ -1,4 +1,4 @@
-"""A run as the commands show it: live on the terminal and, if asked for, on a page; then what came of it."""
+"""Showing a run on the terminal and, if requested, on a page; then printing its result."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ def show_run(
     title: str,
     closing_line: str | None = None,
 ) -> None:
-    """Run, tell the terminal and the page of it, and print the result.
+    """Run, show progress on the terminal and the page, and print the result.
 
     Args:
         console: the terminal.
-        work: the run, given whom to report to.
-        page: whether and where a page follows it.
+        work: the run; called with a reporter.
+        page: options of the page.
         title: of the page.
         closing_line: printed after the result.
 

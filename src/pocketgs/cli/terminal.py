@@ -1,4 +1,4 @@
-"""The one place that text passes on its way to the terminal: what would steer a terminal is shown, not sent."""
+"""Terminal output. Control characters are printed as escapes."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
 STEERING = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
-"""Unicode's categories of what moves the cursor, turns text around or breaks lines, and of halves of characters."""
+"""Unicode categories of control characters, direction marks, line breaks, and surrogates."""
 
 
 def printable(text: str) -> str:
-    r"""The text with every character that would steer a terminal written as its escape, such as \x1b.
+    r"""The text with control characters escaped, such as \x1b.
 
-    File names may hold any character, and often come from strangers.
+    File names may contain any character, and often come from strangers.
     """
     if text.isascii() and text.isprintable():
         return text
@@ -28,7 +28,7 @@ def _escaped(char: str) -> str:
 
 
 class Terminal(Console):
-    """Prints text as it is: names in it are neither markup, nor numbers to colour, nor commands to the terminal.
+    """Prints text literally: no markup, no highlighting of numbers, no control characters.
 
     Args:
         to_errors: print to standard error.
@@ -36,18 +36,18 @@ class Terminal(Console):
 
     def __init__(self, *, to_errors: bool = False) -> None:
         super().__init__(stderr=to_errors, markup=False, highlight=False, emoji=False, soft_wrap=True)
-        # A terminal of another encoding gets escapes in place of what it lacks.
+        # Characters that the terminal's encoding lacks are printed as escapes.
         stream = sys.stderr if to_errors else sys.stdout
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
 
     def say(self, *lines: str, style: str | None = None) -> None:
-        """Print lines; one that a name would break in two stays one."""
+        """Print lines; a line break inside a name does not start a new line."""
         for line in lines:
             self.print(printable(line), style=style)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
-        """Everything that is printed, drawn or redrawn comes by here."""
+        """Escape control characters in everything that is printed, drawn or redrawn."""
         for segment in super().render(renderable, options):
             if segment.control or segment.text.isprintable():
                 yield segment

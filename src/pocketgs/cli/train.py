@@ -35,10 +35,10 @@ def train(
     Args:
         capture: A capture's folder or its transforms.json; or photographs or a video, whose poses are found first.
         output: Folder for the result; by default output/NAME.
-        resume: Go on from the checkpoint in the output folder.
-        reading: How to read the capture.
-        training: How to train.
-        page: Whether and where a page follows the run.
+        resume: Continue from the checkpoint in the output folder.
+        reading: Options for reading the capture.
+        training: Options of training.
+        page: Options of the page that follows the run.
     """
     console = Terminal()
     resolved = capture.resolve()
@@ -54,7 +54,7 @@ def train(
             if not lacks_poses(capture):
                 return reading.listed(capture)
             found = folder / "posed" / name
-            message = f"{capture} holds no poses: those that structure from motion finds are kept in {found}"
+            message = f"{capture} has no poses: structure from motion finds them and keeps them in {found}"
             console.say(message)
             made = posed(
                 capture,

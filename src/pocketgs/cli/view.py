@@ -1,4 +1,4 @@
-"""`pocketgs view`, and the page that follows a run."""
+"""`pocketgs view`, and the page that follows a training run."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ if TYPE_CHECKING:
     from pocketgs.viewer.server import Page
 
 WHY_A_WARNING = (
-    "The browser will warn that the certificate is not to be trusted: this machine made it for itself, since browsers "
-    "give WebGPU to https only, and nobody vouches for addresses in a home network. Go on if it shows the fingerprint"
+    "The browser will warn that the certificate is not trusted: this machine made it, since browsers allow WebGPU over "
+    "https only, and no authority certifies addresses in a home network. Continue if it shows the fingerprint"
 )
 
 
 @dataclass(frozen=True)
 class PageOptions:
-    """Where the page is served.
+    """Options of the page's server.
 
     Attributes:
-        host: Serve the local network too, over https, so that a phone can show the page; whoever has the printed
+        host: Also serve the local network, over https, so that a phone can show the page; everyone with the printed
             address can see it. Otherwise only this machine can.
-        port: Port to listen at; 0 for any that is free.
+        port: Port to listen on; 0 for any free one.
         open: Open the page in the browser.
     """
 
@@ -51,13 +51,13 @@ class PageOptions:
 
 @dataclass(frozen=True)
 class FollowOptions(PageOptions):
-    """Whether and where a page follows the run.
+    """Options of the page that follows a run.
 
     Attributes:
-        view: Follow the run on a page in the browser: the scene as it grows, its curves, pause, resume, and stop, which
-            keeps what has been trained.
-        wait: Keep the page once the run has ended, until Ctrl-C; with --no-wait the command ends with the run, and the
-            page with it.
+        view: Follow the run on a page in the browser: the growing scene, curves, and buttons to pause, resume and stop,
+            which keeps what has been trained.
+        wait: Keep serving the page after the run, until Ctrl-C; with --no-wait the command and the page end with the
+            run.
     """
 
     view: bool = False
@@ -76,9 +76,9 @@ def view(
     Args:
         scene: A file with Gaussians, or a result folder.
         capture: The capture's folder or its transforms.json, for its cameras and for photographs to compare with.
-        max_memory: Megabytes that reading may take; what would take more is refused.
-        page: Where the page is served.
-        reading: How to read the capture.
+        max_memory: Megabytes that reading may take; larger files are refused.
+        page: Options of the page's server.
+        reading: Options for reading the capture.
     """
     from pocketgs.viewer.readable import readable_file
     from pocketgs.viewer.scene_content import scene_content
@@ -89,31 +89,31 @@ def view(
             gaussians = load_scene(scene)
         opened = in_world_of(scene, reading.open(capture)) if capture else None
     if len(gaussians) == 0:
-        raise PocketGSError(f"{scene}: holds no Gaussian, expected at least one")
+        raise PocketGSError(f"{scene}: holds no Gaussians, expected at least one")
     is_result = scene.is_dir()
     title = scene.resolve().name if is_result else scene.stem
     with readable_file(scene / SCENE if is_result else scene, gaussians) as file:
         content = scene_content(title, file, gaussians, scene if is_result else None, opened)
         with serving(content, network=page.host, port=page.port) as served:
             _announce(served, page)
-            Terminal().say("Ctrl-C ends it")
+            Terminal().say("press Ctrl-C to stop")
             _wait_for_ctrl_c()
 
 
 @contextmanager
 def following(options: FollowOptions, title: str) -> Iterator[LiveRun | None]:
-    """A run for the block to report to, or None without a page. With `wait` it is served until Ctrl-C after the block.
+    """A run that pages can follow, or None without a page. With `wait`, pages are served until Ctrl-C after the block.
 
     Args:
-        options: whether and where.
+        options: of the page.
         title: of the page.
 
     Raises:
-        PocketGSError: it cannot be served, or there is to be none and yet options for it.
+        PocketGSError: the page cannot be served, or its options are given without --view.
     """
     if not options.view:
         if options != FollowOptions():
-            raise PocketGSError("--host, --port, --no-open and --no-wait are about the page: expected --view with them")
+            raise PocketGSError("--host, --port, --no-open and --no-wait concern the page: expected --view with them")
         yield None
         return
     from pocketgs.viewer.live import LiveRun
@@ -129,7 +129,7 @@ def following(options: FollowOptions, title: str) -> Iterator[LiveRun | None]:
 
 
 def _announce(served: Page, options: PageOptions) -> None:
-    """Say where the page is, and open it."""
+    """Print the page's address, and open it."""
     console = Terminal()
     console.say(f"page at {served.url}")
     if served.network_url:
@@ -145,7 +145,7 @@ def _announce(served: Page, options: PageOptions) -> None:
 
 
 def _has_screen() -> bool:
-    """Whether a browser has a window to open; without one, some would take over the terminal."""
+    """Whether a browser can open a window; without a screen, some would take over the terminal."""
     return sys.platform in ("win32", "darwin") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
 
 

@@ -1,1 +1,1 @@
-"""Files: opening them safely, writing them atomically, and publishing several as one."""
+"""Files: safe opening, atomic writes, and publishing several files as one."""

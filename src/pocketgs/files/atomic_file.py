@@ -14,9 +14,9 @@ from pocketgs.errors import PocketGSError
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary path beside `path`, with its suffix, to write to; put it in `path`'s place at the end.
+    """Yield a temporary path beside `path`, with its suffix; rename it to `path` when the block ends.
 
-    Whatever goes wrong in between, even the process's sudden end, `path` holds what it held before.
+    If anything goes wrong in between, even if the process is killed, `path` keeps its earlier content.
 
     Raises:
         PocketGSError: the folder does not exist or cannot be written to, or `path` names no file.
@@ -26,14 +26,14 @@ def replacing(path: Path) -> Iterator[Path]:
     partial = path.with_name(f".{path.stem}.{uuid.uuid4().hex[:8]}.partial{path.suffix}")
     try:
         yield partial
-        # A rename may reach the disk before what was written: a power cut would leave an empty file.
+        # The rename may reach the disk before the content: a power cut would leave an empty file.
         with partial.open("rb+") as file:
             os.fsync(file.fileno())
         os.replace(partial, path)
     except OSError as error:
         raise PocketGSError(f"{path}: cannot be written ({error.strerror or error})") from error
     finally:
-        # Where nothing can be written, nothing can be looked up either: that must not hide the error above.
+        # Where nothing can be written, the lookup may fail too: it must not hide the error above.
         with suppress(OSError):
             partial.unlink()
 

@@ -14,19 +14,19 @@ from pocketgs.files.lock import locked
 from pocketgs.system.interrupt import deferred_interrupt
 
 NEW, OLD = "new", "old"
-"""In a temporary folder: what is to come, and the earlier content that has made way for it."""
+"""In a temporary folder: the new content, and the earlier content that it replaces."""
 
 
 @contextmanager
 def replacing_folder(folder: Path) -> Iterator[tuple[Path, Path]]:
-    """Give an empty folder to write to, and one for what is needed in between; put the first in place at the end.
+    """Yield an empty folder to write to, and a scratch folder; rename the first to `folder` when the block ends.
 
-    Whatever goes wrong in between, `folder` holds what it held before; if the process is killed at the moment when it
-    moves the earlier content out of the way, whoever writes there next puts it back.
+    If anything goes wrong in between, `folder` keeps its earlier content. If the process is killed while it moves the
+    earlier content aside, the next writer moves it back.
 
     Raises:
-        InUseError: another process is doing the same.
-        OSError: it cannot be written.
+        InUseError: another process is writing the folder.
+        OSError: the folder cannot be written.
     """
     folder = folder.resolve()
     made = [path for path in folder.parents if not path.exists()]
@@ -38,7 +38,7 @@ def replacing_folder(folder: Path) -> Iterator[tuple[Path, Path]]:
     finally:
         with suppress(OSError):
             for path in made:
-                path.rmdir()  # refuses if anything is in there
+                path.rmdir()  # fails if the folder is not empty
 
 
 def _replacing(folder: Path) -> Iterator[tuple[Path, Path]]:
@@ -56,7 +56,7 @@ def _replacing(folder: Path) -> Iterator[tuple[Path, Path]]:
 
 
 def _clear_leftovers(folder: Path) -> None:
-    """Clear away what killed processes have left beside `folder`, and put back what they had moved out of the way."""
+    """Delete what killed processes left beside `folder`, and restore content that they had moved aside."""
     for leftover in folder.parent.glob(f".{escape(folder.name)}.*.partial"):
         if _is_half_swapped(leftover, folder):
             os.replace(leftover / OLD, folder)
@@ -64,12 +64,12 @@ def _clear_leftovers(folder: Path) -> None:
 
 
 def _is_half_swapped(temporary: Path, folder: Path) -> bool:
-    """Whether the earlier content has gone from `folder` and nothing has come in its place."""
+    """Whether the earlier content of `folder` was moved aside and nothing has replaced it."""
     return (temporary / OLD).is_dir() and not os.path.lexists(folder)
 
 
 def _swap(new: Path, folder: Path, old: Path) -> None:
-    """Put `new` in the place of `folder`, whose earlier content goes to `old`."""
+    """Replace `folder` by `new`, and move its earlier content to `old`."""
     existed = folder.exists()
     if existed:
         os.replace(folder, old)

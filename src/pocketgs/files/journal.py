@@ -1,9 +1,9 @@
-"""Putting many files in place as one: what is half done is completed, or taken back, by whoever comes next.
+"""Publishing several files as one, with a journal: an interrupted move is completed or undone by the next command.
 
-A command gathers its files in a staging folder. One rename of that folder to `PENDING` decides: before it, the folder
-holds the earlier result, and after it the new one. Only then do the files move to their places one by one; the files
-that they replace wait inside `PENDING`. A process that dies in between leaves `PENDING`, and every command that reads
-or writes the folder first goes on from there. Where a file refuses to be replaced, all that has been moved goes back.
+A command writes its files to a staging folder. Renaming that folder to `PENDING` is the commit: before it the folder
+holds the earlier result, after it the new one. Then the files move to their places one by one, and the files that they
+replace move into `PENDING`. If the process dies in between, `PENDING` remains, and the next command that reads or
+writes the folder completes the move first. If a file cannot be replaced, all moves are undone.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from pocketgs.files.manifest import MANIFEST, PRIVATE, Manifest, files_below
 LOCK = f"{PRIVATE}/lock"
 PENDING = f"{PRIVATE}/pending"
 STAGING = f"{PRIVATE}/staging-"
-"""How the names of folders begin that nobody needs any more once their owner is gone."""
+"""Prefix of staging folders, which are garbage once their owner has ended."""
 
 NEW, OLD, PLAN = "new", "old", "plan.json"
-"""Inside a staging folder: the files to come, those that make way for them, and which both are."""
+"""Inside a staging folder: new files, the files that they replace, and the plan."""
 
 KEPT = "unpublished-"
-"""How the name of a folder begins that holds a whole result which could not be put in place."""
+"""Prefix of a folder that holds a complete result which could not be published."""
 
 PATIENCE = 10.0
-"""Seconds that a reader waits for another process to put its result in place, which takes milliseconds."""
+"""Seconds that a reader waits for another process to publish its result, which takes milliseconds."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What happens to the files of a folder, by their paths in it.
+    """What happens to the files of a folder. Paths are relative to it.
 
     Attributes:
-        put: files that come, in place of what is there.
-        remove: files that go.
+        put: files to move in, over existing ones.
+        remove: files to remove.
     """
 
     put: list[str]
@@ -51,30 +51,30 @@ class Plan:
 
 
 def new_staging(folder: Path) -> Path:
-    """An empty staging folder, with `NEW` in it for a command's files."""
+    """Make an empty staging folder, with `NEW` in it for a command's files."""
     staging = folder / f"{STAGING}{uuid.uuid4().hex[:8]}"
     (staging / NEW).mkdir(parents=True)
     return staging
 
 
 def remove_staging(folder: Path) -> None:
-    """Delete staging folders; the caller holds the folder's lock, so that they are nobody's."""
+    """Delete staging folders. The caller holds the folder's lock, so nobody uses them."""
     for leftover in folder.glob(f"{STAGING}*"):
         shutil.rmtree(leftover, ignore_errors=True)
 
 
 def publish(folder: Path, staging: Path, before: Manifest, outdated: Iterable[str]) -> None:
-    """Make what is in `NEW` the folder's content.
+    """Publish the files in `NEW` to the folder.
 
     Args:
-        folder: to change; the caller holds its lock.
+        folder: the output folder; the caller holds its lock.
         staging: from `new_staging`.
-        before: says what in the folder may be replaced.
-        outdated: files of the folder that go, unless new ones come in their place.
+        before: says which files in the folder may be replaced.
+        outdated: files to remove unless new ones replace them.
 
     Raises:
-        PocketGSError: a file cannot be put in place. The folder holds the earlier result, and the new one is kept.
-        OSError: the new result cannot be made safe on the disk, and is not kept.
+        PocketGSError: a file cannot be replaced. The folder keeps the earlier result; the new one is kept elsewhere.
+        OSError: the new result cannot be flushed to disk, and is not kept.
     """
     put = files_below(staging / NEW)
     plan = Plan(put, sorted(set(outdated) - set(put)))
@@ -90,10 +90,10 @@ def publish(folder: Path, staging: Path, before: Manifest, outdated: Iterable[st
 
 
 def settle(folder: Path) -> None:
-    """Complete what a process that is gone has left half done in a folder; to be called before reading there.
+    """Complete a publication that a dead process left half done. Call it before reading the folder.
 
     Raises:
-        PocketGSError: it cannot be completed, or another process that is doing so takes too long.
+        PocketGSError: it cannot be completed, or another process that is completing it takes too long.
     """
     deadline = time.monotonic() + PATIENCE
     while os.path.isdir(folder / PENDING):
@@ -110,13 +110,13 @@ def settle(folder: Path) -> None:
 
 
 def complete_pending(folder: Path) -> None:
-    """As `settle`, for a caller who holds the folder's lock."""
+    """`settle` for a caller who holds the folder's lock."""
     if os.path.isdir(folder / PENDING):
         _complete(folder)
 
 
 def _complete(folder: Path) -> None:
-    """Put everything in place, or else nothing."""
+    """Move all files to their places, or none."""
     pending = folder / PENDING
     plan = _read_plan(pending)
     try:
@@ -125,7 +125,7 @@ def _complete(folder: Path) -> None:
         kept = _take_back(folder, pending, plan)
         if isinstance(error, OSError):
             reason = f"{error.filename or folder}: {error.strerror or error}"
-            message = f"{folder}: the new result cannot take the earlier one's place ({reason}); it is in {kept}"
+            message = f"{folder}: the new result cannot replace the earlier one ({reason}); it is in {kept}"
             raise PocketGSError(message) from error
         raise
 
@@ -139,11 +139,11 @@ def _read_plan(pending: Path) -> Plan:
 
 
 def _cannot_complete(folder: Path, error: Exception) -> PocketGSError:
-    return PocketGSError(f"{folder}: a result is half in place there and cannot be completed ({error})")
+    return PocketGSError(f"{folder}: a half-published result there cannot be completed ({error})")
 
 
 def _put_in_place(folder: Path, pending: Path, plan: Plan) -> None:
-    """Move new files in and old ones out; those that were moved before a kill are no longer where they came from."""
+    """Move new files in and old ones out, skipping those that an earlier process has already moved."""
     for name in plan.remove:
         if os.path.lexists(folder / name):
             _move(folder / name, pending / OLD / name)
@@ -154,7 +154,7 @@ def _put_in_place(folder: Path, pending: Path, plan: Plan) -> None:
             _move(pending / NEW / name, folder / name)
     for changed in {(folder / name).parent for name in (*plan.put, *plan.remove)}:
         _sync(changed)
-    # What is left of it is rubbish from here on: one rename says so.
+    # What remains is garbage from here on; this rename marks it so.
     rubbish = folder / f"{STAGING}{uuid.uuid4().hex[:8]}"
     os.rename(pending, rubbish)
     shutil.rmtree(rubbish, ignore_errors=True)
@@ -162,10 +162,10 @@ def _put_in_place(folder: Path, pending: Path, plan: Plan) -> None:
 
 
 def _take_back(folder: Path, pending: Path, plan: Plan) -> Path:
-    """Undo `_put_in_place`, from wherever it has come to; where the new result is then.
+    """Undo `_put_in_place`, however far it came. Returns the folder that then holds the new result.
 
     Raises:
-        PocketGSError: what was moved cannot be moved back.
+        PocketGSError: a file cannot be moved back.
     """
     try:
         for name in (*plan.put, *plan.remove):
@@ -182,7 +182,7 @@ def _take_back(folder: Path, pending: Path, plan: Plan) -> Path:
 
 
 def _keep(folder: Path, staging: Path) -> Path:
-    """Put the new result into a folder of its own, and delete what is left of the staging folder."""
+    """Move the new result to a folder of its own, and delete the rest of the staging folder."""
     kept = folder / f"{KEPT}{uuid.uuid4().hex[:8]}"
     os.rename(staging / NEW, kept)
     shutil.rmtree(staging, ignore_errors=True)
@@ -195,14 +195,14 @@ def _move(source: Path, target: Path) -> None:
 
 
 def _remove_empty_folders(folder: Path, names: Iterable[str]) -> None:
-    """Delete the folders of files that have gone, unless something else is in them."""
+    """Delete the folders of removed files if they are empty now."""
     for parent in sorted({(folder / name).parent for name in names} - {folder}, reverse=True):
         with suppress(OSError):
             parent.rmdir()
 
 
 def _bring_to_disk(staging: Path) -> None:
-    """A rename may reach the disk before what was written: a power cut would leave empty files."""
+    """Flush files to disk: a rename may reach the disk before the content, and a power cut would leave empty files."""
     for name in files_below(staging):
         with (staging / name).open("rb+") as file:
             os.fsync(file.fileno())
@@ -213,8 +213,8 @@ def _bring_to_disk(staging: Path) -> None:
 
 
 def _sync(folder: Path) -> None:
-    """Bring a folder's names to the disk, where the system can."""
-    with suppress(OSError):  # Windows opens no folders
+    """Flush a folder's entries to disk, where the system can."""
+    with suppress(OSError):  # Windows cannot open folders
         descriptor = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(descriptor)

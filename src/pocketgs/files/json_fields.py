@@ -20,59 +20,59 @@ class Fields:
 
     Attributes:
         values: the object as `json` parses it.
-        where: the file, and the place in it, for error messages.
+        where: the file and the position in it, for error messages.
     """
 
     values: dict[str, Any]
     where: str
 
     def number(self, name: str) -> float:
-        """A finite number. Raises PocketGSError if it is absent or something else."""
+        """A finite number. Raises PocketGSError if it is absent or of another type."""
         value = self._required(name, "a number")
         if not _is_number(value):
             raise self._wrong(name, value, "a finite number")
         return float(value)
 
     def optional_number(self, name: str) -> float | None:
-        """A finite number, or None where the field is absent or null."""
+        """A finite number, or None if the field is absent or null."""
         return None if self.values.get(name) is None else self.number(name)
 
     def text(self, name: str) -> str:
-        """A string that is not empty. Raises PocketGSError if it is absent or something else."""
+        """A non-empty string. Raises PocketGSError if it is absent or of another type."""
         value = self._required(name, "text")
         if not isinstance(value, str) or not value:
             raise self._wrong(name, value, "text")
         return value
 
     def optional_text(self, name: str) -> str | None:
-        """A string, or None where the field is absent or null."""
+        """A string, or None if the field is absent or null."""
         return None if self.values.get(name) is None else self.text(name)
 
     def optional_texts(self, name: str) -> list[str] | None:
-        """A list of strings, or None where the field is absent or null."""
+        """A list of strings, or None if the field is absent or null."""
         value = self.values.get(name)
         if value is None:
             return None
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-            raise self._wrong(name, value, "a list of texts")
+            raise self._wrong(name, value, "a list of strings")
         return value
 
     def flag(self, name: str) -> bool:
-        """A boolean; False where the field is absent or null."""
+        """A boolean; False if the field is absent or null."""
         value = self.values.get(name)
         if value is not None and not isinstance(value, bool):
             raise self._wrong(name, value, "true or false")
         return bool(value)
 
     def numbers(self, name: str, count: int) -> np.ndarray:
-        """(count,) float64 of finite numbers. Raises PocketGSError if it is absent or something else."""
+        """(count,) float64 of finite numbers. Raises PocketGSError if it is absent or of another type."""
         value = self._required(name, f"{count} numbers")
         if not isinstance(value, list) or len(value) != count or not all(map(_is_number, value)):
             raise self._wrong(name, value, f"{count} finite numbers")
         return np.array(value, dtype=np.float64)
 
     def matrix(self, name: str, columns: int) -> np.ndarray:
-        """(rows, columns) float64 of finite numbers. Raises PocketGSError if it is absent or something else."""
+        """(rows, columns) float64 of finite numbers. Raises PocketGSError if it is absent or of another type."""
         value = self._required(name, f"rows of {columns} numbers")
         is_matrix = isinstance(value, list) and all(
             isinstance(row, list) and len(row) == columns and all(map(_is_number, row)) for row in value
@@ -82,14 +82,14 @@ class Fields:
         return np.array(value, dtype=np.float64)
 
     def objects(self, name: str) -> list[Fields]:
-        """A list of JSON objects. Raises PocketGSError if it is absent or something else."""
+        """A list of JSON objects. Raises PocketGSError if it is absent or of another type."""
         value = self._required(name, "a list of objects")
         if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
             raise self._wrong(name, value, "a list of objects")
         return [Fields(item, f"{self.where}, {name}[{index}]") for index, item in enumerate(value)]
 
     def over(self, defaults: Fields) -> Fields:
-        """These fields, with those of `defaults` where these have none."""
+        """These fields, with missing ones filled in from `defaults`."""
         return Fields({**defaults.values, **self.values}, self.where)
 
     def _required(self, name: str, expected: str) -> Any:
@@ -102,10 +102,10 @@ class Fields:
 
 
 def read_json(path: Path) -> Fields:
-    """The object that a JSON file holds.
+    """Read a JSON file that holds an object.
 
     Raises:
-        PocketGSError: the file cannot be read, is not UTF-8 or not JSON, or holds something else than an object.
+        PocketGSError: the file cannot be read, is not UTF-8 or not JSON, or does not hold an object.
     """
     try:
         content = read_bytes(path)
@@ -115,14 +115,14 @@ def read_json(path: Path) -> Fields:
 
 
 def parse_json(content: bytes, where: str) -> Fields:
-    """The object that the content of a JSON file holds.
+    """Parse the content of a JSON file that holds an object.
 
     Args:
         content: the bytes of the file.
         where: the file, for error messages.
 
     Raises:
-        PocketGSError: the content is not UTF-8 or not JSON, or is something else than an object.
+        PocketGSError: the content is not UTF-8 or not JSON, or is not an object.
     """
     require_memory(where, JSON_BYTES * len(content), f"JSON of {len(content):,} bytes")
     try:

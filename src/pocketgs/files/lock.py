@@ -1,4 +1,4 @@
-"""A lock that dies with the process that holds it."""
+"""A file lock that ends with the process that holds it."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ class InUseError(PocketGSError):
 
 @contextmanager
 def locked(path: Path, what: Path) -> Iterator[None]:
-    """Hold the lock that a file stands for; the file is there only meanwhile.
+    """Hold a file lock while the block runs; the file exists only meanwhile.
 
-    The operating system drops the lock when the process ends, however it ends. Somebody who is killed leaves the file,
-    which means nothing by itself.
+    The operating system releases the lock when the process ends, however it ends. A killed process leaves the file
+    behind, which does no harm.
 
     Args:
         path: the file, in an existing folder.
-        what: is locked, for the error's message.
+        what: the thing that is locked, for the error message.
 
     Raises:
-        InUseError: another process, or this one, holds it already.
-        OSError: the file cannot be made, or its file system knows no locks.
+        InUseError: another process, or this one, already holds the lock.
+        OSError: the file cannot be created, or its file system has no locks.
     """
     descriptor = _acquire(path, what)
     try:
@@ -48,12 +48,12 @@ def _acquire(path: Path, what: Path) -> int:
         except BaseException:
             os.close(descriptor)
             raise
-        # Its holder has just released the lock and deleted the file: whoever comes next would make another one.
+        # The previous holder has just released and deleted the file: the next process would create another.
         os.close(descriptor)
 
 
 def _is_at(descriptor: int, path: Path) -> bool:
-    """Whether the open file is the one that a path names now."""
+    """Whether `path` still names the open file."""
     with suppress(FileNotFoundError):
         return os.path.samestat(os.fstat(descriptor), os.stat(path))
     return False
@@ -70,7 +70,7 @@ if sys.platform == "win32":
         return True
 
     def _release(descriptor: int, path: Path) -> None:
-        # Windows deletes no file that anybody has open: if this fails, another process is about to lock it.
+        # Windows cannot delete an open file: if this fails, another process is about to lock it.
         os.close(descriptor)
         with suppress(OSError):
             path.unlink()
@@ -86,7 +86,7 @@ else:
         return True
 
     def _release(descriptor: int, path: Path) -> None:
-        # Deleted while it is still locked: afterwards it might be another process's.
+        # Delete while still locked: afterwards the file may be another process's.
         with suppress(OSError):
             if _is_at(descriptor, path):
                 path.unlink()

@@ -1,4 +1,4 @@
-"""What commands have written into a folder: only that may they replace or delete later."""
+"""The list of files that commands wrote to a folder. Commands replace and delete only these."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from pathlib import Path, PurePosixPath
 from pocketgs.errors import PocketGSError
 
 PRIVATE = ".pocketgs"
-"""The folder inside an output folder that is the commands' own: the manifest, the lock, and what is half done."""
+"""The commands' own folder inside an output folder: manifest, lock and unfinished results."""
 
 MANIFEST = f"{PRIVATE}/manifest.json"
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """What has been written into a folder.
+    """The files that commands wrote to a folder.
 
     Attributes:
         files: SHA-256 of each file's content, by its path in the folder with forward slashes.
-        source: what tells the capture of the last run from others, see `source_of`; None if it is not known.
+        source: identifies the capture of the last run, see `source_of`; None if unknown.
     """
 
     files: dict[str, str] = field(default_factory=dict)
@@ -34,21 +34,21 @@ class Manifest:
         return json.dumps(asdict(self), indent=1, sort_keys=True) + "\n"
 
     def check_ours(self, folder: Path, names: Iterable[str]) -> None:
-        """Refuse to replace what no command has written, or what has been changed since.
+        """Refuse to replace files that no command wrote, or that have changed since.
 
         Args:
-            folder: that the manifest is of.
-            names: paths in it; those that do not exist are no obstacle.
+            folder: the folder of the manifest.
+            names: paths in it; missing files are fine.
 
         Raises:
-            PocketGSError: one of them is somebody else's.
+            PocketGSError: one of them was not written by a command, or has changed.
             OSError: one cannot be read.
         """
         for name in names:
             path = folder / name
             for above in (folder / part for part in PurePosixPath(name).parents):
                 if above != folder and os.path.lexists(above) and (above.is_symlink() or not above.is_dir()):
-                    raise PocketGSError(f"{above}: is no folder that pocketgs has made; {_ADVICE}")
+                    raise PocketGSError(f"{above}: is not a folder that pocketgs made; {_ADVICE}")
             if not os.path.lexists(path):
                 continue
             if name not in self.files or path.is_symlink() or not path.is_file():
@@ -57,11 +57,11 @@ class Manifest:
                 raise PocketGSError(f"{path}: has been changed since pocketgs wrote it; {_ADVICE}")
 
 
-_ADVICE = "expected it moved away, or another output folder"
+_ADVICE = "move it away, or choose another output folder"
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """The manifest of a folder; an empty one where there is none, or one that cannot be read."""
+    """Read the manifest of a folder; empty if it is missing or unreadable."""
     try:
         document = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         files = {str(name): str(digest) for name, digest in document["files"].items()}
@@ -77,7 +77,7 @@ def _leads_out(path: PurePosixPath) -> bool:
 
 
 def source_of(capture: Path) -> str:
-    """What tells captures of one name apart: a digest of where they lie, which says nothing of the place itself."""
+    """Digest of a capture's path, which tells captures of the same name apart without revealing the path."""
     return hashlib.sha256(os.path.normcase(capture.resolve()).encode("utf-8", "surrogateescape")).hexdigest()[:16]
 
 
@@ -91,5 +91,5 @@ def digest_of(path: Path) -> str:
 
 
 def files_below(folder: Path) -> list[str]:
-    """The paths of all files below a folder, relative to it, with forward slashes, sorted."""
+    """Paths of all files below a folder, relative to it, with forward slashes, sorted."""
     return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if not path.is_dir())

@@ -1,5 +1,5 @@
-"""How much memory a file may ask for. A few bytes of it can state or unpack to any amount, so what it needs is known
-and compared before it is allocated.
+"""A bound on the memory that reading a file may take. A few bytes can state or unpack to any amount, so readers check
+before they allocate.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ from pocketgs.errors import PocketGSError
 MB = 1_000_000
 DEFAULT_MB = 3000
 JSON_BYTES = 30
-"""Memory for each byte of JSON at most: three characters can state an empty object."""
+"""Upper bound of the memory per byte of JSON: three characters can state an empty object."""
 
 _most_bytes = DEFAULT_MB * MB
 
 
 @contextmanager
 def memory_bound(megabytes: int) -> Iterator[None]:
-    """Bound what reading may take while the block runs, in all threads: memory is the process's.
+    """Bound the memory that reading may take while the block runs, in all threads.
 
     Args:
         megabytes: of 10^6 bytes.
 
     Raises:
-        PocketGSError: there are none.
+        PocketGSError: the bound is less than 1 MB.
     """
     if megabytes < 1:
         raise PocketGSError(f"max memory: found {megabytes}, expected at least 1")
@@ -38,24 +38,24 @@ def memory_bound(megabytes: int) -> Iterator[None]:
 
 
 def require_memory(where: object, needed: float, what: str) -> None:
-    """Refuse what would take more memory than there may be.
+    """Check that reading something stays within the memory bound.
 
     Args:
         where: the file, for the message.
-        needed: bytes that it takes while it is read.
-        what: asks for them, in words, for the message.
+        needed: bytes that reading takes.
+        what: what takes them, for the message.
 
     Raises:
-        PocketGSError: it is more than the bound.
+        PocketGSError: it exceeds the bound.
     """
     if needed > _most_bytes:
         megabytes = -(-needed // MB)
         raise PocketGSError(
             f"{where}: {what} would take {megabytes:,.0f} MB of memory, expected at most {_most_bytes // MB:,} MB: "
-            f"--max-memory {megabytes:.0f} or more would do"
+            f"--max-memory {megabytes:.0f} or more would be enough"
         )
 
 
 def room_for(needed: float, most: int) -> int:
-    """How many things that take so many bytes each fit at the same time: at least 1, at most `most`."""
+    """How many items of `needed` bytes each fit in the bound: at least 1, at most `most`."""
     return int(max(1, min(most, _most_bytes // max(needed, 1))))

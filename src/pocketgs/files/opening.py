@@ -1,7 +1,7 @@
-"""The one way in which a capture's files are opened: from inside its folder, and no more than memory holds.
+"""Opening a capture's files: only inside the capture's folder, and within the memory bound.
 
-A capture is often somebody else's download. What its files name must not reach the rest of the disk, also not through
-a symbolic link that is put in a file's place after the capture was listed; so each file is looked at when it is opened.
+A capture is often downloaded. The files that it names must not reach the rest of the disk, not even through a symbolic
+link that replaces a file after the capture was listed; so each file is checked when it is opened.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _folder: ContextVar[Path | None] = ContextVar("folder", default=None)
 
 
 def folder_of(capture: Path) -> Path | None:
-    """The folder that a capture's files may not leave; None for an archive, whose files lie in it."""
+    """The folder that a capture's files must lie in; None for an archive, which contains its files."""
     if capture.is_dir():
         return capture
     return capture.parent if capture.suffix.lower() == ".json" else None
@@ -32,7 +32,7 @@ def folder_of(capture: Path) -> Path | None:
 
 @contextmanager
 def reading_inside(folder: Path | None) -> Iterator[None]:
-    """While the block runs, what this thread opens here must lie inside a folder; None for wherever it lies."""
+    """Restrict what this thread opens while the block runs to a folder; None lifts the restriction."""
     before = _folder.set(None if folder is None else folder.resolve())
     try:
         yield
@@ -41,17 +41,17 @@ def reading_inside(folder: Path | None) -> Iterator[None]:
 
 
 def checked(path: Path) -> Path:
-    """A file for a library that opens files by name itself.
+    """Check a path that a library will open by name.
 
     Raises:
-        PocketGSError: it lies outside of the folder that is being read, or is no regular file.
+        PocketGSError: it lies outside the folder that is being read, or is not a regular file.
     """
     folder = _folder.get()
     if folder is None:
         return path
     try:
         is_inside = path.resolve().is_relative_to(folder)
-    except (OSError, RuntimeError) as error:  # links that lead in circles
+    except (OSError, RuntimeError) as error:  # circular links
         raise PocketGSError(f"{path}: cannot be opened ({error})") from error
     if not is_inside:
         raise PocketGSError(f"{path}: lies outside the capture's folder {folder}, expected a file inside it")
@@ -60,10 +60,10 @@ def checked(path: Path) -> Path:
 
 @contextmanager
 def open_file(path: CaptureFile) -> Iterator[BinaryIO]:
-    """A file of a capture, to be read.
+    """Open a file of a capture for reading.
 
     Raises:
-        PocketGSError: it lies outside of the folder that is being read.
+        PocketGSError: it lies outside the folder that is being read.
         OSError: it cannot be opened.
     """
     if isinstance(path, zipfile.Path):
@@ -71,17 +71,17 @@ def open_file(path: CaptureFile) -> Iterator[BinaryIO]:
             yield cast(BinaryIO, member)
         return
     with checked(path).open("rb") as file:
-        # The name may have come to mean another file between the look at it and its opening.
+        # The path may have been replaced between the check and the opening.
         if _folder.get() is not None and not os.path.samestat(os.fstat(file.fileno()), checked(path).stat()):
             raise PocketGSError(f"{path}: was replaced while it was being opened")
         yield file
 
 
 def read_bytes(path: CaptureFile) -> bytes:
-    """All of a file of a capture.
+    """Read a whole file of a capture.
 
     Raises:
-        PocketGSError: it lies outside of the folder that is being read, or needs more memory than there may be.
+        PocketGSError: it lies outside the folder that is being read, or exceeds the memory bound.
         OSError: it cannot be read.
     """
     with open_file(path) as file:
@@ -94,10 +94,10 @@ def read_bytes(path: CaptureFile) -> bytes:
 
 
 def open_in_place(path: Path) -> BinaryIO:
-    """A file at its real path, as `Path.resolve` gave it: refused where a link stands in its way by now.
+    """Open a file at its real path, as `Path.resolve` returned it; fail if a link has replaced it since.
 
     Raises:
-        OSError: it cannot be opened, or has been replaced by what leads elsewhere.
+        OSError: it cannot be opened, or leads elsewhere now.
     """
     file = path.open("rb")
     if path.resolve() != path or not os.path.samestat(os.fstat(file.fileno()), path.stat()):

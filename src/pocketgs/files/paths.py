@@ -1,4 +1,4 @@
-"""Files that a capture names: they must lie inside the capture's own folder."""
+"""Paths of a capture's files, which must lie inside the capture's folder."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from typing import TypeAlias
 from pocketgs.errors import PocketGSError, short
 
 CaptureFile: TypeAlias = Path | zipfile.Path
-"""A file of a capture: on disk, or inside an archive, which is then read without unpacking it."""
+"""A file of a capture, on disk or inside an archive that is read without unpacking."""
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".mpo", ".heic", ".heif", ".tif", ".tiff", ".webp", ".bmp"})
 
 OTHER_PICTURES = ("mask", "depth", "conf", "normal", "seg", "label", "thumb", "preview", "held_out", ".", "__")
-"""How the names of folders begin whose pictures may bear photographs' names and are none."""
+"""Prefixes of folders whose images share photographs' names but are not photographs."""
 
 
 def inside(folder: Path, name: str, named_in: str) -> Path:
     """The path of `name` inside `folder`, whether or not it exists.
 
-    A capture is often somebody else's download, so what its files name may not reach the rest of the disk.
+    A capture is often downloaded, so the files that it names must not reach the rest of the disk.
 
     Args:
         folder: the capture's folder.
-        name: a relative path as the capture states it, with `/` between its parts.
-        named_in: where it is stated, for error messages.
+        name: a relative path as the capture states it, with `/` as the separator.
+        named_in: the file that states it, for error messages.
 
     Raises:
-        PocketGSError: the path is absolute or leaves the folder, by `..` or by a symbolic link.
+        PocketGSError: the path is absolute, or leaves the folder by `..` or a symbolic link.
     """
     try:
         path = Path(os.path.normpath(folder / name))
@@ -47,7 +47,7 @@ def inside(folder: Path, name: str, named_in: str) -> Path:
 
 
 def existing_file(folder: Path, name: str, named_in: str, suffixes: tuple[str, ...] = ("",)) -> Path | None:
-    """The first of `name` + suffix that is a file inside `folder`, or None.
+    """The first `name` + suffix that is a file inside `folder`, or None.
 
     Raises:
         PocketGSError: as `inside`.
@@ -64,7 +64,7 @@ def existing_file(folder: Path, name: str, named_in: str, suffixes: tuple[str, .
 
 
 def relative_name(path: Path, folder: Path) -> str:
-    """The frame name of an image file: its path inside the capture's folder, with `/` between its parts."""
+    """Frame name of an image file: its path inside the capture's folder, with `/` as the separator."""
     return Path(os.path.relpath(path, folder)).as_posix()
 
 
@@ -80,10 +80,10 @@ def list_images(folder: Path) -> list[Path]:
 
 
 def is_image(path: Path) -> bool:
-    """Whether a path is a file with an image's suffix, and none of the hidden ones that macOS puts beside others."""
+    """Whether a path is an image file by its suffix, and not one of the hidden files that macOS adds."""
     return path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".") and path.is_file()
 
 
 def is_folder_of_photographs(path: Path) -> bool:
-    """Whether a path is a folder whose images are photographs, as far as its name tells."""
+    """Whether a folder holds photographs, judging by its name."""
     return path.is_dir() and not path.name.lower().startswith(OTHER_PICTURES)

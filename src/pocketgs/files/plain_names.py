@@ -6,17 +6,17 @@ import re
 from collections.abc import Iterable
 from pathlib import PurePosixPath
 
-LONGEST_NAME = 50
+MAX_NAME_LENGTH = 50
 
 
 def plain_names(frames: Iterable[str]) -> list[str]:
-    """Frames' names as plain file names without suffix, no two alike even where upper and lower case are the same."""
+    """Plain, unique file names without suffix for frames, also where the file system ignores case."""
     names: list[str] = []
     taken: set[str] = set()
     for frame in frames:
         stem = re.sub(r"[^\w-]+", "_", str(PurePosixPath(frame).with_suffix(""))).strip("_")
-        # File systems take names of 255 bytes, and a letter may need four; a name's end says most.
-        stem = name = stem[-LONGEST_NAME:] or "frame"
+        # File systems allow 255 bytes, and a character may take four. The end of a name says most.
+        stem = name = stem[-MAX_NAME_LENGTH:] or "frame"
         number = 1
         while name.casefold() in taken:
             number += 1

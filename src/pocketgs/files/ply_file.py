@@ -1,4 +1,4 @@
-"""Reading the elements of a .ply file, whatever they stand for."""
+"""Reading the elements of a .ply file."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from plyfile import PlyData
 from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.opening import checked
 
-LARGEST_HEADER = 1 << 20
+MAX_HEADER_BYTES = 1 << 20
 
 
 def read_vertices(path: Path) -> np.ndarray:
-    """(N,) structured array of the properties of a .ply file's vertices; lists stand in it as objects.
+    """(N,) structured array of the vertices of a .ply file; list properties become objects.
 
     Raises:
         PocketGSError: the file is missing, broken, or has no vertices.
@@ -27,7 +27,7 @@ def read_vertices(path: Path) -> np.ndarray:
 
 
 def read_elements(path: Path) -> dict[str, np.ndarray]:
-    """A .ply file's elements by name, each an (N,) structured array of its properties; lists stand in it as objects.
+    """Elements of a .ply file by name, each an (N,) structured array; list properties become objects.
 
     Raises:
         PocketGSError: the file is missing or broken.
@@ -39,28 +39,28 @@ def read_elements(path: Path) -> dict[str, np.ndarray]:
         return {element.name: element.data for element in PlyData.read(str(path)).elements}
     except PocketGSError:
         raise
-    except Exception as error:  # plyfile raises whatever its parser stumbles over
+    except Exception as error:  # plyfile raises all kinds of errors
         raise PocketGSError(f"{path}: not a readable .ply ({clipped(error)})") from error
 
 
 def _check_size(path: Path) -> None:
-    """Refuse a header that states more than its file can hold, as plyfile makes room before it reads lists or text.
+    """Refuse a header that states more than the file holds: plyfile allocates before it reads lists or text.
 
     Raises:
-        PocketGSError: it does, or has no end.
+        PocketGSError: the file is shorter than its header states, or the header has no end.
     """
     with path.open("rb") as file:
-        header, end, _ = file.read(LARGEST_HEADER).partition(b"end_header")
+        header, end, _ = file.read(MAX_HEADER_BYTES).partition(b"end_header")
         size = file.seek(0, os.SEEK_END)
     if not end:
-        raise PocketGSError(f"{path}: not a .ply: no end_header in its first {LARGEST_HEADER} bytes")
+        raise PocketGSError(f"{path}: not a .ply: no end_header in its first {MAX_HEADER_BYTES} bytes")
     elements: list[list[int]] = []
     for words in map(bytes.split, header.splitlines()):
         if words[:1] == [b"element"]:
             elements.append([max(int(words[2]), 0), 0])
         elif words[:1] == [b"property"]:
             elements[-1][1] += 1
-    # A row takes at least a byte for each of its properties.
+    # A row takes at least one byte per property.
     least_bytes = sum(rows * max(properties, 1) for rows, properties in elements)
     if least_bytes > size:
         raise PocketGSError(f"{path}: cut short: {size} bytes, but its header states at least {least_bytes}")

@@ -1,4 +1,4 @@
-"""The pinhole camera: intrinsics in pixels and a rigid pose."""
+"""The camera: intrinsics in pixels, a lens and a rigid pose."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pocketgs.errors import PocketGSError, short
+from pocketgs.geometry import lens as lenses
+from pocketgs.geometry.lens import PINHOLE, Lens
 
 LARGEST_SIDE = 2**24
 """No photograph is larger; the product of two such sides is still a number of pixels that can be counted."""
@@ -14,15 +16,16 @@ LARGEST_SIDE = 2**24
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera in OpenCV axes (x right, y down, z forward).
+    """A camera in OpenCV axes (x right, y down, z forward).
 
-    A world point X lands at pixel (fx·x/z + cx, fy·y/z + cy) with (x, y, z, 1) = world_to_camera @ (X, 1).
-    The centre of the top left pixel is at (0.5, 0.5).
+    A world point X lands at pixel (fx·u + cx, fy·v + cy), where the lens shows (x, y, z, 1) = world_to_camera @ (X, 1)
+    at (u, v): a pinhole at (x/z, y/z). The centre of the top left pixel is at (0.5, 0.5).
 
     Attributes:
         width, height: image size in pixels.
         fx, fy, cx, cy: focal lengths and principal point in pixels of that image.
         world_to_camera: (4, 4) float64 rigid transform.
+        lens: what it is seen through; see `pocketgs.geometry.lens`.
 
     Raises:
         PocketGSError: a size is no whole number from 1 to LARGEST_SIDE, a focal length is not positive, a number is
@@ -36,6 +39,7 @@ class Camera:
     cx: float
     cy: float
     world_to_camera: np.ndarray
+    lens: Lens = PINHOLE
 
     def __post_init__(self) -> None:
         try:
@@ -56,6 +60,13 @@ class Camera:
         rotation = pose[:3, :3]
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
             raise PocketGSError("camera: the pose's upper left 3x3 block is not a rotation")
+        if not isinstance(self.lens, Lens):
+            raise PocketGSError(f"camera: lens is {type(self.lens).__name__}, expected a Lens")
+
+    @property
+    def is_pinhole(self) -> bool:
+        """Whether the lens shows what a pinhole would."""
+        return not self.lens.distorts
 
     @property
     def camera_to_world(self) -> np.ndarray:
@@ -105,20 +116,35 @@ class Camera:
             points: (N, 3).
 
         Returns:
-            (N, 2) pixel coordinates and (N,) depths along the optical axis. Pixels of points at depth <= 0 mean
-            nothing: look at the depths first.
+            (N, 2) pixel coordinates and (N,) depths, as `depths` gives them. Pixels of points at depth <= 0 mean
+            nothing: look at the depths first. Points that a lens does not show have depth 0.
         """
         local = points @ self.world_to_camera[:3, :3].T + self.world_to_camera[:3, 3]
+        if not self.is_pinhole:
+            seen = lenses.shown(self.lens, local)
+            ahead = np.where(seen[:, None], local, (0.0, 0.0, 1.0))
+            pixels = lenses.project(self.lens, ahead) * (self.fx, self.fy) + (self.cx, self.cy)
+            return pixels, np.where(seen, lenses.depths(self.lens, local), 0.0)
         depth = local[:, 2]
         safe = np.where(np.abs(depth) > 1e-12, depth, 1e-12)
         pixels = np.stack([self.fx * local[:, 0] / safe + self.cx, self.fy * local[:, 1] / safe + self.cy], axis=1)
         return pixels, depth
 
+    def depths(self, points: np.ndarray) -> np.ndarray:
+        """(N,) depths of (N, 3) world points: along the optical axis, or, through a fisheye, from the camera."""
+        if self.lens.model == "fisheye":
+            return np.asarray(np.linalg.norm(points - self.centre.astype(points.dtype), axis=1))
+        return np.asarray((points @ self.forward[:, None])[:, 0] + self.world_to_camera[2, 3])
+
     def rays(self, pixels: np.ndarray) -> np.ndarray:
-        """(N, 3) directions in the world through (N, 2) pixel coordinates, of length 1 along the optical axis."""
+        """(N, 3) directions in the world that are seen at (N, 2) pixel coordinates.
+
+        They have length 1 along the optical axis, or, through a fisheye, length 1: the camera's centre plus a ray times
+        a depth is a point. An orthographic camera's rays are parallel, and begin beside its centre.
+        """
         x = (pixels[:, 0] - self.cx) / self.fx
         y = (pixels[:, 1] - self.cy) / self.fy
-        return np.stack([x, y, np.ones(len(pixels))], axis=1) @ self.world_to_camera[:3, :3]
+        return lenses.unproject(self.lens, np.stack([x, y], axis=1)) @ self.world_to_camera[:3, :3]
 
 
 def look_at(eye: np.ndarray, target: np.ndarray, up: np.ndarray) -> np.ndarray:

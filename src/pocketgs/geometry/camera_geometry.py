@@ -1,4 +1,4 @@
-"""What a set of cameras says about the scene: where they look, and which way is up."""
+"""What a set of cameras tells about the scene: its centre, and the up direction."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.up_direction import up_direction
 
-# Optical axes that all lie within about 1.8 degrees of each other (sin² below this) say nothing about distance.
-LEAST_CONVERGENCE = 1e-3
+# Optical axes within about 1.8 degrees of each other (sin² below this) do not determine a distance.
+MIN_CONVERGENCE = 1e-3
 GUESSED_DISTANCE = 4.0
 
 
 def focus_point(cameras: Sequence[Camera]) -> np.ndarray:
-    """(3,) the point nearest to all optical axes, in the least squares sense.
+    """(3,) point nearest to all optical axes in the least squares sense.
 
-    Where the axes are parallel, or there is one camera, its distance is not determined: it is then put before the
-    cameras' mean centre at four times their root mean square distance from it (at 1 for cameras in one place). Axes
-    that meet behind a camera still count: see `looks_at`.
+    If the axes are parallel, or there is only one camera, the distance is undetermined: the point is then placed in
+    front of the cameras' mean centre at four times their RMS distance from it (at 1 for cameras in one place). Axes
+    that meet behind a camera also count: see `looks_at`.
 
     Raises:
         PocketGSError: there are no cameras.
@@ -34,23 +34,23 @@ def focus_point(cameras: Sequence[Camera]) -> np.ndarray:
     guess = centre + mean_direction(forwards) * (GUESSED_DISTANCE * spread if spread > 0 else 1.0)
     across = np.eye(3) - forwards[:, :, None] * forwards[:, None, :]
     residual = np.einsum("nij,nj->i", across, centres - guess) / len(cameras)
-    step, *_ = np.linalg.lstsq(across.mean(axis=0), residual, rcond=LEAST_CONVERGENCE)
+    step, *_ = np.linalg.lstsq(across.mean(axis=0), residual, rcond=MIN_CONVERGENCE)
     return guess + step
 
 
 def looks_at(cameras: Sequence[Camera], point: np.ndarray) -> bool:
-    """Whether the point lies in front of more than half of the cameras; not so if they look outwards from it."""
+    """Whether the point lies in front of more than half of the cameras; false if they face outwards from it."""
     in_front = [camera.forward @ (point - camera.centre) > 0 for camera in cameras]
     return 2 * sum(in_front) > len(in_front)
 
 
 def upward(cameras: Sequence[Camera]) -> np.ndarray:
-    """(3,) the direction that is up in the world, see `up_direction`."""
+    """(3,) up direction of the world, see `up_direction`."""
     return up_direction(np.array([camera.world_to_camera[:3, :3] for camera in cameras]))
 
 
 def mean_direction(directions: np.ndarray) -> np.ndarray:
-    """(3,) unit mean of (N, 3) unit directions; the first of them where they cancel out."""
+    """(3,) normalised mean of (N, 3) unit directions; the first of them if they cancel out."""
     mean = directions.mean(axis=0)
     length = float(np.linalg.norm(mean))
     return mean / length if length > 1e-9 else directions[0]

@@ -1,4 +1,4 @@
-"""Camera paths that show a scene: an orbit made from a capture's cameras, and smooth paths through given ones."""
+"""Camera paths for renderings: an orbit around a capture, and smooth paths through given cameras."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.geometry.camera_geometry import focus_point, looks_at, upward
 
 SURROUNDED_BELOW_GAP = np.radians(120)
-SMALLEST_SWAY = np.radians(2)
+MIN_SWAY = np.radians(2)
 WRAPPED_KEYS = 3
 
 
 def orbit(cameras: Sequence[Camera], count: int, focus: np.ndarray | None = None) -> list[Camera]:
-    """Make a closed camera path around what a capture looks at.
+    """Make a closed camera path around the subject of a capture.
 
     Positions are given by azimuth and elevation about the focus, at the cameras' mean distance from it:
 
     - if the cameras surround the focus (no gap of 120 degrees or more between neighbouring azimuths), a full circle at
       their mean elevation;
-    - if they face one way, a gentle ellipse about their mean direction, as wide and as high as they are spread (at
-      least 2 degrees, so that a single camera sways a little);
-    - if they look outwards, so that there is nothing to go around, the path through the cameras themselves.
+    - if they face one way, an ellipse about their mean direction, as wide and as high as they are spread (at least 2
+      degrees, so that a single camera also moves);
+    - if they look outwards, so that there is no subject to circle, the path through the cameras themselves.
 
     Args:
         cameras: the capture's, in any order (in capture order for the last case).
@@ -62,14 +62,14 @@ def orbit(cameras: Sequence[Camera], count: int, focus: np.ndarray | None = None
 
 
 def path(cameras: Sequence[Camera], count: int, closed: bool = False) -> list[Camera]:
-    """Make a smooth camera path through given cameras, the same number of steps from each to the next.
+    """Make a smooth camera path through given cameras, with the same number of steps between each two.
 
-    Positions follow a cubic spline and orientations a rotation spline, both with continuous speed.
+    Positions follow a cubic spline and orientations a rotation spline, both with continuous velocity.
 
     Args:
-        cameras: one or more, in order; one gives a path that stands still.
+        cameras: one or more, in order; a path through one stands still.
         count: how many cameras to make.
-        closed: whether to return to the first camera. An open path ends on the last one; of a closed one, the camera
+        closed: whether to return to the first camera. An open path ends at the last one; on a closed one, the camera
             after the last would be the first again.
 
     Returns:
@@ -82,7 +82,7 @@ def path(cameras: Sequence[Camera], count: int, closed: bool = False) -> list[Ca
     if len(cameras) == 1:
         return [cameras[0]] * count
     keys = np.arange(-WRAPPED_KEYS, len(cameras) + WRAPPED_KEYS + 1) if closed else np.arange(len(cameras))
-    # A closed path runs on beyond its seam at either end, so that its speed there is that of the turns before.
+    # A closed path is extended beyond its seam at both ends, so that its velocity is continuous there.
     key_poses = np.array([cameras[key % len(cameras)].camera_to_world for key in keys])
     times = np.linspace(0, len(cameras), count, endpoint=False) if closed else np.linspace(0, len(cameras) - 1, count)
     centres = CubicSpline(keys, key_poses[:, :3, 3])(times)
@@ -94,7 +94,7 @@ def path(cameras: Sequence[Camera], count: int, closed: bool = False) -> list[Ca
 
 
 def _frame_about(cameras: Sequence[Camera], target: np.ndarray) -> np.ndarray:
-    """(3, 3) axes in rows: towards the cameras, sideways, up. The cut in azimuth, at π, lies behind the target."""
+    """(3, 3) axes in rows: towards the cameras, sideways, up. Azimuth jumps at π, behind the target."""
     up = upward(cameras)
     towards = np.mean([camera.centre for camera in cameras], axis=0) - target
     flat = towards - (towards @ up) * up
@@ -111,8 +111,8 @@ def _largest_gap(angles: np.ndarray) -> float:
 
 
 def _sway(angles: np.ndarray) -> float:
-    """Amplitude of the sine that spreads as the angles do."""
-    return max(float(np.sqrt(2) * np.std(angles)), SMALLEST_SWAY)
+    """Amplitude of a sine with the same spread as the angles."""
+    return max(float(np.sqrt(2) * np.std(angles)), MIN_SWAY)
 
 
 def _world_to_camera(rotation: np.ndarray, centre: np.ndarray) -> np.ndarray:

@@ -1,15 +1,15 @@
-"""Quaternions: their rotations, and the packing that leaves out the largest of the four components."""
+"""Quaternions: conversion to rotations, products, and compression by dropping the largest component."""
 
 from __future__ import annotations
 
 import numpy as np
 
-LARGEST_OTHER = np.sqrt(0.5)
-"""No component but the largest of a unit quaternion can exceed this."""
+MAX_OTHER = np.sqrt(0.5)
+"""Bound of all components of a unit quaternion except the largest."""
 
 
 def unit(quaternions: np.ndarray) -> np.ndarray:
-    """(N, 4) float64 quaternions of length 1; those of length 0 become no rotation at all, (1, 0, 0, 0)."""
+    """(N, 4) float64 normalised quaternions; those of length 0 become the identity (1, 0, 0, 0)."""
     largest = np.abs(quaternions).max(axis=1, keepdims=True).astype(np.float64)
     whole = np.where(largest > 0, quaternions, np.eye(4)[0])
     scaled = whole / np.where(largest > 0, largest, 1.0)
@@ -17,7 +17,7 @@ def unit(quaternions: np.ndarray) -> np.ndarray:
 
 
 def rotation_matrices(quaternions: np.ndarray) -> np.ndarray:
-    """(N, 3, 3) rotations of (N, 4) quaternions w, x, y, z, normalised here; NaN where they cannot be."""
+    """(N, 3, 3) rotation matrices of (N, 4) quaternions w, x, y, z, normalised here; NaN where they cannot be."""
     with np.errstate(all="ignore"):
         w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
     rows = [
@@ -29,7 +29,7 @@ def rotation_matrices(quaternions: np.ndarray) -> np.ndarray:
 
 
 def composed(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(..., 4) the rotations `second` followed by the rotations `first`: their product, w before x, y and z."""
+    """(..., 4) product of quaternions w, x, y, z: rotates by `second`, then by `first`."""
     w, v = first[..., :1], first[..., 1:]
     other_w, other_v = second[..., :1], second[..., 1:]
     real = w * other_w - np.sum(v * other_v, axis=-1, keepdims=True)
@@ -37,13 +37,13 @@ def composed(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def drop_largest(quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Leave out each quaternion's largest component, having made it positive: the length of 1 gives it back.
+    """Drop each quaternion's largest component after making it positive; the unit length determines it.
 
     Args:
         quaternions: (N, 4) of length 1, in any order of components.
 
     Returns:
-        (N,) which component was left out, and (N, 3) the others in their order.
+        (N,) index of the dropped component, and (N, 3) the others in order.
     """
     largest = np.abs(quaternions).argmax(axis=1)
     signs = np.where(np.take_along_axis(quaternions, largest[:, None], axis=1) < 0, -1.0, 1.0)
@@ -51,7 +51,7 @@ def drop_largest(quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def restore_largest(largest: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(N, 4) the quaternions of which `drop_largest` gave these parts."""
+    """(N, 4) quaternions from the output of `drop_largest`."""
     quaternions = np.empty((len(others), 4))
     np.put_along_axis(quaternions, _others(largest), others, axis=1)
     left = np.sqrt(np.clip(1.0 - np.sum(others**2, axis=1), 0.0, None))
@@ -60,6 +60,6 @@ def restore_largest(largest: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 
 def _others(largest: np.ndarray) -> np.ndarray:
-    """(N, 3) the three indices out of 0 to 3 that are not `largest`, in order."""
+    """(N, 3) the three indices from 0 to 3 other than `largest`, in order."""
     table = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
     return table[largest]

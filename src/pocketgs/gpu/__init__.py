@@ -1,4 +1,4 @@
-"""Compute shaders on a GPU: devices, linked WGSL, passes as data and what runs them, sorts and running sums.
+"""General WebGPU compute: devices, WGSL linking, passes as data and their executor, sorts and scans.
 
-Nothing here knows what a splat is. The `.js` files are the same host for a browser.
+Nothing here is about splats. The `.js` files are the same host for a browser.
 """

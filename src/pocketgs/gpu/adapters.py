@@ -1,4 +1,4 @@
-"""Which GPUs there are, and what they lack."""
+"""The GPUs of this machine, and the features that they lack."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _DEVICE_FILES = ("dri/renderD*", "nvidia[0-9]*", "dxg", "kgsl*", "mali*", "nvhos
 
 BUFFER_LIMITS = ("max-buffer-size", "max-storage-buffer-binding-size")
 TIMESTAMPS = "timestamp-query"
-"""Optional feature: the device measures when passes begin and end."""
+"""Optional feature: timestamps at the start and end of passes."""
 
 NEEDED = {
     "max-storage-buffers-per-shader-stage": 8,
@@ -30,21 +30,21 @@ NEEDED = {
     "max-compute-workgroup-size-x": THREADS,
     "max-compute-workgroups-per-dimension": LONGEST_ROW,
 }
-"""What the passes need of a device: no more than every WebGPU device must offer."""
+"""Device limits that the passes need: no more than WebGPU guarantees."""
 
 
 @dataclass(frozen=True)
 class Adapter:
-    """A device that WebGPU can open.
+    """A GPU that WebGPU can open.
 
     Attributes:
         name: of the device.
         kind: "DiscreteGPU", "IntegratedGPU", "VirtualGPU", "CPU" or "Unknown".
         backend: "Vulkan", "Metal" or "D3D12".
-        driver: its version, in the driver's words.
+        driver: version string of the driver.
         features: names of optional features.
         limits: by name.
-        handle: wgpu's object.
+        handle: the wgpu adapter.
     """
 
     name: str
@@ -57,24 +57,24 @@ class Adapter:
 
     @property
     def is_software(self) -> bool:
-        """Whether the CPU does the work."""
+        """Whether it runs on the CPU."""
         return self.kind == "CPU" or any(name in self.name.lower() for name in _SOFTWARE)
 
     def lacks(self) -> list[str]:
-        """What it lacks of what the passes need, in words."""
+        """The limits that fall short of what the passes need, as text."""
         found = {name: self.limits.get(name, 0) for name in NEEDED}
         return [f"{name} {found[name]} (expected {least})" for name, least in NEEDED.items() if found[name] < least]
 
 
 @cache
 def adapters() -> tuple[Adapter, ...]:
-    """All devices, the best first; none where there is no driver or wgpu cannot be loaded."""
+    """All GPUs, best first; empty if there is no driver or wgpu cannot be loaded."""
     try:
         import wgpu
         from wgpu.backends.wgpu_native.extras import set_instance_extras
     except (ImportError, OSError):
         return ()
-    # OpenGL's compute shaders lack what the passes need, and looking for them writes to the terminal.
+    # OpenGL lacks what the passes need, and probing it prints to the terminal.
     set_instance_extras(backends=["Vulkan", "Metal", "DX12"])
     try:
         with _without_complaints_about_displays():
@@ -86,7 +86,7 @@ def adapters() -> tuple[Adapter, ...]:
 
 @contextmanager
 def _without_complaints_about_displays() -> Iterator[None]:
-    """On machines without a screen, Wayland's library writes to the terminal that this variable is not set."""
+    """Silence Wayland's library, which prints an error on machines without a screen if this variable is not set."""
     name = "XDG_RUNTIME_DIR"
     if name in os.environ:
         yield
@@ -112,20 +112,20 @@ def _adapter(handle: Any) -> Adapter:
 
 
 def has_gpu() -> bool:
-    """Whether there is a GPU, software adapters aside, that the passes can run on."""
+    """Whether there is a hardware GPU that can run the passes."""
     return _may_have_gpu() and any(not adapter.is_software and not adapter.lacks() for adapter in adapters())
 
 
 def _may_have_gpu() -> bool:
-    """Whether to look: on Linux a GPU has a file in /dev. Loading the drivers takes a third of a second and 70 MB."""
+    """Quick check before loading drivers, which takes 0.3 s and 70 MB: on Linux a GPU has a file in /dev."""
     return sys.platform != "linux" or any(any(Path("/dev").glob(pattern)) for pattern in _DEVICE_FILES)
 
 
 def choose_adapter(name: str | None = None) -> Adapter:
-    """The best adapter that has what the passes need, or the best whose name contains `name`.
+    """The best adapter that can run the passes, or the best whose name contains `name`.
 
     Raises:
-        PocketGSError: there is none, or it lacks something.
+        PocketGSError: there is none, or it lacks a limit.
     """
     wanted = [adapter for adapter in adapters() if name is None or name.lower() in adapter.name.lower()]
     if not wanted:
@@ -134,5 +134,5 @@ def choose_adapter(name: str | None = None) -> Adapter:
         raise PocketGSError(f"engine webgpu: found these devices: {found}; expected {what}, or --engine cpu")
     chosen = next((adapter for adapter in wanted if not adapter.lacks()), wanted[0])
     if missing := chosen.lacks():
-        raise PocketGSError(f"{chosen.name}: {'; '.join(missing)}; --engine cpu does without it")
+        raise PocketGSError(f"{chosen.name}: {'; '.join(missing)}; --engine cpu works without it")
     return chosen

@@ -28,7 +28,7 @@ import { evaluate } from "./sizes.js";
 
 const VERSION = 2;
 
-/** Everything that a host with WebGPU needs to run some sequences of passes. */
+/** Everything that a WebGPU host needs to run some sequences of passes. */
 export class Description {
     /**
      * @param {Object} json from `Description.to_json` in Python
@@ -51,7 +51,7 @@ export class Description {
     }
 
     /**
-     * The given numbers and all that follow from them.
+     * The given numbers and all that are derived from them.
      *
      * @param {Symbols} given
      * @returns {Symbols}
@@ -65,7 +65,7 @@ export class Description {
     }
 
     /**
-     * Bytes of every buffer, a multiple of 4 and never 0, which WebGPU does not allow.
+     * Sizes of all buffers in bytes, multiples of 4 and never 0, which WebGPU does not allow.
      *
      * @param {Symbols} symbols from `symbols`
      * @returns {Object<string, number>}

@@ -1,4 +1,4 @@
-"""Passes as data: what a host needs to run them, and nothing that depends on this one."""
+"""Passes as data: everything that a WebGPU host, in Python or in a browser, needs to run them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pocketgs.gpu.uniforms import UniformLayout
 VERSION = 2
 
 LEAST_BUFFER = 16
-"""Bytes of a buffer that nothing is kept in: WebGPU allows no empty ones."""
+"""Size in bytes of buffers that are not used: WebGPU allows no empty ones."""
 
 
 @dataclass(frozen=True)
@@ -22,13 +22,14 @@ class Pass:
 
     Attributes:
         name: for people; several passes may run one shader.
-        shader: which.
-        groups: number of workgroups, an expression; a host folds it into rows of at most 65,535. None where the GPU
-            counts them: then `indirect` says where.
-        indirect: a buffer and the offset in bytes at which it holds the three sizes of the dispatch.
-        buffers: from the shader's names to the buffers they stand for, where those are not the same.
+        shader: name of the shader.
+        groups: number of workgroups, an expression; the host folds it into rows of at most 65,535. None if the GPU
+            computes
+            it: then `indirect` says where.
+        indirect: a buffer and the byte offset of the dispatch's three sizes in it.
+        buffers: maps the shader's binding names to buffers, where they differ.
         constants: values of the shader's overrides.
-        when: an expression; at 0 the pass is left out.
+        when: an expression; the pass is skipped if it is 0.
     """
 
     name: str
@@ -42,11 +43,11 @@ class Pass:
 
 @dataclass(frozen=True)
 class Sequence:
-    """Passes in their order.
+    """A list of passes.
 
     Attributes:
-        cleared: buffers filled with zeros before the first pass.
-        passes: the passes.
+        cleared: buffers to fill with zeros before the first pass.
+        passes: in order.
     """
 
     cleared: tuple[str, ...]
@@ -55,11 +56,11 @@ class Sequence:
 
 @dataclass(frozen=True)
 class Description:
-    """Everything that a host with WebGPU needs to run some sequences of passes.
+    """Everything that a WebGPU host needs to run some sequences of passes.
 
     Attributes:
-        variants: which implementation each of the shaders' interfaces has.
-        definitions: numbers that follow from the given ones, as expressions; later ones may use earlier ones.
+        variants: the implementation chosen for each shader interface.
+        definitions: numbers derived from the given ones, as expressions; later ones may use earlier ones.
         buffers: sizes in bytes, as expressions.
         uniforms: the layouts of the uniform buffers.
         shaders: by name.
@@ -74,14 +75,14 @@ class Description:
     sequences: Mapping[str, Sequence]
 
     def symbols(self, given: Symbols) -> dict[str, int]:
-        """The given numbers and all that follow from them."""
+        """The given numbers and all that are derived from them."""
         symbols = dict(given)
         for name, expression in self.definitions.items():
             symbols[name] = evaluate(expression, symbols)
         return symbols
 
     def buffers_of(self, sequences: Iterable[str]) -> list[str]:
-        """Names of the buffers that some of the sequences need, the uniform ones aside."""
+        """Names of the buffers that some sequences use, without uniform buffers."""
         named: dict[str, None] = {}
         for sequence in (self.sequences[name] for name in sequences):
             named |= dict.fromkeys(sequence.cleared)
@@ -92,11 +93,11 @@ class Description:
         return [name for name in named if name not in self.uniforms]
 
     def sizes(self, symbols: Symbols, buffers: Iterable[str]) -> dict[str, int]:
-        """Bytes of buffers, never 0, which WebGPU does not allow."""
+        """Sizes of buffers in bytes, never 0, which WebGPU does not allow."""
         return {name: max(evaluate(self.buffers[name], symbols), LEAST_BUFFER) for name in buffers}
 
     def to_json(self) -> dict[str, Any]:
-        """As plain lists and dictionaries: `json.dumps` makes a file of it that `executor.js` can load."""
+        """As plain lists and dictionaries, for `json.dumps`; `executor.js` loads the file."""
         return {
             "version": VERSION,
             "definitions": dict(self.definitions),

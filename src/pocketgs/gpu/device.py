@@ -1,4 +1,4 @@
-"""Opening a GPU: one device for each adapter and set of features, for as long as the process runs."""
+"""Opening a GPU. Devices are shared: one per adapter and set of features in a process."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ _open: dict[tuple[Any, frozenset[str]], Any] = {}
 
 
 def shared_device(adapter: Adapter, features: frozenset[str] = frozenset()) -> Any:
-    """The device of an adapter with these features, opened at the first call.
+    """The shared device of an adapter with these features, opened on first use.
 
     Raises:
-        PocketGSError: the adapter lacks a feature, or the driver refuses.
+        PocketGSError: the adapter lacks a feature, or the driver fails.
     """
     key = (adapter.handle, features)
     if key not in _open:
@@ -23,22 +23,22 @@ def shared_device(adapter: Adapter, features: frozenset[str] = frozenset()) -> A
 
 
 def forget_device(device: Any) -> None:
-    """Open another one next time: this one was lost."""
+    """Drop a lost device, so that the next call opens a new one."""
     for key in [key for key, present in _open.items() if present is device]:
         del _open[key]
 
 
 def open_device(adapter: Adapter, features: frozenset[str] = frozenset()) -> Any:
-    """Open an adapter, with the limits of WebGPU's core but for the size of buffers, which are the adapter's.
+    """Open an adapter with WebGPU's default limits, except buffer sizes, which are the adapter's maximum.
 
-    It measures the time of passes where the adapter can, asked for or not.
+    Timestamps are enabled where the adapter supports them.
 
     Raises:
-        PocketGSError: the adapter lacks a feature, or the driver refuses.
+        PocketGSError: the adapter lacks a feature, or the driver fails.
     """
     if missing := features - adapter.features:
-        raise PocketGSError(f"{adapter.name}: lacks {', '.join(sorted(missing))}, expected options that do without")
-    # What is not asked for by name would be the adapter's own, and passes that need more would go unnoticed.
+        raise PocketGSError(f"{adapter.name}: lacks {', '.join(sorted(missing))}, expected options that do not need it")
+    # Limits not named would default to the adapter's own, and passes that need too much would go unnoticed.
     limits = {**NEEDED, **{name: adapter.limits[name] for name in BUFFER_LIMITS}}
     wanted = sorted(features | ({TIMESTAMPS} & adapter.features))
     try:

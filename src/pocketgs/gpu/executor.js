@@ -1,5 +1,5 @@
 /**
- * Run passes in a browser; the twin of `executor.py`.
+ * Running passes in a browser; the twin of `executor.py`.
  *
  * @module
  */
@@ -13,7 +13,7 @@ import { pack } from "./uniforms.js";
  * @typedef {import("./sizes.js").Symbols} Symbols
  */
 
-/** No dimension of a dispatch may be longer. */
+/** Maximum number of workgroups in one dimension of a dispatch. */
 const LONGEST_ROW = 65_535;
 
 const LAYOUT_TYPES = { uniform: "uniform", read: "read-only-storage", read_write: "storage" };
@@ -43,10 +43,11 @@ export class Executor {
     }
 
     /**
-     * Compile every pipeline, without holding up the page as `submit` does where a pipeline is not compiled yet: at most
-     * as many at a time as leave the page a processor, since the browser shows nothing new while all of them compile.
+     * Compile all pipelines without blocking the page, unlike `submit`, which compiles what is missing. Only as many
+     * compile at a time as leave the page a processor, since the browser shows nothing new while all processors
+     * compile.
      *
-     * @throws {GPUPipelineError} the browser refuses a shader
+     * @throws {GPUPipelineError} the browser rejects a shader
      */
     async prepare() {
         const passes = Object.values(this.description.sequences).flatMap((sequence) => sequence.passes);
@@ -62,7 +63,7 @@ export class Executor {
     }
 
     /**
-     * Make buffers of at least these sizes. A buffer that has to grow loses its content.
+     * Allocate buffers of at least these sizes. A buffer that grows loses its content.
      *
      * @param {Object<string, number>} sizes bytes, from `Description.sizes`
      * @throws {Error} a buffer is larger than the device allows, or the GPU's memory is full
@@ -84,7 +85,7 @@ export class Executor {
     }
 
     /**
-     * A buffer, for passes that are not part of the description. It is another one after it had to grow.
+     * A buffer, for passes that are not part of the description. It is replaced when it grows.
      *
      * @param {string} name
      * @returns {GPUBuffer}
@@ -93,13 +94,13 @@ export class Executor {
         return this.#buffers.get(name);
     }
 
-    /** Free the GPU's memory; nothing can be run afterwards. */
+    /** Free the GPU's memory; the executor cannot be used afterwards. */
     destroy() {
         this.#buffers.forEach((buffer) => buffer.destroy());
     }
 
     /**
-     * Write to a buffer, in order with the sequences submitted.
+     * Write to a buffer, in order with submitted sequences.
      *
      * @param {string} name
      * @param {BufferSource} content
@@ -110,7 +111,7 @@ export class Executor {
     }
 
     /**
-     * Fill in a uniform buffer.
+     * Set a uniform buffer.
      *
      * @param {string} name
      * @param {Object<string, number | ArrayLike<number>>} values see `pack`
@@ -120,7 +121,7 @@ export class Executor {
     }
 
     /**
-     * Read numbers. Waits until all that was submitted is done.
+     * Read numbers. Waits until all submitted work is done.
      *
      * @template {Float32Array | Uint32Array} T
      * @param {string} name
@@ -142,7 +143,7 @@ export class Executor {
     }
 
     /**
-     * Run a sequence, without waiting for it.
+     * Run a sequence without waiting for it.
      *
      * @param {string} name
      * @param {Symbols} symbols from `Description.symbols`
@@ -177,7 +178,7 @@ export class Executor {
         this.#recordings.clear();
     }
 
-    /** Resolve names and sizes once, for all later submissions at this size. */
+    /** Resolve names and sizes, cached per size. */
     #record(sequence, symbols) {
         return sequence.passes
             .filter((pass) => evaluate(pass.when, symbols) && (pass.indirect || evaluate(pass.groups, symbols)))
@@ -225,7 +226,7 @@ export class Executor {
     }
 }
 
-/** The value under a key, made if there is none. */
+/** The value of a key, made on first use. */
 function kept(map, key, make) {
     if (!map.has(key)) {
         map.set(key, make());

@@ -1,4 +1,4 @@
-"""Run passes on a device; `executor.js` does the same in a browser."""
+"""Running passes on a device; `executor.js` does the same in a browser."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from pocketgs.gpu.workgroups import LONGEST_ROW
 
 LARGE_WRITE = 1 << 20
 
-MOST_RECORDED = 64
-"""Sequences whose passes are kept with everything looked up: one for each size of image and amount of data."""
+MAX_RECORDED = 64
+"""Number of recorded sequences to keep: one per image size and amount of data."""
 
 _LAYOUT_TYPES = {
     "uniform": wgpu.BufferBindingType.uniform,
@@ -37,7 +37,7 @@ _Method = TypeVar("_Method", bound=Callable[..., Any])
 
 
 def _with_errors_in_one_line(method: _Method) -> _Method:
-    """Turn what a user can meet with, a lost device or a full one, into errors of ours; the rest are our mistakes."""
+    """Turn errors that users can meet, a lost or a full device, into PocketGSError; other errors are our bugs."""
 
     @wraps(method)
     def wrapped(self: Executor, *given: Any, **named: Any) -> Any:
@@ -77,14 +77,14 @@ class Executor:
         self._times: PassTimes | None = None
 
     def prepare(self) -> None:
-        """Compile every pipeline."""
+        """Compile all pipelines."""
         for sequence in self.description.sequences.values():
             for one in sequence.passes:
                 self._pipeline(one)
 
     @_with_errors_in_one_line
     def reserve(self, sizes: Mapping[str, int]) -> None:
-        """Make buffers of these sizes in bytes. A buffer whose size changes loses its content."""
+        """Allocate buffers of these sizes in bytes. A buffer whose size changes loses its content."""
         for name, size in sizes.items():
             if name not in self._buffers or self._buffers[name].size != size:
                 if name in self._buffers:
@@ -93,38 +93,38 @@ class Executor:
                 self._recordings.clear()
 
     def sizes(self) -> dict[str, int]:
-        """Bytes of every buffer that there is."""
+        """Sizes of all allocated buffers in bytes."""
         return {name: buffer.size for name, buffer in self._buffers.items()}
 
     @_with_errors_in_one_line
     def write(self, name: str, content: np.ndarray, offset: int = 0) -> None:
-        """Write to a buffer from a byte on, in order with the sequences submitted."""
+        """Write to a buffer at a byte offset, in order with submitted sequences."""
         if content.size:
             self.device.queue.write_buffer(self._buffers[name], offset, content.reshape(-1))
             if content.nbytes > LARGE_WRITE:
-                self.device.queue.submit([])  # lets go of the copy that waits for the GPU
+                self.device.queue.submit([])  # releases the staging copy
 
     def write_uniform(self, name: str, values: Mapping[str, ArrayLike]) -> None:
-        """Fill in a uniform buffer."""
+        """Set a uniform buffer."""
         self.write(name, self.description.uniforms[name].pack(values))
 
     @_with_errors_in_one_line
     def copy(self, source: str, target: str, size: int) -> None:
-        """Copy the first `size` bytes of a buffer to another, in order with the sequences submitted."""
+        """Copy the first `size` bytes of a buffer to another, in order with submitted sequences."""
         encoder = self.device.create_command_encoder()
         encoder.copy_buffer_to_buffer(self._buffers[source], 0, self._buffers[target], 0, size)
         self.device.queue.submit([encoder.finish()])
 
     @_with_errors_in_one_line
     def clear(self, name: str) -> None:
-        """Fill a buffer with zeros, in order with the sequences submitted."""
+        """Fill a buffer with zeros, in order with submitted sequences."""
         encoder = self.device.create_command_encoder()
         encoder.clear_buffer(self._buffers[name])
         self.device.queue.submit([encoder.finish()])
 
     @_with_errors_in_one_line
     def read(self, name: str, dtype: type[np.generic], count: int, offset: int = 0) -> np.ndarray:
-        """Read `count` numbers from `offset` (in numbers) on. Waits until all that was submitted is done."""
+        """Read `count` numbers, starting at number `offset`. Waits until all submitted work is done."""
         if count == 0:
             return np.empty(0, dtype)
         size = np.dtype(dtype).itemsize
@@ -133,7 +133,7 @@ class Executor:
 
     @_with_errors_in_one_line
     def submit(self, sequence: str, symbols: Symbols) -> None:
-        """Run a sequence, without waiting for it.
+        """Run a sequence without waiting for it.
 
         Args:
             sequence: its name.
@@ -156,12 +156,12 @@ class Executor:
 
     @property
     def has_timestamps(self) -> bool:
-        """Whether the device itself measures how long passes take; else each is submitted alone and waited for."""
+        """Whether the device has timestamps; otherwise each pass is timed by submitting it alone and waiting."""
         return TIMESTAMPS in self.device.features
 
     @contextmanager
     def timed(self) -> Iterator[PassTimes]:
-        """Measure every pass that is submitted while the block runs, each in a compute pass of its own."""
+        """Time every pass that is submitted while the block runs, each in its own compute pass."""
         self._times = PassTimes()
         try:
             yield self._times
@@ -169,15 +169,15 @@ class Executor:
             self._times = None
 
     def _clear(self, encoder: Any, sequence: str) -> None:
-        """Fill buffers with zeros before a sequence's first pass."""
+        """Fill a sequence's buffers with zeros."""
         for name in self.description.sequences[sequence].cleared:
             encoder.clear_buffer(self._buffers[name])
 
     def _recorded(self, sequence: str, symbols: Symbols) -> list[_Recorded]:
-        """A sequence's passes with names and sizes resolved: once, for all later submissions at this size."""
+        """A sequence's passes with names and sizes resolved, cached per size."""
         key = (sequence, tuple(symbols.items()))
         if key not in self._recordings:
-            if len(self._recordings) == MOST_RECORDED:
+            if len(self._recordings) == MAX_RECORDED:
                 self._recordings.clear()
             self._recordings[key] = self._record(self.description.sequences[sequence], symbols)
         return self._recordings[key]
@@ -229,7 +229,7 @@ class Executor:
 
 
 class _Recorded:
-    """A pass with everything looked up."""
+    """A pass with all its objects resolved."""
 
     def __init__(
         self, name: str, pipeline: Any, bind_group: Any, groups: int | None, indirect: tuple[Any, int] | None
@@ -239,7 +239,7 @@ class _Recorded:
         self._size = (min(groups, LONGEST_ROW), -(-groups // LONGEST_ROW)) if groups else (0, 0)
 
     def dispatch(self, compute: Any) -> None:
-        """Add the pass to a compute pass under way."""
+        """Encode the pass into a compute pass."""
         compute.set_pipeline(self._pipeline)
         compute.set_bind_group(0, self._bind_group)
         if self._indirect:

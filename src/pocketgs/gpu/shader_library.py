@@ -1,11 +1,11 @@
-"""Shaders linked from WGSL files that import each other.
+"""A linker for WGSL files that import each other.
 
-A line `import name, name …` stands for the files of those names in a folder's `common/`. A file may hold more than one
-shader needs: a line `section name` begins a section of it, imported as `file.name`. What stands before the first
-section comes with every one of them.
+A line `import name, name …` is replaced by the files of those names in a folder's `common/`. A file can have several
+sections: a line `section name` starts one, which is imported as `file.name`. The part before the first section comes
+with each of them.
 
-An imported name may be an interface with several implementations, such as `splats.words`: then the chosen variants say
-which section stands for it. Constants that the host must know too are written out at the top of every shader.
+An imported name can be an interface with several implementations, such as `splats.words`: the chosen variants say which
+section to use. Constants that the host also needs are written at the top of every shader.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _BINDING = re.compile(
 
 @dataclass(frozen=True)
 class Binding:
-    """What a shader reads or writes: `name` in the shader, and how."""
+    """A binding of a shader: its `name` and access."""
 
     name: str
     access: Access
@@ -43,14 +43,14 @@ class Binding:
 
 @dataclass(frozen=True)
 class Shader:
-    """A shader, complete.
+    """A linked shader.
 
     Attributes:
         name: of its file.
         source: WGSL without enable directives.
-        extensions: of WGSL that it needs. Browsers want them enabled by name; wgpu offers them unasked, and refuses the
-            directives.
-        bindings: by their numbers in group 0.
+        extensions: WGSL extensions that it needs. Browsers require an enable directive for each; wgpu enables them
+            itself and rejects the directives.
+        bindings: of group 0, by number.
     """
 
     name: str
@@ -60,11 +60,11 @@ class Shader:
 
 
 class ShaderLibrary:
-    """The shaders of a folder, and the general ones of this package.
+    """The shaders of a folder, with this package's general ones.
 
     Args:
-        folder: of `.wgsl` files, a shader each; what they import is in its `common/` or this package's.
-        constants: by name: u32, f32, or arrays of f32; those of `workgroups` come with them.
+        folder: of `.wgsl` files, one per shader; imports are looked up in its `common/` and in this package's.
+        constants: by name: u32, f32, or arrays of f32; those of `workgroups` are added.
     """
 
     def __init__(self, folder: Path, constants: Mapping[str, Constant]) -> None:
@@ -72,14 +72,14 @@ class ShaderLibrary:
         self._constants = "".join(_declaration(*item) for item in {**CONSTANTS, **constants}.items())
 
     def link(self, name: str, variants: Mapping[str, str]) -> Shader:
-        """Put a shader together.
+        """Link a shader.
 
         Args:
             name: of its file.
             variants: from interfaces to the sections that implement them.
 
         Raises:
-            ValueError: a file or section is missing, or bindings are not numbered from 0 on.
+            ValueError: a file or section is missing, or bindings are not numbered from 0.
         """
         if name not in self._shaders:
             raise ValueError(f"shader {name!r}: not found, expected one of {', '.join(self._shaders)}")
@@ -92,7 +92,7 @@ class ShaderLibrary:
 
     @cached_property
     def sections(self) -> dict[str, str]:
-        """What can be imported, by name: the beginnings of files, and their sections."""
+        """All importable texts by name: files up to their first section, and sections."""
         sections = {}
         for file, text in _texts(folder / "common" for folder in self._folders).items():
             sections[file], *parts = _SECTION.split(text)
@@ -104,7 +104,7 @@ class ShaderLibrary:
         return _texts(self._folders)
 
     def _collect(self, text: str, variants: Mapping[str, str], parts: dict[str, str]) -> None:
-        """Add what a text imports to `parts`, in order of need, each once."""
+        """Add the imports of a text to `parts`, dependencies first, each once."""
         for line in _IMPORT.findall(text):
             for imported in line.split(", "):
                 section = variants.get(imported, imported)
@@ -120,7 +120,7 @@ class ShaderLibrary:
 
 
 def _texts(folders: Iterable[Path]) -> dict[str, str]:
-    """The `.wgsl` files of folders, by name without suffix."""
+    """The `.wgsl` files of some folders, by name without suffix."""
     paths = [path for folder in folders for path in sorted(folder.glob("*.wgsl"))]
     return {path.stem: path.read_text(encoding="utf-8") for path in paths}
 
@@ -133,7 +133,7 @@ def _without_directives(text: str) -> str:
 def _bindings(name: str, source: str) -> tuple[Binding, ...]:
     found = {int(match["number"]): match for match in _BINDING.finditer(source)}
     if sorted(found) != list(range(len(found))):
-        raise ValueError(f"shader {name!r}: found bindings {sorted(found)}, expected numbers from 0 on")
+        raise ValueError(f"shader {name!r}: found bindings {sorted(found)}, expected numbers from 0")
     return tuple(
         Binding(found[number]["name"], found[number]["uniform"] or found[number]["access"])  # type: ignore[arg-type]
         for number in range(len(found))

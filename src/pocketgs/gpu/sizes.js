@@ -1,13 +1,13 @@
 /**
  * Sizes of buffers and dispatches as expressions; the twin of `sizes.py`.
  *
- * The expressions are JavaScript too, but `Function` would run whatever else a description holds, and pages that forbid
- * `eval` could not use it. So they are parsed: a comparison of sums of products of numbers, names, calls and brackets.
+ * The expressions are valid JavaScript, but `Function` would run any code in a description, and pages that forbid
+ * `eval` could not use it. So they are parsed: comparisons of sums of products of numbers, names, calls and brackets.
  *
  * @module
  */
 
-/** @typedef {Object<string, number>} Symbols the named numbers: how many items, how many pixels across … */
+/** @typedef {Object<string, number>} Symbols named numbers, such as the number of items or the image width in pixels */
 
 const TOKEN = /\s*(\w+|[-+*()<>,])/y;
 
@@ -24,16 +24,16 @@ const FUNCTIONS = new Map([
     ["max", Math.max],
 ]);
 
-/** Operators from those that bind least to those that bind most. */
+/** Operators by precedence, lowest first. */
 const LEVELS = [[">", "<"], ["+", "-"], ["*"]];
 
 /**
- * Value of an expression.
+ * Evaluate an expression.
  *
  * @param {string} expression
  * @param {Symbols} symbols
  * @returns {number} an integer
- * @throws {Error} it is not an expression, or names something unknown
+ * @throws {Error} it is not an expression, or uses an unknown name
  */
 export function evaluate(expression, symbols) {
     const tokens = tokensOf(expression);

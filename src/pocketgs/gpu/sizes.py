@@ -1,7 +1,7 @@
-"""Sizes of buffers and dispatches as expressions, so that a description of passes holds for any amount of data.
+"""Sizes of buffers and dispatches as expressions, so that a description of passes fits any amount of data.
 
-An expression is an integer computed with + - *, comparisons, `ceil_div(a, b)` and `max(a, b)` from named numbers: it
-means the same in Python and in JavaScript.
+An expression combines named numbers with + - *, comparisons, `ceil_div(a, b)` and `max(a, b)` into an integer. It means
+the same in Python and in JavaScript.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from functools import cache
 
 Symbols = Mapping[str, int]
-"""The named numbers: how many items, how many pixels across …"""
+"""Named numbers, such as the number of items or the image width in pixels."""
 
 
 def ceil_div(a: int, b: int) -> int:
@@ -21,7 +21,7 @@ def ceil_div(a: int, b: int) -> int:
 
 
 class _NoExpression(Exception):  # noqa: N818 - never leaves this file
-    """Something else than an expression, or an unknown name."""
+    """Not an expression, or an unknown name."""
 
 
 _OPERATORS: dict[type, Callable[[int, int], int]] = {
@@ -35,15 +35,15 @@ _FUNCTIONS: dict[str, Callable[[int, int], int]] = {"ceil_div": ceil_div, "max":
 
 
 def evaluate(expression: str, symbols: Symbols) -> int:
-    """Value of an expression.
+    """Evaluate an expression.
 
     Raises:
-        ValueError: it is not an expression, or names something unknown.
+        ValueError: it is not an expression, or uses an unknown name.
     """
     try:
         return int(_value(_parse(expression), symbols))
     except (SyntaxError, _NoExpression) as error:
-        expected = f"expected a number, one of {', '.join(symbols)}, or a sum of such"
+        expected = f"expected a number, one of {', '.join(symbols)}, or a sum of these"
         raise ValueError(f"{expression!r}: {expected}") from error
 
 

@@ -1,4 +1,4 @@
-"""Passes that sort a list by its keys, and passes that add one up."""
+"""Passes for a radix sort and for prefix sums."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ class Items:
     """A list on the GPU.
 
     Attributes:
-        count: buffer whose first word says how many items there are.
-        blocks: how many blocks of BLOCK items, an expression. None where the GPU counts them: `indirect` says where.
-        indirect: a buffer and the offset in bytes of a dispatch's three sizes, with one workgroup per block.
+        count: buffer whose first word is the number of items.
+        blocks: number of blocks of BLOCK items, an expression. None if the GPU computes it: then `indirect` says where.
+        indirect: a buffer and the byte offset of a dispatch's three sizes in it, with one workgroup per block.
     """
 
     count: str
@@ -25,21 +25,21 @@ class Items:
 
 
 def digit_counts_bytes(blocks: str) -> str:
-    """Bytes of `digit_counts`, which every sort needs: the digits' counts in each of so many blocks, an expression."""
+    """Bytes of `digit_counts`, which every sort needs: one count per digit and block; `blocks` is an expression."""
     return f"{4 << DIGIT_BITS} * {blocks}"
 
 
 def radix_sort(items: Items, keys: str, values: str, digit: str, bits: int, when: Callable[[int], str]) -> list[Pass]:
-    """Sort by the lowest bits of the keys; equal keys stay in their order.
+    """Stable sort by the lowest bits of the keys.
 
     Args:
-        items: how many there are.
-        keys: buffer; like that of the values it has a spare one. The digits are even in number, so that the result lies
-            in these and not in the spare ones.
+        items: the number of items.
+        keys: buffer; like the buffer of values it has a spare one. The number of digits is even, so that the result
+            ends up here and not in the spare buffers.
         values: buffer.
-        digit: buffer that says which digit's turn it is; all 0 before.
-        bits: how many.
-        when: from a digit's lowest bit to the condition on which it is sorted by.
+        digit: buffer that holds the current digit; starts as 0.
+        bits: number of bits to sort by.
+        when: maps a digit's lowest bit to the condition under which the digit is sorted.
     """
     source, target = (keys, values), (f"{keys}_spare", f"{values}_spare")
     blocks, count = (items.blocks, items.indirect), {"item_count": items.count}
@@ -58,14 +58,14 @@ def radix_sort(items: Items, keys: str, values: str, digit: str, bits: int, when
 
 
 def running_sums(items: Items, values: str, order: str, block_sums: str, sums: str) -> list[Pass]:
-    """Sum, for every item, the values of those before it; and in the end of all.
+    """Exclusive prefix sums of values, with the total at the end.
 
     Args:
-        items: how many there are.
+        items: the number of items.
         values: buffer of u32.
-        order: buffer that lists, one after the other, the places of the values to take.
-        block_sums: buffer with a word for each block.
-        sums: buffer with a word for each item, and one more.
+        order: buffer with the indices of the values, in the order to sum them.
+        block_sums: buffer with one word per block.
+        sums: buffer with one word per item, plus one.
     """
     blocks, taken = (items.blocks, items.indirect), {"item_count": items.count, "values": values, "order": order}
     return [

@@ -1,4 +1,4 @@
-"""How long each pass takes."""
+"""Timing of passes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import wgpu
 from pocketgs.gpu.sizes import Symbols
 
 CLEAR = "clear"
-"""Filling buffers with zeros before the first pass."""
+"""The step that fills buffers with zeros before the first pass."""
 
 Encode = Callable[[Any], None]
 """Adds work to a command encoder, or to a compute pass."""
@@ -23,10 +23,10 @@ Encode = Callable[[Any], None]
 
 @dataclass
 class PassTimes:
-    """What was measured of some sequences.
+    """The measured times of some sequences.
 
     Attributes:
-        milliseconds: by the pass's name, a number for each sequence; passes of one name are added up.
+        milliseconds: by pass, one number per sequence; passes of the same name are added up.
         symbols: the numbers that sizes were computed from in the last sequence.
     """
 
@@ -34,7 +34,7 @@ class PassTimes:
     symbols: Symbols = field(default_factory=dict)
 
     def add(self, names: Sequence[str], milliseconds: Sequence[float], symbols: Symbols) -> None:
-        """Take in one sequence: the names of its passes, and the time of each."""
+        """Add one sequence: the names and times of its passes."""
         sums: dict[str, float] = defaultdict(float)
         for name, duration in zip(names, milliseconds, strict=True):
             sums[name] += duration
@@ -43,12 +43,12 @@ class PassTimes:
         self.symbols = symbols
 
     def medians(self) -> dict[str, float]:
-        """Milliseconds of every pass in the median sequence."""
+        """Median time of every pass in milliseconds."""
         return {name: float(np.median(values)) for name, values in self.milliseconds.items()}
 
 
 def by_timestamps(device: Any, clear: Encode, dispatches: Sequence[Encode]) -> list[float]:
-    """Milliseconds of clearing and of each dispatch, all submitted together, a compute pass each."""
+    """Time clearing and each dispatch in milliseconds with timestamps: one submission, one compute pass each."""
     count = 2 * (len(dispatches) + 1)
     queries = device.create_query_set(type=wgpu.QueryType.timestamp, count=count)
     usage = wgpu.BufferUsage.QUERY_RESOLVE | wgpu.BufferUsage.COPY_SRC
@@ -74,14 +74,14 @@ def by_timestamps(device: Any, clear: Encode, dispatches: Sequence[Encode]) -> l
 
 
 def _nanoseconds_per_tick(device: Any) -> float:
-    # wgpu-py has no method for it.
+    # wgpu-py has no method for this.
     from wgpu.backends.wgpu_native import lib
 
     return float(lib.wgpuQueueGetTimestampPeriod(device.queue._internal))
 
 
 def by_waiting(device: Any, clear: Encode, dispatches: Sequence[Encode]) -> list[float]:
-    """Milliseconds of clearing and of each dispatch, each submitted alone and waited for."""
+    """Time clearing and each dispatch in milliseconds by submitting each alone and waiting for it."""
 
     def encode(dispatch: Encode, encoder: Any) -> None:
         compute = encoder.begin_compute_pass()
@@ -95,11 +95,11 @@ def by_waiting(device: Any, clear: Encode, dispatches: Sequence[Encode]) -> list
 
 
 def milliseconds_to_wait(device: Any, encode: Encode) -> float:
-    """How long some work takes that is submitted alone and waited for, and submitting and waiting with it."""
+    """Milliseconds from submitting some work alone until it is done."""
     word = device.create_buffer(size=4, usage=wgpu.BufferUsage.COPY_SRC)
     encoder = device.create_command_encoder()
     encode(encoder)
     started = time.perf_counter()
     device.queue.submit([encoder.finish()])
-    device.queue.read_buffer(word)  # waits: wgpu-py's own way to do so is broken in 0.32
+    device.queue.read_buffer(word)  # waits; wgpu-py's own way of waiting is broken in 0.32
     return 1e3 * (time.perf_counter() - started)

@@ -14,10 +14,10 @@ const TYPES = {
 };
 
 /**
- * The buffer's content.
+ * Pack values into the buffer's content.
  *
  * @param {UniformLayout} layout
- * @param {Object<string, number | ArrayLike<number>>} values a number or the numbers of a vector for every field
+ * @param {Object<string, number | ArrayLike<number>>} values a number or the numbers of a vector per field
  * @returns {ArrayBuffer}
  * @throws {Error} a field's value is missing or has the wrong length
  */

@@ -1,4 +1,4 @@
-"""The layout of uniform buffers, read from the WGSL structs themselves."""
+"""Layouts of uniform buffers, read from the WGSL structs."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _TYPES = {"f32": (np.float32, 1), "u32": (np.uint32, 1), "vec2f": (np.float32, 2
 
 @dataclass(frozen=True)
 class UniformLayout:
-    """Where the fields of a struct lie in its buffer.
+    """The layout of a struct in a uniform buffer.
 
     Attributes:
-        size: bytes.
-        fields: by name, type and offset in bytes.
+        size: in bytes.
+        fields: by name, the type and byte offset.
     """
 
     size: int
@@ -28,7 +28,7 @@ class UniformLayout:
 
     @staticmethod
     def of(struct: str, source: str) -> UniformLayout:
-        """The layout of a struct of scalars and of vectors of 2 or 4 (WGSL, section 14.4.1: alignment and size)."""
+        """Read the layout of a struct of scalars and vectors of 2 or 4 (WGSL, section 14.4.1: alignment and size)."""
         match = re.search(_STRUCT.format(name=struct), source, re.DOTALL)
         assert match, f"no struct {struct}"
         fields, offset, widest = {}, 0, 4
@@ -41,10 +41,10 @@ class UniformLayout:
         return UniformLayout(-(-offset // widest) * widest, fields)
 
     def pack(self, values: Mapping[str, ArrayLike]) -> np.ndarray:
-        """The buffer's content, (size,) uint8.
+        """Pack values into the buffer's content, (size,) uint8.
 
         Args:
-            values: a number or a sequence of numbers for every field.
+            values: a number or a sequence of numbers per field.
         """
         assert values.keys() == self.fields.keys(), sorted(values.keys() ^ self.fields.keys())
         content = np.zeros(self.size, np.uint8)

@@ -1,17 +1,17 @@
-"""How work is divided over a GPU's threads: numbers that every shader and the host agree on."""
+"""Workgroup sizes, shared by all shaders and the host."""
 
 from __future__ import annotations
 
 THREADS = 256
-"""Of most workgroups: as many as every device must allow."""
+"""Threads of most workgroups: the most that every device allows."""
 
 BLOCK = 2048
-"""Items that a workgroup sorts or adds up."""
+"""Items that one workgroup sorts or sums."""
 
 DIGIT_BITS = 4
-"""The radix sort's digits."""
+"""Bits per digit of the radix sort."""
 
 LONGEST_ROW = 65_535
-"""No dimension of a dispatch may be longer."""
+"""Maximum number of workgroups in one dimension of a dispatch."""
 
 CONSTANTS = {"THREADS": THREADS, "BLOCK": BLOCK, "DIGIT_BITS": DIGIT_BITS, "LONGEST_ROW": LONGEST_ROW}

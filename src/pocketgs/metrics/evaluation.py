@@ -1,4 +1,4 @@
-"""How close renderings are to photographs: PSNR, SSIM and, where its package is installed, LPIPS."""
+"""How close renderings are to photographs: PSNR, plain and colour-corrected, SSIM, FLIP, LPIPS where there is one."""
 
 from __future__ import annotations
 
@@ -9,10 +9,15 @@ import cv2
 import numpy as np
 
 from pocketgs.errors import PocketGSError
+from pocketgs.metrics.colour_correction import colour_corrected
+from pocketgs.metrics.flip import flip
 from pocketgs.metrics.perceptual import Lpips
 from pocketgs.splat.constants import SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW
 
 PSNR_CAP = 100.0
+
+MEANS = ("psnr", "cc_psnr", "ssim", "flip", "lpips")
+"""The figures that files of results hold."""
 
 Pair = tuple[str, np.ndarray, np.ndarray, np.ndarray | None]
 
@@ -25,12 +30,16 @@ class ImageMetrics:
         name: the frame's name.
         psnr: in dB, at most 100.
         ssim: 1 for identical images.
+        cc_psnr: PSNR in dB once the rendering's colours are fitted to the photograph's.
+        flip: 0 for identical images, or None where its package is missing.
         lpips: 0 for identical images, or None where it was not computed.
     """
 
     name: str
     psnr: float
     ssim: float
+    cc_psnr: float
+    flip: float | None = None
     lpips: float | None = None
 
 
@@ -57,10 +66,29 @@ class Evaluation:
         return float(np.mean([image.ssim for image in self.images]))
 
     @property
+    def cc_psnr(self) -> float:
+        """Mean of the images' colour-corrected PSNR in dB."""
+        return float(np.mean([image.cc_psnr for image in self.images]))
+
+    @property
+    def flip(self) -> float | None:
+        """Mean of the FLIP of the images that have one, or None."""
+        return _mean_of_known(image.flip for image in self.images)
+
+    @property
     def lpips(self) -> float | None:
         """Mean of the LPIPS of the images that have one, or None."""
-        distances = [image.lpips for image in self.images if image.lpips is not None]
-        return float(np.mean(distances)) if distances else None
+        return _mean_of_known(image.lpips for image in self.images)
+
+    @property
+    def means(self) -> dict[str, float | None]:
+        """The means by name, as files of results have them."""
+        return {name: getattr(self, name) for name in MEANS}
+
+
+def _mean_of_known(values: Iterable[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
 
 
 def evaluate(pairs: Iterable[Pair], with_lpips: bool = True) -> Evaluation:
@@ -79,7 +107,13 @@ def evaluate(pairs: Iterable[Pair], with_lpips: bool = True) -> Evaluation:
     images = []
     for name, rendered, photo, mask in pairs:
         try:
-            metrics = ImageMetrics(name, psnr(rendered, photo, mask), ssim(rendered, photo, mask))
+            metrics = ImageMetrics(
+                name,
+                psnr(rendered, photo, mask),
+                ssim(rendered, photo, mask),
+                cc_psnr(rendered, photo, mask),
+                flip(rendered, photo, mask),
+            )
         except PocketGSError as error:
             raise PocketGSError(f"{name}: {error}") from error
         if perceptual:
@@ -110,6 +144,21 @@ def psnr(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None
     squared = (rendered.astype(np.float64) - photo) ** 2
     error = float(np.mean(squared if mask is None else squared[mask]))
     return float(-10 * np.log10(max(error, 10 ** (-PSNR_CAP / 10))))
+
+
+def cc_psnr(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None) -> float:
+    """PSNR of a rendering whose colours have been fitted to the photograph's; see `colour_correction`.
+
+    Args:
+        rendered: (H, W, 3) float RGB in [0, 1].
+        photo: (H, W, 3) float RGB in [0, 1].
+        mask: (H, W) bool, True where pixels count, or None for all.
+
+    Raises:
+        PocketGSError: shapes or types disagree, a number is not finite, or the mask is empty.
+    """
+    _check(rendered, photo, mask)
+    return psnr(colour_corrected(rendered, photo, mask), photo, mask)
 
 
 def ssim(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None) -> float:

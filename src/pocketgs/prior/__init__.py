@@ -1,1 +1,1 @@
-"""Operator G: refined poses and a dense coloured cloud from posed frames."""
+"""The geometry prior: refined poses and a dense coloured cloud from posed frames."""

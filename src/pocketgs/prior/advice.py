@@ -1,6 +1,6 @@
-"""What to photograph differently: hints that follow from the photographs and from what could be made of them.
+"""Hints for better photographs, derived from the photographs and from what could be reconstructed.
 
-Every hint names the part of docs/photographing.md that shows the mistake and what to do about it.
+Every hint names the section of docs/photographing.md that shows the mistake and its remedy.
 """
 
 from __future__ import annotations
@@ -17,82 +17,82 @@ from pocketgs.prior.scale import Scale
 PAGE = "docs/photographing.md"
 
 FEWEST, FEW = 3, 12
-"""Photographs without which nothing can be told of shapes, and below which much stays a guess."""
+"""Number of photographs without which shapes cannot be estimated, and below which much remains a guess."""
 
-LEAST_WALK = 0.02
-"""Share of the distance to the scene that cameras lie apart, below which they stand in one place."""
+MIN_WALK = 0.02
+"""Minimum spread of the cameras as a share of the distance to the scene; below it they stand in one place."""
 
 LOOKED_AT = 320
-"""Pixels of the longer side of the copies that are looked at."""
+"""Longer side in pixels of the copies that are analysed."""
 
 CELL = 16
-"""Pixels a side of the cells that texture is sought in."""
+"""Side in pixels of the cells in which texture is measured."""
 
 FINE, COARSE = 1.5, 4.0
-"""Standard deviations of two blurs. Their difference keeps texture, and drops most noise and soft shadows."""
+"""Standard deviations of two blurs. Their difference keeps texture and removes most noise and soft shadows."""
 
-LEAST_CONTRAST = 2.0
-"""Grey levels by which this difference varies in a cell that shows texture."""
+MIN_CONTRAST = 2.0
+"""Minimum standard deviation of this difference, in grey levels, in a textured cell."""
 
-LEAST_TEXTURED = 0.25
-"""Share of a photograph's cells that show texture, below which it shows hardly any."""
+MIN_TEXTURED = 0.25
+"""Minimum share of textured cells in a photograph with texture."""
 
 HIGHLIGHT, DARK = 98, 90
-"""Percentile of the grey levels that counts as a photograph's brightest, and the level below which it is dark."""
+"""Percentile of grey levels that counts as the brightest, and the level below which a photograph is dark."""
 
 MANY = 0.2
-"""Share of the photographs above which a mistake is worth a hint."""
+"""Share of photographs with a mistake above which a hint is given."""
 
 DISPLAY_GAMMA = 2.2
 STOPS = 1.0
-"""Difference in exposure that is worth a hint."""
+"""Difference in exposure, in stops, above which a hint is given."""
 
 
 def check_photographs(capture: Capture) -> None:
-    """Refuse what no scene can come of.
+    """Refuse captures that no scene can be made from.
 
     Raises:
-        PocketGSError: there are too few photographs, and neither points nor depths to help them.
+        PocketGSError: there are too few photographs, and neither points nor depths to compensate.
     """
     helped = capture.points is not None or any(frame.depth is not None for frame in capture.frames)
     if len(capture.frames) < FEWEST and not helped:
         found = f"{len(capture.frames)} photograph{'s' if len(capture.frames) > 1 else ''}"
-        expected = f"expected {FEWEST} at least and better 30 to 60, each a step to the side of the last"
+        expected = f"expected at least {FEWEST} and better 30 to 60, each a step to the side of the last"
         raise PocketGSError(f"{capture.path}: only {found}, {expected}; {_see('How many')}")
 
 
 def photograph_hints(frames: Sequence[Frame]) -> tuple[str, ...]:
-    """Hints that photographs alone give, in words: few, without texture, or dark.
+    """Hints from the photographs alone: too few, without texture, or dark.
 
     Args:
-        frames: all of a capture.
+        frames: all frames of a capture.
     """
     hints = []
     if len(frames) < FEW:
         hints.append(
-            f"only {len(frames)} photographs: what lies between them is guessed; take 30 to 60 of a thing, 100 to 200 "
+            f"only {len(frames)} photographs: gaps between them are guessed; take 30 to 60 of an object, 100 to 200 "
             f"of a room; {_see('How many')}"
         )
     looks = [_look(frame) for frame in frames]
     blank, dark = (sum(look[which] for look in looks) for which in (0, 1))
     if dark > MANY * len(frames):
         hints.append(
-            f"{dark} of {len(frames)} photographs are dark: switch on the lights or come back by day; "
+            f"{dark} of {len(frames)} photographs are dark: switch on the lights or take them by day; "
             f"{_see('Too dark')}"
         )
     if blank > MANY * len(frames):
         hints.append(
-            f"{blank} of {len(frames)} photographs show hardly any texture: step back until something patterned is in "
+            f"{blank} of {len(frames)} photographs have little texture: step back until something patterned is in "
             f"view; {_see('Blank walls')}"
         )
     return tuple(hints)
 
 
 def exposure_hint(gains: tuple[float, float] | None) -> tuple[str, ...]:
-    """A hint where exposures differ much.
+    """A hint if exposures differ much.
 
     Args:
-        gains: least and greatest factor on display values, or None if they were not measured.
+        gains: minimum and maximum factor on display values, or None if they were not measured.
     """
     stops = 0.0 if gains is None else DISPLAY_GAMMA * float(np.log2(gains[1] / gains[0]))
     if stops < STOPS:
@@ -101,27 +101,27 @@ def exposure_hint(gains: tuple[float, float] | None) -> tuple[str, ...]:
 
 
 def poses_hint(wrong: int, frames: int) -> tuple[str, ...]:
-    """A hint where many of a capture's poses turned out wrong."""
+    """A hint if many of a capture's poses are wrong."""
     if wrong <= MANY * frames:
         return ()
     return (
-        f"{wrong} of {frames} poses were wrong: film again, slowly, with textured things in view; "
+        f"{wrong} of {frames} poses were wrong: record again, slowly, with textured objects in view; "
         f"{_see('When some poses are wrong')}",
     )
 
 
 def nothing_found(capture: Capture, scale: Scale) -> str:
-    """Why no points were found, and what to photograph differently, in words."""
+    """Why no points were found, and how to photograph instead."""
     centres = np.array([frame.camera.centre for frame in capture.frames])
-    if np.ptp(centres, axis=0).max() < LEAST_WALK * scale.distance:
+    if np.ptp(centres, axis=0).max() < MIN_WALK * scale.distance:
         return (
-            "the photographs were taken from nearly one place, which tells nothing of distances: poses are used as "
-            "given; walk around what you photograph, a step to the side between photographs; "
+            "the photographs were taken from nearly one place, which does not determine distances: poses are used as "
+            "given; walk around the subject, with a step to the side between photographs; "
             f"{_see('Turning on the spot')}"
         )
     return (
-        "too little texture to refine poses or to tell how far things are: poses are used as given; photograph from "
-        f"nearer, sharply, in more light, with something patterned in view; {_see('Blank walls')}"
+        "too little texture to refine poses or to estimate distances: poses are used as given; photograph from nearer, "
+        f"without blur, in more light, with something patterned in view; {_see('Blank walls')}"
     )
 
 
@@ -130,7 +130,7 @@ def _see(part: str) -> str:
 
 
 def _look(frame: Frame) -> tuple[bool, bool]:
-    """Whether a photograph shows hardly any texture, and whether it is dark, in the pixels that are used."""
+    """Whether a photograph has little texture, and whether it is dark, in the pixels that are used."""
     reduction = max(1.0, max(frame.image.shape[:2]) / LOOKED_AT)
     grey = cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY)
     size = tuple(max(CELL, round(side / reduction)) for side in (grey.shape[1], grey.shape[0]))
@@ -140,17 +140,17 @@ def _look(frame: Frame) -> tuple[bool, bool]:
         used = cv2.resize(frame.usable.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
     if not used.any():
         return False, False
-    # Blurs carry what is masked across the mask's border.
+    # Blurring spreads masked pixels across the mask's border.
     inside = cv2.erode(used.astype(np.uint8), np.ones((CELL + 1, CELL + 1), np.uint8)) > 0
     fine, coarse = (cv2.GaussianBlur(small.astype(np.float32), (0, 0), sigma) for sigma in (FINE, COARSE))
     contrast = _cells(fine - coarse).std(axis=1)
-    textured = contrast[_cells(inside).all(axis=1)] >= LEAST_CONTRAST
-    blank = bool(len(textured)) and float(textured.mean()) < LEAST_TEXTURED
+    textured = contrast[_cells(inside).all(axis=1)] >= MIN_CONTRAST
+    blank = bool(len(textured)) and float(textured.mean()) < MIN_TEXTURED
     return blank, float(np.percentile(small[used], HIGHLIGHT)) < DARK
 
 
 def _cells(values: np.ndarray) -> np.ndarray:
-    """(C, CELL²) the whole cells of (H, W) values."""
+    """(C, CELL²) the complete cells of (H, W) values."""
     rows, columns = values.shape[0] // CELL, values.shape[1] // CELL
     whole = values[: rows * CELL, : columns * CELL].reshape(rows, CELL, columns, CELL)
     return whole.swapaxes(1, 2).reshape(-1, CELL * CELL)

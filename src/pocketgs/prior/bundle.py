@@ -1,7 +1,7 @@
-"""Bundle adjustment: poses, points and lens that agree best with where points were seen.
+"""Bundle adjustment: optimises poses, points and lens for the reprojection error.
 
-The cost is half of: the Huber function of each reprojection error in pixels, and the squared deviations from the given
-poses in units of their sigmas.
+The cost is half the sum of the Huber loss of each reprojection error in pixels and the squared deviations from the
+given poses in units of their sigmas.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ from pocketgs.prior.levenberg_marquardt import minimise
 from pocketgs.prior.observations import Observations
 from pocketgs.prior.pose_prior import PosePrior, pose_prior, unheld
 from pocketgs.prior.reprojection import CAMERA_UNKNOWNS, SHARED_UNKNOWNS, Estimate, Sightings, distances
-from pocketgs.prior.schur import LEAST_DIAGONAL, CameraEquations, camera_equations, point_steps, reduced_equations
+from pocketgs.prior.schur import MIN_DIAGONAL, CameraEquations, camera_equations, point_steps, reduced_equations
 
 
 @dataclass(frozen=True)
 class BundleSettings:
-    """What is adjusted, and what counts how much.
+    """Settings of bundle adjustment.
 
     Attributes:
-        huber: pixels from which on a reprojection error counts linearly.
-        iterations: most steps to try.
-        position_sigma: standard deviation of the given camera centres, in scene units; None: nothing is known of them.
-        rotation_sigma: that of the given rotations, in radians; None: nothing is known of them.
-        refine_focal: adjust one factor on the focal lengths of all cameras.
-        refine_distortion: adjust one radial coefficient k1 of all cameras: x_d = x_u (1 + k1 r²), where x_u are
-            normalised coordinates and r is their length.
-        tolerance: stop when a step gains less than this share of the cost.
+        huber: reprojection error in pixels above which the loss is linear.
+        iterations: maximum number of steps.
+        position_sigma: standard deviation of the given camera centres, in scene units; None for no prior.
+        rotation_sigma: standard deviation of the given rotations, in radians; None for no prior.
+        refine_focal: optimise a common factor on all focal lengths.
+        refine_distortion: optimise a common radial coefficient k1: x_d = x_u (1 + k1 r²), where x_u are normalised
+            coordinates and r is their length.
+        tolerance: stop when a step reduces the cost by less than this share.
 
     Raises:
         PocketGSError: a number is not positive or not finite.
@@ -59,25 +59,25 @@ class BundleSettings:
 
     @property
     def holds_poses(self) -> bool:
-        """Whether a prior holds every pose, so that it needs no points to determine it."""
+        """Whether there is a prior on every pose, so that poses need no minimum number of points."""
         return self.position_sigma is not None and self.rotation_sigma is not None
 
 
 @dataclass(frozen=True, eq=False)
 class BundleResult:
-    """What bundle adjustment found.
+    """The result of bundle adjustment.
 
     Attributes:
-        cameras: as given, but with adjusted poses and focal lengths.
+        cameras: the given cameras with optimised poses and focal lengths.
         points: (N, 3) float64.
-        residuals: (M,) float64 reprojection errors after, in pixels, in the order of the observations. A point that is
-            not in front of its camera counts as `reprojection.BEHIND`.
-        rmse_before, rmse_after: root mean square of the reprojection errors of all observations, in pixels.
+        residuals: (M,) float64 reprojection errors after optimisation, in pixels, in the order of the observations. A
+            point behind its camera counts as `reprojection.BEHIND`.
+        rmse_before, rmse_after: root mean square reprojection error of all observations, in pixels.
         radial: k1.
-        focal_scale: factor that the cameras' focal lengths were multiplied with.
-        iterations: steps tried.
-        converged: whether it ended before the steps ran out.
-        cost_before, cost_after: the cost that was minimised.
+        focal_scale: factor that the cameras' focal lengths were multiplied by.
+        iterations: number of steps tried.
+        converged: whether it stopped before the maximum number of steps.
+        cost_before, cost_after: the minimised cost.
     """
 
     cameras: list[Camera]
@@ -95,7 +95,7 @@ class BundleResult:
 
 @dataclass(frozen=True, eq=False)
 class PoseResult:
-    """What motion-only adjustment found; attributes as those of `BundleResult`."""
+    """The result of motion-only adjustment; attributes as in `BundleResult`."""
 
     camera: Camera
     residuals: np.ndarray
@@ -115,24 +115,23 @@ def adjust_bundle(
     radial: float = 0.0,
     start: Sequence[Camera] | None = None,
 ) -> BundleResult:
-    """Adjust poses and points, and the lens if the settings say so.
+    """Optimise poses and points, and the lens if the settings say so.
 
-    Without `position_sigma` the first camera's centre stays where it is, and so does one coordinate of the camera
-    farthest from it; without either sigma the first camera's rotation does too.
+    Without `position_sigma`, the gauge is fixed by the first camera's centre and one coordinate of the camera farthest
+    from it; without both sigmas, also by the first camera's rotation.
 
     Args:
-        cameras: F cameras as the sensor or a file gives them: the centre of the prior, and the start if no other is
-            named.
+        cameras: F cameras from the sensor or a file: the centre of the prior, and the start unless `start` is given.
         points: (N, 3) start.
-        observations: where points were seen.
+        observations: where points were observed.
         settings: see `BundleSettings`.
-        radial: k1 to start from; kept where it is not refined.
-        start: poses to start from, of F cameras.
+        radial: initial k1; kept if it is not refined.
+        start: initial poses, of F cameras.
 
     Raises:
-        PocketGSError: arrays do not fit together or hold numbers that are not finite, a point is seen from fewer than
-            two cameras, a camera whose pose no prior holds sees fewer than three points, or all cameras stand in one
-            place and nothing is known of their positions.
+        PocketGSError: array shapes disagree or numbers are not finite, a point is observed by fewer than two cameras, a
+            camera without a pose prior observes fewer than three points, or all cameras are in one place without a
+            prior on positions.
     """
     check(cameras, points, observations, fewest_views=2, poses_known=settings.holds_poses)
     order = np.argsort(observations.point, kind="stable")
@@ -172,21 +171,21 @@ def adjust_bundle(
 def adjust_pose(
     camera: Camera, points: np.ndarray, pixels: np.ndarray, settings: BundleSettings, radial: float = 0.0
 ) -> PoseResult:
-    """Adjust one pose to points that stay where they are.
+    """Optimise one pose with fixed points.
 
     Args:
         camera: start, and centre of the prior.
         points: (M, 3).
-        pixels: (M, 2) where each was seen.
+        pixels: (M, 2) observations.
         settings: see `BundleSettings`; the lens is not refined.
         radial: k1 of the lens.
 
     Raises:
-        PocketGSError: arrays do not fit together or hold numbers that are not finite, or there are fewer than three
-            points and no prior holds the pose.
+        PocketGSError: array shapes disagree or numbers are not finite, or there are fewer than three points and no pose
+            prior.
     """
     if len(points) != len(pixels):
-        raise PocketGSError(f"bundle: {len(points)} points seen at {len(pixels)} pixels, expected as many")
+        raise PocketGSError(f"bundle: {len(points)} points and {len(pixels)} pixels, expected the same number")
     each = np.arange(len(pixels))
     observations = Observations(np.zeros_like(each), each, pixels)
     check([camera], points, observations, fewest_views=1, poses_known=settings.holds_poses)
@@ -222,7 +221,7 @@ def huber_cost(lengths: np.ndarray, huber: float) -> float:
 
 
 def _cost(sightings: Sightings, prior: PosePrior, huber: float, estimate: Estimate) -> float:
-    """What is minimised."""
+    """The cost that is minimised."""
     return huber_cost(distances(sightings, estimate), huber) + prior.cost(estimate)
 
 
@@ -233,12 +232,12 @@ def _root_mean_square(lengths: np.ndarray) -> float:
 def _solve(
     equations: CameraEquations, prior: PosePrior, estimate: Estimate, damping: float, free: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """(D,) step of the cameras, 0 where it is not free, and the cameras' share of the expected decrease.
+    """(D,) step of the cameras, 0 for fixed unknowns, and the cameras' part of the expected decrease.
 
     The expected decrease of the linear model is ½ hᵀ (μ D h + b): Madsen, Nielsen and Tingleff (2004), equation 3.14.
     """
     slope = -prior.weights * prior.deviation(estimate)
-    added = damping * np.maximum(equations.diagonal + prior.weights, LEAST_DIAGONAL)
+    added = damping * np.maximum(equations.diagonal + prior.weights, MIN_DIAGONAL)
     matrix = equations.matrix + np.diag(prior.weights + added)
     factor = cho_factor(matrix[np.ix_(free, free)], lower=True, overwrite_a=True, check_finite=False)
     step = np.zeros(len(free))
@@ -247,7 +246,7 @@ def _solve(
 
 
 def _moved(estimate: Estimate, camera_step: np.ndarray) -> Estimate:
-    """The estimate after a step of the cameras and of what they share."""
+    """The estimate after a step of the cameras and the shared unknowns."""
     by_camera = camera_step[:-SHARED_UNKNOWNS].reshape(-1, CAMERA_UNKNOWNS)
     log_focal, radial = camera_step[-SHARED_UNKNOWNS:]
     return estimate._replace(

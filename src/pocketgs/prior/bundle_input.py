@@ -1,4 +1,4 @@
-"""What a bundle adjustment is given: checked, and put in the order that it works in."""
+"""Input of bundle adjustment: checks, and conversion to its own order."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.prior.observations import Observations
 from pocketgs.prior.reprojection import Estimate, Sightings
 
-FEWEST_POINTS = 3
-"""Points that determine a pose."""
+MIN_POINTS = 3
+"""Minimum number of points that determine a pose."""
 
 
 def check(
@@ -23,14 +23,14 @@ def check(
     fewest_views: int,
     poses_known: bool,
 ) -> None:
-    """Make sure that the numbers fit together and determine what is sought.
+    """Check that arrays fit together and determine the unknowns.
 
     Args:
         cameras: F of them.
         points: (N, 3).
-        observations: where points were seen.
-        fewest_views: cameras that each point must be seen from.
-        poses_known: whether a prior determines every pose.
+        observations: where points were observed.
+        fewest_views: minimum number of cameras per point.
+        poses_known: whether there is a prior on every pose.
 
     Raises:
         PocketGSError: they do not.
@@ -56,14 +56,14 @@ def check(
         listed = ", ".join(map(str, lonely[:10])) + (", ..." if len(lonely) > 10 else "")
         raise PocketGSError(f"bundle: {len(lonely)} points seen by fewer than {fewest_views} cameras: {listed}")
     seen = np.bincount(pairs[1], minlength=len(cameras))
-    if not poses_known and seen.min() < FEWEST_POINTS:
+    if not poses_known and seen.min() < MIN_POINTS:
         raise PocketGSError(
-            f"bundle: camera {seen.argmin()} sees {seen.min()} points, expected {FEWEST_POINTS} or a prior on its pose"
+            f"bundle: camera {seen.argmin()} sees {seen.min()} points, expected {MIN_POINTS} or a prior on its pose"
         )
 
 
 def by_point(cameras: Sequence[Camera], points: int, observations: Observations, order: np.ndarray) -> Sightings:
-    """What was seen, in an order by point."""
+    """The observations, sorted by point."""
     point = np.asarray(observations.point, np.int64)[order]
     return Sightings(
         intrinsics=np.array([[camera.fx, camera.fy, camera.cx, camera.cy] for camera in cameras], np.float64),
@@ -75,7 +75,7 @@ def by_point(cameras: Sequence[Camera], points: int, observations: Observations,
 
 
 def first_estimate(cameras: Sequence[Camera], points: np.ndarray, radial: float) -> Estimate:
-    """Where to start. A pose read from a file is a rotation only up to its digits: here it becomes one."""
+    """The starting point. Poses from files are rotations only up to rounding; they are orthonormalised here."""
     rotations = Rotation.from_matrix(np.array([camera.world_to_camera[:3, :3] for camera in cameras])).as_matrix()
     centres = np.array([camera.centre for camera in cameras])
     return Estimate(rotations, centres, 1.0, float(radial), np.array(points, np.float64))

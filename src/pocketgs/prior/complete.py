@@ -1,4 +1,4 @@
-"""Completion: points for what the training views see and no depth map tells."""
+"""Completion: points where training views show something that no depth map covers."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from pocketgs.prior.coverage import ViewCells, point_radii
 from pocketgs.scene.point_cloud import PointCloud
 
 MISSING_SHARE = 0.5
-"""A point of another source is taken if so many of the views that show it have nothing there."""
+"""A point of another source is used if this share of the views that show it have no depth there."""
 
 GUESSED_CONFIDENCE = 0.05
 
-MOST_ADDED = 0.3
-"""Share of the cloud that may be added to what fusion found; all that it leaves free, if that is more."""
+MAX_ADDED_SHARE = 0.3
+"""Maximum share of added points in the cloud, unless fusion leaves more room."""
 
 
 @dataclass(frozen=True, eq=False)
 class Completion:
-    """Points for what a cloud leaves unexplained.
+    """Points for the uncovered parts of the training views.
 
     Attributes:
         added: the points.
-        known: share of the training pixels that points of known depth cover, those of the cloud among them.
-        covered: share that cloud and added points cover together.
-        guessed: number of added points whose depths are guessed from their surroundings.
+        known: share of the training pixels that points of known depth cover, including the cloud's.
+        covered: share that the cloud and the added points cover together.
+        guessed: number of added points with guessed depth.
     """
 
     added: PointCloud
@@ -41,22 +41,22 @@ class Completion:
 def completion(
     cloud: PointCloud, frames: Sequence[Frame], sources: Sequence[PointCloud], distance: float, count: int
 ) -> Completion:
-    """Find points for what training views show and the cloud does not explain.
+    """Find points for what training views show and the cloud does not cover.
 
-    First points of other sources, such as triangulated features and the capture's own cloud, each where the views that
-    show it lack something. What is left is given the depth of its surroundings in the view.
+    First come points of other sources, such as triangulated features and the capture's own cloud, where the views that
+    show them lack coverage. Remaining holes get the interpolated depth of their surroundings in the view.
 
     Args:
         cloud: of fused depths.
         frames: training frames.
-        sources: other points, the best first.
-        distance: depth of what views see that see nothing of known depth.
-        count: points that the whole cloud may have.
+        sources: other points, best first.
+        distance: depth for views without any known depth.
+        count: maximum number of points of the whole cloud.
     """
     views = ViewCells.of(frames)
     depths = views.empty()
     views.cover(depths, cloud, point_radii(cloud.positions))
-    room = max(int(MOST_ADDED * count), count - len(cloud))
+    room = max(int(MAX_ADDED_SHARE * count), count - len(cloud))
     found: list[PointCloud] = []
     for source in sources:
         missing = np.flatnonzero(views.uncovered_share(depths, source.positions.astype(np.float64)) > MISSING_SHARE)
@@ -72,12 +72,12 @@ def completion(
 
 
 def _spread(indices: np.ndarray, most: int) -> np.ndarray:
-    """At most so many of the indices, evenly spread over them."""
+    """At most `most` of the indices, evenly spaced."""
     return indices[np.linspace(0, len(indices) - 1, min(most, len(indices))).astype(np.int64)]
 
 
 def _guessed(views: ViewCells, depths: np.ndarray, distance: float) -> PointCloud:
-    """Points for the cells that nothing covers, at the depths of what is around them."""
+    """Points for uncovered cells, at depths interpolated from their surroundings."""
     depths = depths.copy()
     bare = [np.count_nonzero(views.usable[view] & ~np.isfinite(depths[view])) for view in range(len(depths))]
     found: list[PointCloud] = []
@@ -111,7 +111,7 @@ def _filled(depths: np.ndarray, size: np.ndarray, distance: float) -> np.ndarray
 
 
 def _pulled(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Values where weights are 1, elsewhere the interpolation of a smaller copy (pull-push; Gortler et al. 1996)."""
+    """Pull-push interpolation: values where weights are 1, elsewhere from a smaller copy (Gortler et al. 1996)."""
     rows, columns = values.shape
     if rows * columns == 1 or weights.all():
         return values
@@ -124,7 +124,7 @@ def _pulled(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def joined(clouds: Sequence[PointCloud]) -> PointCloud:
-    """One cloud of several. Where one has no directions or confidences they are 0 and 1."""
+    """Concatenate clouds. Missing directions become 0, missing confidences 1."""
     if not clouds:
         return PointCloud(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 

@@ -1,4 +1,6 @@
-"""Which sightings of a track agree on a point, under given poses, and what the other views say of each sighting."""
+"""Consensus per track: the sightings that agree on a point under given poses, and the error of each against the
+rest.
+"""
 
 from __future__ import annotations
 
@@ -13,18 +15,18 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.prior.observations import Observations
 from pocketgs.system.compile import parallel_kernel, part
 
-MOST_TRIALS = 36
-"""Pairs of sightings of a track that a point is made from; tracks of up to nine sightings try all of theirs."""
+MAX_TRIALS = 36
+"""Pairs of sightings to triangulate per track; tracks of up to nine sightings try all pairs."""
 
 
 class Consensus(NamedTuple):
-    """What agrees on M sightings in N tracks, sorted by track.
+    """Agreement of M sightings in N tracks, sorted by track.
 
     Attributes:
-        agrees: (M,) bool: belongs to the largest set of sightings that lie within the tolerance of one point.
-        support: (M,) int64 how many sightings of the track agree with each other on a point made without this one.
-        others: (M, 3) float64 that point; NaN where there is none.
-        error: (M,) float64 distance in pixels of the sighting from where that point falls; infinite where behind.
+        agrees: (M,) bool: is in the largest set of sightings within the tolerance of one point.
+        support: (M,) int64 number of sightings of the track that agree on a point triangulated without this one.
+        others: (M, 3) float64 that point; NaN if there is none.
+        error: (M,) float64 distance in pixels of the sighting from that point's projection; infinite behind the camera.
     """
 
     agrees: np.ndarray
@@ -34,9 +36,9 @@ class Consensus(NamedTuple):
 
 
 def consensus(cameras: Sequence[Camera], tracks: Observations, tolerance: float, least_angle: float) -> Consensus:
-    """Find what agrees.
+    """Find the consensus of each track.
 
-    Points are made from pairs of sightings, and the one that most others agree with wins, as in RANSAC.
+    As in RANSAC, points are triangulated from pairs of sightings, and the one that most others agree with wins.
 
     Args:
         cameras: of the views.
@@ -82,15 +84,15 @@ def _vote_on(
     largest_cosine: float,
     found: Consensus,
 ) -> None:
-    """Write what is found of the sightings of one track, from `first` to before `end`."""
+    """Find the consensus of one track, with sightings from `first` to before `end`."""
     count = end - first
     views, seen = frame[first : first + count], pixels[first : first + count]
     most, least_cost = 1, np.inf
     costs = np.full(count, np.inf)
     errors, point = np.empty(count), np.empty(3)
     pairs = count * (count - 1) // 2
-    for trial in range(min(pairs, MOST_TRIALS)):
-        one, other = _pair(trial * pairs // min(pairs, MOST_TRIALS), count)
+    for trial in range(min(pairs, MAX_TRIALS)):
+        one, other = _pair(trial * pairs // min(pairs, MAX_TRIALS), count)
         if not _meet(poses, intrinsics, views, seen, one, other, largest_cosine, point):
             continue
         near, cost = 0, 0.0
@@ -118,7 +120,7 @@ def _vote_on(
 
 @part
 def _pair(number: int, count: int) -> tuple[int, int]:
-    """The pair of `count` things that has this number, those that stand next to each other coming first."""
+    """The pair of `count` items with this number; pairs of neighbours come first."""
     step = 1
     while number >= count - step:
         number -= count - step
@@ -137,7 +139,7 @@ def _meet(
     largest_cosine: float,
     point: np.ndarray,
 ) -> bool:
-    """Write the point halfway between two rays where they are closest; False if they are parallel or part."""
+    """Write the midpoint of two rays at their closest approach; False if they are parallel or diverge."""
     p, q, u, v = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     _ray(poses[views[one]], intrinsics[views[one]], seen[one], p, u)
     _ray(poses[views[other]], intrinsics[views[other]], seen[other], q, v)
@@ -171,7 +173,7 @@ def _ray(
 
 @part
 def _error(pose: np.ndarray, intrinsics: np.ndarray, point: np.ndarray, pixel: np.ndarray) -> float:
-    """Pixels between where a point falls and a pixel; infinite for a point behind the camera."""
+    """Distance in pixels between a point's projection and a pixel; infinite for a point behind the camera."""
     x = pose[0, 0] * point[0] + pose[0, 1] * point[1] + pose[0, 2] * point[2] + pose[0, 3]
     y = pose[1, 0] * point[0] + pose[1, 1] * point[1] + pose[1, 2] * point[2] + pose[1, 3]
     z = pose[2, 0] * point[0] + pose[2, 1] * point[1] + pose[2, 2] * point[2] + pose[2, 3]

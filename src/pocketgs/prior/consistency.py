@@ -1,4 +1,4 @@
-"""Do views agree? Each depth of one view is looked up in the depth maps of the others."""
+"""Consistency of depth maps: each depth of one view is compared with the depth maps of the others."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Views(NamedTuple):
         intrinsics: (K, 4) float64 fx, fy, cx, cy.
         sizes: (K, 2) int64 true heights and widths.
         rotations, translations: (K, 3, 3) and (K, 3) float64, world to camera.
-        steps: (K,) float64 by how much the inverse depths of neighbouring hypotheses differ.
+        steps: (K,) float64 difference in inverse depth of neighbouring hypotheses.
     """
 
     depths: np.ndarray
@@ -31,19 +31,19 @@ class Views(NamedTuple):
 
 @parallel_kernel
 def compare_depths(views: Views, view: int, tolerance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Compare every depth of a view with the depths that the other views have there.
+    """Compare every depth of a view with the other views' depths.
 
-    Depths agree up to the tolerance, or up to half a step of the coarser of the two sweeps, which is how far a surface
-    may lie from the nearest hypothesis; up to a whole step where they are too far to tell from infinity.
+    Depths agree within the tolerance, or within half a step of the coarser of the two sweeps, the maximum distance of a
+    surface from the nearest hypothesis; within a whole step where they cannot be told from infinity.
 
     Args:
-        views: all of them.
-        view: which one.
-        tolerance: relative difference up to which depths agree.
+        views: all views.
+        view: index of the view.
+        tolerance: maximum relative difference of agreeing depths.
 
     Returns:
-        (H, W) uint8 number of views that agree; (H, W) uint8 number that look through the point onto something behind
-        it; (H, W) float32 the least length that a pixel covers at the point, in this view or one that agrees.
+        (H, W) uint8 number of views that agree; (H, W) uint8 number that see through the point to something behind it;
+        (H, W) float32 smallest footprint of a pixel at the point, in this view or one that agrees.
     """
     height, width = views.sizes[view]
     agreeing, contradicting = np.zeros((2, height, width), np.uint8)
@@ -83,7 +83,7 @@ def compare_depths(views: Views, view: int, tolerance: float) -> tuple[np.ndarra
 
 @part
 def relative_poses(views: Views, view: int) -> tuple[np.ndarray, np.ndarray]:
-    """(K, 3, 3) and (K, 3): from one view's camera axes to each view's."""
+    """(K, 3, 3) and (K, 3): transforms from one view's camera axes to each view's."""
     count = len(views.rotations)
     turns, shifts = np.zeros((count, 3, 3)), np.zeros((count, 3))
     for other in range(count):

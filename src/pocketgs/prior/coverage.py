@@ -1,7 +1,7 @@
-"""Coverage: which parts of the training views a cloud explains.
+"""Coverage: the parts of the training views that a cloud covers.
 
-A part of a view is covered where a point falls that is seen from about the same side, with the size that its neighbours
-give it. Points on the far side of a wall do not cover it.
+A cell of a view is covered if a point projects to it that was seen from about the same side, with a size from the
+distance to its neighbours. Points on the far side of a wall do not cover it.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from pocketgs.system.compile import parallel_kernel
 from pocketgs.system.cores import usable_cores
 
 CELLS = 96
-"""Cells along the longer side of a view."""
+"""Number of cells along the longer side of a view."""
 
 NEIGHBOURS = 3
-"""A point is as large as the mean distance to so many nearest neighbours."""
+"""A point's radius is the mean distance to this many nearest neighbours."""
 
 WIDEST_ANGLE = np.radians(75)
-"""Between the direction that a point was seen from and that to a view which it covers."""
+"""Maximum angle between a point's own viewing direction and that of a view that it covers."""
 
 LARGEST = 6.0
-"""A point covers no more than so many cells to each side: a lonely one explains nothing of what is around it."""
+"""Maximum radius of a point in cells: an isolated point says nothing about its surroundings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class ViewCells:
     Attributes:
         sizes: (V, 2) int64 rows and columns of each view's grid.
         intrinsics: (V, 4) float64 fx, fy, cx, cy in cells.
-        rotations, translations, centres: (V, 3, 3), (V, 3), (V, 3) float64, world to camera, and the cameras' places.
+        rotations, translations, centres: (V, 3, 3), (V, 3), (V, 3) float64, world to camera, and camera centres.
         usable: (V, R, C) bool, padded to one size: cells inside the view that are not masked.
         colours: (V, R, C, 3) uint8 mean colours.
     """
@@ -54,7 +54,7 @@ class ViewCells:
 
     @staticmethod
     def of(frames: Sequence[Frame]) -> ViewCells:
-        """The cells of frames."""
+        """The cells of some frames."""
         sizes: list[tuple[int, int]] = []
         scaled: list[tuple[float, ...]] = []
         for frame in frames:
@@ -84,16 +84,16 @@ class ViewCells:
         )
 
     def empty(self) -> np.ndarray:
-        """(V, R, C) float32 depths of cells that nothing covers: infinite."""
+        """(V, R, C) float32 depths of uncovered cells: infinite."""
         return np.full(self.usable.shape, np.inf, np.float32)
 
     def cover(self, depths: np.ndarray, points: PointCloud, radii: np.ndarray) -> None:
-        """Put points into the depths of the cells that they cover, where they are nearer than what is there.
+        """Splat points into the depths of the cells that they cover, where they are nearer.
 
         Args:
-            depths: (V, R, C) float32, changed.
+            depths: (V, R, C) float32, updated.
             points: with or without directions.
-            radii: (N,) in the world.
+            radii: (N,) in world units.
         """
         directions = np.zeros((len(points), 3), np.float32) if points.directions is None else points.directions
         _cover(
@@ -110,12 +110,12 @@ class ViewCells:
         )
 
     def share(self, depths: np.ndarray) -> float:
-        """Share of the usable cells that are covered."""
+        """Share of covered cells among usable ones."""
         covered = np.isfinite(depths[self.usable])
         return float(covered.mean()) if len(covered) else 0.0
 
     def uncovered_share(self, depths: np.ndarray, positions: np.ndarray) -> np.ndarray:
-        """(N,) in what share of the views that show a position its cell is not covered; 0 where no view shows it."""
+        """(N,) share of the views showing a position in which its cell is uncovered; 0 if no view shows it."""
         shown, bare = np.zeros(len(positions)), np.zeros(len(positions))
         for view, (rows, columns) in enumerate(self.sizes):
             fx, fy, cx, cy = self.intrinsics[view]
@@ -132,7 +132,7 @@ class ViewCells:
 
 
 def point_radii(positions: np.ndarray) -> np.ndarray:
-    """(N,) mean distance of each point to its nearest neighbours: as far as it may speak for its surroundings."""
+    """(N,) mean distance of each point to its nearest neighbours."""
     if len(positions) <= NEIGHBOURS:
         return np.zeros(len(positions))
     distances, _ = cKDTree(positions).query(positions, k=NEIGHBOURS + 1, workers=usable_cores())
@@ -163,7 +163,7 @@ def _cover(
                 continue
             column = fx * (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z + shift[0]) / depth + cx
             row = fy * (turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z + shift[1]) / depth + cy
-            # A cell is covered if its middle lies within the radius, and the cell that the point itself falls into is.
+            # A cell is covered if its middle lies within the radius, or if it contains the point itself.
             reach = min(radii[point] * fx / depth, LARGEST) + 0.5
             if column < -reach or row < -reach or column > columns + reach or row > rows + reach:
                 continue

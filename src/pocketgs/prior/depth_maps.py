@@ -1,4 +1,4 @@
-"""The depth maps of all keyframes: for each its source views, its range of depths, and a sweep."""
+"""Depth maps of all keyframes: source views, depth range and plane sweep for each."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.prior.depth_range import depths_of, narrowed, small_copy, wide_range
 from pocketgs.prior.sensor_depth import SURE_MARGIN, completed
-from pocketgs.prior.sweep import MOST_PIXELS, DepthMap, SweepSettings, at_sweep_size, choose_source_views, sweep
+from pocketgs.prior.sweep import MAX_PIXELS, DepthMap, SweepSettings, at_sweep_size, choose_source_views, sweep
 
-MOST_SWEPT_PIXELS = 16_000_000
-"""Of all keyframes together: with more keyframes each is searched at a smaller size, which bounds the time it takes."""
+MAX_SWEPT_PIXELS = 16_000_000
+"""Pixels of all keyframes together: with more keyframes, each is swept at a smaller size, which bounds the time."""
 
-FEWEST_POINTS, MOST_POINTS = 20, 200
-"""Sparse points that tell which frames to compare a keyframe with; with fewer, points on a grid do."""
+MIN_POINTS, MAX_POINTS = 20, 200
+"""Minimum and maximum number of sparse points for choosing source views; with fewer, points on a grid are used."""
 
 GRID = 5
 
 
 def sweep_pixels(keyframes: int) -> int:
-    """Pixels that each of so many keyframes is searched at, at most."""
-    return min(MOST_PIXELS, MOST_SWEPT_PIXELS // max(keyframes, 1))
+    """Maximum number of pixels to sweep per keyframe."""
+    return min(MAX_PIXELS, MAX_SWEPT_PIXELS // max(keyframes, 1))
 
 
 def depth_maps(
@@ -32,17 +32,17 @@ def depth_maps(
     distance: float,
     settings: SweepSettings,
 ) -> tuple[list[Frame], list[DepthMap]]:
-    """Search the depths of every keyframe, one after the other.
+    """Compute the depth maps of all keyframes, one after the other.
 
     Args:
         keyframes: K frames.
-        frames: the training frames, keyframes among them, to compare with.
+        frames: the training frames, including keyframes, to take source views from.
         points: for each keyframe, (N, 3) the sparse points that it sees.
         distance: typical distance to the scene.
         settings: of the sweeps.
 
     Returns:
-        The keyframes at the size at which they were searched, and their depth maps.
+        The keyframes at the size of their sweeps, and their depth maps.
     """
     most = sweep_pixels(len(keyframes))
     sized = {frame.name: at_sweep_size(frame, most) for frame in frames}
@@ -65,9 +65,9 @@ def _depth_map(
 
 
 def _representative(keyframe: Frame, points: np.ndarray, distance: float) -> np.ndarray:
-    """(M, 3) what the keyframe sees: some of its sparse points, or a grid at the typical distance."""
-    if len(points) >= FEWEST_POINTS:
-        return points[np.linspace(0, len(points) - 1, min(len(points), MOST_POINTS)).astype(np.int64)]
+    """(M, 3) points in the keyframe's view: some of its sparse points, or a grid at the typical distance."""
+    if len(points) >= MIN_POINTS:
+        return points[np.linspace(0, len(points) - 1, min(len(points), MAX_POINTS)).astype(np.int64)]
     camera = keyframe.camera
     x, y = np.meshgrid((np.arange(GRID) + 0.5) * camera.width / GRID, (np.arange(GRID) + 0.5) * camera.height / GRID)
     return camera.centre + distance * camera.rays(np.stack([x.ravel(), y.ravel()], axis=1))

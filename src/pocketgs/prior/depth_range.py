@@ -1,4 +1,4 @@
-"""Between which depths a keyframe's surfaces lie, as a sweep of a small copy over all depths and sparse points tell."""
+"""The depth range of a keyframe's surfaces, from a full-range sweep of a small copy and from sparse points."""
 
 from __future__ import annotations
 
@@ -11,34 +11,34 @@ from pocketgs.capture.capture import Frame
 from pocketgs.capture.loading import downscaled
 
 QUANTILES = (0.005, 0.995)
-"""Of inverse depth: what lies beyond is a wrong match rather than a surface."""
+"""Quantiles of inverse depth: values outside are wrong matches rather than surfaces."""
 
 NEAREST_SHARE, NEAREST_QUANTILE = 0.3, 0.02
-"""The wide sweep begins at this share of the depth that so few of the sparse points are nearer than."""
+"""The full-range sweep starts at this share of this quantile of the sparse points' depths."""
 
 UNKNOWN_NEAREST = 0.15
-"""Where there are too few sparse points it begins at this share of the distance to the scene."""
+"""With too few sparse points, it starts at this share of the distance to the scene."""
 
-FEWEST_POINTS = 20
+MIN_POINTS = 20
 
 WIDE_HYPOTHESES, WIDE_PIXELS = 64, 25_000
 WIDENED = 1.5
-"""Steps of the wide sweep by which the range reaches beyond what was found."""
+"""Steps of the full-range sweep by which the range is extended beyond the depths found."""
 
 PIXELS_PER_STEP = 0.7
-"""Neighbouring hypotheses lie so far apart in the source view that shifts most."""
+"""Shift between neighbouring hypotheses, in pixels of the source view that shifts most."""
 
 FEWEST, MOST = 48, 192
-"""Hypotheses of a sweep."""
+"""Minimum and maximum number of hypotheses of a sweep."""
 
 
 @dataclass(frozen=True)
 class DepthRange:
-    """The depths that a sweep tries, evenly spaced in inverse depth.
+    """The depths that a sweep tests, evenly spaced in inverse depth.
 
     Attributes:
-        nearest: least depth.
-        farthest: greatest depth; infinite where things are so far away that they hardly shift.
+        nearest: minimum depth.
+        farthest: maximum depth; infinite if objects are so far away that they hardly shift.
         hypotheses: number of depths.
     """
 
@@ -48,39 +48,39 @@ class DepthRange:
 
     @property
     def inverse_depths(self) -> np.ndarray:
-        """(D,) float32, rising. What is infinitely far counts as half a step from infinity."""
+        """(D,) float32, ascending. Infinite depth counts as half a step from infinity."""
         if np.isfinite(self.farthest):
             return np.linspace(1 / self.farthest, 1 / self.nearest, self.hypotheses, dtype=np.float32)
         return ((np.arange(self.hypotheses) + 0.5) / (self.hypotheses - 0.5) / self.nearest).astype(np.float32)
 
 
 def wide_range(frame: Frame, points: np.ndarray, distance: float) -> DepthRange:
-    """All depths that come into question: from well before the nearest sparse points to infinity.
+    """All plausible depths: from well in front of the nearest sparse points to infinity.
 
     Args:
-        frame: whose depths are sought.
+        frame: the keyframe.
         points: (N, 3) sparse points that it sees.
         distance: typical distance to the scene, for frames that see too few points.
     """
     depths = depths_of(frame, points)
-    if len(depths) < FEWEST_POINTS:
+    if len(depths) < MIN_POINTS:
         return DepthRange(UNKNOWN_NEAREST * distance, np.inf, WIDE_HYPOTHESES)
     return DepthRange(NEAREST_SHARE * float(np.quantile(depths, NEAREST_QUANTILE)), np.inf, WIDE_HYPOTHESES)
 
 
 def narrowed(wide: DepthRange, found: np.ndarray, frame: Frame, source_views: Sequence[Frame]) -> DepthRange:
-    """The range that holds what was found, with hypotheses as fine as the source views can tell apart.
+    """The range of the depths found, with hypotheses as fine as the source views can resolve.
 
     Args:
-        wide: the range that was searched.
-        found: (N,) depths: of the pixels that the wide sweep is sure of, and of sparse points.
-        frame: whose depths are sought.
-        source_views: frames that it is compared with.
+        wide: the range of the first sweep.
+        found: (N,) depths: confident ones of the first sweep, and those of sparse points.
+        frame: the keyframe.
+        source_views: its source views.
     """
     inverse = wide.inverse_depths
     step = float(inverse[1] - inverse[0])
     low, high = float(inverse[0]), float(inverse[-1])
-    if len(found) >= FEWEST_POINTS:
+    if len(found) >= MIN_POINTS:
         far, near = np.quantile(1 / found, QUANTILES)
         low, high = max(low, float(far) - WIDENED * step), min(high, float(near) + WIDENED * step)
     farthest = np.inf if low <= step else 1 / low
@@ -92,13 +92,13 @@ def narrowed(wide: DepthRange, found: np.ndarray, frame: Frame, source_views: Se
 
 
 def depths_of(frame: Frame, points: np.ndarray) -> np.ndarray:
-    """(M,) depths along the frame's optical axis of those of (N, 3) points that lie before it."""
+    """(M,) depths along the frame's optical axis of the (N, 3) points in front of it."""
     pose = frame.camera.world_to_camera
     depth = points @ pose[2, :3] + pose[2, 3]
     return depth[depth > 0]
 
 
 def small_copy(frame: Frame) -> Frame:
-    """The frame at the size of the wide sweep."""
+    """The frame at the size of the full-range sweep."""
     reduction = np.sqrt(frame.camera.width * frame.camera.height / WIDE_PIXELS)
     return downscaled(frame, float(reduction), None) if reduction > 1 else frame

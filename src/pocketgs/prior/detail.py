@@ -1,4 +1,4 @@
-"""How much there is to see in the surroundings of each pixel."""
+"""Local image detail."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import cv2
 import numpy as np
 
 DETAIL_SCALE = 1.0
-"""Standard deviation in pixels of the window, and of what counts as fine: the scale of what one Gaussian can show."""
+"""Standard deviation of the window in pixels, and the scale of fine detail: what one Gaussian can represent."""
 
 
 def detail(image: np.ndarray) -> np.ndarray:
-    """Local contrast: the root mean square, over a Gaussian window, of what blurring with that window takes away.
+    """Local contrast: RMS, over a Gaussian window, of the difference from the image blurred with that window.
 
     Args:
         image: (H, W, 3) uint8.
 
     Returns:
-        (H, W) float32 in [0, 1]; 0 where the surroundings are of one brightness.
+        (H, W) float32 in [0, 1]; 0 where brightness is constant.
     """
     brightness = image.astype(np.float32).mean(axis=2) / np.float32(255)
     fine = brightness - _blurred(brightness)

@@ -1,4 +1,4 @@
-"""Features of all frames of a capture, found on photographs as large as time allows."""
+"""Feature detection in all frames of a capture, on photographs as large as the time budget allows."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from pocketgs.capture.loading import downscaled
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.features import Features, detect
 
-LONGEST_SIDE = 1280
-"""Features of larger images are no easier to recognise: phones blur by more than a pixel."""
+MAX_SIDE = 1280
+"""Larger images do not give better features: phones blur by more than a pixel."""
 
 PIXELS = 160e6
-"""All images that features are sought in have about so many pixels together: some 20 s on two cores."""
+"""Maximum total number of pixels for detection: some 20 s on two cores."""
 
 WORTHWHILE = 1.1
-"""Photographs are decoded again if that makes them larger by this factor."""
+"""Minimum factor in size for which photographs are decoded again."""
 
 
 def detect_all(frames: Sequence[Frame], most: int, photographs: Photographs | None = None) -> list[Features]:
-    """Features of every frame, in the frame's own pixels, found on all cores.
+    """Detect features in every frame, in parallel, in the frame's own pixel coordinates.
 
     Args:
-        frames: as training sees them; all have a pinhole camera.
-        most: features of each, the strongest.
-        photographs: what the frames were made of, perhaps larger, or None to look at the frames alone.
+        frames: as for training; all have a pinhole camera.
+        most: maximum number of features per frame, the strongest.
+        photographs: the frames' photographs, possibly larger, or None to use the frames themselves.
     """
     if not frames:
         return []
@@ -51,20 +51,20 @@ def detect_all(frames: Sequence[Frame], most: int, photographs: Photographs | No
 
 
 def _side(frames: Sequence[Frame]) -> int:
-    """Longer side of the images to look at, so that all of them together have `PIXELS`."""
+    """Longer side of the images to use, so that all of them together have `PIXELS`."""
     shapes = [sorted((frame.camera.width, frame.camera.height)) for frame in frames]
     shape = float(np.median([longer / shorter for shorter, longer in shapes]))
-    return int(min(LONGEST_SIDE, np.sqrt(PIXELS / len(frames) * shape)))
+    return int(min(MAX_SIDE, np.sqrt(PIXELS / len(frames) * shape)))
 
 
 def _detect_in_memory(frame: Frame, most: int, side: int) -> Features:
-    # The depth map is of no use here, and costs time to shrink.
+    # The depth map is not needed, and takes time to resize.
     small = downscaled(Frame(frame.name, frame.camera, frame.image, frame.alpha, frame.mask), 1.0, side)
     return _seen_in(frame, small.camera, detect(small, most))
 
 
 def _seen_in(frame: Frame, camera: Camera, features: Features) -> Features:
-    """Features of another pinhole image from the same pose, where the frame sees them."""
+    """Transfer features from another pinhole image of the same pose to the frame."""
     if camera.intrinsic_matrix.tolist() == frame.camera.intrinsic_matrix.tolist():
         return features
     scale = np.array([frame.camera.fx / camera.fx, frame.camera.fy / camera.fy])

@@ -92,7 +92,8 @@ def _chosen_points(structure: Structure) -> tuple[np.ndarray, list[np.ndarray]]:
 
 
 def needs_compensation(frames: Sequence[Frame], gains: np.ndarray, scale: Scale) -> bool:
-    """Whether photographs with similar views differ in exposure so much that one scene cannot look like all of them.
+    """Whether photographs with similar views differ in exposure or white balance so much that one scene cannot look
+    like all of them.
 
     Args:
         frames: F photographs with poses.
@@ -102,10 +103,11 @@ def needs_compensation(frames: Sequence[Frame], gains: np.ndarray, scale: Scale)
     cameras = [frame.camera for frame in frames]
     apart = view_distances(cameras, cameras, scale.distance)
     np.fill_diagonal(apart, np.inf)
-    brightness = np.log(gains).mean(axis=1)
-    predicted = brightness[np.argsort(apart, axis=1, kind="stable")[:, :NEIGHBOURS]].mean(axis=1)
-    variation = float(np.abs(brightness).mean())
-    return variation >= LEAST_VARIATION and float(np.abs(brightness - predicted).mean()) > PREDICTABLE * variation
+    similar = np.argsort(apart, axis=1, kind="stable")[:, :NEIGHBOURS]
+    exposures = np.log(gains)
+    variation = float(np.abs(exposures).mean())
+    surprise = float(np.abs(exposures - exposures[similar].mean(axis=1)).mean())
+    return variation >= LEAST_VARIATION and surprise > PREDICTABLE * variation
 
 
 def compensated(frames: Sequence[Frame], gains: np.ndarray) -> list[Frame]:

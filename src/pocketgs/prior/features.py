@@ -1,4 +1,4 @@
-"""Features of photographs and their matches: SIFT, detected and described by OpenCV."""
+"""Image features and their matches: SIFT from OpenCV."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from pocketgs.capture.capture import Frame
 from pocketgs.system.compile import unlocked_kernel
 
 CONTRAST = 0.015
-"""SIFT's threshold; lower than usual, since phones blur and geometry weeds out what is wrong."""
+"""SIFT's contrast threshold; lower than usual, since phones blur and geometric verification removes wrong matches."""
 
 RATIO = 0.85
-"""The best match must be nearer than this times the second best (Lowe 2004, section 7.1)."""
+"""Ratio test: maximum distance of the best match relative to the second best (Lowe 2004, section 7.1)."""
 
 
 @dataclass(frozen=True)
 class Features:
-    """Distinctive places of one image.
+    """The features of one image.
 
     Attributes:
-        pixels: (N, 2) float64, the centre of the top left pixel being at (0.5, 0.5).
+        pixels: (N, 2) float64 positions; the centre of the top left pixel is (0.5, 0.5).
         descriptors: (N, 128) float32 of length 1.
-        grain: side of a pixel of the image that they were found in, in pixels of the frame that `pixels` refers to.
+        grain: side of a pixel of the image used for detection, in pixels of the frame that `pixels` refers to.
     """
 
     pixels: np.ndarray
@@ -32,21 +32,21 @@ class Features:
     grain: float = 1.0
 
     def select(self, chosen: np.ndarray) -> Features:
-        """The features that a boolean mask or an index array names."""
+        """The features selected by a boolean mask or an index array."""
         return Features(self.pixels[chosen], self.descriptors[chosen], self.grain)
 
 
 def detect(frame: Frame, most: int) -> Features:
-    """Find features away from what masks and alpha leave out.
+    """Detect features in the pixels that mask and alpha leave.
 
     Descriptors are RootSIFT (Arandjelović and Zisserman 2012).
 
     Args:
         frame: the photograph.
-        most: number of features to keep, the strongest.
+        most: maximum number of features, the strongest.
     """
     grey = cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY)
-    # Without precise upscaling features lie a quarter of a pixel off, and refined poses with them.
+    # Without precise upscaling, features and with them refined poses are off by a quarter of a pixel.
     detector = cv2.SIFT.create(nfeatures=most, contrastThreshold=CONTRAST, enable_precise_upscale=True)
     usable = None if frame.usable is None else frame.usable.astype(np.uint8)
     keypoints, descriptors = detector.detectAndCompute(grey, usable)
@@ -58,14 +58,14 @@ def detect(frame: Frame, most: int) -> Features:
 
 
 def match(first: Features, second: Features) -> np.ndarray:
-    """Pair features whose descriptors are each other's nearest, clearly nearer than the next.
+    """Match features that are mutual nearest neighbours and pass the ratio test.
 
     Returns:
         (M, 2) int64 indices into `first` and `second`.
     """
     if min(len(first.pixels), len(second.pixels)) < 2:
         return np.zeros((0, 2), np.int64)
-    # Descriptors have length 1, so the distance falls as the product grows: d² = 2 - 2 p.
+    # Descriptors have length 1, so distances follow from dot products: d² = 2 - 2 p.
     forwards, best, second_best, backwards = _nearest(first.descriptors @ second.descriptors.T)
     mutual = backwards[forwards] == np.arange(len(forwards))
     rows = np.flatnonzero(mutual & (2 - 2 * best < RATIO**2 * (2 - 2 * second_best)))
@@ -74,7 +74,7 @@ def match(first: Features, second: Features) -> np.ndarray:
 
 @unlocked_kernel
 def _nearest(products: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of every row the column of the largest product, that product and the next; of every column the row."""
+    """For each row the column of the largest product, that product and the next; for each column the row."""
     rows, columns = products.shape
     forwards, backwards = np.zeros(rows, np.int64), np.zeros(columns, np.int64)
     best, second_best = np.full(rows, np.float32(-2)), np.full(rows, np.float32(-2))

@@ -1,4 +1,4 @@
-"""Fusion: which pixels of the keyframes' depth maps can be believed, and where in the world they lie."""
+"""Fusion of the keyframes' depth maps to a point cloud of the pixels that are consistent."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from pocketgs.prior.sweep import DepthMap
 from pocketgs.prior.visual_hull import outside_hull
 
 CLEAR_MARGIN = 0.1
-"""Share by which a depth must be cheaper than its rivals for full confidence."""
+"""Margin to the next best depth that gives full confidence."""
 
 HOLE, HOLE_SHARE = 15, 0.1
-"""A hole is where less than this share of the pixels in a square of this side is believed."""
+"""A hole is a pixel with less than this share of confident pixels in a square of this side around it."""
 
 FILLER_MARGIN, FILLER_CONFIDENCE = 0.05, 0.1
-"""Holes are filled with depths that no view confirms but none contradicts either, if they win by this margin.
+"""Minimum margin of depths that fill holes: no view confirms them, but none contradicts them.
 
-Where a scene has no points at all, a few Gaussians have to grow over it, and do so badly.
+Without any points, Gaussians would have to grow into the hole from its surroundings, which they do badly.
 """
 
 SHELL_EXTENT = 4.0
-"""The sphere for what is far away is at least so many times as large as the space that the cameras stand in."""
+"""Minimum radius of the sphere for distant points, as a multiple of the extent of the cameras."""
 
-MOST_CANDIDATES = 2_000_000
-"""Pixels that are merged, of all keyframes together: it bounds memory."""
+MAX_CANDIDATES = 2_000_000
+"""Maximum number of pixels to merge, over all keyframes: it bounds memory."""
 
 
 @dataclass(frozen=True)
 class FusionSettings:
-    """What enters the cloud.
+    """Thresholds of fusion.
 
     Attributes:
-        confidence: least confidence of a pixel.
-        tolerance: relative difference up to which the depths of two views agree.
+        confidence: minimum confidence of a pixel.
+        tolerance: maximum relative difference of two views' depths that agree.
     """
 
     confidence: float = 0.4
@@ -53,17 +53,17 @@ def fuse(
     frames: Sequence[Frame],
     settings: FusionSettings,
 ) -> Candidates:
-    """Keep the pixels that other keyframes confirm, and in the holes between them those that none contradicts.
+    """Fuse pixels that other keyframes confirm, and in the holes between them those that none contradicts.
 
     Args:
         keyframes: K frames.
         maps: their depth maps.
         frames: training frames, whose alpha bounds the cloud.
-        settings: what is kept.
+        settings: thresholds.
     """
     views = _views(keyframes, maps)
     shell = _far_shell(keyframes, maps)
-    stride = max(1, int(np.ceil(sum(map_.depth.size for map_ in maps) / MOST_CANDIDATES)))
+    stride = max(1, int(np.ceil(sum(map_.depth.size for map_ in maps) / MAX_CANDIDATES)))
     found = [
         _candidates(keyframe, map_, views, index, stride, shell, settings)
         for index, (keyframe, map_) in enumerate(zip(keyframes, maps, strict=True))
@@ -76,13 +76,13 @@ def fuse(
 def confidence(agreeing: np.ndarray, contradicting: np.ndarray, margin: np.ndarray) -> np.ndarray:
     """Confidence in [0, 1] of depths.
 
-    Every view that agrees halves the doubt; views that look through the point divide what is left; a depth that is
-    hardly cheaper than another is hardly believed.
+    Every view that agrees halves the doubt; views that see through the point divide the confidence; depths that are
+    hardly cheaper than another get little confidence.
 
     Args:
         agreeing: number of other views that agree.
         contradicting: number of other views that see something behind the point.
-        margin: by what share the depth is cheaper than its best rival.
+        margin: share by which the depth is cheaper than the next best.
     """
     votes = agreeing.astype(np.float32)
     support = (1 - np.float32(0.5) ** votes) * votes / np.maximum(votes + contradicting, 1)
@@ -114,7 +114,7 @@ def _candidates(
     shell: tuple[np.ndarray, float],
     settings: FusionSettings,
 ) -> Candidates:
-    """The pixels of a keyframe that are confident enough."""
+    """The pixels of a keyframe with enough confidence."""
     agreeing, contradicting, footprints = compare_depths(views, index, settings.tolerance)
     confidences = confidence(agreeing, contradicting, map_.margin)
     believed = confidences >= settings.confidence
@@ -138,9 +138,9 @@ def _candidates(
 
 
 def _far_shell(keyframes: Sequence[Frame], maps: Sequence[DepthMap]) -> tuple[np.ndarray, float]:
-    """Centre and radius of the sphere that carries what is too far away for its depth to be told.
+    """Centre and radius of the sphere for points too distant to have a measurable depth.
 
-    Depth maps that cannot tell how far it is would put it at different places; on one sphere they agree.
+    Depth maps that cannot resolve the distance would put a point at different places; on one sphere they agree.
     """
     centres = np.array([keyframe.camera.centre for keyframe in keyframes])
     centre = centres.mean(axis=0)
@@ -149,12 +149,12 @@ def _far_shell(keyframes: Sequence[Frame], maps: Sequence[DepthMap]) -> tuple[np
 
 
 def _depths_on_shell(origin: np.ndarray, rays: np.ndarray, centre: np.ndarray, radius: float) -> np.ndarray:
-    """(N,) multiples of (N, 3) rays from a point inside a sphere to the sphere."""
+    """(N,) scale factors that put the ends of (N, 3) rays from a point inside a sphere onto the sphere."""
     offset = origin - centre
     square, half = np.sum(rays * rays, axis=1), rays @ offset
     return (np.sqrt(half**2 + square * (radius**2 - offset @ offset)) - half) / square
 
 
 def _holes(believed: np.ndarray) -> np.ndarray:
-    """(H, W) bool: pixels with hardly a believed depth around them."""
+    """(H, W) bool: pixels with few confident depths around them."""
     return cv2.boxFilter(believed.astype(np.float32), -1, (HOLE, HOLE), borderType=cv2.BORDER_REFLECT) < HOLE_SHARE

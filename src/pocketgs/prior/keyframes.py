@@ -1,4 +1,4 @@
-"""Keyframe selection: frames whose depth maps together cover what the training views see, each part more than once."""
+"""Keyframe selection: frames whose depth maps together cover the training views several times."""
 
 from __future__ import annotations
 
@@ -14,36 +14,36 @@ from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 
 CELLS = 12
-"""Cells along the longer side of a view: its coverage is counted in these."""
+"""Number of cells along the longer side of a view; coverage is counted in cells."""
 
 NEIGHBOURING_FRAMES = 4
-"""A frame's sharpness is compared with that of so many frames before and after it."""
+"""A frame's sharpness is compared with that of this many frames before and after it."""
 
 HIDDEN = 1.5
-"""Where a keyframe's own depth is smaller by this factor, something stands in front of the point."""
+"""If a keyframe's own depth is smaller by this factor, the point is occluded."""
 
 COARSER = 2.0
-"""A keyframe whose pixels cover more than this times the length that the view's do shows too little detail."""
+"""Maximum ratio of the keyframe's pixel footprint to the view's: above it, the keyframe lacks detail."""
 
 WIDEST_ANGLE = np.radians(60)
-"""Surfaces seen from directions further apart look too different to be matched."""
+"""Maximum angle between viewing directions for matching."""
 
-MOST_VIEWS = 300
-"""Of more frames, every so many are looked at: it bounds memory and time."""
+MAX_VIEWS = 300
+"""Maximum number of frames to consider, evenly spaced: it bounds memory and time."""
 
 
 @dataclass(frozen=True)
 class KeyframeSettings:
-    """How keyframes are selected.
+    """Settings of keyframe selection.
 
     Attributes:
-        max_keyframes: hard bound.
-        views: keyframes that every part of a training view should be seen in: a depth is believed the more, the more
-            other depth maps confirm it, and hardly if none does.
-        least_gain: share of all cells that another keyframe must cover to be worth its time.
+        max_keyframes: hard limit.
+        views: number of keyframes that should see every part of a training view: depths gain confidence with every
+            other depth map that confirms them, and have little without any.
+        least_gain: minimum share of all cells that another keyframe must cover.
 
     Raises:
-        PocketGSError: there would be fewer than two keyframes.
+        PocketGSError: the limit is less than two keyframes.
     """
 
     max_keyframes: int = 100
@@ -60,9 +60,9 @@ class Decision:
     """Whether a frame is a keyframe, and why.
 
     Attributes:
-        name: the frame's.
+        name: of the frame.
         kept: whether it is a keyframe.
-        reason: in words.
+        reason: as text.
         sharpness: mean absolute difference of neighbouring grey levels, see `pocketgs.capture.sharpness`.
     """
 
@@ -75,23 +75,23 @@ class Decision:
 def select_keyframes(
     frames: Sequence[Frame], points: Sequence[np.ndarray], distance: float, settings: KeyframeSettings
 ) -> list[Decision]:
-    """Select keyframes greedily: the next is the one that sees most of what too few of those before it see.
+    """Select keyframes greedily: the next one is the frame that sees most of what too few keyframes see so far.
 
-    Every view is divided into cells; the sparse points that it sees tell roughly how far away each cell is. A keyframe
-    sees a cell whose middle falls into its image, unless something nearer hides it, or the keyframe looks from too far
-    away or from too different a direction. A frame that is less sharp than its neighbours counts for less.
+    Every view is divided into cells; sparse points give the rough distance of each cell. A keyframe sees a cell if the
+    cell's middle projects into its image, is not occluded, and is not seen from too far away or from too different a
+    direction. Frames that are blurrier than their neighbours count less.
 
     Args:
-        frames: the training frames, in the order they were taken.
+        frames: the training frames, in capture order.
         points: for each frame, (M, 3) the sparse points that it sees.
-        distance: typical distance to the scene, for frames that see no points.
-        settings: the thresholds.
+        distance: typical distance to the scene, for frames without points.
+        settings: thresholds.
 
     Returns:
-        One decision per frame. At least one is kept if there is a frame.
+        One decision per frame. At least one frame is selected if there is any.
     """
     sharpnesses = np.array([sharpness(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY)) for frame in frames])
-    looked_at = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), MOST_VIEWS)).round().astype(np.int64))
+    looked_at = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), MAX_VIEWS)).round().astype(np.int64))
     views = [_Cells.of(frames[index], points[index], distance) for index in looked_at]
     relative = _relative_sharpness(sharpnesses)[looked_at] ** 2
     chosen = {int(looked_at[view]): gain for view, gain in _greedy(views, relative, settings)}
@@ -103,7 +103,7 @@ def select_keyframes(
 
 
 def _relative_sharpness(sharpnesses: np.ndarray) -> np.ndarray:
-    """(F,) at most 1: each frame's sharpness over the median of its neighbours', itself not among them."""
+    """(F,) at most 1: each frame's sharpness over the median of its neighbours', without itself."""
     if len(sharpnesses) < 2:
         return np.ones(len(sharpnesses))
     around = []
@@ -120,8 +120,8 @@ class _Cells:
     Attributes:
         camera: of the view.
         depths: (rows, columns) of all cells.
-        positions: (C, 3) middles of the cells that are not masked, in the world.
-        lengths: (C,) that a pixel covers there.
+        positions: (C, 3) world positions of the middles of unmasked cells.
+        lengths: (C,) footprint of a pixel there.
     """
 
     camera: Camera
@@ -146,7 +146,7 @@ class _Cells:
 
 
 def _cell_depths(camera: Camera, points: np.ndarray, rows: int, columns: int, distance: float) -> np.ndarray:
-    """(rows, columns) the depth of the sparse point that is nearest to each cell in the image."""
+    """(rows, columns) the depth of the sparse point nearest to each cell in the image."""
     pixels, depth = camera.project(points)
     seen = depth > 0
     if not seen.any():
@@ -158,7 +158,7 @@ def _cell_depths(camera: Camera, points: np.ndarray, rows: int, columns: int, di
 
 
 def _greedy(views: Sequence[_Cells], weights: np.ndarray, settings: KeyframeSettings) -> list[tuple[int, float]]:
-    """The views selected, in turn, each with the share of all cells that it covers anew."""
+    """The selected views in order, each with the share of all cells that it newly covers."""
     if not views:
         return []
     positions, lengths = (np.concatenate([getattr(view, name) for view in views]) for name in ("positions", "lengths"))
@@ -180,7 +180,7 @@ def _greedy(views: Sequence[_Cells], weights: np.ndarray, settings: KeyframeSett
 
 
 def _sees(view: _Cells, positions: np.ndarray, lengths: np.ndarray, rays: np.ndarray) -> np.ndarray:
-    """(C,) bool: whether a view shows what lies at positions that others see along rays."""
+    """(C,) bool: whether a view sees positions that others see along rays."""
     camera = view.camera
     pixels, depth = camera.project(positions)
     inside = (depth > 0) & np.all((pixels >= 0) & (pixels < (camera.width, camera.height)), axis=1)

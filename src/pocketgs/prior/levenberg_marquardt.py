@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt for costs that can be linearised: how far to trust a step, and when to stop."""
+"""Levenberg-Marquardt minimisation: damping and stopping, for any cost that can be linearised."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import numpy as np
 State = TypeVar("State")
 
 FIRST_DAMPING = 1e-4
-LEAST_DAMPING = 1e-12
+MIN_DAMPING = 1e-12
 NEGLIGIBLE = 1e-15
-"""A decrease of the cost by less is rounding, where residuals are pixels."""
+"""Smaller decreases of the cost are rounding errors, for residuals in pixels."""
 
 
 @dataclass(frozen=True)
 class Outcome(Generic[State]):
-    """Where a minimisation ended.
+    """The result of a minimisation.
 
     Attributes:
-        state: of the least cost seen.
+        state: of lowest cost.
         cost_before, cost: at the start and at `state`; the latter is never larger.
-        iterations: steps tried.
-        converged: whether a step could not be expected to gain more than the tolerance.
+        iterations: number of steps tried.
+        converged: whether no step was expected to gain more than the tolerance.
     """
 
     state: State
@@ -41,17 +41,17 @@ def minimise(
     iterations: int,
     tolerance: float,
 ) -> Outcome[State]:
-    """Find a minimum near `start`, damping by Nielsen's rule.
+    """Find a local minimum near `start`, with Nielsen's damping rule.
 
     Madsen, Nielsen and Tingleff, "Methods for non-linear least squares problems" (2004), algorithm 3.16.
 
     Args:
-        start: where to begin.
-        cost: of a state.
-        step: (state, damping) to the state that the damped linear model leads to, and by how much that model expects
-            the cost to fall. It raises `numpy.linalg.LinAlgError` where it finds none.
-        iterations: at most as many steps are tried.
-        tolerance: stop when the expected decrease, or that of a successful step, is below this times the cost.
+        start: initial state.
+        cost: function of a state.
+        step: maps (state, damping) to the state after the damped linear step, and the decrease of the cost that the
+            linear model predicts. It raises `numpy.linalg.LinAlgError` if it finds none.
+        iterations: maximum number of steps.
+        tolerance: stop when the predicted decrease, or that of a successful step, is below this times the cost.
     """
     state = start
     cost_before = least = cost(start)
@@ -71,7 +71,7 @@ def minimise(
             state, least = candidate, reached
             if decrease <= enough:
                 return Outcome(state, cost_before, least, iteration, True)
-            damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * decrease / expected - 1.0) ** 3), LEAST_DAMPING)
+            damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * decrease / expected - 1.0) ** 3), MIN_DAMPING)
             growth = 2.0
         else:
             damping, growth = damping * growth, growth * 2.0

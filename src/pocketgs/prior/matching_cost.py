@@ -1,7 +1,7 @@
-"""Matching costs of a plane sweep: in how many bits the census of a view and of its warped source views differ.
+"""Matching costs of a plane sweep: Hamming distances of the census transforms of a view and its warped source views.
 
-The census transform (Zabih and Woodfill 1994) turns a pixel's surroundings into bits: which neighbours are darker than
-it. Gains, offsets and vignetting leave them as they are.
+The census transform (Zabih and Woodfill 1994) encodes a pixel's neighbourhood as bits: which neighbours are darker. It
+is invariant to gain, offset and vignetting.
 """
 
 from __future__ import annotations
@@ -17,32 +17,32 @@ RADIUS = 3
 NEIGHBOURS = np.array(
     [(y, x) for y in range(-RADIUS, RADIUS + 1) for x in range(-RADIUS, RADIUS + 1) if (y, x) != (0, 0)], np.int64
 )
-"""(row, column) offsets of the pixels that each pixel is compared with."""
+"""(row, column) offsets of the neighbours that each pixel is compared with."""
 
 BITS = len(NEIGHBOURS)
 UNSEEN = np.uint8(255)
 
 ROWS_AT_ONCE = 32
-"""Rows that a thread works on: their costs for all hypotheses stay in its cache."""
+"""Rows per thread: their costs for all hypotheses fit in the cache."""
 
 
 ALL_USABLE = np.zeros((0, 0, 0), np.bool_)
 
 
 class SourceViews(NamedTuple):
-    """The images that a view is compared with, and where its pixels fall in them.
+    """The source views of a view, and the mapping of its pixels into them.
 
     A pixel (x, y, 1) of the view, at inverse depth i, falls at (u/w, v/w) of a source view, where
     (u, v, w) = turn · (x, y, 1) + i · shift.
 
     Attributes:
-        squares: (R, h, w) uint32: each pixel's grey level, that of its right neighbour, and those below the two, one
-            byte each from the lowest. One read gives all that is interpolated. Padded to one size.
-        sizes: (R, 2) float32 their true heights and widths.
+        squares: (R, h, w) uint32: grey levels of each pixel, its right neighbour, and the two below, one byte each from
+            the lowest. One read returns all four values to interpolate. Padded to one size.
+        sizes: (R, 2) float32 true heights and widths.
         turns: (R, 3, 3) float32.
         shifts: (R, 3) float32.
-        usable: (R, h, w) bool, the pixels that masks leave, or `ALL_USABLE` where there are no masks. A hypothesis that
-            falls on another pixel is not seen by the source view.
+        usable: (R, h, w) bool, unmasked pixels, or `ALL_USABLE` without masks. The source view does not see hypotheses
+            that fall on masked pixels.
     """
 
     squares: np.ndarray
@@ -53,7 +53,7 @@ class SourceViews(NamedTuple):
 
 
 def squares_of(image: np.ndarray) -> np.ndarray:
-    """(H, W) uint32 squares, as in `SourceViews`, of an (H, W) uint8 image whose border is continued outwards."""
+    """(H, W) uint32 squares, as in `SourceViews`, of an (H, W) uint8 image whose border pixels are repeated."""
     wide = np.pad(image, ((0, 1), (0, 1)), mode="edge").astype(np.uint32)
     return wide[:-1, :-1] | wide[:-1, 1:] << 8 | wide[1:, :-1] << 16 | wide[1:, 1:] << 24
 
@@ -62,16 +62,16 @@ def squares_of(image: np.ndarray) -> np.ndarray:
 def matching_costs(view: np.ndarray, source_views: SourceViews, inverse_depths: np.ndarray) -> np.ndarray:
     """Compare a view with its source views, warped by every hypothesis.
 
-    With several source views a hypothesis costs the mean of the two that agree best: few surfaces are hidden in all but
-    one.
+    With several source views, a hypothesis costs the mean of the two that agree best: few surfaces are occluded in all
+    but one.
 
     Args:
-        view: (H, W) uint8 grey image.
-        source_views: what to compare it with.
+        view: (H, W) uint8 greyscale image.
+        source_views: to compare it with.
         inverse_depths: (D,) float32 hypotheses.
 
     Returns:
-        (H, W, D) uint8 number of differing bits, at most BITS; BITS / 2 where no source view sees the hypothesis.
+        (H, W, D) uint8 Hamming distance, at most BITS; BITS / 2 where no source view sees the hypothesis.
     """
     height, width = view.shape
     costs = np.empty((height, width, len(inverse_depths)), np.uint8)
@@ -93,7 +93,7 @@ def matching_costs(view: np.ndarray, source_views: SourceViews, inverse_depths: 
 
 @part
 def census(view: np.ndarray, top: int, rows: int) -> np.ndarray:
-    """(BITS, rows, W) uint8: 1 where a neighbour is darker. The image's border is continued outwards."""
+    """(BITS, rows, W) uint8: 1 where a neighbour is darker. The image's border pixels are repeated."""
     height, width = view.shape
     darker = np.empty((BITS, rows, width), np.uint8)
     for bit in range(BITS):
@@ -109,15 +109,15 @@ def census(view: np.ndarray, top: int, rows: int) -> np.ndarray:
 def warp(
     source_views: SourceViews, source: int, inverse_depth: np.float32, top: int, warped: np.ndarray, visible: np.ndarray
 ) -> None:
-    """Sample a source view, bilinearly, where the rows of the view from `top` on fall, with a margin of RADIUS.
+    """Sample a source view bilinearly at the rows of the view from `top` on, with a margin of RADIUS.
 
-    A row takes three passes, of which the first and the last run on vectors; the second only reads.
+    A row takes three passes: the first and the last are vectorised, the second only reads.
     """
     squares = source_views.squares[source].reshape(-1)
     turn, shift = source_views.turns[source], source_views.shifts[source] * inverse_depth
     size, stride = source_views.sizes[source], source_views.squares.shape[2]
     columns = warped.shape[1]
-    # Arrays of their own: of rows of one array Numba does not know that they are contiguous, and uses no vectors.
+    # Separate arrays: Numba does not know that rows of one array are contiguous, and would not vectorise.
     places, read = np.empty(columns, np.uint32), np.empty(columns, np.uint32)
     right_shares, below_shares = np.empty(columns, np.float32), np.empty(columns, np.float32)
     for row in range(len(warped)):
@@ -144,7 +144,7 @@ def find(
     below_shares: np.ndarray,
     visible: np.ndarray,
 ) -> None:
-    """Where the pixels of a row fall: the index of the square, the shares of its right and lower pixels, if at all."""
+    """Map the pixels of a row: index of the square, and weights of its right and lower pixels, where visible."""
     half, zero = np.float32(0.5), np.float32(0.0)
     height, width = size
     along_u, along_v, along_w = turn[0, 0], turn[1, 0], turn[2, 0]
@@ -157,7 +157,7 @@ def find(
         w = along_w * x + start_w
         across, down = (along_u * x + start_u) / w, (along_v * x + start_v) / w
         visible[column] = (w > zero) & (across >= zero) & (across < width) & (down >= zero) & (down < height)
-        # In this order of arguments, 0 / 0 becomes 0 and no read goes astray.
+        # In this order of arguments, 0 / 0 becomes 0 and all reads stay in bounds.
         across = min(max(zero, across - half), width - np.float32(1.0))
         down = min(max(zero, down - half), height - np.float32(1.0))
         left, above = np.int32(across), np.int32(down)
@@ -167,7 +167,7 @@ def find(
 
 @part
 def interpolate(squares: np.ndarray, right_shares: np.ndarray, below_shares: np.ndarray, samples: np.ndarray) -> None:
-    """The grey levels between the four pixels of each square."""
+    """Interpolate the four grey levels of each square."""
     byte, half = np.uint32(255), np.float32(0.5)
     for column in range(len(samples)):
         square = squares[column]
@@ -182,7 +182,7 @@ def interpolate(squares: np.ndarray, right_shares: np.ndarray, below_shares: np.
 def compare(
     darker: np.ndarray, warped: np.ndarray, visible: np.ndarray, least: np.ndarray, next_least: np.ndarray
 ) -> None:
-    """Count the bits that differ, and keep the two least counts of every pixel."""
+    """Count differing bits, and keep the two smallest counts per pixel."""
     rows, width = least.shape
     count = np.empty(width, np.uint8)
     for row in range(rows):
@@ -204,7 +204,7 @@ def compare(
 
 @part
 def write_costs(least: np.ndarray, next_least: np.ndarray, costs: np.ndarray, hypothesis: int) -> None:
-    """Put the costs of one hypothesis in their place."""
+    """Write the costs of one hypothesis."""
     rows, width = least.shape
     for row in range(rows):
         for column in range(width):

@@ -1,4 +1,4 @@
-"""Merging: from millions of pixels with depths to as many points as a scene may have Gaussians."""
+"""Merging: from millions of pixels with depths to a point cloud of bounded size."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from pocketgs.scene.point_cloud import PointCloud
 
 MERGING_ROUNDS = 12
 OVERFULL = 1.05
-"""Voxels filled for each point asked for, at most: the lightest are left out."""
+"""Maximum ratio of filled voxels to requested points: the voxels of least weight are dropped."""
 
 DETAIL_POWER = 2 / 3
-MOST_OCTAVES = 1.5
-"""Voxels' sides fall with this power of the detail, up to so many octaves from that of the median detail."""
+MAX_OCTAVES = 1.5
+"""Voxel sides shrink with this power of the detail, by up to this many octaves from the median detail."""
 
-LEAST_DETAIL = 1e-4
-"""Less than this is taken for this: photographs are rounded to 1/255."""
+MIN_DETAIL = 1e-4
+"""Lower bound of the detail: photographs are rounded to 1/255."""
 
 STEPS_AN_OCTAVE = 2
 
@@ -30,7 +30,7 @@ class Candidates:
         positions: (M, 3) in the world.
         colours: (M, 3) RGB in [0, 1].
         directions: (M, 3) unit vectors towards the camera.
-        footprints: (M,) length that a pixel covers there, in the nearest view that sees the point.
+        footprints: (M,) footprint of a pixel there, in the nearest view that sees the point.
         details: (M,) local contrast in [0, 1], see `pocketgs.prior.detail`.
         confidences: (M,) in [0, 1].
     """
@@ -43,7 +43,7 @@ class Candidates:
     confidences: np.ndarray
 
     def select(self, keep: np.ndarray) -> Candidates:
-        """Those that a boolean mask names."""
+        """The candidates selected by a boolean mask."""
         return Candidates(
             self.positions[keep],
             self.colours[keep],
@@ -55,18 +55,18 @@ class Candidates:
 
 
 def merged(candidates: Candidates, count: int) -> PointCloud:
-    """Average the candidates of each voxel; voxels are so large that about `count` are filled.
+    """Average the candidates in each voxel; the voxel size is chosen so that about `count` voxels are filled.
 
-    A voxel's side is a multiple of the footprints of the pixels in it, and falls with the detail they show:
-    a bounded number of Gaussians does most where there is most to show. Both are rounded, to steps of the root of two.
+    A voxel's side is proportional to the footprints of the pixels in it, and shrinks with their detail: a bounded
+    number of Gaussians is most useful where there is detail. Both are rounded to steps of √2.
 
     Args:
-        candidates: what to merge.
-        count: most points to give.
+        candidates: to merge.
+        count: maximum number of points.
 
     Returns:
         At most `count` points, with their directions and the mean confidence of their pixels; dense where many pixels
-        see the surface, and where they see much on it.
+        see a detailed surface.
     """
     if len(candidates.positions) == 0:
         return PointCloud(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
@@ -77,7 +77,7 @@ def merged(candidates: Candidates, count: int) -> PointCloud:
         filled = int(voxel.max()) + 1
         if count <= filled <= OVERFULL * count or (filled < count and filled == len(voxel)):
             break
-        # Surfaces fill voxels with the square of their number along a side.
+        # The number of voxels on a surface grows with the square of the resolution.
         size *= np.sqrt(filled / ((1 + OVERFULL) / 2 * count))
     weight = np.bincount(voxel, candidates.confidences)
 
@@ -93,14 +93,14 @@ def merged(candidates: Candidates, count: int) -> PointCloud:
 
 
 def _levels(candidates: Candidates) -> np.ndarray:
-    """(M,) int64 logarithm of the voxels' relative sides, in steps of the root of two."""
-    details = np.maximum(candidates.details, LEAST_DETAIL)
+    """(M,) int64 logarithm of the voxels' relative sides, in steps of √2."""
+    details = np.maximum(candidates.details, MIN_DETAIL)
     octaves = -DETAIL_POWER * np.log2(details / np.median(details))
-    octaves = np.log2(candidates.footprints) + np.clip(octaves, -MOST_OCTAVES, MOST_OCTAVES)
+    octaves = np.log2(candidates.footprints) + np.clip(octaves, -MAX_OCTAVES, MAX_OCTAVES)
     return np.round(STEPS_AN_OCTAVE * octaves).astype(np.int64)
 
 
 def _voxels(positions: np.ndarray, level: np.ndarray, size: float) -> np.ndarray:
-    """(M,) int64 one number a voxel; two voxels that share one by chance are too rare to matter."""
+    """(M,) int64 key of each voxel; hash collisions are too rare to matter."""
     cells = np.floor(positions / (size * np.exp2(level / STEPS_AN_OCTAVE))[:, None]).astype(np.int64)
     return (cells[:, 0] * 73856093 ^ cells[:, 1] * 19349663 ^ cells[:, 2] * 83492791) * 64 + level

@@ -1,4 +1,4 @@
-"""Where points were seen: what triangulation and bundle adjustment work on."""
+"""Observations of points in views, the input of triangulation and bundle adjustment."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Observations:
-    """M sightings of points in views.
+    """M observations of points in views.
 
     Attributes:
         frame: (M,) int32 index of the view.
         point: (M,) int32 index of the point.
-        pixels: (M, 2) float64 where.
+        pixels: (M, 2) float64 positions.
     """
 
     frame: np.ndarray
@@ -26,19 +26,19 @@ class Observations:
         return len(self.point)
 
     def select(self, keep: np.ndarray) -> Observations:
-        """The sightings that a boolean mask or an index array names; points keep their numbers."""
+        """The observations selected by a boolean mask or an index array; points keep their numbers."""
         return Observations(self.frame[keep], self.point[keep], self.pixels[keep])
 
 
 def enough_for_each_view(observations: Observations, views: int, most: int) -> np.ndarray:
-    """(M,) bool: the sightings of so many points that every view sees `most` of them, if it sees as many.
+    """(M,) bool: the observations of a subset of points, such that every view sees `most` of them if it can.
 
-    Points that most views see come first.
+    Points seen by most views come first.
 
     Args:
         observations: in any order.
-        views: their number.
-        most: points that are enough for a view.
+        views: number of views.
+        most: points per view that are enough.
     """
     seen = np.bincount(observations.point, minlength=1)
     order = np.lexsort((observations.point, -seen[observations.point]))

@@ -1,6 +1,6 @@
-"""Which views are worth matching: those that the poses say are alike, those taken in a row, and those that look alike.
+"""Pairs of views to match: near by pose, consecutive, or similar in appearance.
 
-A camera whose pose is wrong has the wrong neighbours by its pose. The other two ways still find the right ones.
+The pose of a misplaced camera names the wrong neighbours. The other two criteria still find the right ones.
 """
 
 from __future__ import annotations
@@ -15,29 +15,29 @@ from pocketgs.prior.features import Features
 from pocketgs.prior.tracks import WIDEST_ANGLE, view_distances
 
 Pair = tuple[int, int]
-"""Two views, the lower number first."""
+"""Indices of two views, the smaller first."""
 
 RANKS_BY_POSE = (0, 1, 2, 4, 7, 11, 16)
-"""Among the views that the poses say are alike: the most similar, and some further ones for longer baselines."""
+"""Ranks among the neighbours by pose: the nearest, and some farther ones for longer baselines."""
 
 STEPS_IN_SEQUENCE = (1, 2)
-MOST_ALIKE = 4
-"""So many of those that look most alike."""
+MAX_SIMILAR = 4
+"""Number of most similar views to match with."""
 
-PAIRS_PER_VIEW = len(RANKS_BY_POSE) + len(STEPS_IN_SEQUENCE) + MOST_ALIKE
-"""No more pairs than this times the number of views."""
+PAIRS_PER_VIEW = len(RANKS_BY_POSE) + len(STEPS_IN_SEQUENCE) + MAX_SIMILAR
+"""Maximum number of pairs per view."""
 
 WORDS = 1024
-"""Kinds of features that images are compared by."""
+"""Size of the vocabulary for comparing images."""
 
 
 def choose_pairs(
     names: Sequence[str], cameras: Sequence[Camera], features: Sequence[Features], scene_distance: float
 ) -> list[Pair]:
-    """Pairs of views to match, each once, sorted.
+    """Choose the pairs of views to match, sorted and unique.
 
     Args:
-        names: of F frames; sorted, they are in the order that they were taken.
+        names: of F frames; in sorted order they are in capture order.
         cameras: with given poses.
         features: of the frames.
         scene_distance: typical distance to the scene.
@@ -47,7 +47,7 @@ def choose_pairs(
 
 
 def by_pose(cameras: Sequence[Camera], scene_distance: float) -> list[Pair]:
-    """Pairs of views that the poses say may see the same."""
+    """Pairs of views that overlap according to their poses."""
     forwards = np.array([camera.forward for camera in cameras])
     apart = view_distances(cameras, cameras, scene_distance)
     apart[forwards @ forwards.T < np.cos(WIDEST_ANGLE)] = np.inf
@@ -62,7 +62,7 @@ def by_pose(cameras: Sequence[Camera], scene_distance: float) -> list[Pair]:
 
 
 def in_sequence(names: Sequence[str]) -> list[Pair]:
-    """Pairs of frames that follow each other when names are sorted, numbers in them counting as numbers."""
+    """Pairs of consecutive frames, by name; numbers in names are compared as numbers."""
     order = sorted(range(len(names)), key=lambda index: _by_number(names[index]))
     return sorted(
         _pair(first, second) for step in STEPS_IN_SEQUENCE for first, second in zip(order, order[step:], strict=False)
@@ -70,21 +70,21 @@ def in_sequence(names: Sequence[str]) -> list[Pair]:
 
 
 def by_appearance(features: Sequence[Features]) -> list[Pair]:
-    """Pairs of views whose features are of the same kinds, rare kinds counting more (Sivic and Zisserman 2003)."""
+    """Pairs of views with similar features; rare features count more (Sivic and Zisserman 2003)."""
     rows = likeness(features)
     np.fill_diagonal(rows, -1.0)
     pairs = set()
     for view, row in enumerate(rows):
-        for other in np.argsort(-row, kind="stable")[:MOST_ALIKE]:
+        for other in np.argsort(-row, kind="stable")[:MAX_SIMILAR]:
             if row[other] > 0:
                 pairs.add(_pair(view, int(other)))
     return sorted(pairs)
 
 
 def likeness(features: Sequence[Features]) -> np.ndarray:
-    """(F, F) cosine between the views' histograms of words, weighted by tf-idf.
+    """(F, F) cosine similarity of the views' tf-idf-weighted word histograms.
 
-    Words are features drawn at random: clustering them would be slower, and hardly better at this number of views.
+    Words are random features: clustering would be slower, and hardly better for this number of views.
     """
     everything = np.concatenate([np.zeros((0, 128), np.float32), *[view.descriptors for view in features]])
     drawn = np.random.default_rng(0).permutation(len(everything))[:WORDS]

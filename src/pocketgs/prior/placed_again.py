@@ -1,4 +1,4 @@
-"""One photograph placed anew against a structure: for views that something else than geometry calls into question."""
+"""Relocalising a single photograph in a structure, for views that other criteria than geometry call into question."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from pocketgs.prior.structure import Structure
 from pocketgs.prior.two_view import VERIFICATION, agreeing
 
 FEATURES = 2000
-MOST_ALIKE = 12
-"""Views that the photograph is matched with: those that look most alike, wherever it is said to stand."""
+MAX_SIMILAR = 12
+"""Number of most similar views to match the photograph with, regardless of its stated pose."""
 
 
 def placed_again(frame: Frame, structure: Structure) -> Camera | None:
-    """The frame's camera where its photograph says that it stands, or None if that is not enough to tell.
+    """The frame's camera, relocalised from its photograph alone, or None if that is not possible.
 
-    What the structure holds of the frame itself does not count, and neither does its pose.
+    The frame's own pose and its own observations in the structure are ignored.
 
     Args:
         frame: with its intrinsics.
@@ -30,7 +30,7 @@ def placed_again(frame: Frame, structure: Structure) -> Camera | None:
     others = [view for view, name in enumerate(structure.names) if name != frame.name]
     alike = likeness([own, *(structure.landmarks[view][0] for view in others)])[0, 1:]
     pixels, points = [np.zeros((0, 2))], [np.zeros((0, 3))]
-    for place in np.argsort(-alike, kind="stable")[:MOST_ALIKE].tolist():
+    for place in np.argsort(-alike, kind="stable")[:MAX_SIMILAR].tolist():
         view = others[place]
         theirs, point = structure.landmarks[view]
         found = match(own, theirs)

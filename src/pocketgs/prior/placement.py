@@ -1,4 +1,4 @@
-"""Cameras whose poses are wrong, placed anew against the points that the other views agree on."""
+"""Relocalising cameras with wrong poses against the points that the other views agree on."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ import numpy as np
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.consensus import consensus
 from pocketgs.prior.features import Features
-from pocketgs.prior.pairs import MOST_ALIKE, Pair, by_pose, likeness
+from pocketgs.prior.pairs import MAX_SIMILAR, Pair, by_pose, likeness
 from pocketgs.prior.refinement import carried_along
 from pocketgs.prior.relocalise import agreeing, pose_from_points
-from pocketgs.prior.tolerance import LEAST_ANGLE
+from pocketgs.prior.tolerance import MIN_ANGLE
 from pocketgs.prior.tracks import link, triangulate
 from pocketgs.prior.two_view import Matches, match_views
 
 ROUNDS = 3
 """Views that were placed in one round help to place others in the next."""
 
-MORE_ALIKE = 4 * MOST_ALIKE
-"""Views that look alike which a wrong view is matched with: its neighbours by pose are the wrong ones."""
+MORE_SIMILAR = 4 * MAX_SIMILAR
+"""Number of most similar views that a wrong view is matched with: its neighbours by pose are the wrong ones."""
 
-LEAST_FIT = 0.6
-"""Share of the sightings that must agree with a new pose, once the view is matched with its neighbours there."""
+MIN_FIT = 0.6
+"""Minimum share of observations that must agree with a new pose, once the view is matched with its neighbours there."""
 
 
 class Placement:
-    """What is known while wrong views are placed.
+    """State while wrong views are placed.
 
     Attributes:
-        cameras: of F views, wrong ones at their new poses as these are found.
+        cameras: of F views; wrong ones get their new poses as these are found.
         matches: of pairs of views; more are added on the way.
         wrong: (F,) bool: not placed so far.
     """
@@ -49,7 +49,7 @@ class Placement:
         self._tolerance = tolerance
 
     def run(self) -> None:
-        """Place what can be placed."""
+        """Place as many views as possible."""
         self._match(self._alike())
         for _ in range(ROUNDS):
             known = self._known_points()
@@ -65,18 +65,18 @@ class Placement:
                 break
 
     def _alike(self) -> list[Pair]:
-        """Every wrong view with those others that look most alike."""
+        """Pairs of every wrong view with the most similar other views."""
         rows = likeness(self._features)
         rows[:, self.wrong] = -1.0
         pairs = []
         for view in np.flatnonzero(self.wrong):
-            for other in np.argsort(-rows[view], kind="stable")[:MORE_ALIKE]:
+            for other in np.argsort(-rows[view], kind="stable")[:MORE_SIMILAR]:
                 if rows[view, other] > 0:
                     pairs.append((min(int(view), int(other)), max(int(view), int(other))))
         return pairs
 
     def _neighbours(self, view: int, guess: Camera) -> list[Pair]:
-        """The view with its neighbours if it stood there."""
+        """Pairs of the view with its neighbours if it had this pose."""
         right = np.flatnonzero(~self.wrong)
         found = by_pose([guess, *[self.cameras[other] for other in right]], self._distance)
         return [
@@ -91,13 +91,13 @@ class Placement:
         self.matches |= {pair: found.get(pair, np.zeros((0, 2), np.int64)) for pair in missing}
 
     def _known_points(self) -> list[np.ndarray]:
-        """For each view (N, 3) the points behind its features that right views agree on, NaN where there is none."""
+        """For each view (N, 3) points of its features that correct views agree on, NaN where there is none."""
         known = [np.full((len(view.pixels), 3), np.nan) for view in self._features]
         right = {pair: found for pair, found in self.matches.items() if not self.wrong[list(pair)].any()}
         tracks, feature = link(self._features, right)
         if not len(tracks):
             return known
-        kept = np.flatnonzero(consensus(self.cameras, tracks, self._tolerance, LEAST_ANGLE).agrees)
+        kept = np.flatnonzero(consensus(self.cameras, tracks, self._tolerance, MIN_ANGLE).agrees)
         points = triangulate(self.cameras, tracks.select(kept))
         for view, own in enumerate(known):
             here = kept[tracks.frame[kept] == view]
@@ -105,7 +105,7 @@ class Placement:
         return known
 
     def _sightings(self, view: int, pairs: Sequence[Pair], known: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """(M, 3) points that the view may see, by its matches with right views, and (M, 2) where."""
+        """(M, 3) points that the view may see, from its matches with correct views, and (M, 2) their pixels."""
         points, pixels = [np.zeros((0, 3))], [np.zeros((0, 2))]
         for first, second in pairs:
             other = second if first == view else first
@@ -119,7 +119,7 @@ class Placement:
         return both[:, :3], both[:, 3:]
 
     def _guess(self, view: int, known: list[np.ndarray]) -> Camera | None:
-        """Where the view may stand: as all its matches say, or as it stood to one that has been placed anew."""
+        """A pose candidate for the view: from all its matches, or relative to a view that has been placed."""
         placed = pose_from_points(
             self._given[view], *self._sightings(view, self._pairs_of(view), known), 2 * self._tolerance
         )
@@ -136,13 +136,13 @@ class Placement:
         return None
 
     def _confirmed(self, view: int, neighbours: Sequence[Pair], known: list[np.ndarray]) -> Camera | None:
-        """The pose that the view's new neighbours agree on."""
+        """The pose that is consistent with the view's new neighbours."""
         points, pixels = self._sightings(view, neighbours, known)
         placed = pose_from_points(self._given[view], points, pixels, 2 * self._tolerance)
         if placed is None:
             return None
         fits = agreeing(placed, points, pixels, 2 * self._tolerance)
-        return placed if fits.mean() >= LEAST_FIT else None
+        return placed if fits.mean() >= MIN_FIT else None
 
     def _pairs_of(self, view: int) -> list[Pair]:
         return [pair for pair in self.matches if view in pair]

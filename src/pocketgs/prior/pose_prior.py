@@ -1,4 +1,4 @@
-"""What is known of the cameras' poses beforehand, and what is held so that nothing floats."""
+"""Prior knowledge of the cameras' poses, and the gauge that is fixed without it."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class PosePrior:
     """A Gaussian around each given pose: its cost is ½ Σ weights · deviation².
 
     Attributes:
-        weights: (6 F + 2,) 1/σ² of every unknown of the cameras, 0 where nothing is known.
-        given: the poses it is centred on.
+        weights: (6 F + 2,) 1/σ² of every unknown of the cameras, 0 without a prior.
+        given: the poses that it is centred on.
     """
 
     weights: np.ndarray
@@ -26,8 +26,9 @@ class PosePrior:
     def deviation(self, estimate: Estimate) -> np.ndarray:
         """(6 F + 2,) rotation vector from the given pose (radians), and offset of the centre; 0 for shared unknowns.
 
-        The derivative of the rotation vector by the unknown turn is taken as the identity, which is right to θ²/12;
-        the slope of the cost is exact all the same, because a turn about the rotation vector changes only its length.
+        The derivative of the rotation vector by the rotation step is approximated by the identity, correct to θ²/12;
+        the gradient of the cost is exact nevertheless, because a rotation about the rotation vector changes only its
+        length.
         """
         turns = Rotation.from_matrix(estimate.rotations @ self.given.rotations.transpose(0, 2, 1)).as_rotvec()
         by_camera = np.concatenate([turns, estimate.centres - self.given.centres], axis=1)
@@ -39,27 +40,27 @@ class PosePrior:
 
 
 def pose_prior(given: Estimate, position_sigma: float | None, rotation_sigma: float | None) -> PosePrior:
-    """The prior with these standard deviations, in scene units and radians; None is no prior."""
+    """Make the prior from standard deviations, in scene units and radians; None means no prior."""
     turn, offset = (0.0 if sigma is None else sigma**-2 for sigma in (rotation_sigma, position_sigma))
     weights = np.tile(np.repeat([turn, offset], 3), len(given.centres))
     return PosePrior(np.append(weights, np.zeros(SHARED_UNKNOWNS)), given)
 
 
 def unheld(given: Estimate, positions_known: bool, rotations_known: bool) -> np.ndarray:
-    """(6 F,) bool: which unknowns of the cameras may change.
+    """(6 F,) bool: the unknowns of the cameras that are free.
 
-    Projections stay the same when the world is turned, moved or scaled as a whole. Known positions hold all of that.
-    Where they are missing, the first camera's centre is held and, for the scale, the one coordinate in which another
-    camera lies farthest from it. The first camera's rotation is held where rotations are not known either.
+    Projections do not change when the whole world is rotated, moved or scaled. Known positions fix all of that. Without
+    them, the gauge fixes the first camera's centre and, for the scale, the coordinate in which another camera is
+    farthest from it. The first camera's rotation is fixed if rotations are not known either.
 
     Raises:
-        PocketGSError: all cameras stand in one place.
+        PocketGSError: all cameras are in one place.
     """
     free = np.ones((len(given.centres), CAMERA_UNKNOWNS), bool)
     if not positions_known:
         offsets = np.abs(given.centres - given.centres[0])
         if not offsets.any():
-            raise PocketGSError("bundle: all cameras stand in one place, expected a baseline between them")
+            raise PocketGSError("bundle: all cameras are in one place, expected a baseline between them")
         farthest, axis = np.unravel_index(np.argmax(offsets), offsets.shape)
         free[0, 3:] = False
         free[farthest, 3 + axis] = False

@@ -1,4 +1,4 @@
-"""Operator G: from a capture alone to refined poses and a dense, clean, coloured cloud."""
+"""The geometry prior: from a capture to refined poses and a dense coloured cloud."""
 
 from __future__ import annotations
 
@@ -28,12 +28,13 @@ Exposure = Literal["auto", "on", "off"]
 
 @dataclass(frozen=True)
 class PriorSettings:
-    """How the prior is built.
+    """Settings of the prior.
 
     Attributes:
         keyframes, structure, sweep, fusion: of the stages.
-        dense: match pixels; otherwise the cloud is that of the sparse points.
-        exposure: bring the training photographs to one exposure: always, never, or where similar views differ.
+        dense: compute depth maps; otherwise the cloud consists of the sparse points.
+        exposure: compensate exposure differences of the training photographs: always, never, or where similar views
+            differ.
     """
 
     keyframes: KeyframeSettings = field(default_factory=KeyframeSettings)
@@ -46,17 +47,17 @@ class PriorSettings:
 
 @dataclass(frozen=True)
 class PreparedCapture(Capture):
-    """A capture with the poses, photographs and points to train on.
+    """A capture with the poses, photographs and points for training.
 
     Attributes:
-        report: how they came about, or None if the capture was taken as it is.
+        report: how they were made, or None if the capture is used as it is.
     """
 
     report: PriorReport | None = None
 
     @staticmethod
     def of(capture: Capture, report: PriorReport | None) -> PreparedCapture:
-        """A capture that is to be trained on as it is."""
+        """A prepared capture that is used as it is."""
         return PreparedCapture(**{each.name: getattr(capture, each.name) for each in fields(Capture)}, report=report)
 
 
@@ -65,13 +66,13 @@ def build_prior(
 ) -> PreparedCapture:
     """Build the geometry prior.
 
-    A capture with too little texture keeps its poses; depths are then searched in a range that only the cameras tell.
+    A capture with too little texture keeps its poses; the depth range then follows from the cameras alone.
 
     Args:
         capture: posed frames; its own points fill gaps.
-        max_points: bound on the cloud.
-        settings: how; all at their defaults if None.
-        stopwatch: times the stages; a new one if None.
+        max_points: maximum size of the cloud.
+        settings: None for the defaults.
+        stopwatch: times the stages; None for a new one.
     """
     settings = settings or PriorSettings()
     stopwatch = stopwatch or Stopwatch()
@@ -98,7 +99,7 @@ def build_prior(
             del maps
             fused = merged(candidates, max_points)
         with stopwatch.stage("coverage"):
-            # The capture's own cloud lies in the world of the poses that it came with.
+            # The capture's own cloud is in the world of its original poses.
             own = [capture.points] if capture.points and not (structure and structure.refined) else []
             coverage = completion(fused, capture.train, [cloud, *own], scale.distance, max_points)
             if len(fused) + len(coverage.added) > max_points:
@@ -126,7 +127,7 @@ def build_prior(
 
 
 def _with_poses_of(structure: Structure | None, capture: Capture) -> Capture:
-    """The capture with the structure's poses, and without training frames whose poses are wrong beyond repair."""
+    """The capture with the structure's poses, without training frames whose wrong poses could not be corrected."""
     if structure is None:
         return capture
     if structure.refined:
@@ -138,7 +139,7 @@ def _with_poses_of(structure: Structure | None, capture: Capture) -> Capture:
 def _with_one_exposure(
     capture: Capture, keyframes: Sequence[Frame], structure: Structure | None, scale: Scale, settings: PriorSettings
 ) -> tuple[Capture, tuple[float, float] | None]:
-    """The capture with its training photographs at one exposure if need be, and the range of their gains."""
+    """The capture with exposure-compensated training photographs if needed, and the range of their gains."""
     if structure is None or settings.exposure == "off":
         return capture, None
     gains = exposure_gains(capture.train, keyframes, structure, scale)
@@ -155,7 +156,7 @@ def _seen_points(structure: Structure | None, frames: int) -> list[np.ndarray]:
 
 
 def _sparse_cloud(frames: Sequence[Frame], structure: Structure | None) -> PointCloud:
-    """The triangulated points, each with the colour of a feature that it was seen as and the way to its camera."""
+    """The triangulated points, each with the colour of one of its features and the direction to that camera."""
     if structure is None:
         return PointCloud(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
     colours, directions = np.zeros((2, len(structure.points), 3))

@@ -1,4 +1,4 @@
-"""Refined poses: bundle adjustment over all frames, kept only where it explains what it was not fitted to."""
+"""Pose refinement: bundle adjustment over all frames, accepted only if it explains held-out points and views better."""
 
 from __future__ import annotations
 
@@ -13,41 +13,42 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle import BundleSettings, adjust_bundle, adjust_pose
 from pocketgs.prior.consensus import consensus
 from pocketgs.prior.observations import Observations, enough_for_each_view
-from pocketgs.prior.tolerance import LEAST_ANGLE, next_tolerance
+from pocketgs.prior.tolerance import MIN_ANGLE, next_tolerance
 from pocketgs.prior.tracks import reprojection_errors, triangulate, view_distances
 
 CHECKED_SHARE = 3
-"""One in so many points is kept from bundle adjustment to judge it by."""
+"""One in so many points is held out from bundle adjustment, to validate it."""
 
 LEFT_OUT_SHARE = 5
-"""One in so many views likewise: it is then placed against the points that the others agree on."""
+"""One in so many views is held out too: it is placed against the points that the others agree on."""
 
-LEAST_GAIN = 0.1
-"""Poses are replaced when that lowers the error of points they were not fitted to by this share, at least.
+MIN_GAIN = 0.1
+"""Minimum relative decrease of the error of held-out points for new poses to be accepted.
 
-Poses that were computed from larger images, or from more of them, are often better than what our features tell.
-Fitting poses anew lowers the error of the points that they are fitted to even then.
+Poses computed from larger or more images are often better than what our features can tell, but refitting them still
+lowers the error of the points that they are fitted to.
 """
 
 ROUNDS = 4
 SIGHTINGS_PER_VIEW = 250
-"""Points are used until every view has so many sightings, those that most views see first."""
+"""Points are added, those seen by most views first, until every view has this many observations."""
 
-FEWEST_SIGHTINGS, FEWEST_CELLS = 30, 5
-"""A view with fewer sightings, or in fewer of 4 x 4 parts of its image, is not adjusted: it follows its neighbours."""
+MIN_SIGHTINGS, MIN_CELLS = 30, 5
+"""A view with fewer observations, or in fewer of 4 x 4 cells of its image, is not adjusted but follows its
+neighbours."""
 
-FEWEST_VIEWS = 3
-"""A part of the capture with fewer is not adjusted."""
+MIN_VIEWS = 3
+"""Minimum number of views in a connected component that is adjusted."""
 
 
 @dataclass(frozen=True)
 class Refinement:
-    """What refinement made of F cameras.
+    """The result of refinement for F cameras.
 
     Attributes:
-        cameras: refined where that is accepted, otherwise as given.
+        cameras: refined where accepted, otherwise as given.
         moved: (F,) bool: refined.
-        carried: (F,) bool: see too little, and moved with the nearest refined camera.
+        carried: (F,) bool: sees too few points, and was moved with the nearest refined camera.
     """
 
     cameras: list[Camera]
@@ -63,13 +64,13 @@ def refine(
     settings: BundleSettings,
     scene_distance: float,
 ) -> Refinement:
-    """Adjust poses, part by part of what is connected, and keep what stands the tests.
+    """Adjust poses, component by component, and keep those that pass validation.
 
     Args:
         given: F cameras.
-        tracks: sightings sorted by point; wrong ones among them.
-        tolerance: pixels that a sighting may be off under the given poses.
-        finest: pixels below which errors are noise.
+        tracks: observations sorted by point, including wrong ones.
+        tolerance: maximum error of an observation under the given poses, in pixels.
+        finest: errors below this many pixels are noise.
         settings: of bundle adjustment.
         scene_distance: typical distance to the scene.
     """
@@ -90,7 +91,7 @@ def refine(
 
 
 def carried_along(camera: Camera, given: Camera, refined: Camera) -> Camera:
-    """The camera, with the pose that it was given relative to another one that has been refined."""
+    """The camera, keeping its given pose relative to another camera that has been refined."""
     relative = camera.world_to_camera @ given.camera_to_world
     return replace(camera, world_to_camera=relative @ refined.world_to_camera)
 
@@ -98,10 +99,10 @@ def carried_along(camera: Camera, given: Camera, refined: Camera) -> Camera:
 def _adjusted(
     given: Sequence[Camera], tracks: Observations, tolerance: float, finest: float, settings: BundleSettings
 ) -> tuple[list[Camera], np.ndarray, float]:
-    """Cameras adjusted to what agrees, which of them see enough, and how far sightings are off in the end."""
+    """Cameras adjusted to the consistent observations, which of them see enough, and the final tolerance."""
     cameras, supported = list(given), np.zeros(len(given), bool)
     for _ in range(ROUNDS):
-        agreeing = tracks.select(consensus(cameras, tracks, tolerance, LEAST_ANGLE).agrees)
+        agreeing = tracks.select(consensus(cameras, tracks, tolerance, MIN_ANGLE).agrees)
         chosen, supported = _well_seen(given, agreeing)
         if not supported.any():
             return list(given), supported, tolerance
@@ -125,9 +126,9 @@ def _accepted(
     finest: float,
     settings: BundleSettings,
 ) -> np.ndarray:
-    """(F,) bool: cameras whose part of the capture is better explained by refined poses.
+    """(F,) bool: cameras in components that refined poses explain better.
 
-    Judged by points and by views that take no part in an adjustment made for the purpose.
+    Validated with points and views held out from an adjustment made for this purpose.
     """
     checked = tracks.point % CHECKED_SHARE == 0
     absent = np.arange(len(given)) % LEFT_OUT_SHARE == LEFT_OUT_SHARE // 2
@@ -139,20 +140,20 @@ def _accepted(
     ]
     accepted = np.zeros(len(given), bool)
     for part in _parts(tracks, present | absent):
-        if (part & present).sum() < FEWEST_VIEWS:
+        if (part & present).sum() < MIN_VIEWS:
             continue
         inside = part[tracks.frame[checked]] & present[tracks.frame[checked]]
         before, after = (_truncated(by_points, inside, final, which) for which in (0, 1))
         views_before, views_after = (
             _truncated(by_views, part[tracks.frame[~checked]], final, which) for which in (0, 1)
         )
-        if after <= (1 - LEAST_GAIN) * before and views_after <= views_before:
+        if after <= (1 - MIN_GAIN) * before and views_after <= views_before:
             accepted |= part
     return accepted
 
 
 def _truncated(errors: Sequence[np.ndarray], inside: np.ndarray, tolerance: float, which: int) -> float:
-    """Root mean square error, none counting more than the tolerance, of sightings good under either set of poses."""
+    """RMS error, truncated at the tolerance, of observations that are good under either set of poses."""
     either = inside & ((errors[0] < tolerance) | (errors[1] < tolerance))
     if not either.any():
         return 0.0
@@ -160,16 +161,16 @@ def _truncated(errors: Sequence[np.ndarray], inside: np.ndarray, tolerance: floa
 
 
 def _errors_of_points(cameras: Sequence[Camera], tracks: Observations, tolerance: float) -> np.ndarray:
-    """(M,) how far sightings are from where the point falls that two others or more agree on; infinite without one."""
+    """(M,) distance of observations from the point that two or more others agree on; infinite without one."""
     tracks = _renumbered(tracks)
-    found = consensus(cameras, tracks, tolerance, LEAST_ANGLE)
+    found = consensus(cameras, tracks, tolerance, MIN_ANGLE)
     return np.where(found.support >= 2, found.error, np.inf)
 
 
 def _errors_of_views(
     cameras: Sequence[Camera], tracks: Observations, absent: np.ndarray, tolerance: float, settings: BundleSettings
 ) -> np.ndarray:
-    """(M,) how far the absent views' sightings are off once these are placed by half of them, judged by the other half.
+    """(M,) errors of the held-out views' observations, after placing each view by one half and judging by the other.
 
     The points are those that the other views agree on.
     """
@@ -177,7 +178,7 @@ def _errors_of_views(
     others = tracks.select(~absent[tracks.frame])
     numbers, point = np.unique(others.point, return_inverse=True)
     theirs = Observations(others.frame, point.astype(np.int32), others.pixels)
-    theirs = theirs.select(consensus(cameras, theirs, tolerance, LEAST_ANGLE).agrees)
+    theirs = theirs.select(consensus(cameras, theirs, tolerance, MIN_ANGLE).agrees)
     positions = np.full((int(tracks.point.max()) + 1, 3), np.nan)
     if len(theirs):
         found = triangulate(cameras, theirs)
@@ -187,7 +188,7 @@ def _errors_of_views(
     for view in np.flatnonzero(absent).tolist():
         own = np.flatnonzero((tracks.frame == view) & known)
         fitted, judged = own[::2], own[1::2]
-        if len(fitted) < FEWEST_SIGHTINGS // 2:
+        if len(fitted) < MIN_SIGHTINGS // 2:
             continue
         points, pixels = positions[tracks.point], tracks.pixels
         placed = adjust_pose(cameras[view], points[fitted], pixels[fitted], settings).camera
@@ -198,14 +199,14 @@ def _errors_of_views(
 
 
 def _well_seen(cameras: Sequence[Camera], tracks: Observations) -> tuple[Observations, np.ndarray]:
-    """Sightings enough to adjust by, and (F,) bool which cameras have enough of them, well spread."""
+    """Enough observations to adjust by, and (F,) bool which cameras have enough of them, well spread."""
     supported = np.ones(len(cameras), bool)
     while True:
         tracks = tracks.select(supported[tracks.frame])
         views = np.bincount(tracks.point, minlength=1)
         tracks = tracks.select(views[tracks.point] >= 2)
         sightings = np.bincount(tracks.frame, minlength=len(cameras))
-        enough = supported & (sightings >= FEWEST_SIGHTINGS) & (_cells(cameras, tracks) >= FEWEST_CELLS)
+        enough = supported & (sightings >= MIN_SIGHTINGS) & (_cells(cameras, tracks) >= MIN_CELLS)
         if np.array_equal(enough, supported):
             break
         supported = enough
@@ -213,7 +214,7 @@ def _well_seen(cameras: Sequence[Camera], tracks: Observations) -> tuple[Observa
 
 
 def _cells(cameras: Sequence[Camera], tracks: Observations) -> np.ndarray:
-    """(F,) in how many of 4 x 4 parts of its image each camera sees a point."""
+    """(F,) in how many of 4 x 4 cells of its image each camera sees a point."""
     sizes = np.array([(camera.width, camera.height) for camera in cameras])
     across, down = np.clip(tracks.pixels / sizes[tracks.frame] * 4, 0, 3).astype(np.int64).T
     occupied = np.zeros((len(cameras), 16), bool)
@@ -222,7 +223,7 @@ def _cells(cameras: Sequence[Camera], tracks: Observations) -> np.ndarray:
 
 
 def _parts(tracks: Observations, supported: np.ndarray) -> list[np.ndarray]:
-    """(F,) bool each: cameras that see points in common, directly or by way of others, if they are enough."""
+    """(F,) bool each: connected components of cameras that share points, if large enough."""
     tracks = tracks.select(supported[tracks.frame])
     same = tracks.point[1:] == tracks.point[:-1]
     one, other = tracks.frame[:-1][same], tracks.frame[1:][same]
@@ -232,7 +233,7 @@ def _parts(tracks: Observations, supported: np.ndarray) -> list[np.ndarray]:
 
 
 def _thin(given: Sequence[Camera], moved: np.ndarray, supported: np.ndarray, scene_distance: float) -> np.ndarray:
-    """(F,) bool: cameras that see too little, and whose nearest neighbour that sees enough has moved."""
+    """(F,) bool: cameras that see too few points, and whose nearest well-supported neighbour has moved."""
     thin = np.zeros(len(given), bool)
     for view in np.flatnonzero(~supported).tolist():
         thin[view] = moved[_nearest(given[view], given, supported, scene_distance)]
@@ -246,6 +247,6 @@ def _nearest(camera: Camera, others: Sequence[Camera], among: np.ndarray, scene_
 
 
 def _renumbered(observations: Observations) -> Observations:
-    """The sightings, their points numbered from 0."""
+    """The observations with points renumbered from 0."""
     _, point = np.unique(observations.point, return_inverse=True)
     return Observations(observations.frame, point.astype(np.int32), observations.pixels)

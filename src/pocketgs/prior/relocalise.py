@@ -1,4 +1,4 @@
-"""Where one camera stands, from points that others know: no given pose is needed."""
+"""Relocalisation: the pose of one camera from known points, without an initial pose."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from pocketgs.prior.bundle import BundleSettings, adjust_pose
 from pocketgs.prior.observations import Observations
 from pocketgs.prior.tracks import reprojection_errors
 
-FEWEST_SIGHTINGS, FEWEST_CELLS = 24, 5
-"""A pose that fewer sightings agree on, or in fewer of 4 x 4 parts of the image, is not believed."""
+MIN_SIGHTINGS, MIN_CELLS = 24, 5
+"""Minimum number of agreeing observations of a pose, and of 4 x 4 image cells that contain them."""
 
 CONFIDENCE, TRIALS = 0.9999, 2000
 
 
 def pose_from_points(camera: Camera, points: np.ndarray, pixels: np.ndarray, tolerance: float) -> Camera | None:
-    """The camera at the pose that most sightings agree on, or None if too few do.
+    """The camera at the pose that most observations agree on, or None if too few do.
 
     RANSAC over three points at a time (Gao et al. 2003, in OpenCV), then least squares over all that agree.
 
     Args:
-        camera: gives the intrinsics.
+        camera: with its intrinsics.
         points: (M, 3) in the world.
-        pixels: (M, 2) where they may have been seen; wrong ones among them.
-        tolerance: distance in pixels within which a sighting agrees.
+        pixels: (M, 2) possible observations, including wrong ones.
+        tolerance: maximum error of an agreeing observation in pixels.
     """
-    if len(points) < FEWEST_SIGHTINGS:
+    if len(points) < MIN_SIGHTINGS:
         return None
-    # OpenCV's RANSAC works in single precision on the points: it takes them about their middle, and small.
+    # OpenCV's RANSAC computes in float32: points are centred and scaled down first.
     middle, size = points.mean(axis=0), max(float(np.abs(points - points.mean(axis=0)).max()), 1e-300)
     try:
         found, turn, offset, _ = cv2.solvePnPRansac(
@@ -45,7 +45,7 @@ def pose_from_points(camera: Camera, points: np.ndarray, pixels: np.ndarray, tol
             confidence=CONFIDENCE,
             flags=cv2.SOLVEPNP_AP3P,
         )
-    except cv2.error:  # the solver meets a degenerate sample
+    except cv2.error:  # a degenerate sample
         return None
     if not found:
         return None
@@ -62,17 +62,17 @@ def pose_from_points(camera: Camera, points: np.ndarray, pixels: np.ndarray, tol
 
 
 def agreeing(camera: Camera, points: np.ndarray, pixels: np.ndarray, tolerance: float) -> np.ndarray:
-    """(M,) bool: pixels within the tolerance of where the points fall."""
+    """(M,) bool: pixels within the tolerance of the points' projections."""
     each = np.arange(len(points))
     return reprojection_errors([camera], points, Observations(np.zeros_like(each), each, pixels)) < tolerance
 
 
 def enough(camera: Camera, pixels: np.ndarray) -> bool:
-    """Whether sightings at these pixels are enough, and spread enough, to tell a pose."""
-    return len(pixels) >= FEWEST_SIGHTINGS and cells(camera, pixels) >= FEWEST_CELLS
+    """Whether observations at these pixels are enough, and well enough spread, for a pose."""
+    return len(pixels) >= MIN_SIGHTINGS and cells(camera, pixels) >= MIN_CELLS
 
 
 def cells(camera: Camera, pixels: np.ndarray) -> int:
-    """In how many of 4 x 4 parts of the camera's image pixels lie."""
+    """Number of the 4 x 4 cells of the camera's image that contain pixels."""
     across, down = np.clip(pixels / (camera.width, camera.height) * 4, 0, 3).astype(np.int64).T
     return len(np.unique(4 * down + across))

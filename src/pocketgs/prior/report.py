@@ -1,4 +1,4 @@
-"""What the geometry prior found, for people and for `run.json`."""
+"""Report of the geometry prior, for users and for `run.json`."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from pocketgs.capture.capture import Capture
 from pocketgs.prior.keyframes import Decision
 from pocketgs.prior.structure import Structure
 
-MOST_NAMES = 8
-"""Names that a warning lists."""
+MAX_NAMES = 8
+"""Maximum number of names in a warning."""
 
 
 @dataclass(frozen=True)
 class Poses:
-    """What became of the given poses: names of frames.
+    """The fate of the given poses, as names of frames.
 
     Attributes:
-        carried: see too little to be refined, and moved with the nearest frame that was.
-        replaced: have wrong poses and were placed anew.
-        left_out: have wrong poses, could not be placed, and take no part in training.
-        doubtful: held-out ones like that: what they are compared with is rendered from the wrong place.
+        carried: see too few points to be refined, and were moved with the nearest refined frame.
+        replaced: had wrong poses and were relocalised.
+        left_out: have wrong poses, could not be relocalised, and are not used for training.
+        doubtful: the same for held-out frames: their renderings are from the wrong place.
     """
 
     carried: tuple[str, ...] = ()
@@ -31,7 +31,7 @@ class Poses:
 
     @classmethod
     def of(cls, structure: Structure | None, capture: Capture) -> Poses:
-        """What the structure tells, and which of the frames in doubt the capture holds out."""
+        """From a structure, and which of its doubtful frames the capture holds out."""
         if structure is None:
             return cls()
         held_out = {frame.name for frame in capture.held_out}
@@ -43,40 +43,40 @@ class Poses:
         )
 
     def warnings(self) -> tuple[str, ...]:
-        """What the user should know, in words."""
+        """Warnings for the user."""
         said = (
-            (self.carried, "see too little to be placed exactly and follow their neighbours"),
+            (self.carried, "see too few points to be placed exactly and follow their neighbours"),
             (self.replaced, "had poses that the other photographs contradict and were placed anew"),
             (self.left_out, "have poses that the other photographs contradict and are left out of training"),
             (
                 self.doubtful,
-                "are held out and have poses that the other photographs contradict: mind their figures",
+                "are held out and have poses that the other photographs contradict: do not rely on their figures",
             ),
         )
         return tuple(f"{len(names)} frames {words}: {_listed(names)}" for names, words in said if names)
 
 
 def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:MOST_NAMES]) + (", ..." if len(names) > MOST_NAMES else "")
+    return ", ".join(names[:MAX_NAMES]) + (", ..." if len(names) > MAX_NAMES else "")
 
 
 @dataclass(frozen=True)
 class PriorReport:
-    """What the prior found.
+    """The result of the prior.
 
     Attributes:
-        decisions: which frames are keyframes, one decision per training frame.
+        decisions: one keyframe decision per training frame.
         sparse_points: number of triangulated points.
         rmse_given, rmse: root mean square reprojection error in pixels with the given poses and with those used; None
             without sparse points.
         poses_refined: whether poses were changed.
-        poses: which frames' poses were wrong or could not be refined.
-        gains: least and greatest exposure, if they were compensated.
+        poses: frames whose poses were wrong or could not be refined.
+        gains: minimum and maximum exposure, if it was compensated.
         points: number of points of the cloud.
-        coverage: share of the training pixels that the cloud covers, or None where no depth was computed.
-        coverage_known: share that points of known depth cover; the rest is guessed from its surroundings.
-        guessed: number of guessed points.
-        warnings: what the user should know.
+        coverage: share of the training pixels that the cloud covers, or None if no depth was computed.
+        coverage_known: share that points of known depth cover; the rest is interpolated.
+        guessed: number of points with interpolated depth.
+        warnings: for the user.
     """
 
     decisions: list[Decision]

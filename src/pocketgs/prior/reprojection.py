@@ -1,4 +1,4 @@
-"""Where points should be seen, how far that is from where they were, and how both change with poses and points."""
+"""Reprojection errors and their derivatives by poses and points."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from pocketgs.system.compile import kernel, part
 
 CAMERA_UNKNOWNS = 6
-"""Per camera: a rotation vector ω, then the centre c. They change to exp(ω)·R and c + δ."""
+"""Per camera: a rotation vector ω, then the centre c. An update changes R to exp(ω)·R and c to c + δ."""
 
 SHARED_UNKNOWNS = 2
-"""Of all cameras together: the logarithm of the factor on the focal lengths, and the radial coefficient k1."""
+"""Shared by all cameras: the logarithm of the factor on the focal lengths, and the radial coefficient k1."""
 
 POINT_COLUMN = CAMERA_UNKNOWNS + SHARED_UNKNOWNS
 """Columns of a Jacobian: the camera's unknowns, the shared ones, the point's three coordinates."""
@@ -21,21 +21,21 @@ POINT_COLUMN = CAMERA_UNKNOWNS + SHARED_UNKNOWNS
 COLUMNS = POINT_COLUMN + 3
 
 BEHIND = 1e4
-"""How many pixels off a point counts that is not in front of its camera: more than it could be within an image."""
+"""Reprojection error in pixels of a point that is not in front of its camera: larger than any in an image."""
 
 GRAZING = 1e-6
-"""Cosine of the angle to the optical axis from which on a point counts as in front."""
+"""Minimum cosine of the angle to the optical axis for a point in front of the camera."""
 
 
 class Sightings(NamedTuple):
-    """What was seen, ordered by point.
+    """Observations, sorted by point.
 
     Attributes:
         intrinsics: (F, 4) float64 fx, fy, cx, cy of each camera.
-        frame: (M,) int64 camera that saw.
-        point: (M,) int64 point that was seen.
-        starts: (N + 1,) int64: sightings of point p are starts[p] to starts[p + 1].
-        pixels: (M, 2) float64 where.
+        frame: (M,) int64 index of the camera.
+        point: (M,) int64 index of the point.
+        starts: (N + 1,) int64: observations of point p are starts[p] to starts[p + 1].
+        pixels: (M, 2) float64 positions.
     """
 
     intrinsics: np.ndarray
@@ -46,13 +46,13 @@ class Sightings(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """What is adjusted.
+    """The unknowns of bundle adjustment.
 
     Attributes:
-        rotations: (F, 3, 3) float64 from the world's axes to the cameras'.
-        centres: (F, 3) float64 of the cameras, in the world.
+        rotations: (F, 3, 3) float64 from world to camera axes.
+        centres: (F, 3) float64 camera centres in the world.
         focal_scale: factor on the focal lengths of all cameras.
-        radial: k1; a ray at normalised coordinates x, of length r, is seen at x·(1 + k1·r²).
+        radial: k1; a ray at normalised coordinates x, of length r, projects to x·(1 + k1·r²).
         points: (N, 3) float64 in the world.
     """
 
@@ -65,7 +65,7 @@ class Estimate(NamedTuple):
 
 @kernel
 def distances(sightings: Sightings, estimate: Estimate) -> np.ndarray:
-    """(M,) float64: pixels between where points should be seen and where they were, `BEHIND` for those not in front."""
+    """(M,) float64 reprojection errors in pixels, `BEHIND` for points that are not in front of the camera."""
     count = len(sightings.frame)
     lengths = np.empty(count)
     residual, jacobian = np.empty(2), np.empty((2, COLUMNS))
@@ -79,16 +79,16 @@ def distances(sightings: Sightings, estimate: Estimate) -> np.ndarray:
 
 @part
 def linearise(sightings: Sightings, estimate: Estimate, k: int, residual: np.ndarray, jacobian: np.ndarray) -> bool:
-    """Write the residual of sighting k, predicted minus seen, and its derivatives.
+    """Write the residual of observation k, predicted minus observed, and its derivatives.
 
-    A point that is not in front of the camera gives False: it has no residual, and nothing pulls at it.
+    Returns False for a point that is not in front of the camera: it has no residual and no gradient.
 
     Args:
-        sightings: what was seen.
+        sightings: the observations.
         estimate: where to linearise.
-        k: which sighting.
-        residual: (2,) written, in pixels.
-        jacobian: (2, COLUMNS) written: rotation, centre, focal, radial, point.
+        k: index of the observation.
+        residual: (2,) output, in pixels.
+        jacobian: (2, COLUMNS) output: rotation, centre, focal, radial, point.
     """
     frame, point = sightings.frame[k], sightings.point[k]
     rotation, centre, position = estimate.rotations[frame], estimate.centres[frame], estimate.points[point]
@@ -105,7 +105,7 @@ def linearise(sightings: Sightings, estimate: Estimate, k: int, residual: np.nda
         focal = sightings.intrinsics[frame, axis] * estimate.focal_scale
         own = u if axis == 0 else v
         residual[axis] = focal * own * swell + sightings.intrinsics[frame, 2 + axis] - sightings.pixels[k, axis]
-        # The gradient by (x, y, z), the point in the camera's axes. A turn ω moves it by ω × (x, y, z), and
+        # The gradient by (x, y, z), the point in camera axes. A rotation ω moves it by ω × (x, y, z), and
         # g · (ω × x) = ω · (x × g).
         across, down = 2.0 * focal * radial * own * u / z, 2.0 * focal * radial * own * v / z
         if axis == 0:
@@ -124,7 +124,7 @@ def linearise(sightings: Sightings, estimate: Estimate, k: int, residual: np.nda
 
 @part
 def weigh(residual: np.ndarray, jacobian: np.ndarray, huber: float) -> None:
-    """Multiply both by √w, so that least squares has the slope of the Huber cost: w = min(1, huber / |r|).
+    """Multiply both by √w, so that least squares has the gradient of the Huber loss: w = min(1, huber / |r|).
 
     Iteratively reweighted least squares: Zhang, "Parameter estimation techniques" (1997), section 9.
     """

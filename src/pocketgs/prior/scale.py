@@ -1,4 +1,4 @@
-"""How large the scene is, before anything is known of it but where the cameras are and look."""
+"""The scale of the scene, estimated from the cameras alone."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from pocketgs.capture.capture import Capture
 from pocketgs.geometry.camera_geometry import GUESSED_DISTANCE, focus_point, looks_at
 
 ONE_PLACE, ROUNDING = 1e-3, 1e-9
-"""Metres, and share of the distance to the origin, within which cameras stand in one place.
+"""Metres, and share of the distance to the origin, within which cameras count as being in one place.
 
-Their axes then meet in that place, which says nothing.
+Their axes then meet in that place, which says nothing about the scene.
 """
 
 METRIC_DISTANCE = 2.0
-"""Metres from a phone to what it looks at, where its poses do not tell."""
+"""Assumed distance in metres from a phone to its subject, if poses do not determine it."""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Lengths of a capture.
+    """Typical lengths of a capture.
 
     Attributes:
-        distance: typical distance from the cameras to what they see.
-        unit: what thresholds given in metres are multiplied with: 1 in metric captures, otherwise `distance`.
+        distance: typical distance from the cameras to the scene.
+        unit: factor for thresholds given in metres: 1 in metric captures, otherwise `distance`.
     """
 
     distance: float
@@ -33,10 +33,10 @@ class Scale:
 
 
 def estimate_scale(capture: Capture) -> Scale:
-    """The median distance from the training cameras to where their optical axes meet.
+    """The median distance from the training cameras to the point nearest to their optical axes.
 
-    Where they look apart or stand in one place: 2 m, or if the capture is not metric a multiple of how far the cameras
-    are spread; 1 where they are not.
+    If they face outwards or are in one place: 2 m, or if the capture is not metric a multiple of the cameras' spread; 1
+    if that is zero.
     """
     cameras = [frame.camera for frame in capture.train]
     focus = focus_point(cameras)

@@ -26,14 +26,14 @@ from pocketgs.prior.reprojection import (
 from pocketgs.system.compile import kernel, parallel_kernel, part
 
 SHARES = 16
-"""Parts that the points are split into. It does not depend on the number of threads, so neither do the sums."""
+"""Number of parts that the points are split into. It is fixed, so sums do not depend on the number of threads."""
 
-LEAST_DIAGONAL = 1e-9
-"""Damping is in proportion to the diagonal of JᵀJ, or to this where nothing was seen."""
+MIN_DIAGONAL = 1e-9
+"""Damping is proportional to the diagonal of JᵀJ, with this lower bound."""
 
 
 class CameraEquations(NamedTuple):
-    """The cameras' side, of size D = 6 F + 2: every camera's unknowns, then the shared ones.
+    """The cameras' side, of size D = 6 F + 2: each camera's unknowns, then the shared ones.
 
     Attributes:
         matrix: (D, D) H_cc, or the reduced matrix. Only the lower triangle counts.
@@ -54,7 +54,7 @@ class PointEquations(NamedTuple):
     Attributes:
         inverses: (N, 3, 3) H_pp⁻¹, damped.
         gradients: (N, 3) b_p.
-        damping: (N, 3) what was added to the diagonals of H_pp.
+        damping: (N, 3) damping added to the diagonals of H_pp.
     """
 
     inverses: np.ndarray
@@ -64,12 +64,12 @@ class PointEquations(NamedTuple):
 
 @kernel
 def camera_equations(sightings: Sightings, estimate: Estimate, huber: float) -> CameraEquations:
-    """The equations for the cameras' steps if the points stay where they are.
+    """The equations for the cameras' steps with fixed points.
 
     Args:
-        sightings: what was seen.
+        sightings: the observations.
         estimate: where to linearise.
-        huber: length in pixels from which on a residual counts linearly.
+        huber: length in pixels above which the loss of a residual is linear.
     """
     size = CAMERA_UNKNOWNS * len(estimate.centres) + SHARED_UNKNOWNS
     gradient = np.zeros(size)
@@ -85,13 +85,13 @@ def camera_equations(sightings: Sightings, estimate: Estimate, huber: float) -> 
 def reduced_equations(
     sightings: Sightings, estimate: Estimate, huber: float, damping: float
 ) -> tuple[CameraEquations, PointEquations]:
-    """The equations for the cameras' steps that reckon with the points' following.
+    """The equations for the cameras' steps with the points eliminated.
 
     Args:
-        sightings: what was seen.
+        sightings: the observations.
         estimate: where to linearise.
-        huber: length in pixels from which on a residual counts linearly.
-        damping: the diagonals of H_pp grow by this times themselves.
+        huber: length in pixels above which the loss of a residual is linear.
+        damping: the diagonals of H_pp grow by this factor of themselves.
     """
     count = len(estimate.points)
     size = CAMERA_UNKNOWNS * len(estimate.centres) + SHARED_UNKNOWNS
@@ -105,10 +105,10 @@ def reduced_equations(
 def point_steps(
     sightings: Sightings, estimate: Estimate, huber: float, points: PointEquations, camera_step: np.ndarray
 ) -> np.ndarray:
-    """(N, 3) steps of the points that go with the step of the cameras: back-substitution.
+    """(N, 3) steps of the points for a step of the cameras: back-substitution.
 
     Args:
-        sightings: what was seen.
+        sightings: the observations.
         estimate: where the equations were linearised.
         huber: as for `reduced_equations`.
         points: from `reduced_equations`.
@@ -143,7 +143,7 @@ def _reduce(
     points: PointEquations,
     shares: CameraEquations,
 ) -> None:
-    """Write `points`, and add to `shares`, whose arrays have one more axis: one slot a share."""
+    """Write `points`, and add to `shares`, whose arrays have an additional axis with one slot per share."""
     for share in prange(SHARES):
         first, end = share * len(estimate.points) // SHARES, (share + 1) * len(estimate.points) // SHARES
         own = CameraEquations(shares.matrix[share], shares.right[share], shares.diagonal[share], shares.gradient[share])
@@ -178,7 +178,7 @@ def _reduce_share(
                 _add_to_point(residual, jacobian, matrix, gradient)
                 _add_to_coupling(jacobian, coupling[k - first], coupling[last - first])
         for axis in range(3):
-            points.damping[p, axis] = damping * max(matrix[axis, axis], LEAST_DIAGONAL)
+            points.damping[p, axis] = damping * max(matrix[axis, axis], MIN_DIAGONAL)
             matrix[axis, axis] += points.damping[p, axis]
         _invert(matrix, points.inverses[p])
         _eliminate(sightings.frame[first:last], coupling, points.inverses[p], gradient, first_shared, cameras)
@@ -188,7 +188,7 @@ def _reduce_share(
 
 @part
 def _column(frame: int, a: int, first_shared: int) -> int:
-    """Where the camera's unknown a, or the shared one that comes after those, stands among all."""
+    """Column of a camera's unknown a, or of the shared one that follows those."""
     return CAMERA_UNKNOWNS * frame + a if a < CAMERA_UNKNOWNS else first_shared + a - CAMERA_UNKNOWNS
 
 
@@ -199,7 +199,7 @@ def _add_to_cameras(
     jacobian: np.ndarray,
     cameras: CameraEquations,
 ) -> None:
-    """Add a sighting to the lower triangle of H_cc, to its diagonal, and to b_c."""
+    """Add an observation to the lower triangle of H_cc, to its diagonal, and to b_c."""
     matrix, diagonal, gradient = cameras.matrix, cameras.diagonal, cameras.gradient
     first_shared = len(gradient) - SHARED_UNKNOWNS
     for a in range(POINT_COLUMN):
@@ -213,7 +213,7 @@ def _add_to_cameras(
 
 @part
 def _add_to_point(residual: np.ndarray, jacobian: np.ndarray, matrix: np.ndarray, gradient: np.ndarray) -> None:
-    """Add a sighting to H_pp and to b_p."""
+    """Add an observation to H_pp and to b_p."""
     for a in range(3):
         left, right = jacobian[0, POINT_COLUMN + a], jacobian[1, POINT_COLUMN + a]
         gradient[a] -= left * residual[0] + right * residual[1]
@@ -223,7 +223,7 @@ def _add_to_point(residual: np.ndarray, jacobian: np.ndarray, matrix: np.ndarray
 
 @part
 def _add_to_coupling(jacobian: np.ndarray, own: np.ndarray, shared: np.ndarray) -> None:
-    """Add a sighting to the rows of H_cp that are its camera's own, and to the shared ones."""
+    """Add an observation to its camera's rows of H_cp, and to the shared rows."""
     for axis in range(3):
         down, across = jacobian[0, POINT_COLUMN + axis], jacobian[1, POINT_COLUMN + axis]
         for a in range(CAMERA_UNKNOWNS):
@@ -236,7 +236,7 @@ def _add_to_coupling(jacobian: np.ndarray, own: np.ndarray, shared: np.ndarray) 
 def _invert(matrix: np.ndarray, inverse: np.ndarray) -> None:
     """Write the inverse of a positive definite 3x3 matrix by its Cholesky factor L: (L⁻¹)ᵀ L⁻¹.
 
-    Cofactors would lose all digits for a point that is seen with hardly any parallax.
+    Cofactors would lose all digits for a point that is seen with little parallax.
     """
     a = 1.0 / math.sqrt(matrix[0, 0])
     l10, l20 = matrix[1, 0] * a, matrix[2, 0] * a

@@ -1,4 +1,4 @@
-"""Semi-global matching: smooth a cost volume along straight paths, and take the winner (Hirschmüller 2008)."""
+"""Semi-global matching: aggregate a cost volume along straight paths and select the winners (Hirschmüller 2008)."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ EIGHT_PATHS = np.concatenate([FOUR_PATHS, np.array([(1, 1), (-1, -1), (1, -1), (
 """(row, column) steps of the paths."""
 
 STRIPS = 64
-"""Groups of neighbouring paths that threads share out."""
+"""Number of strips of neighbouring paths that are distributed to threads."""
 
 EDGE = 16
 """Difference in grey level that halves the penalty of a large step."""
 
 NOISE = 8
-"""Bits for each path in which nothing but noise may differ: margins are not measured in less."""
+"""Noise floor in bits per path: margins are measured relative to at least this."""
 
 RIVAL_DISTANCE = 2
-"""Hypotheses as near to the winner as this are not its rivals."""
+"""Hypotheses within this distance of the winner are not rivals."""
 
 OUT_OF_REACH = np.int16(16000)
 
 
 @parallel_kernel
 def aggregate(costs: np.ndarray, view: np.ndarray, paths: np.ndarray, small_step: int, large_step: int) -> np.ndarray:
-    """Sum over paths of what it costs at least to come to every pixel and hypothesis along the path.
+    """Sum, over all paths, the minimum cost of reaching each pixel and hypothesis along the path.
 
-    Paths of one direction never meet: threads share them out, and no sum is touched by two of them.
+    Paths of one direction never meet: threads share them out and never write to the same sum.
 
     Args:
         costs: (H, W, D) uint8.
-        view: (H, W) uint8 grey image: a change of depth is cheaper where the grey level changes.
+        view: (H, W) uint8 greyscale image: depth changes are cheaper where the grey level changes.
         paths: (P, 2) int64 steps.
         small_step: penalty P1 of a change by one hypothesis.
         large_step: penalty P2 of any larger change, between pixels of the same grey.
@@ -71,7 +71,7 @@ def aggregate(costs: np.ndarray, view: np.ndarray, paths: np.ndarray, small_step
 
 @part
 def lines_of(down: int, across: int, height: int, width: int) -> tuple[int, int]:
-    """How many lines of one direction cross the image, and how many steps to take along each."""
+    """Number of lines of one direction that cross the image, and steps along each."""
     if down == 0:
         return height, width
     return (width if across == 0 else width + height - 1), height
@@ -79,7 +79,7 @@ def lines_of(down: int, across: int, height: int, width: int) -> tuple[int, int]
 
 @part
 def place_on_line(line: int, step: int, down: int, across: int, height: int, width: int) -> tuple[int, int]:
-    """Row and column of a step along a line; lines that slant are outside the image for some of their steps."""
+    """Row and column of a step along a line; oblique lines are outside the image for some steps."""
     if down == 0:
         return line, (step if across > 0 else width - 1 - step)
     row = step if down > 0 else height - 1 - step
@@ -110,10 +110,10 @@ def extend(
     large_step: np.int16,
     total: np.ndarray,
 ) -> np.int16:
-    """Go on to one more pixel: L(d) = C(d) + min(L'(d), L'(d ± 1) + P1, min L' + P2) - min L' (equation 13).
+    """Extend a path by one pixel: L(d) = C(d) + min(L'(d), L'(d ± 1) + P1, min L' + P2) - min L' (equation 13).
 
-    `reached` holds L', between two numbers out of reach, and then L. Casts keep the arithmetic in 16 bits, 32 of them
-    in a vector. Returns min L.
+    `reached` holds L', padded with sentinels at both ends, and is overwritten with L. Casts keep the arithmetic in 16
+    bits, 32 per vector. Returns min L.
     """
     hypotheses = len(costs)
     far = np.int16(least + large_step)
@@ -133,10 +133,10 @@ def extend(
 
 @parallel_kernel
 def winners(total: np.ndarray, inverse_depths: np.ndarray, paths: int) -> tuple[np.ndarray, np.ndarray]:
-    """The cheapest hypothesis of every pixel, to a fraction of a step, and how clearly it wins.
+    """The cheapest hypothesis per pixel with sub-step precision, and its margin.
 
-    A parabola through the winner and its neighbours gives the fraction. A winner at the near end of the range is none:
-    the truth may lie beyond. At the far end it is the first hypothesis itself, for the caller to judge.
+    A parabola through the winner and its neighbours gives the fraction. A winner at the near end of the range is
+    rejected: the true depth may be outside. At the far end it is the first hypothesis itself; the caller decides.
 
     Args:
         total: (H, W, D) uint16 aggregated costs.
@@ -144,8 +144,8 @@ def winners(total: np.ndarray, inverse_depths: np.ndarray, paths: int) -> tuple[
         paths: number of paths that costs were summed over.
 
     Returns:
-        (H, W) float32 depths, 0 where there is no winner, and (H, W) float32 margins in [0, 1]: by what share the
-        winner is cheaper than its best rival.
+        (H, W) float32 depths, 0 without a winner, and (H, W) float32 margins in [0, 1]: the share by which the winner
+        is cheaper than its best rival.
     """
     height, width, hypotheses = total.shape
     depths, margins = np.zeros((2, height, width), np.float32)
@@ -163,7 +163,7 @@ def winners(total: np.ndarray, inverse_depths: np.ndarray, paths: int) -> tuple[
             for d in range(hypotheses):
                 if abs(d - best) > RIVAL_DISTANCE:
                     rival = min(rival, costs[d])
-            # Where all depths cost the same, the first is not what wins.
+            # If all hypotheses cost the same, there is no winner.
             if best == 0 and rival == costs[0]:
                 continue
             least, high = np.float32(costs[best]), np.float32(costs[best + 1])

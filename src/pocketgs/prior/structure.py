@@ -1,4 +1,4 @@
-"""Structure and motion of a capture: points that several frames see, and poses that agree with them."""
+"""Sparse structure of a capture: triangulated points and refined poses."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from pocketgs.prior.placement import Placement
 from pocketgs.prior.refinement import refine
 from pocketgs.prior.scale import Scale
 from pocketgs.prior.suspects import contradicted, strangers
-from pocketgs.prior.tolerance import FINEST, LEAST_ANGLE, measured_tolerance, widest_tolerance
+from pocketgs.prior.tolerance import FINEST, MIN_ANGLE, measured_tolerance, widest_tolerance
 from pocketgs.prior.tracks import link, reprojection_errors, triangulate, triangulation_angles
 from pocketgs.prior.two_view import VERIFICATION, Matches, match_views
 
-MOST_STEPS, NEGLIGIBLE_GAIN = 15, 1e-4
-"""Adjustment ends after so many steps, or when one gains less than this share of the cost: far below noise."""
+MAX_STEPS, NEGLIGIBLE_GAIN = 15, 1e-4
+"""Adjustment ends after this many steps, or when a step lowers the cost by less than this share: far below noise."""
 
 
 @dataclass(frozen=True)
 class StructureSettings:
-    """How points are found and poses refined.
+    """Settings of structure and motion.
 
     Attributes:
-        bundle: adjust the poses, and place wrong ones anew; otherwise they stay as given.
-        features: most features of a frame.
-        position_sigma: standard deviation of given positions, in metres, or where the capture is not metric in units of
+        bundle: adjust the poses, and relocalise wrong ones; otherwise they stay as given.
+        features: maximum number of features per frame.
+        position_sigma: standard deviation of given positions, in metres, or if the capture is not metric in units of
             the distance to the scene.
-        rotation_sigma: that of given rotations, in radians.
-        fewest_points: fewer say too little to go by.
+        rotation_sigma: standard deviation of given rotations, in radians.
+        fewest_points: minimum number of points for a structure.
     """
 
     bundle: bool = True
@@ -52,9 +52,9 @@ class StructureSettings:
             raise PocketGSError(f"features: found {self.features}, expected at least 1")
 
     def bundle_settings(self, scale: Scale) -> BundleSettings:
-        """Those of bundle adjustment in a scene of this scale."""
+        """Settings of bundle adjustment at this scale."""
         return BundleSettings(
-            iterations=MOST_STEPS,
+            iterations=MAX_STEPS,
             position_sigma=self.position_sigma * scale.unit,
             rotation_sigma=self.rotation_sigma,
             tolerance=NEGLIGIBLE_GAIN,
@@ -63,21 +63,21 @@ class StructureSettings:
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """Points and the poses of the frames that see them.
+    """Points, and the poses of the frames that see them.
 
     Attributes:
         names: of the F frames.
         cameras: of the frames.
         points: (N, 3) float64.
-        observations: where the frames see the points: what agrees with `cameras` within `tolerance`.
-        landmarks: for each frame the features that are points, and (L,) the index of each one's point.
-        rmse_before, rmse_after: root mean square reprojection error in pixels with the given poses (of replaced frames,
-            as they were placed), and with those in `cameras`.
-        tolerance: pixels within which sightings agree with points.
-        refined: whether some of `cameras` are other than given.
-        carried: names of frames that see too little to be refined, and moved with the nearest frame that was.
-        replaced: names of frames whose given poses are wrong and that were placed anew.
-        doubtful: names of frames whose poses are contradicted by the others and that could not be placed.
+        observations: of the points in the frames, consistent with `cameras` within `tolerance`.
+        landmarks: for each frame its features that are points, and (L,) the index of each one's point.
+        rmse_before, rmse_after: root mean square reprojection error in pixels with the given poses (for replaced
+            frames, with their new ones before refinement), and with `cameras`.
+        tolerance: maximum reprojection error of an observation, in pixels.
+        refined: whether some of `cameras` differ from the given ones.
+        carried: names of frames that see too few points to be refined, and were moved with the nearest refined frame.
+        replaced: names of frames whose given poses were wrong and that were relocalised.
+        doubtful: names of frames whose poses the others contradict and that could not be relocalised.
     """
 
     names: tuple[str, ...]
@@ -94,10 +94,10 @@ class Structure:
     doubtful: tuple[str, ...] = ()
 
     def of(self, frames: Sequence[Frame]) -> Structure:
-        """What some frames see: their cameras, and the points that two of them or more see, numbered anew.
+        """The structure of some of the frames: their cameras, and the points that at least two of them see, renumbered.
 
         Args:
-            frames: some of those that it was built from, in any order.
+            frames: some of the frames that it was built from, in any order.
         """
         number = {name: index for index, name in enumerate(self.names)}
         chosen = np.array([number[frame.name] for frame in frames], np.int64)
@@ -123,16 +123,16 @@ class Structure:
 def build_structure(
     frames: Sequence[Frame], scale: Scale, settings: StructureSettings, photographs: Photographs | None = None
 ) -> Structure | None:
-    """Find points that several frames see, and refine the poses where the points contradict them.
+    """Triangulate points that several frames see, and refine the poses where the points contradict them.
 
     Args:
-        frames: F frames with given poses, held-out ones among them: nothing is looked at but geometry.
+        frames: F frames with given poses, including held-out ones: only geometry is used.
         scale: of the scene.
-        settings: how.
-        photographs: what the frames were made of, to find features in larger images; None: in the frames themselves.
+        settings: None for the defaults.
+        photographs: the frames' photographs, to detect features in larger images; None to use the frames themselves.
 
     Returns:
-        None if there is too little texture to tell.
+        None if there is too little texture.
     """
     names = tuple(frame.name for frame in frames)
     given = [frame.camera for frame in frames]
@@ -174,10 +174,10 @@ def build_structure(
 def _placed(
     given: list[Camera], features: Sequence[Features], matches: Matches, finest: float, may_move: bool, scale: Scale
 ) -> tuple[list[Camera], Matches, np.ndarray]:
-    """Cameras, wrong ones placed anew where that is possible; all matches; and (F,) bool what stays wrong."""
+    """Cameras, with wrong ones relocalised where possible; all matches; and (F,) bool which remain wrong."""
     tracks, _ = link(features, matches)
     tolerance = max(VERIFICATION * finest, measured_tolerance(given, tracks, finest))
-    # Drift adds up along a walk: what is a little more than usual is no contradiction.
+    # Drift accumulates along a walk: errors slightly above the usual do not contradict a pose.
     gross = max(tolerance, widest_tolerance(given) / 2)
     wrong = contradicted(given, features, matches, gross) | strangers(given, features, matches, scale.distance)
     if not (wrong.any() and may_move):
@@ -194,8 +194,8 @@ def _chosen(names: Sequence[str], which: Sequence[bool] | np.ndarray) -> tuple[s
 def _agreeing(
     cameras: Sequence[Camera], tracks: Observations, tolerance: float
 ) -> tuple[np.ndarray, Observations, np.ndarray]:
-    """The points that sightings agree on, those sightings, and (M,) which of the tracks' they are."""
-    kept = np.flatnonzero(consensus(cameras, tracks, tolerance, LEAST_ANGLE).agrees)
+    """The points that observations agree on, those observations, and their (M,) indices in the tracks."""
+    kept = np.flatnonzero(consensus(cameras, tracks, tolerance, MIN_ANGLE).agrees)
     for _ in range(2):
         _, point = np.unique(tracks.point[kept], return_inverse=True)
         seen = Observations(tracks.frame[kept], point.astype(np.int32), tracks.pixels[kept])
@@ -203,7 +203,7 @@ def _agreeing(
         near = reprojection_errors(cameras, points, seen) < tolerance
         views = np.bincount(seen.point[near], minlength=len(points))
         angles = triangulation_angles(cameras, points, seen.select(near))
-        kept = kept[near & ((views >= 2) & (angles >= LEAST_ANGLE))[seen.point]]
+        kept = kept[near & ((views >= 2) & (angles >= MIN_ANGLE))[seen.point]]
     _, point = np.unique(tracks.point[kept], return_inverse=True)
     seen = Observations(tracks.frame[kept], point.astype(np.int32), tracks.pixels[kept])
     return triangulate(cameras, seen), seen, kept

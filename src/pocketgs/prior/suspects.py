@@ -1,8 +1,8 @@
-"""Cameras that the photographs contradict: those whose matches with the others another motion explains.
+"""Detection of wrong poses: cameras whose matches with the others imply another relative motion.
 
-Wrong cameras often come in groups that agree among themselves, say all views of the far side of a thing that looks
-alike from both. So views are first joined into groups, the pairs with the most in common first, for as long as what two
-groups have in common suits their poses. What does not join the largest group although it has matches with it is wrong.
+Wrong cameras often come in consistent groups, for example all views of the far side of an object that looks the same
+from both sides. So views are merged into groups, pairs with most matches first, as long as the matches between two
+groups fit their poses. Views that match the largest group but do not join it are wrong.
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ from pocketgs.prior.pairs import Pair
 from pocketgs.prior.tracks import view_distances
 
 PAIR_FIT = 0.8
-"""Share of a pair's matches that must suit the poses for the pair to speak for them.
+"""Minimum share of a pair's matches that must fit the poses for the pair to support them.
 
-Matches that one motion explains suit right poses nearly all. Of matches that do not belong together about half lie near
-epipolar lines, since these are long.
+Of matches that one motion explains, nearly all fit correct poses. Of random matches about half lie near epipolar lines,
+since these are long.
 """
 
-LEAST_SUPPORT = 1 / 3
-"""Share of the matches between two groups that must be of pairs that speak for the poses.
+MIN_SUPPORT = 1 / 3
+"""Minimum share of the matches between two groups that must belong to supporting pairs.
 
-Not more, since patterns that repeat give wrong matches that agree on a motion, even between views that stand right.
+Not higher, since repeated patterns give wrong matches that agree on a motion, even between correct views.
 """
 
-FEWEST_MATCHES = 32
-"""Matches between two groups below which they say nothing about each other."""
+MIN_MATCHES = 32
+"""Minimum number of matches between two groups that allows a conclusion."""
 
 NEIGHBOURS = 4
-LEAST_FEATURES = 0.5
-"""A view that matches nothing is a stranger if it has this share of its neighbours' features, at least."""
+MIN_FEATURES = 0.5
+"""A view without matches is a stranger if it has at least this share of its neighbours' features."""
 
-FEWEST_VIEWS = 3
-LEAST_MAIN = 0.25
-"""The largest group decides if it has so many views, and this share of all."""
+MIN_VIEWS = 3
+MIN_MAIN = 0.25
+"""Minimum number of views of the largest group, and share of all views, for it to decide."""
 
 
 def contradicted(
@@ -50,7 +50,7 @@ def contradicted(
         cameras: of F views.
         features: of the views.
         matches: verified without poses, see `two_view.match_views`.
-        tolerance: distance in pixels from epipolar lines that right poses explain.
+        tolerance: maximum distance in pixels from epipolar lines under correct poses.
     """
     total, supporting = np.zeros((2, len(cameras), len(cameras)))
     for (first, second), found in matches.items():
@@ -63,11 +63,11 @@ def contradicted(
     largest = np.bincount(group).argmax()
     main = group == largest
     found = np.zeros(len(cameras), bool)
-    if main.sum() < max(FEWEST_VIEWS, LEAST_MAIN * len(cameras)):
+    if main.sum() < max(MIN_VIEWS, MIN_MAIN * len(cameras)):
         return found
     for number in np.unique(group[~main]):
         between = np.ix_(group == number, main)
-        if total[between].sum() >= FEWEST_MATCHES and supporting[between].sum() < LEAST_SUPPORT * total[between].sum():
+        if total[between].sum() >= MIN_MATCHES and supporting[between].sum() < MIN_SUPPORT * total[between].sum():
             found |= group == number
     return found
 
@@ -75,9 +75,9 @@ def contradicted(
 def strangers(
     cameras: Sequence[Camera], features: Sequence[Features], matches: Mapping[Pair, np.ndarray], scene_distance: float
 ) -> np.ndarray:
-    """(F,) bool: views with features that match nothing, though views on all sides of them match each other.
+    """(F,) bool: views with features but no matches, though views all around them match each other.
 
-    They show another place than their poses say. Views with few features may just see a blank wall.
+    They show another place than their poses say. Views with few features may just show a blank wall.
 
     Args:
         cameras: of F views.
@@ -97,7 +97,7 @@ def strangers(
         linked = matched[np.ix_(near, near)]
         reach = apart[np.ix_(near, near)][linked].max(initial=0.0)
         expected = linked.any(axis=1) & (apart[view, near] <= reach)
-        found[view] = expected.sum() >= NEIGHBOURS - 1 and counts[view] >= LEAST_FEATURES * np.median(counts[near])
+        found[view] = expected.sum() >= NEIGHBOURS - 1 and counts[view] >= MIN_FEATURES * np.median(counts[near])
     return found
 
 
@@ -108,13 +108,13 @@ def _groups(pairs: Sequence[Pair], total: np.ndarray, supporting: np.ndarray) ->
         if group[first] == group[second] or not supporting[first, second]:
             continue
         one, other = group == group[first], group == group[second]
-        if supporting[np.ix_(one, other)].sum() >= LEAST_SUPPORT * total[np.ix_(one, other)].sum():
+        if supporting[np.ix_(one, other)].sum() >= MIN_SUPPORT * total[np.ix_(one, other)].sum():
             group[other] = group[first]
     return group
 
 
 def epipolar_distance(first: Camera, second: Camera, here: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """(M,) how far in pixels two views' sightings are from seeing one point, to first order (Sampson 1982).
+    """(M,) Sampson distance in pixels of matches from the epipolar geometry of two cameras (Sampson 1982).
 
     Args:
         first: one camera.

@@ -1,4 +1,4 @@
-"""Plane-sweep stereo: a depth for every pixel of a keyframe, from frames that see the same."""
+"""Plane-sweep stereo: a depth map of a keyframe, the reference view, from its source views."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ from pocketgs.prior.matching_cost import ALL_USABLE, BITS, SourceViews, matching
 from pocketgs.prior.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners
 
 SMOOTHING_WINDOW, SMOOTHING_WIDTH, SMOOTHING_STEPS = 9, 4.0, 3.0
-"""Side and standard deviation in pixels of the window in which depths are smoothed, and, in hypotheses, that of what
-counts as the same surface."""
+"""Side and standard deviation in pixels of the window of the bilateral filter, and its standard deviation in
+hypotheses."""
 
-MOST_PIXELS = 400_000
-"""Larger frames are searched at a smaller size: it bounds the memory and the time of a sweep."""
+MAX_PIXELS = 400_000
+"""Maximum size of a sweep; larger frames are reduced. It bounds memory and time."""
 
 BASELINE_SPREAD = 0.5
-"""Standard deviation of the baseline's score, as a share of the baseline aimed at."""
+"""Standard deviation of the baseline score, relative to the target baseline."""
 
 THIRD_VIEW = 0.2
-"""What a source view counts for where two better ones see the same point: their costs are what is averaged."""
+"""Weight of a source view where two better ones see the same point: only the best two costs are averaged."""
 
 
 @dataclass(frozen=True)
 class SweepSettings:
-    """How depths are searched.
+    """Settings of the sweep.
 
     Attributes:
-        source_views: frames that a keyframe is compared with.
+        source_views: number of source views per keyframe.
         paths: directions of semi-global matching, 4 or 8.
         small_step, large_step: its penalties, in census bits.
-        angle: that the baseline to a source view should span, seen from the scene, in radians.
-        least_angle: a source view whose viewing angle is smaller counts less, in radians.
+        angle: target angle of the baseline as seen from the scene, in radians.
+        least_angle: source views with a smaller viewing angle count less, in radians.
 
     Raises:
-        PocketGSError: a number makes no sense.
+        PocketGSError: a number is out of range.
     """
 
     source_views: int = 4
@@ -61,12 +61,12 @@ class SweepSettings:
 
 @dataclass(frozen=True)
 class DepthMap:
-    """What a sweep found for one keyframe.
+    """The result of a sweep for one keyframe.
 
     Attributes:
         depth: (H, W) float32 along the optical axis, 0 where unknown.
-        margin: (H, W) float32 in [0, 1]: by what share the depth is cheaper than the best other one.
-        step: by how much the inverse depths of neighbouring hypotheses differ.
+        margin: (H, W) float32 in [0, 1]: share by which the depth is cheaper than the next best.
+        step: difference in inverse depth of neighbouring hypotheses.
     """
 
     depth: np.ndarray
@@ -75,12 +75,12 @@ class DepthMap:
 
     @property
     def resolved(self) -> float:
-        """Depth beyond which things shift by less than one hypothesis: how far away they are cannot be told."""
+        """Depth beyond which points shift by less than one hypothesis, so that their distance cannot be measured."""
         return 1 / self.step
 
 
-def at_sweep_size(frame: Frame, most_pixels: int = MOST_PIXELS) -> Frame:
-    """The frame, smaller if it has more pixels than a sweep takes."""
+def at_sweep_size(frame: Frame, most_pixels: int = MAX_PIXELS) -> Frame:
+    """The frame, reduced if it exceeds the size of a sweep."""
     width, height = frame.camera.width, frame.camera.height
     reduction = np.sqrt(width * height / most_pixels)
     return downscaled(frame, float(reduction), None) if reduction > 1 else frame
@@ -89,16 +89,16 @@ def at_sweep_size(frame: Frame, most_pixels: int = MOST_PIXELS) -> Frame:
 def choose_source_views(
     keyframe: Frame, frames: Sequence[Frame], points: np.ndarray, settings: SweepSettings
 ) -> list[Frame]:
-    """The frames to compare a keyframe with, so that most of what it sees is seen well by two of them.
+    """Choose the source views of a keyframe such that two of them see most of what it sees, from a good angle.
 
     A frame's score at a point is exp(-(b - b_target)² / 2 σ²) · min(α / α_min, 1), where b is the baseline and α the
-    viewing angle at the point; 0 where it does not see the point. Frames are chosen one by one, each for what it adds
-    to the two best scores of every point.
+    viewing angle at the point; 0 if it does not see the point. Frames are chosen one by one by what they add to the two
+    best scores of all points.
 
     Args:
-        keyframe: the frame whose depth is sought.
-        frames: to choose from; the keyframe itself is passed over.
-        points: (N, 3) what the keyframe sees.
+        keyframe: the reference view.
+        frames: to choose from; the keyframe itself is skipped.
+        points: (N, 3) points that the keyframe sees.
         settings: number of source views, and angles.
     """
     others = [frame for frame in frames if frame.name != keyframe.name]
@@ -118,7 +118,7 @@ def choose_source_views(
 
 
 def _scores(view: Camera, other: Camera, points: np.ndarray, settings: SweepSettings) -> np.ndarray:
-    """(N,) how well another camera helps to tell the depths of points."""
+    """(N,) score of another camera for estimating the depths of points."""
     pixels, depth = other.project(points)
     seen = (depth > 0) & np.all((pixels >= 0) & (pixels < (other.width, other.height)), axis=1)
     here, there = view.centre - points, other.centre - points
@@ -132,16 +132,16 @@ def _scores(view: Camera, other: Camera, points: np.ndarray, settings: SweepSett
 
 
 def sweep(keyframe: Frame, source_views: Sequence[Frame], search: DepthRange, settings: SweepSettings) -> DepthMap:
-    """Find the depths of a keyframe.
+    """Compute the depth map of a keyframe.
 
-    Pixels that a mask or alpha leaves out have no depth; those that a mask leaves out, here or in source views, have no
-    say in that of others. What alpha leaves out lies on the background and tells where an object ends.
+    Pixels excluded by a mask or alpha get no depth. Masked pixels, here or in source views, do not influence others;
+    transparent pixels do: they show the background and mark the object's outline.
 
     Args:
-        keyframe: the frame whose depth is sought.
-        source_views: frames to compare it with; without any, no depth is known.
-        search: the depths to try.
-        settings: how.
+        keyframe: the reference view.
+        source_views: if empty, no depth is known.
+        search: the depths to test.
+        settings: of the sweep.
     """
     view = _grey(keyframe)
     inverse_depths = search.inverse_depths
@@ -150,11 +150,11 @@ def sweep(keyframe: Frame, source_views: Sequence[Frame], search: DepthRange, se
         return DepthMap(np.zeros(view.shape, np.float32), np.zeros(view.shape, np.float32), step)
     costs = matching_costs(view, _source_views(keyframe.camera, source_views), inverse_depths)
     if keyframe.mask is not None:
-        costs[~keyframe.mask] = BITS // 2  # as where no source view sees a hypothesis
+        costs[~keyframe.mask] = BITS // 2  # as for hypotheses that no source view sees
     paths = EIGHT_PATHS if settings.paths == 8 else FOUR_PATHS
     total = aggregate(costs, view, paths, settings.small_step, settings.large_step)
     depth, margin = winners(total, inverse_depths, len(paths))
-    if np.isfinite(search.farthest):  # the truth may lie beyond the end of the range
+    if np.isfinite(search.farthest):  # the true depth may be outside the range
         depth[depth * inverse_depths[0] > 1 - 1e-6] = 0
     if keyframe.usable is not None:
         depth[~keyframe.usable] = 0
@@ -162,13 +162,13 @@ def sweep(keyframe: Frame, source_views: Sequence[Frame], search: DepthRange, se
 
 
 def _smoothed(depth: np.ndarray, spacing: float) -> np.ndarray:
-    """Depths without the steps that hypotheses leave on slanted surfaces.
+    """Remove the steps between hypotheses on slanted surfaces.
 
-    A bilateral filter on inverse depth, which is linear in pixels on a plane, whatever its slant: the mean over a
-    symmetric window is unbiased there, and edges of more than a few hypotheses stay.
+    A bilateral filter on inverse depth, which is linear in pixels on a plane of any slant: the mean over a symmetric
+    window is unbiased there, and edges of more than a few hypotheses are kept.
     """
     known = depth > 0
-    # Unknown depths lie so far from all others that none takes part in a mean.
+    # Unknown depths are set so far from all others that they do not take part in any mean.
     elsewhere = np.full_like(depth, -10 * SMOOTHING_STEPS * spacing)
     inverse = np.divide(1.0, depth, out=elsewhere, where=known)
     smooth = cv2.bilateralFilter(inverse, SMOOTHING_WINDOW, SMOOTHING_STEPS * spacing, SMOOTHING_WIDTH)
@@ -176,7 +176,7 @@ def _smoothed(depth: np.ndarray, spacing: float) -> np.ndarray:
 
 
 def _grey(frame: Frame) -> np.ndarray:
-    """The grey image, black where it is masked: whatever is there has no say."""
+    """The greyscale image, black where it is masked, so that masked pixels have no influence."""
     grey = cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY)
     if frame.mask is not None:
         grey[~frame.mask] = 0
@@ -184,7 +184,7 @@ def _grey(frame: Frame) -> np.ndarray:
 
 
 def _source_views(view: Camera, frames: Sequence[Frame]) -> SourceViews:
-    """The source views' images, and how pixels of the view fall into them: K_s (R K⁻¹ (x, y, 1) + i t)."""
+    """The source views' images, and the mapping of pixels into them: K_s (R K⁻¹ (x, y, 1) + i t)."""
     images = [_grey(frame) for frame in frames]
     sizes = np.array([image.shape for image in images])
     squares = np.zeros((len(images), *sizes.max(axis=0)), np.uint32)
@@ -198,7 +198,7 @@ def _source_views(view: Camera, frames: Sequence[Frame]) -> SourceViews:
 
 
 def _usable_of(frames: Sequence[Frame], shape: tuple[int, ...]) -> np.ndarray:
-    """What the masks of the source views leave, padded to one size."""
+    """Unmasked pixels of the source views, padded to one size."""
     if all(frame.mask is None for frame in frames):
         return ALL_USABLE
     usable = np.ones(shape, np.bool_)

@@ -1,4 +1,4 @@
-"""How far sightings of one point may lie apart: measured from them, between noise and what poses may be off."""
+"""The tolerance of reprojection errors, estimated from the data: between noise and the possible error of poses."""
 
 from __future__ import annotations
 
@@ -10,51 +10,51 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.prior.consensus import consensus
 from pocketgs.prior.observations import Observations
 
-LEAST_ANGLE = np.radians(1.5)
-"""Angle between two rays below which they do not tell how far the point is."""
+MIN_ANGLE = np.radians(1.5)
+"""Minimum angle between two rays that determines a point's distance."""
 
 WIDEST = 0.02
-"""Share of an image's longer side beyond which two views contradict each other: a phone's poses drift by degrees."""
+"""Maximum tolerance as a share of an image's longer side: a phone's poses drift by degrees."""
 
 MEDIANS = 4.0
-"""Tolerance in units of the median error: all but 0.1 % of errors that are normal in each direction lie within."""
+"""Tolerance in units of the median error: it includes all but 0.1 % of normally distributed errors."""
 
 FINEST = 1.0
-"""Pixels of the images that features were found in, below which errors are noise."""
+"""Minimum tolerance in pixels of the images used for detection; smaller errors are noise."""
 
 ROUNDS = 6
 
 
 def widest_tolerance(cameras: Sequence[Camera]) -> float:
-    """Pixels that a sighting may be off where nothing better is known."""
+    """Initial tolerance in pixels."""
     return WIDEST * float(np.median([max(camera.width, camera.height) for camera in cameras]))
 
 
 def next_tolerance(errors: np.ndarray, tolerance: float, finest: float) -> float:
-    """The tolerance that errors within the last one ask for.
+    """The next tolerance, from the errors within the last one.
 
     Args:
         errors: in pixels.
         tolerance: the last one.
-        finest: the next is no smaller.
+        finest: lower bound.
     """
     within = errors[errors < tolerance]
     return min(tolerance, max(finest, MEDIANS * float(np.median(within)))) if len(within) else tolerance
 
 
 def measured_tolerance(cameras: Sequence[Camera], tracks: Observations, finest: float) -> float:
-    """How far sightings may be off under poses, in pixels: shrunk from the widest for as long as most stay within it.
+    """Estimate the tolerance in pixels under given poses: reduced from the widest as long as most errors stay within.
 
-    Where some poses are wrong, those that are right decide.
+    If some poses are wrong, the correct ones decide.
 
     Args:
         cameras: of the views.
-        tracks: sightings sorted by point.
-        finest: the result is no smaller.
+        tracks: observations sorted by point.
+        finest: lower bound.
     """
     tolerance = widest_tolerance(cameras)
     for _ in range(ROUNDS):
-        found = consensus(cameras, tracks, tolerance, LEAST_ANGLE)
+        found = consensus(cameras, tracks, tolerance, MIN_ANGLE)
         last, tolerance = tolerance, next_tolerance(found.error[found.agrees & (found.support >= 2)], tolerance, finest)
         if tolerance > 0.9 * last:
             break

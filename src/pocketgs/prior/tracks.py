@@ -1,4 +1,4 @@
-"""Tracks: matches between pairs of views, linked into points that several views see, and where those points are."""
+"""Tracks: matches between pairs of views, linked across views and triangulated."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from pocketgs.prior.features import Features
 from pocketgs.prior.observations import Observations
 
 WIDEST_ANGLE = np.radians(60)
-"""Optical axes further apart see nothing that SIFT would recognise."""
+"""Maximum angle between optical axes for SIFT matching."""
 
 REWEIGHTINGS = 3
 
 
 def view_distances(first: Sequence[Camera], second: Sequence[Camera], scene_distance: float) -> np.ndarray:
-    """(F, S) how unlike the views of cameras are: distance of centres over that to the scene, plus that of the axes."""
+    """(F, S) distances between views: distance of centres relative to that to the scene, plus that of the axes."""
 
     def traits(cameras: Sequence[Camera]) -> tuple[np.ndarray, np.ndarray]:
         centres = np.array([camera.centre for camera in cameras]).reshape(-1, 3)
@@ -33,12 +33,12 @@ def view_distances(first: Sequence[Camera], second: Sequence[Camera], scene_dist
 def link(
     features: Sequence[Features], matches: Mapping[tuple[int, int], np.ndarray]
 ) -> tuple[Observations, np.ndarray]:
-    """Join matches into tracks: features that are connected by matches are the same point.
+    """Link matches into tracks: connected features are observations of the same point.
 
-    A track that meets a view twice is dropped: one of its matches is wrong.
+    A track with two features in one view is dropped: one of its matches is wrong.
 
     Returns:
-        The observations, sorted by point and frame, and (M,) int64 the feature behind each in its frame.
+        The observations, sorted by point and frame, and (M,) int64 feature index of each in its frame.
     """
     starts = np.concatenate([[0], np.cumsum([len(view.pixels) for view in features])])
     edges = [np.add(pairs, (starts[first], starts[second])) for (first, second), pairs in matches.items()]
@@ -61,9 +61,9 @@ def link(
 
 
 def triangulate(cameras: Sequence[Camera], observations: Observations) -> np.ndarray:
-    """(N, 3) points nearest to the rays that see them, in the least squares sense, weighted to be near in pixels.
+    """(N, 3) least-squares intersections of rays, weighted to minimise errors in pixels.
 
-    Reweighted a few times so that a wrong ray loses its say. A point whose rays are parallel is not finite.
+    Weights are updated a few times so that wrong rays lose influence. Points with parallel rays are not finite.
     """
     count = int(observations.point.max()) + 1 if len(observations.point) else 0
     centres, directions, focal = _rays(cameras, observations)
@@ -98,7 +98,7 @@ def _rays(cameras: Sequence[Camera], observations: Observations) -> tuple[np.nda
 
 
 def reprojection_errors(cameras: Sequence[Camera], points: np.ndarray, observations: Observations) -> np.ndarray:
-    """(M,) distance in pixels between where points are seen and where they fall; infinite behind the camera."""
+    """(M,) reprojection errors in pixels; infinite behind the camera."""
     rotations = np.array([camera.world_to_camera[:3, :3] for camera in cameras])[observations.frame]
     offsets = np.array([camera.world_to_camera[:3, 3] for camera in cameras])[observations.frame]
     focal = np.array([(camera.fx, camera.fy) for camera in cameras])[observations.frame]
@@ -110,7 +110,7 @@ def reprojection_errors(cameras: Sequence[Camera], points: np.ndarray, observati
 
 
 def triangulation_angles(cameras: Sequence[Camera], points: np.ndarray, observations: Observations) -> np.ndarray:
-    """(N,) angle in radians that a point's rays span: twice the largest from their mean, which is nearly that."""
+    """(N,) angle in radians spanned by a point's rays: twice the largest angle to their mean, a close approximation."""
     count = len(points)
     offsets = points[observations.point] - np.array([camera.centre for camera in cameras])[observations.frame]
     directions = offsets / np.maximum(np.linalg.norm(offsets, axis=1, keepdims=True), 1e-12)

@@ -1,4 +1,4 @@
-"""What two photographs say about each other whatever the poses: matches that one rigid motion explains."""
+"""Two-view geometry independent of poses: matches that one rigid motion explains."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from pocketgs.prior.features import Features, match
 from pocketgs.prior.pairs import Pair
 
 VERIFICATION = 1.5
-"""Distance from epipolar lines within which matches agree with one motion, in pixels of the images matched."""
+"""Maximum distance from epipolar lines, in pixels of the images matched."""
 
-FEWEST_MATCHES = 16
-LEAST_SHARE = 0.25
-"""Fewer matches that agree, or a smaller share of all, are what a motion fitted to chance would find as well."""
+MIN_MATCHES = 16
+MIN_SHARE = 0.25
+"""Minimum number of inlier matches, and minimum share of all: below them, a motion would fit random matches too."""
 
 CONFIDENCE, TRIALS = 0.999, 1000
 
 Matches = dict[Pair, np.ndarray]
-"""For a pair of views (M, 2) int64 indices of features."""
+"""For each pair of views, (M, 2) int64 indices of features."""
 
 
 def match_views(cameras: Sequence[Camera], features: Sequence[Features], pairs: Sequence[Pair]) -> Matches:
-    """Match pairs of views and keep what one motion explains. Only intrinsics are looked at, never poses.
+    """Match pairs of views and keep what one motion explains. Uses intrinsics only, not poses.
 
     Args:
         cameras: of F views.
@@ -35,7 +35,7 @@ def match_views(cameras: Sequence[Camera], features: Sequence[Features], pairs: 
         pairs: to match.
 
     Returns:
-        The pairs that have something in common, in the order given.
+        The pairs with matches, in the given order.
     """
 
     def matched(pair: Pair) -> np.ndarray:
@@ -51,32 +51,32 @@ def match_views(cameras: Sequence[Camera], features: Sequence[Features], pairs: 
 
 
 def agreeing(first: Camera, second: Camera, here: np.ndarray, there: np.ndarray, tolerance: float) -> np.ndarray:
-    """Which matches one rigid motion explains: an essential matrix, by RANSAC (OpenCV's USAC).
+    """Inliers of an essential matrix, by RANSAC (OpenCV's USAC).
 
     Args:
-        first: gives the intrinsics of one view.
-        second: those of the other.
+        first: camera with the intrinsics of the first view.
+        second: camera with the intrinsics of the second view.
         here: (M, 2) pixels in the first view.
         there: (M, 2) pixels in the second.
         tolerance: distance from epipolar lines in pixels.
 
     Returns:
-        (M,) bool; all False where too few agree.
+        (M,) bool; all False if too few are inliers.
     """
     nothing = np.zeros(len(here), bool)
-    if len(here) < FEWEST_MATCHES:
+    if len(here) < MIN_MATCHES:
         return nothing
     focal = float(np.sqrt(np.sqrt(first.fx * first.fy * second.fx * second.fy)))
     one, other = (_normalised(camera, pixels) * focal for camera, pixels in ((first, here), (second, there)))
     matrix = np.diag([focal, focal, 1.0])
     try:
         _, inliers = cv2.findEssentialMat(one, other, matrix, cv2.USAC_FAST, CONFIDENCE, tolerance, maxIters=TRIALS)
-    except cv2.error:  # the solver meets a degenerate sample
+    except cv2.error:  # a degenerate sample
         return nothing
     if inliers is None:
         return nothing
     agrees = np.asarray(inliers).ravel() > 0
-    return agrees if agrees.sum() >= max(FEWEST_MATCHES, LEAST_SHARE * len(here)) else nothing
+    return agrees if agrees.sum() >= max(MIN_MATCHES, MIN_SHARE * len(here)) else nothing
 
 
 def _normalised(camera: Camera, pixels: np.ndarray) -> np.ndarray:

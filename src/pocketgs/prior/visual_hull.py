@@ -1,4 +1,4 @@
-"""The visual hull: what lies inside the silhouettes that images with alpha show."""
+"""The visual hull of the silhouettes in images with alpha."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pocketgs.capture.capture import Frame
 
 
 def outside_hull(points: np.ndarray, frames: Sequence[Frame]) -> np.ndarray:
-    """Which points fall where some image with alpha shows nothing.
+    """Whether points project to transparent pixels of some image with alpha.
 
     Args:
         points: (M, 3) in the world.
-        frames: those without alpha have no say, and neither have those that do not see a point.
+        frames: those without alpha are ignored, and so are those that do not see a point.
 
     Returns:
         (M,) bool.

@@ -1,7 +1,7 @@
-"""Points drawn in the volume that the cameras see together, for captures that bring no cloud along.
+"""Random points in the volume that the cameras see together, for captures without a cloud.
 
-No reconstruction, but a far better start than a uniform cube: a point is drawn on the ray of a random pixel, at that of
-a few dozen depths where the neighbouring photographs agree best with the pixel's surroundings.
+Not a reconstruction, but a far better start than a uniform cube: each point is drawn on the ray of a random pixel, at
+the one of a few dozen depths where neighbouring photographs agree best with the pixel's surroundings.
 """
 
 from __future__ import annotations
@@ -18,49 +18,49 @@ from pocketgs.prior.visual_hull import outside_hull
 from pocketgs.scene.point_cloud import PointCloud
 
 NEAREST, FARTHEST, DEPTHS = 0.5, 3.0, 48
-"""Depths that are tried, as multiples of the distance to where the cameras look, evenly spaced in inverse depth."""
+"""Depths to test, as multiples of the distance to the focus point, evenly spaced in inverse depth."""
 
 NEIGHBOURS = 4
 BEST_ANGLE = np.radians(10)
-"""A pixel is compared in this many frames, those whose viewing angle to the scene differs most nearly by so much."""
+"""A pixel is compared in this many frames, those whose viewing angle to the scene is closest to this."""
 
 PATCH = np.array([[0, 0], [-2, 0], [2, 0], [0, -2], [0, 2]])
-"""Offsets in pixels of what is compared around a pixel."""
+"""Pixel offsets of the patch to compare."""
 
 KEPT = 0.6
-"""Share of the rays that are kept: those whose best depth stands out most from their others."""
+"""Share of the rays to keep: those whose best depth is most distinct."""
 
-FEWEST_POINTS = 4
+MIN_POINTS = 4
 
 
 def draw_points(frames: Sequence[Frame], count: int, seed: int = 0) -> PointCloud:
-    """Draw random points on what the photographs agree is there.
+    """Draw random points where the photographs agree.
 
-    Pixels that an image's alpha shows as empty are passed over, and so are points where any image with alpha does.
+    Transparent pixels are skipped, and so are points that project to transparent pixels of any image.
 
     Args:
         frames: training frames.
-        count: number of points wanted.
-        seed: of the random numbers.
+        count: number of points.
+        seed: random seed.
 
     Returns:
         At most `count` points with the colours of their pixels.
 
     Raises:
-        PocketGSError: the cameras see no volume together.
+        PocketGSError: no volume is seen by several cameras.
     """
     rng = np.random.default_rng(seed)
     cameras = [frame.camera for frame in frames]
     focus = focus_point(cameras)
     if len(frames) > 1 and not looks_at(cameras, focus):
         raise PocketGSError(
-            f"the {len(frames)} cameras look apart and there is no cloud: expected a capture with points"
+            f"the {len(frames)} cameras face outwards and there is no cloud: expected a capture with points"
         )
     rays = -(-int(count / KEPT) // len(frames))
     drawn = [_draw_from(frame, _neighbours(frame, frames, focus), focus, rays, rng) for frame in frames]
     positions, colours, rivals = (np.concatenate(arrays) for arrays in zip(*drawn, strict=True))
     solid = np.flatnonzero(~outside_hull(positions, frames))
-    if len(solid) < FEWEST_POINTS:
+    if len(solid) < MIN_POINTS:
         raise PocketGSError(f"no volume is seen by several of the {len(frames)} cameras: are the poses right?")
     best = solid[np.argsort(rivals[solid], kind="stable")[:count]]
     return PointCloud(positions[best], colours[best])
@@ -86,14 +86,14 @@ def _draw_from(
     """Points on random rays of one frame.
 
     Returns:
-        (M, 3) positions, (M, 3) colours, and (M,) how nearly the cost of the typical depth rivals that of the chosen
-        one: small where the choice is clear.
+        (M, 3) positions, (M, 3) colours, and (M,) ratio of the best cost to the typical one: small where the choice is
+        clear.
     """
     camera = frame.camera
     pixels = _random_pixels(frame, rays, rng)
     distance = abs(float((focus - camera.centre) @ camera.forward)) or 1.0
     inverse = np.linspace(1.0 / FARTHEST, 1.0 / NEAREST, DEPTHS)
-    # Each ray's depths are shifted at random within their spacing, so that points do not lie in sheets.
+    # Each ray's depths are jittered within their spacing, so that points do not lie in layers.
     shift = (inverse[1] - inverse[0]) * rng.uniform(-0.5, 0.5, (len(pixels), 1))
     depths = (distance / (inverse + shift)).astype(np.float32)
     costs = _costs(frame, neighbours, pixels, depths)
@@ -104,12 +104,12 @@ def _draw_from(
     typical = np.nanmedian(compared, axis=1) if seen.any() else least[seen]
     positions = _unproject(camera, pixels[seen], depths[rows, best][seen])
     colours = frame.image[pixels[seen, 1], pixels[seen, 0]] / np.float32(255.0)
-    # One grey level keeps noise on even surfaces from looking like a clear choice.
+    # One grey level is added so that noise on even surfaces does not look like a clear choice.
     return positions, colours, (least[seen] + 1.0) / (typical + 1.0)
 
 
 def _random_pixels(frame: Frame, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count, 2) column and row of pixels that are not empty or masked, away from the border."""
+    """(count, 2) column and row of pixels that are neither transparent nor masked, away from the border."""
     height, width = frame.image.shape[:2]
     usable = np.ones((height, width), bool)
     if frame.alpha is not None:
@@ -128,9 +128,9 @@ def _unproject(camera: Camera, pixels: np.ndarray, depths: np.ndarray) -> np.nda
 
 
 def _costs(frame: Frame, neighbours: list[Frame], pixels: np.ndarray, depths: np.ndarray) -> np.ndarray:
-    """(M, D) mean absolute difference, in grey levels, of the patches around pixels and where they fall in neighbours.
+    """(M, D) mean absolute difference, in grey levels, of patches around pixels and their projections in neighbours.
 
-    Infinite where fewer than two neighbours, or all if there are fewer, see the whole patch.
+    Infinite where fewer than two neighbours (or all, if there are fewer) see the whole patch.
     """
     total, views = np.zeros(depths.shape, np.float32), np.zeros(depths.shape, np.int16)
     last = np.array(frame.image.shape[1::-1]) - 1
@@ -154,7 +154,7 @@ def _costs(frame: Frame, neighbours: list[Frame], pixels: np.ndarray, depths: np
 def _pixels_of(
     camera: Camera, origin: np.ndarray, directions: np.ndarray, depths: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Whether a camera sees the points origin + depth · direction, and the index of their pixels; both (M, D)."""
+    """Whether a camera sees the points origin + depth · direction, and their pixel indices; both (M, D)."""
     rotation, translation = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
     x, y, z = (directions @ rotation.T).astype(np.float32).T[:, :, None]
     start_x, start_y, start_z = (rotation @ origin + translation).astype(np.float32)

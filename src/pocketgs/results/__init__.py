@@ -1,1 +1,1 @@
-"""What a run leaves behind, and the run that writes it."""
+"""The run command and the results that it writes."""

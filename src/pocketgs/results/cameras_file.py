@@ -1,4 +1,4 @@
-"""The cameras of a run on disk: the world that a scene was trained in, with its capture at hand or without."""
+"""The cameras of a run on disk, with which its scene can be rendered without the capture."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class SavedCameras:
 
     Attributes:
         cameras: by frame name.
-        refined: whether their poses are not the capture's own.
-        origin: where the origin of their coordinates lies in the capture's world, see `pocketgs.capture.origin`.
+        refined: whether their poses differ from the capture's.
+        origin: position of their coordinate origin in the capture's world, see `pocketgs.capture.origin`.
     """
 
     cameras: dict[str, Camera]
@@ -38,8 +38,8 @@ def write_cameras(path: Path, frames: Sequence[Frame], refined: bool, origin: Or
     """Write the frames' cameras as JSON.
 
     Each is listed by its frame's name with `size` (width and height in pixels), `intrinsics` (fx, fy, cx and cy in
-    pixels, pixel centres at + 0.5) and `world_to_camera` (4x4, OpenCV axes). `origin` is what must be added to the
-    coordinates of cameras and scene to get the capture's own; it is 0 unless these are far from 0.
+    pixels, pixel centres at + 0.5) and `world_to_camera` (4x4, OpenCV axes). Adding `origin` to coordinates of cameras
+    and scene gives the capture's own; it is 0 unless these are far from 0.
     """
     cameras = {frame.name: _to_json(frame.camera) for frame in frames}
     document = {"refined": refined, "origin": origin, "cameras": cameras}
@@ -48,10 +48,10 @@ def write_cameras(path: Path, frames: Sequence[Frame], refined: bool, origin: Or
 
 
 def read_cameras(path: Path) -> SavedCameras:
-    """Read what `write_cameras` wrote.
+    """Read a file that `write_cameras` wrote.
 
     Raises:
-        PocketGSError: the file cannot be read, or holds what is no camera.
+        PocketGSError: the file cannot be read, or an entry is not a camera.
     """
     settle(path.parent)
     try:
@@ -67,9 +67,10 @@ def read_cameras(path: Path) -> SavedCameras:
 
 
 def with_poses_of(capture: Capture, path: Path) -> Capture:
-    """The capture about the origin of a file of cameras, and with the poses there if they are refined.
+    """The capture with the origin of a cameras file, and with its poses if they are refined.
 
-    Frames that it does not name keep theirs. Intrinsics stay the capture's: it may have been read at another size.
+    Frames that are not in the file keep their poses. Intrinsics stay the capture's: it may have been read at another
+    size.
 
     Raises:
         PocketGSError: the file cannot be read, or names no frame of the capture.
@@ -102,4 +103,4 @@ def _from_json(saved: Any, name: str, path: Path) -> Camera:
         fx, fy, cx, cy = map(float, saved["intrinsics"])
         return Camera(width, height, fx, fy, cx, cy, np.array(saved["world_to_camera"], dtype=np.float64))
     except (ValueError, TypeError, KeyError, OverflowError, PocketGSError) as error:
-        raise PocketGSError(f"{path}: {name!r} is no camera ({error})") from error
+        raise PocketGSError(f"{path}: {name!r} is not a camera ({error})") from error

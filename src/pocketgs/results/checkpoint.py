@@ -1,4 +1,4 @@
-"""Checkpoints: a run on disk as it stands, so that it can be resumed."""
+"""Checkpoints, from which a run can be resumed."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -20,31 +20,36 @@ from pocketgs.splat.engine import OptimiserState
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import Statistics
 from pocketgs.training.result import Checkpoint
+from pocketgs.training.validation import Course, Look
 
 CHECKPOINT = "checkpoint.npz"
 SHRINK = "shrink"
-"""Where a checkpoint says by what whole factor the photographs of its run are smaller than asked for."""
+"""Key of the integer factor by which the run's photographs are reduced further than requested."""
 
 ROOM = "room"
-"""Where it says how many Gaussians the run may come to have."""
+"""Key of the maximum number of Gaussians of the run."""
 
 STATISTICS = tuple(field.name for field in fields(Statistics))
 
 UNFINISHED = "unfinished.npz"
-"""Checkpoint of a run under way; it goes when the run's result is in place."""
+"""Checkpoint of an unfinished run; deleted when the result is complete."""
 
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) -> None:
-    """Write what resuming needs, atomically.
+    """Write a checkpoint atomically.
 
     Args:
         path: ends in .npz.
-        checkpoint: the run as it stands.
+        checkpoint: state of the run.
         run: what must be the same when it is resumed.
     """
     arrays = {name: getattr(checkpoint.gaussians, name) for name in PARAMETERS}
     if checkpoint.statistics is not None:
         arrays |= {name: getattr(checkpoint.statistics, name) for name in STATISTICS}
+    if checkpoint.course is not None:
+        arrays["course"] = np.array(json.dumps(asdict(checkpoint.course)))
+    if checkpoint.state.colours is not None:
+        arrays["colours"] = checkpoint.state.colours
     if checkpoint.state.near is not None:
         arrays["near"] = np.float64(checkpoint.state.near)
     with replacing(path) as partial:
@@ -61,7 +66,7 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) ->
 
 @contextmanager
 def _arrays(path: Path) -> Iterator[Any]:
-    """The arrays of a checkpoint, which may be packed so that a small file unpacks to any amount."""
+    """The arrays of a checkpoint. The memory bound is checked, since a small file can unpack to any size."""
     with zipfile.ZipFile(path) as archive:
         unpacked = sum(member.file_size for member in archive.infolist())
     require_memory(path, unpacked, f"unpacking {unpacked:,} bytes")
@@ -74,12 +79,12 @@ def is_checkpoint(path: Path) -> bool:
     try:
         with _arrays(path) as data:
             return {"run", "first_moments", *PARAMETERS} <= set(data)
-    except Exception:  # a file that is something else fails in many ways
+    except Exception:  # other files fail in many ways
         return False
 
 
 def read_size(folder: Path) -> tuple[int, int]:
-    """By what factor a folder's newest checkpoint shrinks photographs, and how many Gaussians it may come to have.
+    """The factor by which a folder's newest checkpoint reduces photographs, and its maximum number of Gaussians.
 
     Raises:
         PocketGSError: there is none, or it is broken.
@@ -94,7 +99,7 @@ def read_size(folder: Path) -> tuple[int, int]:
 
 
 def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
-    """Read a folder's newest checkpoint: of a run that was under way there, or of the one that ended there.
+    """Read a folder's newest checkpoint, of an unfinished or a finished run.
 
     Args:
         folder: a run's folder.
@@ -109,9 +114,11 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
             written = dict(json.loads(str(data["run"])))
             gaussians = Gaussians(*(data[name] for name in PARAMETERS))
             near = float(data["near"]) if "near" in data else None
-            state = OptimiserState(data["first_moments"], data["second_moments"], int(data["steps"]), near)
+            colours = data.get("colours")
+            state = OptimiserState(data["first_moments"], data["second_moments"], int(data["steps"]), near, colours)
             statistics = Statistics(*(data[name] for name in STATISTICS)) if STATISTICS[0] in data else None
             iteration = int(data["iteration"])
+            course = _course(json.loads(str(data["course"]))) if "course" in data else None
     except Exception as error:  # a damaged archive fails in many ways
         raise PocketGSError(f"{path}: not a readable checkpoint ({error})") from error
     if iteration < 0 or state.steps < 0:
@@ -127,7 +134,16 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
     for key, value in run.items():
         if written.get(key) != value:
             raise PocketGSError(f"{path}: belongs to a run with {key} {written.get(key)!r}, but this one has {value!r}")
-    return Checkpoint(iteration, gaussians, state, statistics)
+    return Checkpoint(iteration, gaussians, state, statistics, course)
+
+
+def _course(written: dict[str, Any]) -> Course:
+    looks = (
+        Look(int(look["iteration"]), float(look["psnr"]), int(look["gaussians"]), float(look["seconds"]))
+        for look in written["looks"]
+    )
+    decays_from = written["decays_from"]
+    return Course(tuple(looks), None if decays_from is None else int(decays_from))
 
 
 def _newest_checkpoint(folder: Path) -> Path:

@@ -1,4 +1,4 @@
-"""An output folder for as long as one command writes there."""
+"""Exclusive use of an output folder by one command."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from pocketgs.files.manifest import MANIFEST, PRIVATE, Manifest, digest_of, file
 
 @dataclass(frozen=True)
 class Claim:
-    """An output folder that no other process writes to.
+    """An output folder that this process has locked.
 
     Attributes:
-        folder: where.
-        source: what tells the capture of a run from others, see `source_of`; None for what is no run.
+        folder: the folder.
+        source: identifies the capture of a run, see `source_of`; None for other commands.
     """
 
     folder: Path
@@ -29,15 +29,15 @@ class Claim:
 
     @contextmanager
     def publishing(self, expected: Iterable[str] = (), outdated: Sequence[str] = ()) -> Iterator[Path]:
-        """Give an empty folder to write to; when the block succeeds, what is in it goes to the claimed folder as one.
+        """Yield an empty folder to write to; when the block succeeds, publish its content to the claimed folder as one.
 
         Args:
             expected: files that the block must have written.
-            outdated: patterns of files that earlier runs wrote and that go if the block writes none of their name.
+            outdated: patterns of files of earlier runs to delete unless the block writes them anew.
 
         Raises:
-            PocketGSError: the folder cannot be written to, what the block has written is not there any more, or a file
-                of somebody else has come into its way; a result that is complete is kept in the last case.
+            PocketGSError: the folder cannot be written to, a file that the block wrote is missing, or another program's
+                file is in the way; in the last case a complete result is kept elsewhere.
         """
         try:
             staging = new_staging(self.folder)
@@ -53,7 +53,7 @@ class Claim:
         new, before = staging / NEW, read_manifest(self.folder)
         for name in expected:
             if not (new / name).is_file():
-                raise PocketGSError(f"{new / name}: was written and is gone, expected nobody to change this folder")
+                raise PocketGSError(f"{new / name}: was written but is missing, expected nobody to change this folder")
         written = {name: digest_of(new / name) for name in files_below(new)}
         going = {name for name in before.files if any(Path(name).match(pattern) for pattern in outdated)} - set(written)
         kept = {name: digest for name, digest in before.files.items() if name not in going}
@@ -64,19 +64,19 @@ class Claim:
 
 @contextmanager
 def claimed(folder: Path, names: Iterable[str] = (), source: str | None = None) -> Iterator[Claim]:
-    """Claim a folder before the work starts: find out that a result can be written, and let nobody else write.
+    """Claim a folder before the work starts: check that a result can be written, and lock out other processes.
 
-    What a killed process has left half done there is completed or cleared away. If nothing comes of the work, a folder
-    that had to be made goes again.
+    What a killed process left half done there is completed or deleted. If the work fails, a newly created folder is
+    deleted.
 
     Args:
-        folder: made if need be.
-        names: files that the work is to write, as paths in the folder or patterns of such.
-        source: as of `Claim`.
+        folder: created if needed.
+        names: files that the work will write, as paths or patterns relative to the folder.
+        source: see `Claim`.
 
     Raises:
-        PocketGSError: the folder cannot be made or written to, another process is writing to it, it holds a capture,
-            or a file that is not ours is where one of ours is to be.
+        PocketGSError: the folder cannot be created or written to, another process is writing to it, it holds a capture,
+            or another program's file is in the way.
     """
     made: list[Path] = []
     with ExitStack() as stack:
@@ -95,9 +95,9 @@ def claimed(folder: Path, names: Iterable[str] = (), source: str | None = None) 
 
 
 def _check_no_capture(folder: Path) -> None:
-    """Refuse a folder of photographs, or whatever a capture's files may be: results would stand among them.
+    """Refuse a folder with photographs or other files of a capture, which results would mix with.
 
-    Pictures that commands have written are no photographs.
+    Pictures that commands wrote do not count as photographs.
     """
     if not folder.is_dir():
         return
@@ -107,7 +107,7 @@ def _check_no_capture(folder: Path) -> None:
 
 
 def _check_ours(folder: Path, names: Iterable[str]) -> None:
-    # A pattern stands among them for the folder that its files are to be in.
+    # A pattern stands for the folder that its files are in.
     found = [path.relative_to(folder).as_posix() for name in names for path in folder.glob(name)]
     read_manifest(folder).check_ours(folder, [*names, *found])
 
@@ -115,4 +115,4 @@ def _check_ours(folder: Path, names: Iterable[str]) -> None:
 def _remove_empty(folders: Iterable[Path]) -> None:
     with suppress(OSError):
         for folder in folders:
-            folder.rmdir()  # refuses if anything is in there
+            folder.rmdir()  # fails if the folder is not empty

@@ -1,8 +1,8 @@
 """The folder that a run leaves behind: `scene.ply`, `run.json`, `checkpoint.npz`, pictures of the held-out views,
 and `cameras.json`.
 
-A run's files are gathered in a hidden folder and put in place together at its end, see `pocketgs.files.journal`: until
-then, and if the run fails or is killed, an earlier result stays as it was.
+A run's files are written to a hidden folder and published together at its end, see `pocketgs.files.journal`: if the run
+fails or is killed, an earlier result stays as it was.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from pocketgs.results.claim import Claim, claimed
 SCENE, RECORD, PICTURES = "scene.ply", "run.json", "held_out"
 CAMERAS = "cameras.json"
 FILES = (SCENE, RECORD, CHECKPOINT, CAMERAS)
-"""What every result has."""
+"""Files of every result."""
 
 
 @contextmanager
 def claimed_for_run(folder: Path, source: str | None = None) -> Iterator[Claim]:
-    """Claim a folder for a run's result: nobody else writes there meanwhile, and nothing of anybody else's is lost.
+    """Claim a folder for a run's result: other processes are locked out, and other programs' files are not overwritten.
 
     Args:
-        folder: made if need be.
-        source: what tells the run's capture from others of its name, see `pocketgs.files.manifest.source_of`.
+        folder: created if needed.
+        source: identifies the run's capture, see `pocketgs.files.manifest.source_of`.
 
     Raises:
         PocketGSError: the folder cannot be used.
@@ -45,17 +45,17 @@ def claimed_for_run(folder: Path, source: str | None = None) -> Iterator[Claim]:
     with claimed(folder, (*FILES, f"{PICTURES}/*.png"), source) as claim:
         remove_leftovers(folder / UNFINISHED)
         if os.path.lexists(folder / UNFINISHED) and not is_checkpoint(folder / UNFINISHED):
-            raise PocketGSError(f"{folder / UNFINISHED}: is no checkpoint of ours, expected it moved away")
+            raise PocketGSError(f"{folder / UNFINISHED}: is not a checkpoint of ours, expected it moved away")
         yield claim
 
 
 @contextmanager
 def publishing(folder: Path, names: Iterable[str] = ()) -> Iterator[Path]:
-    """Claim a folder, give an empty one to write to, and when the block succeeds put what is in it in place as one.
+    """Claim a folder, yield an empty one to write to, and publish its content as one when the block succeeds.
 
     Args:
-        folder: made if need be.
-        names: files that the block is to write, so that one of somebody else in their way is found out at once.
+        folder: created if needed.
+        names: files that the block will write, so that a file in the way is reported before the work.
 
     Raises:
         PocketGSError: the folder cannot be used.
@@ -65,11 +65,11 @@ def publishing(folder: Path, names: Iterable[str] = ()) -> Iterator[Path]:
 
 
 def check_free_for(folder: Path, source: str) -> None:
-    """Refuse to let the result of one capture take the place of another's that happens to have the same name.
+    """Check that a result does not replace that of another capture with the same name.
 
     Args:
-        folder: that the capture's name has led to.
-        source: what tells the capture from others, see `pocketgs.files.manifest.source_of`.
+        folder: chosen by the capture's name.
+        source: identifies the capture, see `pocketgs.files.manifest.source_of`.
 
     Raises:
         PocketGSError: the folder holds the result of another capture.
@@ -77,12 +77,12 @@ def check_free_for(folder: Path, source: str) -> None:
     settle(folder)
     before = read_manifest(folder).source
     if before is not None and before != source:
-        found = "holds the result of another capture of this name, or of this one at another place"
+        found = "holds the result of another capture of this name, or of this one at another path"
         raise PocketGSError(f"{folder}: {found}; expected --output {folder} to replace it, or another folder there")
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write JSON atomically; numbers that JSON does not know, such as NaN, become null."""
+    """Write JSON atomically; NaN and infinity become null."""
     with replacing(path) as partial:
         partial.write_text(json.dumps(_plain(content), indent=2) + "\n", encoding="utf-8")
 
@@ -98,11 +98,11 @@ def _plain(value: Any) -> Any:
 
 
 def write_side_by_side(folder: Path, name: str, photo: np.ndarray, rendered: np.ndarray) -> None:
-    """Write a picture with the photograph on the left and the rendering on the right.
+    """Write a photograph (left) and a rendering (right) as one image.
 
     Args:
         folder: an existing folder.
-        name: of the picture, without suffix; see `pocketgs.files.plain_names`.
+        name: of the image, without suffix; see `pocketgs.files.plain_names`.
         photo: (H, W, 3) uint8.
         rendered: (H, W, 3) float in [0, 1].
     """

@@ -1,4 +1,4 @@
-"""How a process's memory goes over a run."""
+"""Memory use of the process over time."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import psutil
 
 from pocketgs.system.process import seconds_since_start
 
-MOST_SAMPLES = 400
-"""When there are more, every other one is dropped and half as many are taken from then on."""
+MAX_SAMPLES = 400
+"""Maximum number of samples; when it is reached, every other one is dropped and the interval doubles."""
 
 
 @dataclass(frozen=True)
 class MemorySample:
-    """Resident memory, in MB of 10^6 bytes, and the stage, at one moment; `seconds` since the process began."""
+    """Resident memory, in MB of 10^6 bytes, and the stage at one moment; `seconds` since the process began."""
 
     seconds: float
     stage: str
@@ -25,11 +25,11 @@ class MemorySample:
 
 
 class MemoryTrace:
-    """Samples this process's resident memory from a thread of its own, for as long as the `with` block lasts.
+    """Samples this process's resident memory in a thread while the `with` block runs.
 
     Args:
-        stage: gives the name of the stage under way.
-        interval: seconds between samples at first; twice that whenever there are too many of them.
+        stage: returns the name of the current stage.
+        interval: seconds between samples at first; doubled whenever there are too many samples.
     """
 
     def __init__(self, stage: Callable[[], str], interval: float = 0.2) -> None:
@@ -53,7 +53,7 @@ class MemoryTrace:
         while True:
             rss_mb = process.memory_info().rss / 1e6
             self.samples.append(MemorySample(round(seconds_since_start(), 2), self._stage(), round(rss_mb, 1)))
-            if len(self.samples) > MOST_SAMPLES:
+            if len(self.samples) > MAX_SAMPLES:
                 self.samples, self._interval = self.samples[::2], 2 * self._interval
             if self._over.wait(self._interval):
                 return

@@ -1,4 +1,4 @@
-"""What a run tells its caller while it works."""
+"""Progress callbacks of a run."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ class Reporter:
 
     Attributes:
         on_stage: called with a stage's name when it begins.
-        on_capture: called with the capture once it is read.
-        on_prior: called with what the geometry prior found.
+        on_capture: called with the capture after it is read.
+        on_prior: called with the report of the geometry prior.
         on_progress: called after every iteration.
-        on_warning: called with what the user should know, in words.
-        on_prepared: called with the capture as training sees it: its poses may have been refined.
-        on_plan: called with the size that the run is planned at, before a photograph is decoded.
-        on_count: told how much of the stage is done, and of how much, where that is known.
+        on_warning: called with a warning for the user.
+        on_prepared: called with the capture as training uses it: poses may have been refined.
+        on_plan: called with the run's plan, before a photograph is decoded.
+        on_count: called with the progress of a stage and its total, where known.
     """
 
     on_stage: Callable[[str], None] = lambda stage: None

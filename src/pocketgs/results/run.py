@@ -1,4 +1,4 @@
-"""From a capture to a result folder: load, train, evaluate, write, and say what it took."""
+"""A complete run: load a capture, train, evaluate, and write the result folder."""
 
 from __future__ import annotations
 
@@ -48,16 +48,16 @@ from pocketgs.training.preparation import prepare
 from pocketgs.training.result import TrainingResult
 
 SECONDS_BETWEEN_CHECKPOINTS = 60.0
-LEAST_TIME = 1e-3
-"""Seconds of training where the time budget is used up before it."""
+MIN_TIME = 1e-3
+"""Lower bound of the training time if the time budget is already used up."""
 
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run left behind.
+    """The result of a run.
 
     Attributes:
-        folder: where.
+        folder: with the result's files.
         scene: the trained Gaussians.
         evaluation: of the held-out views, or None if there are none.
         summary: the content of `run.json`.
@@ -78,15 +78,15 @@ def run(
     reporter: Reporter | None = None,
     source: str | None = None,
 ) -> RunResult:
-    """Train on a capture and write the result to a folder; see `pocketgs.results.folder` for what is in it.
+    """Train on a capture and write the result to a folder; see `pocketgs.results.folder` for its files.
 
     Args:
-        list_capture: lists the capture; its photographs are decoded once the run is planned.
-        folder: made if need be. An earlier result there stays until the new one is complete.
+        list_capture: lists the capture; its photographs are decoded after planning.
+        folder: created if needed. An earlier result there is kept until the new one is complete.
         options: how to train.
-        resume: go on from the checkpoint in the folder.
-        reporter: is told what is going on.
-        source: what tells the capture from others of its name, see `pocketgs.files.manifest.source_of`.
+        resume: continue from the checkpoint in the folder.
+        reporter: receives progress.
+        source: identifies the capture, see `pocketgs.files.manifest.source_of`.
 
     Raises:
         PocketGSError: the capture, an option or the folder cannot be used, or a budget is too small.
@@ -114,7 +114,7 @@ def _run(
     memory: MemoryTrace,
 ) -> RunResult:
     folder = claim.folder
-    engine = create_engine(options.engine_options)  # one that is not there is found out before the work starts
+    engine = create_engine(options.engine_options)  # fails before the work starts if there is no such engine
     with stopwatch.stage("capture"):
         listed = list_capture()
     with stopwatch.stage("planning"):
@@ -131,7 +131,7 @@ def _run(
     identity = _identity(capture, options, plan)
     checkpoint = read_checkpoint(folder, identity) if resume else None
     if checkpoint and checkpoint.iteration >= options.iterations:
-        found = f"{checkpoint.iteration} iterations are done already"
+        found = f"{checkpoint.iteration} iterations are already done"
         raise PocketGSError(f"{folder}: {found}, expected --iterations to ask for more")
     saver = _CheckpointSaver(folder, identity, reporter.on_warning)
 
@@ -146,10 +146,10 @@ def _run(
     reporter.on_prepared(prepared)
     seconds = _seconds_left(options, plan)
     if seconds is not None and seconds <= 0:
-        reporter.on_warning("the time budget is used up before training begins: what it would begin with is written")
+        reporter.on_warning("the time budget was used up before training began: the untrained scene is written")
     result = train(
         prepared,
-        replace(planned, time_budget=None if seconds is None else max(seconds, LEAST_TIME)),
+        replace(planned, time_budget=None if seconds is None else max(seconds, MIN_TIME)),
         observer=observe,
         resume=checkpoint,
         stopwatch=stopwatch,
@@ -160,31 +160,31 @@ def _run(
 
 
 def _plan(listed: ListedCapture, options: SizedOptions, engine: Engine, size: tuple[int, int] | None) -> Plan:
-    """The run's plan; `size` is that of a run that goes on, see `read_size`."""
+    """Plan the run; `size` is that of a run to resume, see `read_size`."""
     if options.time_budget is not None and options.prior == "colmap":
-        raise PocketGSError("time budget: nobody knows how long COLMAP takes, expected another --prior or no budget")
+        raise PocketGSError("time budget: the time that COLMAP takes is unknown, expected another --prior or no budget")
     machine = this_machine(engine, options)
     if size is not None:
         return plan_again(listed, options, machine, *size)
     plan = make_plan(listed, options, machine)
     if options.time_budget is None:
         return plan
-    # A GPU's speed says nothing of the CPU's, which does the rest of the work.
+    # A GPU's speed says nothing about the CPU's, which does the rest of the work.
     speed = measure_speed(engine, machine.threads, with_prior=options.prior == "dense" or engine.name != "cpu")
     return make_plan(listed, options, replace(machine, speed=speed, elapsed=seconds_since_start()))
 
 
 def _seconds_left(options: SizedOptions, plan: Plan) -> float | None:
-    """Of the time budget, what is left until the result must be evaluated and written."""
+    """The rest of the time budget before evaluation and writing must start."""
     if options.time_budget is None:
         return None
     return options.time_budget - seconds_since_start() - (plan.reserve or 0.0)
 
 
 class _CheckpointSaver:
-    """Writes a checkpoint now and then, so that a long run can go on after its process has died.
+    """Writes a checkpoint at intervals, so that a long run can be resumed after a crash.
 
-    A checkpoint that cannot be written, say because the disk is full, is no reason to end the run.
+    If a checkpoint cannot be written, for example because the disk is full, the run continues.
     """
 
     def __init__(self, folder: Path, identity: dict[str, Any], on_warning: Callable[[str], None]) -> None:
@@ -198,11 +198,11 @@ class _CheckpointSaver:
                 path = self._folder / UNFINISHED
                 write_checkpoint(path, progress.checkpoint(), self._identity)
             except (PocketGSError, OSError) as error:
-                self._on_warning(f"training goes on without a checkpoint: {error}")
+                self._on_warning(f"training continues without a checkpoint: {error}")
 
 
 def _identity(capture: Capture, options: SizedOptions, plan: Plan) -> dict[str, Any]:
-    """What a run that is resumed must have in common with the one that wrote the checkpoint."""
+    """What must be equal between a checkpoint and the run that resumes from it."""
     return {
         "capture": capture.name,
         "protocol": capture.protocol,
@@ -215,18 +215,20 @@ def _identity(capture: Capture, options: SizedOptions, plan: Plan) -> dict[str, 
         "source views": options.source_views,
         "max keyframes": options.max_keyframes,
         "exposure": options.exposure,
+        "colours": options.colours,
         "max gaussians": options.max_gaussians,
         "strategy": options.strategy,
         SHRINK: plan.shrink,
         ROOM: plan.gaussians,
+        **({"open ended": True} if options.open_ended else {}),
     }
 
 
 def _check_comparable(capture: Capture) -> None:
-    """Find out before the work starts that every held-out view can be compared with its photograph.
+    """Check before the work starts that every held-out view can be compared with its photograph.
 
     Raises:
-        PocketGSError: one cannot.
+        PocketGSError: one of them cannot.
     """
     border = SSIM_WINDOW // 2
     for frame in capture.held_out:
@@ -235,7 +237,7 @@ def _check_comparable(capture: Capture) -> None:
             expected = f"expected at least {SSIM_WINDOW} pixels a side, or --hold-out 0"
             raise PocketGSError(f"{frame.name}: a held-out view of {width}x{height} pixels, {expected}")
         if frame.mask is not None and not frame.mask[border:-border, border:-border].any():
-            expected = f"expected pixels to compare that lie {border} or more inside the image, or --hold-out 0"
+            expected = f"expected unmasked pixels {border} or more inside the image, or --hold-out 0"
             raise PocketGSError(f"{frame.name}: the mask of a held-out view leaves nothing, {expected}")
 
 
@@ -251,7 +253,7 @@ def _publish(
     stopwatch: Stopwatch,
     memory: MemoryTrace,
 ) -> RunResult:
-    """Evaluate the scene, at the poses that it was trained with, and put the result in place."""
+    """Evaluate the scene, at the poses that it was trained with, and publish the result."""
     refined = prepared.report is not None and prepared.report.poses_refined
     with claim.publishing(result_folder.FILES, outdated=[f"{result_folder.PICTURES}/*"]) as staging:
         with stopwatch.stage("writing"):
@@ -275,8 +277,8 @@ def evaluate_held_out(engine: Engine, capture: Capture, pictures: Path | None = 
 
     Args:
         engine: holds the scene.
-        capture: gives the held-out frames and the background.
-        pictures: an existing folder for side-by-side pictures, or None for no pictures.
+        capture: with the held-out frames and the background.
+        pictures: an existing folder for side-by-side images, or None for no images.
     """
     if not capture.held_out:
         return None

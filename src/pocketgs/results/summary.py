@@ -1,4 +1,4 @@
-"""What a run was asked, what it took and how good it is: the content of `run.json`."""
+"""The content of `run.json`: options, resources used and quality of a run."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from pocketgs.capture.capture import Capture
-from pocketgs.metrics.evaluation import Evaluation
+from pocketgs.metrics.evaluation import MEANS, Evaluation
 from pocketgs.results.memory_trace import MemorySample
+from pocketgs.splat.colours import transforms_of
 from pocketgs.system.process import peak_rss_mb
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.plan import Plan
 from pocketgs.training.result import TrainingResult
 
-DEPENDENCIES = ("numpy", "numba", "llvmlite", "opencv-python-headless", "scipy", "pillow", "wgpu")
+DEPENDENCIES = ("numpy", "numba", "llvmlite", "opencv-python-headless", "scipy", "pillow", "wgpu", "flip-evaluator")
 
 
 def summarise(
@@ -29,12 +30,11 @@ def summarise(
     seconds: dict[str, float],
     memory: Sequence[MemorySample],
 ) -> dict[str, Any]:
-    """The content of `run.json`."""
+    """Make the content of `run.json`."""
     return {
-        "psnr": evaluation.psnr if evaluation else None,
-        "ssim": evaluation.ssim if evaluation else None,
-        "lpips": evaluation.lpips if evaluation else None,
+        **(evaluation.means if evaluation else dict.fromkeys(MEANS)),
         "lpips_note": evaluation.lpips_note if evaluation else None,
+        "colours": _learned_colours(result),
         "coverage": result.prior.coverage if result.prior else None,
         "keyframes": result.prior.keyframes if result.prior else None,
         "gaussians": len(result.scene),
@@ -64,13 +64,23 @@ def summarise(
         "prior": asdict(result.prior) if result.prior else None,
         "images": [asdict(image) for image in evaluation.images] if evaluation else [],
         "progress": [asdict(sample) for sample in result.losses],
+        "validation": asdict(result.course) if result.course else None,
         "memory": [asdict(sample) for sample in memory],
         "versions": versions(),
     }
 
 
+def _learned_colours(result: TrainingResult) -> dict[str, float] | None:
+    """By what factors the photographs' colour transforms multiply red, green and blue; None if none was learned."""
+    table = result.optimiser_state.colours
+    if table is None:
+        return None
+    gains = transforms_of(table)[:, range(3), range(3)]
+    return {"least_gain": float(gains.min()), "largest_gain": float(gains.max())}
+
+
 def _expected_and_actual(plan: Plan, result: TrainingResult, seconds: float) -> dict[str, Any]:
-    """The plan, with what the run took beside what was expected of it; buffers of a GPU count as the device's."""
+    """The plan's predictions beside the actual figures; a GPU's buffers count as the device's."""
     on_device = 0 if result.engine == "cpu" else sum(result.engine_bytes.values())
     return {
         **asdict(plan),
@@ -85,7 +95,7 @@ def _expected_and_actual(plan: Plan, result: TrainingResult, seconds: float) -> 
 
 
 def versions() -> dict[str, str]:
-    """Versions of this package, of Python, of the system and of what the numbers depend on."""
+    """Versions of this package, of Python, of the system and of the dependencies that affect results."""
     found = {"python": platform.python_version(), "system": platform.platform()}
     for package in ("pocketgs", *DEPENDENCIES):
         try:

@@ -12,17 +12,17 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
 
 SLOWEST, FASTEST = 0.1, 1000.0
-"""Frames per second that a file may have; OpenCV hangs on infinitely many."""
+"""Range of frame rates; OpenCV hangs at an infinite one."""
 
 
 def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float = 30.0) -> None:
     """Encode frames as MPEG-4 video with OpenCV, one at a time.
 
-    The file appears under its name only when it is whole: until then it is written beside it.
+    The file is written atomically.
 
     Args:
-        path: where to write, ending in .mp4.
-        frames: (H, W, 3) uint8 RGB, all of one size. An odd row or column at the bottom or right is cut off, as the
+        path: ending in .mp4.
+        frames: (H, W, 3) uint8 RGB, all of one size. An odd row or column at the bottom or right is cropped, since the
             codec needs even sizes.
         fps: frames per second.
 
@@ -43,7 +43,7 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float = 30.
 
 
 def _encode(partial: Path, frames: Iterable[np.ndarray], fps: float, path: Path) -> tuple[int, tuple[int, int]]:
-    """Write to `partial`; errors name `path`. Returns how many frames there were, and their width and height."""
+    """Write to `partial`; errors name `path`. Returns the number of frames, and their width and height."""
     writer: cv2.VideoWriter | None = None
     size, count = (0, 0), 0
     try:
@@ -68,10 +68,10 @@ def _encode(partial: Path, frames: Iterable[np.ndarray], fps: float, path: Path)
 
 
 def _check(written: Path, count: int, size: tuple[int, int], path: Path) -> None:
-    """Decode what was written: OpenCV says nothing where the disk is full, and leaves a file that nobody can play.
+    """Decode the written file: OpenCV reports no error when the disk is full, and leaves a broken file.
 
     Raises:
-        PocketGSError: it is not whole.
+        PocketGSError: it is not complete.
     """
     if not _has_all_boxes(written):
         raise PocketGSError(f"{path}: only a part of the video could be written, expected more room; is the disk full?")
@@ -83,7 +83,7 @@ def _check(written: Path, count: int, size: tuple[int, int], path: Path) -> None
             if not found:
                 break
             if frame.shape != (size[1], size[0], 3):
-                raise PocketGSError(f"{path}: frame {decoded} was not written as it is, expected another codec or size")
+                raise PocketGSError(f"{path}: frame {decoded} was written incorrectly, expected another codec or size")
             decoded += 1
     finally:
         reader.release()
@@ -92,9 +92,9 @@ def _check(written: Path, count: int, size: tuple[int, int], path: Path) -> None
 
 
 def _has_all_boxes(path: Path) -> bool:
-    """Whether the boxes of an MP4 file reach just to its end, and the one that lists frames is among them.
+    """Whether the boxes of an MP4 file end exactly at its end, and include the one that lists frames.
 
-    Each begins with its size in 4 bytes and its name in 4 more; a size of 1 stands for one in the next 8 bytes
+    Each begins with its size in 4 bytes and its name in 4 more; a size of 1 means that the size is in the next 8 bytes
     (ISO 14496-12, 4.2).
     """
     length, start, names = path.stat().st_size, 0, set()

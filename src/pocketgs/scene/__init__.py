@@ -1,1 +1,1 @@
-"""Gaussians and point clouds as data, their file formats, and edits to them."""
+"""Gaussians and point clouds, their file formats, and edits."""

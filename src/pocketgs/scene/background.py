@@ -1,4 +1,4 @@
-"""The colour behind everything."""
+"""The background colour."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ Background: TypeAlias = tuple[float, float, float]
 
 
 def checked_background(found: object) -> Background:
-    """The three numbers of a background, as floats.
+    """Check a background colour and convert it to floats.
 
     Raises:
-        PocketGSError: they are not three numbers from 0 to 1.
+        PocketGSError: it is not three numbers from 0 to 1.
     """
     try:
         colour = np.asarray(found, dtype=np.float64)

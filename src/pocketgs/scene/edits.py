@@ -1,4 +1,4 @@
-"""Cutting, moving, turning and thinning out a scene: functions from Gaussians to Gaussians."""
+"""Edits of a scene, as functions from Gaussians to Gaussians: cropping, moving, rotating, scaling, thinning."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 from pocketgs.scene.spherical_harmonics import basis
 
 SMALLEST, LARGEST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
-"""Of the numbers that a scene holds."""
+"""Range of float32."""
 
 DIRECTIONS = 64
-"""Many more than the 7 coefficients of degree 3, spread evenly: the fit below is exact up to rounding."""
+"""Number of sample directions: many more than the 7 coefficients of degree 3, so the fit is exact up to rounding."""
 
 
 def cropped(gaussians: Gaussians, low: np.ndarray, high: np.ndarray) -> Gaussians:
-    """The Gaussians whose centres lie in a box.
+    """Keep the Gaussians whose centres lie in a box.
 
     Args:
         gaussians: the scene.
-        low: (3,) smallest coordinates inside, in scene units.
-        high: (3,) largest coordinates inside.
+        low: (3,) smallest coordinates, in scene units.
+        high: (3,) largest coordinates.
 
     Raises:
-        PocketGSError: the box has no inside.
+        PocketGSError: the box is empty.
     """
     if not np.all(np.asarray(low) <= high):
         raise PocketGSError(f"box from {low} to {high}: expected each minimum at most its maximum")
@@ -36,18 +36,18 @@ def cropped(gaussians: Gaussians, low: np.ndarray, high: np.ndarray) -> Gaussian
 
 
 def without_faint(gaussians: Gaussians, least: float) -> Gaussians:
-    """The Gaussians of at least some opacity.
+    """Keep the Gaussians of at least some opacity.
 
     Raises:
-        PocketGSError: `least` is not an opacity.
+        PocketGSError: `least` is not in [0, 1].
     """
     if not 0.0 <= least <= 1.0:
-        raise PocketGSError(f"least opacity {least}, expected 0 to 1")
+        raise PocketGSError(f"minimum opacity {least}, expected 0 to 1")
     return gaussians.select(gaussians.opacities >= least)
 
 
 def with_sh_degree(gaussians: Gaussians, degree: int) -> Gaussians:
-    """The scene with spherical harmonics of this degree: higher ones are dropped, absent ones are 0.
+    """Set the degree of the spherical harmonics: higher ones are dropped, missing ones become 0.
 
     Raises:
         PocketGSError: the degree is not 0 to 3.
@@ -62,10 +62,10 @@ def with_sh_degree(gaussians: Gaussians, degree: int) -> Gaussians:
 
 
 def scaled(gaussians: Gaussians, factor: float) -> Gaussians:
-    """The scene enlarged about the origin.
+    """Scale the scene about the origin.
 
     Raises:
-        PocketGSError: the factor is not positive and finite, or a centre would lie beyond what float32 holds.
+        PocketGSError: the factor is not positive and finite, or a centre would exceed the range of float32.
     """
     if not SMALLEST <= factor <= LARGEST:
         raise PocketGSError(f"scale {factor}, expected a positive number that scenes can hold (1.2e-38 to 3.4e38)")
@@ -81,21 +81,21 @@ def scaled(gaussians: Gaussians, factor: float) -> Gaussians:
 
 
 def _check_representable(before: np.ndarray, after: np.ndarray, cause: str) -> None:
-    """Refuse coordinates beyond what float32 holds, where they were within before."""
+    """Check that no coordinate has left the range of float32."""
     largest = float(np.abs(after[np.isfinite(before)]).max(initial=0.0))
     if largest > LARGEST:
         raise PocketGSError(f"{cause}: moves a centre to {largest:.2g}, beyond what scenes can hold (3.4e38)")
 
 
 def rotated(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:
-    """The scene turned about the origin, and what it shows in each direction with it.
+    """Rotate the scene about the origin, with its spherical harmonics.
 
     Args:
         gaussians: the scene.
         rotation: (3, 3), applied to column vectors.
 
     Raises:
-        PocketGSError: the matrix is no rotation.
+        PocketGSError: the matrix is not a rotation.
     """
     rotation = np.asarray(rotation, dtype=np.float64)
     if not np.all(np.isfinite(rotation)) or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-5:
@@ -112,10 +112,10 @@ def rotated(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:
 
 
 def translated(gaussians: Gaussians, offset: np.ndarray) -> Gaussians:
-    """The scene moved by (3,) scene units.
+    """Move the scene by (3,) scene units.
 
     Raises:
-        PocketGSError: the offset is not finite, or a centre would lie beyond what float32 holds.
+        PocketGSError: the offset is not finite, or a centre would exceed the range of float32.
     """
     if not np.all(np.isfinite(offset)):
         raise PocketGSError(f"translation {offset}, expected finite numbers")
@@ -131,10 +131,10 @@ def translated(gaussians: Gaussians, offset: np.ndarray) -> Gaussians:
 
 
 def sh_rotation(rotation: np.ndarray, coefficients: int) -> np.ndarray:
-    """(K, K) what a rotation does to the first K = 1, 4, 9 or 16 coefficients of spherical harmonics.
+    """(K, K) matrix that rotates the first K = 1, 4, 9 or 16 coefficients of spherical harmonics.
 
-    A turned scene shows in direction d what it showed in R⁻¹ d. Harmonics of one degree turn into each other, so in
-    each the new coefficients c' follow from Y(d) c' = Y(R⁻¹ d) c at enough directions.
+    A rotated scene shows in direction d what it showed in R⁻¹ d. Harmonics of one degree rotate into each other, so for
+    each degree the new coefficients c' follow from Y(d) c' = Y(R⁻¹ d) c in enough directions.
     """
     directions = _even_directions()
     seen, shown = basis(directions, coefficients), basis(directions @ rotation, coefficients)
@@ -146,7 +146,7 @@ def sh_rotation(rotation: np.ndarray, coefficients: int) -> np.ndarray:
 
 
 def _even_directions() -> np.ndarray:
-    """(D, 3) unit vectors on a spiral from pole to pole, about equally far from each other."""
+    """(D, 3) unit vectors on a spiral from pole to pole, about equally spaced."""
     height = (2 * np.arange(DIRECTIONS) + 1) / DIRECTIONS - 1
     angle = np.arange(DIRECTIONS) * np.pi * (3 - np.sqrt(5))
     radius = np.sqrt(1 - height**2)
@@ -155,7 +155,7 @@ def _even_directions() -> np.ndarray:
 
 def _quaternion(rotation: np.ndarray) -> np.ndarray:
     """(4,) w, x, y, z of a (3, 3) rotation."""
-    # SciPy takes long to load: only this needs it.
+    # Imported here because SciPy is slow to load.
     from scipy.spatial.transform import Rotation
 
     return np.roll(Rotation.from_matrix(rotation).as_quat(), 1)

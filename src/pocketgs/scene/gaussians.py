@@ -1,4 +1,4 @@
-"""The scene: Gaussians as a struct of arrays."""
+"""The scene: 3D Gaussians as a struct of arrays."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pocketgs.errors import PocketGSError
 
 SH_COEFFICIENTS = (1, 4, 9, 16)
 SH_DC = 0.28209479177387814
-"""The constant spherical harmonic, 1 / (2 √π): colour = 0.5 + SH_DC · sh[:, 0] at degree 0."""
+"""Spherical harmonic of degree 0, 1 / (2 √π): colour = 0.5 + SH_DC · sh[:, 0] at degree 0."""
 
 
 @dataclass
@@ -19,17 +19,17 @@ class Gaussians:
     """N Gaussians in the parametrisation of the reference 3DGS `.ply`.
 
     Attributes:
-        means: (N, 3) centres in the world.
-        log_scales: (N, 3) natural logarithms of the standard deviations along the Gaussian's own axes.
-        quaternions: (N, 4) w, x, y, z: rotation from the Gaussian's axes to the world's, of any length but 0.
+        means: (N, 3) centres in world coordinates.
+        log_scales: (N, 3) natural logarithms of the standard deviations along the Gaussian's axes.
+        quaternions: (N, 4) w, x, y, z: rotation from the Gaussian's axes to the world, of any length but 0.
         opacity_logits: (N,) opacity = 1 / (1 + exp(-logit)).
         sh: (N, K, 3) spherical-harmonics coefficients of RGB, K = 1, 4, 9 or 16 for degree 0 to 3.
 
-    All arrays are float32 and contiguous. Numbers that are not finite are kept, since training may end in some: engines
-    draw nothing of a Gaussian that holds one.
+    All arrays are float32 and contiguous. NaN and infinity are allowed, since training may diverge: engines do not draw
+    Gaussians that contain them.
 
     Raises:
-        PocketGSError: an array is no array of real numbers, or shapes disagree.
+        PocketGSError: an attribute is not an array of real numbers, or the shapes disagree.
     """
 
     means: np.ndarray
@@ -67,10 +67,10 @@ class Gaussians:
 
     @property
     def unit_quaternions(self) -> np.ndarray:
-        """(N, 4) quaternions of length 1; NaN where they cannot be."""
+        """(N, 4) quaternions of length 1; NaN where they cannot be normalised."""
         with np.errstate(all="ignore"):
             lengths = np.linalg.norm(self.quaternions, axis=1, keepdims=True)
-            # Dividing a unit quaternion by its length can change its last bit, and a resumed run must not differ.
+            # Normalising a unit quaternion can change its last bit, and a resumed run must not differ.
             return np.where(np.abs(lengths - 1.0) > 1e-6, self.quaternions / lengths, self.quaternions)
 
     @property
@@ -79,16 +79,16 @@ class Gaussians:
         return SH_COEFFICIENTS.index(self.sh.shape[1])
 
     def select(self, keep: np.ndarray) -> Gaussians:
-        """The Gaussians that a boolean mask or an index array names."""
+        """The Gaussians selected by a boolean mask or an index array."""
         return Gaussians(
             self.means[keep], self.log_scales[keep], self.quaternions[keep], self.opacity_logits[keep], self.sh[keep]
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the scene atomically; the name's suffix chooses the format, of which `.ply` keeps every bit.
+        """Write the scene atomically. The suffix selects the format; `.ply` is lossless.
 
         Raises:
-            PocketGSError: the suffix is of no format, the format cannot hold the scene, or it cannot be written.
+            PocketGSError: the suffix is unknown, the format cannot hold the scene, or the file cannot be written.
         """
         from pocketgs.scene.formats import write_scene
 
@@ -96,10 +96,10 @@ class Gaussians:
 
     @staticmethod
     def load(path: str | Path) -> Gaussians:
-        """Read a scene of any format: `.ply`, `.compressed.ply`, `.spz`, `.splat`, `.glb` or `.gltf`.
+        """Read a scene in any format: `.ply`, `.compressed.ply`, `.spz`, `.splat`, `.glb` or `.gltf`.
 
         Raises:
-            PocketGSError: the suffix is of no format, or the file is missing, broken, or holds no Gaussians.
+            PocketGSError: the suffix is unknown, or the file is missing, broken, or holds no Gaussians.
         """
         from pocketgs.scene.formats import read_scene
 
@@ -107,7 +107,7 @@ class Gaussians:
 
 
 def _float32(name: str, values: object) -> np.ndarray:
-    """Numbers beyond what float32 holds become infinite."""
+    """Convert to float32; numbers beyond its range become infinite."""
     try:
         array = np.asarray(values)
         if array.dtype.kind not in "fiub":
@@ -115,14 +115,14 @@ def _float32(name: str, values: object) -> np.ndarray:
         with np.errstate(over="ignore"):
             return np.ascontiguousarray(array, dtype=np.float32)
     except (TypeError, ValueError) as error:
-        raise PocketGSError(f"Gaussians: {name} is no array of real numbers ({error})") from error
+        raise PocketGSError(f"Gaussians: {name} is not an array of real numbers ({error})") from error
 
 
 PARAMETERS = tuple(field.name for field in fields(Gaussians))
 
 
 def concatenate(parts: list[Gaussians]) -> Gaussians:
-    """All Gaussians of several scenes in one; all must have the same degree of spherical harmonics."""
+    """Concatenate scenes, which must have the same degree of spherical harmonics."""
     return Gaussians(
         np.concatenate([part.means for part in parts]),
         np.concatenate([part.log_scales for part in parts]),

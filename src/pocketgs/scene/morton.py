@@ -1,26 +1,26 @@
-"""An order of Gaussians in memory in which neighbours in space are mostly neighbours."""
+"""Morton order: Gaussians that are neighbours in space become neighbours in memory."""
 
 from __future__ import annotations
 
 import numpy as np
 
 BITS = 21
-"""Of each coordinate; three of them fill a 64-bit code."""
+"""Bits per coordinate; three coordinates fill a 64-bit code."""
 
 
 def morton_order(means: np.ndarray) -> np.ndarray:
-    """(N,) indices that sort Gaussians along a Morton curve; equal places stay in their order.
+    """(N,) indices that sort Gaussians along a Morton curve; equal positions keep their order.
 
-    Engines skip runs of Gaussians that a view does not see: `scene.select(morton_order(scene.means))` makes the runs
+    Engines skip whole blocks of Gaussians outside the view: `scene.select(morton_order(scene.means))` makes the blocks
     compact.
 
     Args:
-        means: (N, 3). Those that are not finite come last.
+        means: (N, 3). Non-finite ones come last.
     """
     finite = np.isfinite(means).all(axis=1)
     if not finite.any():
         return np.arange(len(means))
-    # A few Gaussians that have strayed must not take all others' bits.
+    # A few outliers must not use up the bits of all others.
     low, high = np.quantile(means[finite], [0.01, 0.99], axis=0)
     extent = max(float((high - low).max()), np.finfo(np.float32).tiny)
     with np.errstate(all="ignore"):
@@ -33,7 +33,7 @@ def morton_order(means: np.ndarray) -> np.ndarray:
 
 
 def _spread(numbers: np.ndarray) -> np.ndarray:
-    """Put two zeros between the bits of numbers of up to BITS bits."""
+    """Insert two zeros between the bits of numbers of up to BITS bits."""
     for shift, mask in (
         (32, 0x1F00000000FFFF),
         (16, 0x1F0000FF0000FF),

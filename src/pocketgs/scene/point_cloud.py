@@ -11,12 +11,12 @@ from pocketgs.errors import PocketGSError
 
 @dataclass(frozen=True)
 class PointCloud:
-    """Points on the scene's surfaces.
+    """Coloured points on the scene's surfaces.
 
     Attributes:
-        positions: (N, 3) float64, in the world: a file's may lie far from its origin.
+        positions: (N, 3) float64 in world coordinates: a file's may be far from the origin.
         colours: (N, 3) float32 RGB in [0, 1], display-referred.
-        directions: (N, 3) float32 unit vectors towards the cameras that saw the points, or None.
+        directions: (N, 3) float32 unit vectors from the points to the cameras that saw them, or None.
         confidences: (N,) float32 in [0, 1], or None.
 
     Raises:
@@ -43,10 +43,10 @@ class PointCloud:
         return len(self.positions)
 
     def select(self, keep: np.ndarray) -> PointCloud:
-        """The points that a boolean mask or an index array names."""
+        """The points selected by a boolean mask or an index array."""
         return PointCloud(**{name: array[keep] for name, array in self._arrays().items()})
 
     def _arrays(self) -> dict[str, np.ndarray]:
-        """The arrays that there are, by name."""
+        """The arrays that are not None, by name."""
         found = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: array for name, array in found.items() if array is not None}

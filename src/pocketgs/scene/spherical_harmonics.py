@@ -19,7 +19,7 @@ C3 = (
 
 
 def basis(directions: np.ndarray, coefficients: int) -> np.ndarray:
-    """Values of the first `coefficients` harmonics, in the order and with the signs of the reference 3DGS `.ply`.
+    """Evaluate the first `coefficients` harmonics, in the order and with the signs of the reference 3DGS `.ply`.
 
     Args:
         directions: (N, 3) unit vectors from the camera to the Gaussians.
@@ -45,7 +45,7 @@ def basis(directions: np.ndarray, coefficients: int) -> np.ndarray:
 
 
 def basis_gradient(directions: np.ndarray, coefficients: int) -> np.ndarray:
-    """(N, K, 3) derivatives of `basis` with respect to x, y and z taken as independent."""
+    """(N, K, 3) derivatives of `basis` with respect to x, y and z, treated as independent."""
     x, y, z = directions.T
     xx, yy, zz = x * x, y * y, z * z
     o = np.zeros_like(x)

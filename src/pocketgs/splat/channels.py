@@ -93,11 +93,16 @@ class Channels:
             d_transmittance += given["rgb"] @ background
         return d_image, d_transmittance
 
-    def d_means(self, d_channels: np.ndarray, camera: Camera) -> np.ndarray:
-        """(N, 3) gradient with respect to the means through their depths."""
+    def d_means(self, d_channels: np.ndarray, means: np.ndarray, camera: Camera) -> np.ndarray:
+        """(N, 3) gradient with respect to the (N, 3) means through their depths."""
         if self.depth is None:
             return np.zeros((len(d_channels), 3), d_channels.dtype)
-        return np.asarray(d_channels[:, self.depth] * camera.forward.astype(d_channels.dtype))
+        ways: np.ndarray = camera.forward
+        if camera.lens.model == "fisheye":
+            with np.errstate(all="ignore"):
+                ways = (means - camera.centre) / camera.depths(means)[:, None]
+        d_depths = d_channels[:, self.depth]
+        return np.where(d_depths != 0.0, d_depths * ways.astype(d_channels.dtype), 0.0).astype(d_channels.dtype)
 
     def d_rotations(self, d_channels: np.ndarray) -> np.ndarray:
         """(N, 3) gradient with respect to the rotations, in their tangent spaces, through the normals."""
@@ -160,7 +165,7 @@ def channels_of(
     normals = None
     if "depth" in outputs:
         with np.errstate(all="ignore"):
-            columns["depth"] = parameters.means @ camera.forward[:, None] + camera.world_to_camera[2, 3]
+            columns["depth"] = camera.depths(parameters.means)[:, None]
     if "normals" in outputs:
         normals = _Normals.of(parameters, camera)
         columns["normals"] = normals.vectors

@@ -50,12 +50,15 @@ class OptimiserState:
         first_moments, second_moments: (N, columns) float32, columns as `ParameterLayout` has them.
         steps: steps taken.
         near: least depth of what is drawn, which stays what it was when the scene was first given; None to measure it.
+        colours: (V, columns) float32, the photographs' colour transforms as `pocketgs.splat.colours` has them; None
+            where none was learned.
     """
 
     first_moments: np.ndarray
     second_moments: np.ndarray
     steps: int
     near: float | None = None
+    colours: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -80,10 +83,14 @@ class Engine(Protocol):
         """Compile whatever has to be compiled, so that no step has to."""
 
     def set_views(self, frames: Sequence[Frame]) -> None:
-        """Take the photographs that `step` refers to by index."""
+        """Take the photographs that `step` refers to by index. Their colour transforms start at the identity."""
 
     def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
-        """Take a copy of the scene, and of the optimiser's state or start it anew."""
+        """Take a copy of the scene, and of the optimiser's state or start it anew.
+
+        Raises:
+            PocketGSError: the scene or the state cannot be used, or its colours are not of the photographs.
+        """
 
     def step(self, view: int, settings: StepSettings) -> None:
         """Train on one view: render, compare, differentiate, update. May return before it is done."""

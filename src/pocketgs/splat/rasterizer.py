@@ -105,7 +105,13 @@ class Backend(Protocol):
     """Of the numbers that it computes with."""
 
     def forward(
-        self, parameters: Parameters, camera: Camera, near: float, colours: bool, channels: np.ndarray
+        self,
+        parameters: Parameters,
+        camera: Camera,
+        near: float,
+        colours: bool,
+        channels: np.ndarray,
+        antialiased: bool = False,
     ) -> Composite:
         """Composite colours (three channels, first), if they are asked for, and the (N, C) channels."""
 
@@ -128,7 +134,7 @@ class Raster:
     Attributes:
         rgb: (H, W, 3) colour over the background.
         alpha: (H, W) coverage in [0, 1].
-        depth: (H, W) expected depth along the optical axis, Σ α_i T_i z_i / alpha; 0 where alpha is 0.
+        depth: (H, W) expected depth as `Camera.depths` gives it, Σ α_i T_i z_i / alpha; 0 where alpha is 0.
         median_depth: (H, W) depth of the Gaussian that brings the transmittance below one half; 0 where none does. It
             has no gradient.
         normals: (H, W, 3) Σ α_i T_i n_i in the world's axes, n_i the unit vector along a Gaussian's shortest axis,
@@ -226,6 +232,7 @@ class Rasterizer:
         features: np.ndarray | None = None,
         background: tuple[float, float, float] = BLACK,
         near: float | None = None,
+        antialiased: bool = False,
     ) -> Raster:
         """Render one view. Nothing is computed that was not asked for.
 
@@ -236,6 +243,8 @@ class Rasterizer:
             features: (N, D) of any D, for the output of that name: features, or colours that come from elsewhere.
             background: RGB behind the scene, of the output "rgb".
             near: least depth of the centre of a Gaussian that is drawn; in proportion to the scene if None.
+            antialiased: whether Gaussians smaller than a pixel fade instead of growing more opaque in all: opacities
+                times √(det Σ / det(Σ + 0.3 I)), as gsplat's rasterize_mode "antialiased" and Mip-Splatting's 2D filter.
 
         Raises:
             PocketGSError: an output is not known, or features do not belong to the Gaussians.
@@ -245,7 +254,9 @@ class Rasterizer:
             raise PocketGSError(f"rasterizer: found output {unknown[0]!r}, expected some of {', '.join(OUTPUTS)}")
         channels = channels_of(parameters, camera, outputs, features, self._backend.dtype)
         near = near_plane(parameters.means) if near is None else near
-        composite = self._backend.forward(parameters, camera, near, channels.rgb is not None, channels.values)
+        composite = self._backend.forward(
+            parameters, camera, near, channels.rgb is not None, channels.values, antialiased
+        )
         behind = np.array(checked_background(background), self._backend.dtype)
         tape = _Tape(parameters, camera, behind, channels, composite)
         images = channels.images(composite.image, composite.transmittance, behind)
@@ -295,7 +306,7 @@ class Rasterizer:
             given, composite.image, composite.transmittance, tape.background, self._backend.dtype
         )
         found = self._backend.backward(composite, d_image, d_transmittance, absolute)
-        d_means = found.means + channels.d_means(found.channels, tape.camera)
+        d_means = found.means + channels.d_means(found.channels, parameters.means, tape.camera)
         d_pose = None
         if pose:
             seen = composite.visible

@@ -79,6 +79,19 @@ class AdamSettings:
 
 
 @dataclass(frozen=True)
+class ColourSettings:
+    """How the colour transform of a step's photograph is learned; see `pocketgs.splat.colours`.
+
+    Attributes:
+        rate: Adam's step size, of factors and of display values.
+        weight: of ‖A − I‖² + ‖b‖². The loss that is reported leaves this term out.
+    """
+
+    rate: float
+    weight: float = 0.0
+
+
+@dataclass(frozen=True)
 class PositionNoise:
     """Noise on the positions of transparent Gaussians, added after the update (3DGS-MCMC, equation 8).
 
@@ -104,6 +117,7 @@ class StepSettings:
         statistics: whether to add this step to what `Engine.statistics` gives.
         errors: whether to sum up the errors of this step's view too, which takes about a third of a step.
         noise: what positions are shaken by, or None.
+        colours: how the photograph's colour transform is learned, or None to compare rendered colours as they are.
     """
 
     rates: LearningRates
@@ -114,6 +128,7 @@ class StepSettings:
     statistics: bool = False
     errors: bool = False
     noise: PositionNoise | None = None
+    colours: ColourSettings | None = None
 
     def __post_init__(self) -> None:
         checked_background(self.background)

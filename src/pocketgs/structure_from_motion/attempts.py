@@ -1,4 +1,4 @@
-"""Placing photographs step by step: with the likeliest pairs, with more of them, and with less asked of a match."""
+"""Registering photographs in steps: with the likeliest pairs, with more pairs, and with a lower match threshold."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ import numpy as np
 from pocketgs.structure_from_motion.gps import local_metres
 from pocketgs.structure_from_motion.job import Job, Outcome
 from pocketgs.structure_from_motion.options import PoseOptions
-from pocketgs.structure_from_motion.pairs import MOST_FOR_ALL_PAIRS, Pairs, all_pairs, are_in_order, chosen_pairs
+from pocketgs.structure_from_motion.pairs import MAX_FOR_ALL_PAIRS, Pairs, all_pairs, are_in_order, chosen_pairs
 from pocketgs.structure_from_motion.photographs import Photograph, cameras_of, focal_length
 from pocketgs.structure_from_motion.process import run_colmap
 from pocketgs.structure_from_motion.retrieval import similarities
 from pocketgs.structure_from_motion.work import Count
 
-LEAST_MATCHES, FEWEST_MATCHES = 15, 10
-"""That a pair must have, COLMAP's default; and where too few photographs are placed with it."""
+MIN_MATCHES, MIN_MATCHES_RELAXED = 15, 10
+"""Minimum number of matches per pair: COLMAP's default, and the value used if too few photographs are registered."""
 
-LEAST_SHARE = 0.8
-"""Of the photographs, that must be placed before less is asked of a match."""
+MIN_SHARE = 0.8
+"""Share of photographs that must be registered; below it the lower match threshold is tried."""
 
-MOST_MORE_PAIRS = 5000
+MAX_EXTRA_PAIRS = 5000
 
 
 def place_all(
@@ -35,19 +35,19 @@ def place_all(
     on_stage: Callable[[str], None],
     on_count: Count,
 ) -> Outcome:
-    """Find the poses of as many photographs as can be placed together.
+    """Find the poses of as many photographs as possible.
 
     Args:
         photographs: with their features.
-        in_order: whether they are known to be in the order in which they were taken.
-        model: folder, where COLMAP's model is written.
-        workspace: folder for what is needed in between.
+        in_order: whether they are known to be in capture order.
+        model: output folder for COLMAP's model.
+        workspace: folder for intermediate files.
         options: of structure from motion.
-        on_stage: told "matching" and "mapping".
-        on_count: told how much of a stage is done.
+        on_stage: called with "matching" and "mapping".
+        on_count: called with the progress of a stage.
 
     Returns:
-        See `colmap.run`; of the attempt that placed most.
+        See `colmap.run`; the attempt that registered most photographs.
 
     Raises:
         PocketGSError: COLMAP failed.
@@ -62,14 +62,14 @@ def place_all(
         return run_colmap("colmap", {**job, "pairs": listed, **changes}, workspace / "log.txt", on_stage, on_count)
 
     best = attempt(pairs)
-    # A later attempt leaves the model alone unless it places more.
+    # A later attempt replaces the model only if it registers more photographs.
     lacking = [index for index, name in enumerate(names) if name not in best["placed"]]
     more = all_pairs(len(names), lacking) - pairs
-    if lacking and 0 < len(more) <= MOST_MORE_PAIRS:
+    if lacking and 0 < len(more) <= MAX_EXTRA_PAIRS:
         go_on = len(lacking) < len(names) / 4
         best = max(best, attempt(more, go_on=go_on, better_than=_placed(best)), key=_placed)
-    if len(best["placed"]) < LEAST_SHARE * len(names):
-        tolerant = attempt(set(), least_matches=FEWEST_MATCHES, better_than=_placed(best))
+    if len(best["placed"]) < MIN_SHARE * len(names):
+        tolerant = attempt(set(), least_matches=MIN_MATCHES_RELAXED, better_than=_placed(best))
         best = max(best, tolerant, key=_placed)
     return best
 
@@ -80,7 +80,7 @@ def _placed(outcome: Outcome) -> int:
 
 def _first_pairs(photographs: Sequence[Photograph], in_order: bool, places: np.ndarray | None, seed: int) -> Pairs:
     count = len(photographs)
-    if count <= MOST_FOR_ALL_PAIRS:
+    if count <= MAX_FOR_ALL_PAIRS:
         return all_pairs(count)
     likeness = similarities([photograph.strongest for photograph in photographs], seed)
     in_order = in_order or are_in_order([photograph.name for photograph in photographs])
@@ -99,7 +99,7 @@ def _job(
         "raw_model": str(raw_model),
         "cameras": [_camera(group, options) for group in cameras_of(photographs)],
         "places": {photograph.name: place for photograph, place in known if np.isfinite(place).all()},
-        "least_matches": LEAST_MATCHES,
+        "least_matches": MIN_MATCHES,
         "go_on": False,
         "better_than": 0,
         "seed": options.seed,

@@ -1,6 +1,6 @@
 """COLMAP's matching and mapping, run as `python -m pocketgs.structure_from_motion.colmap` in a process of its own.
 
-See `job`. No image is decoded here: features and colours come as arrays.
+See `job`. No image is decoded here: features and colours arrive as arrays.
 """
 
 from __future__ import annotations
@@ -14,28 +14,28 @@ import pycolmap
 from pocketgs.structure_from_motion.job import Job, Outcome, announce, announce_count, serve
 from pocketgs.structure_from_motion.world import from_places, upright
 
-SMALLEST_MODEL = 3
+MIN_MODEL = 3
 FAR, AS_GOOD = 0.1, 1.1
-"""Logarithm of a ratio of focal lengths that is worth a look; ratio of reprojection errors that is as good as 1."""
+"""Log ratio of focal lengths above which the stated one is tried; maximum ratio of reprojection errors to accept it."""
 
 PAIRS_AT_ONCE = 60
-"""Pairs that are matched between two lines of progress."""
+"""Pairs matched between two progress reports."""
 
 
 def run(job: Job) -> Outcome:
-    """Find the poses of some images and write the largest model that comes of it.
+    """Find the poses of images and write the largest resulting model.
 
     Args:
-        job: `database`, a file, made and filled with `cameras` if it is not there; `pairs` of names to match, besides
-            those matched before, or none to verify all of these again; `least_matches` of a pair; `model` and
-            `raw_model`, folders: for the model of the full-size images in its final world, and that of the reduced
-            images in COLMAP's; `better_than`, how many images must be placed at least to write them; `go_on`, whether
-            to place more images into an earlier `raw_model`; `places` in metres, by image name; `seed`.
+        job: `database`, a file, created and filled with `cameras` if missing; `pairs` of names to match, in addition to
+            those matched before, or none to verify all of these again; `least_matches` per pair; `model` and
+            `raw_model`, folders for the model of the full-size images in its final world, and for that of the reduced
+            images in COLMAP's; `better_than`, the number of images that must be exceeded to write them; `go_on`,
+            whether to register more images in an earlier `raw_model`; `places` in metres, by image name; `seed`.
             A camera has `model`, `focal_length`, `focal_length_is_known`, `size` of the reduced and `full_size` of the
-            full images, and `images`: `name` and `features`, an .npz file, each.
+            full images, and `images`, each with `name` and `features`, an .npz file.
 
     Returns:
-        What was found: names of images `placed`, `points`, mean `reprojection_error` in pixels of the full images, mean
+        The result: names of images `placed`, `points`, mean `reprojection_error` in pixels of the full images, mean
         `track_length`, number of `matched_pairs`, sizes of other `models`, whether the world is `metric`.
     """
     database = Path(job["database"])
@@ -75,7 +75,7 @@ def run(job: Job) -> Outcome:
 
 
 def _fill(job: Job, database: Path) -> None:
-    """Make the database: cameras, images and their features."""
+    """Create the database with cameras, images and their features."""
     with pycolmap.Database.open(database) as made, pycolmap.DatabaseTransaction(made):
         for number, camera in enumerate(job["cameras"], start=1):
             width, height = camera["size"]
@@ -125,7 +125,7 @@ def _match(job: Job, database: Path) -> None:
 
 
 def _matched(database: Path) -> list[tuple[str, str]]:
-    """The pairs whose features have been matched."""
+    """The pairs that have been matched."""
     with pycolmap.Database.open(database) as found:
         names = {image.image_id: image.name for image in found.read_all_images()}
         numbers = [pycolmap.pair_id_to_image_pair(pair) for pair in found.read_num_matches()[0]]
@@ -135,9 +135,9 @@ def _matched(database: Path) -> list[tuple[str, str]]:
 def _map(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = job["seed"]
-    # The sums of several threads come in any order, and bundle adjustment makes their last bits visible.
+    # With several threads, sums are in any order, and bundle adjustment amplifies the difference.
     options.num_threads = 1
-    options.min_model_size = SMALLEST_MODEL
+    options.min_model_size = MIN_MODEL
     options.extract_colors = False
     options.min_num_matches = job["least_matches"]
     options.mapper.abs_pose_min_num_inliers = 2 * job["least_matches"]
@@ -158,9 +158,9 @@ def _map(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
 
 
 def _with_stated_focal_lengths(job: Job, model: pycolmap.Reconstruction) -> pycolmap.Reconstruction:
-    """The model with the focal lengths that EXIF data state, where these are far from those found and do as well.
+    """The model with EXIF's focal lengths, where these differ much from the estimated ones and fit as well.
 
-    From straight above flat ground, for one, no focal length can be found: every one explains the photographs.
+    From straight above flat ground, for example, the focal length is undetermined: any value explains the photographs.
     """
     stated = {
         number: camera["focal_length"]
@@ -190,7 +190,7 @@ def _log_ratio(camera: pycolmap.Camera, focal_length: float) -> float:
 
 
 def _enlarge(job: Job, model: pycolmap.Reconstruction) -> None:
-    """From pixels of the reduced images to those of the full ones."""
+    """Scale from pixels of the reduced images to those of the full ones."""
     for number, camera in enumerate(job["cameras"], start=1):
         if number not in model.cameras:
             continue
@@ -205,7 +205,7 @@ def _enlarge(job: Job, model: pycolmap.Reconstruction) -> None:
 
 
 def _colour(job: Job, model: pycolmap.Reconstruction) -> None:
-    """Each point gets the mean of its features' colours."""
+    """Set each point's colour to the mean of its features' colours."""
     files = {image["name"]: image["features"] for camera in job["cameras"] for image in camera["images"]}
     numbers = {number: row for row, number in enumerate(model.points3D)}
     sums = np.zeros((len(numbers), 4))
@@ -223,7 +223,7 @@ def _colour(job: Job, model: pycolmap.Reconstruction) -> None:
 
 
 def _settle(job: Job, model: pycolmap.Reconstruction) -> bool:
-    """Bring the model into its final world; whether lengths in it are metres."""
+    """Transform the model to its final world. Returns whether lengths are metres."""
     images = [image for image in model.images.values() if image.has_pose]
     rotations = np.array([image.cam_from_world().rotation.matrix() for image in images])
     centres = np.array([image.projection_center() for image in images])

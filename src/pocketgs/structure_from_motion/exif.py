@@ -1,4 +1,4 @@
-"""What a photograph's EXIF data say of the camera and of where it stood."""
+"""EXIF data about the camera and its position."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from PIL.ExifTags import GPS, IFD, Base
 
 DIAGONAL_OF_35_MM = math.hypot(36.0, 24.0)
 MILLIMETRES_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
-"""By EXIF's FocalPlaneResolutionUnit."""
+"""Millimetres per unit of EXIF's FocalPlaneResolutionUnit."""
 
 
 @dataclass(frozen=True)
 class Exif:
-    """Facts that help to find poses; what is not stated, or makes no sense, is None.
+    """EXIF data that help to find poses; None where missing or implausible.
 
     Attributes:
-        camera: make, model and focal length: photographs of one size that agree in it were taken by one camera.
+        camera: make, model and focal length: photographs of one size with the same value share a camera.
         focal_ratio: focal length over the image's diagonal.
         place: latitude and longitude in degrees (WGS84) and altitude in metres.
     """
@@ -30,11 +30,11 @@ class Exif:
 
 
 def read_exif(image: Image.Image) -> Exif:
-    """The EXIF data of an opened image; nothing of them is relied on."""
+    """Read the EXIF data of an open image; never raises."""
     try:
         tags = image.getexif()
         details, gps = tags.get_ifd(IFD.Exif), tags.get_ifd(IFD.GPSInfo)
-    except Exception:  # damaged EXIF data raise whatever the damage trips over
+    except Exception:  # damaged EXIF data raise different types
         return Exif()
     names = [tags.get(Base.Make), tags.get(Base.Model), details.get(Base.LensModel), details.get(Base.FocalLength)]
     camera = " ".join(str(name).strip("\0 ") for name in names if name)
@@ -43,7 +43,7 @@ def read_exif(image: Image.Image) -> Exif:
 
 
 def _focal_ratio(details: dict[int, Any], diagonal: float) -> float | None:
-    """From the focal length for 35 mm film, which is defined by the diagonal, else from the pixels' pitch."""
+    """From the 35 mm equivalent focal length, which is defined by the diagonal, else from the pixel pitch."""
     equivalent = _number(details.get(Base.FocalLengthIn35mmFilm))
     if equivalent is not None:
         ratio = equivalent / DIAGONAL_OF_35_MM
@@ -53,7 +53,7 @@ def _focal_ratio(details: dict[int, Any], diagonal: float) -> float | None:
         stored = _number(details.get(Base.ExifImageWidth)), _number(details.get(Base.ExifImageHeight))
         if focal is None or per_unit is None or unit is None or None in stored:
             return None
-        # The resolution counts pixels of the size that EXIF states; the file may have been shrunk since.
+        # The resolution refers to the size that EXIF states; the file may have been reduced since.
         ratio = focal * per_unit / unit / math.hypot(*(side for side in stored if side is not None))
     return ratio if 0.1 < ratio < 20 else None
 

@@ -1,4 +1,4 @@
-"""Features of images in a COLMAP database: what every job for COLMAP begins with. Runs in the child's process."""
+"""Feature extraction into a COLMAP database, the first step of every COLMAP job. Runs in the child process."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ def import_images(
     mode: pycolmap.CameraMode,
     reader: pycolmap.ImageReaderOptions,
 ) -> None:
-    """Make the database and list the images in it, group by group.
+    """Create the database and import images into it, group by group.
 
-    It is done before the extraction, whose threads would number the images in the order in which they finish.
+    This comes before extraction, whose threads would number the images in the order in which they finish.
 
     Args:
         job: `images`, a folder.
-        database: a file to be made.
+        database: file to create.
         groups: names of images.
         mode: which images of a group share a camera.
-        reader: what cameras are taken for.
+        reader: camera options.
     """
     pycolmap.Database.open(database).close()
     for names in groups:
@@ -40,14 +40,14 @@ def extract_features(
     mode: pycolmap.CameraMode,
     reader: pycolmap.ImageReaderOptions,
 ) -> None:
-    """Find the features of images that the database lists.
+    """Extract features of the images in the database.
 
     Args:
         job: `images`, a folder; `max_size` and `threads` as in COLMAP.
         database: with the images.
-        groups: as they were imported.
-        mode: as they were imported.
-        reader: as they were imported.
+        groups: as imported.
+        mode: as imported.
+        reader: as imported.
     """
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.max_image_size = job["max_size"]

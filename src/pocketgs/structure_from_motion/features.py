@@ -1,6 +1,6 @@
-"""Features of photographs for COLMAP: OpenCV's SIFT, four times as fast as COLMAP's own on a CPU.
+"""SIFT features for COLMAP, computed with OpenCV, four times as fast as COLMAP's own on a CPU.
 
-They are sought here rather than in COLMAP's process, which cannot decode images: see `job`.
+They are computed here because COLMAP's process cannot decode images: see `job`.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 
 CONTRAST = 0.02
-"""SIFT's threshold on contrast, that of COLMAP."""
+"""SIFT's contrast threshold, COLMAP's value."""
 
 
 @dataclass(frozen=True)
 class ImageFeatures:
-    """Distinctive places of one image.
+    """The features of one image.
 
     Attributes:
         keypoints: (N, 4) float32: x, y with the top left corner at (0, 0), scale in pixels, direction in radians.
@@ -27,7 +27,7 @@ class ImageFeatures:
     descriptors: np.ndarray
 
     def within(self, mask: np.ndarray, size: tuple[int, int]) -> ImageFeatures:
-        """Those where an (H, W) bool mask of any size holds; `size` is the image's width and height."""
+        """The features inside an (H, W) bool mask of any size; `size` is the image's width and height."""
         scale = np.array(mask.shape[::-1]) / np.array(size)
         columns, rows = np.clip((self.keypoints[:, :2] * scale).astype(int), 0, np.array(mask.shape[::-1]) - 1).T
         kept = mask[rows, columns]
@@ -35,12 +35,12 @@ class ImageFeatures:
 
 
 def find_features(image: np.ndarray, most: int) -> ImageFeatures:
-    """At most so many SIFT features of an (H, W, 3) uint8 image, the strongest, and these the strongest first.
+    """The `most` strongest SIFT features of an (H, W, 3) uint8 image, strongest first.
 
     Descriptors are RootSIFT (Arandjelović and Zisserman 2012).
     """
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    # Without precise upscaling features lie a quarter of a pixel off.
+    # Without precise upscaling, features are off by a quarter of a pixel.
     detector = cv2.SIFT.create(nfeatures=most, contrastThreshold=CONTRAST, enable_precise_upscale=True)
     found, descriptors = detector.detectAndCompute(grey, None)
     if descriptors is None:
@@ -52,5 +52,5 @@ def find_features(image: np.ndarray, most: int) -> ImageFeatures:
 
 
 def _row(keypoint: cv2.KeyPoint) -> tuple[float, float, float, float]:
-    x, y = keypoint.pt  # OpenCV puts pixel centres at whole numbers
+    x, y = keypoint.pt  # OpenCV has pixel centres at integers
     return x + 0.5, y + 0.5, keypoint.size / 2, float(np.radians(keypoint.angle))

@@ -1,4 +1,4 @@
-"""The folder of a posed capture: what may stand in it, and the record of what it was made from."""
+"""The folder of a posed capture, and the record of its inputs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ IMAGES, MASKS, MODEL, RECORD = "images", "masks", "sparse", "posed.json"
 
 
 def read_record(folder: Path) -> dict[str, Any] | None:
-    """What a posed capture says of its making, or None where there is none."""
+    """Read the record of a posed capture's inputs; None if there is none."""
     try:
         record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -22,10 +22,10 @@ def read_record(folder: Path) -> dict[str, Any] | None:
 
 
 def check_replaceable(folder: Path) -> None:
-    """Refuse to replace anything but an empty folder or an earlier posed capture with nothing added to it.
+    """Check that a folder is empty, or an earlier posed capture without other files.
 
     Raises:
-        PocketGSError: there is something else.
+        PocketGSError: the folder holds something else.
     """
     if not os.path.lexists(folder):
         return

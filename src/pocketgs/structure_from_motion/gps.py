@@ -1,4 +1,4 @@
-"""Places on the Earth as metres in a local frame."""
+"""GPS positions in a local metric frame."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ ECCENTRICITY_SQUARED = 6.694_379_990_14e-3
 
 
 def local_metres(places: Sequence[tuple[float, float, float] | None]) -> np.ndarray | None:
-    """(F, 3) metres to the east, down and to the north of the places' middle, NaN where a place is unknown.
+    """(F, 3) metres east, down and north of the mean position, NaN where unknown.
 
-    These are right, down and forward to someone who looks north. None if fewer than three places are known.
+    These are right, down and forward for someone who faces north. None if fewer than three positions are known.
 
     Args:
         places: latitude and longitude in degrees and altitude in metres (WGS84), or None.

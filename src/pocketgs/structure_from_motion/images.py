@@ -1,4 +1,4 @@
-"""The images that structure from motion works on, gathered in one folder."""
+"""Gathering the input images of structure from motion in one folder."""
 
 from __future__ import annotations
 
@@ -36,20 +36,19 @@ def source_files(source: Path) -> list[Path]:
 
 
 def gather(source: Path, folder: Path, most_frames: int, threads: int, on_count: Count) -> None:
-    """Put a video's sharpest frames or the photographs into a new folder; the originals stay as they are.
+    """Copy a video's sharpest frames, or the photographs, to a new folder; the originals are not changed.
 
-    Photographs stand upright, see `place_photograph`; masks that lie beside them go into a folder `masks` beside the
-    new one.
+    Photographs are stored upright, see `place_photograph`; masks beside them go to a folder `masks` beside the new one.
 
     Args:
         source: the video, or the folder with photographs.
-        folder: to be made.
-        most_frames: of a video.
-        threads: to work with.
-        on_count: told how many are done.
+        folder: to create.
+        most_frames: maximum number of frames of a video.
+        threads: number of threads.
+        on_count: called with the number of images done.
 
     Raises:
-        PocketGSError: a file cannot be decoded, or there are too few.
+        PocketGSError: a file cannot be decoded, or there are too few images.
     """
     files = source_files(source)
     folder.mkdir()

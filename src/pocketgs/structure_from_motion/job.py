@@ -1,7 +1,7 @@
-"""The child process of a job for COLMAP: the job as JSON on stdin; on stdout lines of JSON: stages, counts, outcome.
+"""The child process of a COLMAP job. Protocol: the job as JSON on stdin; stages, counts and result as JSON on stdout.
 
-Why a process of its own: pycolmap brings copies of libraries such as zlib, which crash Pillow when both are loaded; its
-memory is given back before training begins; and whatever stops it cannot stop the program that asked.
+Reasons for a separate process: pycolmap bundles libraries such as zlib that crash Pillow when both are loaded; its
+memory is released before training; and a crash does not end the main program.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ Outcome = dict[str, Any]
 
 
 def announce(stage: str) -> None:
-    """Tell the parent process that a stage begins."""
+    """Report to the parent process that a stage begins."""
     print(json.dumps({"stage": stage}), flush=True)
 
 
 def announce_count(done: int, of: int) -> None:
-    """Tell the parent process how much of the stage is done."""
+    """Report the progress of a stage to the parent process."""
     print(json.dumps({"done": done, "of": of}), flush=True)
 
 
 def serve(run: Callable[[Job], Outcome]) -> None:
-    """Run the job that stdin states, and tell its outcome."""
-    # Ctrl-C reaches both processes of a terminal: the parent decides.
+    """Run the job from stdin, and write its result to stdout."""
+    # Ctrl-C reaches both processes of a terminal: the parent decides what to do.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     print(json.dumps({"outcome": run(json.load(sys.stdin))}), flush=True)

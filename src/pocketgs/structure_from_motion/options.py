@@ -1,4 +1,4 @@
-"""What a user may ask of structure from motion."""
+"""Options of structure from motion."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "O
 
 @dataclass(frozen=True)
 class PoseOptions:
-    """How to find poses.
+    """Options of structure from motion.
 
     Attributes:
-        most_frames: Most frames to take from a video, the sharpest of as many equal windows. Photographs are all taken.
-        max_size: Features are sought in images shrunk so that their longer side has at most this many pixels.
-        camera_model: COLMAP's name for the lens; images of one size share one camera.
-        seed: Of everything random.
+        most_frames: Maximum number of frames from a video, the sharpest of as many equal windows. All photographs are
+            used.
+        max_size: Features are computed in images reduced to this many pixels on the longer side.
+        camera_model: COLMAP's name for the lens model; images of one size share one camera.
+        seed: Random seed.
     """
 
     most_frames: int = 150

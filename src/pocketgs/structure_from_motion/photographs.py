@@ -1,4 +1,4 @@
-"""Photographs as COLMAP's process needs them: their features on a reduced copy, and what EXIF says of the camera."""
+"""Input of COLMAP's process: features of each photograph on a reduced copy, and camera data from EXIF."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from pocketgs.capture.image_file import high_bytes, read_image
 from pocketgs.capture.mask_file import read_mask
 from pocketgs.structure_from_motion.exif import Exif, read_exif
 from pocketgs.structure_from_motion.features import find_features
-from pocketgs.structure_from_motion.pairs import MOST_FOR_ALL_PAIRS
+from pocketgs.structure_from_motion.pairs import MAX_FOR_ALL_PAIRS
 from pocketgs.structure_from_motion.retrieval import FEATURES_OF_AN_IMAGE
 from pocketgs.structure_from_motion.work import Count, each
 
 PHONE_FOCAL_RATIO = 0.64
-"""Focal length over the diagonal of a phone's main camera, where EXIF data do not state it. It is refined later."""
+"""Focal length over the diagonal of a phone's main camera, used if EXIF has none. It is refined later."""
 
 FEATURES_OF_FEW, FEATURES_OF_MANY = 8000, 4500
-"""At most, of each of few images, all pairs of which are matched, and of each of many: matching takes the most time."""
+"""Maximum features per image for few images, which are matched exhaustively, and for many: matching takes longest."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class Photograph:
     Attributes:
         name: of its file.
         size: width and height of the file.
-        reduced_size: width and height that features were sought at; their coordinates count its pixels.
-        exif: what is known of the camera.
-        features: their number.
+        reduced_size: width and height of the copy that features were computed on; their coordinates are its pixels.
+        exif: camera data.
+        features: number of features.
         file: .npz file with their `keypoints`, `descriptors` and `colours`.
         strongest: (N, 128) uint8 descriptors for retrieval.
     """
@@ -51,21 +51,21 @@ class Photograph:
 def read_photographs(
     images: Path, masks: Path, workspace: Path, max_size: int, threads: int, on_count: Count
 ) -> list[Photograph]:
-    """Find the features of a folder's images.
+    """Compute the features of a folder's images.
 
     Args:
         images: the folder.
-        masks: folder with masks, named as the images with `.png` behind; it need not exist.
+        masks: folder with masks, with the images' names plus `.png`; it need not exist.
         workspace: for the features.
-        max_size: features are sought in images reduced to this many pixels at the longer side.
-        threads: to work with; each needs memory for one image.
-        on_count: told how many are done.
+        max_size: features are computed in images reduced to this many pixels on the longer side.
+        threads: number of threads; each needs memory for one image.
+        on_count: called with the number of images done.
 
     Raises:
         PocketGSError: an image cannot be decoded.
     """
     paths = sorted(images.iterdir())
-    most = FEATURES_OF_FEW if len(paths) <= MOST_FOR_ALL_PAIRS else FEATURES_OF_MANY
+    most = FEATURES_OF_FEW if len(paths) <= MAX_FOR_ALL_PAIRS else FEATURES_OF_MANY
 
     def read(path: Path) -> Photograph:
         size, image, exif = read_image(path, lambda opened: _reduced(opened, max_size))
@@ -81,7 +81,7 @@ def read_photographs(
             path.name, size, (image.shape[1], image.shape[0]), exif, len(features.keypoints), file, strongest
         )
 
-    # The threads here work on images of their own; more inside OpenCV would only get in their way.
+    # Each thread works on its own image; OpenCV's own threads would only compete.
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
@@ -91,7 +91,7 @@ def read_photographs(
 
 
 def cameras_of(photographs: Sequence[Photograph]) -> list[list[Photograph]]:
-    """The photographs by the camera that took them: those that agree in size and in what EXIF says of it."""
+    """Group photographs by camera: those of the same size and with the same camera in EXIF."""
     groups: dict[tuple, list[Photograph]] = {}
     for photograph in photographs:
         groups.setdefault((photograph.size, photograph.exif.camera), []).append(photograph)
@@ -99,14 +99,14 @@ def cameras_of(photographs: Sequence[Photograph]) -> list[list[Photograph]]:
 
 
 def focal_length(photograph: Photograph) -> tuple[float, bool]:
-    """In pixels of the reduced image, and whether EXIF data state it."""
+    """Focal length in pixels of the reduced image, and whether EXIF states it."""
     ratio = photograph.exif.focal_ratio
     diagonal = float(np.hypot(*photograph.reduced_size))
     return (ratio or PHONE_FOCAL_RATIO) * diagonal, ratio is not None
 
 
 def _reduced(image: Image.Image, max_size: int) -> tuple[tuple[int, int], np.ndarray, Exif]:
-    """The full size, the colours at the reduced one, (H, W, 3) uint8, and EXIF data."""
+    """The full size, the reduced image, (H, W, 3) uint8, and EXIF data."""
     exif, size = read_exif(image), image.size
     factor = min(1.0, max_size / max(size))
     reduced = (max(1, round(size[0] * factor)), max(1, round(size[1] * factor)))

@@ -1,4 +1,4 @@
-"""From photographs or a video to a capture with poses."""
+"""Making a posed capture from photographs or a video."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ from pocketgs.structure_from_motion.work import Count
 
 STAGES = ("frames", "features", "matching", "mapping")
 ADVICE = (
-    "photograph sharply and in good light something that has texture, from places that differ, such that each "
-    "photograph shows two thirds of what the one before shows; see docs/photographing.md"
+    "take sharp photographs of textured surfaces in good light, from different positions, such that each shows two "
+    "thirds of the previous one; see docs/photographing.md"
 )
-MOST_NAMES = 12
+MAX_NAMES = 12
 
 
 @dataclass(frozen=True)
 class Posed:
-    """What structure from motion made.
+    """The result of structure from motion.
 
     Attributes:
         folder: a capture in COLMAP's layout.
-        frames: images that were tried.
-        registered: images whose pose was found.
-        points: in the sparse cloud.
+        frames: number of input images.
+        registered: number of images with a pose.
+        points: number of points in the sparse cloud.
         reprojection_error: mean, in pixels.
-        metric: whether lengths are metres, by the photographs' GPS places.
+        metric: whether lengths are metres, from the photographs' GPS positions.
     """
 
     folder: Path
@@ -68,19 +68,19 @@ def pose(
 ) -> Posed:
     """Find the poses of photographs or of a video's frames, and write a capture that `open_capture` reads.
 
-    The capture's world is upright, with y down, and centred on what is seen. Where photographs state GPS places that
-    are spread far enough, it is in metres, x to the east and z to the north.
+    The capture's world is upright, with y down, and centred on the subject. If photographs have GPS positions that are
+    spread far enough, it is in metres, x to the east and z to the north.
 
     The same input, options and version of pycolmap give the same poses on the same machine, on any number of threads.
 
     Args:
         images_or_video: a folder with photographs, directly or in a folder `images`, or a video file.
-        output: folder for the capture: `images/`, `sparse/0/`, `posed.json`, and `masks/` where photographs have masks.
-            An earlier one stays until the new one is complete.
-        options: how; all at their defaults if None.
+        output: folder for the capture: `images/`, `sparse/0/`, `posed.json`, and `masks/` if photographs have masks. An
+            earlier one is kept until the new one is complete.
+        options: None for the defaults.
         on_stage: called with one of `STAGES` when it begins; matching and mapping may come twice.
-        on_count: told how many images or pairs of the stage are done, and of how many.
-        on_warning: called with what the user should know, in words.
+        on_count: called with the number of images or pairs of the stage that are done, and their total.
+        on_warning: called with warnings for the user.
 
     Raises:
         PocketGSError: pycolmap is missing, the input or the output cannot be used, or no poses were found.
@@ -104,9 +104,9 @@ def pose(
             unplaced = sorted({photograph.name for photograph in photographs} - set(outcome["placed"]))
             features = sum(photograph.features for photograph in photographs) // len(photographs)
             if not outcome["placed"]:
-                found = f"{features:,} features an image, {outcome['matched_pairs']} pairs that match"
+                found = f"{features:,} features per image, {outcome['matched_pairs']} matching pairs"
                 raise PocketGSError(f"{source}: no poses found for {len(photographs)} images ({found}): {ADVICE}")
-            read_listing(staging)  # whoever wrote the poses may not have said that the disk is full
+            read_listing(staging)  # COLMAP may not report that the disk is full
             record = {**made_from, **outcome, "frames": len(photographs), "unplaced": unplaced, "features": features}
             (staging / RECORD).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
@@ -132,9 +132,9 @@ def posed(
     on_count: Count = lambda done, of: None,
     on_warning: Callable[[str], None] = lambda warning: None,
 ) -> Path:
-    """The folder with the posed capture of some photographs or a video, made now unless that has been done before.
+    """The folder with the posed capture of photographs or a video; poses are found only if this was not done before.
 
-    It is used again if it was made with the same options from files of the same names, sizes and times of change.
+    It is reused if it was made with the same options from files of the same names, sizes and modification times.
 
     Args:
         images_or_video: as for `pose`.
@@ -155,14 +155,14 @@ def posed(
 
 
 def _made_from(source: Path, options: PoseOptions) -> dict[str, Any]:
-    """What poses depend on, as it stands in the record."""
+    """Everything that poses depend on, as written to the record."""
     stats = {path.name: path.stat() for path in source_files(source)}
     files = [[name, stat.st_size, stat.st_mtime_ns] for name, stat in stats.items()]
     return {"files": files, "options": asdict(options)}
 
 
 def _threads(source: Path, options: PoseOptions) -> int:
-    """How many images may be decoded and searched for features at a time."""
+    """Number of images that may be decoded and searched for features at the same time."""
     if is_video(source):
         return threads_that_fit(options.max_size**2)
     header = read_header(source_files(source)[0])
@@ -171,10 +171,8 @@ def _threads(source: Path, options: PoseOptions) -> int:
 
 
 def _lacking(unplaced: list[str], frames: int, other_models: list[int]) -> str:
-    """What to say of images that have no pose."""
-    names = ", ".join(unplaced[:MOST_NAMES]) + (
-        f" and {len(unplaced) - MOST_NAMES} more" if unplaced[MOST_NAMES:] else ""
-    )
+    """Warning about images without a pose."""
+    names = ", ".join(unplaced[:MAX_NAMES]) + (f" and {len(unplaced) - MAX_NAMES} more" if unplaced[MAX_NAMES:] else "")
     said = f"poses of {frames - len(unplaced)} of {frames} images were found; left out: {names}"
     if other_models:
         parts = ", ".join(map(str, other_models))

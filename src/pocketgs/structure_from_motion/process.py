@@ -1,4 +1,4 @@
-"""Running COLMAP in a process of its own; see `pocketgs.structure_from_motion.job` for why."""
+"""Running COLMAP in a child process; see `pocketgs.structure_from_motion.job` for the reasons."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from pocketgs.structure_from_motion.job import Job, Outcome
 from pocketgs.structure_from_motion.work import Count
 from pocketgs.system.cores import usable_cores
 
-# Measured for SIFT, which begins with the image at twice its size.
+# Measured for SIFT, which first doubles the image's size.
 BYTES_PER_PIXEL_AND_THREAD = 300
 
 
 def check_installed() -> None:
-    """Find out whether pycolmap is there, without loading it.
+    """Check that pycolmap is installed, without loading it.
 
     Raises:
-        PocketGSError: it is not.
+        PocketGSError: it is not installed.
     """
     if find_spec("pycolmap") is None:
         raise PocketGSError(
@@ -35,7 +35,7 @@ def check_installed() -> None:
 
 
 def threads_that_fit(pixels: int) -> int:
-    """How many threads may extract features from images of so many pixels within half of the free memory."""
+    """Number of threads that can extract features from images of so many pixels within half of the free memory."""
     fitting = psutil.virtual_memory().available // 2 // (BYTES_PER_PIXEL_AND_THREAD * max(1, pixels))
     return max(1, min(usable_cores(), int(fitting)))
 
@@ -47,14 +47,14 @@ def run_colmap(
     on_stage: Callable[[str], None],
     on_count: Count = lambda done, of: None,
 ) -> Outcome:
-    """Run a job and give its outcome.
+    """Run a job and return its result.
 
     Args:
-        module: of this package, whose `run` does it: "colmap" or "triangulation".
-        job: what to do.
-        log: file for what COLMAP says on stderr, in a folder of this program's own.
+        module: of this package, whose `run` does the job: "colmap" or "triangulation".
+        job: description of the job.
+        log: file for COLMAP's stderr, in a folder of this program's own.
         on_stage: called with a stage's name when it begins.
-        on_count: told how much of the stage is done.
+        on_count: called with the progress of the stage.
 
     Raises:
         PocketGSError: COLMAP failed or was killed.
@@ -63,7 +63,7 @@ def run_colmap(
     outcome = None
     with (
         log.open("w", encoding="utf-8") as errors,
-        # Python imports from the working folder first, and that may be somebody else's download.
+        # Python imports from the working folder first, which may be an untrusted download.
         subprocess.Popen(
             command,
             cwd=log.parent,

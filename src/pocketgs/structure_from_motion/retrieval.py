@@ -1,4 +1,4 @@
-"""Which images look alike: the features of each summed up in a vector, by a vocabulary made of the images themselves.
+"""Image retrieval: a vector per image from its features, with a vocabulary built from the images themselves.
 
 The vector is a VLAD (Jégou et al. 2010, "Aggregating local descriptors into a compact image representation"),
 normalised per word (Arandjelović and Zisserman 2013, "All about VLAD").
@@ -13,21 +13,21 @@ import numpy as np
 WORDS = 128
 FEATURES_OF_AN_IMAGE = 1500
 SAMPLE = 30_000
-"""Descriptors that the vocabulary is made of."""
+"""Number of descriptors that the vocabulary is built from."""
 
 ROUNDS = 8
-"""Of k-means. The vocabulary need not be perfect."""
+"""Iterations of k-means. The vocabulary need not be exact."""
 
 
 def similarities(descriptors: Sequence[np.ndarray], seed: int = 0) -> np.ndarray:
-    """How alike images look.
+    """Similarity of all pairs of images.
 
     Args:
         descriptors: of each image (N, 128) uint8, the strongest features first.
         seed: of the vocabulary.
 
     Returns:
-        (F, F) float32, from -1 to 1; -1 with itself.
+        (F, F) float32, from -1 to 1; -1 on the diagonal.
     """
     used = [rows[:FEATURES_OF_AN_IMAGE].astype(np.float32) / 512 for rows in descriptors]
     words = _vocabulary(np.concatenate(used), seed)
@@ -38,7 +38,7 @@ def similarities(descriptors: Sequence[np.ndarray], seed: int = 0) -> np.ndarray
 
 
 def _vocabulary(descriptors: np.ndarray, seed: int) -> np.ndarray:
-    """(W, 128) words: k-means on a sample. Fewer than asked for if there are few descriptors."""
+    """(W, 128) words: k-means on a sample. Fewer words if there are few descriptors."""
     generator = np.random.default_rng(seed)
     chosen = generator.permutation(len(descriptors))[:SAMPLE]
     sample = descriptors[chosen]
@@ -53,7 +53,7 @@ def _vocabulary(descriptors: np.ndarray, seed: int) -> np.ndarray:
 
 
 def _signature(descriptors: np.ndarray, words: np.ndarray) -> np.ndarray:
-    """(W * 128,) of length 1: by word the sum of what sets its descriptors apart from it."""
+    """(W * 128,) VLAD of length 1: for each word the sum of its descriptors' residuals."""
     sums = np.zeros_like(words)
     if len(descriptors):
         nearest = _nearest(descriptors, words)
@@ -63,5 +63,5 @@ def _signature(descriptors: np.ndarray, words: np.ndarray) -> np.ndarray:
 
 
 def _nearest(descriptors: np.ndarray, words: np.ndarray) -> np.ndarray:
-    """(N,) the index of each descriptor's nearest word."""
+    """(N,) index of the nearest word of each descriptor."""
     return np.argmax(descriptors @ words.T - (words**2).sum(axis=1) / 2, axis=1)

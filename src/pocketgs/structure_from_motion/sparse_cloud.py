@@ -1,4 +1,4 @@
-"""The sparse cloud that COLMAP triangulates where poses are known."""
+"""Sparse clouds, triangulated by COLMAP at known poses."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.structure_from_motion.job import Job
 from pocketgs.structure_from_motion.process import check_installed, run_colmap, threads_that_fit
 
-MOST_PARTNERS = 30
-"""An image is matched with as many others, those taken nearest to it: all of them for a capture of 31 photographs."""
+MAX_PARTNERS = 30
+"""Number of nearest images that each image is matched with: all of them for a capture of 31 photographs."""
 
 
 def triangulate(
@@ -28,7 +28,7 @@ def triangulate(
 
     Args:
         frames: at least two, undistorted, with distinct camera centres.
-        seed: of what is random.
+        seed: random seed.
         on_stage: called with "features", "matching" and "triangulation" when they begin.
 
     Returns:
@@ -47,15 +47,15 @@ def triangulate(
     return points if points is not None else PointCloud(np.zeros((0, 3)), np.zeros((0, 3)))
 
 
-def partners(centres: np.ndarray, most: int = MOST_PARTNERS) -> list[tuple[int, int]]:
-    """Pairs of frames to match: each with its nearest.
+def partners(centres: np.ndarray, most: int = MAX_PARTNERS) -> list[tuple[int, int]]:
+    """Pairs of frames to match: each with its nearest neighbours.
 
     Args:
         centres: (N, 3) camera centres.
-        most: neighbours of a frame; it may be in more pairs, as a neighbour of others.
+        most: neighbours per frame; a frame may be in more pairs, as a neighbour of others.
 
     Returns:
-        Pairs of indices, the smaller one first, sorted, each once.
+        Pairs of indices, the smaller first, sorted and unique.
     """
     _, nearest = cKDTree(centres).query(centres, k=min(most + 1, len(centres)))
     pairs = {(min(i, int(j)), max(i, int(j))) for i, row in enumerate(np.atleast_2d(nearest)) for j in row if i != j}
@@ -63,7 +63,7 @@ def partners(centres: np.ndarray, most: int = MOST_PARTNERS) -> list[tuple[int, 
 
 
 def _job(frames: Sequence[Frame], folder: Path, seed: int) -> Job:
-    """The job, with its images written to the folder: COLMAP reads files."""
+    """The job, with its images written to a folder: COLMAP reads files."""
     images, model, pairs = folder / "images", folder / "model", folder / "pairs.txt"
     images.mkdir()
     model.mkdir()

@@ -11,7 +11,7 @@ from pocketgs.structure_from_motion.job import Job, Outcome, announce, serve
 
 
 def run(job: Job) -> Outcome:
-    """Find the sparse cloud that images with known poses see, and write it as a COLMAP model.
+    """Triangulate the sparse cloud of images with known poses, and write it as a COLMAP model.
 
     Args:
         job: `images` and `model`, folders; `database`, a file to be made; `pairs`, a file that names two images a line;
@@ -19,7 +19,7 @@ def run(job: Job) -> Outcome:
             four; `max_size`, `seed`, `threads` as in COLMAP.
 
     Returns:
-        How many `points` there are, and their mean `reprojection_error` in pixels.
+        Number of `points`, and their mean `reprojection_error` in pixels.
     """
     database = Path(job["database"])
     pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
@@ -31,14 +31,14 @@ def run(job: Job) -> Outcome:
     announce("triangulation")
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = job["seed"]
-    options.num_threads = 1  # the sums of several threads come in any order
+    options.num_threads = 1  # with several threads, sums are in any order
     model = pycolmap.triangulate_points(_posed(job, database), database, job["images"], job["model"], options=options)
     model.write_binary(job["model"])
     return {"points": model.num_points3D(), "reprojection_error": model.compute_mean_reprojection_error()}
 
 
 def _extract(job: Job, database: Path) -> None:
-    """Features of all images, each of which has a camera of its own."""
+    """Extract the features of all images, each with a camera of its own."""
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = "PINHOLE"
     groups = [sorted(job["cameras"])]
@@ -60,7 +60,7 @@ def _match(job: Job, database: Path) -> None:
 
 
 def _posed(job: Job, database: Path) -> pycolmap.Reconstruction:
-    """A model without points: every image at its pose, numbered as in the database."""
+    """A model without points, with every image at its pose, numbered as in the database."""
     model = pycolmap.Reconstruction()
     with pycolmap.Database.open(database) as found:
         for image in found.read_all_images():

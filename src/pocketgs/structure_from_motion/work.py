@@ -1,4 +1,4 @@
-"""The same work for many files, on several threads, told of as it goes on."""
+"""Parallel work on many files, with progress reports."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 Count = Callable[[int, int], None]
-"""Is told how much of a stage is done, and of how much."""
+"""Callback for progress: called with the number done and the total."""
 
 
 def each(items: Sequence[Item], work: Callable[[Item], Result], threads: int, on_count: Count) -> list[Result]:
-    """What the work gives for each item, in their order; whatever it raises ends all of it.
+    """Apply `work` to each item in parallel and return the results in order; an exception stops all.
 
     Args:
         items: to work on.
-        work: lets other threads run, as decoding and OpenCV's functions do.
-        threads: to work with.
-        on_count: called by this thread after each.
+        work: releases the GIL, as decoding and OpenCV's functions do.
+        threads: number of threads.
+        on_count: called from this thread after each item.
     """
     results = []
     with ThreadPoolExecutor(threads) as workers:

@@ -1,6 +1,6 @@
-"""The world of a model whose scale, origin and directions are arbitrary: turned upright, centred and scaled.
+"""Normalising a model of arbitrary scale, origin and orientation: upright, centred and scaled.
 
-Axes are x right, y down, z forward, as those of the 3DGS `.ply`; down is y. Imported by COLMAP's process: NumPy only.
+Axes are x right, y down, z forward, as those of the 3DGS `.ply`. Imported by COLMAP's process: NumPy only.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ import numpy as np
 from pocketgs.geometry.up_direction import up_direction
 
 MEDIAN_DISTANCE = 3.0
-"""From cameras to the points that they see, where nothing tells the scale: as from a person to what is photographed."""
+"""Median distance from cameras to their points if the scale is unknown: as from a person to a subject."""
 
-LEAST_GPS_SPREAD = 10.0
-"""How many times as far as GPS places differ from the cameras' they must be spread to tell the scale."""
+MIN_GPS_SPREAD = 10.0
+"""GPS positions determine the scale if their spread is this many times their deviation from the cameras."""
 
-FEWEST_PLACES = 5
-LEAST_SHARE_OF_PLACES = 0.6
+MIN_PLACES = 5
+MIN_SHARE_OF_PLACES = 0.6
 ROBUST_ROUNDS = 10
 
 
@@ -31,16 +31,16 @@ class Similarity:
     shift: np.ndarray
 
     def apply(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3) points in the other world."""
+        """Transform (N, 3) points."""
         return self.scale * points @ self.rotation.T + self.shift
 
 
 def similarity(source: np.ndarray, target: np.ndarray, weights: np.ndarray | None = None) -> Similarity:
-    """What takes (N, 3) points to others best in the least squares sense (Umeyama, 1991, eqs. 40-42).
+    """The least-squares similarity that maps (N, 3) points to others (Umeyama, 1991, eqs. 40-42).
 
     Args:
-        source: points not all in one place.
-        target: where they should go.
+        source: points, not all equal.
+        target: corresponding points.
         weights: (N,), or None for 1 each.
     """
     shares = np.ones(len(source)) if weights is None else weights
@@ -55,9 +55,9 @@ def similarity(source: np.ndarray, target: np.ndarray, weights: np.ndarray | Non
 
 
 def from_places(centres: np.ndarray, places: np.ndarray) -> Similarity | None:
-    """The similarity from cameras' centres to places measured by GPS, or None where these tell too little.
+    """The similarity from camera centres to GPS positions, or None if these are not reliable enough.
 
-    They must be spread in two directions, many times as far as they differ from the cameras' centres, and most must
+    They must be spread in two directions, many times as far as they deviate from the camera centres, and most must
     agree.
 
     Args:
@@ -66,35 +66,35 @@ def from_places(centres: np.ndarray, places: np.ndarray) -> Similarity | None:
     """
     known = np.isfinite(places).all(axis=1)
     centres, places = centres[known], places[known]
-    if len(places) < FEWEST_PLACES:
+    if len(places) < MIN_PLACES:
         return None
     weights = np.ones(len(places))
     for _ in range(ROBUST_ROUNDS):
         found = similarity(centres, places, weights)
         errors = np.linalg.norm(found.apply(centres) - places, axis=1)
-        # Geman and McClure's weights: places that differ by many times the median hardly count.
+        # Geman-McClure weights: positions that deviate by many times the median hardly count.
         unit = max(float(np.median(errors)) * 2, 1e-9)
         weights = 1 / (1 + (errors / unit) ** 2) ** 2
     agree = errors < 3 * unit
-    if agree.mean() < LEAST_SHARE_OF_PLACES or found.scale <= 0:
+    if agree.mean() < MIN_SHARE_OF_PLACES or found.scale <= 0:
         return None
     spreads = np.linalg.svd(places[agree] - places[agree].mean(axis=0), compute_uv=False) / np.sqrt(agree.sum())
     error = float(np.sqrt(np.mean(errors[agree] ** 2)))
-    return found if spreads[0] > LEAST_GPS_SPREAD * error and spreads[1] > LEAST_GPS_SPREAD / 2 * error else None
+    return found if spreads[0] > MIN_GPS_SPREAD * error and spreads[1] > MIN_GPS_SPREAD / 2 * error else None
 
 
 def upright(rotations: np.ndarray, centres: np.ndarray, points: np.ndarray) -> Similarity:
-    """The similarity to a world that is upright, centred on what is seen, at the scale of `MEDIAN_DISTANCE`.
+    """The similarity to a world that is upright, centred on the subject, and scaled to `MEDIAN_DISTANCE`.
 
     Args:
         rotations: (N, 3, 3) world to camera.
         centres: (N, 3) of cameras.
-        points: (M, 3) that they see.
+        points: (M, 3) seen by the cameras.
     """
     down = -up_direction(rotations)
     forward = rotations[:, 2].mean(axis=0)
     forward = forward - (forward @ down) * down
-    if np.linalg.norm(forward) < 0.05:  # cameras all around: any direction will do
+    if np.linalg.norm(forward) < 0.05:  # cameras all around: any direction works
         forward = np.eye(3)[np.argmin(np.abs(down))]
         forward = forward - (forward @ down) * down
     forward = forward / np.linalg.norm(forward)

@@ -1,1 +1,1 @@
-"""What the program needs of its process: signals, cores, compiled kernels, time and memory."""
+"""Process-level services: signals, cores, kernel compilation, timing and memory."""

@@ -1,7 +1,7 @@
-"""How functions become machine code: one decorator for kernels, one for what they are made of.
+"""Decorators that compile kernels with Numba, and the cache of their machine code.
 
-`error_model="numpy"` lets a division by zero give infinity: a check at every division would cost more than the
-division.
+`error_model="numpy"` makes a division by zero return infinity: a check at every division would cost more than the
+division itself.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from typing import Protocol, TypeVar
 
 import numba
 
-# A thread that has done its share of a kernel is to sleep until the next. OpenMP lets it spin instead, and where other
-# programs need the cores too, that takes the time of those who still work: steps then took three to five times as long.
+# A thread that has finished its share of a kernel should sleep until the next. OpenMP makes it spin by default, which
+# takes time from working threads when other programs need the cores: steps then took three to five times as long.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 PACKAGE = Path(__file__).parents[1]
@@ -28,21 +28,20 @@ _Function = TypeVar("_Function", bound=Callable[..., object])
 
 
 class _Decorator(Protocol):
-    """What it decorates keeps its type hints, so that calls are checked against them; Numba ignores them."""
+    """A decorator that keeps type hints, so that mypy checks calls; Numba ignores them."""
 
     def __call__(self, function: _Function, /) -> _Function: ...
 
 
 def is_compiled(room: str) -> bool:
-    """Whether kernels of a package, such as `splat.cpu`, have been compiled from its sources as they are."""
+    """Whether the kernels of a package, such as `splat.cpu`, are compiled and up to date."""
     return any(_folder_of(room).rglob("*.nbc"))
 
 
 def _folder_of(room: str) -> Path:
-    """Where a package's machine code is kept: a folder for every state of the sources that it is made from.
+    """Cache folder for a package's machine code: one folder per state of its sources.
 
-    Numba itself looks only at the file of the kernel, and would run old code after a change to a part of it that stands
-    in another file.
+    Numba itself checks only the kernel's own file, and would run stale code after a change in an imported file.
     """
     base = Path(numba.config.CACHE_DIR or PACKAGE / "__pycache__")
     return base / f"{room}-{_digest_of(room)}"
@@ -50,7 +49,7 @@ def _folder_of(room: str) -> Path:
 
 @lru_cache
 def _digest_of(room: str) -> str:
-    """What identifies the sources that a package's kernels are made from."""
+    """Digest of the sources that a package's kernels are made from."""
     digest = hashlib.sha256()
     for path in _sources_of(PACKAGE.joinpath(*room.split("."))):
         digest.update(path.read_bytes())
@@ -58,7 +57,7 @@ def _digest_of(room: str) -> str:
 
 
 def _sources_of(folder: Path) -> list[Path]:
-    """The modules of a package, and what those with compiled functions import: other parts, and constants."""
+    """The modules of a package, and the modules that those with kernels import."""
     modules = sorted(folder.glob("*.py"))
     sources = {*modules}
     for module in modules:
@@ -69,11 +68,11 @@ def _sources_of(folder: Path) -> list[Path]:
 
 
 def _cached(**options: bool) -> _Decorator:
-    """A decorator that keeps machine code on disk for as long as no source changes."""
+    """Make a decorator that caches machine code on disk until a source changes."""
 
     def decorate(function: _Function) -> _Function:
         before = numba.config.CACHE_DIR
-        # Numba reads it here, and falls back to a folder of the user's where this one cannot be written.
+        # Numba reads this here, and falls back to a folder in the user's cache if it is not writable.
         room = function.__module__.removeprefix(f"{PACKAGE.name}.").rpartition(".")[0]
         numba.config.CACHE_DIR = str(_folder_of(room))
         try:
@@ -85,16 +84,16 @@ def _cached(**options: bool) -> _Decorator:
 
 
 kernel: _Decorator = _cached()
-"""Called from Python on one thread; its machine code is kept on disk for the next process."""
+"""For functions called from Python on one thread; cached on disk."""
 
 unlocked_kernel: _Decorator = _cached(nogil=True)
-"""A kernel that lets other Python threads run meanwhile, for work that is dealt out to a pool of them."""
+"""For kernels that release the GIL, so that a thread pool can run them in parallel."""
 
 parallel_kernel: _Decorator = _cached(parallel=True)
-"""A kernel whose `prange` loops run on all threads."""
+"""For kernels whose `prange` loops run on all threads."""
 
 part: _Decorator = numba.njit(error_model="numpy")
-"""Called from kernels."""
+"""For functions called from kernels."""
 
 inlined: _Decorator = numba.njit(forceinline=True, error_model="numpy")
-"""Called from kernels' inner loops, always inlined: vectors stay in registers."""
+"""For functions called from kernels' inner loops: always inlined, so that vectors stay in registers."""

@@ -1,4 +1,4 @@
-"""How many cores this process may use, and how many threads its work is split among."""
+"""The number of cores that this process may use, and of threads for its kernels."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ CONTROL_GROUPS = Path("/sys/fs/cgroup")
 
 @cache
 def usable_cores() -> int:
-    """The cores that the system lets this process use: those it is bound to, and no more than its quota of time fills.
+    """Number of cores that this process may use: its CPU affinity, limited by its CPU quota.
 
-    A container on a large machine is often granted two cores' time and shown all of them: a thread for each of those
-    would wait for its turn most of the time.
+    A container on a large machine often has a quota of two cores and sees all of them. One thread per visible core
+    would spend most of its time waiting.
     """
     affinity = getattr(os, "sched_getaffinity", None)
     bound = len(affinity(0)) if affinity else os.cpu_count() or 1
@@ -23,14 +23,14 @@ def usable_cores() -> int:
 
 
 def kernel_threads(asked: int | None) -> int:
-    """Threads for kernels: as many as are asked for, or one for each usable core; never more than Numba has."""
-    import numba  # the compiler takes half a second to load, which reading a capture need not wait for
+    """Number of kernel threads: as requested, or one per usable core; at most Numba's own limit."""
+    import numba  # takes half a second to import, which reading a capture need not wait for
 
     return min(asked or usable_cores(), numba.config.NUMBA_NUM_THREADS)
 
 
 def time_quota(groups: Path) -> float:
-    """Cores' time that Linux's control groups, mounted at `groups`, grant this process; infinite without a limit.
+    """CPU quota, in cores, from the Linux control groups mounted at `groups`; infinite without a limit.
 
     https://docs.kernel.org/admin-guide/cgroup-v2.html (cpu.max), and version 1's cpu.cfs_quota_us.
     """
@@ -39,7 +39,7 @@ def time_quota(groups: Path) -> float:
             quota, period = (groups / "cpu.max").read_text().split()
         else:
             quota, period = ((groups / "cpu" / f"cpu.cfs_{name}_us").read_text() for name in ("quota", "period"))
-        granted = float(quota) / float(period)  # "max", and -1 in version 1, stand for no limit
+        granted = float(quota) / float(period)  # "max", and -1 in version 1, mean no limit
         return granted if granted > 0 else math.inf
     except (OSError, ValueError, ZeroDivisionError):
         return math.inf

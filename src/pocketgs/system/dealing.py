@@ -1,8 +1,7 @@
-"""Work dealt out to threads as they come for it.
+"""Dynamic scheduling: threads take small pieces of work from a shared counter.
 
-Numba gives every thread of a `prange` loop the same share of it. Where a core is busy with something else, all the
-others then wait for the thread that runs there. A kernel whose threads take one small piece after the other loses only
-what the busy core does not do:
+Numba gives every thread of a `prange` loop the same share. If a core is busy with another program, all threads wait for
+the one that runs there. Threads that take one small piece after another lose only the work of the busy core:
 
     counter = first_piece()
     for _ in prange(threads):
@@ -11,7 +10,7 @@ what the busy core does not do:
             ...
             piece = take(counter)
 
-Who works on which piece changes from run to run, so no piece may depend on another, nor on who does it.
+Which thread does which piece varies between runs, so results must not depend on it.
 """
 
 from __future__ import annotations
@@ -27,12 +26,12 @@ from numba.extending import intrinsic
 from pocketgs.system.compile import part
 
 PIECE = 512
-"""Gaussians in a piece of work: enough that taking it costs nothing, few enough to keep all threads busy to the end."""
+"""Gaussians per piece: large enough that taking a piece costs nothing, small enough to keep all threads busy."""
 
 
 @part
 def first_piece() -> np.ndarray:
-    """(1,) int64: a counter of pieces, for kernels."""
+    """(1,) int64: a new counter of pieces, for a kernel."""
     counter = np.empty(1, np.int64)
     counter[0] = 0
     return counter
@@ -40,7 +39,7 @@ def first_piece() -> np.ndarray:
 
 @intrinsic
 def take(typing_context: Any, counter: Any) -> Any:
-    """The number of the next piece; no two threads get the same."""
+    """Take the number of the next piece atomically."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         number = cgutils.create_struct_proxy(signature.args[0])(context, builder, arguments[0]).data

@@ -1,4 +1,4 @@
-"""Giving memory that has been freed back to the system."""
+"""Returning freed memory to the system."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from functools import cache
 
 
 def give_back() -> None:
-    """Return freed memory to the system, where its C library, glibc, would keep it.
+    """Return freed memory to the system if the C library is glibc, which would keep it.
 
-    glibc keeps what was freed in case it is asked for again. What one stage of a run has freed would thus add to what
-    the next one takes, by a quarter of the run's peak and more.
+    glibc keeps freed memory for reuse. The memory that one stage frees would then add to what the next one allocates,
+    which raises the peak by a quarter and more.
     """
     library = _glibc()
     if library:
@@ -21,6 +21,6 @@ def give_back() -> None:
 def _glibc() -> ctypes.CDLL | None:
     try:
         library = ctypes.CDLL("libc.so.6")
-    except OSError:  # another system, or another C library
+    except OSError:  # not Linux, or another C library
         return None
     return library if hasattr(library, "malloc_trim") else None

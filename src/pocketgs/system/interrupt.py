@@ -1,4 +1,4 @@
-"""Ctrl-C, and SIGTERM which means the same here; and how they wait for a good moment."""
+"""Handling of Ctrl-C and SIGTERM, at once or deferred."""
 
 from __future__ import annotations
 
@@ -9,40 +9,40 @@ from contextlib import contextmanager
 from types import FrameType
 
 STOPPED = 130
-"""Exit status of a command that Ctrl-C has ended, as shells have it."""
+"""Exit status of a command ended by Ctrl-C, as in shells."""
 
 Handler = Callable[[int, FrameType | None], None]
 
 
 def listen(handler: Handler) -> dict[signal.Signals, signal.Handlers | Handler | int | None]:
-    """Have a handler called on Ctrl-C and SIGTERM.
+    """Install a handler for Ctrl-C and SIGTERM.
 
-    What is ignored stays ignored: `nohup` starts commands like that, and shell scripts their jobs in the background, so
-    that Ctrl-C in the terminal does not end them.
+    Ignored signals stay ignored: `nohup` and background jobs of shell scripts ignore them, so that Ctrl-C in the
+    terminal does not end them.
 
     Returns:
-        What was called before, by signal, where that has changed.
+        The previous handler by signal, for the signals that have changed.
     """
     heard = [each for each in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(each) is not signal.SIG_IGN]
     return {number: signal.signal(number, handler) for number in heard}
 
 
 def raise_interrupt(number: int, frame: FrameType | None) -> None:
-    """A handler that raises KeyboardInterrupt."""
+    """Signal handler that raises KeyboardInterrupt."""
     raise KeyboardInterrupt
 
 
 class Interrupt:
-    """Whether somebody has asked to stop: the user by Ctrl-C, or whoever sets `requested`."""
+    """Whether a stop was requested, by Ctrl-C or by setting `requested`."""
 
     requested = False
 
 
 @contextmanager
 def deferred_interrupt() -> Iterator[Interrupt]:
-    """Note the first Ctrl-C (or SIGTERM) instead of raising it; the second raises KeyboardInterrupt.
+    """Record the first Ctrl-C (or SIGTERM) instead of raising; the second raises KeyboardInterrupt.
 
-    Only the main thread receives signals: elsewhere only others can request it.
+    Only the main thread receives signals; elsewhere only code can request a stop.
     """
     interrupt = Interrupt()
     pressed = False
@@ -61,5 +61,5 @@ def deferred_interrupt() -> Iterator[Interrupt]:
         yield interrupt
     finally:
         for number, handler in before.items():
-            # None stands for a handler that was not set from Python.
+            # None means a handler that was not set from Python.
             signal.signal(number, signal.SIG_DFL if handler is None else handler)

@@ -11,8 +11,8 @@ import psutil
 
 
 def peak_rss_mb() -> float:
-    """Most resident memory that this process has held so far, in MB of 10^6 bytes."""
-    # On Linux, what getrusage reports begins with the peak of the program that started this one.
+    """Peak resident memory of this process so far, in MB of 10^6 bytes."""
+    # On Linux, getrusage starts with the peak of the parent program.
     high_water = re.search(r"VmHWM:\s*(\d+) kB", _process_status())
     if high_water:
         return int(high_water[1]) * 1024 / 1e6
@@ -25,7 +25,7 @@ def peak_rss_mb() -> float:
 
 
 def _process_status() -> str:
-    """What Linux tells of this process; empty where it does not, as in some sandboxes and on other systems."""
+    """Content of /proc/self/status; empty where there is none, as on other systems and in some sandboxes."""
     try:
         return Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
     except OSError:
@@ -33,5 +33,5 @@ def _process_status() -> str:
 
 
 def seconds_since_start() -> float:
-    """Wall time since this process was started."""
+    """Wall time since this process started."""
     return time.time() - float(psutil.Process().create_time())

@@ -12,18 +12,18 @@ class Stopwatch:
     """Adds up wall time by stage.
 
     Args:
-        on_stage: called with a stage's name when it begins.
+        on_stage: called with a stage's name when the stage starts.
     """
 
     def __init__(self, on_stage: Callable[[str], None] | None = None) -> None:
         self.seconds: dict[str, float] = defaultdict(float)
         self.current = "startup"
-        """The stage under way, or the last one."""
+        """The current stage, or the last one."""
         self._on_stage = on_stage
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Add the time that the block takes to a stage."""
+        """Add the time of the block to a stage."""
         self.current = name
         if self._on_stage:
             self._on_stage(name)

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from pocketgs.splat.cpu.clusters import BOUNDS, fit, outside
 from pocketgs.splat.cpu.layout import CLUSTER, View
+from pocketgs.splat.cpu.lens import Pinhole
 from pocketgs.torch.arrays import array_of, torch_threads
 
 
@@ -34,13 +35,13 @@ class ClusterCuller(torch.autograd.Function):
         matrix, intrinsics = array_of(viewmat.double()), array_of(K.double())
         rotation, shift = np.ascontiguousarray(matrix[:3, :3]), np.ascontiguousarray(matrix[:3, 3])
         (fx, fy), (cx, cy) = intrinsics.diagonal()[:2], intrinsics[:2, 2]
-        view = View(rotation, shift, -np.linalg.solve(rotation, shift), fx, fy, cx, cy, width, height)
+        view = View(rotation, shift, -np.linalg.solve(rotation, shift), fx, fy, cx, cy, width, height, False)
         clusters = np.arange(-(-len(means) // CLUSTER), dtype=np.int32)
         bounds = np.empty((len(clusters), BOUNDS), np.float32)
         with np.errstate(all="ignore"):
             log_scales = np.log(array_of(scales))
         fit(array_of(means), log_scales, clusters, torch_threads(), bounds)
-        found = torch.from_numpy(np.flatnonzero(~outside(bounds, view, near_plane)))
+        found = torch.from_numpy(np.flatnonzero(~outside(bounds, view, Pinhole(), near_plane)))
         ctx.mark_non_differentiable(found)
         return found
 

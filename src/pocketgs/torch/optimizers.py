@@ -10,7 +10,7 @@ from torch import Tensor
 
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.cpu.selected_adam import adam_of_rows
-from pocketgs.torch.arrays import array_of, torch_threads
+from pocketgs.torch.arrays import array_of, flat, torch_threads
 
 
 class SelectiveAdam(torch.optim.Adam):
@@ -51,6 +51,16 @@ class SelectiveAdam(torch.optim.Adam):
             if not state:
                 state["step"] = torch.tensor(0.0)
                 state["exp_avg"], state["exp_avg_sq"] = torch.zeros_like(values), torch.zeros_like(values)
-            tensors = (values, values.grad, state["exp_avg"], state["exp_avg_sq"])
-            rows = [array_of(tensor).reshape(len(seen), -1) for tensor in tensors]
-            adam_of_rows(*rows, seen, group["lr"], *group["betas"], group["eps"], torch_threads())
+            columns = values.numel() // max(len(values), 1)
+            adam_of_rows(
+                flat(values, columns),
+                flat(values.grad, columns),
+                flat(state["exp_avg"], columns),
+                flat(state["exp_avg_sq"], columns),
+                seen,
+                group["lr"],
+                group["betas"][0],
+                group["betas"][1],
+                group["eps"],
+                torch_threads(),
+            )

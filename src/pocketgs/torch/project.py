@@ -12,6 +12,7 @@ from torch import Tensor
 
 from pocketgs.splat.cpu.ewa import MATRIX, project_ewa, project_ewa_backward
 from pocketgs.splat.cpu.layout import View
+from pocketgs.splat.cpu.lens import Pinhole
 from pocketgs.system.dealing import PIECE
 from pocketgs.torch.arrays import array_of, torch_threads, zeros
 
@@ -100,6 +101,7 @@ class Project2D(torch.autograd.Function):
                 sizes[batch],
                 opaque[batch],
                 view,
+                Pinhole(),
                 projection.eps2d,
                 projection.near_plane,
                 projection.far_plane,
@@ -149,6 +151,7 @@ class Project2D(torch.autograd.Function):
                 quats[batch],
                 scales[batch],
                 view,
+                Pinhole(),
                 projection.eps2d,
                 threads,
                 places,
@@ -189,6 +192,7 @@ def _views(viewmats: Tensor, Ks: Tensor, projection: Projection) -> list[View]:
             float(own[1, 2]),
             projection.width,
             projection.height,
+            projection.compensated,
         )
         for matrix, own in zip(matrices, intrinsics, strict=True)
     ]

@@ -125,6 +125,7 @@ def _tiles(splats: list[np.ndarray], lists: GivenLists) -> Iterator[_Tile]:
                 centres[own] - (left, top),
                 np.stack([xx, xy, xy, yy], axis=1).reshape(-1, 2, 2),
                 opacities[own],
+                np.ones(len(own)),
                 colours[own],
                 np.zeros((len(own), 2)),
                 np.arange(len(own), dtype=float),  # the list's order is the order

@@ -138,4 +138,4 @@ def splat_rows(arrays: Sequence[np.ndarray], colours: np.ndarray, threads: int) 
 
 def _image(width: int, height: int) -> View:
     """A view of which only the size counts."""
-    return View(np.eye(3), np.zeros(3), np.zeros(3), 1.0, 1.0, 0.0, 0.0, width, height)
+    return View(np.eye(3), np.zeros(3), np.zeros(3), 1.0, 1.0, 0.0, 0.0, width, height, False)

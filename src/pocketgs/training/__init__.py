@@ -1,1 +1,1 @@
-"""From a capture to a trained scene: preparation, seeding, recipes, planning and the loop."""
+"""Training: preparation, seeding, recipes, planning and the training loop."""

@@ -20,14 +20,17 @@ from pocketgs.splat.settings import StepSettings
 from pocketgs.system.interrupt import Interrupt, deferred_interrupt
 from pocketgs.system.process import peak_rss_mb
 from pocketgs.system.stopwatch import Stopwatch
+from pocketgs.training.colours import colour_settings, learns_colours
+from pocketgs.training.open_ended import OpenEndedPace
 from pocketgs.training.options import SizedOptions, TrainingOptions
+from pocketgs.training.pace import Pace, SetPace
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.preparation import prepare
 from pocketgs.training.recipes import Recipe, camera_extent, recipe_named
 from pocketgs.training.result import Checkpoint, LossSample, TrainingResult
 from pocketgs.training.seeding import SEEDINGS
 from pocketgs.training.strategies.choose import create_strategy
-from pocketgs.training.strategies.strategy import Situation, Strategy
+from pocketgs.training.strategies.strategy import GrowthPlan, Situation, Strategy
 
 
 @dataclass(frozen=True)
@@ -36,12 +39,13 @@ class Progress:
 
     Attributes:
         iteration: iterations done.
-        iterations: iterations asked for.
+        iterations: at which the run ends, as far as is known now.
         fraction: how much of the run is over, by iterations or by time.
         loss: mean of the training loss over the last epoch, as of a moment ago.
         held_out_psnr: when the held-out views were last looked at, or None.
         iteration_rate: iterations per second.
         seconds_left: estimate of the time until iterations or the time budget run out.
+        gain_per_minute: decibels that a minute was last worth on validation views, or None where none are held back.
         gaussians: their number at present.
         interrupt: ends the run after this iteration, as Ctrl-C does, if an observer requests it; says whether that has
             been asked for, so that an observer that waits can stop waiting.
@@ -56,6 +60,7 @@ class Progress:
     held_out_psnr: float | None
     iteration_rate: float
     seconds_left: float
+    gain_per_minute: float | None
     gaussians: int
     interrupt: Interrupt
     scene: Callable[[], Gaussians]
@@ -126,9 +131,23 @@ def train(
         engine.upload(start, resume.state if resume else None)
         if resume and resume.statistics:
             engine.restart_statistics(resume.statistics)
-    strategy = create_strategy(options.strategy, _situation(prepared, options))
-    loop = _Loop(prepared, options, recipe, strategy, unit, engine, stopwatch, resume.iteration if resume else 0)
-    loop.run(observer, None if options.time_budget is None else options.time_budget - (time.monotonic() - started))
+    seconds = None if options.time_budget is None else options.time_budget - (time.monotonic() - started)
+    rates = recipe.rates_for(options.iterations, unit)
+    pace: Pace = SetPace(options.iterations, seconds, recipe.schedule, rates, len(prepared.train))
+    growth = None
+    if options.open_ended:
+        pace = growth = OpenEndedPace(
+            options.iterations,
+            seconds,
+            rates,
+            prepared.train,
+            prepared.background,
+            options.max_gaussians,
+            resume.course if resume else None,
+        )
+    strategy = create_strategy(options.strategy, _situation(prepared, options, growth))
+    loop = _Loop(prepared, options, recipe, strategy, pace, engine, stopwatch, resume.iteration if resume else 0)
+    loop.run(observer)
     if loop.interrupted and loop.iteration == 0:
         raise KeyboardInterrupt
     return TrainingResult(
@@ -147,10 +166,11 @@ def train(
         prior=prepared.report,
         strategy=strategy.name,
         statistics=loop.statistics(),
+        course=pace.course,
     )
 
 
-def _situation(capture: PreparedCapture, options: SizedOptions) -> Situation:
+def _situation(capture: PreparedCapture, options: SizedOptions, growth: GrowthPlan | None) -> Situation:
     points = capture.points
     assert points is not None
     return Situation(
@@ -160,6 +180,7 @@ def _situation(capture: PreparedCapture, options: SizedOptions) -> Situation:
         views=len(capture.train),
         seed=options.seed,
         bright=max(capture.background) > 0,
+        growth=growth,
     )
 
 
@@ -173,11 +194,11 @@ class _Loop:
 
     def __init__(
         self,
-        capture: Capture,
+        capture: PreparedCapture,
         options: SizedOptions,
         recipe: Recipe,
         strategy: Strategy,
-        unit: float,
+        pace: Pace,
         engine: Engine,
         stopwatch: Stopwatch,
         iteration: int,
@@ -186,7 +207,8 @@ class _Loop:
         self.interrupted = False
         self.samples: list[LossSample] = []
         self._capture, self._options, self._recipe, self._strategy = capture, options, recipe, strategy
-        self._rates = recipe.rates_for(options.iterations, unit)
+        self._pace, self._first_rates = pace, pace.rates(0, 0.0)
+        self._learns_colours = learns_colours(options.colours, capture.report)
         self._engine, self._stopwatch = engine, stopwatch
         self._loss, self._loss_asked = float("nan"), float("-inf")
         self._held_out_psnr: float | None = None
@@ -195,11 +217,11 @@ class _Loop:
         """What the strategy has collected, or None where it collects nothing."""
         return self._engine.statistics() if self._strategy.name != "fixed" else None
 
-    def run(self, observer: Observer | None, seconds: float | None) -> None:
-        """Iterate until iterations or the seconds that there are run out, or Ctrl-C is pressed."""
-        started, self._seconds = time.monotonic(), seconds
+    def run(self, observer: Observer | None) -> None:
+        """Iterate until the pace says that the run is over, or Ctrl-C is pressed."""
+        started = time.monotonic()
         with deferred_interrupt() as interrupt:
-            while self.iteration < self._options.iterations and not self._is_over(started):
+            while self._pace.fraction(self.iteration, time.monotonic() - started) < 1.0:
                 if interrupt.requested:
                     self.interrupted = True
                     break
@@ -213,18 +235,9 @@ class _Loop:
             if self.iteration > self._first_iteration:
                 self._finish_steps()
 
-    def _is_over(self, started: float) -> bool:
-        return self._seconds is not None and time.monotonic() - started >= self._seconds
-
-    def _fraction(self, started: float) -> float:
-        fraction = self.iteration / self._options.iterations
-        if self._seconds is not None:
-            fraction = max(fraction, (time.monotonic() - started) / self._seconds)
-        return min(fraction, 1.0)
-
     def _step(self, started: float) -> None:
-        rates = self._recipe.schedule(self._rates, self._fraction(started))
-        number = self.iteration + 1
+        seconds = time.monotonic() - started
+        rates, number = self._pace.rates(self.iteration, seconds), self.iteration + 1
         collected = self._strategy.collected(number)
         settings = StepSettings(
             rates,
@@ -234,17 +247,20 @@ class _Loop:
             self._recipe.active_degree(number),
             collected.statistics,
             collected.errors,
-            self._strategy.noise(number, rates.means / self._rates.means),
+            self._strategy.noise(number, rates.means / self._first_rates.means),
+            colour_settings(rates.sh_dc / self._first_rates.sh_dc) if self._learns_colours else None,
         )
         self._engine.step(self._next_view(), settings)
+        self._pace.after_step(number, seconds, self._engine)
         self._strategy.after_step(number, self._engine)
         self.iteration = number
 
     def _next_view(self) -> int:
         """Every view once an epoch, in an order that depends on the seed and the epoch only."""
-        epoch, place = divmod(self.iteration, len(self._capture.train))
-        order = np.random.default_rng((self._options.seed, epoch)).permutation(len(self._capture.train))
-        return int(order[place])
+        views = self._pace.views(self.iteration)
+        epoch, place = divmod(self.iteration, len(views))
+        order = np.random.default_rng((self._options.seed, epoch)).permutation(len(views))
+        return views[int(order[place])]
 
     def _look_at_held_out_views(self) -> None:
         every = self._options.evaluate_every
@@ -276,21 +292,27 @@ class _Loop:
             self._finish_steps()
         elapsed = time.monotonic() - started
         rate = (self.iteration - self._first_iteration) / max(elapsed, 1e-9)
-        left = (self._options.iterations - self.iteration) / rate
-        if self._seconds is not None:
-            left = min(left, max(self._seconds - elapsed, 0.0))
+        fraction = self._pace.fraction(self.iteration, elapsed)
+        left = (self._pace.iterations - self.iteration) / rate
+        if fraction > self.iteration / self._pace.iterations:
+            left = min(left, elapsed / fraction - elapsed)
         return Progress(
             iteration=self.iteration,
-            iterations=self._options.iterations,
-            fraction=self._fraction(started),
+            iterations=self._pace.iterations,
+            fraction=fraction,
             loss=self._loss,
             held_out_psnr=self._held_out_psnr,
             iteration_rate=rate,
             seconds_left=left,
+            gain_per_minute=self._pace.course.gain_per_minute if self._pace.course else None,
             gaussians=self._engine.count,
             interrupt=interrupt,
             scene=self._engine.download,
             checkpoint=lambda: Checkpoint(
-                self.iteration, self._engine.download(), self._engine.optimiser_state(), self.statistics()
+                self.iteration,
+                self._engine.download(),
+                self._engine.optimiser_state(),
+                self.statistics(),
+                self._pace.course,
             ),
         )

@@ -1,4 +1,4 @@
-"""What a user may ask of a training run."""
+"""Options of a training run."""
 
 from __future__ import annotations
 
@@ -8,50 +8,53 @@ from typing import Literal, get_args
 
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.engine import Accumulation, EngineName, EngineOptions, Precision, Replay
+from pocketgs.training.colours import COLOURS, Colours
 from pocketgs.training.recipes import Prior, Seeds, recipe_named
 from pocketgs.training.strategies.choose import STRATEGIES, StrategyName, most_at_start
 
-Effort = Literal["quick", "standard"]
+Effort = Literal["quick", "standard", "best"]
 
 
 @dataclass(frozen=True)
 class TrainingOptions:
-    """What a user may ask of a training run.
+    """Options of a training run.
 
     Attributes:
-        effort: how much work a run is worth where the options below do not say: "quick" is 500 iterations on 50,000
-            Gaussians; "standard" sizes both, and the keyframes, to the capture.
+        effort: preset for sizes that the options below do not set: "quick" is 500 iterations on 50,000 Gaussians;
+            "standard" sizes both, and the keyframes, to the capture; "best" trains with the recipe "long" until
+            validation views, held back for a while, show that it no longer pays.
         iterations: number of training steps, one view each; None for the recipe's, or the effort's.
-        time_budget: seconds until the work is done, or None: of the whole command, or, in Python, of `train`. A
-            command plans by it, and refuses one that is too short. Learning rates fall with whichever of iterations
-            and time runs out first.
-        engine: what renders and differentiates: "auto" takes a GPU where there is one, else the CPU; "webgpu" takes
+        time_budget: seconds until the work is done, or None: of the whole command, or, in Python, of `train`. A command
+            plans by it, and refuses one that is too short. Learning rates decay by iterations or time, whichever is
+            further along.
+        engine: rendering and training engine: "auto" uses a GPU if there is one, else the CPU; "webgpu" accepts
             software adapters too.
-        prior: what to start from: "dense" matches the photographs pixel by pixel; "sparse" takes the points of
-            matched features; "colmap" the capture's own sparse cloud, or the one that COLMAP triangulates; "none" the
-            capture as it is, with its own points, or points drawn where it has none; None for the recipe's.
+        prior: initial points: "dense" computes depth maps; "sparse" uses the points of matched features; "colmap" the
+            capture's own sparse cloud, or one that COLMAP triangulates; "none" the capture's own points and poses, or
+            random points if it has none; None for the recipe's.
         bundle: refine poses where the photographs contradict them.
         seeds: discs on the surface, or balls; None for the recipe's.
-        source_views: frames that each keyframe's pixels are matched in.
-        max_keyframes: most frames that depth is computed for; None for the effort's.
-        exposure: bring the training photographs to one exposure: "auto" does so where similar views differ.
-        recipe: name of a recipe, see `pocketgs.training.recipes`.
-        strategy: how the number of Gaussians changes: "fixed" keeps those of the start; "adc" is 3DGS's cloning,
-            splitting and pruning; "mcmc" relocates those that have become transparent; "budgeted" grows where the
-            errors of the training views are; None for the recipe's.
-        seed: of everything random.
-        max_gaussians: most Gaussians at any time, None for the recipe's, or the effort's; fewer are taken where budgets
-            hold no more.
-        sh_degree: degree of the spherical harmonics, or None for the recipe's.
-        threads: CPU threads, or None for all cores.
-        gpu: part of the name of the GPU to use, or None for the best.
+        source_views: source views per keyframe.
+        max_keyframes: maximum number of keyframes; None for the effort's.
+        exposure: compensate exposure differences of the training photographs: "auto" does so if similar views differ.
+        colours: learn an affine colour transform per training photograph: "auto" does so if similar views differ.
+        recipe: name of a recipe, see `pocketgs.training.recipes`; None for the effort's.
+        strategy: how the number of Gaussians changes: "fixed" keeps it; "adc" clones, splits and prunes as 3DGS does;
+            "mcmc" relocates transparent Gaussians; "budgeted" grows where the training views have errors; None for the
+            recipe's.
+        seed: random seed.
+        max_gaussians: maximum number of Gaussians; None for the recipe's, or the effort's; smaller if budgets require
+            it.
+        sh_degree: degree of the spherical harmonics; None for the recipe's.
+        threads: CPU threads; None for all cores.
+        gpu: part of the name of the GPU to use; None for the best.
         precision: of projected splats and of the replay cache on the GPU.
-        replay: whether the GPU's backward pass recomputes what the forward pass did, or reads it from a cache.
-        accumulation: whether the gradients of a GPU's tiles are added up in order, or atomically in less memory.
-        portable: use only what every GPU with WebGPU has.
-        max_memory: megabytes that the process may hold, and megabytes that buffers on the GPU may. A command takes
-            smaller photographs, unless --downscale is given, or fewer Gaussians to keep to it.
-        evaluate_every: iterations between looks at the held-out views; 0 for none until the end.
+        replay: whether the GPU's backward pass recomputes the forward pass, or reads a cache.
+        accumulation: whether gradients on the GPU are summed in order, or atomically in less memory.
+        portable: use only features that every WebGPU device has.
+        max_memory: megabytes for the process, and megabytes for buffers on the GPU. To keep to it, a command uses
+            smaller photographs, unless --downscale is given, or fewer Gaussians.
+        evaluate_every: iterations between evaluations on the held-out views; 0 for none until the end.
     """
 
     effort: Effort = "standard"
@@ -64,7 +67,8 @@ class TrainingOptions:
     source_views: int = 4
     max_keyframes: int | None = None
     exposure: Literal["auto", "on", "off"] = "auto"
-    recipe: str = "pocketgs"
+    colours: Colours = "auto"
+    recipe: str | None = None
     strategy: StrategyName | None = None
     seed: int = 0
     max_gaussians: int | None = None
@@ -79,9 +83,10 @@ class TrainingOptions:
     evaluate_every: int = 100
 
     def __post_init__(self) -> None:
-        recipe_named(self.recipe)
+        if self.recipe is not None:
+            recipe_named(self.recipe)
         checks = {
-            "effort": (self.effort in get_args(Effort), "quick or standard"),
+            "effort": (self.effort in get_args(Effort), "quick, standard or best"),
             "iterations": (self.iterations is None or self.iterations >= 1, "at least 1"),
             "time budget": (self.time_budget is None or 0 < self.time_budget < math.inf, "seconds above 0"),
             "prior": (self.prior in (None, *get_args(Prior)), "dense, sparse, colmap or none"),
@@ -90,6 +95,7 @@ class TrainingOptions:
             "source views": (self.source_views >= 1, "at least 1"),
             "max keyframes": (self.max_keyframes is None or self.max_keyframes >= 2, "at least 2"),
             "exposure": (self.exposure in ("auto", "on", "off"), "auto, on or off"),
+            "colours": (self.colours in COLOURS, "auto, on or off"),
             "max gaussians": (self.max_gaussians is None or self.max_gaussians >= 4, "at least 4"),
             "SH degree": (self.sh_degree in (None, 0, 1, 2, 3), "0, 1, 2 or 3"),
             "threads": (self.threads is None or self.threads >= 1, "at least 1"),
@@ -108,7 +114,7 @@ class TrainingOptions:
 
     @property
     def engine_options(self) -> EngineOptions:
-        """Those that concern the engine."""
+        """The options of the engine."""
         return EngineOptions(
             self.engine,
             self.threads,
@@ -123,16 +129,22 @@ class TrainingOptions:
 
 @dataclass(frozen=True)
 class SizedOptions(TrainingOptions):
-    """Training options that say how large the run is: see `pocketgs.training.planning.effort.sized`."""
+    """Training options with the sizes of the run set: see `pocketgs.training.planning.effort.sized`.
+
+    Attributes:
+        open_ended: whether the run ends when it stops paying, after at most `iterations`.
+    """
 
     iterations: int = 500
     max_keyframes: int = 40
     max_gaussians: int = 50_000
     prior: Prior = "dense"
     seeds: Seeds = "discs"
+    recipe: str = "pocketgs"
     strategy: StrategyName = "fixed"
+    open_ended: bool = False
 
     @property
     def most_at_start(self) -> int:
-        """How many Gaussians the run may begin with."""
-        return most_at_start(self.strategy, self.max_gaussians)
+        """Maximum number of Gaussians at the start."""
+        return most_at_start(self.strategy, self.max_gaussians, self.open_ended)

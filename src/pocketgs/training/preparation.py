@@ -1,4 +1,4 @@
-"""Before training: the capture with the poses, photographs and points to train on."""
+"""Preparation: refined poses and initial points, before training."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ from pocketgs.training.planning.effort import sized
 from pocketgs.training.random_points import points_in_a_cube
 from pocketgs.training.recipes import recipe_named
 
-FEWEST_POINTS = 16
-"""A cloud of fewer is not worth starting from."""
+MIN_POINTS = 16
+"""Minimum number of points to start from."""
 
 
 def prepare(
     capture: Capture, options: TrainingOptions | None = None, stopwatch: Stopwatch | None = None
 ) -> PreparedCapture:
-    """Build the prior that the options ask for.
+    """Build the prior that the options select.
 
-    Where none is asked for, or a sparse one finds hardly a point, the capture's own points are taken, or points drawn
-    where the photographs agree.
+    Without one, or if a sparse one finds too few points, the capture's own points are used, or random points where the
+    photographs agree.
 
     Args:
-        capture: what to train on.
-        options: of the run; all at their defaults if None.
-        stopwatch: times the stages; a new one if None.
+        capture: to train on.
+        options: None for the defaults.
+        stopwatch: times the stages; None for a new one.
 
     Raises:
         PocketGSError: there is no training view, there are too few photographs, or there is nothing to start from.
@@ -58,19 +58,19 @@ def prepare(
         prepared = build_prior(capture, options.most_at_start, _settings(options), stopwatch)
         if options.prior == "colmap":
             prepared = _with_colmap_cloud(capture, prepared, options, stopwatch)
-        if prepared.points and len(prepared.points) >= FEWEST_POINTS:
+        if prepared.points and len(prepared.points) >= MIN_POINTS:
             return _with_points(prepared, _at_most(prepared.points, options))
     with stopwatch.stage("points"):
         points = starting_points(replace(prepared, points=capture.points), options)
     report = prepared.report
     if report is not None:
-        found = f"too few points were found ({report.points}): training starts from others"
+        found = f"too few points were found ({report.points}): training starts from other points"
         report = replace(report, warnings=(*report.warnings, found))
     return replace(prepared, points=points, report=report)
 
 
 def _with_points(prepared: PreparedCapture, points: PointCloud) -> PreparedCapture:
-    """The capture with another cloud, of which its report tells too."""
+    """Replace the cloud, and note it in the report."""
     report = replace(prepared.report, points=len(points)) if prepared.report else None
     return replace(prepared, points=points, report=report)
 
@@ -78,7 +78,7 @@ def _with_points(prepared: PreparedCapture, points: PointCloud) -> PreparedCaptu
 def _with_colmap_cloud(
     capture: Capture, prepared: PreparedCapture, options: SizedOptions, stopwatch: Stopwatch
 ) -> PreparedCapture:
-    """A sparse cloud in place of the prior's own: the capture's where its poses still hold, or COLMAP's."""
+    """A sparse cloud instead of the prior's own: the capture's if its poses are unchanged, else COLMAP's."""
     assert prepared.report is not None
     with stopwatch.stage("points"):
         points = None if prepared.report.poses_refined else capture.points
@@ -88,7 +88,7 @@ def _with_colmap_cloud(
 
 
 def starting_points(capture: Capture, options: SizedOptions) -> PointCloud:
-    """The capture's own points, or points drawn where it has none; at most as many as the run may begin with."""
+    """The capture's own points, or random ones if it has none; at most as many as the run may start with."""
     if capture.points is None or len(capture.points) < 4:
         random_points = recipe_named(options.recipe).random_points
         if random_points is not None:

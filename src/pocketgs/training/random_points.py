@@ -1,4 +1,4 @@
-"""Points at random in a cube, which 3DGS starts from where a capture has none."""
+"""Random points in a cube, 3DGS's initialisation for captures without points."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from pocketgs.geometry.camera_geometry import focus_point
 from pocketgs.scene.point_cloud import PointCloud
 
 HALF_SIDE = 1.3 / 4.03
-"""Of the cube, as a share of the distance to the cameras: in NeRF-Synthetic's scenes 1.3, the cameras 4.03 away."""
+"""Half side of the cube relative to the cameras' distance: 1.3 in NeRF-Synthetic's scenes, with cameras 4.03 away."""
 
 
 def points_in_a_cube(cameras: Sequence[Camera], count: int, seed: int) -> PointCloud:
-    """Draw points of all colours around what the cameras look at.
+    """Draw randomly coloured points in a cube around the focus of the cameras.
 
     Args:
         cameras: of the training views.
         count: number of points.
-        seed: of the random numbers.
+        seed: random seed.
     """
     rng = np.random.default_rng(seed)
     middle = focus_point(cameras)

@@ -109,6 +109,7 @@ class Recipe:
             photographs agree.
         strategy: how the number of Gaussians changes.
         iterations, max_gaussians: of a run, or None where its effort says.
+        open_ended: train until it stops paying, where the user gives no iterations.
         scales_for: iterations that the rate of the scales is made for, or None for any. Noise in the gradients lets
             scales wander with the square root of the number of steps: in longer runs their rate falls with it.
     """
@@ -129,6 +130,7 @@ class Recipe:
     strategy: StrategyName = "fixed"
     iterations: int | None = None
     max_gaussians: int | None = None
+    open_ended: bool = False
     scales_for: int | None = None
 
     def active_degree(self, iteration: int) -> int | None:
@@ -194,16 +196,8 @@ RECIPES = {
         Recipe(name="reference", rates=_3DGS_RATES, length=camera_extent, schedule=exponential_means(final=0.01)),
         _3dgs(7000),
         _3dgs(30_000),
-        # For thousands of iterations: from the dense cloud, growing where errors are.
-        replace(
-            _POCKETGS,
-            name="long",
-            strategy="budgeted",
-            iterations=5000,
-            max_gaussians=200_000,
-            sh_degree=3,
-            sh_every=500,
-        ),
+        # For as long as it pays: from the dense cloud, growing where errors are.
+        replace(_POCKETGS, name="long", strategy="budgeted", open_ended=True, sh_degree=3, sh_every=250),
     )
 }
 

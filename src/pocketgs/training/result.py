@@ -1,4 +1,4 @@
-"""What training gives: the scene, and what it took."""
+"""The result of training: the scene, statistics of the run, and checkpoints."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pocketgs.prior.report import PriorReport
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import OptimiserState
 from pocketgs.splat.rows import Statistics
+from pocketgs.training.validation import Course
 
 
 @dataclass(frozen=True)
@@ -17,11 +18,11 @@ class LossSample:
     Attributes:
         iteration: steps done.
         seconds: of training so far.
-        elapsed: seconds of all stages so far, looking at held-out views left out: when a run that never looks would
-            have come as far.
+        elapsed: seconds of all stages so far, without evaluations on held-out views: when a run without them would have
+            come this far.
         loss: of training.
         held_out_psnr: in dB.
-        gaussians: their number.
+        gaussians: number of Gaussians.
     """
 
     iteration: int
@@ -34,40 +35,43 @@ class LossSample:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A run as it stands: enough to go on from.
+    """The state of a run, from which it can be resumed.
 
     Attributes:
         iteration: iterations done.
         gaussians: the scene.
         state: the optimiser's.
-        statistics: what its strategy has collected, or None where it collects nothing.
+        statistics: collected by its strategy, or None if it collects nothing.
+        course: what an open-ended run has learnt so far; None if its length was given.
     """
 
     iteration: int
     gaussians: Gaussians
     state: OptimiserState
     statistics: Statistics | None = None
+    course: Course | None = None
 
 
 @dataclass(frozen=True)
 class TrainingResult:
-    """A trained scene, and what training took.
+    """A trained scene, and statistics of its training.
 
     Attributes:
         scene: the Gaussians.
-        optimiser_state: for going on later.
+        optimiser_state: for resuming.
         engine, recipe: their names.
-        device: what the engine computed on.
-        iterations: iterations done, those before a resumption included.
-        resumed_from: iterations that an earlier run had done, or None; `seconds` and `losses` are of this run only.
+        device: that the engine computed on.
+        iterations: iterations done, including those before resuming.
+        resumed_from: iterations of the earlier run, or None; `seconds` and `losses` are of this run only.
         interrupted: whether Ctrl-C ended it.
         seconds: wall time by stage.
-        peak_rss_mb: most memory that the process held, in MB of 10^6 bytes.
-        engine_bytes: what the engine held, by name.
+        peak_rss_mb: peak memory of the process, in MB of 10^6 bytes.
+        engine_bytes: the engine's memory, by name.
         losses: samples over the run.
-        prior: what the geometry prior found, or None if there was none.
-        strategy: name of what decided on the number of Gaussians.
-        statistics: what it has collected since it last changed them, for going on later; None if nothing.
+        prior: report of the geometry prior, or None without one.
+        strategy: name of the strategy.
+        statistics: collected by the strategy since its last change, for resuming; None if nothing.
+        course: evaluations on the validation views of an open-ended run; None if its length was given.
     """
 
     scene: Gaussians
@@ -85,8 +89,9 @@ class TrainingResult:
     prior: PriorReport | None = None
     strategy: str = "fixed"
     statistics: Statistics | None = None
+    course: Course | None = None
 
     @property
     def checkpoint(self) -> Checkpoint:
-        """What a later run needs to go on from here."""
-        return Checkpoint(self.iterations, self.scene, self.optimiser_state, self.statistics)
+        """The checkpoint that a later run can resume from."""
+        return Checkpoint(self.iterations, self.scene, self.optimiser_state, self.statistics, self.course)

@@ -1,4 +1,4 @@
-"""Operator I: from a point cloud to the Gaussians that training starts with."""
+"""Seeding: initial Gaussians from a point cloud."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.system.cores import usable_cores
 
 SPACING_NEIGHBOURS = 3
-"""A seed is as large as the mean distance to this many nearest neighbours (3DGS, section 4)."""
+"""A seed's size is the mean distance to this many nearest neighbours (3DGS, section 4)."""
 
 PLANE_NEIGHBOURS = 16
-"""The surface at a point is the plane through so many of its nearest neighbours."""
+"""The surface at a point is the plane through this many nearest neighbours."""
 
 THICKNESS = 0.3
-"""A disc's scale along the surface's normal, as a share of that along the surface."""
+"""Scale of a disc along the surface normal, relative to that along the surface."""
 
-FEWEST_POINTS = SPACING_NEIGHBOURS + 1
+MIN_POINTS = SPACING_NEIGHBOURS + 1
 
 Seeding = Callable[[PointCloud, float, int, float], Gaussians]
-"""From points, opacity, SH degree and a factor on the size to Gaussians."""
+"""Function of points, opacity, SH degree and a factor on the size that returns Gaussians."""
 
 
 def seed_discs(points: PointCloud, opacity: float, sh_degree: int, size: float = 1.0) -> Gaussians:
-    """A disc at every point, lying on the local surface.
+    """Place a disc at every point, tangent to the local surface.
 
-    The surface's normal is the eigenvector of the least eigenvalue of the covariance of the point's 16 nearest
-    neighbours, C = 1/K Σ (p_k - p̄)(p_k - p̄)ᵀ, on the side that the point was seen from. The disc's scales are s_t along
-    the surface, the mean distance to the three nearest neighbours, and 0.3 s_t along the normal, its z-axis.
+    The surface normal is the eigenvector of the smallest eigenvalue of the covariance of the point's 16 nearest
+    neighbours, C = 1/K Σ (p_k - p̄)(p_k - p̄)ᵀ, on the side that the point was seen from. The disc's scales are s_t
+    along the surface, the mean distance to the three nearest neighbours, and 0.3 s_t along the normal, its z-axis.
 
     Args:
         points: N >= 4 points.
@@ -60,7 +60,7 @@ def seed_discs(points: PointCloud, opacity: float, sh_degree: int, size: float =
 
 
 def seed_balls(points: PointCloud, opacity: float, sh_degree: int, size: float = 1.0) -> Gaussians:
-    """A ball at every point, as wide as the mean distance to its three nearest neighbours (3DGS, section 4).
+    """Place a ball at every point, of the size of the mean distance to its three nearest neighbours (3DGS, section 4).
 
     Arguments and errors as those of `seed_discs`.
     """
@@ -73,16 +73,16 @@ SEEDINGS: dict[str, Seeding] = {"discs": seed_discs, "balls": seed_balls}
 
 
 def _neighbourhoods(points: PointCloud) -> tuple[np.ndarray, np.ndarray]:
-    """(N, K) indices of each point's nearest, itself among them, and (N,) mean distance to the nearest few."""
+    """(N, K) indices of each point's neighbours, including itself, and (N,) mean distance to the nearest few."""
     count = len(points)
-    if count < FEWEST_POINTS:
-        raise PocketGSError(f"seeding: {count} points to start from, expected at least {FEWEST_POINTS}")
+    if count < MIN_POINTS:
+        raise PocketGSError(f"seeding: {count} points to start from, expected at least {MIN_POINTS}")
     if not np.isfinite(points.positions).all():
         raise PocketGSError("seeding: points to start from have coordinates that are not finite")
     tree = cKDTree(points.positions)
     distances, neighbours = tree.query(points.positions, k=min(PLANE_NEIGHBOURS + 1, count), workers=usable_cores())
     spacing = distances[:, 1 : SPACING_NEIGHBOURS + 1].mean(axis=1)
-    # Points on top of each other would give Gaussians of no size.
+    # Coincident points would give Gaussians of size zero.
     return neighbours, np.maximum(spacing, 0.01 * np.median(spacing) + np.finfo(np.float32).tiny)
 
 

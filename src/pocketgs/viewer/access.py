@@ -1,4 +1,4 @@
-"""Who may see the page: whoever knows the secret in its address, by a name that is this machine's."""
+"""Access control: requests need the secret token in the path and a host name of this machine."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ def _new_token() -> str:
 
 @dataclass(frozen=True)
 class Access:
-    """What a request must bring to be answered.
+    """The requirements for requests.
 
     Attributes:
-        hosts: names and addresses, in lower case, that the server is reached by.
+        hosts: names and addresses of the server, in lower case.
         token: first part of every path.
     """
 
@@ -28,24 +28,24 @@ class Access:
     def serves_host(self, host: str) -> bool:
         """Whether a Host header names this server.
 
-        A stranger's page can have its own name point to this machine and so read what is served here, but it cannot
-        have the browser send another name than its own. Any port will do: there may be a tunnel in between.
+        Protects against DNS rebinding: a foreign page can point its own name at this machine, but the browser then
+        sends that name. The port is not checked, since there may be a tunnel in between.
         """
         try:
             name = urlsplit(f"//{host}").hostname
-        except ValueError:  # brackets that do not close
+        except ValueError:  # unbalanced brackets
             return False
         return name in self.hosts
 
     def opens(self, path: str) -> bool:
-        """Whether a path starts with the token; takes the same time whatever it starts with instead."""
+        """Whether a path starts with the token, compared in constant time."""
         first = path.removeprefix("/").partition("/")[0]
         return secrets.compare_digest(first.encode(errors="replace"), self.token.encode())
 
 
 def is_same_origin(origin: str | None, scheme: str, host: str) -> bool:
-    """Whether an Origin header names the very page that this server serves under a Host header.
+    """Whether an Origin header names the page that this server serves under a Host header.
 
-    Browsers let any page open a WebSocket to any server and only say in this header whose page it is.
+    Browsers let any page open a WebSocket to any server, and name the page's origin only in this header.
     """
     return origin is not None and origin.lower() == f"{scheme}://{host}".lower()

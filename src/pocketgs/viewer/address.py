@@ -1,4 +1,4 @@
-"""Where the page is found: this machine's names in the local network, and a code for a phone's camera."""
+"""The page's addresses in the local network, and a QR code for phones."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ LOOPBACK = "127.0.0.1"
 ANY_ADDRESS = "0.0.0.0"
 
 _ELSEWHERE = ("192.0.2.1", 9)
-"""An address that documentation uses and no machine has (RFC 5737)."""
+"""An address reserved for documentation, which no machine has (RFC 5737)."""
 
 
 def lan_addresses() -> list[str]:
-    """IPv4 addresses that others reach this machine by, the one that its own traffic leaves from first."""
+    """IPv4 addresses of this machine in the local network, that of outgoing traffic first."""
     families = [address for card in psutil.net_if_addrs().values() for address in card]
     found = {one.address for one in families if one.family == socket.AF_INET and not one.address.startswith("127.")}
     return sorted(found, key=lambda address: (address != _outgoing_address(), address))
@@ -25,26 +25,26 @@ def lan_addresses() -> list[str]:
 
 def _outgoing_address() -> str | None:
     with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        # A datagram socket sends nothing when it is connected: the system only picks the way that it would take.
+        # Connecting a datagram socket sends nothing: the system only chooses the route.
         probe.connect(_ELSEWHERE)
         return str(probe.getsockname()[0])
     return None
 
 
 def host_names() -> list[str]:
-    """Names by which this machine may be known in the local network, in lower case."""
+    """Names of this machine in the local network, in lower case."""
     name = socket.gethostname().lower()
-    # Host headers and certificates hold ASCII only.
+    # Host headers and certificates are ASCII only.
     return [name, f"{name.split('.')[0]}.local"] if name and name.isascii() else []
 
 
 def page_url(host: str, port: int, token: str, *, secure: bool) -> str:
-    """The page's address, secret included."""
+    """The page's address, with the secret token."""
     return f"{'https' if secure else 'http'}://{host}:{port}/{token}/"
 
 
 def qr_code(url: str) -> str:
-    """A QR code in half blocks, light ones standing for light: to be printed in white on black."""
+    """A QR code in half blocks, to be printed in white on black."""
     drawing = io.StringIO()
     segno.make(url, error="l", micro=False).terminal(drawing, border=2, compact=True)
     return drawing.getvalue().rstrip("\n")

@@ -1,8 +1,8 @@
-"""A certificate that this machine makes for itself.
+"""A self-signed certificate for this machine.
 
-Browsers give WebGPU to pages that come over https, or from the very machine they run on. No authority vouches for
-addresses in a home network, so a phone's browser asks its user before it takes such a certificate. It is kept, so that
-the question comes once.
+Browsers allow WebGPU only on pages from https or from the local machine. No authority certifies addresses in a home
+network, so a phone's browser asks its user before it accepts the certificate. The certificate is cached, so that the
+question comes once.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from pocketgs.files.atomic_file import replacing
 
 FILE = "viewer.pem"
 VALIDITY = timedelta(days=397)
-"""Apple's systems refuse what is valid for longer than 398 days."""
+"""Apple's systems reject certificates that are valid for more than 398 days."""
 
-LEAST_LEFT = timedelta(days=2)
+MIN_VALIDITY = timedelta(days=2)
 CLOCK_SKEW = timedelta(days=1)
 
 
 def cache_folder() -> Path:
-    """Where this user's programs keep what can be made again.
+    """The user's cache folder.
 
     Raises:
-        PocketGSError: the user has no home.
+        PocketGSError: the user has no home folder.
     """
     try:
         if sys.platform == "win32":
@@ -50,11 +50,11 @@ def cache_folder() -> Path:
 
 
 def certificate_file(hosts: Sequence[str], folder: Path) -> Path:
-    """A PEM file with a private key and a certificate for names and addresses; made if none there is good for all.
+    """A PEM file with a private key and a certificate for some hosts; created if no existing one covers them all.
 
     Args:
         hosts: names and IP addresses.
-        folder: where it is kept; made if need be.
+        folder: where it is kept; created if needed.
 
     Raises:
         PocketGSError: it cannot be written.
@@ -66,7 +66,7 @@ def certificate_file(hosts: Sequence[str], folder: Path) -> Path:
         except OSError as error:
             raise PocketGSError(f"{folder}: cannot be made ({error.strerror or error})") from error
         with replacing(path) as partial:
-            partial.touch(mode=0o600)  # before there is a key in it
+            partial.touch(mode=0o600)  # before the key is written
             partial.write_bytes(_make(hosts, datetime.now(timezone.utc)))
     return path
 
@@ -86,7 +86,7 @@ def _is_good_for(path: Path, hosts: Sequence[str]) -> bool:
     except (OSError, ValueError, TypeError, x509.ExtensionNotFound, UnsupportedAlgorithm):
         return False
     is_pair = key.public_key() == certificate.public_key()
-    return is_pair and left >= LEAST_LEFT and all(_general_name(host) in named for host in hosts)
+    return is_pair and left >= MIN_VALIDITY and all(_general_name(host) in named for host in hosts)
 
 
 def _make(hosts: Sequence[str], now: datetime) -> bytes:
@@ -95,7 +95,7 @@ def _make(hosts: Sequence[str], now: datetime) -> bytes:
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "PocketGS on this machine")])
     extensions: list[tuple[x509.ExtensionType, bool]] = [
         (x509.SubjectAlternativeName([_general_name(host) for host in hosts]), False),
-        # Whoever trusts it trusts it for these hosts only: it cannot sign another.
+        # It is trusted for these hosts only: it cannot sign other certificates.
         (x509.BasicConstraints(ca=False, path_length=None), True),
         (x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), False),
         (x509.SubjectKeyIdentifier.from_public_key(public), False),

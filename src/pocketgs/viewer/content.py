@@ -1,4 +1,4 @@
-"""What the page shows, and what it is told of it."""
+"""The content of the page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.camera_geometry import focus_point, looks_at, upward
 
 UP = (0.0, -1.0, 0.0)
-"""Up in a world of which nothing is known: structure from motion takes the first camera's axes, in which y is down."""
+"""Default up direction: structure from motion uses the first camera's axes, in which y is down."""
 
 JPEG_QUALITY = 95
 
@@ -27,9 +27,9 @@ class View:
     """One of the capture's cameras.
 
     Attributes:
-        name: the photograph's.
-        camera: where it was taken.
-        held_out: whether it is kept for evaluation.
+        name: of the photograph.
+        camera: of the photograph.
+        held_out: whether it is held out for evaluation.
         photo: (H, W, 3) uint8, or None.
     """
 
@@ -41,17 +41,17 @@ class View:
 
 @dataclass(frozen=True)
 class Content:
-    """What the page shows.
+    """The content of the page.
 
     Attributes:
         title: a short name.
-        scene: the file with the Gaussians, or None where they come over the WebSocket.
+        scene: the file with the Gaussians, or None if they come over the WebSocket.
         live: whether the page follows a run.
         background: RGB in [0, 1].
-        views: the capture's cameras, by name.
-        up: (3,) the world's direction.
-        target: (3,) the point to turn about.
-        previews: pictures for browsers without WebGPU, beside their points, by file name.
+        views: the capture's cameras, sorted by name.
+        up: (3,) up direction of the world.
+        target: (3,) the point to orbit.
+        previews: images for browsers without WebGPU, in addition to points, by file name.
     """
 
     title: str
@@ -64,20 +64,20 @@ class Content:
     previews: Mapping[str, Path] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        # Whoever replaces a file by a link later does not have it served: see `open_in_place`.
+        # The file is opened at its real path, so that a link that replaces it later is not served: see `open_in_place`.
         object.__setattr__(self, "scene", self.scene and self.scene.resolve())
         object.__setattr__(self, "previews", {name: path.resolve() for name, path in self.previews.items()})
 
     @property
     def scene_files(self) -> dict[str, Path]:
-        """The scene's file, if there is one, by what it is called on the page."""
+        """The scene's file, if there is one, by its name on the page."""
         return {f"scene{self.scene.suffix.lower()}": self.scene} if self.scene else {}
 
     def to_json(self) -> dict[str, Any]:
         """The content of `viewer.json`.
 
         Raises:
-            OSError: the scene's file is gone.
+            OSError: the scene's file does not exist any more.
         """
         scenes = [{"url": name, "bytes": path.stat().st_size} for name, path in self.scene_files.items()]
         return {
@@ -109,25 +109,25 @@ def _view_to_json(number: int, view: View) -> dict[str, Any]:
 
 
 def capture_views(capture: Capture) -> tuple[View, ...]:
-    """A capture's cameras with their photographs, by name."""
+    """A capture's cameras with their photographs, sorted by name."""
     views = [View(frame.name, frame.camera, False, frame.image) for frame in capture.train]
     views += [View(frame.name, frame.camera, True, frame.image) for frame in capture.held_out]
     return tuple(sorted(views, key=lambda view: view.name))
 
 
 def looked_at(views: Sequence[View]) -> tuple[list[float], list[float]]:
-    """The direction that is up and the point to turn about, (3,) each, as at least one camera tells them."""
+    """The up direction and the point to orbit, (3,) each, from at least one camera."""
     cameras = [view.camera for view in views]
     target = focus_point(cameras)
     if not looks_at(cameras, target):
-        # From cameras that look outwards there is nothing to go around: the first one's view will do.
+        # Cameras that face outwards have no common subject: use the first one's view.
         centres = np.array([camera.centre for camera in cameras])
         target = cameras[0].centre + cameras[0].forward * (float(np.ptp(centres, axis=0).max()) or 1.0)
     return upward(cameras).tolist(), target.tolist()
 
 
 def jpeg(photo: np.ndarray) -> bytes:
-    """A (H, W, 3) uint8 photograph as a JPEG file, hues as sharp as lightness: it is there to compare with."""
+    """Encode a (H, W, 3) uint8 photograph as JPEG without chroma subsampling, for comparisons."""
     content = io.BytesIO()
     Image.fromarray(photo).save(content, "JPEG", quality=JPEG_QUALITY, subsampling=0)
     return content.getvalue()

@@ -1,4 +1,4 @@
-"""The WebSocket by which a page follows a run."""
+"""The WebSocket through which a page follows a run."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from pocketgs.viewer.live import Command, LiveRun
 from pocketgs.viewer.news import Read
 
 SECONDS_BETWEEN_LOOKS = 0.1
-"""How often a page's task looks for news, so that the training thread need not wake it, nor wait for it."""
+"""Polling interval of a page's task, so that the training thread need not wake it or wait for it."""
 
 SECONDS_BETWEEN_PINGS = 20.0
 SECONDS_TO_CLOSE = 1.0
 SECONDS_TO_DISMISS = 2.0
-LARGEST_COMMAND = 256
-"""Bytes of a message from a page."""
+MAX_COMMAND_BYTES = 256
+"""Maximum size of a message from a page, in bytes."""
 
 
 class Followers:
@@ -31,9 +31,9 @@ class Followers:
         self._is_over = False
 
     async def follow(self, request: web.Request) -> web.WebSocketResponse:
-        """Tell a page of the run, and the run what the page asks for, until the page goes or breaks the protocol."""
+        """Send a page the run's news and pass its commands to the run, until it leaves or violates the protocol."""
         page = web.WebSocketResponse(
-            max_msg_size=LARGEST_COMMAND, heartbeat=SECONDS_BETWEEN_PINGS, timeout=SECONDS_TO_CLOSE, compress=False
+            max_msg_size=MAX_COMMAND_BYTES, heartbeat=SECONDS_BETWEEN_PINGS, timeout=SECONDS_TO_CLOSE, compress=False
         )
         await page.prepare(request)
         teller = asyncio.create_task(self._tell(page))
@@ -51,13 +51,13 @@ class Followers:
         return page
 
     async def dismiss(self, _: web.Application) -> None:
-        """Tell the pages what is left to tell, and that the server ends; one that does not listen is left behind."""
+        """Send the remaining news and close; pages that do not respond are dropped."""
         self._is_over = True
         if self._tellers:
             await asyncio.wait(self._tellers, timeout=SECONDS_TO_DISMISS)
 
     async def _tell(self, page: web.WebSocketResponse) -> None:
-        """Send what is new, as fast as the page takes it."""
+        """Send news as fast as the page accepts it."""
         news, read, is_last = self._run.news, Read(), False
         with suppress(ConnectionError), news.reading():
             while not is_last and not page.closed:
@@ -70,7 +70,7 @@ class Followers:
 
 
 def _command(message: WSMessage) -> Command | None:
-    """What a page asks for, or None if it is nothing that the protocol knows."""
+    """The command in a message, or None if it is unknown."""
     if message.type is not WSMsgType.TEXT:
         return None
     try:

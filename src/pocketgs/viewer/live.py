@@ -1,4 +1,4 @@
-"""A training run that pages follow, pause, resume and stop."""
+"""A training run that pages can follow, pause, resume and stop."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ _Fact = TypeVar("_Fact")
 SECONDS_BETWEEN_MESSAGES = 0.25
 SECONDS_BETWEEN_SCENES = 2.0
 SECONDS_BETWEEN_GLANCES = 0.1
-"""How often a paused run looks whether it may go on, whether Ctrl-C was pressed, and who has come to see."""
+"""How often a paused run checks for commands, Ctrl-C and new pages."""
 
 SPZ_VERSION: Final = 3
-"""The last whose packing browsers undo by themselves."""
+"""The last version whose compression browsers decode natively."""
 
-MOST_SAMPLES = 1000
-"""Points of the curves, spread over the run."""
+MAX_SAMPLES = 1000
+"""Maximum number of points of the curves."""
 
 
 class LiveRun:
-    """Tells pages of a run, and does what they ask.
+    """Publishes a run to pages, and obeys their commands.
 
-    The training thread calls the reporter and `finish`; the server's thread reads `news` and calls `obey`. Whatever
-    pages do, training waits for none of them, unless it is paused.
+    The training thread calls the reporter and `finish`; the server's thread reads `news` and calls `obey`. Training
+    never waits for pages, unless it is paused.
 
     Args:
         title: a short name.
-        stages: what to call stages, by name; those that are not in it keep their name.
+        stages: display names of stages; others keep their names.
     """
 
     def __init__(self, title: str, stages: dict[str, str] | None = None) -> None:
@@ -61,7 +61,7 @@ class LiveRun:
         self._scene_iteration = 0
 
     def reporter(self, shown: Reporter) -> Reporter:
-        """A reporter that tells another one, and then the pages."""
+        """A reporter that forwards to another one, and to the pages."""
         self._warn = shown.on_warning
         return replace(
             shown,
@@ -73,10 +73,10 @@ class LiveRun:
         )
 
     def obey(self, command: Command) -> None:
-        """Do what a page asks: of no consequence once the run has ended.
+        """Execute a page's command; ignored once the run has ended.
 
-        "stop" is what Ctrl-C is during training: the run ends after the step under way and keeps what it has. Before
-        training's first step it is remembered until then.
+        "stop" acts like Ctrl-C during training: the run ends after the current step and keeps its scene. Before the
+        first step it is remembered.
         """
         with self._changed:
             if self._over:
@@ -87,7 +87,7 @@ class LiveRun:
             self._changed.notify_all()
 
     def finish(self, result: RunResult) -> None:
-        """Show what came of the run."""
+        """Show the result of the run."""
         with self._changed:
             self._over = True
         self.news.post_content(replace(self.news.content, previews=previews_in(result.folder)))
@@ -99,7 +99,7 @@ class LiveRun:
         self.news.post_progress(iteration=iteration, seconds_left=0.0, gaussians=count, **end)
 
     def _show_stage(self, stage: str) -> None:
-        # Every step of training is one.
+        # Every training step is a stage.
         if stage != self._stage:
             self._stage = stage
             self.news.post_progress(stage=self._stages.get(stage, stage), memory_mb=peak_rss_mb())
@@ -129,12 +129,12 @@ class LiveRun:
             gaussians=progress.gaussians,
             memory_mb=peak_rss_mb(),
         )
-        if progress.fraction - self._sampled_fraction >= 1 / MOST_SAMPLES:
+        if progress.fraction - self._sampled_fraction >= 1 / MAX_SAMPLES:
             self._sampled_fraction = progress.fraction
             self.news.post_sample(progress.iteration, loss, held_out_psnr)
 
     def _offer_scene(self, progress: Progress) -> None:
-        """Have the scene shown as it stands, if anybody is there to see, and it has not just been shown."""
+        """Publish the current scene, if a page is open and the last one is old enough."""
         if not self.news.readers or progress.iteration == self._scene_iteration:
             return
         is_busy = self._encoding is not None and not self._encoding.done()
@@ -147,11 +147,11 @@ class LiveRun:
     def _encode(self, iteration: int, scene: Gaussians) -> None:
         try:
             self.news.post_scene(iteration, spz.encode(scene, SPZ_VERSION))
-        except PocketGSError as error:  # such as a scene that has gone to infinity
-            self._warn(f"the page is not shown iteration {iteration}: {error}")
+        except PocketGSError as error:  # such as a scene that has diverged
+            self._warn(f"iteration {iteration} cannot be shown on the page: {error}")
 
     def _wait(self, progress: Progress) -> None:
-        """Until a page lets the run go on, or Ctrl-C is pressed."""
+        """Wait until a page resumes the run, or Ctrl-C is pressed."""
         while self._paused and not progress.interrupt.requested:
             self._offer_scene(progress)
             with self._changed:
@@ -175,5 +175,5 @@ def _with_cameras(content: Content, capture: Capture) -> Content:
 
 
 def _finite(value: float | None) -> float | None:
-    """JSON knows no NaN, which is what a loss is before it is first asked for."""
+    """Convert NaN to null for JSON; the loss is NaN until it is first read."""
     return value if value is not None and math.isfinite(value) else None

@@ -1,7 +1,7 @@
-"""The latest of everything that pages are told of a run.
+"""The latest state of a run, for pages.
 
-What is posted takes the place of what was posted before, so that a page that reads slowly misses moments and nothing
-piles up, and one that comes late is told all that counts.
+Each post replaces the previous one of its kind, so that slow pages skip states instead of queueing them, and late pages
+receive the current state.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ FIRST_PROGRESS: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Read:
-    """How far a page has read: how often each thing had been posted when it was last told of it."""
+    """A page's position: how often each kind had been posted when the page last read it."""
 
     content: int = 0
     progress: int = 0
@@ -40,10 +40,10 @@ class Read:
 
 
 class News:
-    """Any thread may post and read.
+    """The latest state of a run; thread-safe.
 
     Args:
-        content: what the page shows at first.
+        content: initial content of the page.
     """
 
     def __init__(self, content: Content) -> None:
@@ -56,17 +56,17 @@ class News:
 
     @property
     def content(self) -> Content:
-        """What the page shows now."""
+        """The current content of the page."""
         return self._content
 
     @property
     def readers(self) -> int:
-        """How many pages are there to be told."""
+        """Number of pages that are open."""
         return self._readers
 
     @contextmanager
     def reading(self) -> Iterator[None]:
-        """Count a reader for as long as the block runs."""
+        """Count a reader while the block runs."""
         with self._lock:
             self._readers += 1
         try:
@@ -76,13 +76,13 @@ class News:
                 self._readers -= 1
 
     def post_content(self, content: Content) -> None:
-        """Show other cameras, photographs or previews."""
+        """Replace cameras, photographs or previews."""
         with self._lock:
             self._content = content
             self._contents += 1
 
     def post_progress(self, **changes: Any) -> None:
-        """Say how the run stands, in the fields of FIRST_PROGRESS; those not named stay as they are."""
+        """Update some fields of the progress, see FIRST_PROGRESS."""
         with self._lock:
             self._progress |= changes
             self._progresses += 1
@@ -93,10 +93,10 @@ class News:
             self._samples.append({"iteration": iteration, "loss": loss, "held_out_psnr": held_out_psnr})
 
     def post_scene(self, iteration: int, encoded: bytes) -> None:
-        """Show the scene as it was after an iteration.
+        """Publish the scene of an iteration.
 
         Args:
-            iteration: which.
+            iteration: number of the iteration.
             encoded: the scene as an .spz file.
         """
         with self._lock:
@@ -104,7 +104,7 @@ class News:
             self._scenes += 1
 
     def since(self, read: Read) -> tuple[list[str | bytes], Read]:
-        """The messages that a page has not had, and how far it has read with them."""
+        """The messages that a page has not read yet, and its new position."""
         messages: list[str | bytes] = []
         with self._lock:
             now = Read(self._contents, self._progresses, len(self._samples), self._scenes)

@@ -1,4 +1,4 @@
-"""Which scene files the page can read, and what is served in place of those that it cannot."""
+"""Scene files that the page can read, and conversion of those that it cannot."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from tempfile import TemporaryDirectory
 
 from pocketgs.scene.gaussians import Gaussians
 
-LONGEST_PLY_HEADER = 1 << 16
+MAX_PLY_HEADER_BYTES = 1 << 16
 
 
 @contextmanager
 def readable_file(path: Path, gaussians: Gaussians) -> Iterator[Path]:
-    """The scene's own file where the page reads its format, otherwise a copy as `.ply` for as long as the block runs.
+    """The scene's own file if the page can read it, otherwise a temporary `.ply` copy while the block runs.
 
     Args:
         path: the file.
         gaussians: what is in it.
 
     Raises:
-        PocketGSError: there is no room for a copy.
+        PocketGSError: the copy cannot be written.
     """
     if _is_readable(path):
         yield path
@@ -36,11 +36,11 @@ def _is_readable(path: Path) -> bool:
     if path.suffix.lower() != ".ply":
         return path.suffix.lower() in (".splat", ".spz")
     with path.open("rb") as file:
-        return _is_plain_ply(file.read(LONGEST_PLY_HEADER))
+        return _is_plain_ply(file.read(MAX_PLY_HEADER_BYTES))
 
 
 def _is_plain_ply(start: bytes) -> bool:
-    """Whether a .ply is laid out as the reference implementation's: rows of 32 bit floats and nothing else."""
+    """Whether a .ply has the layout of the reference implementation: rows of 32-bit floats only."""
     header, end, _ = start.partition(b"end_header")
     lines = [line.split() for line in header.splitlines()]
     properties = [words for words in lines if words[:1] == [b"property"]]

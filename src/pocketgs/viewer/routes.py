@@ -1,4 +1,4 @@
-"""What the server answers to which path."""
+"""HTTP routes of the server."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ TYPES = {
     ".svg": "image/svg+xml",
     ".png": "image/png",
 }
-"""By suffix: what the system says of suffixes may be anything. All else is a stream of bytes."""
+"""Content types by suffix; the system's table may be wrong. Everything else is a stream of bytes."""
 
-# The page makes pictures of its own, hence blob: and data: for images.
+# The page creates images itself, so blob: and data: are allowed for images.
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' blob: data:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -44,7 +44,7 @@ HEADERS = {
     "Content-Security-Policy": POLICY,
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
-    "Referrer-Policy": "no-referrer",  # the address holds the secret
+    "Referrer-Policy": "no-referrer",  # the address contains the secret
     "Server": "pocketgs",
     "X-Content-Type-Options": "nosniff",
 }
@@ -54,12 +54,12 @@ Opener = Callable[[Path], BinaryIO]
 
 
 def application(access: Access, content: Callable[[], Content], run: LiveRun | None) -> web.Application:
-    """All that is served, below the token and to those who know it.
+    """The web application. All routes are below the token.
 
     Args:
-        access: who is let in.
-        content: gives what is shown now.
-        run: what pages follow, or None.
+        access: requirements for requests.
+        content: returns the current content.
+        run: to follow, or None.
     """
     routes = _Routes(content, run)
     known = web.Application(middlewares=[_guard(access)])
@@ -97,7 +97,7 @@ def _guard(access: Access) -> Middleware:
 
 
 def _refused(reason: web.HTTPException) -> web.Response:
-    """No more than the reason's name; what else the client may want to send is not read."""
+    """A response with the reason only; the rest of the request is not read."""
     response = web.Response(status=reason.status, text=reason.reason)
     response.force_close()
     return response
@@ -108,7 +108,7 @@ async def _add_headers(_: web.Request, response: web.StreamResponse) -> None:
 
 
 class _Routes:
-    """A method per route."""
+    """One method per route."""
 
     def __init__(self, content: Callable[[], Content], run: LiveRun | None) -> None:
         self._content = content
@@ -169,7 +169,7 @@ def _open(path: Path) -> BinaryIO:
 
 
 async def _file_named(request: web.Request, files: Mapping[str, Path], opened: Opener = _open) -> web.StreamResponse:
-    """The file that a request names, out of those there are: no path is ever made of what a request says."""
+    """Serve a file by its name in a mapping: no path is ever built from a request."""
     path = files.get(request.match_info["name"])
     if path is None:
         raise web.HTTPNotFound
@@ -177,7 +177,7 @@ async def _file_named(request: web.Request, files: Mapping[str, Path], opened: O
 
 
 async def _file(request: web.Request, path: Path, opened: Opener = _open) -> web.StreamResponse:
-    """A file as it is; aiohttp's own FileResponse would send a packed file that happens to lie beside it instead."""
+    """Serve a file as it is; aiohttp's FileResponse would serve a compressed file beside it instead."""
     try:
         file = await asyncio.to_thread(opened, path)
     except OSError as error:
@@ -190,7 +190,7 @@ async def _file(request: web.Request, path: Path, opened: Opener = _open) -> web
         while left and (chunk := await asyncio.to_thread(file.read, min(CHUNK, left))):
             await response.write(chunk)
             left -= len(chunk)
-        if left:  # the file has been cut short meanwhile: so must be the answer
+        if left:  # the file was truncated meanwhile, so the response must fail
             response.force_close()
             raise ConnectionResetError(f"{path}: {left} bytes are gone")
         await response.write_eof()

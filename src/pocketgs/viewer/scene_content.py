@@ -1,4 +1,4 @@
-"""What there is to show of a scene on disk: alone, with its result folder, or with its capture too."""
+"""The content of the page for a scene on disk, with or without its result folder and its capture."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from pocketgs.viewer.content import UP, Content, View, capture_views, looked_at
 def scene_content(
     title: str, scene: Path, gaussians: Gaussians, result: Path | None, capture: Capture | None
 ) -> Content:
-    """Content for a scene that is done.
+    """Make the content for a finished scene.
 
-    Without its capture, the cameras of a result folder are shown without photographs: a result keeps none.
+    Without the capture, the cameras of a result folder are shown without photographs, which results do not contain.
 
     Args:
         title: a short name.
         scene: the file with the Gaussians.
-        gaussians: what is in it.
-        result: the result folder that it stands in, or None.
+        gaussians: its content.
+        result: the result folder that it belongs to, or None.
         capture: with the poses that the scene was trained with, or None.
 
     Raises:
@@ -50,14 +50,14 @@ def scene_content(
 
 
 def previews_in(result: Path) -> dict[str, Path]:
-    """A result's pictures by name, none if it has none; those that lie elsewhere, by a link, are left out."""
+    """A result's images by name; empty if there are none. Links that lead elsewhere are left out."""
     root = result.resolve()
     found = (path for path in sorted((result / PICTURES).glob("*.png")) if path.is_file())
     return {path.name: path for path in found if path.resolve().is_relative_to(root)}
 
 
 def _views_of_result(result: Path, record: dict[str, Any]) -> tuple[View, ...]:
-    """The cameras that a result keeps, by name."""
+    """The cameras in a result folder, sorted by name."""
     path = result / CAMERAS
     if not path.is_file():
         return ()
@@ -73,7 +73,7 @@ def _background(record: dict[str, Any]) -> tuple[float, float, float]:
     colour = capture.get("background") if isinstance(capture, dict) else None
     try:
         return checked_background(colour)
-    except PocketGSError:  # a record of another program, or of a run whose colour nobody can show
+    except PocketGSError:  # written by another program, or not a valid colour
         return (0.0, 0.0, 0.0)
 
 

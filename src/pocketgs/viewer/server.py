@@ -1,4 +1,4 @@
-"""The server of the page, on a thread of its own."""
+"""The server of the page, in a thread of its own."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ SECONDS_TO_STOP = 1.0
 
 @dataclass(frozen=True)
 class Page:
-    """Where the page is.
+    """Addresses of the page.
 
     Attributes:
-        url: its address on this machine; whoever knows it may see the page.
-        network_url: its address in the local network, or None where it is not open to it.
+        url: on this machine; everyone who knows it can see the page.
+        network_url: in the local network, or None if it is not served there.
         fingerprint: SHA-256 of its certificate, or None without one.
     """
 
@@ -46,17 +46,17 @@ class Page:
 def serving(
     shown: Content | LiveRun, *, network: bool = False, port: int = 0, certificates: Path | None = None
 ) -> Iterator[Page]:
-    """Serve the page for as long as the block runs.
+    """Serve the page while the block runs.
 
     Args:
         shown: a scene, or a run to follow.
-        network: serve the local network over https, with a certificate that this machine makes for itself. Otherwise
-            this machine only, over http, which browsers trust there.
-        port: to listen at, or 0 for any that is free.
-        certificates: folder that the certificate is kept in; one in the user's cache folder if None.
+        network: serve the local network over https, with a self-signed certificate. Otherwise serve this machine only,
+            over http, which browsers trust there.
+        port: to listen on, or 0 for any free one.
+        certificates: folder of the certificate; None for the user's cache folder.
 
     Raises:
-        PocketGSError: the port is taken or may not be had, or the certificate cannot be kept.
+        PocketGSError: the port is in use or not available, or the certificate cannot be written.
     """
     addresses = lan_addresses() if network else []
     hosts = list(dict.fromkeys([LOOPBACK, "localhost", *addresses, *(host_names() if network else [])]))
@@ -80,7 +80,7 @@ class _Secret:
 
     @staticmethod
     def of(hosts: list[str], folder: Path | None) -> _Secret:
-        # Loaded where it is of use only: most pages stay on this machine.
+        # Imported here because most pages are served to this machine only.
         from pocketgs.viewer.certificate import cache_folder, certificate_file, fingerprint
 
         path = certificate_file(hosts, folder or cache_folder())
@@ -91,23 +91,23 @@ class _Secret:
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """A socket that connections queue up at.
+    """A listening socket.
 
     Raises:
-        PocketGSError: the port is taken, may not be had, or is none.
+        PocketGSError: the port is in use, not available, or invalid.
     """
     try:
         return socket.create_server((host, port))
     except OverflowError as error:
         raise PocketGSError(f"port {port}: found {port}, expected 0 to 65535") from error
     except OSError as error:
-        reason = "in use" if error.errno == errno.EADDRINUSE else f"not to be had ({error.strerror or error})"
-        raise PocketGSError(f"port {port}: {reason}, expected a free one, or 0 for any that is free") from error
+        reason = "in use" if error.errno == errno.EADDRINUSE else f"not available ({error.strerror or error})"
+        raise PocketGSError(f"port {port}: {reason}, expected a free one, or 0 for any free one") from error
 
 
 @contextmanager
 def _on_a_thread(served: web.Application, listener: socket.socket, secret: ssl.SSLContext | None) -> Iterator[None]:
-    """Answer what comes in at a socket, which is closed at the end, while the block does something else."""
+    """Serve requests in a thread while the block runs; closes the socket at the end."""
     started: Future[Callable[[], object]] = Future()
 
     async def serve() -> None:
@@ -117,7 +117,7 @@ def _on_a_thread(served: web.Application, listener: socket.socket, secret: ssl.S
             access_log=None,
             logger=_logger(),
             shutdown_timeout=SECONDS_TO_STOP,
-            lingering_time=0.0,  # nothing is waited for that nobody reads
+            lingering_time=0.0,  # do not wait for unread requests
         )
         try:
             await runner.setup()
@@ -142,7 +142,7 @@ def _on_a_thread(served: web.Application, listener: socket.socket, secret: ssl.S
 
 
 def _logger() -> logging.Logger:
-    """Our own mistakes are worth a traceback; what strangers send that is no HTTP is not."""
+    """Log our own errors with tracebacks, but not requests that are not HTTP."""
     logger = logging.getLogger("pocketgs.viewer")
     logger.addFilter(_is_ours)
     return logger

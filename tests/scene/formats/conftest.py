@@ -1,4 +1,4 @@
-"""Programs that are not ours, to read what we write and to write what we read."""
+"""Other programs that read and write our formats."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PACKAGES = {
 
 @pytest.fixture(scope="session")
 def node_folder() -> Path:
-    """A folder outside the repository with the packages installed; kept from one session to the next."""
+    """A folder outside the repository with the packages installed, kept between test runs."""
     if not (shutil.which("node") and shutil.which("npm")):
         unavailable("no node and npm: install Node.js 18 or newer to compare with other programs")
     cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "pocketgs-tests"
@@ -77,7 +77,7 @@ def splat_transform(node_folder: Path) -> Callable[..., None]:
 
 @pytest.fixture
 def as_read_elsewhere(splat_transform: Callable[..., None], tmp_path: Path) -> Callable[[Path], Gaussians]:
-    """A function that has splat-transform read a file, and gives what it found in it."""
+    """A function that reads a file with splat-transform and returns the result."""
 
     def read(path: Path) -> Gaussians:
         plain = tmp_path / "elsewhere.ply"

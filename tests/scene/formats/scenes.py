@@ -73,7 +73,7 @@ def opacity_error(first: Gaussians, second: Gaussians) -> float:
 
 
 def load_or_refuse(path: Path) -> None:
-    """Nothing but a sound scene or our own exception may come of a file."""
+    """Any file gives a valid scene or our own exception."""
     try:
         scene = read_scene(path)
     except PocketGSError as error:

@@ -68,7 +68,7 @@ def test_words(path: Path) -> None:
 
 
 def test_file_of_an_earlier_writer(path: Path) -> None:
-    """Chunks without colours: the packed ones are the colours themselves."""
+    """Chunks without colour bounds: packed colours are absolute."""
 
     def drop(elements: dict[str, np.ndarray]) -> None:
         names = [name for name in elements["chunk"].dtype.names if name[4:] not in ("r", "g", "b")]

@@ -1,4 +1,4 @@
-"""glTF: buffers in all places, numbers in all types, nodes that move their Gaussians, and broken files."""
+"""glTF: all kinds of buffers and component types, nodes with transforms, and broken files."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def test_quantised_and_interleaved_numbers(
 
 
 def test_nodes_move_their_gaussians(tmp_path: Path, parts: tuple[dict[str, Any], bytes], scene: Gaussians) -> None:
-    """A mesh shown twice: by a node below another, and by one with a whole matrix."""
+    """A mesh shown twice: by a child node, and by a node with a matrix."""
     document, binary = parts
     first, second = Rotation.from_euler("xyz", [20, 30, -40], degrees=True), Rotation.from_euler("z", 50, degrees=True)
     matrix = np.eye(4)
@@ -186,7 +186,7 @@ def test_meshes_of_different_degrees(tmp_path: Path, parts: tuple[dict[str, Any]
 
 
 def put(*steps: Any) -> Change:
-    """Set what the steps but the last lead to."""
+    """Set the value at a path of keys."""
 
     def change(document: dict[str, Any]) -> None:
         *path, last, value = steps
@@ -205,34 +205,34 @@ SHAPE = (*PRIMITIVE, "extensions", EXTENSION)
     ("change", "message"),
     [
         (put("accessors", 0, "count", 10**12), "shows more Gaussians than it has bytes"),
-        (put("accessors", 0, "count", 6), "6 elements pass the end"),
+        (put("accessors", 0, "count", 6), "6 elements exceed"),
         (put("accessors", 0, "count", -1), "count is -1"),
         (put("accessors", 0, "count", 4), r"attributes of \[4, 5\] Gaussians"),
-        (put("accessors", 0, "byteOffset", 4), "pass the end"),
+        (put("accessors", 0, "byteOffset", 4), "elements exceed"),
         (put("accessors", 0, "bufferView", 99), r"bufferViews\[99\] is missing"),
         (put("accessors", 0, "bufferView", -1), "expected a whole number"),
         (put("accessors", 0, "bufferView", True), "expected a whole number"),
         (put("accessors", 0, "type", "VEC4"), "VEC4 of 5126, expected 3 components"),
         (put("accessors", 0, "componentType", 5125), "VEC3 of 5125"),
         (put("accessors", 0, "sparse", {}), "compressed or sparse"),
-        (put("bufferViews", 0, "byteStride", 0), "pass the end"),
-        (put("bufferViews", 0, "byteLength", 10**9), "pass the end"),
+        (put("bufferViews", 0, "byteStride", 0), "elements exceed"),
+        (put("bufferViews", 0, "byteLength", 10**9), "elements exceed"),
         (put("bufferViews", 0, "buffer", 1), r"buffers\[1\] is missing"),
-        (put("bufferViews", 0, "extensions", {"EXT_meshopt_compression": {}}), "packed with EXT_meshopt_compression"),
+        (put("bufferViews", 0, "extensions", {"EXT_meshopt_compression": {}}), "uses EXT_meshopt_compression"),
         (put("buffers", 0, "byteLength", 10**12), "cut short"),
-        (put("buffers", [5]), "no list of objects"),
+        (put("buffers", [5]), "not a list of objects"),
         (put("nodes", 0, "mesh", 3), r"meshes\[3\] is missing"),
         (put("nodes", 0, "children", [0]), "node 0 is reached twice"),
         (put("nodes", 0, "scale", [1, 2, 1]), "stretches, shears or mirrors"),
         (put("nodes", 0, "scale", [-1, 1, 1]), "stretches, shears or mirrors"),
         (put("nodes", 0, "translation", [float("nan"), 0, 0]), "stretches"),
-        (put("nodes", 0, "matrix", [1, 2, 3]), "not a sound glTF"),
-        (put("nodes", {}), "not a sound glTF|is missing"),
+        (put("nodes", 0, "matrix", [1, 2, 3]), "not a valid glTF"),
+        (put("nodes", {}), "not a valid glTF|is missing"),
         (put("scenes", 0, "nodes", []), "shows no Gaussians"),
         (put("extensionsRequired", ["KHR_draco_mesh_compression"]), "requires KHR_draco_mesh_compression"),
         (put(*SHAPE, "kernel", "customShape"), "kernel 'customShape'"),
         (put(*SHAPE, "colorSpace", "lin_rec709_display"), "'lin_rec709_display'"),
-        (put(*SHAPE, "extensions", {"KHR_spz": {}}), "packed with KHR_spz"),
+        (put(*SHAPE, "extensions", {"KHR_spz": {}}), "uses KHR_spz"),
         (put(*PRIMITIVE, "attributes", {}), "0 coefficients of spherical harmonics"),
         (put(*PRIMITIVE, "attributes", f"{EXTENSION}:SCALE", 0), "negative scales"),
     ],
@@ -272,7 +272,7 @@ def test_one_buffer_shown_too_often(tmp_path: Path, parts: tuple[dict[str, Any],
         (b"{}", "shows no Gaussians"),
         (b"[" * 100_000, "JSON cannot be read"),
         (b'{"buffers": [{"byteLength": 1, "uri": "data:text/plain,a"}]}', "expected base64"),
-        (b'{"buffers": [{"byteLength": 1, "uri": "data:;base64,?"}]}', "base64 cannot be read"),
+        (b'{"buffers": [{"byteLength": 1, "uri": "data:;base64,?"}]}', "base64 cannot be decoded"),
         (b'{"buffers": [{"byteLength": 1}]}', "expected a file or a data URI"),
         (b'{"buffers": [{"byteLength": "1"}]}', "expected a number of bytes"),
         (b"glTF\1\0\0\0\x0c\0\0\0", "version 1 of GLB"),

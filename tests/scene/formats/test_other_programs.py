@@ -1,4 +1,4 @@
-"""Files that go to programs that are not ours, and files that come from them."""
+"""Exchange of files with other programs."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def close(found: Gaussians, expected: Gaussians, means: float, log_scales: float
 def test_ours_elsewhere(
     tmp_path: Path, as_read_elsewhere: Callable[[Path], Gaussians], scene: Gaussians, suffix: str
 ) -> None:
-    """splat-transform finds in our files what our own readers find in them."""
+    """splat-transform reads the same from our files as our own readers."""
     path = tmp_path / f"ours{suffix}"
     write_scene(path, scene)
     theirs = as_read_elsewhere(path)
@@ -52,7 +52,7 @@ def test_ours_elsewhere(
 def test_our_small_spz_elsewhere(
     tmp_path: Path, as_read_elsewhere: Callable[[Path], Gaussians], scene: Gaussians, version: spz.Version
 ) -> None:
-    """splat-transform finds every Gaussian in it, as near to where it was as the precision says."""
+    """splat-transform reads every Gaussian, within the file's precision."""
     scene.log_scales -= 7  # to less than the distances between Gaussians
     spz.write_gaussians(tmp_path / "small.spz", scene, version, SMALL)
     theirs = as_read_elsewhere(tmp_path / "small.spz")
@@ -140,7 +140,7 @@ def test_reference_implementation_of_spz(
     ours: spz.Version,
     precision: Precision,
 ) -> None:
-    """It reads our file, writes it in each version that it can write, and says what it then finds there."""
+    """It reads our file, writes each version that it supports, and reads the same again."""
     spz.write_gaussians(tmp_path / "ours.spz", scene, ours, precision)
     program = """
         import { readFileSync, writeFileSync } from "node:fs";

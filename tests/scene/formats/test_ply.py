@@ -45,7 +45,7 @@ def scene_file(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def module_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """For tests whose examples follow each other within one call."""
+    """For tests that run several examples in one call."""
     return tmp_path_factory.mktemp("ply")
 
 
@@ -155,7 +155,7 @@ def test_damaged_header(module_folder: Path, data: st.DataObject) -> None:
 
 
 def load_or_refuse(path: Path) -> None:
-    """Nothing but a scene or our own exception may come of a file."""
+    """Any file gives a scene or our own exception."""
     try:
         scene = Gaussians.load(path)
     except PocketGSError:
@@ -205,7 +205,7 @@ def test_property_that_is_a_list(tmp_path: Path) -> None:
     properties = "".join(f"property list uchar float {name}\n" for name in LAYOUT + LAYOUT_END)
     numbers = " ".join(["2 0.5 0.5"] * len(LAYOUT + LAYOUT_END))
     path.write_text(f"ply\nformat ascii 1.0\nelement vertex 1\n{properties}end_header\n{numbers}\n")
-    with pytest.raises(PocketGSError, match="'x' is missing or no number"):
+    with pytest.raises(PocketGSError, match="'x' is missing or not a number"):
         Gaussians.load(path)
 
 

@@ -18,12 +18,12 @@ from scene.formats.scenes import load_or_refuse, opacity_error, random_scene, sc
 
 LOSSY = (".compressed.ply", ".spz", ".splat", ".glb")
 COLOUR_RANGE = 0.4
-"""How far .spz lets colours leave 0 to 1."""
+"""Range of colours in .spz beyond 0 to 1."""
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """For tests whose examples follow each other within one call."""
+    """For tests that run several examples in one call."""
     return tmp_path_factory.mktemp("formats")
 
 
@@ -99,7 +99,7 @@ def test_glb(folder: Path, scene: Gaussians) -> None:
 
 @pytest.mark.parametrize("suffix", LOSSY)
 def test_a_second_writing_loses_nothing_more(tmp_path: Path, suffix: str) -> None:
-    """What has been rounded stays where it is, but for a chunk's ends in .compressed.ply."""
+    """A second round trip changes nothing, except at a chunk's bounds in .compressed.ply."""
     once = again(tmp_path, random_scene(500, 2), suffix)
     twice = again(tmp_path, once, suffix)
     rounding = 1e-3 if suffix == ".compressed.ply" else 2e-6

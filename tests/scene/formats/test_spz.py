@@ -1,4 +1,4 @@
-"""`.spz` byte by byte: files of every version put together by hand, and files that lie about what they hold."""
+"""`.spz` byte by byte: files of every version made by hand, and files that state wrong sizes."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def test_fixed_point_uses_its_24_bits(largest: float, bits: int) -> None:
     ("size", "bits"), [(1.0, 2), (1.01, 2), (0.99, 3), (0.26, 4), (4.1, 0), (100.0, 0), (1e-9, 16)]
 )
 def test_steps_that_suit_the_size_of_gaussians(size: float, bits: int) -> None:
-    """Four steps or more in what nine in ten measure, where 24 bits and whole numbers allow it."""
+    """At least four steps in the size of nine in ten Gaussians, as far as 24 bits allow it."""
     assert fractional_bits_for(placed([-100.0, 100.0], size), SMALL) == bits
 
 
@@ -199,7 +199,7 @@ def test_scene_that_is_too_large(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("version", [0, 4, 5, 2**31])
 def test_unknown_version(tmp_path: Path, version: int) -> None:
-    with pytest.raises(PocketGSError, match=f"version {version} in this packing, expected 1 or 2 or 3"):
+    with pytest.raises(PocketGSError, match=f"version {version} in this container, expected 1 or 2 or 3"):
         read(tmp_path, in_gzip(header(version), *streams(3)))
 
 
@@ -265,7 +265,7 @@ def test_too_few_streams(tmp_path: Path) -> None:
 
 
 def test_extensions(tmp_path: Path) -> None:
-    """Unknown ones are stepped over, axes of our kind confirmed, and others refused."""
+    """Unknown ones are skipped, our own axes accepted, and others refused."""
     parts = [part for part in streams(4) if part]
     unknown = struct.pack("<II5s", 0x12340001, 5, b"hello")
     same_axes, other_axes = (struct.pack("<III", 0xADBE0003, 4, axes) for axes in (4, 6))

@@ -37,6 +37,8 @@ CASE = {
     "structural": 1,
     "regularised": 0,
     "collecting": 1,
+    "colours_learned": 0,
+    "photographs": 1,
     "listed": 300,
 }
 
@@ -202,6 +204,8 @@ def test_sizes_are_those_worked_out_by_hand() -> None:
         "photographs": 4 * pixels,
         "replay_cache": pixels * (4 + 24 * 20),
         "loss_parts": 8 * patches,
+        "colours": 4 * 37,
+        "colour_parts": 48 * patches,
         "regulariser_parts": 16,
         "losses": 4 * 4096,
     }

@@ -1,4 +1,4 @@
-"""The built-in demo capture: a walk with a phone around a laid table, ray-cast, with its ground truth."""
+"""The built-in demo capture: a ray-cast phone walk around a laid table, with ground truth."""
 
 from pocketgs.capture.synthetic.folder import read_ground_truth, write_demo
 from pocketgs.capture.synthetic.recording import GroundTruth, demo_capture, demo_ground_truth, true_capture

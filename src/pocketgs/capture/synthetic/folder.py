@@ -1,4 +1,4 @@
-"""The demo capture as a folder in nerfstudio's layout, with the ground truth beside it."""
+"""The demo capture on disk, in nerfstudio's layout, with its ground truth."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from pocketgs.files.atomic_folder import replacing_folder
 from pocketgs.geometry.camera import Camera
 
 GENERATED, MADE_BY = "generated.json", "pocketgs demo"
-"""What marks a folder as the demo's, and says what made it."""
+"""File that marks a folder as a demo, and states the version that made it."""
 
 GROUND_TRUTH = "ground_truth"
-DEPTH_UNIT = 0.0002  # metres a unit: 16 bits reach 13 m
+DEPTH_UNIT = 0.0002  # metres per unit: 16 bits reach 13 m
 
 OPENGL_AXES = np.array([1.0, -1.0, -1.0, 1.0])
 
@@ -32,17 +32,17 @@ OPENGL_AXES = np.array([1.0, -1.0, -1.0, 1.0])
 def write_demo(folder: Path, width: int = 480, height: int = 360, frames: int = 120) -> None:
     """Write `demo_capture` for `open_capture`, and `demo_ground_truth` for `read_ground_truth`.
 
-    A folder that holds just that already is left as it is; one that holds an earlier demo is replaced. The folder
-    appears when it is complete: an interruption leaves what was there before.
+    A folder that already holds this demo is kept; an older demo is replaced. The folder is written atomically: an
+    interruption leaves the earlier content.
 
     Args:
-        folder: where to; its parents are made.
+        folder: target; parents are created.
         width: as in `demo_capture`.
         height: as in `demo_capture`.
         frames: as in `demo_capture`.
 
     Raises:
-        PocketGSError: the folder holds anything else than a demo, it cannot be written, or as `demo_capture`.
+        PocketGSError: the folder holds anything but a demo, or cannot be written, or as `demo_capture`.
     """
     check_sizes(width, height, frames)
     stamp = {"made_by": MADE_BY, "generator": _digest(), "width": width, "height": height, "frames": frames}
@@ -57,7 +57,7 @@ def write_demo(folder: Path, width: int = 480, height: int = 360, frames: int = 
 
 
 def read_ground_truth(folder: Path) -> GroundTruth:
-    """The ground truth that `write_demo` left in a folder, depths rounded to 0.2 mm.
+    """Read the ground truth that `write_demo` wrote, depths rounded to 0.2 mm.
 
     Raises:
         PocketGSError: it is missing or damaged.
@@ -70,12 +70,12 @@ def read_ground_truth(folder: Path) -> GroundTruth:
 
 
 def write_frames(folder: Path, frames: Sequence[Frame], held_out: Collection[int] = ()) -> None:
-    """Write posed photographs, in metres, as nerfstudio does; the folder must not exist yet.
+    """Write posed photographs, in metres, in nerfstudio's format; the folder must not exist yet.
 
     Args:
-        folder: where to.
-        frames: what to write.
-        held_out: numbers of the frames to hold out; without any, the file states no split.
+        folder: target.
+        frames: to write.
+        held_out: indices of the frames to hold out; if empty, the file states no split.
     """
     (folder / "images").mkdir(parents=True)
     for frame in frames:
@@ -101,7 +101,7 @@ def _write(folder: Path, width: int, height: int, frames: int) -> None:
         "test_filenames": [frame_name(shot) for shot in shots if shot.held_out],
     }
     sensed = _transforms([shot.sensed for shot in shots], [frame_name(shot) for shot in shots])
-    # Its images are the depth maps themselves: a reader's paths may not climb out of its folder.
+    # The depth maps are its images: paths in a capture may not leave its folder.
     true = _transforms([shot.camera for shot in shots], [_depth_name(shot) for shot in shots])
     for fields in true["frames"]:
         fields["depth_file_path"] = fields["file_path"]
@@ -114,7 +114,7 @@ def _depth_name(shot: Shot) -> str:
 
 
 def _transforms(cameras: Sequence[Camera], names: Sequence[str]) -> dict[str, Any]:
-    """What nerfstudio's transforms.json holds: poses are camera to world, in OpenGL's axes."""
+    """Content of nerfstudio's transforms.json: poses are camera to world, in OpenGL axes."""
     first = cameras[0]
     return {
         "camera_model": "PINHOLE",
@@ -133,7 +133,7 @@ def _transforms(cameras: Sequence[Camera], names: Sequence[str]) -> dict[str, An
 
 
 def _write_png(path: Path, pixels: np.ndarray) -> None:
-    # Noise hardly compresses, however long one tries.
+    # Noise hardly compresses at any level.
     Image.fromarray(pixels).save(path, compress_level=1)
 
 
@@ -142,7 +142,7 @@ def _write_json(path: Path, content: dict[str, Any]) -> None:
 
 
 def _read_stamp(folder: Path) -> dict[str, Any] | None:
-    """What the demo in a folder was made by, or None where there is nothing to lose.
+    """The stamp of the demo in a folder; None if the folder is empty or missing.
 
     Raises:
         PocketGSError: the folder is a file, or was not made by `write_demo`.
@@ -159,14 +159,14 @@ def _read_stamp(folder: Path) -> dict[str, Any] | None:
 
 
 def _is_whole(folder: Path, frames: int) -> bool:
-    """Whether nobody has taken anything out of a demo's folder."""
+    """Whether all files of a demo are still there."""
     parts = (folder / "images", folder / GROUND_TRUTH / "depth")
     pictures = all(len(list(part.glob("*.png"))) == frames for part in parts)
     return pictures and all((part / "transforms.json").is_file() for part in (folder, folder / GROUND_TRUTH))
 
 
 def _digest() -> str:
-    """What identifies the sources that the demo's pictures follow from."""
+    """Digest of the sources that determine the demo's images."""
     digest = hashlib.sha256()
     for path in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(path.read_bytes())

@@ -1,7 +1,7 @@
-"""The light that comes along a ray of the demo scene. It is linear, as physics has it.
+"""Shading of the demo scene, in linear light.
 
-Surfaces are matt under a sky, dimmed near bulky neighbours, and a sun that casts shadows; glossy ones add the sun's
-highlight (Phong, 1975) and a mirror image of the room by Schlick's approximation (1994) of Fresnel's law.
+Surfaces are diffuse under a sky with ambient occlusion and a sun with shadows; glossy ones add the sun's highlight
+(Phong, 1975) and a reflection of the room with Schlick's approximation (1994) of Fresnel's law.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from pocketgs.system.compile import part
 SUNLIGHT = (1.25, 1.13, 0.94)
 SKYLIGHT = (0.4, 0.44, 0.5)
 HIGHLIGHT, HIGHLIGHT_EXPONENT = 12.0, 180.0
-START_OFF = 1e-4  # metres off a surface, so that rounding does not let it shade itself
+START_OFF = 1e-4  # metres off a surface, so that it does not shadow itself through rounding
 
 
 @part
 def light_along(
     scene: Scene, origin: Vector, direction: Vector, distance: float, index: int, sun: Vector, spread: float
 ) -> Vector:
-    """Linear RGB that comes along a ray from where it hits a part, with one mirror image.
+    """Linear RGB along a ray that hits a part, with one reflection.
 
-    `spread` is a pixel's width at t = 1.
+    `spread` is the width of a pixel at t = 1.
     """
     red, green, blue = 0.0, 0.0, 0.0
     share, travelled = 1.0, 0.0
@@ -69,7 +69,7 @@ def light_along(
 
 @part
 def towards_sun(across: float, down: float) -> Vector:
-    """Unit direction of a place on the sun's disc, here a square large enough to soften shadows."""
+    """Unit direction to a point of the sun's disc, here a square large enough to soften shadows."""
     x = TOWARDS_SUN[0] + SUN_SPREAD * (across - 0.5)
     y = TOWARDS_SUN[1] + SUN_SPREAD * (down - 0.5)
     return unit_vector((x, y, TOWARDS_SUN[2]))
@@ -77,12 +77,12 @@ def towards_sun(across: float, down: float) -> Vector:
 
 @part
 def _surface(scene: Scene, index: int, point: Vector, towards: Vector, width: float) -> tuple[Vector, Vector]:
-    """Unit normal and linear albedo at a point of a part; `width` is what a pixel covers, seen head-on."""
+    """Unit normal and linear albedo at a point of a part; `width` is the size of a pixel there, seen head-on."""
     unit = into(scene, index, point, 1.0)
     shape = scene.shapes[index]
     outward, u, v = normal_and_place(shape, scene.tapers[index], unit)
     matrix = scene.world_to_unit[index]
-    # Normals go by the inverse transpose of the map from the unit shape to the world.
+    # Normals transform by the inverse transpose of the map from the unit shape to the world.
     normal = unit_vector(
         (
             matrix[0, 0] * outward[0] + matrix[1, 0] * outward[1] + matrix[2, 0] * outward[2],
@@ -100,7 +100,7 @@ def _surface(scene: Scene, index: int, point: Vector, towards: Vector, width: fl
         u, v = u * half[0], v * half[2]
     paint = scene.paints[index]
     light, dark = (paint[0, 0], paint[0, 1], paint[0, 2]), (paint[1, 0], paint[1, 1], paint[1, 2])
-    # A slanted surface shows more of itself in a pixel; between the two directions, as the eye judges it.
+    # A pixel covers more of a slanted surface: use the geometric mean of the two directions.
     slant = max(-dot(normal, towards), 0.1)
     x, y, z = unit[0] * half[0], unit[1] * half[1], unit[2] * half[2]
     shown = colour_at(scene.materials[index], x, y, z, u, v, width / math.sqrt(slant), light, dark)
@@ -109,7 +109,7 @@ def _surface(scene: Scene, index: int, point: Vector, towards: Vector, width: fl
 
 @part
 def _ambient(scene: Scene, point: Vector, normal: Vector) -> float:
-    """Part of the skylight that reaches a point: more from above, less near balls that stand for bulky things."""
+    """Fraction of the skylight that reaches a point: more from above, less near the occluding balls of bulky parts."""
     open_sky = 1.0
     for index in range(len(scene.dimming)):
         ball = scene.dimming[index]
@@ -117,14 +117,14 @@ def _ambient(scene: Scene, point: Vector, normal: Vector) -> float:
         rise, square = dot(normal, towards), dot(towards, towards)
         disc = ball[3] * ball[3]
         if rise > 0 and disc > 0.004 * square:
-            # The part of the cosine-weighted half-space that a ball wholly above the horizon covers (Quilez, 2006).
+            # Fraction of the cosine-weighted hemisphere that a ball fully above the horizon covers (Quilez, 2006).
             open_sky *= 1 - 0.9 * min(disc / square, 1.0) * rise / math.sqrt(square)
     return open_sky * (0.8 + 0.2 * normal[2])
 
 
 @part
 def _sky(direction: Vector) -> Vector:
-    """What glossy surfaces mirror where the room is open: a bright ceiling, and a tall window with a cross."""
+    """Environment for reflections where the room is open: a bright ceiling, and a tall window with a cross."""
     rise = direction[2]
     turn = math.atan2(direction[1], direction[0])
     across, up = abs(turn + 0.9), abs(rise - 0.42)

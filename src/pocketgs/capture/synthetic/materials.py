@@ -1,8 +1,8 @@
 """Procedural textures of the demo scene.
 
 A texture is a function of the position on a surface in metres: (u, v) along it and (x, y, z) in the object's own axes.
-`pixel` is the length that a pixel covers there; the finest detail is about two pixels of the demo's default size.
-Colours are RGB in [0, 1], display-referred. Every part of the scene brings two colours of its own, `light` and `dark`.
+`pixel` is the length that a pixel covers there; the finest detail is about two pixels at the demo's default size.
+Colours are RGB in [0, 1], display-referred. Every part of the scene has two colours of its own, `light` and `dark`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ PETALS = np.array([(236, 190, 92), (226, 110, 88), (244, 236, 218), (140, 190, 1
 def colour_at(
     material: int, x: float, y: float, z: float, u: float, v: float, pixel: float, light: Colour, dark: Colour
 ) -> Colour:
-    """The texture numbered `material` at one point; see the module's docstring."""
+    """Evaluate the texture with number `material` at a point; see the module's docstring."""
     if material == WOOD:
         return _wood(x, y, z, pixel, light, dark)
     if material == PLANKS:
@@ -93,7 +93,7 @@ def _bricks(u: float, v: float, pixel: float) -> Colour:
 
 @part
 def _wallpaper(u: float, v: float, pixel: float, light: Colour, dark: Colour) -> Colour:
-    """Flowers and berries on a striped paper, every one turned and coloured at random."""
+    """Flowers and berries on striped paper, each rotated and coloured at random."""
     column, row = math.floor(u / 0.15), math.floor(v / 0.15)
     east, north = u / 0.15 - column - 0.5, v / 0.15 - row - 0.5
     chance = random_at(column, row, 5)
@@ -109,7 +109,7 @@ def _wallpaper(u: float, v: float, pixel: float, light: Colour, dark: Colour) ->
 
 @part
 def _weave(u: float, v: float, light: Colour, dark: Colour) -> Colour:
-    """Truchet's tiles (Smith, 1987): arcs that meet across the borders of cells, on a ground of many colours."""
+    """Truchet tiles (Smith, 1987): arcs that meet across cell borders, on a multicoloured ground."""
     column, row = math.floor(u / 0.085), math.floor(v / 0.085)
     east, north = u / 0.085 - column, v / 0.085 - row
     chance = random_at(column, row, 9)
@@ -126,11 +126,11 @@ def _weave(u: float, v: float, light: Colour, dark: Colour) -> Colour:
 
 @part
 def _terrazzo(x: float, y: float, z: float, light: Colour) -> Colour:
-    """Chips of coloured stone, 1 to 2 cm, all through a pale body."""
+    """Chips of coloured stone, 1 to 2 cm, throughout a pale body."""
     i, j, k = math.floor(x / 0.026), math.floor(y / 0.026), math.floor(z / 0.026)
     chance = random_at(i, j, k)
     east, north, up = x / 0.026 - i - 0.5, y / 0.026 - j - 0.5, z / 0.026 - k - 0.5
-    # Chips are flattened, each in its own direction, and fill their cells by a different amount.
+    # Chips are flattened, each in its own direction, and fill their cells to different degrees.
     slant = east * (chance - 0.5) + north * (random_at(i, j, k + 71) - 0.5)
     if east * east + north * north + up * up + 2 * slant < 0.05 + 0.17 * chance:
         return _pick(CHEERFUL, random_at(i, j, k + 37))
@@ -164,7 +164,7 @@ def _beach_ball(x: float, y: float, z: float, pixel: float) -> Colour:
 
 @part
 def _lettering(u: float, v: float, light: Colour, dark: Colour) -> Colour:
-    """Lines of something like print."""
+    """Lines that resemble print."""
     line = math.floor(v / 0.022)
     letter = math.floor(u / 0.009)
     word = random_at(math.floor(u / 0.045), line, 13) < 0.8
@@ -174,18 +174,18 @@ def _lettering(u: float, v: float, light: Colour, dark: Colour) -> Colour:
 
 @part
 def _stickers(x: float, y: float, z: float, u: float, v: float, dark: Colour) -> Colour:
-    """Squares of 6 cm in random colours with a smaller one in each, parted by dark gaps."""
+    """Squares of 6 cm in random colours, each with a smaller one inside, separated by dark gaps."""
     gap = min(_to_border(u / 0.06), _to_border(v / 0.06))
     if gap < 0.08:
         return dark
-    # Pulled in a little: on the very face its coordinate would fall on either side of a cell's border.
+    # Moved in a little: exactly on the face, coordinates would fall on either side of a cell's border.
     i, j, k = math.floor(x / 0.0606), math.floor(y / 0.0606), math.floor(z / 0.0606)
     return _pick(CHEERFUL, random_at(i, j, k + (15 if gap > 0.28 else 30)))
 
 
 @part
 def _speckle(u: float, v: float, layer: int) -> float:
-    """Distance from the point that stands somewhere in the middle of this unit cell; 1 where the cell has none."""
+    """Distance from the cell's random point near its middle; 1 if the cell has none."""
     column, row = math.floor(u), math.floor(v)
     if random_at(column, row, 20 + layer) < 0.55:
         return 1.0
@@ -196,7 +196,7 @@ def _speckle(u: float, v: float, layer: int) -> float:
 
 @part
 def _pick(palette: np.ndarray, chance: float) -> Colour:
-    """One of a palette's colours for a number in [0, 1)."""
+    """Choose a palette colour by a number in [0, 1)."""
     colour = palette[int(chance * len(palette))]
     return (colour[0] / 255, colour[1] / 255, colour[2] / 255)
 

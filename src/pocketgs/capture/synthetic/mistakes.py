@@ -1,6 +1,6 @@
-"""Captures as beginners make them: one mistake each, in the demo's room, to test by and to show in the docs.
+"""Captures with typical beginners' mistakes, one each, in the demo's room: for tests and for the docs.
 
-The poses are the true ones unless they are the mistake. Photographs carry a phone's noise.
+Poses are true unless they are the mistake. Photographs have a phone's noise.
 """
 
 from __future__ import annotations
@@ -22,37 +22,37 @@ from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera, look_at
 
 STRETCH = (6.0, 18.0)
-"""Seconds of the walk that these captures show: some 75 degrees of the arc."""
+"""Seconds of the walk that these captures cover: some 75 degrees of the arc."""
 
 HELD_OUT = (4, 12)
-"""Frames that are held out: none at an end, where nothing but a guess could be shown."""
+"""Indices of the held-out frames: none at an end, where rendering would be extrapolation."""
 
 SAMPLES, BLURRED_SAMPLES = 4, 16
 SHAKE = np.radians(7)
-"""How far a phone that is swung turns while the shutter is open."""
+"""Angle by which a swung phone turns during the exposure."""
 
 STRANGER = 9
-"""The photograph of another place."""
+"""Index of the photograph of another place."""
 
 STOPS_APART = 2.0
 WRONG_BY = 0.2
 """Metres."""
 
 NIGHT, AMPLIFIED = 1 / 600, 0.3
-"""Light there is, of that by day; and display values after the camera has amplified it, of those by day."""
+"""Light level relative to day; and display values after amplification, relative to day."""
 
 
 @dataclass(frozen=True)
 class Taken:
-    """A photograph and what its camera is believed to be.
+    """A photograph with its true and its stated camera.
 
     Attributes:
-        scene: that it shows.
-        camera: the true one.
-        believed: the one that is written down.
-        gain: factor on its display-referred values.
-        light: factor on the light, which the sensor amplifies back.
-        turn: angle in radians by which the camera turns while the shutter is open.
+        scene: the scene in it.
+        camera: the true camera.
+        believed: the camera that is written to the capture.
+        gain: factor on display-referred values.
+        light: factor on the light, which the sensor compensates by amplification.
+        turn: angle in radians by which the camera turns during the exposure.
     """
 
     scene: Scene
@@ -69,7 +69,7 @@ def _good(cameras: Sequence[Camera]) -> list[Taken]:
 
 
 def _turning(cameras: Sequence[Camera]) -> list[Taken]:
-    """On the spot, from one wall to the other."""
+    """Rotation on the spot, from one wall to the other."""
     eye = cameras[len(cameras) // 2].centre
     ahead = np.arctan2(*(LOOK_AT - eye)[1::-1])
     angles = ahead + np.linspace(-0.6, 0.6, len(cameras))
@@ -88,7 +88,7 @@ def _two(cameras: Sequence[Camera]) -> list[Taken]:
 
 
 def _duplicates(cameras: Sequence[Camera]) -> list[Taken]:
-    """Every photograph three times over, as from a phone that was held still now and then."""
+    """Every photograph three times, as from a phone that was held still now and then."""
     return _good([camera for camera in cameras[::3] for _ in range(3)][: len(cameras)])
 
 
@@ -105,7 +105,7 @@ def _blank(cameras: Sequence[Camera]) -> list[Taken]:
 
 
 def _displaced(cameras: Sequence[Camera]) -> list[Taken]:
-    """Every other pose wrong by 20 cm, each in a direction of its own."""
+    """Every other pose off by 20 cm in a random direction."""
     generator = np.random.default_rng(5)
     taken = []
     for number, shot in enumerate(_good(cameras)):
@@ -118,7 +118,7 @@ def _displaced(cameras: Sequence[Camera]) -> list[Taken]:
 
 
 def _stranger(cameras: Sequence[Camera]) -> list[Taken]:
-    """One photograph of another place among them."""
+    """One photograph of another place."""
     taken = _good(cameras)
     elsewhere = look_at(np.array([6.5, -1.0, 1.4]), np.array([7.5, WALL, 1.0]), np.array([0.0, 0.0, 1.0]))
     taken[STRANGER] = replace(taken[STRANGER], camera=replace(taken[STRANGER].camera, world_to_camera=elsewhere))
@@ -126,8 +126,8 @@ def _stranger(cameras: Sequence[Camera]) -> list[Taken]:
 
 
 def _flicker(cameras: Sequence[Camera]) -> list[Taken]:
-    """Exposure alternates by two stops; held-out photographs are taken at the mean."""
-    factor = 2 ** (STOPS_APART / 2 / 2)  # half of it to either side; a display's value is the root of the light
+    """Exposure alternates by two stops; held-out photographs have the mean."""
+    factor = 2 ** (STOPS_APART / 2 / 2)  # half to either side; a display value is the square root of the light
     gains = [1.0 if number in HELD_OUT else factor ** (-1) ** number for number in range(len(cameras))]
     return [replace(shot, gain=gain) for shot, gain in zip(_good(cameras), gains, strict=True)]
 
@@ -144,7 +144,7 @@ def _night(cameras: Sequence[Camera]) -> list[Taken]:
 
 
 def _swung(cameras: Sequence[Camera]) -> list[Taken]:
-    """The phone is swung, and the shutter is too slow for it."""
+    """The phone is swung while a slow shutter is open."""
     return [replace(shot, turn=SHAKE) for shot in _good(cameras)]
 
 
@@ -161,24 +161,24 @@ MISTAKES: dict[str, Callable[[Sequence[Camera]], list[Taken]]] = {
     "night": _night,
     "swung": _swung,
 }
-"""What goes wrong, by name."""
+"""Makers of the captures, by name of the mistake."""
 
 
 def write_mistake(name: str, folder: Path, width: int = 160, height: int = 120, frames: int = 16) -> list[Taken]:
-    """Write a capture with one mistake as nerfstudio does: `transforms.json` and `images/`.
+    """Write a capture with one mistake in nerfstudio's format: `transforms.json` and `images/`.
 
     Args:
         name: one of `MISTAKES`.
-        folder: where to; it must not exist yet.
+        folder: target; it must not exist yet.
         width: of the images, in pixels.
         height: of the images, in pixels.
-        frames: number of images, ten at least; "two" writes two.
+        frames: number of images, at least ten; "two" writes two.
 
     Returns:
-        What was taken, in order.
+        The shots, in order.
 
     Raises:
-        PocketGSError: there is no mistake of that name.
+        PocketGSError: the mistake is unknown.
     """
     if name not in MISTAKES:
         raise PocketGSError(f"mistake: found {name!r}, expected one of {', '.join(MISTAKES)}")
@@ -196,24 +196,24 @@ def write_mistake(name: str, folder: Path, width: int = 160, height: int = 120, 
 
 
 def noiseless(shot: Taken) -> np.ndarray:
-    """(H, W, 3) float32 display values in [0, 1]: what a shot would show if nothing but its exposure were wrong."""
+    """(H, W, 3) float32 display values in [0, 1]: the shot without noise or blur, with its exposure."""
     light, _ = expose(shot.scene, shot.camera, _through(replace(shot, turn=0.0)))
     return np.clip(np.sqrt(light) * np.float32(shot.gain), 0, 1)
 
 
 def _photographed(shot: Taken, number: int) -> np.ndarray:
-    """(H, W, 3) uint8: what the sensor makes of a shot."""
+    """(H, W, 3) uint8 image from the sensor, with noise."""
     light, _ = expose(shot.scene, shot.camera, _through(shot))
     shown = np.sqrt(light)
-    # Of less light fewer photons arrive: amplified, their noise grows with the root, the sensor's own in proportion.
-    # A display's value is the root of the light, so that the amplification counts by its root too.
+    # Less light means fewer photons. After amplification, shot noise grows with the square root and read noise in
+    # proportion. A display value is the square root of the light, so amplification also counts by its root.
     spread = np.sqrt(READ_NOISE**2 / shot.light + SHOT_NOISE**2 * np.minimum(shown, 1) / shot.light)
     noise = np.random.default_rng((7, number)).standard_normal(shown.shape, np.float32)
     return quantised(((shown + noise * spread) * shot.gain).astype(np.float32))
 
 
 def _through(shot: Taken) -> np.ndarray:
-    """(S, 3, 4) poses through the exposure, camera to world."""
+    """(S, 3, 4) camera-to-world poses during the exposure."""
     samples = BLURRED_SAMPLES if shot.turn else SAMPLES
     poses = []
     for angle in (shot.turn * np.fft.fftfreq(samples)).tolist():

@@ -1,4 +1,4 @@
-"""Randomness as a function of position, so that every view of the demo scene agrees on it."""
+"""Random values as functions of position, so that all views of the demo scene agree."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pocketgs.system.compile import part
 
 @part
 def random_at(i: int, j: int, k: int) -> float:
-    """A number in [0, 1), always the same for the same integer cell."""
+    """A number in [0, 1), the same for the same integer cell."""
     mixed = (i * 73856093) ^ (j * 19349663) ^ (k * 83492791)
-    # Murmur's finaliser (Appleby, 2008), in 64 bits cut to 32: neighbouring cells must not look alike.
+    # Murmur's finaliser (Appleby, 2008), in 64 bits truncated to 32: neighbouring cells must be uncorrelated.
     mixed &= 0xFFFFFFFF
     mixed = ((mixed ^ (mixed >> 16)) * 0x85EBCA6B) & 0xFFFFFFFF
     mixed = ((mixed ^ (mixed >> 13)) * 0xC2B2AE35) & 0xFFFFFFFF
@@ -20,10 +20,10 @@ def random_at(i: int, j: int, k: int) -> float:
 
 @part
 def noise(x: float, y: float, z: float, pixel: float) -> float:
-    """Smooth noise in [0, 1]: random values at integer coordinates, interpolated.
+    """Smooth value noise in [0, 1]: random values at integer coordinates, interpolated.
 
-    One cell of the noise is one unit, and so is `pixel`, the length that a pixel covers. Below two pixels a cell the
-    noise fades to its mean, as a lens would blur it.
+    `pixel` is the length that a pixel covers, in cells. Below two pixels per cell the noise fades to its mean, as a
+    lens would blur it.
     """
     strength = min(max(2 - 2 * pixel, 0.0), 1.0)
     if strength == 0:
@@ -40,5 +40,5 @@ def noise(x: float, y: float, z: float, pixel: float) -> float:
 
 @part
 def _eased(fraction: float) -> float:
-    """Hermite's cubic: no creases at the borders of cells."""
+    """Cubic Hermite interpolation: no creases at cell borders."""
     return fraction * fraction * (3 - 2 * fraction)

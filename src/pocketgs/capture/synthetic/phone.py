@@ -1,8 +1,8 @@
-"""The phone that films the walk: a drifting tracker, blur, automatic exposure and sensor noise, all from one seed.
+"""A simulated phone: tracking drift, motion blur, automatic exposure and sensor noise, all from one seed.
 
-As measured on the default 120 frames: after similarity alignment the tracker's positions are 2.6 cm off on average and
-5.2 cm at most (3.4 and 7.8 cm without), its directions 0.8 degrees on average and 1.7 at most. 27 frames are blurred,
-by 1 to 6 pixels at the table; exposure and white balance move display values by up to 15 %.
+Measured on the default 120 frames: after similarity alignment the tracked positions are off by 2.6 cm on average and
+5.2 cm at most (3.4 and 7.8 cm without), the directions by 0.8 degrees on average and 1.7 at most. 27 frames are
+blurred, by 1 to 6 pixels at the table; exposure and white balance change display values by up to 15 %.
 """
 
 from __future__ import annotations
@@ -21,32 +21,32 @@ HOLD_OUT_EVERY = 8
 SEED = 20_26
 
 SHARP_SAMPLES, BLURRED_SAMPLES = 4, 6
-BLURRED_SHARE = 0.2  # of the frames to train on
-SHUTTER = (1 / 30, 1 / 7)  # seconds that blurred frames are exposed for, from least to most
+BLURRED_SHARE = 0.2  # of the training frames
+SHUTTER = (1 / 30, 1 / 7)  # exposure times of blurred frames in seconds, minimum and maximum
 
-# Standard deviations on each axis: of the drift at the walk's end, and of what is added to every frame.
+# Standard deviations per axis: of the drift at the walk's end, and of the error added to every frame.
 DRIFT_METRES, DRIFT_DEGREES, DRIFT_STEPS = 0.045, 0.6, 500
 JITTER_METRES, JITTER_DEGREES = 0.004, 0.15
 
 EXPOSURE_SEED = 9
 EXPOSURE_HELD = (0.2, 1.2)  # seconds
-MOST_EXPOSURE = 0.13
+MAX_EXPOSURE = 0.13
 
-READ_NOISE, SHOT_NOISE = 0.9 / 255, 1.6 / 255  # standard deviations in the dark, and what white adds to it
+READ_NOISE, SHOT_NOISE = 0.9 / 255, 1.6 / 255  # standard deviations at black, and the addition at white
 
 
 @dataclass(frozen=True)
 class Shot:
-    """One frame before it is taken.
+    """The plan of one photograph.
 
     Attributes:
         index: in the walk, from 0.
-        camera: where the phone truly is in the middle of the exposure.
-        sensed: where its tracker believes it to be.
-        poses: (S, 3, 4) true poses, camera to world, through the exposure, one for each ray of a pixel; the first is
-            that of `camera`.
+        camera: true camera at the middle of the exposure.
+        sensed: camera that the phone's tracker reports.
+        poses: (S, 3, 4) true camera-to-world poses during the exposure, one per ray of a pixel; the first is that of
+            `camera`.
         gain: (3,) of automatic exposure and white balance, on display-referred RGB.
-        held_out: whether it is kept for evaluation: sharp, and with a gain of 1.
+        held_out: whether it is held out: sharp, and with a gain of 1.
     """
 
     index: int
@@ -58,7 +58,7 @@ class Shot:
 
 
 def plan_shots(width: int, height: int, frames: int) -> list[Shot]:
-    """The walk's shots, evenly spread over its time however many there are."""
+    """The walk's shots, equally spaced in time."""
     generator = np.random.default_rng(SEED)
     times = np.linspace(0, DURATION, frames)
     drift = _drift(times, generator)
@@ -81,21 +81,21 @@ def plan_shots(width: int, height: int, frames: int) -> list[Shot]:
 
 
 def photograph(scene: Scene, shot: Shot) -> tuple[np.ndarray, np.ndarray]:
-    """Take a shot.
+    """Photograph a shot.
 
     Returns:
-        (H, W, 3) uint8 image and (H, W) float32 depth of its pixels' centres at the true pose.
+        (H, W, 3) uint8 image and (H, W) float32 depth at pixel centres from the true pose.
     """
     light, depth = expose(scene, shot.camera, shot.poses)
     shown = np.sqrt(light) * shot.gain.astype(np.float32)
     noise = np.random.default_rng((SEED, shot.index)).standard_normal(shown.shape, np.float32)
-    # Photons arrive at random: their noise's variance grows with their number.
+    # Shot noise: the variance grows with the number of photons.
     shown += noise * np.sqrt(READ_NOISE**2 + SHOT_NOISE**2 * np.minimum(shown, 1))
     return quantised(shown), depth
 
 
 def expose(scene: Scene, camera: Camera, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W, 3) float32 linear light through the poses of an exposure, and (H, W) float32 depth at the first."""
+    """(H, W, 3) float32 linear light averaged over the poses, and (H, W) float32 depth at the first pose."""
     light = np.empty((camera.height, camera.width, 3), np.float32)
     depth = np.empty((camera.height, camera.width), np.float32)
     ray_cast(scene, camera.fx, poses, light, depth)
@@ -103,12 +103,12 @@ def expose(scene: Scene, camera: Camera, poses: np.ndarray) -> tuple[np.ndarray,
 
 
 def quantised(shown: np.ndarray) -> np.ndarray:
-    """Display-referred values as uint8."""
+    """Round display-referred values to uint8."""
     return np.round(255 * np.clip(shown, 0, 1)).astype(np.uint8)
 
 
 def _drift(times: np.ndarray, generator: np.random.Generator) -> np.ndarray:
-    """(T, 6) metres and radians: a random walk over the whole time, whichever moments of it are asked for."""
+    """(T, 6) metres and radians: a random walk over the whole time, sampled at the given moments."""
     steps = generator.normal(size=(DRIFT_STEPS, 6)) / np.sqrt(DRIFT_STEPS)
     walk = np.cumsum(steps, axis=0) * np.repeat([DRIFT_METRES, np.radians(DRIFT_DEGREES)], 3)
     moments = np.linspace(0, DURATION, DRIFT_STEPS)
@@ -116,7 +116,7 @@ def _drift(times: np.ndarray, generator: np.random.Generator) -> np.ndarray:
 
 
 def _displaced(camera: Camera, error: np.ndarray) -> Camera:
-    """The camera moved by `error[:3]` in the world and turned about its own axes by `error[3:]`."""
+    """The camera translated by `error[:3]` in the world and rotated about its own axes by `error[3:]`."""
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_rotvec(error[3:]).as_matrix() @ camera.world_to_camera[:3, :3]
     pose[:3, 3] = -pose[:3, :3] @ (camera.centre + error[:3])
@@ -130,10 +130,10 @@ def _poses(time: float, shutter: float) -> np.ndarray:
 
 
 def _gains(times: np.ndarray) -> np.ndarray:
-    """(T, 3) gains of automatic exposure, which holds for 1.2 s at most and then jumps, and of white balance."""
+    """(T, 3) gains of white balance and of automatic exposure, which is held for up to 1.2 s and then jumps."""
     generator = np.random.default_rng(EXPOSURE_SEED)
     jumps = np.cumsum(generator.uniform(*EXPOSURE_HELD, int(DURATION / EXPOSURE_HELD[0])))
-    metered = generator.uniform(-MOST_EXPOSURE, MOST_EXPOSURE, len(jumps) + 1)
+    metered = generator.uniform(-MAX_EXPOSURE, MAX_EXPOSURE, len(jumps) + 1)
     exposure = metered[np.searchsorted(jumps, times)]
     balance = 0.02 * np.sin(0.19 * times[:, None] + [0, 2.1, 4.2])
     return 1 + exposure[:, None] + balance

@@ -1,4 +1,4 @@
-"""The demo scene's camera: one parallel kernel that makes an image and its depths."""
+"""The demo's ray caster: one parallel kernel that renders an image and its depths."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ TILE = 16  # pixels a side
 
 @parallel_kernel
 def ray_cast(scene: Scene, focal: float, poses: np.ndarray, light: np.ndarray, depth: np.ndarray) -> None:
-    """Fill an image of the scene with the mean over one ray a pixel and pose.
+    """Render the scene with one ray per pixel and pose.
 
     Args:
-        scene: what there is to see.
-        focal: focal length in pixels; the principal point is the image's centre.
-        poses: (S, 3, 4) those that the camera has while the shutter is open, camera to world, OpenCV axes.
-        light: (H, W, 3) float32, filled with linear RGB.
-        depth: (H, W) float32, filled with the depth along the optical axis at pixel centres, seen from the first pose;
-            0 where nothing is hit.
+        scene: to render.
+        focal: focal length in pixels; the principal point is the image centre.
+        poses: (S, 3, 4) camera-to-world poses during the exposure, OpenCV axes.
+        light: (H, W, 3) float32 output, linear RGB averaged over the poses.
+        depth: (H, W) float32 output, depth along the optical axis at pixel centres, from the first pose; 0 where
+            nothing is hit.
     """
     height, width = depth.shape
     across, down = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
@@ -38,7 +38,8 @@ def ray_cast(scene: Scene, focal: float, poses: np.ndarray, light: np.ndarray, d
         for sample in range(len(poses)):
             pose = poses[sample]
             eye = (pose[0, 3], pose[1, 3], pose[2, 3])
-            # Evenly spread over the pixel, from its centre, and over the sun's disc: the R2 sequence (Roberts, 2018).
+            # Evenly spread over the pixel, starting at its centre, and over the sun's disc: R2 sequence (Roberts,
+            # 2018).
             x, y = (0.5 + 0.7548776662466927 * sample) % 1, (0.5 + 0.5698402909980532 * sample) % 1
             sun = towards_sun(x, y)
             axis, cosine = _cone(pose, left - 0.5 * width, top - 0.5 * height, focal)
@@ -57,7 +58,7 @@ def ray_cast(scene: Scene, focal: float, poses: np.ndarray, light: np.ndarray, d
 
 @part
 def _cone(pose: np.ndarray, left: float, top: float, focal: float) -> tuple[Vector, float]:
-    """The cone around a tile: its axis, which is a unit vector, and the cosine of the angle from there to its side."""
+    """The cone around a tile: its unit axis, and the cosine of its half angle."""
     axis = unit_vector(_ray(pose, left + 0.5 * TILE, top + 0.5 * TILE, focal))
     upper = min(
         dot(axis, unit_vector(_ray(pose, left, top, focal))),
@@ -73,7 +74,7 @@ def _cone(pose: np.ndarray, left: float, top: float, focal: float) -> tuple[Vect
 
 @part
 def _in_view(bounds: np.ndarray, eye: Vector, axis: Vector, cosine: float, candidates: np.ndarray) -> int:
-    """Gather the parts that meet a cone with its tip at the eye; give their number."""
+    """Collect the parts that intersect a cone with its apex at the eye; returns their number."""
     sine = math.sqrt(1 - cosine * cosine)
     count = 0
     for index in range(len(bounds)):
@@ -89,7 +90,7 @@ def _in_view(bounds: np.ndarray, eye: Vector, axis: Vector, cosine: float, candi
 
 @part
 def _ray(pose: np.ndarray, right: float, down: float, focal: float) -> Vector:
-    """Direction in the world through a place in the image, of length 1 along the optical axis: t along it is depth."""
+    """World direction through an image position, with length 1 along the optical axis, so that t is depth."""
     x, y = right / focal, down / focal
     return (
         pose[0, 0] * x + pose[0, 1] * y + pose[0, 2],

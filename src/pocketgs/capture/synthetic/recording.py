@@ -1,4 +1,4 @@
-"""The demo capture in memory: as the phone recorded it, as it truly was, and both in one for tests."""
+"""The demo capture in memory: as recorded by the phone, its ground truth, and an error-free capture for tests."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.scene.point_cloud import PointCloud
 
 STRETCH = (8.0, 15.0)
-"""Seconds of the walk that `true_capture` shows: 45 degrees of the arc."""
+"""Seconds of the walk that `true_capture` covers: 45 degrees of the arc."""
 
 CLEAN_SAMPLES = 16
 
@@ -33,12 +33,12 @@ POINT_NOISE = 0.004
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """What the demo capture truly is.
+    """The ground truth of the demo capture.
 
     Attributes:
-        cameras: the true camera of every frame, by the frame's name.
-        depths: by the frame's name, (H, W) float32 metres along the optical axis at the true pose's pixel centres, 0
-            where nothing is.
+        cameras: true camera of every frame, by frame name.
+        depths: by frame name, (H, W) float32 metres along the optical axis at pixel centres from the true pose, 0 where
+            there is no surface.
     """
 
     cameras: dict[str, Camera]
@@ -46,9 +46,9 @@ class GroundTruth:
 
 
 def demo_capture(width: int = 480, height: int = 360, frames: int = 120) -> Capture:
-    """Record the demo capture: what a phone brings home from a walk of 50 s around a table. Every call gives the same.
+    """Make the demo capture: a phone's recording of a 50 s walk around a table. Deterministic.
 
-    Poses are the phone's own, with its drift; there are no points and no depths. Lengths are metres, z is up.
+    Poses are the phone's, with drift; there are no points and no depths. Lengths are metres, z is up.
 
     Args:
         width: of the images, in pixels.
@@ -97,19 +97,19 @@ def record(width: int, height: int, frames: int) -> Iterator[tuple[Shot, np.ndar
 
 
 def frame_name(shot: Shot) -> str:
-    """The name of a shot's frame, which is its image's path in the capture's folder."""
+    """Name of a shot's frame: the path of its image in the capture's folder."""
     return f"images/{shot.index:04d}.png"
 
 
 def true_capture(width: int = 320, height: int = 240, frames: int = 24, points: int = 6000) -> Capture:
-    """A short stretch of the walk without any fault of the phone: exact poses, clean images, depths and a point cloud.
+    """A short part of the walk without the phone's errors: exact poses, clean images, depths and a point cloud.
 
     Args:
         width: of the images, in pixels.
         height: of the images, in pixels.
         frames: number of images, spread over 7 s of the walk; every eighth, from the first, is held out.
-        points: size of the point cloud, which only training frames have seen; its positions carry noise of 4 mm
-            standard deviation on each axis.
+        points: size of the point cloud, seen by training frames only; positions have noise of 4 mm standard deviation
+            per axis.
 
     Raises:
         PocketGSError: a size is not positive or fewer than two frames are asked for.
@@ -145,7 +145,7 @@ def check_sizes(width: int, height: int, frames: int) -> None:
 
 
 def _scan(frames: list[Frame], count: int) -> PointCloud:
-    """`count` points of the depth maps, spread evenly over frames and pixels, with noise as a phone's scan has."""
+    """`count` points of the depth maps, spread evenly over frames and pixels, with the noise of a phone's scan."""
     generator = np.random.default_rng(7)
     positions, colours = [], []
     for number, frame in enumerate(frames):

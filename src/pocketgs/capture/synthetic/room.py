@@ -1,4 +1,4 @@
-"""What stands in the demo scene: a laid table in the corner of a room. Metres, z is up, the table is on the origin."""
+"""The demo scene: a laid table in the corner of a room. Metres, z is up, the table is centred on the origin."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pocketgs.capture.synthetic.scene import Finish, Part, assemble, ball, bar, 
 from pocketgs.capture.synthetic.tracing import Scene
 
 TABLE = 0.72
-"""Height of the table's top."""
+"""Height of the table top."""
 
 WALL = 1.75
 """Distance of either wall from the table's middle."""
@@ -36,7 +36,7 @@ def room() -> Scene:
 
 
 def furnished(more: Sequence[Part] = ()) -> Scene:
-    """The demo scene with more things in it."""
+    """The demo scene with additional parts."""
     furniture = [_rug(), _table(), _tray(), _books(), _toys(), _rack(), _chair(), _lamp(), _sideboard()]
     return assemble(_shell(), [part for group in [*furniture, more] for part in group])
 
@@ -67,7 +67,7 @@ def _table() -> list[Part]:
 
 
 def _tray() -> list[Part]:
-    """A lacquered tray with a glossy ball and a mug, both of which it mirrors."""
+    """A lacquered tray that reflects the glossy ball and the mug on it."""
     lacquer = Finish((0.1, 0.13, 0.16), gloss=0.22)
     glaze = Finish(WHITE, TEAL, materials.STRIPES)
     return [
@@ -78,7 +78,7 @@ def _tray() -> list[Part]:
 
 
 def _books() -> list[Part]:
-    """Three books, one upon the other, and a plain box on them."""
+    """A stack of three books with a plain box on top."""
     paper = Finish((0.95, 0.92, 0.84), (0.7, 0.66, 0.58), materials.PAGES)
     covers = [(NAVY, MUSTARD, 12.0), (RED, CREAM, 31.0), (CREAM, NAVY, 20.0)]
     parts, height = [], TABLE
@@ -117,7 +117,7 @@ def _rack() -> list[Part]:
 
 
 def _chair() -> list[Part]:
-    """A wire chair that looks at the table from the papered wall."""
+    """A wire chair at the papered wall, facing the table."""
     centre, metal, radius = (-1.08, 0.05), Finish((0.78, 0.3, 0.16)), 0.0075
     left, right, front, back = centre[1] + 0.2, centre[1] - 0.2, centre[0] + 0.2, centre[0] - 0.2
     seat = box((centre[0], centre[1], 0.44), (0.21, 0.21, 0.014), Finish(CREAM, TEAL, materials.WEAVE), dimming=0.16)

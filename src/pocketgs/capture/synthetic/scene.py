@@ -1,4 +1,4 @@
-"""Scenes made of parts, and the arrays that the ray caster takes."""
+"""Scenes made of parts, and their arrays for the ray caster."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from pocketgs.capture.synthetic.tracing import SUN_ACROSS, SUN_CELL, SUN_CELLS, 
 
 Triple = tuple[float, float, float]
 
-LONGEST_SHADOW = 1.8
-"""Metres between a part and the farthest point that it shades."""
+MAX_SHADOW = 1.8
+"""Maximum length of a shadow in metres."""
 
 
 @dataclass(frozen=True)
 class Finish:
-    """What a surface looks like.
+    """The appearance of a surface.
 
     Attributes:
         light, dark: the texture's own two colours, display-referred RGB in [0, 1].
         texture: of `materials.py`.
-        gloss: part of the light that is mirrored head-on; 0 is matt.
+        gloss: fraction of the light that is reflected head-on; 0 is matt.
     """
 
     light: Triple
@@ -35,9 +35,9 @@ class Finish:
 
 @dataclass(frozen=True)
 class Part:
-    """One unit shape of `shapes.py`, stretched by `half_size` metres along its own axes, the columns of `axes`.
+    """A unit shape of `shapes.py`, scaled by `half_size` metres along its own axes, the columns of `axes`.
 
-    `dimming` is the radius in metres of the ball that stands for the part where it dims the light on its neighbours.
+    `dimming` is the radius in metres of the ball that represents the part in ambient occlusion.
     """
 
     shape: int
@@ -50,19 +50,19 @@ class Part:
 
 
 def box(centre: Triple, half_size: Triple, finish: Finish, turn: float = 0.0, dimming: float = 0.0) -> Part:
-    """A box turned by `turn` degrees about z."""
+    """A box rotated by `turn` degrees about z."""
     return Part(BOX, centre, half_size, finish, _turned(turn), dimming=dimming)
 
 
 def ball(centre: Triple, radius: float, finish: Finish, turn: float = 0.0) -> Part:
-    """A ball turned by `turn` degrees about z."""
+    """A ball rotated by `turn` degrees about z."""
     return Part(BALL, centre, (radius, radius, radius), finish, _turned(turn), dimming=radius)
 
 
 def upright(
     base: Triple, radius: float, height: float, finish: Finish, taper: float = 1.0, dimming: float = 0.0
 ) -> Part:
-    """A cylinder or, with `taper`, a cone's frustum that stands on the point `base`."""
+    """A cylinder or, with `taper`, a frustum that stands on the point `base`."""
     centre = (base[0], base[1], base[2] + height / 2)
     return Part(FRUSTUM, centre, (radius, radius, height / 2), finish, np.eye(3), taper, dimming)
 
@@ -79,7 +79,7 @@ def bar(start: Triple, end: Triple, radius: float, finish: Finish) -> Part:
 
 
 def assemble(room: Sequence[Part], furniture: Sequence[Part]) -> Scene:
-    """The arrays of a scene. The room's own parts cast no shadow."""
+    """The arrays of a scene. Parts of the room itself cast no shadow."""
     parts = [*room, *furniture]
     casts, cast_ends = _sun_grid(furniture, len(room))
     return Scene(
@@ -104,8 +104,8 @@ def _sun_grid(furniture: Sequence[Part], first: int) -> tuple[np.ndarray, np.nda
     shaded = np.zeros((SUN_CELLS, SUN_CELLS, len(furniture)), bool)
     for number, part in enumerate(furniture):
         beads, radius = _beads(part)
-        # Half the diagonal of a cell, and of the square that stands for the sun at the far end of a shadow.
-        reach = radius + 0.71 * SUN_CELL + 0.71 * SUN_SPREAD * LONGEST_SHADOW
+        # Half the diagonal of a cell, and of the sun's square as projected to the end of a shadow.
+        reach = radius + 0.71 * SUN_CELL + 0.71 * SUN_SPREAD * MAX_SHADOW
         for column, row in zip(beads @ SUN_ACROSS, beads @ SUN_UP, strict=True):
             shaded[:, :, number] |= np.hypot(middles - column, (middles - row)[:, None]) < reach
     cells, casts = np.nonzero(shaded.reshape(-1, len(furniture)))
@@ -113,7 +113,7 @@ def _sun_grid(furniture: Sequence[Part], first: int) -> tuple[np.ndarray, np.nda
 
 
 def _beads(part: Part) -> tuple[np.ndarray, float]:
-    """(B, 3) centres of balls along a part's longest axis that hold it together, and their radius."""
+    """(B, 3) centres of balls along a part's longest axis that together contain it, and their radius."""
     wide = max(part.taper, 1.0)
     half = np.array(part.half_size) * (wide, wide, 1)
     longest = int(np.argmax(half))
@@ -125,7 +125,7 @@ def _beads(part: Part) -> tuple[np.ndarray, float]:
 
 
 def _reach(part: Part) -> float:
-    """Radius of a ball around a part."""
+    """Radius of a bounding ball of a part."""
     return float(np.linalg.norm(part.half_size)) * max(part.taper, 1.0)
 
 

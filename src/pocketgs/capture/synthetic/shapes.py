@@ -1,8 +1,8 @@
-"""What a ray can hit: boxes, balls and frustums, each a unit shape under an affine map.
+"""Ray intersection with boxes, balls and frustums, each a unit shape under an affine map.
 
-Ray and point are given in the unit shape's own space, where lengths along the ray keep their meaning:
-the box is [-1, 1]³, the ball has radius 1, and the frustum stands along z from -1, with radius 1, to 1, with radius
-`taper` (1 makes it a cylinder, 0 a cone).
+Rays and points are in the unit shape's own space, where the ray parameter t is the same as in the world: the box is
+[-1, 1]³, the ball has radius 1, and the frustum stands along z from -1, with radius 1, to 1, with radius `taper` (1
+makes it a cylinder, 0 a cone).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def along(origin: Vector, direction: Vector, distance: float) -> Vector:
 
 @part
 def hit(shape: int, taper: float, origin: Vector, direction: Vector) -> float:
-    """The least t > 0 at which origin + t·direction meets the unit shape from outside, infinity where none does."""
+    """The smallest t > 0 at which origin + t·direction enters the unit shape; infinity if it misses."""
     if shape == BOX:
         return _hit_box(origin, direction)
     if shape == BALL:
@@ -51,10 +51,10 @@ def hit(shape: int, taper: float, origin: Vector, direction: Vector) -> float:
 
 @part
 def normal_and_place(shape: int, taper: float, point: Vector) -> tuple[Vector, float, float]:
-    """The outward normal (of any length) at a point of the unit shape, and the point's place (u, v) on its surface.
+    """The outward normal (of any length) at a point of the unit shape, and the point's texture coordinates (u, v).
 
-    On a box, u and v are the two coordinates along the face. On the rest u is the angle about z, and v is z, save on
-    a frustum's ends, where u and v are x and y.
+    On a box, u and v are the two coordinates along the face. Elsewhere u is the angle about z and v is z, except on a
+    frustum's ends, where they are x and y.
     """
     x, y, z = point
     if shape == BOX:
@@ -73,8 +73,8 @@ def normal_and_place(shape: int, taper: float, point: Vector) -> tuple[Vector, f
 
 @part
 def _hit_box(origin: Vector, direction: Vector) -> float:
-    """The meeting of three slabs (Kay and Kajiya, 1986)."""
-    # Towards the middle of each slab, and from there to its faces. Loops over tuples would go through memory.
+    """Intersection of three slabs (Kay and Kajiya, 1986)."""
+    # First to the middle of each slab, then to its faces. Loops over tuples would go through memory.
     x, y, z = 1 / direction[0], 1 / direction[1], 1 / direction[2]
     enters = max(-origin[0] * x - abs(x), -origin[1] * y - abs(y), -origin[2] * z - abs(z))
     leaves = min(-origin[0] * x + abs(x), -origin[1] * y + abs(y), -origin[2] * z + abs(z))
@@ -93,7 +93,7 @@ def _hit_ball(origin: Vector, direction: Vector) -> float:
 
 @part
 def _hit_frustum(taper: float, origin: Vector, direction: Vector) -> float:
-    """The nearest of two crossings of the side, x² + y² = (middle + slope·z)², and of the end that faces the ray."""
+    """The nearest intersection with the side, x² + y² = (middle + slope·z)², or with the end that faces the ray."""
     middle, slope = 0.5 * (1 + taper), 0.5 * (taper - 1)
     radius, widening = middle + slope * origin[2], slope * direction[2]
     square = direction[0] * direction[0] + direction[1] * direction[1] - widening * widening

@@ -1,4 +1,4 @@
-"""What a ray meets first in the demo scene."""
+"""Ray tracing of the demo scene."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pocketgs.capture.synthetic.shapes import Vector, dot, hit
 from pocketgs.system.compile import part
 
 TOWARDS_SUN = (0.48, -0.60, 0.64)
-SUN_SPREAD = 0.03  # of the sun's disc, as the difference of two directions across it
+SUN_SPREAD = 0.03  # size of the sun's disc, as the difference of two directions across it
 
-# Across the sun's rays lies a grid of square cells, which knows the few parts that can shade a point in each.
+# A grid of square cells perpendicular to the sun's rays lists, per cell, the few parts that can cast shadows there.
 SUN_ACROSS, SUN_UP = (
     (0.7808688094430304, 0.6246950475544243, 0.0),
     (-0.3998048304348315, 0.4997560380435394, 0.7683749084919418),
@@ -23,21 +23,21 @@ SUN_REACH = 0.5 * SUN_CELL * SUN_CELLS
 
 
 class Scene(NamedTuple):
-    """P parts, and B balls that dim the skylight, as arrays for the kernel.
+    """Arrays of P parts and B occluding balls for the kernel.
 
     Attributes:
         shapes: (P,) int64, of `shapes.py`.
         tapers: (P,) of frustums.
         world_to_unit: (P, 3, 4) affine maps into the unit shapes' spaces.
-        half_sizes: (P, 3) metres from a unit of those spaces.
+        half_sizes: (P, 3) metres per unit of those spaces.
         materials: (P,) int64, of `materials.py`.
         paints: (P, 2, 3) light and dark colour, display-referred RGB in [0, 1].
-        gloss: (P,) part of the light that is mirrored head-on; 0 is matt.
-        bounds: (P, 4) centre and radius of a ball around each part.
-        dimming: (B, 4) centres and radii.
-        everything: (P,) int64, all parts.
-        casts: int64, the parts that cast shadows, cell by cell of the sun's grid.
-        cast_ends: (SUN_CELLS² + 1,) int64, where a cell's parts begin in `casts`; they end where the next one's begin.
+        gloss: (P,) fraction of the light that is reflected head-on; 0 is matt.
+        bounds: (P, 4) centre and radius of each part's bounding ball.
+        dimming: (B, 4) centres and radii of balls for ambient occlusion.
+        everything: (P,) int64, indices of all parts.
+        casts: int64, indices of the parts that cast shadows, by cell of the sun's grid.
+        cast_ends: (SUN_CELLS² + 1,) int64, start of each cell in `casts`; a cell ends where the next one starts.
     """
 
     shapes: np.ndarray
@@ -56,7 +56,7 @@ class Scene(NamedTuple):
 
 @part
 def into(scene: Scene, index: int, point: Vector, weight: float) -> Vector:
-    """A point (weight 1) or a direction (weight 0) in the space of a part's unit shape."""
+    """Transform a point (weight 1) or a direction (weight 0) into the space of a part's unit shape."""
     matrix = scene.world_to_unit
     x, y, z = point
     return (
@@ -70,7 +70,7 @@ def into(scene: Scene, index: int, point: Vector, weight: float) -> Vector:
 def nearest(
     scene: Scene, candidates: np.ndarray, begin: int, end: int, origin: Vector, direction: Vector
 ) -> tuple[float, int]:
-    """Where (t) the first hit among candidates begin…end - 1 is, and the part that is hit; infinity and -1 for none."""
+    """Ray parameter t and index of the first part hit among candidates begin…end - 1; infinity and -1 if none."""
     closest, index = math.inf, -1
     for number in range(begin, end):
         candidate = candidates[number]
@@ -83,7 +83,7 @@ def nearest(
 
 @part
 def sun_cell(point: Vector) -> int:
-    """The cell of the sun's grid that a point's shadow ray runs along; rays outside the grid share a corner cell."""
+    """The cell of the sun's grid for a point's shadow ray; rays outside the grid use a corner cell."""
     column = (dot(point, SUN_ACROSS) + SUN_REACH) / SUN_CELL
     row = (dot(point, SUN_UP) + SUN_REACH) / SUN_CELL
     inside = 0 <= column < SUN_CELLS and 0 <= row < SUN_CELLS

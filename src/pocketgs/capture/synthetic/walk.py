@@ -1,4 +1,4 @@
-"""The walk: where the phone truly is at any moment."""
+"""The true camera path of the demo."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LOOK_AT = np.array([0.0, 0.02, 0.62])
 def true_camera(time: float, width: int, height: int) -> Camera:
     """The camera `time` seconds after the first frame: along the arc, up, and back at a greater height.
 
-    Sines that never fall into step stand for steps and for an unsteady hand.
+    Sines with incommensurate periods imitate steps and an unsteady hand.
     """
     along, level = _track(time / DURATION)
     azimuth = MIDDLE_AZIMUTH + along / RADIUS
@@ -35,12 +35,12 @@ def true_camera(time: float, width: int, height: int) -> Camera:
 
 
 def focal_length(width: int) -> float:
-    """In pixels, for images of `width` pixels."""
+    """Focal length in pixels, for images of `width` pixels."""
     return float(0.5 * width / np.tan(FIELD_OF_VIEW / 2))
 
 
 def _track(progress: float) -> tuple[float, float]:
-    """Metres along the arc from its middle and height of the eye, at constant speed round a bend at the far end."""
+    """Metres along the arc from its middle, and eye height, at constant speed with a bend at the far end."""
     reach, bend = 0.5 * ARC * RADIUS, 0.5 * (HIGH - LOW)
     walked = progress * (4 * reach + np.pi * bend)
     if walked < 2 * reach:

@@ -1,4 +1,4 @@
-"""File formats of scenes, one a file, and which of them a file's name asks for."""
+"""Scene file formats, one module per format, chosen by file name."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from pocketgs.scene.gaussians import Gaussians
 
 @dataclass(frozen=True)
 class SceneFormat:
-    """A format that scenes are read from and written to.
+    """A file format of scenes.
 
     Attributes:
-        name: what it is called.
-        suffixes: what its files' names end in.
-        drops: what it has no place for; empty if nothing.
-        rounds: the largest errors of what it keeps; empty if every bit stays.
-        read: gives the scene in a file.
-        write: puts a scene in a file, atomically.
+        name: of the format.
+        suffixes: of its files.
+        drops: what the format cannot hold; empty if nothing.
+        rounds: the largest rounding errors of the rest; empty if it is lossless.
+        read: reads a scene from a file.
+        write: writes a scene to a file, atomically.
     """
 
     name: str
@@ -34,7 +34,7 @@ class SceneFormat:
     write: Callable[[Path, Gaussians], None]
 
 
-# A suffix that ends in another one goes first.
+# A suffix that ends in another one comes first.
 FORMATS = (
     SceneFormat(
         "PlayCanvas compressed PLY",
@@ -74,28 +74,28 @@ FORMATS = (
 
 
 def is_scene_name(path: Path) -> bool:
-    """Whether a file's name is that of a scene."""
+    """Whether a path has the suffix of a scene format."""
     return any(path.name.lower().endswith(each.suffixes) for each in FORMATS)
 
 
 def format_of(path: Path) -> SceneFormat:
-    """The format that a file's name asks for.
+    """The format that a path's suffix names.
 
     Raises:
-        PocketGSError: it asks for none of them.
+        PocketGSError: it names none.
     """
     for each in FORMATS:
         if path.name.lower().endswith(each.suffixes):
             return each
     known = ", ".join(suffix for each in FORMATS for suffix in each.suffixes)
-    raise PocketGSError(f"{path}: not the name of a scene, expected one that ends in {known}")
+    raise PocketGSError(f"{path}: not the name of a scene file, expected one that ends in {known}")
 
 
 def read_scene(path: Path) -> Gaussians:
-    """Read a scene in any of the formats; a compressed `.ply` may have the name of a plain one.
+    """Read a scene in any format; a `.ply` may be compressed.
 
     Raises:
-        PocketGSError: the name is of no format, or the file is missing or broken.
+        PocketGSError: the suffix is unknown, or the file is missing or broken.
     """
     read = format_of(path).read
     settle(path.parent)
@@ -105,9 +105,9 @@ def read_scene(path: Path) -> Gaussians:
 
 
 def write_scene(path: Path, gaussians: Gaussians) -> None:
-    """Write a scene atomically in the format that the name asks for.
+    """Write a scene atomically in the format that the suffix names.
 
     Raises:
-        PocketGSError: the name is of no format, the format cannot hold the scene, or the file cannot be written.
+        PocketGSError: the suffix is unknown, the format cannot hold the scene, or the file cannot be written.
     """
     format_of(path).write(path, gaussians)

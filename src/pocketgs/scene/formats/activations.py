@@ -1,4 +1,4 @@
-"""Between a scene's unbounded parameters and the opacities and colours that files state."""
+"""Conversion between a scene's logits and coefficients and the opacities and colours in files."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from pocketgs.scene.gaussians import SH_DC
 
 OPACITY_STEPS = 255
-"""Opacities of 8 bits are whole multiples of 1 / 255."""
+"""8-bit opacities are multiples of 1 / 255."""
 
 
 def opacity_of(logits: np.ndarray) -> np.ndarray:
@@ -16,7 +16,7 @@ def opacity_of(logits: np.ndarray) -> np.ndarray:
 
 
 def logit_of(opacities: np.ndarray, margin: float) -> np.ndarray:
-    """(N,) finite logits of opacities, which are first moved to at least `margin` from 0 and 1."""
+    """(N,) finite logits of opacities, which are first clamped to at least `margin` from 0 and 1."""
     inside = np.clip(opacities.astype(np.float64), margin, 1.0 - margin)
     return np.log(inside) - np.log1p(-inside)
 
@@ -27,20 +27,20 @@ def opacity_to_byte(logits: np.ndarray) -> np.ndarray:
 
 
 def opacity_from_byte(stored: np.ndarray) -> np.ndarray:
-    """(N,) logits of uint8 opacities; 0 and 255 stand for the middle of what was rounded to them."""
+    """(N,) logits of uint8 opacities; 0 and 255 decode to the middle of their rounding intervals."""
     return logit_of(stored / OPACITY_STEPS, margin=0.25 / OPACITY_STEPS)
 
 
 def colour_of(dc: np.ndarray) -> np.ndarray:
-    """Colours, within [0, 1] or not, of spherical-harmonics coefficients of degree 0."""
+    """Colours of spherical-harmonics coefficients of degree 0, not clamped to [0, 1]."""
     return 0.5 + SH_DC * dc.astype(np.float64)
 
 
 def dc_of(colours: np.ndarray) -> np.ndarray:
-    """The spherical-harmonics coefficients of degree 0 of colours."""
+    """Spherical-harmonics coefficients of degree 0 of colours."""
     return (colours - 0.5) / SH_DC
 
 
 def to_byte(numbers: np.ndarray) -> np.ndarray:
-    """uint8 nearest to the numbers; those out of its range are moved to its ends."""
+    """Round to uint8, clamped to its range."""
     return np.clip(np.round(numbers), 0, 255).astype(np.uint8)

@@ -1,6 +1,6 @@
-"""Formats whose axes point the other way than those of the 3DGS `.ply`, which are x right, y down, z forward.
+"""Conversion to formats with other axes than the 3DGS `.ply`, which has x right, y down, z forward.
 
-All that is needed are half turns, which change signs and lose nothing.
+All conversions are half turns, which change signs and lose nothing.
 """
 
 from __future__ import annotations
@@ -10,17 +10,17 @@ import numpy as np
 from pocketgs.scene.gaussians import Gaussians
 
 RIGHT_UP_BACK = (1, -1, -1)
-"""Signs that take x right, y down, z forward to x right, y up, z back, and return: the axes of `.spz`."""
+"""Signs that convert between x right, y down, z forward and x right, y up, z back, the axes of `.spz`."""
 
 LEFT_UP_FORWARD = (-1, -1, 1)
-"""Signs that take x right, y down, z forward to x left, y up, z forward, and return: the axes of glTF."""
+"""Signs that convert between x right, y down, z forward and x left, y up, z forward, the axes of glTF."""
 
-# Which of x, y and z a harmonic is odd in, in the order of the 3DGS `.ply`: Y(-x, y, z) = -Y(x, y, z) for "x".
+# The coordinates in which each harmonic is odd, in the order of the 3DGS `.ply`: Y(-x, y, z) = -Y(x, y, z) for "x".
 _ODD = ("", "y", "z", "x", "xy", "yz", "", "xz", "", "y", "xyz", "y", "z", "x", "z", "x")
 
 
 def half_turn(gaussians: Gaussians, signs: tuple[int, int, int]) -> Gaussians:
-    """The scene in axes two of which point the other way.
+    """Flip two of the scene's axes.
 
     Args:
         gaussians: the scene.

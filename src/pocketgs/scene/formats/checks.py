@@ -1,4 +1,4 @@
-"""What every format that stores Gaussians in fewer bits asks of a file and of a scene."""
+"""Checks of files and scenes that all quantising formats share."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from pocketgs.scene.gaussians import Gaussians
 
 
 def read_contents(path: Path) -> bytes:
-    """The bytes of a scene file.
+    """Read a scene file.
 
     Raises:
-        PocketGSError: there is no such file, it cannot be read, or memory would not hold it.
+        PocketGSError: it does not exist, cannot be read, or exceeds the memory bound.
     """
     try:
         if not path.is_file():
@@ -27,25 +27,25 @@ def read_contents(path: Path) -> bytes:
 
 
 def require_room(path: Path, count: int, coefficients: int, reading: tuple[int, int]) -> None:
-    """Refuse a scene before it is unpacked that memory would not hold.
+    """Check the memory that a scene needs before it is unpacked.
 
     Args:
         path: the file.
-        count: of Gaussians that it states.
-        coefficients: of spherical harmonics a channel.
-        reading: bytes that a format's reader takes at most for a Gaussian, and for a coefficient of each.
+        count: number of Gaussians that the file states.
+        coefficients: of spherical harmonics per channel.
+        reading: maximum bytes that the format's reader takes per Gaussian, and per coefficient of each Gaussian.
 
     Raises:
-        PocketGSError: it would take more than there may be.
+        PocketGSError: it exceeds the memory bound.
     """
     base, each = reading
     require_memory(path, count * (base + each * coefficients), f"{count:,} Gaussians")
 
 
 def require_sound(path: Path, gaussians: Gaussians) -> None:
-    """Refuse a scene without Gaussians, or with numbers that stand for nothing.
+    """Refuse an empty scene, and NaN or infinity.
 
-    An infinite opacity logit stands for an opacity of exactly 0 or 1, and some programs write it.
+    An infinite opacity logit is allowed: it means an opacity of exactly 0 or 1, and some programs write it.
 
     Raises:
         PocketGSError: the scene is empty, or a Gaussian holds NaN or infinity.

@@ -1,9 +1,9 @@
 """PlayCanvas' `.compressed.ply`: 16 bytes per Gaussian, and one for each coefficient of spherical harmonics.
 
-Gaussians stand in Morton order, in chunks of 256. The element `chunk` has the extremes of a chunk's centres, log scales
-and colours, between which `vertex` places each Gaussian: 11, 10 and 11 bits for x, y, z of centre and log scale, 8 bits
-each for red, green, blue and opacity, and 2 + 3 x 10 bits for the rotation without its largest component. The optional
-element `sh` has the coefficients above degree 0 as bytes that span -4 to 4, channel after channel.
+Gaussians are in Morton order, in chunks of 256. The element `chunk` holds the minima and maxima of a chunk's centres,
+log scales and colours; `vertex` quantises each Gaussian between them: 11, 10 and 11 bits for x, y, z of centre and log
+scale, 8 bits each for red, green, blue and opacity, and 2 + 3 x 10 bits for the rotation without its largest component.
+The optional element `sh` holds the coefficients above degree 0 as bytes that span -4 to 4, channel by channel.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from plyfile import PlyData, PlyElement
 
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
-from pocketgs.files.ply_file import LARGEST_HEADER, read_elements
-from pocketgs.geometry.quaternions import LARGEST_OTHER, drop_largest, restore_largest, unit
+from pocketgs.files.ply_file import MAX_HEADER_BYTES, read_elements
+from pocketgs.geometry.quaternions import MAX_OTHER, drop_largest, restore_largest, unit
 from pocketgs.scene.formats.activations import colour_of, dc_of, opacity_from_byte, opacity_of
 from pocketgs.scene.formats.checks import require_room, require_sound
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
@@ -27,24 +27,24 @@ CENTRE = ("min_x", "min_y", "min_z", "max_x", "max_y", "max_z")
 SCALE = ("min_scale_x", "min_scale_y", "min_scale_z", "max_scale_x", "max_scale_y", "max_scale_z")
 COLOUR = ("min_r", "min_g", "min_b", "max_r", "max_g", "max_b")
 PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
-LARGEST_LOG_SCALE = 20.0
-# Bytes by Gaussian and by coefficient of spherical harmonics that reading takes at most, as measured.
+MAX_LOG_SCALE = 20.0
+# Maximum bytes that reading takes per Gaussian and per spherical-harmonics coefficient, as measured.
 READING = (280, 80)
 
 SH_RANGE, SH_STEPS = 8.0, 256
-"""Coefficients from -4 to 4 fall into this many steps; a byte stands for the middle of its step."""
+"""Number of quantisation steps from -4 to 4; a byte decodes to the middle of its step."""
 
-# Width and place of each field of a 32-bit word, the first named first.
+# Width and shift of each field of a 32-bit word, highest first.
 THREE_FIELDS = ((11, 21), (10, 11), (11, 0))
 FOUR_FIELDS = ((8, 24), (8, 16), (8, 8), (8, 0))
 ROTATION_FIELDS = ((10, 20), (10, 10), (10, 0))
 
 
 def recognises(path: Path) -> bool:
-    """Whether a `.ply` is packed in this way."""
+    """Whether a `.ply` is compressed in this format."""
     try:
         with path.open("rb") as file:
-            header = file.read(LARGEST_HEADER).partition(b"end_header")[0]
+            header = file.read(MAX_HEADER_BYTES).partition(b"end_header")[0]
     except OSError:
         return False
     return b"element chunk" in header and PACKED[0].encode() in header
@@ -58,14 +58,14 @@ def write_gaussians(path: Path, gaussians: Gaussians) -> None:
     """
     require_sound(path, gaussians)
     ordered = gaussians.select(morton_order(gaussians.means))
-    log_scales = np.clip(ordered.log_scales, -LARGEST_LOG_SCALE, LARGEST_LOG_SCALE)
+    log_scales = np.clip(ordered.log_scales, -MAX_LOG_SCALE, MAX_LOG_SCALE)
     centre_extremes, centres = _within_chunks(ordered.means)
     scale_extremes, scales = _within_chunks(log_scales)
     colour_extremes, colours = _within_chunks(colour_of(ordered.sh[:, 0]))
     largest, others = drop_largest(unit(ordered.quaternions))
     words = [
         _pack(centres, THREE_FIELDS),
-        _pack(others * LARGEST_OTHER + 0.5, ROTATION_FIELDS) | largest.astype(np.uint32) << 30,
+        _pack(others * MAX_OTHER + 0.5, ROTATION_FIELDS) | largest.astype(np.uint32) << 30,
         _pack(scales, THREE_FIELDS),
         _pack(np.concatenate([colours, opacity_of(ordered.opacity_logits)[:, None]], axis=1), FOUR_FIELDS),
     ]
@@ -92,9 +92,9 @@ def _rest_names(count: int) -> tuple[str, ...]:
 
 
 def _within_chunks(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(C, 6) smallest and largest number of each chunk, and (N, 3) where between them, 0 to 1, each number lies."""
+    """(C, 6) minima and maxima of each chunk, and (N, 3) numbers rescaled to 0 to 1 between them."""
     starts = np.arange(0, len(numbers), CHUNK)
-    # As float32, which is what the file holds, so that writer and reader measure from the same ends.
+    # As float32, as in the file, so that writer and reader use the same range.
     low = np.minimum.reduceat(numbers, starts, axis=0).astype(np.float32)
     high = np.maximum.reduceat(numbers, starts, axis=0).astype(np.float32)
     chunk = np.arange(len(numbers)) // CHUNK
@@ -104,7 +104,7 @@ def _within_chunks(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _pack(fractions: np.ndarray, fields: tuple[tuple[int, int], ...]) -> np.ndarray:
-    """(N,) uint32 words from (N, F) numbers from 0 to 1."""
+    """Pack (N, F) numbers from 0 to 1 into (N,) uint32 words."""
     words = np.zeros(len(fractions), np.uint32)
     for fraction, (bits, shift) in zip(fractions.T, fields, strict=True):
         steps = 2**bits - 1
@@ -113,7 +113,7 @@ def _pack(fractions: np.ndarray, fields: tuple[tuple[int, int], ...]) -> np.ndar
 
 
 def _unpack(words: np.ndarray, fields: tuple[tuple[int, int], ...]) -> np.ndarray:
-    """(N, F) numbers from 0 to 1."""
+    """Unpack words into (N, F) numbers from 0 to 1."""
     return np.stack([(words >> shift & (2**bits - 1)) / (2**bits - 1) for bits, shift in fields], axis=1)
 
 
@@ -136,10 +136,10 @@ def read_gaussians(path: Path) -> Gaussians:
     positions, rotations, scales, colours = vertices
     shown = _unpack(colours, FOUR_FIELDS)
     rgb = shown[:, :3]
-    # Files of earlier writers have no extremes of colour: theirs are 0 and 1.
+    # Early writers stored no minima and maxima of colour: theirs are 0 and 1.
     if COLOUR[0] in (elements["chunk"].dtype.names or ()):
         rgb = _between(_columns(path, elements, "chunk", COLOUR, "f4")[chunk], rgb)
-    quaternions = restore_largest(rotations >> 30, (_unpack(rotations, ROTATION_FIELDS) - 0.5) / LARGEST_OTHER)
+    quaternions = restore_largest(rotations >> 30, (_unpack(rotations, ROTATION_FIELDS) - 0.5) / MAX_OTHER)
     gaussians = Gaussians(
         _between(_columns(path, elements, "chunk", CENTRE, "f4")[chunk], _unpack(positions, THREE_FIELDS)),
         _between(_columns(path, elements, "chunk", SCALE, "f4")[chunk], _unpack(scales, THREE_FIELDS)),
@@ -164,7 +164,7 @@ def _columns(
 
 def _between(extremes: np.ndarray, fractions: np.ndarray) -> np.ndarray:
     low, high = extremes[:, :3].astype(np.float64), extremes[:, 3:].astype(np.float64)
-    # An end may be infinite in a broken file; the scene is looked over when it is whole.
+    # A bound may be infinite in a broken file; the complete scene is checked later.
     with np.errstate(invalid="ignore"):
         return low * (1.0 - fractions) + high * fractions
 
@@ -178,6 +178,6 @@ def _harmonics(path: Path, elements: dict[str, np.ndarray], count: int) -> np.nd
     if len(data) != count or rest % 3 or 1 + rest // 3 not in SH_COEFFICIENTS[1:]:
         raise PocketGSError(f"{path}: sh has {len(data)} rows of {rest}, expected {count} of 9, 24 or 45")
     levels = _columns(path, elements, "sh", _rest_names(rest), "u1").astype(np.float64)
-    # The outermost bytes stand for the ends themselves.
+    # The outermost bytes decode to -4 and 4 exactly.
     fractions = np.where(levels == 0, 0.0, np.where(levels == SH_STEPS - 1, 1.0, (levels + 0.5) / SH_STEPS))
     return np.swapaxes(((fractions - 0.5) * SH_RANGE).reshape(count, 3, rest // 3), 1, 2)

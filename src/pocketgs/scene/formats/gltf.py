@@ -1,8 +1,7 @@
-"""glTF with the extension `KHR_gaussian_splatting`: standard deviations and opacities as they are, floats throughout.
+"""glTF with the extension `KHR_gaussian_splatting`: standard deviations and opacities as floats.
 
-Gaussians are a primitive of points whose attributes are named after the extension. glTF's axes are x left, y up, z
-forward. Written files have one mesh without a transform; of read ones every node that shows Gaussians counts, moved to
-where it stands.
+Gaussians are a point primitive whose attributes the extension names. glTF's axes are x left, y up, z forward. We write
+one mesh without a transform, and read every node that shows Gaussians, with its transform.
 """
 
 from __future__ import annotations
@@ -29,19 +28,19 @@ KERNEL, COLOUR_SPACE = "ellipse", "srgb_rec709_display"
 POINTS, ARRAY_BUFFER = 0, 34962
 TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 FLOAT, UNSIGNED_BYTE = 5126, 5121
-SMALLEST_SCALE, LARGEST_SCALE = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
-MOST_PARTS = 4096
-"""Groups of Gaussians, each with a place of its own; each takes about a millisecond."""
+MIN_SCALE, MAX_SCALE = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
+MAX_PARTS = 4096
+"""Maximum number of primitives and nodes that show Gaussians; each takes about a millisecond."""
 
-# Bytes by Gaussian and by coefficient of spherical harmonics that reading takes at most, as measured.
+# Maximum bytes that reading takes per Gaussian and per spherical-harmonics coefficient, as measured.
 READING = (360, 48)
 
 OPACITY_MARGIN = 2.0**-25
-"""Half of the step between the largest float32 below 1 and 1."""
+"""Half of the gap between 1 and the largest float32 below it."""
 
 
 def write_gaussians(path: Path, gaussians: Gaussians) -> None:
-    """Write a scene atomically as a `.glb`, with colours of degree 0 for programs that draw plain points.
+    """Write a scene atomically as a `.glb`, with vertex colours for programs that draw plain points.
 
     Raises:
         PocketGSError: the scene is empty or holds NaN or infinity, or the file cannot be written.
@@ -76,9 +75,9 @@ def write_gaussians(path: Path, gaussians: Gaussians) -> None:
 
 
 def _columns(gaussians: Gaussians) -> dict[str, np.ndarray]:
-    """The attributes, each with a row a Gaussian; the first is POSITION."""
+    """The attributes, with one row per Gaussian; the first is POSITION."""
     with np.errstate(over="ignore"):
-        scales = np.clip(gaussians.scales, SMALLEST_SCALE, LARGEST_SCALE)
+        scales = np.clip(gaussians.scales, MIN_SCALE, MAX_SCALE)
     shown = [to_byte(colour_of(gaussians.sh[:, 0]) * 255), opacity_to_byte(gaussians.opacity_logits)[:, None]]
     columns = {
         "POSITION": gaussians.means,
@@ -103,19 +102,19 @@ def _harmonic_names(degree: int) -> list[str]:
 
 
 def read_gaussians(path: Path) -> Gaussians:
-    """Read all Gaussians that a `.glb` or `.gltf` shows, in one scene.
+    """Read all Gaussians of a `.glb` or `.gltf` as one scene.
 
     Raises:
-        PocketGSError: a file is missing, broken or cut short, has no Gaussians, or needs what is not understood here:
-            compressed buffers, another kernel or colour space, or a node that stretches or shears.
+        PocketGSError: a file is missing, broken or cut short, has no Gaussians, or uses a feature that is not
+            supported: compressed buffers, another kernel or colour space, or a node that stretches or shears.
     """
     document = read_document(path)
-    # What is no number is found when the scene is whole.
+    # NaN and infinity are checked later, on the complete scene.
     with np.errstate(all="ignore"):
         try:
             parts = _parts(document)
         except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
-            raise PocketGSError(f"{path}: not a sound glTF ({type(error).__name__}: {clipped(error)})") from error
+            raise PocketGSError(f"{path}: not a valid glTF ({type(error).__name__}: {clipped(error)})") from error
         if not parts:
             raise PocketGSError(f"{path}: shows no Gaussians, expected a primitive with {EXTENSION}")
         degree = max(part.sh_degree for part in parts)
@@ -127,11 +126,9 @@ def read_gaussians(path: Path) -> Gaussians:
 def _parts(document: Document) -> list[Gaussians]:
     unknown = set(document.json.get("extensionsRequired", [])) - {EXTENSION, "KHR_mesh_quantization"}
     if unknown:
-        raise PocketGSError(
-            f"{document.path}: requires {clipped(', '.join(sorted(unknown)))}, which is not understood here"
-        )
+        raise PocketGSError(f"{document.path}: requires {clipped(', '.join(sorted(unknown)))}, which is not supported")
     shown = _shown(document)
-    # Nodes may share a mesh and accessors bytes, but a small file must not become a scene of any size.
+    # Nodes may share a mesh, and accessors may share bytes, but a small file must not expand to a huge scene.
     counts = [_count(document, primitive) for primitive, _ in shown]
     coefficients = max(map(_coefficients, (primitive for primitive, _ in shown)), default=0)
     if sum(counts) > sum(map(len, document.buffers)):
@@ -141,19 +138,19 @@ def _parts(document: Document) -> list[Gaussians]:
 
 
 def _shown(document: Document) -> list[tuple[dict[str, Any], Placement]]:
-    """The primitives that are Gaussians, each as often as a node shows it."""
+    """The primitives that are Gaussians, once per node that shows them."""
     shown: list[tuple[dict[str, Any], Placement]] = []
     for placement in placements(document):
         for primitive in item(document, "meshes", placement.mesh)["primitives"]:
             if EXTENSION in primitive.get("extensions", {}):
                 shown.append((primitive, placement))
-                if len(shown) > MOST_PARTS:
-                    raise PocketGSError(f"{document.path}: shows more than {MOST_PARTS} groups of Gaussians")
+                if len(shown) > MAX_PARTS:
+                    raise PocketGSError(f"{document.path}: shows more than {MAX_PARTS} groups of Gaussians")
     return shown
 
 
 def _count(document: Document, primitive: dict[str, Any]) -> int:
-    """How many Gaussians a primitive states."""
+    """Number of Gaussians that a primitive states."""
     if _coefficients(primitive) not in SH_COEFFICIENTS:
         stated = f"{_coefficients(primitive)} coefficients of spherical harmonics"
         raise PocketGSError(f"{document.path}: {stated}, expected 1, 4, 9 or 16")
@@ -161,24 +158,22 @@ def _count(document: Document, primitive: dict[str, Any]) -> int:
 
 
 def _coefficients(primitive: dict[str, Any]) -> int:
-    """How many spherical-harmonics coefficients a primitive states."""
+    """Number of spherical-harmonics coefficients that a primitive states."""
     return sum(name.startswith(f"{EXTENSION}:SH_DEGREE_") for name in primitive["attributes"])
 
 
 def _part(document: Document, primitive: dict[str, Any], placement: Placement) -> Gaussians:
-    """The Gaussians of one primitive where a node has them, still in glTF's axes."""
+    """The Gaussians of one primitive with its node's transform, still in glTF's axes."""
     where, attributes, shape = document.path, primitive["attributes"], primitive["extensions"][EXTENSION]
     if "extensions" in shape:
-        raise PocketGSError(
-            f"{where}: packed with {clipped(', '.join(shape['extensions']))}, expected plain attributes"
-        )
+        raise PocketGSError(f"{where}: uses {clipped(', '.join(shape['extensions']))}, expected plain attributes")
     if shape.get("kernel", KERNEL) != KERNEL or shape.get("colorSpace", COLOUR_SPACE) != COLOUR_SPACE:
         found = f"kernel {short(shape.get('kernel'))} in {short(shape.get('colorSpace'))}"
         raise PocketGSError(f"{where}: {found}, expected {KERNEL!r} in {COLOUR_SPACE!r}")
     count = _coefficients(primitive)
     scales = read_accessor(document, attributes[f"{EXTENSION}:SCALE"], 3)
     if np.any(scales < 0):
-        raise PocketGSError(f"{where}: negative scales, expected standard deviations; earlier drafts had logarithms")
+        raise PocketGSError(f"{where}: negative scales, expected standard deviations; early drafts had logarithms")
     names = _harmonic_names(SH_COEFFICIENTS.index(count))
     means = read_accessor(document, attributes["POSITION"], 3)
     rotations = read_accessor(document, attributes[f"{EXTENSION}:ROTATION"], 4)
@@ -186,10 +181,10 @@ def _part(document: Document, primitive: dict[str, Any], placement: Placement) -
     harmonics = [read_accessor(document, attributes[name], 3) for name in names]
     lengths = {len(column) for column in (means, scales, rotations, opacities, *harmonics)}
     if len(lengths) > 1:
-        raise PocketGSError(f"{where}: attributes of {sorted(lengths)} Gaussians, expected as many in each")
+        raise PocketGSError(f"{where}: attributes of {sorted(lengths)} Gaussians, expected the same number in each")
     gaussians = Gaussians(
         means,
-        np.log(np.maximum(scales, SMALLEST_SCALE)),
+        np.log(np.maximum(scales, MIN_SCALE)),
         unit(np.roll(rotations, 1, axis=1)),
         logit_of(opacities[:, 0], OPACITY_MARGIN),
         np.stack(harmonics, axis=1),

@@ -1,4 +1,4 @@
-"""The numbers that a glTF's accessors name, read only from within the bytes that are there."""
+"""Reading glTF accessors, with bounds checks."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
 
 
 def whole_number(value: Any, what: str) -> int:
-    """A count, offset or index as JSON states it.
+    """Check a count, offset or index from the JSON.
 
     Raises:
-        ValueError: it is none.
+        ValueError: it is not a whole number.
     """
     if not isinstance(value, int) or isinstance(value, bool) or value < 0:
         raise ValueError(f"{what} is {short(value)}, expected a whole number")
@@ -25,10 +25,10 @@ def whole_number(value: Any, what: str) -> int:
 
 
 def item(document: Document, collection: str, index: Any) -> dict[str, Any]:
-    """The object that an index in the JSON names.
+    """The object at an index in a collection of the JSON.
 
     Raises:
-        ValueError: there is none.
+        ValueError: it does not exist.
     """
     items = document.json.get(collection, [])
     position = whole_number(index, f"an index into {collection}")
@@ -38,11 +38,11 @@ def item(document: Document, collection: str, index: Any) -> dict[str, Any]:
 
 
 def read_accessor(document: Document, index: Any, width: int) -> np.ndarray:
-    """(N, width) float32 numbers of an accessor; normalised integers become fractions.
+    """(N, width) float32 numbers of an accessor; normalised integers are converted to fractions.
 
     Raises:
-        PocketGSError: the accessor reaches beyond its bytes, or is compressed, sparse or of another shape.
-        ValueError: the JSON is not as glTF wants it.
+        PocketGSError: the accessor exceeds its buffer, or is compressed, sparse or of another shape.
+        ValueError: the JSON violates the glTF specification.
     """
     accessor = item(document, "accessors", index)
     where = f"{document.path}, accessor {index}"
@@ -64,7 +64,7 @@ def read_accessor(document: Document, index: Any, width: int) -> np.ndarray:
 def _strided(document: Document, accessor: dict[str, Any], element: np.dtype, where: str) -> np.ndarray:
     view = item(document, "bufferViews", accessor["bufferView"])
     if view.get("extensions"):
-        raise PocketGSError(f"{where}: packed with {clipped(', '.join(view['extensions']))}, expected plain numbers")
+        raise PocketGSError(f"{where}: uses {clipped(', '.join(view['extensions']))}, expected plain numbers")
     buffer_index = whole_number(view.get("buffer"), "buffer")
     if buffer_index >= len(document.buffers):
         raise ValueError(f"buffers[{buffer_index}] is missing")
@@ -76,8 +76,6 @@ def _strided(document: Document, accessor: dict[str, Any], element: np.dtype, wh
     stride = whole_number(view.get("byteStride", element.itemsize), "byteStride")
     end = offset + stride * (count - 1) + element.itemsize if count else offset
     if stride < element.itemsize or end > length or start - offset + length > len(buffer):
-        raise PocketGSError(
-            f"{where}: {short(count)} elements pass the end of their {short(length)} bytes in {len(buffer)}"
-        )
+        raise PocketGSError(f"{where}: {short(count)} elements exceed their {short(length)} bytes in {len(buffer)}")
     base, width = element.subdtype or (element, (1,))
     return np.ndarray((count, *width), base, buffer, start, (stride, base.itemsize))

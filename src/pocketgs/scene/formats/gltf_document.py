@@ -1,4 +1,4 @@
-"""The two ways glTF comes in: `.glb`, JSON and bytes in one file, and `.gltf`, JSON with buffers inside or beside."""
+"""glTF containers: `.glb`, with JSON and bytes in one file, and `.gltf`, with embedded or separate buffers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ GLB_MAGIC, GLB_VERSION = b"glTF", 2
 GLB_HEADER, CHUNK_HEADER = struct.Struct("<4sII"), struct.Struct("<I4s")
 JSON_CHUNK, BINARY_CHUNK = b"JSON", b"BIN\0"
 ALIGNMENT = 4
-LARGEST_FILE = 2**32 - 1
+MAX_FILE_BYTES = 2**32 - 1
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def read_document(path: Path) -> Document:
         raise PocketGSError(f"{path}: not a glTF: its JSON cannot be read ({clipped(error)})") from error
     stated = document.get("buffers", [])
     if not isinstance(stated, list) or not all(isinstance(each, dict) for each in stated):
-        raise PocketGSError(f"{path}: buffers are no list of objects, expected glTF 2.0")
+        raise PocketGSError(f"{path}: buffers are not a list of objects, expected glTF 2.0")
     contents: dict[str, bytes] = {}
     buffers = [_buffer(path, index, each, binary, contents) for index, each in enumerate(stated)]
     require_memory(path, sum(map(len, contents.values())), "its buffers")
@@ -55,7 +55,7 @@ def read_document(path: Path) -> Document:
 
 
 def _chunks(path: Path, contents: bytes) -> tuple[bytes, bytes | None]:
-    """The JSON of a `.glb`, and its binary chunk if there is one."""
+    """The JSON of a `.glb`, and its binary chunk if it has one."""
     if len(contents) < GLB_HEADER.size:
         raise PocketGSError(f"{path}: cut short: {len(contents)} bytes of a header of {GLB_HEADER.size}")
     _, version, length = GLB_HEADER.unpack_from(contents)
@@ -80,14 +80,14 @@ def _chunks(path: Path, contents: bytes) -> tuple[bytes, bytes | None]:
 def _buffer(
     path: Path, index: int, stated: dict[str, Any], binary: bytes | None, contents: dict[str, bytes]
 ) -> memoryview:
-    """The bytes of a buffer, without a copy: many buffers may name one file.
+    """The bytes of a buffer, without a copy: many buffers may share a file.
 
     Args:
         path: the asset.
         index: of the buffer.
-        stated: what the JSON says of it.
+        stated: the buffer's entry in the JSON.
         binary: the binary chunk of a `.glb`.
-        contents: by URI what was read before, and now this too.
+        contents: files read so far, by URI; this one is added.
     """
     where, uri, length = f"{path}, buffer {index}", stated.get("uri"), stated.get("byteLength")
     if not isinstance(length, int) or length < 0:
@@ -105,7 +105,7 @@ def _buffer(
 
 
 def _content(path: Path, uri: str, where: str) -> bytes:
-    """What a URI stands for: a file beside the asset, or the bytes that it holds itself."""
+    """Read a URI: a file beside the asset, or embedded data."""
     if uri.startswith("data:"):
         return _embedded(where, uri)
     with reading_inside(path.parent):
@@ -119,20 +119,20 @@ def _embedded(where: str, uri: str) -> bytes:
     try:
         return base64.b64decode(unquote(data), validate=True)
     except ValueError as error:
-        raise PocketGSError(f"{where}: its base64 cannot be read ({clipped(error)})") from error
+        raise PocketGSError(f"{where}: its base64 cannot be decoded ({clipped(error)})") from error
 
 
 def glb_bytes(path: Path, document: dict[str, Any], binary: bytes) -> bytes:
-    """The `.glb` of a document whose one buffer is `binary`.
+    """Encode a `.glb` with one buffer, `binary`.
 
     Raises:
-        PocketGSError: it would be larger than the format can state.
+        PocketGSError: it would exceed the format's maximum size.
     """
     text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
     text += b" " * (-len(text) % ALIGNMENT)
     binary += b"\0" * (-len(binary) % ALIGNMENT)
     length = GLB_HEADER.size + 2 * CHUNK_HEADER.size + len(text) + len(binary)
-    if length > LARGEST_FILE:
-        raise PocketGSError(f"{path}: would take {length} bytes, but a .glb can hold {LARGEST_FILE}")
+    if length > MAX_FILE_BYTES:
+        raise PocketGSError(f"{path}: would take {length} bytes, but a .glb can hold {MAX_FILE_BYTES}")
     parts = [GLB_HEADER.pack(GLB_MAGIC, GLB_VERSION, length), CHUNK_HEADER.pack(len(text), JSON_CHUNK), text]
     return b"".join([*parts, CHUNK_HEADER.pack(len(binary), BINARY_CHUNK), binary])

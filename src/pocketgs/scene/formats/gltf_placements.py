@@ -1,4 +1,4 @@
-"""Where the nodes of a glTF put their meshes."""
+"""Transforms of a glTF's nodes."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from pocketgs.scene.gaussians import Gaussians
 
 TOLERANCE = 1e-4
 LARGEST = 1e30
-"""No number of a node's matrix is larger, which also keeps its determinant finite."""
+"""Maximum magnitude of a matrix entry, which keeps the determinant finite."""
 
 
 @dataclass(frozen=True)
 class Placement:
-    """A mesh, which node shows it, for error messages, and the (4, 4) matrix from its coordinates to the scene's."""
+    """A mesh, its node for error messages, and the (4, 4) matrix from mesh to scene coordinates."""
 
     mesh: Any
     where: str
@@ -30,11 +30,11 @@ class Placement:
 
 
 def placements(document: Document) -> Iterator[Placement]:
-    """The meshes of the file's scene, or of all its nodes if it has no scenes.
+    """The meshes of the file's scene, or of all nodes if it has no scene.
 
     Raises:
-        PocketGSError: a node hangs on two others, or on itself.
-        ValueError: the JSON is not as glTF wants it.
+        PocketGSError: a node has two parents, or is its own ancestor.
+        ValueError: the JSON violates the glTF specification.
     """
     waiting = [(node, np.eye(4)) for node in _roots(document)]
     seen: set[int] = set()
@@ -59,7 +59,7 @@ def _roots(document: Document) -> list[Any]:
 
 
 def _local(node: dict[str, Any]) -> np.ndarray:
-    """(4, 4) a node's matrix, which the file states whole and column by column, or in parts."""
+    """(4, 4) matrix of a node, stated as a matrix (column by column) or as translation, rotation and scale."""
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
     from scipy.spatial.transform import Rotation
@@ -73,10 +73,10 @@ def _local(node: dict[str, Any]) -> np.ndarray:
 
 
 def placed(gaussians: Gaussians, placement: Placement) -> Gaussians:
-    """The Gaussians of a mesh where its node puts them.
+    """Transform the Gaussians of a mesh by their node's matrix.
 
     Raises:
-        PocketGSError: the node stretches, shears or mirrors them: they would no longer be what the file shows.
+        PocketGSError: the node stretches, shears or mirrors, which Gaussians with their harmonics cannot follow.
     """
     matrix = placement.to_scene
     if np.array_equal(matrix, np.eye(4)):
@@ -84,6 +84,6 @@ def placed(gaussians: Gaussians, placement: Placement) -> Gaussians:
     linear = matrix[:3, :3]
     factor = float(np.cbrt(np.linalg.det(linear))) if np.all(np.abs(matrix) < LARGEST) else 0.0
     if factor <= 0 or np.abs(linear @ linear.T / factor**2 - np.eye(3)).max() > TOLERANCE:
-        raise PocketGSError(f"{placement.where}: stretches, shears or mirrors, expected turns and even scales")
+        raise PocketGSError(f"{placement.where}: stretches, shears or mirrors, expected a rotation and a uniform scale")
     left, _, right = np.linalg.svd(linear)
     return translated(rotated(scaled(gaussians, factor), left @ right), matrix[:3, 3])

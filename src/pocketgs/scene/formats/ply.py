@@ -1,7 +1,7 @@
 """The `.ply` layout of the reference 3DGS implementation, which every splat viewer reads.
 
 One `vertex` element of float32 properties: x y z, nx ny nz (zero), f_dc_0..2 (SH degree 0 of R, G, B), f_rest_0.. (the
-higher coefficients, channel after channel), opacity (logit), scale_0..2 (natural logarithm), rot_0..3 (w x y z).
+higher coefficients, channel by channel), opacity (logit), scale_0..2 (natural logarithm), rot_0..3 (w x y z).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pocketgs.files.ply_file import read_vertices
 from pocketgs.scene.formats.checks import require_room
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 
-# Bytes by Gaussian and by coefficient of spherical harmonics that reading takes at most, as measured.
+# Maximum bytes that reading takes per Gaussian and per spherical-harmonics coefficient, as measured.
 READING = (100, 38)
 
 
@@ -51,18 +51,18 @@ def write_gaussians(path: Path, gaussians: Gaussians) -> None:
 
 
 def read_gaussians(path: Path) -> Gaussians:
-    """Read a scene; normals, and properties that are not part of the layout, are passed over.
+    """Read a scene. Normals and properties outside the layout are ignored.
 
     Raises:
         PocketGSError: the file is missing or broken, or lacks a property of the layout.
     """
     data = read_vertices(path)
-    # Properties may be lists, which stand in an array of objects.
+    # List properties become object arrays.
     available = {name for name in data.dtype.names or () if data.dtype[name].kind != "O"}
     rest = sum(name.startswith("f_rest_") for name in available)
     missing = [name for name in _property_names(rest) if name not in available and name not in ("nx", "ny", "nz")]
     if missing:
-        raise PocketGSError(f"{path}: holds no Gaussians: vertex property {missing[0]!r} is missing or no number")
+        raise PocketGSError(f"{path}: holds no Gaussians: vertex property {missing[0]!r} is missing or not a number")
     if 1 + rest // 3 not in SH_COEFFICIENTS or rest % 3:
         raise PocketGSError(f"{path}: {rest} f_rest properties, expected 0, 9, 24 or 45 (SH degree 0 to 3)")
 

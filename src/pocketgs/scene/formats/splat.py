@@ -1,7 +1,7 @@
 """The `.splat` of antimatter15's viewer: 32 bytes per Gaussian, no header, no spherical harmonics above degree 0.
 
 A record is the centre and the standard deviations (float32), then red, green, blue and opacity, then w, x, y, z of the
-rotation as 128 + 128 q (uint8). Viewers draw what has arrived while the rest loads, so the largest and most opaque come
+rotation as 128 + 128 q (uint8). Viewers draw the file while it loads, so the largest and most opaque Gaussians come
 first.
 """
 
@@ -19,12 +19,12 @@ from pocketgs.scene.formats.checks import read_contents, require_room, require_s
 from pocketgs.scene.gaussians import Gaussians
 
 RECORD = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("colours", "u1", 4), ("quaternions", "u1", 4)])
-SMALLEST_SCALE = np.finfo(np.float32).tiny
-# Bytes by Gaussian and by coefficient of spherical harmonics that reading takes at most, as measured.
+MIN_SCALE = np.finfo(np.float32).tiny
+# Maximum bytes that reading takes per Gaussian and per spherical-harmonics coefficient, as measured.
 READING = (200, 0)
 
 ZERO, STEPS = 128, 128
-"""Byte that stands for 0 in a rotation, and the number of steps to 1."""
+"""Byte that encodes 0 in a rotation, and the number of steps to 1."""
 
 
 def write_gaussians(path: Path, gaussians: Gaussians) -> None:
@@ -38,7 +38,7 @@ def write_gaussians(path: Path, gaussians: Gaussians) -> None:
     records = np.empty(len(ordered), RECORD)
     records["means"] = ordered.means
     with np.errstate(over="ignore"):
-        records["scales"] = np.clip(ordered.scales, SMALLEST_SCALE, np.finfo(np.float32).max)
+        records["scales"] = np.clip(ordered.scales, MIN_SCALE, np.finfo(np.float32).max)
     records["colours"][:, :3] = to_byte(colour_of(ordered.sh[:, 0]) * 255)
     records["colours"][:, 3] = opacity_to_byte(ordered.opacity_logits)
     records["quaternions"] = to_byte(unit(ordered.quaternions) * STEPS + ZERO)
@@ -55,19 +55,19 @@ def read_gaussians(path: Path) -> Gaussians:
     """Read a scene.
 
     Raises:
-        PocketGSError: the file is missing, is no whole number of records, or holds NaN, infinity or negative scales.
+        PocketGSError: the file is missing, is not a whole number of records, or holds NaN, infinity or negative scales.
     """
     contents = read_contents(path)
     if not contents or len(contents) % RECORD.itemsize:
-        expected = f"a multiple of {RECORD.itemsize}, one record a Gaussian"
-        raise PocketGSError(f"{path}: not a whole .splat: {len(contents)} bytes, expected {expected}")
+        expected = f"a multiple of {RECORD.itemsize}, one record per Gaussian"
+        raise PocketGSError(f"{path}: not a complete .splat: {len(contents)} bytes, expected {expected}")
     require_room(path, len(contents) // RECORD.itemsize, 1, READING)
     records = np.frombuffer(contents, RECORD)
     if np.any(records["scales"] < 0):
         raise PocketGSError(f"{path}: not a .splat: negative scales, expected standard deviations")
-    # What is no number is found when the scene is whole.
+    # NaN and infinity are checked later, on the complete scene.
     with np.errstate(invalid="ignore"):
-        log_scales = np.log(np.maximum(records["scales"], SMALLEST_SCALE))
+        log_scales = np.log(np.maximum(records["scales"], MIN_SCALE))
     gaussians = Gaussians(
         records["means"],
         log_scales,

@@ -1,8 +1,8 @@
-"""Niantic's `.spz`: about a tenth of a `.ply` of degree 3, in axes x right, y up, z back.
+"""Niantic's `.spz`: about a tenth of the size of a `.ply` of degree 3, in axes x right, y up, z back.
 
 Version 4 is a plain header, a table of streams and the streams, each compressed with Zstandard. Versions 1 to 3 are one
-gzip stream with a shorter header in front. `spz_attributes.py` says what the streams hold, `spz_precision.py` how
-coarse the numbers are that we write, and `spz_arrangement.py` what else makes them compress well.
+gzip stream that starts with a shorter header. `spz_attributes.py` defines the streams' contents, `spz_precision.py` how
+coarsely we round, and `spz_arrangement.py` how Gaussians are reordered to compress better.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pocketgs.files.atomic_file import replacing
 from pocketgs.scene.formats.axes import RIGHT_UP_BACK, half_turn
 from pocketgs.scene.formats.checks import read_contents, require_room, require_sound
 from pocketgs.scene.formats.spz_arrangement import rearranged
-from pocketgs.scene.formats.spz_attributes import LARGEST_FIXED, Layout, fractional_bits_for, pack, unpack
+from pocketgs.scene.formats.spz_attributes import MAX_FIXED, Layout, fractional_bits_for, pack, unpack
 from pocketgs.scene.formats.spz_precision import FINE, Precision
 from pocketgs.scene.gaussians import Gaussians
 
@@ -35,7 +35,7 @@ HEADER = struct.Struct("<4sIIBBBB")
 """Magic, version, count, SH degree, fractional bits, flags, and in version 4 the number of streams."""
 
 TABLE_START = struct.Struct("<I12x")
-"""What version 4 adds to the header: where the table of streams begins."""
+"""Fields that version 4 adds to the header: the offset of the table of streams."""
 
 TABLE_ROW = struct.Struct("<QQ")
 """A stream's compressed and original size."""
@@ -45,25 +45,25 @@ EXTENSION = struct.Struct("<II")
 
 FIRST_ROW = HEADER.size + TABLE_START.size
 STREAMS = 6
-LARGEST_DEGREE = 4
+MAX_DEGREE = 4
 HAS_EXTENSIONS = 2
 AXES_EXTENSION, AXES_RIGHT_UP_BACK = 0xADBE0003, 4
 GZIP_LEVEL = 9
-# Bytes by Gaussian and by coefficient of spherical harmonics that reading takes at most, as measured.
+# Maximum bytes that reading takes per Gaussian and per spherical-harmonics coefficient, as measured.
 READING = (320, 28)
 GZIP_WINDOW = 16 + zlib.MAX_WBITS
 ZSTD_OPTIONS: tuple[dict[int, int], ...] = (
     {zstd.CompressionParameter.compression_level: 19},
     {zstd.CompressionParameter.compression_level: 19, zstd.CompressionParameter.min_match: 5},
 )
-"""Of which the better is taken for each stream: it depends on how often three bytes come again by chance."""
+"""The better one is used for each stream: it depends on how often runs of three bytes repeat by chance."""
 
 
 def write_gaussians(path: Path, gaussians: Gaussians, version: Version = CURRENT, precision: Precision = FINE) -> None:
     """Write a scene atomically.
 
     Raises:
-        PocketGSError: the scene is empty, holds NaN or infinity or lies too far out, or the file cannot be written.
+        PocketGSError: the scene is empty, holds NaN or infinity or is too large, or the file cannot be written.
     """
     contents = encode(gaussians, version, precision, path)
     with replacing(path) as partial:
@@ -76,21 +76,21 @@ def encode(
     precision: Precision = FINE,
     path: Path = Path("scene.spz"),
 ) -> bytes:
-    """The content of a scene's file.
+    """Encode a scene as the content of a file.
 
     Args:
         gaussians: the scene.
         version: of the format.
-        precision: what numbers are rounded to.
-        path: named in errors.
+        precision: the rounding of the numbers.
+        path: for error messages.
 
     Raises:
-        PocketGSError: the scene is empty, holds NaN or infinity, or lies too far out.
+        PocketGSError: the scene is empty, holds NaN or infinity, or is too large.
     """
     require_sound(path, gaussians)
     bits = fractional_bits_for(gaussians, precision)
     if bits is None:
-        raise PocketGSError(f"{path}: a coordinate exceeds {LARGEST_FIXED}, the most that .spz can hold")
+        raise PocketGSError(f"{path}: a coordinate exceeds {MAX_FIXED}, the maximum of .spz")
     turned = half_turn(gaussians, RIGHT_UP_BACK)
     if precision.rearranged:
         turned = rearranged(turned, precision)
@@ -100,7 +100,7 @@ def encode(
 
 
 def read_gaussians(path: Path) -> Gaussians:
-    """Read a scene of any version; coefficients above degree 3 and the mark of anti-aliased training are passed over.
+    """Read a scene of any version. Coefficients above degree 3 and the anti-aliasing flag are ignored.
 
     Raises:
         PocketGSError: the file is missing, broken, of an unknown version, or not in the axes of the format.
@@ -123,11 +123,11 @@ def _header(layout: Layout, last: int) -> bytes:
 
 
 def _layout(path: Path, header: bytes, versions: tuple[int, ...]) -> tuple[Layout, int, int]:
-    """The layout, the flags and the header's last byte.
+    """Parse a header into the layout, the flags and the last byte.
 
     Raises:
-        PocketGSError: the header is cut short or of another version, its degree or count are out of range, or memory
-            would not hold what it states.
+        PocketGSError: the header is cut short or of another version, its degree or count is out of range, or the scene
+            exceeds the memory bound.
     """
     if len(header) < HEADER.size:
         raise PocketGSError(f"{path}: cut short: {len(header)} bytes of a header of {HEADER.size}")
@@ -135,9 +135,9 @@ def _layout(path: Path, header: bytes, versions: tuple[int, ...]) -> tuple[Layou
     if magic != MAGIC:
         raise PocketGSError(f"{path}: not a .spz: holds {magic!r}, expected {MAGIC!r}")
     if version not in versions:
-        raise PocketGSError(f"{path}: version {version} in this packing, expected {' or '.join(map(str, versions))}")
-    if degree > LARGEST_DEGREE:
-        raise PocketGSError(f"{path}: spherical harmonics of degree {degree}, expected 0 to {LARGEST_DEGREE}")
+        raise PocketGSError(f"{path}: version {version} in this container, expected {' or '.join(map(str, versions))}")
+    if degree > MAX_DEGREE:
+        raise PocketGSError(f"{path}: spherical harmonics of degree {degree}, expected 0 to {MAX_DEGREE}")
     if not count:
         raise PocketGSError(f"{path}: 0 Gaussians, expected at least one")
     require_room(path, count, (degree + 1) ** 2, READING)
@@ -151,7 +151,7 @@ def _gzip(layout: Layout, streams: list[bytes]) -> bytes:
 
 
 def _gunzip(path: Path, contents: bytes) -> tuple[Layout, list[bytes]]:
-    """Unpack no more than the header says that there is, whatever the gzip stream could grow to."""
+    """Decompress at most as many bytes as the header states, however far the gzip stream would expand."""
     decompressor = zlib.decompressobj(GZIP_WINDOW)
     try:
         header = decompressor.decompress(contents, HEADER.size)
@@ -163,7 +163,7 @@ def _gunzip(path: Path, contents: bytes) -> tuple[Layout, list[bytes]]:
         raise PocketGSError(f"{path}: not a readable gzip stream ({error})") from error
     if len(body) < needed:
         raise PocketGSError(f"{path}: cut short: {len(body)} bytes of the {needed} for {layout.count} Gaussians")
-    # Extensions stand behind the streams; none of them says how to read what is before them.
+    # Extensions come after the streams; none of them changes how the streams are read.
     if more and not flags & HAS_EXTENSIONS:
         raise PocketGSError(f"{path}: holds more than the {needed} bytes for {layout.count} Gaussians")
     return layout, _cut(body, layout)
@@ -212,7 +212,7 @@ def _decompress(path: Path, packed: bytes, stated: int, size: int) -> bytes:
         return b""
     decompressor = zstd.ZstdDecompressor()
     try:
-        # One byte more than is expected, to find out that there is more.
+        # One byte more than expected, to detect excess data.
         stream = decompressor.decompress(packed, max_length=size + 1)
     except zstd.ZstdError as error:
         raise PocketGSError(f"{path}: not a readable Zstandard stream ({error})") from error
@@ -222,7 +222,7 @@ def _decompress(path: Path, packed: bytes, stated: int, size: int) -> bytes:
 
 
 def _check_extensions(path: Path, records: bytes) -> None:
-    """Step over what we have no use for; refuse other axes, which would turn or mirror the scene.
+    """Skip unknown extensions; refuse one that states other axes, which would rotate or mirror the scene.
 
     Raises:
         PocketGSError: the records are cut short, or state other axes than right, up, back.

@@ -1,7 +1,7 @@
-"""Ways of writing the same Gaussians that repeat themselves more, for what compresses them to find.
+"""Equivalent arrangements of the same Gaussians that compress better.
 
-A Gaussian looks the same whichever of its axes is called the first and which way they point: 24 rotations, each with
-its order of scales, describe one ellipsoid. And a scene looks the same in any order.
+A Gaussian looks the same however its axes are ordered and oriented: 24 rotations, each with its order of scales,
+describe the same ellipsoid. And a scene looks the same in any order.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ _CONJUGATE = np.array([1, -1, -1, -1])
 
 
 def rearranged(gaussians: Gaussians, precision: Precision) -> Gaussians:
-    """The same scene in fewer different rotations, equal ones together.
+    """The same scene with fewer distinct rotations, equal ones together.
 
-    No other order saves as much: sorted by a coordinate, the coordinates take less, but the rotations more.
+    No other order saves as much: sorting by a coordinate shrinks the coordinates, but the rotations grow more.
     """
     turned = with_least_turns(gaussians)
     return turned.select(np.argsort(pack_rotations(turned.quaternions, precision.rotation), kind="stable"))
 
 
 def with_least_turns(gaussians: Gaussians) -> Gaussians:
-    """The same ellipsoids, the axes of each named so that it is turned by the least angle, 62.8 degrees at most."""
+    """The same ellipsoids, with axes named so that the rotation angle is smallest, 62.8 degrees at most."""
     quaternions = unit(gaussians.quaternions)
-    # cos(angle / 2) of each, the product's component w.
+    # cos(angle / 2) of each: the component w of the product.
     cosines = quaternions @ (_RENAMINGS * _CONJUGATE).T
     least = np.abs(cosines).argmax(axis=1)
     turned = composed(quaternions, _RENAMINGS[least])
@@ -40,7 +40,7 @@ def with_least_turns(gaussians: Gaussians) -> Gaussians:
 
 
 def _renamings() -> np.ndarray:
-    """(24, 4) the rotations that take a cube to itself: by nothing, half, third and quarter turns."""
+    """(24, 4) rotations that map a cube onto itself."""
     basis = np.eye(4)
     edges = [basis[i] + sign * basis[j] for i, j in combinations(range(4), 2) for sign in (1, -1)]
     corners = [np.array([1, *signs]) for signs in product((1, -1), repeat=3)]
@@ -48,7 +48,7 @@ def _renamings() -> np.ndarray:
 
 
 def _axes_of(quaternions: np.ndarray) -> np.ndarray:
-    """(R, 3) which old axis each new one lies along."""
+    """(R, 3) index of the old axis that each new axis lies along."""
     along = [composed(composed(quaternions, axis), quaternions * _CONJUGATE) for axis in np.eye(4)[1:]]
     return np.abs(np.stack(along, axis=1))[..., 1:].argmax(axis=2)
 

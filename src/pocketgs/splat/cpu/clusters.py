@@ -12,17 +12,16 @@ import numpy as np
 from numba import prange
 
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.constants import ALPHA_MIN, FRUSTUM_MARGIN, LOW_PASS
+from pocketgs.splat.constants import FRUSTUM_MARGIN, LOW_PASS
 from pocketgs.splat.cpu.layout import CLUSTER, View
+from pocketgs.splat.cpu.lens import KernelLens, Orthographic, Pinhole
+from pocketgs.splat.cpu.lens_clusters import REACH, outside_cone, outside_parallel
 from pocketgs.system.compile import parallel_kernel
 from pocketgs.system.dealing import first_piece, take
 
 _LOW, _HIGH, _LOG_SCALE = 0, 3, 6
 BOUNDS = 7
 """A cluster's bounds: least and largest coordinates of its means, and its largest log scale."""
-
-# At least the reach of the most opaque Gaussian, in standard deviations, with some room for rounding.
-_REACH = 1.001 * math.sqrt(-2.0 * math.log(ALPHA_MIN))
 
 
 class Clusters:
@@ -46,24 +45,25 @@ class Clusters:
         """Say that Gaussians of these clusters, and of no others, have moved or changed size since the last view."""
         self._moved = clusters
 
-    def in_view(self, scene: Gaussians, view: View, near: float, threads: int) -> np.ndarray:
+    def in_view(self, scene: Gaussians, view: View, lens: KernelLens, near: float, threads: int) -> np.ndarray:
         """(M,) int32, ascending: all clusters of which the view may show something."""
         fit(scene.means, scene.log_scales, self._moved, threads, self._bounds)
         self._moved = self.all[:0]
-        return np.flatnonzero(~outside(self._bounds, view, near)).astype(np.int32)
+        return np.flatnonzero(~outside(self._bounds, view, lens, near)).astype(np.int32)
 
 
-def outside(bounds: np.ndarray, view: View, near: float) -> np.ndarray:
+def outside(bounds: np.ndarray, view: View, lens: KernelLens, near: float) -> np.ndarray:
     """(M,) bool: clusters of which no Gaussian can be drawn.
 
     With r the reach and σ the largest standard deviation, a Gaussian at camera-space (x, y, z) reaches to the right at
     most to f x/z + c + r (f/z √(1 + s²) σ + √0.3), s being the largest slope that its Jacobian is evaluated at. If that
     is left of the first pixel's centre, all of it times z is a linear function of the mean that is below 0; over a box
-    it is largest at a corner.
+    it is largest at a corner. That is of a pinhole; see `lens_clusters` for others.
 
     Args:
         bounds: (M, BOUNDS).
         view: the camera.
+        lens: what it is seen through.
         near: least depth of what is drawn.
     """
     low, high = bounds[:, _LOW:_HIGH].astype(np.float64), bounds[:, _HIGH:_LOG_SCALE].astype(np.float64)
@@ -73,6 +73,10 @@ def outside(bounds: np.ndarray, view: View, near: float) -> np.ndarray:
         halves = 0.5 * (high - low)
         sigma = np.exp(bounds[:, _LOG_SCALE].astype(np.float64))
         rotation = view.rotation
+        if isinstance(lens, Orthographic):
+            return outside_parallel(centres, halves, sigma, view, near)
+        if not isinstance(lens, Pinhole):
+            return outside_cone(centres, halves, sigma, view, lens, near)
 
         def largest(normal: np.ndarray) -> np.ndarray:
             return np.asarray(centres @ normal + halves @ np.abs(normal))
@@ -82,8 +86,8 @@ def outside(bounds: np.ndarray, view: View, near: float) -> np.ndarray:
         for axis, focal, centre, size in sides:
             margin = FRUSTUM_MARGIN * size
             slope = max(centre + margin, size - centre + margin) / focal
-            spread = _REACH * focal * math.sqrt(1.0 + slope * slope) * sigma
-            blur = _REACH * math.sqrt(LOW_PASS) + 0.5
+            spread = REACH * focal * math.sqrt(1.0 + slope * slope) * sigma
+            blur = REACH * math.sqrt(LOW_PASS) + 0.5
             before = focal * rotation[axis] + (centre + blur) * rotation[2]
             behind = -focal * rotation[axis] + (size - centre + blur) * rotation[2]
             found |= (largest(before) + spread < 0.0) | (largest(behind) + spread < 0.0)

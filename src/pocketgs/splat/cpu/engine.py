@@ -14,13 +14,16 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.scene.background import checked_background
 from pocketgs.scene.gaussians import PARAMETERS, SH_COEFFICIENTS, Gaussians
 from pocketgs.splat.checks import check_state, check_view, checked_scene
+from pocketgs.splat.colours import UPDATES, check_transforms, no_transforms, transforms_of
 from pocketgs.splat.cpu.adam import regularise, update
 from pocketgs.splat.cpu.bin import Binner, TileLists
 from pocketgs.splat.cpu.clusters import Clusters, clear
+from pocketgs.splat.cpu.colours import transform, transform_backward
 from pocketgs.splat.cpu.compositor import OVER, Compositor
 from pocketgs.splat.cpu.errors import error_sums, write_error
 from pocketgs.splat.cpu.lanes import LANES
 from pocketgs.splat.cpu.layout import BLUE, DEPTH, RED, SPLAT_FIELDS, View
+from pocketgs.splat.cpu.lens import KernelLens, kernel_lens
 from pocketgs.splat.cpu.loss import photometric
 from pocketgs.splat.cpu.memory import training_bytes
 from pocketgs.splat.cpu.noise import add_noise
@@ -32,8 +35,9 @@ from pocketgs.splat.engine import KEPT_LOSSES, MemoryNeed, OptimiserState, Rende
 from pocketgs.splat.limits import TRAINING
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.parameters import ParameterLayout
+from pocketgs.splat.reference.colours import learn_transform
 from pocketgs.splat.rows import RowChange, Statistics
-from pocketgs.splat.settings import LearningRates, LossSettings, PositionNoise, StepSettings
+from pocketgs.splat.settings import ColourSettings, LearningRates, LossSettings, PositionNoise, StepSettings
 from pocketgs.splat.store import ParameterStore
 from pocketgs.splat.timing import NoTimer, PassTimer
 from pocketgs.system.cores import kernel_threads
@@ -47,6 +51,7 @@ class _TrainingView:
     """One photograph, as planes of uint8; `mask` is (0, 0) where there is none."""
 
     view: View
+    lens: KernelLens
     photo: np.ndarray
     mask: np.ndarray
 
@@ -61,6 +66,8 @@ class _Canvas:
         self.drawn_ends = np.empty(view.tiles, np.int32)
         self.d_image = np.empty_like(self.image)
         self.row_losses = np.empty((3, view.height), np.float32)
+        self.transformed = np.empty((0, *self.shape), np.float32)
+        """The image as the photograph's camera would show it, where its colours are learned."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +104,7 @@ class CpuEngine:
         self._intersection_sums = np.empty(0, np.float32)
         self.timer: PassTimer = NoTimer()
         self._losses: deque[float] = deque(maxlen=KEPT_LOSSES)
+        self._colours = no_transforms(0)
 
     def prepare(self) -> None:
         """Compile the kernels, or load what an earlier process compiled, by training a throw-away scene."""
@@ -106,7 +114,7 @@ class CpuEngine:
         pose[2, 3] = 4.0
         frame = Frame("", Camera(16, 16, 16.0, 16.0, 8.0, 8.0, pose), np.zeros((16, 16, 3), np.uint8))
         rates = LearningRates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        settings = StepSettings(rates, statistics=True, noise=PositionNoise(0.0, 0))
+        settings = StepSettings(rates, statistics=True, noise=PositionNoise(0.0, 0), colours=ColourSettings(0.0))
         engine = CpuEngine(self.threads)
         engine.set_views([frame])
         engine.upload(scene)
@@ -117,17 +125,23 @@ class CpuEngine:
         self._views = [
             _TrainingView(
                 View.of(frame.camera),
+                kernel_lens(frame.camera),
                 np.ascontiguousarray(np.moveaxis(frame.image, 2, 0)),
                 np.zeros((0, 0), np.bool_) if frame.mask is None else np.array(frame.mask, np.bool_, order="C"),
             )
             for frame in frames
         ]
+        self._colours = no_transforms(len(frames))
 
     def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
         """Take a copy of the scene, and of the optimiser's state or start it anew."""
         gaussians = checked_scene(gaussians)
         if state is not None:
             check_state(gaussians, state)
+        self._colours = no_transforms(len(self._views))
+        if state is not None and state.colours is not None:
+            check_transforms(state.colours, len(self._views))
+            self._colours = state.colours.copy()
         self._store = ParameterStore(gaussians, state)
         self._near = near_plane(gaussians.means) if state is None or state.near is None else state.near
         self._steps = 0 if state is None else state.steps
@@ -177,13 +191,13 @@ class CpuEngine:
         check_view(view, self._views)
         numba.set_num_threads(self.threads)
         training_view = self._views[view]
-        raster = self._forward(training_view.view, np.array(settings.background, np.float32))
-        loss = self._photometric(training_view, raster, settings.loss)
+        raster = self._forward(training_view.view, training_view.lens, np.array(settings.background, np.float32))
+        loss = self._compare(view, raster, settings)
         if settings.statistics and len(self._statistics) == 0:
             self._statistics = np.zeros((self.count, STATISTICS), np.float32)
-        self._backward(training_view.view, raster, settings.statistics)
+        self._backward(training_view, raster, settings.statistics)
         if settings.errors:
-            self._add_errors(training_view, raster)
+            self._add_errors(view, raster, settings)
         self._losses.append(loss + self._update(settings, raster.clusters))
 
     def loss(self, steps: int = 1) -> float:
@@ -196,7 +210,7 @@ class CpuEngine:
         """Render the scene as it stands."""
         numba.set_num_threads(self.threads)
         view = View.of(camera)
-        raster = self._forward(view, np.array(checked_background(background), np.float32))
+        raster = self._forward(view, kernel_lens(camera), np.array(checked_background(background), np.float32))
         image = np.moveaxis(raster.canvas.image, 0, 2).copy()
         alpha = 1.0 - raster.canvas.transmittance
         expected_depth = None
@@ -214,12 +228,13 @@ class CpuEngine:
     def optimiser_state(self) -> OptimiserState:
         """A copy of the optimiser's state."""
         store = self._store
-        return OptimiserState(store.first_moments.copy(), store.second_moments.copy(), self._steps, self._near)
+        colours = self._colours.copy() if self._colours[:, UPDATES].any() else None
+        return OptimiserState(store.first_moments.copy(), store.second_moments.copy(), self._steps, self._near, colours)
 
     def memory(self) -> dict[str, int]:
         """Bytes that the engine holds, by the name of what they are for."""
         return {
-            "photographs": sum(view.photo.nbytes + view.mask.nbytes for view in self._views),
+            "photographs": sum(view.photo.nbytes + view.mask.nbytes for view in self._views) + self._colours.nbytes,
             **self._store.nbytes(),
             "tile lists": self._binner.nbytes,
             "gradients by tile": self._intersection_sums.nbytes,
@@ -232,11 +247,11 @@ class CpuEngine:
         """What training would take."""
         return MemoryNeed(training_bytes(gaussians, coefficients, photographs))
 
-    def _forward(self, view: View, background: np.ndarray) -> Raster:
+    def _forward(self, view: View, lens: KernelLens, background: np.ndarray) -> Raster:
         """Cull → project → sort → bin → rasterize."""
         scene, timer = self._scene, self.timer
         timer.begins("cull")
-        clusters = self._clusters.in_view(scene, view, self._near, self.threads)
+        clusters = self._clusters.in_view(scene, view, lens, self._near, self.threads)
         timer.begins("project")
         project(
             scene.means,
@@ -245,6 +260,7 @@ class CpuEngine:
             scene.opacity_logits,
             scene.sh,
             view,
+            lens,
             self._near,
             clusters,
             self.threads,
@@ -277,14 +293,28 @@ class CpuEngine:
         self.timer.ends()
         return canvas
 
-    def _photometric(self, view: _TrainingView, raster: Raster, settings: LossSettings) -> float:
-        """The loss; its gradient is left on the canvas."""
+    def _compare(self, view: int, raster: Raster, settings: StepSettings) -> float:
+        """The loss; its gradient is left on the canvas, and the photograph's colour transform takes a step."""
         canvas = raster.canvas
         self.timer.begins("loss")
-        photometric(canvas.image, view.photo, view.mask, settings, self.threads, canvas.d_image, canvas.row_losses)
+        if settings.colours is None:
+            return self._photometric(canvas.image, self._views[view], canvas, settings.loss)
+        matrix = transforms_of(self._colours[view : view + 1])[0].astype(np.float32)
+        if len(canvas.transformed) == 0:
+            canvas.transformed = np.empty_like(canvas.image)
+        transform(canvas.image, matrix, self.threads, canvas.transformed)
+        loss = self._photometric(canvas.transformed, self._views[view], canvas, settings.loss)
+        row_sums = np.empty((canvas.shape[0], 3, 4), np.float32)
+        transform_backward(canvas.image, matrix, self.threads, canvas.d_image, row_sums)
+        learn_transform(self._colours, view, row_sums.sum(axis=0, dtype=np.float64), settings.colours, settings.adam)
+        return loss
+
+    def _photometric(self, image: np.ndarray, view: _TrainingView, canvas: _Canvas, settings: LossSettings) -> float:
+        """The loss of an image; its gradient is left on the canvas."""
+        photometric(image, view.photo, view.mask, settings, self.threads, canvas.d_image, canvas.row_losses)
         return float(canvas.row_losses.sum(dtype=np.float64))
 
-    def _backward(self, view: View, raster: Raster, with_statistics: bool) -> None:
+    def _backward(self, view: _TrainingView, raster: Raster, with_statistics: bool) -> None:
         """Rasterize backward → project backward: fills in the gradients."""
         scene, lists = self._scene, raster.lists
         self._replay(raster)
@@ -297,7 +327,8 @@ class CpuEngine:
             scene.log_scales,
             scene.quaternions,
             scene.sh,
-            view,
+            view.view,
+            view.lens,
             self.threads,
             self._splats,
             raster.visible,
@@ -310,12 +341,13 @@ class CpuEngine:
             _NO_CHANNELS,
         )
 
-    def _add_errors(self, view: _TrainingView, raster: Raster) -> None:
+    def _add_errors(self, view: int, raster: Raster, settings: StepSettings) -> None:
         """Sum up what of the view's error each Gaussian takes part in."""
         if len(self._errors) == 0:
             self._errors = np.zeros(self.count, np.float32)
-        canvas = raster.canvas
-        write_error(canvas.image, view.photo, view.mask, canvas.d_image)
+        canvas, photo = raster.canvas, self._views[view]
+        compared = canvas.image if settings.colours is None else canvas.transformed
+        write_error(compared, photo.photo, photo.mask, canvas.d_image)
         self._replay(raster)
         self._errors[raster.visible] += error_sums(raster.visible, raster.lists, self._intersection_sums).astype(
             np.float32

@@ -12,8 +12,12 @@ import numpy as np
 from numba import prange
 
 from pocketgs.splat.constants import ALPHA_MIN, LARGEST_VARIANCE, LEAST_DETERMINANT
+from pocketgs.splat.cpu.jacobians import Jacobian
 from pocketgs.splat.cpu.layout import View
-from pocketgs.splat.cpu.project import Jacobian, clamped_slopes, footprint, jacobian_at, to_camera
+from pocketgs.splat.cpu.lens import Pinhole
+from pocketgs.splat.cpu.pinhole import clamped_slopes
+from pocketgs.splat.cpu.project import footprint, to_camera
+from pocketgs.splat.cpu.through_lens import jacobian_at
 from pocketgs.splat.cpu.vectors import Vector, axes_of, dot, scaled, transposed_times
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import PIECE, first_piece, take
@@ -39,9 +43,11 @@ def _unit(quaternion: np.ndarray) -> tuple[tuple[float, float, float, float], fl
 
 
 @inlined
-def _covariance(view: View, local: Vector, scale: np.ndarray, quaternion: np.ndarray) -> tuple[float, float, float]:
+def _covariance(
+    view: View, lens: Pinhole, local: Vector, scale: np.ndarray, quaternion: np.ndarray
+) -> tuple[float, float, float]:
     """Σ' before it is blurred: xx, xy, yy."""
-    jacobian = jacobian_at(view, local)
+    jacobian = jacobian_at(view, lens, local)
     unit, _ = _unit(quaternion)
     axes = axes_of(unit)
     _, p = footprint(view, jacobian, axes[0], float(scale[0]))
@@ -57,6 +63,7 @@ def _covariance(view: View, local: Vector, scale: np.ndarray, quaternion: np.nda
 @part
 def _project_one(
     view: View,
+    lens: Pinhole,
     local: Vector,
     scale: np.ndarray,
     quaternion: np.ndarray,
@@ -69,7 +76,7 @@ def _project_one(
     radius: np.ndarray,
 ) -> float:
     """Write one Gaussian's splat; its compensation, or -1 where it cannot be seen."""
-    xx, xy, yy = _covariance(view, local, scale, quaternion)
+    xx, xy, yy = _covariance(view, lens, local, scale, quaternion)
     before = max(xx * yy - xy * xy, 0.0)
     xx, yy = xx + low_pass, yy + low_pass
     determinant = xx * yy - xy * xy
@@ -104,6 +111,7 @@ def project_ewa(
     scales: np.ndarray,
     opacities: np.ndarray,
     view: View,
+    lens: Pinhole,
     low_pass: float,
     near: float,
     far: float,
@@ -124,6 +132,7 @@ def project_ewa(
         scales: (N, 3) float32 standard deviations.
         opacities: (N,) float32, or (0,) where all are to reach as far as any can.
         view: the camera; its matrix need not be a rotation.
+        lens: none.
         low_pass: added to both variances on the image, in pixels².
         near: least depth of what is seen.
         far: largest depth.
@@ -146,7 +155,7 @@ def project_ewa(
                 compensation = -1.0
                 if near <= local[2] <= far:
                     compensation = _project_one(
-                        view, local, scales[i], quaternions[i], opacity, low_pass, compensated, least_radius,
+                        view, lens, local, scales[i], quaternions[i], opacity, low_pass, compensated, least_radius,
                         centres[i], conics[i], radii[i],
                     )  # fmt: skip
                 if compensation >= 0.0:
@@ -177,11 +186,11 @@ def _covariance_gradient(
 
 
 @inlined
-def _position_backward(view: View, local: Vector, d_centre: np.ndarray, d_jacobian: Jacobian) -> Vector:
+def _position_backward(view: View, lens: Pinhole, local: Vector, d_centre: np.ndarray, d_jacobian: Jacobian) -> Vector:
     """Gradient with respect to the camera-space position, through the centre and through the Jacobian."""
     x, y, z = local
     slope_x, slope_y = clamped_slopes(view, local)
-    xx, xz, yy, yz = jacobian_at(view, local)
+    xx, xz, yy, yz = jacobian_at(view, lens, local)
     d_x, d_y = float(d_centre[0]) * xx, float(d_centre[1]) * yy
     d_z = -(d_x * x + d_y * y) / z
     # xx = fx/z and xz = -fx x/z², or -fx · limit/z where clamped.
@@ -236,6 +245,7 @@ def _axis_backward(
 @part
 def _back_one(
     view: View,
+    lens: Pinhole,
     mean: np.ndarray,
     quaternion: np.ndarray,
     scale: np.ndarray,
@@ -249,10 +259,10 @@ def _back_one(
 ) -> None:
     """Add one Gaussian's gradients to its rows, and to the camera's matrix if that has one."""
     local = to_camera(view, mean)
-    jacobian = jacobian_at(view, local)
+    jacobian = jacobian_at(view, lens, local)
     unit, length = _unit(quaternion)
     axes = axes_of(unit)
-    d_jacobian = (0.0, 0.0, 0.0, 0.0)
+    d_jacobian: Jacobian = (0.0, 0.0, 0.0, 0.0)
     d_jacobian, row_x, d_scale_x = _axis_backward(view, jacobian, axes, 0, scale, d_covariance, d_jacobian, d_matrix)
     d_jacobian, row_y, d_scale_y = _axis_backward(view, jacobian, axes, 1, scale, d_covariance, d_jacobian, d_matrix)
     d_jacobian, row_z, d_scale_z = _axis_backward(view, jacobian, axes, 2, scale, d_covariance, d_jacobian, d_matrix)
@@ -267,7 +277,7 @@ def _back_one(
     d_quaternion[1] += factor * (q_w * x + q_y * z - q_z * y)
     d_quaternion[2] += factor * (q_w * y + q_z * x - q_x * z)
     d_quaternion[3] += factor * (q_w * z + q_x * y - q_y * x)
-    d_x, d_y, d_z = _position_backward(view, local, d_centre, d_jacobian)
+    d_x, d_y, d_z = _position_backward(view, lens, local, d_centre, d_jacobian)
     d_local = (d_x, d_y, d_z + d_depth)
     d_world = transposed_times(view.rotation, d_local)
     for c in range(3):
@@ -284,6 +294,7 @@ def project_ewa_backward(
     quaternions: np.ndarray,
     scales: np.ndarray,
     view: View,
+    lens: Pinhole,
     low_pass: float,
     threads: int,
     seen: np.ndarray,
@@ -307,6 +318,7 @@ def project_ewa_backward(
         quaternions: (N, 4) float32 of any length.
         scales: (N, 3) float32.
         view: the camera.
+        lens: none.
         low_pass: added to both variances on the image.
         threads: number of threads that share the work.
         seen: (V,) int64 Gaussians that are seen, each once.
@@ -336,7 +348,7 @@ def project_ewa_backward(
                     compensation, d_compensation = float(compensations[row]), float(d_compensations[row])
                 d_covariance = _covariance_gradient(conic, d_conics[row], low_pass, compensation, d_compensation)
                 _back_one(
-                    view, means[i], quaternions[i], scales[i], d_centres[row], d_depths[row], d_covariance,
+                    view, lens, means[i], quaternions[i], scales[i], d_centres[row], d_depths[row], d_covariance,
                     d_means[target], d_quaternions[target], d_scales[target], d_matrix,
                 )  # fmt: skip
             piece = take(counter)

@@ -249,6 +249,18 @@ def magnitude(typing_context: Any, vector: Any) -> Any:
     return FLOATS(FLOATS), generate
 
 
+@intrinsic
+def square_root(typing_context: Any, vector: Any) -> Any:
+    """√x lane by lane."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        function_type = ir.FunctionType(_FLOATS, [_FLOATS])
+        function = cgutils.get_or_insert_function(builder.module, function_type, f"llvm.sqrt.v{LANES}f32")
+        return builder.call(function, arguments)
+
+    return FLOATS(FLOATS), generate
+
+
 @overload(max, inline="always")
 def _max(left, right):
     if left == FLOATS and right == FLOATS:

@@ -46,7 +46,10 @@ CLUSTER = 256
 
 
 class View(NamedTuple):
-    """A camera as the kernels take it: `rotation` and `translation` of world_to_camera, `centre` in the world."""
+    """A camera as the kernels take it: `rotation` and `translation` of world_to_camera, `centre` in the world.
+
+    Its lens goes to them beside it: see `pocketgs.splat.cpu.lens`.
+    """
 
     rotation: np.ndarray
     translation: np.ndarray
@@ -57,9 +60,10 @@ class View(NamedTuple):
     cy: float
     width: int
     height: int
+    antialiased: bool
 
     @staticmethod
-    def of(camera: Camera) -> View:
+    def of(camera: Camera, antialiased: bool = False) -> View:
         """The view of a camera."""
         return View(
             np.ascontiguousarray(camera.world_to_camera[:3, :3]),
@@ -71,6 +75,7 @@ class View(NamedTuple):
             float(camera.cy),
             int(camera.width),
             int(camera.height),
+            antialiased,
         )
 
     @property

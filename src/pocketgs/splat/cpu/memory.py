@@ -17,8 +17,8 @@ INTERSECTION_BYTES = 2 * 5 * INTERSECTION_FIELDS + 5 * 16
 PHOTOGRAPH_PIXEL = 3 + 1
 """Colour, and a mask where there is one."""
 
-CANVAS_PIXEL = 4 * (3 + 1 + 3)
-"""Colour, transmittance and the colour's gradient."""
+CANVAS_PIXEL = 4 * (3 + 1 + 3 + 3)
+"""Colour, transmittance, the colour's gradient, and the colour as a photograph's transform makes it."""
 
 
 def training_bytes(gaussians: int, coefficients: int, photographs: Sequence[tuple[int, int]]) -> int:

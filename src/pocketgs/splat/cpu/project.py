@@ -10,11 +10,11 @@ from numba import prange
 from pocketgs.splat.constants import (
     ALPHA_MIN,
     BRIGHTEST,
-    FRUSTUM_MARGIN,
     LARGEST_VARIANCE,
     LEAST_DETERMINANT,
     LOW_PASS,
 )
+from pocketgs.splat.cpu.jacobians import Jacobian, along
 from pocketgs.splat.cpu.layout import (
     CLUSTER,
     COLOURS,
@@ -29,7 +29,9 @@ from pocketgs.splat.cpu.layout import (
     RED,
     View,
 )
+from pocketgs.splat.cpu.lens import KernelLens
 from pocketgs.splat.cpu.spherical_harmonics import sh_basis
+from pocketgs.splat.cpu.through_lens import centre_of, depth_of, jacobian_at, shows
 from pocketgs.splat.cpu.vectors import Vector, axes_of, scaled, times
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import first_piece, take
@@ -37,9 +39,6 @@ from pocketgs.system.dealing import first_piece, take
 LOG2_E = 1.0 / math.log(2.0)
 CULLED = np.uint32(0xFFFFFFFF)
 """Depth key of a Gaussian that is not drawn."""
-
-Jacobian = tuple[float, float, float, float]
-"""The entries of the projection's derivative that are not zero: xx, xz, yy, yz."""
 
 
 @inlined
@@ -50,34 +49,20 @@ def to_camera(view: View, mean: np.ndarray) -> Vector:
 
 
 @inlined
-def clamped_slopes(view: View, local: Vector) -> tuple[float, float]:
-    """x/z and y/z held within the image and a margin around it, beyond which the linearised projection explodes."""
-    margin_x, margin_y = FRUSTUM_MARGIN * view.width, FRUSTUM_MARGIN * view.height
-    slope_x = min(
-        max(local[0] / local[2], -(view.cx + margin_x) / view.fx), (view.width - view.cx + margin_x) / view.fx
-    )
-    slope_y = min(
-        max(local[1] / local[2], -(view.cy + margin_y) / view.fy), (view.height - view.cy + margin_y) / view.fy
-    )
-    return slope_x, slope_y
-
-
-@inlined
 def footprint(view: View, jacobian: Jacobian, axis: Vector, scale: float) -> tuple[Vector, tuple[float, float]]:
     """One axis of the Gaussian in camera space (3 numbers), and its projection (2 numbers).
 
     The projected covariance is the sum over the three axes of the projection's outer product with itself.
     """
     a = times(view.rotation, scaled(axis, scale))
-    xx, xz, yy, yz = jacobian
-    return a, (xx * a[0] + xz * a[2], yy * a[1] + yz * a[2])
+    return a, along(jacobian, a)
 
 
 @inlined
-def jacobian_at(view: View, local: Vector) -> Jacobian:
-    """The projection's derivative at a camera-space position."""
-    slope_x, slope_y = clamped_slopes(view, local)
-    return (view.fx / local[2], -view.fx * slope_x / local[2], view.fy / local[2], -view.fy * slope_y / local[2])
+def sharp_determinant(p: tuple[float, float], q: tuple[float, float], r: tuple[float, float]) -> float:
+    """Det of Σ' - 0.3 I from the three projected axes: the sum of their squared areas, in which nothing cancels."""
+    pq, qr, rp = p[0] * q[1] - p[1] * q[0], q[0] * r[1] - q[1] * r[0], r[0] * p[1] - r[1] * p[0]
+    return pq * pq + qr * qr + rp * rp
 
 
 @inlined
@@ -89,6 +74,7 @@ def _reaches_a_pixel(centre: float, radius: float, size: int) -> bool:
 @inlined
 def _project_shape(
     view: View,
+    lens: KernelLens,
     near: float,
     local: Vector,
     log_scale: np.ndarray,
@@ -98,9 +84,10 @@ def _project_shape(
 ) -> bool:
     """Fill in a splat's centre, falloff, opacity and depth; False if it cannot be seen."""
     opacity = 1.0 / (1.0 + math.exp(-float(logit)))
-    if not (local[2] >= near and opacity >= ALPHA_MIN):
+    depth = depth_of(view, lens, local)
+    if not (depth >= near and opacity >= ALPHA_MIN and shows(view, lens, local)):
         return False
-    jacobian = jacobian_at(view, local)
+    jacobian = jacobian_at(view, lens, local)
     w, x, y, z = float(quaternion[0]), float(quaternion[1]), float(quaternion[2]), float(quaternion[3])
     axes = axes_of((w, x, y, z))
     _, p = footprint(view, jacobian, axes[0], math.exp(float(log_scale[0])))
@@ -109,12 +96,16 @@ def _project_shape(
     xx = p[0] * p[0] + q[0] * q[0] + r[0] * r[0] + LOW_PASS
     xy = p[0] * p[1] + q[0] * q[1] + r[0] * r[1]
     yy = p[1] * p[1] + q[1] * q[1] + r[1] * r[1] + LOW_PASS
-    mean_x, mean_y = view.fx * local[0] / local[2] + view.cx, view.fy * local[1] / local[2] + view.cy
+    mean_x, mean_y = centre_of(view, lens, local)
+    determinant = xx * yy - xy * xy
+    if view.antialiased:
+        opacity *= math.sqrt(sharp_determinant(p, q, r) / determinant)
+        if not opacity >= ALPHA_MIN:
+            return False
     log2_opacity = math.log2(opacity)
     # log2 α falls to that of 1/255 on the ellipse dᵀ Σ'⁻¹ d = reach².
     reach = math.sqrt(max(0.0, 2.0 * (log2_opacity - LOG2_ALPHA_MIN) / LOG2_E))
     radius_x, radius_y = reach * math.sqrt(xx), reach * math.sqrt(yy)
-    determinant = xx * yy - xy * xy
     sound = math.isfinite(mean_x + mean_y) and xx < LARGEST_VARIANCE and yy < LARGEST_VARIANCE
     if not (sound and determinant > LEAST_DETERMINANT * xx * yy):
         return False
@@ -125,7 +116,7 @@ def _project_shape(
     splat[EXPONENT_XY] = LOG2_E * xy / determinant
     splat[EXPONENT_YY] = -0.5 * LOG2_E * xx / determinant
     splat[LOG2_OPACITY] = log2_opacity
-    splat[DEPTH] = local[2]
+    splat[DEPTH] = depth
     return True
 
 
@@ -154,6 +145,7 @@ def _project_range(
     opacity_logits: np.ndarray,
     sh: np.ndarray,
     view: View,
+    lens: KernelLens,
     near: float,
     first: int,
     end: int,
@@ -168,7 +160,7 @@ def _project_range(
         splat = splats[i]
         local = to_camera(view, means[i])
         depth_keys[i] = CULLED
-        if _project_shape(view, near, local, log_scales[i], quaternions[i], opacity_logits[i], splat):
+        if _project_shape(view, lens, near, local, log_scales[i], quaternions[i], opacity_logits[i], splat):
             sound = True
             if sh.shape[1] > 0:
                 (x, y, z), _ = direction_to(view, means[i])
@@ -190,6 +182,7 @@ def project(
     opacity_logits: np.ndarray,
     sh: np.ndarray,
     view: View,
+    lens: KernelLens,
     near: float,
     clusters: np.ndarray,
     threads: int,
@@ -205,6 +198,7 @@ def project(
         opacity_logits: (N,) float32.
         sh: (N, K, 3) float32. K may be 0: then no colours are written.
         view: the camera.
+        lens: what it is seen through.
         near: least depth of what is drawn.
         clusters: (M,) int32, which clusters may be in view.
         threads: number of threads that project.
@@ -218,6 +212,6 @@ def project(
             first = clusters[place] * CLUSTER
             end = min(first + CLUSTER, len(means))
             _project_range(
-                means, log_scales, quaternions, opacity_logits, sh, view, near, first, end, splats, depth_keys
+                means, log_scales, quaternions, opacity_logits, sh, view, lens, near, first, end, splats, depth_keys
             )
             place = take(counter)

@@ -11,8 +11,10 @@ import math
 import numpy as np
 from numba import prange
 
+from pocketgs.splat.constants import LOW_PASS
 from pocketgs.splat.cpu.exp2 import exp
-from pocketgs.splat.cpu.lanes import LANES, Floats, broadcast, load, select, store
+from pocketgs.splat.cpu.jacobians import Jacobian, back_along, no_gradient, with_product
+from pocketgs.splat.cpu.lanes import LANES, Floats, broadcast, load, square_root, store
 from pocketgs.splat.cpu.layout import (
     COLOURS,
     EXPONENT_XX,
@@ -29,7 +31,8 @@ from pocketgs.splat.cpu.layout import (
     SLOTS_FIRST,
     View,
 )
-from pocketgs.splat.cpu.project import Jacobian, clamped_slopes, direction_to, footprint, jacobian_at
+from pocketgs.splat.cpu.lens import KernelLens
+from pocketgs.splat.cpu.project import direction_to, footprint, sharp_determinant
 from pocketgs.splat.cpu.rasterize_backward import (
     SUM_ABSOLUTE_X,
     SUM_EXPONENT,
@@ -42,6 +45,7 @@ from pocketgs.splat.cpu.rasterize_backward import (
 )
 from pocketgs.splat.cpu.spherical_harmonics import sh_basis, sh_basis_gradient
 from pocketgs.splat.cpu.statistics import collect
+from pocketgs.splat.cpu.through_lens import jacobian_at, position_backward
 from pocketgs.splat.cpu.vectors import Vector, axes_of, dot, scaled, times, transposed_times
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import PIECE, first_piece, take
@@ -129,11 +133,10 @@ def _covariance_gradient(block: np.ndarray) -> tuple[tuple[Floats, Floats], Cova
 
 @inlined
 def _shape_backward(view: View, jacobian: Jacobian, block: np.ndarray, d_covariance: CovarianceGradient) -> Jacobian:
-    """Write the gradients of scales and rotation; return that of the Jacobian's four entries."""
+    """Write the gradients of scales and rotation; return that of the Jacobian's entries."""
     w, (x, y, z) = _column(block, _QUATERNION), _columns3(block, _QUATERNION + 1)
     axes = axes_of((w, x, y, z))
-    zero = broadcast(np.float32(0.0))
-    d_jacobian = (zero, zero, zero, zero)
+    d_jacobian = no_gradient(jacobian)
     d_jacobian, row_x = _axis_backward(view, jacobian, block, axes, 0, d_covariance, d_jacobian)
     d_jacobian, row_y = _axis_backward(view, jacobian, block, axes, 1, d_covariance, d_jacobian)
     d_jacobian, row_z = _axis_backward(view, jacobian, block, axes, 2, d_covariance, d_jacobian)
@@ -159,55 +162,57 @@ def _axis_backward(
     scale = exp(_column(block, _LOG_SCALE + k))
     a, u = footprint(view, jacobian, axes[k], scale)
     du = ((d_xx * u[0] + d_xy * u[1]) * 2.0, (d_xy * u[0] + d_yy * u[1]) * 2.0)
-    d_jacobian = (
-        d_jacobian[0] + du[0] * a[0],
-        d_jacobian[1] + du[0] * a[2],
-        d_jacobian[2] + du[1] * a[1],
-        d_jacobian[3] + du[1] * a[2],
-    )
-    d_a = (jacobian[0] * du[0], jacobian[2] * du[1], jacobian[1] * du[0] + jacobian[3] * du[1])
-    d_axis = scaled(transposed_times(view.rotation, d_a), scale)
+    d_jacobian = with_product(d_jacobian, du, a)
+    d_axis = scaled(transposed_times(view.rotation, back_along(jacobian, du)), scale)
     _set_column(block, _GRADIENT + GRADIENT_LOG_SCALE + k, dot(axes[k], d_axis))
     return d_jacobian, (dot(axes[0], d_axis), dot(axes[1], d_axis), dot(axes[2], d_axis))
 
 
 @inlined
-def _position_backward(
-    view: View, local: Vector, jacobian: Jacobian, d_mean: tuple[Floats, Floats], d_jacobian: Jacobian
-) -> Vector:
-    """Gradient with respect to the camera-space position, from the projected centre and from the Jacobian."""
-    x, y, z = local
-    slope_x, slope_y = clamped_slopes(view, local)
-    d_x = d_mean[0] * view.fx / z
-    d_y = d_mean[1] * view.fy / z
-    d_z = (d_x * x + d_y * y) / z
-    xx, xz, yy, yz = jacobian
-    # xx = fx/z and xz = -fx x/z², or -fx · limit/z where clamped.
-    d_z = d_z + (xx * d_jacobian[0] + yy * d_jacobian[2]) / z
-    zero, through_x, through_y = broadcast(np.float32(0.0)), d_jacobian[1] / z, d_jacobian[3] / z
-    moving_x, moving_y = slope_x == x / z, slope_y == y / z
-    d_x = d_x - select(moving_x, xx * through_x, zero)
-    d_y = d_y - select(moving_y, yy * through_y, zero)
-    d_z = d_z + xz * through_x + select(moving_x, xz * through_x, zero)
-    d_z = d_z + yz * through_y + select(moving_y, yz * through_y, zero)
-    return (d_x, d_y, d_z * -1.0)
+def _compensation_backward(
+    view: View, jacobian: Jacobian, block: np.ndarray, d_covariance: CovarianceGradient
+) -> tuple[CovarianceGradient, Floats]:
+    """∂L/∂Σ' with what comes through √(det S / det Σ') for S = Σ' - 0.3 I, and that factor itself.
+
+    The gradient of its logarithm is ½ (S⁻¹ - Σ'⁻¹), and an opacity's logarithm has that of the pixels' exponents.
+    """
+    w, (x, y, z) = _column(block, _QUATERNION), _columns3(block, _QUATERNION + 1)
+    axes = axes_of((w, x, y, z))
+    _, p = footprint(view, jacobian, axes[0], exp(_column(block, _LOG_SCALE)))
+    _, q = footprint(view, jacobian, axes[1], exp(_column(block, _LOG_SCALE + 1)))
+    _, r = footprint(view, jacobian, axes[2], exp(_column(block, _LOG_SCALE + 2)))
+    sharp = sharp_determinant(p, q, r)
+    xx = p[0] * p[0] + q[0] * q[0] + r[0] * r[0]
+    xy = p[0] * p[1] + q[0] * q[1] + r[0] * r[1]
+    yy = p[1] * p[1] + q[1] * q[1] + r[1] * r[1]
+    # det Σ' = det S + 0.3 trace S + 0.3².
+    blurred = sharp + (xx + yy) * LOW_PASS + LOW_PASS * LOW_PASS
+    half = _column(block, _SUMS + SUM_EXPONENT) * 0.5
+    d_xx, d_xy, d_yy = d_covariance
+    d_xx = d_xx + half * (yy / sharp - (yy + LOW_PASS) / blurred)
+    d_xy = d_xy - half * (xy / sharp - xy / blurred)
+    d_yy = d_yy + half * (xx / sharp - (xx + LOW_PASS) / blurred)
+    return (d_xx, d_xy, d_yy), square_root(sharp / blurred)
 
 
 @part
-def _block_backward(view: View, block: np.ndarray) -> None:
+def _block_backward(view: View, lens: KernelLens, block: np.ndarray) -> None:
     """From the columns that have been read to those of the gradients."""
     offset_x, offset_y, offset_z = _columns3(block, _MEAN)
     offset = (offset_x - view.centre[0], offset_y - view.centre[1], offset_z - view.centre[2])
     local = times(view.rotation, offset)
-    jacobian = jacobian_at(view, local)
+    jacobian = jacobian_at(view, lens, local)
     d_mean, d_covariance = _covariance_gradient(block)
+    opacity = exp(_column(block, _SPLAT + LOG2_OPACITY) * LN2)
+    if view.antialiased:
+        d_covariance, compensation = _compensation_backward(view, jacobian, block, d_covariance)
+        opacity = opacity / compensation
     d_jacobian = _shape_backward(view, jacobian, block, d_covariance)
-    d_local = _position_backward(view, local, jacobian, d_mean, d_jacobian)
+    d_local = position_backward(view, lens, local, jacobian, d_mean, d_jacobian)
     d_x, d_y, d_z = transposed_times(view.rotation, d_local)
     _set_column(block, _GRADIENT + GRADIENT_MEAN, d_x)
     _set_column(block, _GRADIENT + GRADIENT_MEAN + 1, d_y)
     _set_column(block, _GRADIENT + GRADIENT_MEAN + 2, d_z)
-    opacity = exp(_column(block, _SPLAT + LOG2_OPACITY) * LN2)
     _set_column(block, _GRADIENT + GRADIENT_OPACITY, _column(block, _SUMS + SUM_EXPONENT) * (1.0 - opacity))
     _set_column(block, _CENTRE, d_mean[0])
     _set_column(block, _CENTRE + 1, d_mean[1])
@@ -261,6 +266,7 @@ def _project_range_backward(
     quaternions: np.ndarray,
     sh: np.ndarray,
     view: View,
+    lens: KernelLens,
     visible: np.ndarray,
     splats: np.ndarray,
     slots: np.ndarray,
@@ -280,7 +286,7 @@ def _project_range_backward(
             i = visible[first + lane]
             _add_up(intersection_sums, slots[i], row, totals[lane])
             _read(i, lane, means, log_scales, quaternions, splats, totals[lane], block)
-        _block_backward(view, block)
+        _block_backward(view, lens, block)
         for lane in range(count):
             i, total = visible[first + lane], totals[lane]
             gradient = gradients[i]
@@ -307,6 +313,7 @@ def project_backward(
     quaternions: np.ndarray,
     sh: np.ndarray,
     view: View,
+    lens: KernelLens,
     threads: int,
     splats: np.ndarray,
     visible: np.ndarray,
@@ -326,6 +333,7 @@ def project_backward(
         quaternions: (N, 4) float32 of unit length.
         sh: (N, K, 3) float32. K is 0 if the first three channels are no colours.
         view: the camera.
+        lens: what it is seen through.
         threads: number of threads that share the work.
         splats: what `project` wrote.
         visible: (V,) the visible Gaussians, in the order of memory.
@@ -348,6 +356,7 @@ def project_backward(
                 quaternions,
                 sh,
                 view,
+                lens,
                 visible[first : first + PIECE],
                 splats,
                 slots,

@@ -29,6 +29,7 @@ from pocketgs.splat.cpu.layout import (
     LOG2_OPACITY,
     View,
 )
+from pocketgs.splat.cpu.lens import KernelLens, kernel_lens
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
 from pocketgs.splat.cpu.rasterize_backward import sums_per_intersection
@@ -46,6 +47,7 @@ class _Tape:
     scene: Gaussians
     sh: np.ndarray
     view: View
+    lens: KernelLens
     channels: int
     splats: np.ndarray
     visible: np.ndarray
@@ -70,7 +72,13 @@ class CpuBackend:
         self.threads = kernel_threads(threads)
 
     def forward(
-        self, parameters: Parameters, camera: Camera, near: float, colours: bool, channels: np.ndarray
+        self,
+        parameters: Parameters,
+        camera: Camera,
+        near: float,
+        colours: bool,
+        channels: np.ndarray,
+        antialiased: bool = False,
     ) -> Composite:
         """Project → sort → bin → rasterize."""
         numba.set_num_threads(self.threads)
@@ -83,14 +91,14 @@ class CpuBackend:
         )
         scene.quaternions = np.ascontiguousarray(scene.unit_quaternions)
         sh = scene.sh if colours else np.empty((len(scene), 0, 3), np.float32)
-        view, count = View.of(camera), len(scene)
+        view, lens, count = View.of(camera, antialiased), kernel_lens(camera), len(scene)
         shown = COLOURS if colours else 0
         composited = shown + channels.shape[1]
         # The backward pass takes three channels at least.
         splats = np.zeros((count, FIRST_CHANNEL + max(composited, COLOURS)), np.float32)
         splats[:, FIRST_CHANNEL + shown : FIRST_CHANNEL + composited] = channels
         depth_keys, buffers = np.zeros(count, np.uint32), np.zeros((3, count), np.int32)
-        clusters = Clusters(count).in_view(scene, view, near, self.threads)
+        clusters = Clusters(count).in_view(scene, view, lens, near, self.threads)
         project(
             scene.means,
             scene.log_scales,
@@ -98,6 +106,7 @@ class CpuBackend:
             scene.opacity_logits,
             sh,
             view,
+            lens,
             near,
             clusters,
             self.threads,
@@ -121,7 +130,7 @@ class CpuBackend:
             transmittance,
             drawn_ends,
         )
-        tape = _Tape(scene, sh, view, composited, splats, visible, lists, image, transmittance, drawn_ends)
+        tape = _Tape(scene, sh, view, lens, composited, splats, visible, lists, image, transmittance, drawn_ends)
         return Composite(image[:composited], transmittance, visible, _radii(splats[visible]), tape)
 
     def backward(
@@ -158,6 +167,7 @@ class CpuBackend:
             scene.quaternions,
             tape.sh,
             tape.view,
+            tape.lens,
             self.threads,
             tape.splats,
             tape.visible,

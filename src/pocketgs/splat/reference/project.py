@@ -6,18 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pocketgs.geometry import lens as lenses
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.quaternions import rotation_matrices
 from pocketgs.scene.spherical_harmonics import basis, basis_gradient
 from pocketgs.splat.constants import (
     ALPHA_MIN,
     BRIGHTEST,
-    FRUSTUM_MARGIN,
     LARGEST_VARIANCE,
     LEAST_DETERMINANT,
     LOW_PASS,
 )
 from pocketgs.splat.near_plane import near_plane
+from pocketgs.splat.reference.lenses import linearised
 from pocketgs.splat.reference.scene import Scene, SceneGradient
 
 
@@ -28,16 +29,18 @@ class Projection:
     Attributes:
         means: (N, 2) centres in pixels.
         conics: (N, 2, 2) inverse covariances in 1/pixels².
-        opacities: (N,) in (0, 1).
+        opacities: (N,) in (0, 1), of what is composited.
+        compensations: (N,) what opacities have been lowered by, 1 unless anti-aliased.
         colours: (N, C) RGB, or whatever other channels are to be composited.
         radii: (N, 2) half the width and height, in pixels, of where α is at least 1/255.
-        depths: (N,) along the optical axis.
+        depths: (N,) that splats are sorted by, see `Camera.depths`.
         visible: (N,) whether the Gaussian is drawn.
     """
 
     means: np.ndarray
     conics: np.ndarray
     opacities: np.ndarray
+    compensations: np.ndarray
     colours: np.ndarray
     radii: np.ndarray
     depths: np.ndarray
@@ -58,47 +61,32 @@ class ProjectionGradient:
     absolute_means: np.ndarray
 
 
-def _slope_limits(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest x/z and y/z at which the Jacobian is evaluated, as in gsplat: the image and a margin."""
-    size = np.array([camera.width, camera.height])
-    focal, centre = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
-    return -(centre + FRUSTUM_MARGIN * size) / focal, (size - centre + FRUSTUM_MARGIN * size) / focal
-
-
-def _jacobian(local: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """(N, 2, 3) derivative of the projection at camera-space points (EWA splatting, Zwicker et al. 2002, section 6).
-
-    Far outside the image the linearisation explodes, so the slopes are clamped; also returns (N, 2) whether they were.
-    """
-    low, high = _slope_limits(camera)
-    slopes = local[:, :2] / local[:, 2:]
-    clamped = np.clip(slopes, low, high)
-    jacobian = np.zeros((len(local), 2, 3))
-    for axis, focal in enumerate((camera.fx, camera.fy)):
-        jacobian[:, axis, axis] = focal / local[:, 2]
-        jacobian[:, axis, 2] = -focal * clamped[:, axis] / local[:, 2]
-    return jacobian, clamped != slopes
-
-
-def project(scene: Scene, camera: Camera, near: float | None = None) -> Projection:
+def project(scene: Scene, camera: Camera, near: float | None = None, antialiased: bool = False) -> Projection:
     """Project every Gaussian: Σ' = J W Σ Wᵀ Jᵀ + 0.3 I (3DGS, equation 5).
 
-    Gaussians before the near plane, the scene's if none is given, with an opacity under 1/255, with parameters that are
-    not finite, thinner than float32 can hold, or whose bounds at that opacity hold no pixel centre, are not visible.
+    Anti-aliased, the 0.3 I spreads a Gaussian without making it more opaque in all: its opacity is lowered by
+    √(det(Σ' - 0.3 I) / det Σ') (Mip-Splatting's 2D filter, Yu et al. 2024, section 4.2).
+
+    Gaussians before the near plane, the scene's if none is given, that the lens does not show, with an opacity under
+    1/255, with parameters that are not finite, thinner than float32 can hold, or whose bounds at that opacity hold no
+    pixel centre, are not visible.
     """
     with np.errstate(all="ignore"):
         rotation, translation = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
         local = scene.means @ rotation.T + translation
         axes = rotation_matrices(scene.quaternions) * np.exp(scene.log_scales)[:, None, :]
-        jacobian, _ = _jacobian(local, camera)
-        footprint = jacobian @ rotation @ axes
-        covariances = footprint @ np.swapaxes(footprint, 1, 2) + LOW_PASS * np.eye(2)
-        opacities = 1.0 / (1.0 + np.exp(-scene.opacity_logits))
+        footprint = linearised(local, camera).jacobian @ rotation @ axes
+        sharp = footprint @ np.swapaxes(footprint, 1, 2)
+        covariances = sharp + LOW_PASS * np.eye(2)
+        compensations = np.ones(len(scene.means))
+        if antialiased:
+            compensations = np.sqrt(np.maximum(np.linalg.det(sharp), 0.0) / np.linalg.det(covariances))
+        opacities = compensations / (1.0 + np.exp(-scene.opacity_logits))
         # Where α falls to 1/255: dᵀ Σ'⁻¹ d = 2 ln(255 o).
         reach = np.sqrt(np.maximum(2.0 * np.log(opacities / ALPHA_MIN), 0.0))
         radii = reach[:, None] * np.sqrt(np.stack([covariances[:, 0, 0], covariances[:, 1, 1]], axis=1))
         focal, centre = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
-        means = local[:, :2] / local[:, 2:] * focal + centre
+        means = lenses.project(camera.lens, local) * focal + centre
         size = np.array([camera.width, camera.height])
         first, last = np.ceil(means - radii - 0.5), np.floor(means + radii - 0.5)
         on_screen = np.all((np.maximum(first, 0) <= np.minimum(last, size - 1)), axis=1)
@@ -108,12 +96,15 @@ def project(scene: Scene, camera: Camera, near: float | None = None) -> Projecti
         sound_colour = np.all(np.abs(colours) < BRIGHTEST, axis=1)
         sound_shape = np.linalg.det(covariances) > LEAST_DETERMINANT * covariances[:, 0, 0] * covariances[:, 1, 1]
         variances = np.stack([covariances[:, 0, 0], covariances[:, 1, 1]], axis=1)
-        in_front = local[:, 2] >= (near_plane(scene.means) if near is None else near)
+        depths = lenses.depths(camera.lens, local)
+        in_front = depths >= (near_plane(scene.means) if near is None else near)
+        in_front &= lenses.shown(camera.lens, local)
         sound_shape &= np.all(variances < LARGEST_VARIANCE, axis=1)
         visible = finite & sound_shape & sound_colour & on_screen & in_front & (opacities >= ALPHA_MIN)
         covariances[~visible] = np.eye(2)
     colours = np.maximum(colours, 0.0)
-    return Projection(means, np.linalg.inv(covariances), opacities, colours, radii, local[:, 2], visible)
+    conics = np.linalg.inv(covariances)
+    return Projection(means, conics, opacities, compensations, colours, radii, depths, visible)
 
 
 def _directions(scene: Scene, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
@@ -124,22 +115,27 @@ def _directions(scene: Scene, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 
 def project_backward(
-    scene: Scene, camera: Camera, projection: Projection, gradient: ProjectionGradient
+    scene: Scene, camera: Camera, projection: Projection, gradient: ProjectionGradient, antialiased: bool = False
 ) -> SceneGradient:
     """Gradient of the loss with respect to the scene; zero for Gaussians that are not visible."""
     seen = np.flatnonzero(projection.visible)
     part = scene.select(seen)
     rotation = camera.world_to_camera[:3, :3]
     local = part.means @ rotation.T + camera.world_to_camera[:3, 3]
-    jacobian, clamped = _jacobian(local, camera)
+    lens = linearised(local, camera)
 
     # Σ' = (Q)⁻¹, so ∂L/∂Σ' = -Q ∂L/∂Q Q.
     conics = projection.conics[seen]
     d_covariance = -conics @ gradient.conics[seen] @ conics
     orientation, scales = rotation_matrices(part.quaternions), np.exp(part.log_scales)
     axes = orientation * scales[:, None, :]
-    view = jacobian @ rotation
+    view = lens.jacobian @ rotation
     footprint = view @ axes
+    opacities, compensations = projection.opacities[seen], projection.compensations[seen]
+    if antialiased:
+        # With S = Σ' - 0.3 I, log √(det S / det Σ') has the derivative ½ (S⁻¹ - Σ'⁻¹).
+        sharpened = np.linalg.inv(footprint @ np.swapaxes(footprint, 1, 2)) - conics
+        d_covariance += 0.5 * (gradient.opacities[seen] * opacities)[:, None, None] * sharpened
     d_footprint = 2.0 * d_covariance @ footprint
     d_axes = np.swapaxes(view, 1, 2) @ d_footprint
     d_log_scales = np.sum(orientation * d_axes, axis=1) * scales
@@ -150,8 +146,8 @@ def project_backward(
     )
 
     d_jacobian = d_footprint @ np.swapaxes(rotation @ axes, 1, 2)
-    d_local = _jacobian_backward(jacobian, clamped, local, d_jacobian)
-    d_local += np.einsum("na,nai->ni", gradient.means[seen], _true_jacobian(local, camera))
+    d_local = lens.backward(d_jacobian)
+    d_local += np.einsum("na,nai->ni", gradient.means[seen], lens.exact)
     d_means = d_local @ rotation
 
     directions, distances = _directions(part, camera)
@@ -161,30 +157,5 @@ def project_backward(
     d_directions = np.einsum("nki,nkc,nc->ni", basis_gradient(directions, part.sh.shape[1]), part.sh, d_colours)
     # A unit vector's derivative keeps only what is across it.
     d_means += (d_directions - directions * np.sum(directions * d_directions, axis=1, keepdims=True)) / distances
-    opacities = projection.opacities[seen]
-    d_logits = gradient.opacities[seen] * opacities * (1.0 - opacities)
+    d_logits = gradient.opacities[seen] * opacities * (1.0 - opacities / compensations)
     return SceneGradient.scatter(len(scene.means), seen, d_means, d_log_scales, d_rotations, d_logits, d_sh)
-
-
-def _true_jacobian(local: np.ndarray, camera: Camera) -> np.ndarray:
-    """(N, 2, 3) derivative of the projected centre, without the clamping of `_jacobian`."""
-    jacobian = np.zeros((len(local), 2, 3))
-    for axis, focal in enumerate((camera.fx, camera.fy)):
-        jacobian[:, axis, axis] = focal / local[:, 2]
-        jacobian[:, axis, 2] = -focal * local[:, axis] / local[:, 2] ** 2
-    return jacobian
-
-
-def _jacobian_backward(
-    jacobian: np.ndarray, clamped: np.ndarray, local: np.ndarray, d_jacobian: np.ndarray
-) -> np.ndarray:
-    """(N, 3) gradient with respect to the camera-space points that `_jacobian` was evaluated at."""
-    depth = local[:, 2]
-    d_local = np.zeros_like(local)
-    for axis in (0, 1):
-        diagonal, slope = jacobian[:, axis, axis], jacobian[:, axis, 2]
-        d_diagonal, d_slope = d_jacobian[:, axis, axis], d_jacobian[:, axis, 2]
-        # diagonal = f/z and slope = -f x/z², or -f · limit/z where clamped.
-        d_local[:, axis] += np.where(clamped[:, axis], 0.0, -diagonal / depth * d_slope)
-        d_local[:, 2] -= (diagonal * d_diagonal + np.where(clamped[:, axis], 1.0, 2.0) * slope * d_slope) / depth
-    return d_local

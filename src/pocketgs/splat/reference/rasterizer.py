@@ -23,6 +23,7 @@ class _Tape:
     projection: Projection
     raster: Raster
     colours: int
+    antialiased: bool
 
 
 class ReferenceBackend:
@@ -34,17 +35,23 @@ class ReferenceBackend:
         self._compositor = compositor
 
     def forward(
-        self, parameters: Parameters, camera: Camera, near: float, colours: bool, channels: np.ndarray
+        self,
+        parameters: Parameters,
+        camera: Camera,
+        near: float,
+        colours: bool,
+        channels: np.ndarray,
+        antialiased: bool = False,
     ) -> Composite:
         """Composite colours and channels."""
         scene = Scene(*(np.asarray(getattr(parameters, name), np.float64) for name in PARAMETERS))
-        projection = project(scene, camera, near)
+        projection = project(scene, camera, near, antialiased)
         shown = 3 if colours else 0
         values = np.concatenate([projection.colours[:, :shown], channels], axis=1)
         projection = replace(projection, colours=values)
         raster = self._compositor.forward(projection, camera, np.zeros(values.shape[1]))
         visible = np.flatnonzero(projection.visible)
-        tape = _Tape(scene, camera, projection, raster, shown)
+        tape = _Tape(scene, camera, projection, raster, shown, antialiased)
         image = np.moveaxis(raster.image, 2, 0)
         return Composite(image, raster.transmittance, visible, projection.radii[visible], tape)
 
@@ -57,7 +64,8 @@ class ReferenceBackend:
             tape.projection, tape.camera, tape.raster, np.moveaxis(d_image, 0, 2), d_transmittance
         )
         d_colours = found.colours[:, :3] if tape.colours else np.zeros((len(found.means), 3))
-        scene = project_backward(tape.scene, tape.camera, tape.projection, replace(found, colours=d_colours))
+        d_projection = replace(found, colours=d_colours)
+        scene = project_backward(tape.scene, tape.camera, tape.projection, d_projection, tape.antialiased)
         return CompositeGradient(
             scene.means,
             scene.log_scales,

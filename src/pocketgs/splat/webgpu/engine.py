@@ -17,6 +17,7 @@ from pocketgs.gpu.executor import Executor
 from pocketgs.scene.background import checked_background
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.checks import check_state, check_view, checked_scene
+from pocketgs.splat.colours import COLUMNS, UPDATES, check_transforms
 from pocketgs.splat.engine import KEPT_LOSSES, EngineOptions, MemoryNeed, OptimiserState, Rendering
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.parameters import ParameterLayout
@@ -111,6 +112,7 @@ class WebGpuEngine:
         self._settle()
         sizes = tuple((frame.camera.width, frame.camera.height) for frame in frames)
         self._fit(replace(self._extent, photographs=sizes, drawn_sizes=frozenset(), trains=True), frames)
+        self.executor.clear("colours")
 
     def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
         """Take a copy of the scene, and of the optimiser's state or start it anew.
@@ -121,6 +123,8 @@ class WebGpuEngine:
         gaussians = checked_scene(gaussians)
         if state is not None:
             check_state(gaussians, state)
+            if state.colours is not None:
+                check_transforms(state.colours, len(self._extent.photographs))
         count, coefficients = len(gaussians), gaussians.sh.shape[1]
         trains = self._extent.trains or state is not None
         extent = replace(self._extent, gaussians=count, capacity=count, coefficients=coefficients, trains=trains)
@@ -135,6 +139,9 @@ class WebGpuEngine:
             zeros = np.zeros((count, self._columns), np.float32)
             self.executor.write("first_moments", transposed(state.first_moments if state else zeros))
             self.executor.write("second_moments", transposed(state.second_moments if state else zeros))
+            self.executor.clear("colours")
+            if state is not None and state.colours is not None:
+                self.executor.write("colours", state.colours)
             self.restart_statistics()
 
     @property
@@ -220,7 +227,10 @@ class WebGpuEngine:
             zeros = np.zeros((self._extent.gaussians, self._columns), np.float32)
             return OptimiserState(zeros, zeros.copy(), self._completed, self._near)
         first, second = (self._read_columns(name, self._columns) for name in ("first_moments", "second_moments"))
-        return OptimiserState(transposed(first), transposed(second), self._completed, self._near)
+        photographs = len(self._extent.photographs)
+        colours = self.executor.read("colours", np.float32, photographs * COLUMNS).reshape(photographs, COLUMNS)
+        learned = colours if colours[:, UPDATES].any() else None
+        return OptimiserState(transposed(first), transposed(second), self._completed, self._near, learned)
 
     def memory(self) -> dict[str, int]:
         """Bytes of every buffer on the GPU, by its name in the passes."""
@@ -265,6 +275,7 @@ class WebGpuEngine:
                 "structural": int(settings is not None and structural_share(settings, camera) > 0.0),
                 "regularised": int(settings is not None and is_regularised(settings)),
                 "collecting": int(settings is not None and settings.statistics),
+                "colours_learned": int(settings is not None and settings.colours is not None),
             }
         )
 
@@ -294,7 +305,7 @@ class WebGpuEngine:
         symbols = self._symbols(camera, step.settings)
         number = self._completed + len(self._pending) + 1
         self.executor.write_uniform("view", view_values(camera, step.settings.background, self._near, symbols, place))
-        self.executor.write_uniform("update", update_values(step.settings, camera, symbols, number))
+        self.executor.write_uniform("update", update_values(step.settings, camera, symbols, number, step.view))
         self.executor.submit("step", symbols)
         if step.settings.errors:
             self.executor.submit("errors", symbols)

@@ -71,16 +71,20 @@ def trained_coefficients(settings: StepSettings, coefficients: int) -> int:
     return coefficients if settings.sh_degree is None else min(SH_COEFFICIENTS[settings.sh_degree], coefficients)
 
 
-def update_values(settings: StepSettings, camera: Camera, symbols: Symbols, step: int) -> dict[str, ArrayLike]:
+def update_values(
+    settings: StepSettings, camera: Camera, symbols: Symbols, step: int, photograph: int = 0
+) -> dict[str, ArrayLike]:
     """Fields of the struct `Update`.
 
     Args:
         settings: the loss, the rates and Adam's constants.
         camera: gives the image's size.
-        symbols: gives gaussians and coefficients.
+        symbols: gives gaussians, coefficients and photographs.
         step: number of steps including this one.
+        photograph: number of the one that it is compared with.
     """
     loss, rates, adam, noise = settings.loss, settings.rates, settings.adam, settings.noise
+    colours = settings.colours
     gaussians, coefficients = max(symbols["gaussians"], 1), symbols["coefficients"]
     structural = structural_share(settings, camera)
     border = SSIM_WINDOW - 1
@@ -111,4 +115,9 @@ def update_values(settings: StepSettings, camera: Camera, symbols: Symbols, step
         "trained_coefficients": trained_coefficients(settings, coefficients),
         "noise_size": noise.size if noise else 0.0,
         "noise_seed": noise.seed if noise else 0,
+        "colours_learned": int(colours is not None),
+        "photograph_row": photograph,
+        "photographs": symbols["photographs"],
+        "colour_rate": colours.rate if colours else 0.0,
+        "colour_weight": colours.weight if colours else 0.0,
     }

@@ -57,6 +57,7 @@ class Extent:
             "capacity": self.capacity,
             "coefficients": self.coefficients,
             "intersections": self.intersections,
+            "photographs": len(self.photographs),
             "listed": 0,
         }
 

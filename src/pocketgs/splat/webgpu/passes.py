@@ -11,6 +11,7 @@ from pocketgs.gpu.shader_library import Shader
 from pocketgs.gpu.sort import Items, digit_counts_bytes, radix_sort, running_sums
 from pocketgs.gpu.uniforms import UniformLayout
 from pocketgs.gpu.workgroups import BLOCK, DIGIT_BITS, THREADS
+from pocketgs.splat.colours import COLUMNS
 from pocketgs.splat.engine import KEPT_LOSSES, Accumulation, Precision, Replay
 from pocketgs.splat.webgpu.layout import GRADIENT_COLUMNS, PATCH, SHAPE_COLUMNS, TILE
 from pocketgs.splat.webgpu.shader_files import SHADERS
@@ -118,6 +119,8 @@ _TRAINING_BUFFERS = {
     "ssim_derivatives": "36 * pixels",
     "d_image": "16 * pixels",
     "loss_parts": "8 * patches",
+    "colours": f"{4 * COLUMNS} * photographs",
+    "colour_parts": "48 * patches",
     "regulariser_parts": f"4 * ceil_div(capacity, {THREADS})",
     "losses": f"{4 * KEPT_LOSSES}",
 }
@@ -153,6 +156,7 @@ _TRAINING = (
     Pass("rasterize", "rasterize_for_replay", "tiles", buffers=_SORTED),
     Pass("dssim", "dssim", "patches", when="structural"),
     Pass("loss", "loss", "patches"),
+    Pass("learn colours", "learn_colours", "1", when="colours_learned"),
     Pass("rasterize backward", "rasterize_backward", "tiles", buffers=_SORTED),
     Pass("project backward", "project_backward", "groups"),
     Pass("collect statistics", "collect_statistics", "groups", when="collecting"),
@@ -191,8 +195,8 @@ def describe(variant: Variant, training: bool = True) -> Description:
     """Describe rendering, and training if asked for.
 
     The numbers that the expressions are computed from: gaussians, capacity (room for them), coefficients, width,
-    height, intersections (room for them), photograph_pixels, replay_depth, listed (rows to set), structural,
-    regularised and collecting (0 or 1).
+    height, intersections (room for them), photographs, photograph_pixels, replay_depth, listed (rows to set),
+    structural, regularised, collecting and colours_learned (0 or 1).
     """
     assert not training or variant.appearance == "splats", variant.appearance
     bins = _bin_passes()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from pocketgs.gpu.shader_library import ShaderLibrary
 from pocketgs.splat import constants
+from pocketgs.splat.colours import COLUMNS, UPDATES
 from pocketgs.splat.reference.loss import ssim_window
 from pocketgs.splat.webgpu.layout import MARGIN, PATCH, PLACES, TILE
 
@@ -35,6 +36,8 @@ SHADERS = ShaderLibrary(
         "LOG2_E": math.log2(math.e),
         "LARGEST_LOG_SCALE": _LARGEST_LOG_SCALE,
         **PLACES,
+        "COLOUR_COLUMNS": COLUMNS,
+        "COLOUR_UPDATES": UPDATES,
         "TILE": TILE,
         "PATCH": PATCH,
         "MARGIN": MARGIN,

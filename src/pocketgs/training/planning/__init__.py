@@ -1,1 +1,1 @@
-"""Planning: from budgets of memory and time to the size of a run, before its work starts."""
+"""Planning: choosing the size of a run from budgets of memory and time, before it starts."""

@@ -1,4 +1,4 @@
-"""How fast this machine is: a piece of depth search and a few training steps on made-up photographs, timed."""
+"""Calibration: the speed of this machine, from timing part of a sweep and a few training steps on synthetic images."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ BASELINE = 0.3
 HYPOTHESES = 128
 
 SWEEP_SECONDS, STEP_SECONDS = 0.068, 0.0095
-"""What one sweep and one step take on the machine that `time_model` was measured on."""
+"""Seconds of one sweep and of one step on the machine that `time_model` was measured on."""
+"""Time relative to the machine that the model was measured on, of the prior and of training."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +38,12 @@ class Speed:
 
 
 def measure_speed(engine: Engine, threads: int, with_prior: bool) -> Speed:
-    """Time this machine, in a few tenths of a second once kernels are compiled.
+    """Time this machine, which takes a few tenths of a second once kernels are compiled.
 
     Args:
-        engine: one that holds nothing yet, or nothing that is needed.
-        threads: that the CPU's work runs on.
-        with_prior: whether to time a piece of the prior; otherwise the engine's speed is taken for both.
+        engine: an engine whose scene may be overwritten.
+        threads: CPU threads.
+        with_prior: whether to time the prior too; otherwise the engine's speed is used for both.
     """
     numba.set_num_threads(threads)
     rng = np.random.default_rng(0)
@@ -59,14 +60,14 @@ def _frame(rng: np.random.Generator, index: int) -> Frame:
 
 
 def _sweep_seconds(frames: list[Frame]) -> float:
-    """Of one sweep with two source views."""
+    """Seconds of one sweep with two source views."""
     return _least_seconds(
         lambda: sweep(frames[0], frames[1:], DepthRange(DISTANCE / 2, DISTANCE * 2, HYPOTHESES), SweepSettings())
     )
 
 
 def _least_seconds(work: Callable[[], object]) -> float:
-    """The least that work takes, of several times: the first loads kernels, and others may be disturbed."""
+    """Minimum time of several repeats: the first loads kernels, and others may be disturbed."""
     seconds = []
     for _ in range(REPEATS):
         started = time.perf_counter()
@@ -76,7 +77,7 @@ def _least_seconds(work: Callable[[], object]) -> float:
 
 
 def _step_seconds(engine: Engine, frame: Frame, rng: np.random.Generator) -> float:
-    """Of one step on Gaussians that tile the image once, as a dense cloud's do."""
+    """Seconds of one step on Gaussians that tile the image once, as those of a dense cloud do."""
     across, down = WIDTH / FOCAL * DISTANCE, HEIGHT / FOCAL * DISTANCE
     means = rng.uniform(-0.5, 0.5, (GAUSSIANS, 3)) * (across, down, 0.2) + (0, 0, DISTANCE)
     size = np.log(np.sqrt(across * down / GAUSSIANS))

@@ -1,8 +1,8 @@
-"""Effort: how many Gaussians, keyframes and iterations a capture is worth.
+"""Effort: choosing the number of Gaussians, keyframes and iterations for a capture.
 
-A capture with four times the pixels shows more, but not four times as much, since its views overlap: Gaussians grow
-with the square root of the pixels of all training views together. The time of training grows a little faster, since
-each Gaussian is seen in a smaller share of the steps.
+A capture with four times the pixels shows more, but not four times as much, since its views overlap: the number of
+Gaussians grows with the square root of the pixels of all training views together. Training time grows a little faster,
+since each Gaussian is seen in fewer of the steps.
 """
 
 from __future__ import annotations
@@ -12,34 +12,42 @@ from dataclasses import fields, replace
 
 from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.planning.time_model import step_seconds
-from pocketgs.training.recipes import recipe_named
+from pocketgs.training.recipes import Recipe, recipe_named
+from pocketgs.training.validation import validation_views
 
 QUICK_ITERATIONS, QUICK_GAUSSIANS, QUICK_KEYFRAMES = 500, 50_000, 40
 STANDARD_KEYFRAMES = 100
 
 SMALL_CAPTURE = 3_000_000
-"""Pixels of a capture that the least of `standard` is made for: some twenty photographs of 500 x 370."""
+"""Pixels of the smallest capture that `standard` is tuned for: some twenty photographs of 500 x 370."""
 
-LEAST_GAUSSIANS, MOST_GAUSSIANS = 50_000, 150_000
-LEAST_SECONDS, MOST_SECONDS = 35.0, 190.0
-"""Of training, on the machine that the time model was measured on."""
+MIN_GAUSSIANS, MAX_GAUSSIANS = 50_000, 150_000
+MIN_SECONDS, MAX_SECONDS = 35.0, 190.0
+"""Bounds of the training time, on the machine that the time model was measured on."""
 
 GAUSSIANS_POWER, SECONDS_POWER = 0.5, 0.75
-"""With which powers of the pixels they grow."""
+"""Exponents of their growth with the number of pixels."""
+"""Options that a recipe may set. The user's values take precedence over it, and it over the effort."""
 
-FEWEST_ITERATIONS, MOST_ITERATIONS = 500, 3000
+MIN_ITERATIONS, MAX_ITERATIONS = 500, 3000
+
+MAX_OPEN_ENDED = 20_000
+"""Iterations of a run that trains until it stops paying."""
+
+OPEN_ENDED_GAUSSIANS = 2
+"""How many times the Gaussians of `standard` such a run may have: it begins with half, and grows if that pays."""
 
 OF_THE_RECIPE = ("iterations", "max_gaussians", "prior", "seeds", "strategy")
 """Options that a recipe may state; what the user gives wins over it, and it over the effort."""
 
-MOST_EPOCHS = 40
-"""Times that each photograph is trained on: of few photographs, more learn the noise of each rather than the scene."""
+MAX_EPOCHS = 40
+"""Maximum number of times that each photograph is trained on: with few photographs, more would overfit."""
 
 
 def sized(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> SizedOptions:
-    """The options with the sizes that their effort gives to a capture; sizes that the user has given stay.
+    """Fill in the sizes that the effort chooses for a capture; sizes set by the user are kept.
 
-    Sizes follow from the capture alone, never from the machine: the same command gives the same scene everywhere.
+    Sizes depend on the capture alone, not on the machine: the same command gives the same scene everywhere.
 
     Args:
         options: of the run.
@@ -47,29 +55,34 @@ def sized(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> SizedOp
     """
     if isinstance(options, SizedOptions):
         return options
-    recipe = recipe_named(options.recipe)
+    recipe = recipe_named(options.recipe or ("long" if options.effort == "best" else "pocketgs"))
+    options = replace(options, recipe=recipe.name)
+    open_ended = recipe.open_ended and options.iterations is None and bool(validation_views(len(views)))
     given = {field.name: getattr(options, field.name) for field in fields(options)}
     for name in OF_THE_RECIPE:
         given[name] = getattr(recipe, name) if given[name] is None else given[name]
     options = replace(options, max_gaussians=given["max_gaussians"])
-    sizes = _quick() if options.effort == "quick" else _standard(options, views)
-    return SizedOptions(**{**given, **{name: size for name, size in sizes.items() if given[name] is None}})
+    sizes = _quick() if options.effort == "quick" else _standard(options, recipe, views)
+    if open_ended:
+        sizes |= {"iterations": MAX_OPEN_ENDED, "max_gaussians": OPEN_ENDED_GAUSSIANS * sizes["max_gaussians"]}
+    sizes = {name: size for name, size in sizes.items() if given[name] is None}
+    return SizedOptions(**{**given, **sizes, "open_ended": open_ended})
 
 
 def _quick() -> dict[str, int]:
     return {"iterations": QUICK_ITERATIONS, "max_gaussians": QUICK_GAUSSIANS, "max_keyframes": QUICK_KEYFRAMES}
 
 
-def _standard(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> dict[str, int]:
+def _standard(options: TrainingOptions, recipe: Recipe, views: Sequence[tuple[int, int]]) -> dict[str, int]:
     pixels = sum(width * height for width, height in views)
     growth = max(pixels / SMALL_CAPTURE, 1.0)
-    gaussians = options.max_gaussians or min(int(LEAST_GAUSSIANS * growth**GAUSSIANS_POWER), MOST_GAUSSIANS)
-    degree = recipe_named(options.recipe).sh_degree if options.sh_degree is None else options.sh_degree
+    gaussians = options.max_gaussians or min(int(MIN_GAUSSIANS * growth**GAUSSIANS_POWER), MAX_GAUSSIANS)
+    degree = recipe.sh_degree if options.sh_degree is None else options.sh_degree
     step = step_seconds(gaussians, (degree + 1) ** 2, pixels / max(len(views), 1))
-    iterations = int(min(LEAST_SECONDS * growth**SECONDS_POWER, MOST_SECONDS) / step)
-    iterations = min(iterations, MOST_EPOCHS * len(views), MOST_ITERATIONS)
+    iterations = int(min(MIN_SECONDS * growth**SECONDS_POWER, MAX_SECONDS) / step)
+    iterations = min(iterations, MAX_EPOCHS * len(views), MAX_ITERATIONS)
     return {
-        "iterations": max(iterations, FEWEST_ITERATIONS),
+        "iterations": max(iterations, MIN_ITERATIONS),
         "max_gaussians": gaussians,
         "max_keyframes": STANDARD_KEYFRAMES,
     }

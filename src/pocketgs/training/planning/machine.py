@@ -1,4 +1,4 @@
-"""What a run is planned for: this machine, its engine, and how fast they are."""
+"""The machine that a run is planned for: its engine, memory and speed."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from pocketgs.training.planning.calibration import Speed
 
 @dataclass(frozen=True)
 class Machine:
-    """What a run is planned for.
+    """The machine that a run is planned for.
 
     Attributes:
-        threads: that the CPU's work runs on.
-        readers: threads that read photographs.
-        resident: bytes of memory that the process holds.
-        compiles: whether kernels are still to be compiled.
-        memory_needed: what the engine takes, see `Engine.memory_needed`.
-        speed: how fast it is; None where time is not bounded.
+        threads: CPU threads.
+        readers: threads that decode photographs.
+        resident: resident memory of the process in bytes.
+        compiles: whether kernels must still be compiled.
+        memory_needed: the engine's memory, see `Engine.memory_needed`.
+        speed: relative speed; None if time is not bounded.
         elapsed: seconds since the command began.
     """
 
@@ -38,7 +38,7 @@ class Machine:
 
 
 def this_machine(engine: Engine, options: SizedOptions) -> Machine:
-    """The machine that this process runs on, as fast as it may be."""
+    """Describe this machine; its speed is measured only if time is bounded."""
     rooms = ["splat.cpu"] if engine.name == "cpu" else []
     if options.prior != "none":
         rooms.append("prior")

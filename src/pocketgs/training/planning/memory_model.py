@@ -1,13 +1,13 @@
-"""How much memory the stages of a run hold at most.
+"""Memory model: the peak memory of each stage of a run.
 
-Sums of what each stage allocates, with factors measured by `VmHWM` stage by stage; `docs/budgets.md` compares them
-with whole runs. They are upper bounds: of a capture without texture fusion merges fewer pixels, for one.
+Sums of each stage's allocations, with factors measured by `VmHWM` stage by stage; `docs/budgets.md` compares them with
+whole runs. They are upper bounds: in a capture without texture, for example, fusion merges fewer pixels.
 """
 
 from __future__ import annotations
 
-from pocketgs.capture.loading import MOST_WORKERS
-from pocketgs.prior.depth_range import MOST as MOST_HYPOTHESES
+from pocketgs.capture.loading import MAX_WORKERS
+from pocketgs.prior.depth_range import MOST as MAX_HYPOTHESES
 from pocketgs.prior.volume import DEPTHS, KEPT
 from pocketgs.splat.engine import MemoryNeed
 from pocketgs.training.planning.work import Work
@@ -15,73 +15,75 @@ from pocketgs.training.planning.work import Work
 MB = 1_000_000
 
 LIBRARIES = 25 * MB
-"""What is loaded after planning."""
+"""Libraries loaded after planning."""
 
 KERNELS = 30 * MB
 """Machine code of the engine."""
 
 COMPILER = 350 * MB
-"""What the compiler keeps once it has run."""
+"""Memory that the compiler keeps after use."""
 
 OBJECTS = 1.1
-"""Arrays of photographs, with the space between them."""
+"""Arrays of photographs, including fragmentation."""
 
 DECODING, DECODING_ALPHA = 24, 40
-"""Bytes by pixel of a photograph that is being read, and more where it has alpha."""
+"""Bytes per pixel while a photograph is read, and with alpha."""
+"""Bytes per pixel during feature detection: grey levels at double size, six blurred copies, and their differences."""
 
 SIFT_PIXEL = 210
 """Bytes by pixel of features being found: grey levels at twice the size, six blurred copies, and their differences."""
 
 MATCHING = 70 * MB
 SPARSE = 75 * MB
-"""Features, and tables of their products; what is kept of them, with the kernels of the prior."""
+"""Features and tables of their products; what is kept of them, with the kernels of the prior."""
 
 ADJUSTMENT = 110 * MB
-"""Machine code of what refines poses, and its systems of equations: as if they were refined."""
+"""Machine code and equations of bundle adjustment, assuming that poses are refined."""
 
 SWEEP_DEPTH, SWEEP_PIXEL, SWEEP_SOURCE = 3, 40, 4
-"""Bytes by pixel and depth: a cost of one byte, and a sum of two. Bytes by pixel: its copies, and a source view."""
+"""Bytes per pixel and hypothesis: a cost of one byte, and a sum of two. Bytes per pixel: its copies and source
+views."""
 
 MAP_PIXEL = 8
-"""Depth and margin in float32."""
+"""Depth and margin as float32."""
 
 CANDIDATE = 250
-"""Bytes of a pixel that is merged: 72 of its own, their copies when all are joined, and voxel numbers being sorted."""
+"""Bytes per candidate pixel of fusion: 72 of its own, copies when all are joined, and voxel keys while sorting."""
 
 RAY_DEPTH = 90
-"""Bytes for each depth tried on the ray of a point that is drawn."""
+"""Bytes per depth tested on the ray of a random point."""
 
 COMPARED_PIXEL = 240
-"""Bytes by pixel of an SSIM: ten images in float64."""
+"""Bytes per pixel of SSIM: ten images in float64."""
 
 
 def stage_bytes(work: Work, engine: MemoryNeed, resident: int, compiles: bool, readers: int) -> dict[str, int]:
-    """Resident memory by stage, in bytes, each with what earlier stages have left.
+    """Resident memory by stage in bytes, including what earlier stages have left.
 
     Args:
         work: the run.
-        engine: what the engine is going to hold.
-        resident: what the process holds now.
-        compiles: whether kernels are compiled on the way.
-        readers: threads that read photographs.
+        engine: memory that the engine will use.
+        resident: current resident memory of the process.
+        compiles: whether kernels must still be compiled.
+        readers: threads that decode photographs.
     """
     outline = work.outline
     base = resident + LIBRARIES + (COMPILER if compiles else 0)
     images = int(OBJECTS * outline.image_bytes)
     decoding = DECODING + (DECODING_ALPHA if outline.pixel_bytes > 3 else 0)
-    stages = {"capture": base + images + min(readers, MOST_WORKERS) * outline.stored_pixels * decoding}
+    stages = {"capture": base + images + min(readers, MAX_WORKERS) * outline.stored_pixels * decoding}
     held = base + images
     if work.has_prior:
         views = min(work.threads, len(outline.training))
         held += ADJUSTMENT if work.options.bundle else 0
-        held += images if work.options.exposure != "off" else 0  # a second copy, at one exposure
+        held += images if work.options.exposure != "off" else 0  # an exposure-compensated copy
         stages["poses"] = held + MATCHING + views * SIFT_PIXEL * outline.pixels
         held += SPARSE
     if work.has_depth:
         copies = _sweep_copies(work)
         maps = work.keyframes * MAP_PIXEL * work.sweep_pixels
         by_pixel = SWEEP_PIXEL + SWEEP_SOURCE * work.options.source_views
-        volume = work.sweep_pixels * (SWEEP_DEPTH * MOST_HYPOTHESES + by_pixel)
+        volume = work.sweep_pixels * (SWEEP_DEPTH * MAX_HYPOTHESES + by_pixel)
         stages["depth"] = held + copies + maps + volume + KERNELS
         stages["fusion"] = held + copies + maps + CANDIDATE * work.candidates + KERNELS // 2
     else:
@@ -93,12 +95,12 @@ def stage_bytes(work: Work, engine: MemoryNeed, resident: int, compiles: bool, r
 
 
 def _sweep_copies(work: Work) -> int:
-    """Photographs that are larger than a sweep takes are copied at its size."""
+    """Bytes of the reduced copies of photographs that are larger than a sweep uses."""
     if work.outline.pixels <= work.sweep_pixels:
         return 0
     return int(OBJECTS * work.outline.pixel_bytes * work.sweep_pixels * len(work.outline.training))
 
 
 def _bytes_outside_engine(columns: int) -> int:
-    """By Gaussian: the point it came from, in float64; the seed; a copy of the result and of the optimiser's state."""
+    """Bytes per Gaussian: its float64 point, the seed, and a copy of the result and of the optimiser's state."""
     return 80 + 4 * columns * (1 + 1 + 2)

@@ -1,9 +1,9 @@
-"""The plan of a run: the largest size that budgets of memory and time allow, or a refusal that says what would do.
+"""The plan of a run: the largest size that budgets of memory and time allow, or an error with the budget needed.
 
-Sizes are tried in one order, and the first that fits is taken: photographs at their size, then at a half, a third and
-so on, each with as many Gaussians as are asked for, a half and a quarter of them; at the last size ever fewer. Where
-time is short, fewer iterations come first: a size has time enough if it leaves half of those that are asked for. So a
-larger budget never gives smaller photographs, nor fewer Gaussians at the same size.
+Sizes are tried in order, and the first that fits is used: photographs at full size, then at a half, a third and so on,
+each with the requested number of Gaussians, a half and a quarter of it; at the last size ever fewer. If time is short,
+iterations are reduced first: a size fits if it leaves time for half of those requested. So a larger budget never gives
+smaller photographs, nor fewer Gaussians at the same size.
 """
 
 from __future__ import annotations
@@ -19,32 +19,32 @@ from pocketgs.training.planning.memory_model import MB, stage_bytes
 from pocketgs.training.planning.time_model import Timetable, timetable
 from pocketgs.training.planning.work import Work
 
-LEAST_SIDE = 100
-"""Photographs are not shrunk until their shorter side has fewer pixels."""
+MIN_SIDE = 100
+"""Minimum length of a photograph's shorter side, in pixels, when shrinking."""
 
-LEAST_GAUSSIANS = 1000
-"""Fewer show nothing, unless fewer are asked for."""
+MIN_GAUSSIANS = 1000
+"""Minimum number of Gaussians, unless fewer are requested."""
 
 SHRINKING = (1, 2, 4)
-"""Parts of the Gaussians that are asked for, which are tried before photographs shrink."""
+"""Divisors of the requested number of Gaussians, tried before photographs shrink."""
 
-ENOUGH_ITERATIONS, LEAST_ITERATIONS = 0.5, 50
-"""Share of the iterations that are asked for which a size must leave time for; how many the last size must."""
+ENOUGH_ITERATIONS, MIN_ITERATIONS = 0.5, 50
+"""Share of the requested iterations that a size must leave time for; and the minimum number at the last size."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The size of a run, and what it is expected to take.
+    """The size of a run, and the resources that it is expected to take.
 
     Attributes:
-        shrink: whole factor by which photographs are smaller than asked for.
+        shrink: integer factor by which photographs are reduced further than requested.
         width, height: of the largest photograph.
-        gaussians: most to start with.
-        peak_rss_mb: most memory of the process, in MB of 10^6 bytes.
+        gaussians: maximum number at the start.
+        peak_rss_mb: peak memory of the process, in MB of 10^6 bytes.
         rss_by_stage_mb: the same by stage.
         device_mb: buffers on the GPU.
         iterations: that there is time for.
-        seconds: of the whole run, or None where time is not bounded, and thus not estimated.
+        seconds: of the whole run, or None if time is not bounded, and so not estimated.
         reserve: seconds from the last iteration until the result is written, or None.
     """
 
@@ -62,7 +62,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class _Size:
-    """A size that is tried, and what it would take; `refusal` where the engine's memory does not hold it."""
+    """A candidate size with its requirements; `refusal` if the engine cannot hold it."""
 
     shrink: int
     work: Work
@@ -80,9 +80,9 @@ def make_plan(listed: ListedCapture, options: SizedOptions, machine: Machine) ->
     """Choose the size of a run.
 
     Args:
-        listed: the capture; nothing of it is decoded.
+        listed: the capture, not decoded.
         options: of the run, with its budgets.
-        machine: what it is to run on.
+        machine: to run on.
 
     Raises:
         PocketGSError: no size fits; the message says which budget would be enough for the smallest.
@@ -97,23 +97,23 @@ def make_plan(listed: ListedCapture, options: SizedOptions, machine: Machine) ->
         raise last.refusal
     if not _fits(last, options):
         raise PocketGSError(_too_little_memory(last, listed, options, machine))
-    if _steps(last, options, machine) < min(LEAST_ITERATIONS, options.iterations):
+    if _steps(last, options, machine) < min(MIN_ITERATIONS, options.iterations):
         raise PocketGSError(_too_little_time(last, listed, options, machine))
     return _plan(last, options, machine)
 
 
 def plan_again(listed: ListedCapture, options: SizedOptions, machine: Machine, shrink: int, gaussians: int) -> Plan:
-    """The plan of a run that goes on: of the size that it has.
+    """The plan of a resumed run, with the size of the original.
 
     Args:
         listed: the capture.
         options: of the run.
-        machine: what it is to run on.
-        shrink: as in the plan of the run that goes on.
-        gaussians: that it has.
+        machine: to run on.
+        shrink: of the original run's plan.
+        gaussians: maximum number of the original run.
 
     Raises:
-        PocketGSError: memory does not hold it.
+        PocketGSError: it exceeds the memory budget.
     """
     size = _size(shrink, listed.outline(shrink), replace(options, max_gaussians=gaussians), machine)
     if size.refusal:
@@ -124,7 +124,7 @@ def plan_again(listed: ListedCapture, options: SizedOptions, machine: Machine, s
 
 
 def shrinking_warning(plan: Plan, options: SizedOptions) -> str | None:
-    """What the user should know of a plan for less than was asked for, or None."""
+    """A warning if the plan is smaller than requested, or None."""
     parts = []
     if plan.shrink > 1:
         size = f"{plan.width}x{plan.height} (--downscale {plan.shrink})"
@@ -138,9 +138,9 @@ def shrinking_warning(plan: Plan, options: SizedOptions) -> str | None:
 
 
 def _sizes_to_try(listed: ListedCapture, gaussians: int) -> Iterator[tuple[int, Outline, int]]:
-    least = min(LEAST_GAUSSIANS, gaussians)
+    least = min(MIN_GAUSSIANS, gaussians)
     outline = listed.outline()
-    most = 1 if listed.size_is_given else max(1, outline.least_side // LEAST_SIDE)
+    most = 1 if listed.size_is_given else max(1, outline.least_side // MIN_SIDE)
     for shrink in range(1, most + 1):
         outline = listed.outline(shrink)
         for part in SHRINKING:
@@ -172,7 +172,7 @@ def _fits(size: _Size, options: SizedOptions) -> bool:
 
 
 def _steps(size: _Size, options: SizedOptions, machine: Machine) -> int:
-    """Iterations that there is time for, at most those that are asked for."""
+    """Iterations that there is time for, at most those requested."""
     if size.times is None or options.time_budget is None:
         return options.iterations
     return min(options.iterations, size.times.steps_within(options.time_budget - machine.elapsed))
@@ -207,7 +207,7 @@ def _too_little_memory(size: _Size, listed: ListedCapture, options: SizedOptions
 
 def _too_little_time(size: _Size, listed: ListedCapture, options: SizedOptions, machine: Machine) -> str:
     assert size.times is not None
-    iterations = min(LEAST_ITERATIONS, options.iterations)
+    iterations = min(MIN_ITERATIONS, options.iterations)
     needed = int(machine.elapsed + size.times.total(iterations)) + 1
     return (
         f"time budget: found {options.time_budget:g} s, but {_described(size, listed)}, {iterations} iterations take "

@@ -1,14 +1,14 @@
-"""How long the stages of a run take.
+"""Time model: the duration of the stages of a run.
 
-Seconds of work were measured on two cores of an AMD EPYC (Zen 5); `calibration` says how much longer they take here.
-They err on the long side: what is over goes to training, which ends by the clock.
+Times were measured on two cores of an AMD EPYC (Zen 5); `calibration` measures the factor for this machine. They are
+overestimates: time left over goes to training, which stops by the clock.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pocketgs.prior.detection import LONGEST_SIDE, PIXELS
+from pocketgs.prior.detection import MAX_SIDE, PIXELS
 from pocketgs.prior.pairs import PAIRS_PER_VIEW
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.training.planning.calibration import Speed
@@ -25,24 +25,24 @@ SWEPT_MEGAPIXEL_AND_SOURCE = 0.25
 MERGED_MILLION = 0.6
 SEEDED_MILLION = 5.0
 STEP_MILLION, STEP_MILLION_COLUMNS, STEP_MEGAPIXEL = 0.3, 0.003, 0.07
-"""Seconds of a step for a million Gaussians, for a million numbers that they have, and for a million pixels."""
+"""Seconds of a step per million Gaussians, per million of their parameters, and per million pixels."""
 
 LOOK_VIEW, LOOK_MEGAPIXEL = 0.005, 0.1
-"""Of looking at one held-out view during training."""
+"""Seconds per held-out view in evaluations during training."""
 
-EVALUATED_VIEW, EVALUATED_MEGAPIXEL = 0.02, 0.5
-"""Of one held-out view at the end: rendering, comparing, and writing a picture."""
+EVALUATED_VIEW, EVALUATED_MEGAPIXEL = 0.02, 2.0
+"""Seconds per held-out view at the end: rendering, metrics, and writing an image."""
 
 WRITTEN, WRITTEN_MILLION = 0.2, 3.0
 
 
 @dataclass(frozen=True)
 class Timetable:
-    """How long a run takes.
+    """Estimated duration of a run.
 
     Attributes:
         before: seconds until the first step.
-        step: of one step, held-out views that are looked at now and then included.
+        step: of one step, including its share of the evaluations during training.
         after: seconds from the last step until the result is written.
     """
 
@@ -51,16 +51,16 @@ class Timetable:
     after: float
 
     def steps_within(self, seconds: float) -> int:
-        """Steps that there is time for; none where not even the rest fits."""
+        """Number of steps that there is time for; 0 if not even the rest fits."""
         return max(0, int((seconds - self.before - self.after) / self.step))
 
     def total(self, steps: int) -> float:
-        """Seconds that a run with so many steps takes."""
+        """Duration in seconds of a run with this many steps."""
         return self.before + steps * self.step + self.after
 
 
 def timetable(work: Work, speed: Speed) -> Timetable:
-    """Estimate how long a run takes from the moment on at which it is planned."""
+    """Estimate the duration of a run, from planning on."""
     outline = work.outline
     decoded = outline.stored_pixels * (len(outline.training) + len(outline.held_out)) / MEGA
     prior = DECODED_MEGAPIXEL * decoded
@@ -85,22 +85,22 @@ def timetable(work: Work, speed: Speed) -> Timetable:
 
 
 def step_seconds(gaussians: int, coefficients: int, pixels: float) -> float:
-    """How long a step takes on the machine that the model was measured on.
+    """Duration of a step on the machine that the model was measured on.
 
     Args:
-        gaussians: their number.
+        gaussians: number of Gaussians.
         coefficients: of spherical harmonics per channel.
-        pixels: of a view.
+        pixels: per view.
     """
     columns = ParameterLayout(coefficients).columns
     return (STEP_MILLION + STEP_MILLION_COLUMNS * columns) * gaussians / MEGA + STEP_MEGAPIXEL * pixels / MEGA
 
 
 def _poses(work: Work) -> float:
-    """Features and matches of all frames, and adjusted poses if they may be: whether they are is found out later."""
+    """Seconds for features and matches of all frames, and for bundle adjustment, assuming that it will be needed."""
     outline = work.outline
     views = len(outline.training) + len(outline.held_out)
-    looked_at = min(outline.stored_pixels, LONGEST_SIDE**2, PIXELS / views)
+    looked_at = min(outline.stored_pixels, MAX_SIDE**2, PIXELS / views)
     features = (DECODED_MEGAPIXEL * outline.stored_pixels + FEATURES_MEGAPIXEL * looked_at) / MEGA * views
     pairs = views * min(PAIRS_PER_VIEW, views - 1) / 2
     return features + MATCHED_PAIR * pairs + (ADJUSTED_VIEW * views if work.options.bundle else 0.0)

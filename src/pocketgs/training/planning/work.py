@@ -1,4 +1,4 @@
-"""The size of a run: what its memory and its time follow from."""
+"""The quantities that determine a run's memory and time."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pocketgs.capture.listed import Outline
 from pocketgs.prior.depth_maps import sweep_pixels
-from pocketgs.prior.fuse import MOST_CANDIDATES
+from pocketgs.prior.fuse import MAX_CANDIDATES
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.recipes import recipe_named
@@ -14,12 +14,12 @@ from pocketgs.training.recipes import recipe_named
 
 @dataclass(frozen=True)
 class Work:
-    """A run on a capture at one size.
+    """A run on a capture at one candidate size.
 
     Attributes:
-        outline: the photographs, at the size that is thought of.
-        options: what is asked for, with as many Gaussians as are thought of.
-        threads: that the CPU's work runs on.
+        outline: the photographs at this size.
+        options: of the run, with this number of Gaussians.
+        threads: CPU threads.
     """
 
     outline: Outline
@@ -28,23 +28,23 @@ class Work:
 
     @property
     def gaussians(self) -> int:
-        """Their number, at most."""
+        """Maximum number of Gaussians."""
         return self.options.max_gaussians
 
     @property
     def coefficients(self) -> int:
-        """Of spherical harmonics a channel."""
+        """Coefficients of spherical harmonics per channel."""
         degree = self.options.sh_degree
         return ((recipe_named(self.options.recipe).sh_degree if degree is None else degree) + 1) ** 2
 
     @property
     def columns(self) -> int:
-        """Numbers that a Gaussian is trained in."""
+        """Number of parameters per Gaussian."""
         return ParameterLayout(self.coefficients).columns
 
     @property
     def has_prior(self) -> bool:
-        """Whether poses are looked into."""
+        """Whether poses are checked and refined."""
         return self.options.prior != "none"
 
     @property
@@ -54,16 +54,16 @@ class Work:
 
     @property
     def keyframes(self) -> int:
-        """Their number, at most."""
+        """Maximum number of keyframes."""
         return min(self.options.max_keyframes, len(self.outline.training))
 
     @property
     def sweep_pixels(self) -> int:
-        """Of a photograph whose depths are searched."""
+        """Pixels of a swept photograph."""
         return min(self.outline.pixels, sweep_pixels(self.keyframes))
 
     @property
     def candidates(self) -> int:
         """Pixels that may become points of the cloud."""
         pixels = self.keyframes * self.sweep_pixels
-        return pixels // max(1, -(-pixels // MOST_CANDIDATES))
+        return pixels // max(1, -(-pixels // MAX_CANDIDATES))

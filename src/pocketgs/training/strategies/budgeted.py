@@ -38,32 +38,52 @@ class Growth:
     faint: float = 0.01
 
 
+class Parabola:
+    """Fast growth first, then ever slower, at fixed shares of a run of known length.
+
+    Args:
+        growth: the shares.
+        iterations: of the run.
+        most: Gaussians that there are to be at last.
+    """
+
+    def __init__(self, growth: Growth, iterations: int, most: int) -> None:
+        self._first, self._most = growth.first, most
+        grows = np.linspace(growth.start, growth.stop, growth.times) * iterations
+        self._iterations = np.unique(np.maximum(grows.astype(int), 1))
+
+    def next_growth(self, iteration: int) -> int | None:
+        """The first of its iterations, from this one on."""
+        ahead = self._iterations[self._iterations >= iteration]
+        return int(ahead[0]) if len(ahead) else None
+
+    def target(self, iteration: int, count: int) -> int:
+        """Along a parabola in the iterations, whatever the number is."""
+        last, first = self._iterations[-1], self._iterations[0]
+        left = np.clip((last - iteration) / max(last - first, 1), 0.0, 1.0)
+        return int(self._most * (1.0 - (1.0 - self._first) * left**2))
+
+
 class Budgeted(Quiet):
-    """Splits what takes part in most error, and prunes what is faint, so that the number follows its schedule."""
+    """Splits what takes part in most error, and prunes what is faint, so that the number follows its plan."""
 
     name = "budgeted"
 
     def __init__(self, situation: Situation, growth: Growth | None = None) -> None:
         self._situation, self._growth = situation, growth or Growth()
-        grows = np.linspace(self._growth.start, self._growth.stop, self._growth.times) * situation.iterations
-        self._iterations = np.unique(np.maximum(grows.astype(int), 1))
-
-    def target(self, iteration: int) -> int:
-        """How many Gaussians there may be after an iteration: fast growth first, then ever slower (a parabola)."""
-        last, first = self._iterations[-1], self._iterations[0]
-        left = np.clip((last - iteration) / max(last - first, 1), 0.0, 1.0)
-        return int(self._situation.most * (1.0 - (1.0 - self._growth.first) * left**2))
+        self._plan = situation.growth or Parabola(self._growth, situation.iterations, situation.most)
 
     def collected(self, iteration: int) -> Collected:
         """Errors, in the steps that lead to a growth."""
-        ahead = self._iterations[self._iterations >= iteration]
+        ahead = self._plan.next_growth(iteration)
         looks = min(self._growth.looks, self._situation.views)
-        return Collected(errors=len(ahead) > 0 and ahead[0] - iteration < looks)
+        return Collected(errors=ahead is not None and ahead - iteration < looks)
 
     def after_step(self, iteration: int, engine: Engine) -> None:
         """Prune and split."""
-        if iteration in self._iterations:
-            engine.change_rows(self._grown(engine.download(), engine.statistics().errors, self.target(iteration)))
+        if self._plan.next_growth(iteration) == iteration:
+            target = self._plan.target(iteration, engine.count)
+            engine.change_rows(self._grown(engine.download(), engine.statistics().errors, target))
 
     def _grown(self, scene: Gaussians, errors: np.ndarray, target: int) -> RowChange:
         is_kept = (scene.opacities >= self._growth.faint) & np.isfinite(scene.means).all(axis=1)

@@ -26,6 +26,9 @@ class _Kind:
     """Share of the final number that a run may begin with."""
 
 
+FIRST_OPEN_ENDED = 0.5
+"""Share of the final number that an open-ended run begins with, if its strategy grows: it may never grow so far."""
+
 _KINDS: dict[str, _Kind] = {
     "fixed": _Kind(Fixed, 1.0),
     "adc": _Kind(AdaptiveDensityControl, 0.5),
@@ -39,6 +42,8 @@ def create_strategy(name: StrategyName, situation: Situation) -> Strategy:
     return _KINDS[name].make(situation)
 
 
-def most_at_start(name: StrategyName, most: int) -> int:
+def most_at_start(name: StrategyName, most: int, open_ended: bool = False) -> int:
     """How many Gaussians a run of at most `most` may begin with."""
-    return max(int(_KINDS[name].first * most), min(FEWEST_GAUSSIANS, most))
+    first = _KINDS[name].first
+    first = min(first, FIRST_OPEN_ENDED) if open_ended and first < 1.0 else first
+    return max(int(first * most), min(FEWEST_GAUSSIANS, most))

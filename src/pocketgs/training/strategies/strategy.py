@@ -12,6 +12,16 @@ from pocketgs.splat.engine import Engine
 from pocketgs.splat.settings import LossSettings, PositionNoise
 
 
+class GrowthPlan(Protocol):
+    """When Gaussians multiply, and to what number."""
+
+    def next_growth(self, iteration: int) -> int | None:
+        """The first iteration, from this one on, after which Gaussians multiply; None if they will not."""
+
+    def target(self, iteration: int, count: int) -> int:
+        """How many there may be after this iteration, where there are `count` before."""
+
+
 @dataclass(frozen=True)
 class Situation:
     """What a strategy knows of its run. All that is random follows from the seed and the iteration.
@@ -23,6 +33,7 @@ class Situation:
         views: number of training views.
         seed: of everything random.
         bright: whether the background is not black.
+        growth: what the run knows of when to grow, or None where that is the strategy's to say.
     """
 
     iterations: int
@@ -31,6 +42,7 @@ class Situation:
     views: int
     seed: int = 0
     bright: bool = False
+    growth: GrowthPlan | None = None
 
     def random(self, iteration: int) -> np.random.Generator:
         """Random numbers of an iteration."""

@@ -1,5 +1,5 @@
 /**
- * The page: reads what there is to show, and puts its parts together.
+ * The page's entry point.
  *
  * @module
  */
@@ -17,12 +17,12 @@ import { LiveRun } from "./live/run.js";
 import { beginOpening, whileLoading } from "./messages/loading.js";
 import { hideMessage, showMessage, showPreviews, showWithoutGpu } from "./messages/messages.js";
 
-/** Up in scenes of which nothing is known, as trained from cameras whose y axis points down. */
+/** Default up direction, for cameras whose y axis points down. */
 const USUAL_UP = [0, -1, 0];
 
 async function start() {
     const canvas = document.getElementById("canvas");
-    // Shaders are compiled while the scene comes.
+    // Shaders are compiled while the scene loads.
     const opening = Renderer.open(canvas, showMessage);
     opening.catch(() => {});
     const viewer = await fetchViewer();

@@ -1,6 +1,6 @@
 // SSIM over whole windows (Wang et al. 2004, equation 13): its sum by patch, and its derivatives with respect to the
 // windowed means of x, of x² + y² and of xy. One workgroup per patch of 16 x 16 window centres.
-import view, update, patches.photograph, workgroups, workgroups.sum
+import view, update, patches.photograph, colours.apply, workgroups, workgroups.sum
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<uniform> update: Update;
@@ -8,6 +8,7 @@ import view, update, patches.photograph, workgroups, workgroups.sum
 @group(0) @binding(3) var<storage, read> photographs: array<u32>;
 @group(0) @binding(4) var<storage, read_write> ssim_derivatives: array<f32>;
 @group(0) @binding(5) var<storage, read_write> loss_parts: array<vec2f>;
+@group(0) @binding(6) var<storage, read> colours: array<f32>;
 
 // Rendered and photographed value of one channel; and the windowed means of x, y, x² + y² and xy along the rows.
 var<workgroup> values: array<vec2f, PADDED_PIXELS>;
@@ -18,7 +19,7 @@ fn load_patch(corner: vec2u, channel: u32, thread: u32) {
         let pixel = patch_pixel(view, corner, place);
         var pair = vec2f();
         if (pixel.inside) {
-            let x = image[pixel.index][channel];
+            let x = in_photograph(image[pixel.index].rgb)[channel];
             let photo = photograph_at(pixel.index);
             pair = vec2f(x, select(x, photo[channel], photo.a > 0.5));
         }

@@ -1,6 +1,7 @@
-// The photometric loss by patch, and its gradient: L2, or L1 and what `dssim` left (its windows' adjoint). One
-// workgroup a patch of 16 x 16 pixels.
-import view, update, patches.photograph, workgroups, workgroups.sum
+// The photometric loss by patch, and its gradient with respect to the image: L2, or L1 and what `dssim` left (its
+// windows' adjoint); and, where it is learned, with respect to the photograph's colour transform. One workgroup a patch
+// of 16 x 16 pixels.
+import view, update, patches.photograph, colours.apply, colours.adjoint, workgroups, workgroups.sum
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<uniform> update: Update;
@@ -9,6 +10,8 @@ import view, update, patches.photograph, workgroups, workgroups.sum
 @group(0) @binding(4) var<storage, read> ssim_derivatives: array<f32>;
 @group(0) @binding(5) var<storage, read_write> d_image: array<vec4f>;
 @group(0) @binding(6) var<storage, read_write> loss_parts: array<vec2f>;
+@group(0) @binding(7) var<storage, read> colours: array<f32>;
+@group(0) @binding(8) var<storage, read_write> colour_parts: array<f32>;
 
 // One channel's three derivatives on the patch; and filtered along the rows. (A vec3f would take the room of four.)
 var<workgroup> values: array<array<f32, 3>, PADDED_PIXELS>;
@@ -64,12 +67,13 @@ fn main(
     let place = corner + vec2u(thread % PATCH, thread / PATCH);
     let inside = place.x < view.width && place.y < view.height;
     let pixel = place.y * view.width + place.x;
-    var x = vec3f();
+    var rendered = vec3f();
     var photo = vec4f();
     if (inside) {
-        x = image[pixel].rgb;
+        rendered = image[pixel].rgb;
         photo = photograph_at(pixel);
     }
+    let x = in_photograph(rendered);
     let counts = photo.a > 0.5;
     let y = select(x, photo.rgb, counts);
     let difference = x - y;
@@ -81,8 +85,19 @@ fn main(
             gradient[channel] -= update.structural_weight * (d.x + 2.0 * x[channel] * d.y + y[channel] * d.z);
         }
     }
+    gradient = select(vec3f(), gradient, counts);
     if (inside) {
-        d_image[pixel] = vec4f(select(vec3f(), gradient, counts), 0.0);
+        d_image[pixel] = vec4f(to_rendering(gradient), 0.0);
+    }
+    if (update.colours_learned == 1u) {
+        // The transform's numbers by rows: what multiplies red, green and blue, and what is added.
+        let factors = vec4f(rendered, 1.0);
+        for (var number = 0u; number < 12u; number++) {
+            let part = workgroup_sum(gradient[number / 4u] * factors[number % 4u], thread);
+            if (thread == 0u) {
+                colour_parts[12u * group + number] = part;
+            }
+        }
     }
     let sum = workgroup_sum(error.r + error.g + error.b, thread);
     if (thread == 0u) {

@@ -1,5 +1,5 @@
 /**
- * The capture's cameras: going from one to the next, and comparing what they saw.
+ * Navigation between the capture's cameras, and comparison with their photographs.
  *
  * @module
  */
@@ -11,11 +11,12 @@ import { Comparison } from "./compare.js";
 /**
  * @typedef {import("../drawing/scene_view.js").SceneView} SceneView
  *
- * @typedef {import("../scene/camera.js").Camera & {name: string, held_out: boolean, photo: string | null}} View a camera of the
+ * @typedef {import("../scene/camera.js").Camera & {name: string, held_out: boolean, photo: string | null}} View a
+ * camera of the
  *     capture
  */
 
-/** Takes the picture from camera to camera. */
+/** Moves the view from camera to camera. */
 export class CaptureCameras {
     #view;
     #comparison;
@@ -23,7 +24,7 @@ export class CaptureCameras {
     #views = [];
     #target = [0, 0, 0];
     #at = 0;
-    /** @type {import("../scene/camera.js").Pose | null} where it went last */
+    /** @type {import("../scene/camera.js").Pose | null} the last destination */
     #pose = null;
     #extent = null;
 
@@ -34,8 +35,8 @@ export class CaptureCameras {
     }
 
     /**
-     * Take other cameras, and go to the first that is held out, or the first; if there were some before, to the one
-     * that it was at, unless the user has moved on.
+     * Replace the cameras, and go to the first held-out one, or the first; if there were cameras before, to the current
+     * one, unless the user has moved on.
      *
      * @param {{cameras: View[], up: number[], target: number[]}} viewer from viewer.json
      */
@@ -56,11 +57,11 @@ export class CaptureCameras {
     }
 
     /**
-     * Take none, and look at a whole scene from a distance.
+     * Remove all cameras, and look at a whole scene from a distance.
      *
      * @param {import("../scene/gaussian_columns.js").GaussianColumns} scene
      * @param {number[]} up
-     * @param {number} count of its Gaussians that have arrived, from the first on
+     * @param {number} count number of its Gaussians that have arrived
      */
     frame(scene, up, count = scene.count) {
         this.setViews({ cameras: [], up, target: [0, 0, 0] });
@@ -69,11 +70,11 @@ export class CaptureCameras {
     }
 
     /**
-     * If there are none, look at a scene of which more and more arrives, as long as the user has not moved on.
+     * Without cameras, frame a scene that is still arriving, as long as the user has not moved on.
      *
      * @param {import("../scene/gaussian_columns.js").GaussianColumns} scene
      * @param {number[]} up
-     * @param {number} count of its Gaussians that have arrived, from the first on
+     * @param {number} count number of its Gaussians that have arrived
      */
     frameArriving(scene, up, count = scene.count) {
         if (!this.any && (!this.#extent || this.#view.camera.pose === this.#pose)) {
@@ -86,7 +87,7 @@ export class CaptureCameras {
         return this.#views.length > 0;
     }
 
-    /** @param {1 | -1} step to the next or the previous; while comparing, of those with photographs */
+    /** @param {1 | -1} step to the next or the previous; while comparing, only those with photographs */
     go(step) {
         const count = this.#views.length;
         for (let tried = 0; tried < count; tried++) {
@@ -103,7 +104,7 @@ export class CaptureCameras {
         }
     }
 
-    /** Back to the camera, or to where the whole scene is seen. */
+    /** Go back to the camera, or to where the whole scene is visible. */
     reset(atOnce = false) {
         if (this.any) {
             this.#go(atOnce);
@@ -120,7 +121,7 @@ export class CaptureCameras {
         }
     }
 
-    /** Lay the photograph over the rendering, or take it away. */
+    /** Show the photograph over the rendering, or hide it. */
     compare() {
         if (this.#comparison.isOn) {
             this.stopComparing();
@@ -136,7 +137,7 @@ export class CaptureCameras {
         this.#comparison.show(this.#views[this.#at]);
     }
 
-    /** Stop comparing, since the camera is moved by hand or for another reason. */
+    /** Stop comparing, since the camera has moved. */
     stopComparing() {
         this.#comparison.hide();
         this.#view.moved();
@@ -160,7 +161,7 @@ export class CaptureCameras {
     }
 }
 
-/** Two directions at right angles to a unit vector and to each other. */
+/** Two unit vectors perpendicular to a unit vector and to each other. */
 function aside(up) {
     const least = up.map(Math.abs).indexOf(Math.min(...up.map(Math.abs)));
     const other = [0, 1, 2].map((axis) => Number(axis === least));

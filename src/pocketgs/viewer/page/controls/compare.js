@@ -6,7 +6,7 @@
 
 /** @typedef {import("../scene/camera.js").MovingCamera} MovingCamera */
 
-/** Covers the part of the canvas that shows what the photograph shows. */
+/** Covers the part of the canvas that the photograph shows. */
 export class Comparison {
     #camera;
     #frame = document.getElementById("compare");
@@ -27,7 +27,7 @@ export class Comparison {
     }
 
     /**
-     * Lay a photograph over the canvas, whose camera stands where the photograph was taken.
+     * Show a photograph over the canvas, whose camera must be the photograph's.
      *
      * @param {{name: string, photo: string}} view
      */
@@ -40,7 +40,7 @@ export class Comparison {
         this.#place();
     }
 
-    /** Show the rendering alone. */
+    /** Hide the photograph. */
     hide() {
         this.#camera.showsAll = false;
         this.#frame.hidden = true;

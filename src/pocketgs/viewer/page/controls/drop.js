@@ -17,7 +17,7 @@ export function listenForFiles(onFile) {
         hint.hidden = false;
     });
     window.addEventListener("dragleave", (event) => {
-        // Nothing is entered where the pointer leaves the page.
+        // The pointer has left the page.
         hint.hidden = event.relatedTarget === null;
     });
     window.addEventListener("drop", (event) => {

@@ -1,10 +1,10 @@
 /**
- * The keyboard: keys that fly as long as they are held, and keys that do something once.
+ * Keyboard controls: keys that fly while they are held, and keys that trigger actions.
  *
  * @module
  */
 
-/** Right, down, forward of the keys that fly, by their place on the keyboard. */
+/** Directions (right, down, forward) of the keys that fly, by their position on the keyboard. */
 const FLIGHT = {
     KeyW: [0, 0, 1],
     KeyS: [0, 0, -1],
@@ -14,7 +14,7 @@ const FLIGHT = {
     KeyE: [0, -1, 0],
 };
 
-/** Distances to the target that are flown in a second; with shift, three times that. */
+/** Flying speed in distances to the target per second, and the factor with Shift. */
 const SPEED = 0.6;
 const FASTER = 3;
 
@@ -23,7 +23,7 @@ const FASTER = 3;
  *
  * @param {import("../scene/camera.js").MovingCamera} camera
  * @param {import("../drawing/frame_loop.js").FrameLoop} loop
- * @param {() => void} onFlight told when a flight begins
+ * @param {() => void} onFlight called when a flight begins
  * @param {Object<string, () => void>} actions by `KeyboardEvent.key`, letters in lower case
  */
 export function listenToKeyboard(camera, loop, onFlight, actions) {

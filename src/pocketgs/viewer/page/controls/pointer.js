@@ -4,13 +4,13 @@
  * @module
  */
 
-/** Radians that dragging over the canvas's shorter side turns. */
+/** Rotation in radians for dragging over the canvas's shorter side. */
 const TURN = Math.PI;
 
 const ZOOM_PER_WHEEL_PIXEL = 0.0015;
 const WHEEL_LINE = 16;
 
-/** Moves a camera by what pointers do on an element. */
+/** Moves a camera by pointer events on an element. */
 export class PointerControls {
     #camera;
     #element;
@@ -20,7 +20,7 @@ export class PointerControls {
     /**
      * @param {HTMLElement} element
      * @param {import("../scene/camera.js").MovingCamera} camera
-     * @param {() => void} onMove told when the camera has moved
+     * @param {() => void} onMove called when the camera has moved
      */
     constructor(element, camera, onMove) {
         this.#element = element;
@@ -59,7 +59,7 @@ export class PointerControls {
         this.#onMove();
     }
 
-    /** Each finger moves the middle by half of its own way. */
+    /** Each finger moves the middle by half of its own motion. */
     #pinch(moved, now, right, down) {
         const before = this.#pointers.get(moved);
         const [, other] = [...this.#pointers].find(([id]) => id !== moved);

@@ -1,5 +1,5 @@
 /**
- * The buttons, and the keys that do the same.
+ * The toolbar's buttons, and their keyboard shortcuts.
  *
  * @module
  */

@@ -1,5 +1,5 @@
 /**
- * Brings a rendered image from its buffer to a canvas.
+ * Draws a rendered image from its buffer to a canvas.
  *
  * @module
  */
@@ -20,7 +20,7 @@ export class Display {
     #range;
 
     /**
-     * Compile what draws.
+     * Compile the shaders.
      *
      * @param {GPUDevice} device
      * @param {HTMLCanvasElement} canvas

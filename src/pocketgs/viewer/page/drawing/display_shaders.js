@@ -1,5 +1,5 @@
 /**
- * The shaders that bring a rendered image to the canvas.
+ * Shaders that draw a rendered image to the canvas.
  *
  * @module
  */
@@ -10,7 +10,7 @@ const BINS: u32 = 256u;
 const BINS_PER_OCTAVE: f32 = 16.0;
 const FIRST_OCTAVE: f32 = -6.0;
 
-// A pixel of the image holds Σ α T depth and, in the fourth number, the transmittance.
+// A pixel of the image holds Σ α T depth and, as the fourth number, the transmittance.
 fn opacity_of(pixel: vec4f) -> f32 {
     return 1.0 - pixel.a;
 }
@@ -38,7 +38,7 @@ fn main(@builtin(global_invocation_id) thread: vec3u, @builtin(num_workgroups) g
 `;
 
 /** Finds the depths that all but the nearest and the farthest 2 % of those pixels lie between. */
-export const FIND_DEPTH_RANGE = /* wgsl */ `
+/** Finds the 2 % and 98 % quantiles of those depths. */
 ${HISTOGRAM}
 @group(0) @binding(0) var<storage, read> histogram: array<u32>;
 @group(0) @binding(1) var<storage, read_write> depth_range: vec2f;
@@ -65,7 +65,7 @@ fn main() {
 }
 `;
 
-/** Draws the image over the whole canvas, enlarged if it is smaller, as colours or as depths. */
+/** Draws the image over the whole canvas, scaled up if it is smaller, as colours or as depths. */
 export const DRAW = /* wgsl */ `
 ${HISTOGRAM}
 struct Display {
@@ -89,7 +89,7 @@ fn pixel_at(place: vec2i) -> vec4f {
     return image[inside.y * display.image_size.x + inside.x];
 }
 
-// Between four pixels, or the very pixel where image and canvas have the same size.
+// Interpolates between four pixels, or reads one pixel if image and canvas have the same size.
 fn image_at(position: vec2f) -> vec4f {
     let place = position * vec2f(display.image_size) / vec2f(display.canvas_size) - 0.5;
     let corner = vec2i(floor(place));
@@ -99,7 +99,7 @@ fn image_at(position: vec2f) -> vec4f {
     return mix(top, bottom, share.y);
 }
 
-// Bright and warm where near, dark and blue where far.
+// Near is bright and warm, far is dark and blue.
 fn colour_of_depth(nearness: f32) -> vec3f {
     let far = mix(vec3f(0.05, 0.04, 0.16), vec3f(0.45, 0.12, 0.45), min(2.0 * nearness, 1.0));
     return mix(far, vec3f(1.0, 0.86, 0.55), max(2.0 * nearness - 1.0, 0.0));

@@ -1,17 +1,17 @@
 /**
- * When to draw and how finely: only when something has changed, coarser while it moves if frames take long.
+ * The frame loop: draws only after changes, and at lower resolution during motion if frames are slow.
  *
  * @module
  */
 
-/** Resolutions as shares of the canvas's own. */
+/** Resolutions relative to the canvas. */
 const SHARES = [1, 0.7, 0.5, 0.35, 0.25];
 
-/** While something moves, a frame that takes longer than this makes the next coarser; a short one, finer again. */
+/** During motion, a frame slower than this lowers the resolution, and a faster one than that raises it. */
 const SLOW_FRAME = 50;
 const QUICK_FRAME = 20;
 
-/** Milliseconds without a change after which a picture is drawn sharp. */
+/** Milliseconds without changes after which the image is drawn at full resolution. */
 const REST = 200;
 
 /** Draws the frames. */
@@ -30,8 +30,8 @@ export class FrameLoop {
 
     /**
      * @param {(share: number) => Promise<void>} draw a frame with this share of the full resolution
-     * @param {(milliseconds: number) => void} onDrawn told how long a frame took
-     * @param {(rests: boolean) => void} onRest told when drawing begins, and when there is nothing more to draw
+     * @param {(milliseconds: number) => void} onDrawn called with the duration of each frame
+     * @param {(rests: boolean) => void} onRest called when drawing begins, and when there is nothing left to draw
      */
     constructor(draw, onDrawn, onRest) {
         this.#draw = draw;
@@ -39,23 +39,23 @@ export class FrameLoop {
         this.#onRest = onRest;
     }
 
-    /** Draw again, finely: something other than the camera has changed. */
+    /** Redraw at full resolution: something other than the camera has changed. */
     invalidate() {
         this.#changed++;
         this.#start();
     }
 
-    /** Draw again, at the resolution for motion until nothing has moved for a while. */
+    /** Redraw, at the resolution for motion until nothing has moved for a while. */
     move() {
         this.#moved = performance.now();
         this.invalidate();
     }
 
     /**
-     * Call before every frame until it says that it is done.
+     * Call a function before every frame until it returns false.
      *
-     * @param {(seconds: number) => boolean} mover moves something; given the time since the last frame, tells whether
-     *     it goes on
+     * @param {(seconds: number) => boolean} mover called with the time since the last frame; returns whether it
+     *     continues
      */
     addMover(mover) {
         this.#movers.add(mover);

@@ -1,5 +1,5 @@
 /**
- * An image of points, drawn without a GPU: each an opaque disc, the nearest in front.
+ * A software-rendered image of points, each an opaque disc with depth test.
  *
  * @module
  */
@@ -9,8 +9,8 @@
  * @typedef {import("./points.js").Points} Points
  */
 
-/** Pixels of the full resolution that a disc's radius has at most, lest the nearest hold up a camera amid points. */
-const LARGEST_RADIUS = 64;
+/** Maximum radius of a disc at full resolution, in pixels, so that points near the camera do not slow down drawing. */
+const MAX_RADIUS = 64;
 
 /** Pixels and their depths. */
 export class PointImage {
@@ -28,11 +28,11 @@ export class PointImage {
     }
 
     /**
-     * Draw over what has been there.
+     * Clear and draw.
      *
      * @param {Points} points
      * @param {Camera} camera whose image has this image's size
-     * @param {number} share of the full resolution that this is
+     * @param {number} share resolution relative to the full one
      * @param {[number, number, number]} background RGB
      */
     draw(points, camera, share, background) {
@@ -41,7 +41,7 @@ export class PointImage {
         this.#depths.fill(Infinity);
         const { fx, fy, cx, cy, world_to_camera: m } = camera;
         const { x, y, z, radii, colours, near } = points;
-        const largest = share * LARGEST_RADIUS;
+        const largest = share * MAX_RADIUS;
         for (let i = 0; i < points.count; i++) {
             const depth = m[8] * x[i] + m[9] * y[i] + m[10] * z[i] + m[11];
             if (radii[i] > 0 && depth >= near) {
@@ -53,7 +53,7 @@ export class PointImage {
         }
     }
 
-    /** Pixels whose centres are within a disc; of one between all centres, the pixel that it lies in. */
+    /** Draw the pixels whose centres are in a disc, or the pixel it lies in if there are none. */
     #drawDisc(across, down, radius, depth, colour) {
         const { width, height } = this.data;
         const reach = Math.max(radius, 0.5);

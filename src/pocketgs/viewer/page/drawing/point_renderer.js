@@ -1,6 +1,6 @@
 /**
- * Renders a scene as points without a GPU: while the shaders are compiled, while the scene is still arriving, and where
- * there is no WebGPU.
+ * Renders a scene as points without a GPU: while shaders are compiled, while the scene is loading, and without
+ * WebGPU.
  *
  * @module
  */
@@ -13,7 +13,7 @@ import { Points } from "./points.js";
  * @typedef {import("./renderer.js").Picture} Picture
  */
 
-/** Draws on a canvas of its own, which is hidden until then; stands in for `Renderer`. */
+/** Draws on a canvas of its own, which is hidden at first; has the interface of `Renderer`. */
 export class PointRenderer {
     #canvas;
     #context;
@@ -26,16 +26,16 @@ export class PointRenderer {
         this.#context = canvas.getContext("2d", { alpha: false });
     }
 
-    /** How many points there are. */
+    /** Number of points. */
     get count() {
         return this.#points?.count ?? 0;
     }
 
     /**
-     * Draw this scene from now on, or more of it if it was drawn before.
+     * Set the scene, or show more of the same scene.
      *
      * @param {GaussianColumns} scene
-     * @param {number} count of its Gaussians that have arrived, from the first on
+     * @param {number} count number of its Gaussians that have arrived
      */
     setScene(scene, count = scene.count) {
         if (!this.#points?.areOf(scene)) {
@@ -60,7 +60,7 @@ export class PointRenderer {
     }
 
     /**
-     * Draw, and encode what the canvas then shows.
+     * Draw, and encode the canvas.
      *
      * @param {Picture} picture
      * @returns {Promise<Blob>} a PNG
@@ -70,7 +70,7 @@ export class PointRenderer {
         return new Promise((resolve) => this.#canvas.toBlob(resolve, "image/png"));
     }
 
-    /** Take the canvas away and free what it holds, until another scene is set. */
+    /** Hide the canvas and free its memory, until another scene is set. */
     release() {
         this.#canvas.hidden = true;
         this.#canvas.width = this.#canvas.height = 0;

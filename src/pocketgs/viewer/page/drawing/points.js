@@ -1,5 +1,5 @@
 /**
- * What is drawn of Gaussians where they are no more than points: for each a place, a colour and a size.
+ * Gaussians as points: position, colour and size of each.
  *
  * @module
  */
@@ -9,10 +9,10 @@ import { nearPlane } from "../scene/near_plane.js";
 
 /** @typedef {import("../scene/gaussian_columns.js").GaussianColumns} GaussianColumns */
 
-/** A point covers what its Gaussian alone makes at least this opaque; one that is so nowhere has no size. */
-const LEAST_OPACITY = 0.1;
+/** A point covers the area where its Gaussian alone is at least this opaque; its size is 0 if there is none. */
+const MIN_OPACITY = 0.1;
 
-/** Points of a scene that may still be arriving. */
+/** Points of a scene that may still be loading. */
 export class Points {
     #scene;
 
@@ -20,13 +20,13 @@ export class Points {
     constructor(scene) {
         this.#scene = scene;
         this.count = 0;
-        /** Least depth of what is drawn. */
+        /** Minimum depth of what is drawn. */
         this.near = 0;
-        /** (N,) each in the world. */
+        /** (N,) each, in the world. */
         [this.x, this.y, this.z] = [0, 1, 2].map((axis) => scene.column(MEAN + axis));
-        /** (N,) in scene units, 0 where nothing is to be seen. */
+        /** (N,) radii in scene units, 0 if invisible. */
         this.radii = new Float32Array(scene.count);
-        /** (N,) RGBA from the lowest byte on. */
+        /** (N,) RGBA, lowest byte first. */
         this.colours = new Uint32Array(scene.count);
     }
 
@@ -40,9 +40,9 @@ export class Points {
     }
 
     /**
-     * Take in what has arrived of the scene since.
+     * Add the Gaussians that have arrived since the last call.
      *
-     * @param {number} count of the scene's Gaussians that are there, from the first on
+     * @param {number} count number of the scene's Gaussians that have arrived
      */
     extendTo(count) {
         const [a, b, c] = [0, 1, 2].map((axis) => this.#scene.column(LOG_SCALE + axis));
@@ -50,10 +50,10 @@ export class Points {
         const logits = this.#scene.column(OPACITY_LOGIT);
         for (let i = this.count; i < count; i++) {
             const opacity = 1 / (1 + Math.exp(-logits[i]));
-            if (opacity > LEAST_OPACITY) {
-                // A ball of the same volume, out to where exp(-½ r²) · opacity has come down to the least.
+            if (opacity > MIN_OPACITY) {
+                // A ball of the same volume, up to where exp(-½ r²) · opacity falls to the minimum.
                 const scale = Math.exp((a[i] + b[i] + c[i]) / 3);
-                this.radii[i] = scale * Math.sqrt(2 * Math.log(opacity / LEAST_OPACITY));
+                this.radii[i] = scale * Math.sqrt(2 * Math.log(opacity / MIN_OPACITY));
                 this.colours[i] = 0xff000000 | (byteOf(blue[i]) << 16) | (byteOf(green[i]) << 8) | byteOf(red[i]);
             }
         }
@@ -62,7 +62,7 @@ export class Points {
     }
 }
 
-/** A colour without its dependence on the direction. */
+/** The view-independent colour. */
 function byteOf(dc) {
     return Math.max(0, Math.min(255, Math.round(255 * (0.5 + SH_DC * dc))));
 }

@@ -16,19 +16,19 @@ import { viewValues } from "./view_values.js";
  * @typedef {import("../scene/camera.js").Camera} Camera
  * @typedef {import("../scene/gaussian_columns.js").GaussianColumns} GaussianColumns
  *
- * @typedef {Object} Picture what is to be drawn
+ * @typedef {Object} Picture parameters of an image
  * @property {Camera} camera
  * @property {number} share of the full resolution
  * @property {[number, number, number]} background RGB
  * @property {boolean} asDepth
  */
 
-/** Room for intersections of tiles' lists to begin with, and how it grows: as in `engine.py`. */
+/** Initial capacity for tile intersections, and its growth: as in `engine.py`. */
 const INTERSECTIONS_PER_GAUSSIAN = 8;
-const LEAST_INTERSECTIONS = 1 << 16;
+const MIN_INTERSECTIONS = 1 << 16;
 const GROWTH = 1.25;
 
-/** Holds the device and what is on it. */
+/** Holds the device and its buffers. */
 export class Renderer {
     /** @type {GPUDevice} */
     #device;
@@ -41,16 +41,16 @@ export class Renderer {
     #scene = null;
     #intersections = 0;
     #near = 0;
-    /** Sizes of images that there is room for. */
+    /** Maximum sizes of images that the buffers have room for. */
     #reserved = new Set();
-    /** What is being done: two things at once would take each other's buffers away. */
+    /** The current task: two at once would replace each other's buffers. */
     #busy = Promise.resolve();
 
     /**
-     * Open the GPU for a canvas, and compile what draws splats.
+     * Open the GPU for a canvas, and compile the shaders.
      *
      * @param {HTMLCanvasElement} canvas
-     * @param {(message: string) => void} onFault told of what goes wrong later, short of losing the GPU
+     * @param {(message: string) => void} onFault called with later errors, except the loss of the GPU
      * @returns {Promise<Renderer>}
      * @throws {Error} there is no WebGPU, or no GPU
      */
@@ -68,21 +68,21 @@ export class Renderer {
         return renderer;
     }
 
-    /** @returns {Promise<GPUDeviceLostInfo>} why the GPU can be used no more, once it cannot */
+    /** @returns {Promise<GPUDeviceLostInfo>} resolves when the GPU is lost */
     get lost() {
         return this.#device.lost;
     }
 
-    /** How many Gaussians the scene has. */
+    /** Number of Gaussians of the scene. */
     get count() {
         return this.#scene?.count ?? 0;
     }
 
     /**
-     * Draw another scene from now on.
+     * Set the scene.
      *
      * @param {GaussianColumns} scene
-     * @throws {Error} the GPU's memory does not hold it
+     * @throws {Error} it does not fit in the GPU's memory
      */
     setScene(scene) {
         return this.#inTurn(async () => {
@@ -92,7 +92,7 @@ export class Renderer {
     }
 
     /**
-     * Draw Gaussians as something else from now on.
+     * Set the appearance of Gaussians.
      *
      * @param {"splats" | "points" | "discs"} appearance
      */
@@ -111,7 +111,7 @@ export class Renderer {
     }
 
     /**
-     * Draw on the canvas, whose size may differ from the camera's image. The canvas changes when the image is whole.
+     * Draw on the canvas, whose size may differ from the camera's image. The canvas changes when the image is complete.
      *
      * @param {Picture} picture
      * @returns {Promise<void>}
@@ -121,7 +121,7 @@ export class Renderer {
     }
 
     /**
-     * Draw, and encode what the canvas then shows.
+     * Draw, and encode the canvas.
      *
      * @param {Picture} picture
      * @returns {Promise<Blob>} a PNG
@@ -129,7 +129,7 @@ export class Renderer {
     photograph(picture) {
         return this.#inTurn(async () => {
             await this.#draw(picture);
-            // In the same task as the drawing: later the canvas may have been cleared.
+            // In the same task as the drawing: later the canvas may be cleared.
             return new Promise((resolve) => this.#canvas.toBlob(resolve, "image/png"));
         });
     }
@@ -148,7 +148,7 @@ export class Renderer {
 
     async #upload(scene) {
         const expected = INTERSECTIONS_PER_GAUSSIAN * scene.count;
-        const intersections = Math.max(this.#intersections, LEAST_INTERSECTIONS, expected);
+        const intersections = Math.max(this.#intersections, MIN_INTERSECTIONS, expected);
         this.#reserved.clear();
         await this.#makeRoom(this.#symbols(1, 1, scene, intersections));
         this.#near = nearPlane([0, 1, 2].map((axis) => scene.column(MEAN + axis)), scene.count);
@@ -179,7 +179,7 @@ export class Renderer {
         this.#display.show(this.#executor.buffer("image"), camera, this.#canvas, background, asDepth);
     }
 
-    /** Let the passes go on after they found too little room. */
+    /** Grow the buffers after the passes ran out of room. */
     #resume() {
         this.#executor.write("status", new Uint32Array(3));
     }
@@ -205,6 +205,8 @@ export class Renderer {
             replay_depth: 0,
             structural: 0,
             regularised: 0,
+            colours_learned: 0,
+            photographs: 0,
             collecting: 0,
             listed: 0,
         });

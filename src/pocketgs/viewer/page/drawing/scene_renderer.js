@@ -1,5 +1,5 @@
 /**
- * Rendering a scene with the best there is: as points, until the GPU has drawn it for the first time.
+ * Renders a scene with the best renderer available: as points, until the GPU has drawn its first image.
  *
  * @module
  */
@@ -11,24 +11,24 @@
  * @typedef {import("./renderer.js").Renderer} Renderer
  *
  * @typedef {Object} Told
- * @property {() => Picture} pictureNow asked what is to be drawn
- * @property {() => void} onChange told when it would draw something else than before
- * @property {(milliseconds: number) => void} onSharp told when the GPU takes over, and what its first picture took
+ * @property {() => Picture} pictureNow returns the parameters of the current image
+ * @property {() => void} onChange called when the image would change
+ * @property {(milliseconds: number) => void} onSharp called when the GPU takes over, with the time of its first image
  * @property {(text: string) => void} onFault
  */
 
-/** Draws points or on the GPU; says in the document when points are all there will be. */
+/** Draws points or on the GPU; marks the document when only points are possible. */
 export class SceneRenderer {
     #points;
-    /** @type {PointRenderer | Renderer} what draws now */
+    /** @type {PointRenderer | Renderer} the current renderer */
     #drawing;
     /** @type {Renderer | null} */
     #gpu = null;
-    /** @type {GaussianColumns | null} the whole one that is shown or about to be */
+    /** @type {GaussianColumns | null} the complete scene that is shown or about to be */
     #scene = null;
     #appearance = "splats";
     #pointsOnly = false;
-    /** What brings scenes to the GPU, one after the other. */
+    /** Queue of scenes to upload to the GPU. */
     #sharpening = Promise.resolve();
     #told;
     #fault = null;
@@ -42,18 +42,18 @@ export class SceneRenderer {
         this.#told = told;
     }
 
-    /** How many Gaussians are drawn. */
+    /** Number of Gaussians drawn. */
     get count() {
         return this.#drawing.count;
     }
 
-    /** Whether nothing else will soon draw in place of what does. */
+    /** Whether no other renderer will replace the current one soon. */
     get isSettled() {
         return this.#pointsOnly || this.#drawing === this.#gpu;
     }
 
     /**
-     * Draw on the GPU, once a whole scene is there and its first picture done, until the GPU is lost.
+     * Draw on the GPU, once a complete scene is there and its first image is done, until the GPU is lost.
      *
      * @param {Renderer} gpu
      */
@@ -67,7 +67,7 @@ export class SceneRenderer {
         await this.#sharpen();
     }
 
-    /** Draw points: they are all there will be, for now at least. */
+    /** Draw points, since there is no GPU, at least for now. */
     stayWithPoints() {
         this.#drawing = this.#points;
         if (this.#scene) {
@@ -78,7 +78,7 @@ export class SceneRenderer {
     }
 
     /**
-     * Draw what has arrived of a scene, unless a whole one is there.
+     * Draw the loaded part of a scene, unless a complete one is there.
      *
      * @param {GaussianColumns} scene
      * @param {number} count of its Gaussians, from the first on
@@ -93,7 +93,7 @@ export class SceneRenderer {
         return true;
     }
 
-    /** @param {GaussianColumns} scene to draw from now on: as points if the GPU's memory does not hold it */
+    /** @param {GaussianColumns} scene to draw; as points if it does not fit in the GPU's memory */
     async setScene(scene) {
         this.#scene = scene;
         if (this.#drawing === this.#points) {
@@ -103,7 +103,7 @@ export class SceneRenderer {
         await this.#sharpen();
     }
 
-    /** @param {"splats" | "points" | "discs"} appearance to draw Gaussians in on the GPU from now on */
+    /** @param {"splats" | "points" | "discs"} appearance of Gaussians on the GPU */
     async setAppearance(appearance) {
         await this.#gpu?.setAppearance(appearance);
         this.#appearance = appearance;
@@ -115,7 +115,7 @@ export class SceneRenderer {
         try {
             await drawing.draw(picture);
         } catch (error) {
-            // What a lost GPU had still to draw fails as well.
+            // Pending work of a lost GPU fails as well.
             if (drawing === this.#drawing) {
                 this.#tell(error.message);
             }
@@ -126,7 +126,7 @@ export class SceneRenderer {
     }
 
     /**
-     * Draw, and encode what is then to be seen.
+     * Draw, and encode the result.
      *
      * @param {Picture} picture
      * @returns {Promise<Blob>} a PNG
@@ -154,7 +154,7 @@ export class SceneRenderer {
                 await this.#takeOver(gpu);
             }
         } catch (error) {
-            // What a lost GPU had still to do fails as well.
+            // Pending work of a lost GPU fails as well.
             if (gpu === this.#gpu) {
                 this.stayWithPoints();
                 this.#tell(error.message);
@@ -162,7 +162,7 @@ export class SceneRenderer {
         }
     }
 
-    /** Change from points to the GPU. Points go on being drawn while its first picture is. */
+    /** Switch from points to the GPU. Points are drawn until its first image is done. */
     async #takeOver(gpu) {
         const [start, picture] = [performance.now(), this.#told.pictureNow()];
         await gpu.draw(picture);
@@ -180,7 +180,7 @@ export class SceneRenderer {
         }
     }
 
-    /** Tell what is wrong with the GPU, but not the same again with every scene of a run or with every picture. */
+    /** Report an error of the GPU, but not repeatedly for every scene of a run or every image. */
     #tell(fault) {
         if (fault !== this.#fault) {
             this.#fault = fault;
@@ -194,7 +194,7 @@ export class SceneRenderer {
     }
 }
 
-/** Leave a mark for whoever measures how long it takes until something is to be seen. */
+/** Set a performance mark, once. */
 function markOnce(name) {
     if (performance.getEntriesByName(name).length === 0) {
         performance.mark(name);

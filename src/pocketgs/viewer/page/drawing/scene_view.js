@@ -1,5 +1,5 @@
 /**
- * The picture on the canvas: from where, of what, and how it appears.
+ * The view of a scene on the canvas: camera, scene and appearance.
  *
  * @module
  */
@@ -15,7 +15,7 @@ import { SceneRenderer } from "./scene_renderer.js";
  * @typedef {import("./point_renderer.js").PointRenderer} PointRenderer
  */
 
-/** Seconds of the way from one camera to another. */
+/** Duration of the animation from one camera to another, in seconds. */
 const JOURNEY = 0.7;
 
 const BACKGROUNDS = [
@@ -24,19 +24,19 @@ const BACKGROUNDS = [
     [1, 1, 1],
 ];
 
-/** Frames whose mean length is shown. */
+/** Number of frames that the frame rate is averaged over. */
 const FRAMES_COUNTED = 20;
 
-/** What a frame took, times this, is the pause before the next that only shows more of an arriving scene. */
+/** Pause before the next frame of a loading scene, as a multiple of the last frame's duration. */
 const PAUSE_BETWEEN_PARTS = 4;
 
-/** Draws a scene whenever something about the picture has changed. */
+/** Draws a scene whenever the view changes. */
 export class SceneView {
     camera = new MovingCamera();
     #canvas;
     #renderer;
     #rests = true;
-    /** How much is going on besides drawing. */
+    /** Number of pending tasks besides drawing. */
     #underWay = 0;
     #loop;
     #background = BACKGROUNDS[0];
@@ -46,7 +46,7 @@ export class SceneView {
     #journey = 0;
 
     /**
-     * @param {HTMLCanvasElement} canvas that the user points at
+     * @param {HTMLCanvasElement} canvas that receives pointer events
      * @param {PointRenderer} points
      * @param {{onStatistics: (count: number, framesPerSecond: number) => void, onFault: (text: string) => void}} told
      */
@@ -73,20 +73,20 @@ export class SceneView {
         new ResizeObserver(() => this.#loop.invalidate()).observe(canvas);
     }
 
-    /** Where what moves the camera has itself called before every frame. */
+    /** The frame loop, in which camera movers register. */
     get loop() {
         return this.#loop;
     }
 
-    /** What draws, with or without a GPU. */
+    /** The renderer, with or without a GPU. */
     get renderer() {
         return this.#renderer;
     }
 
     /**
-     * Say that it is busy until this is done, as it does while it draws.
+     * Show the busy state until a task is done, as during drawing.
      *
-     * @param {Promise<unknown>} work that ends in another picture
+     * @param {Promise<unknown>} work that will change the image
      */
     async busyUntil(work) {
         this.#underWay++;
@@ -99,13 +99,13 @@ export class SceneView {
         }
     }
 
-    /** Milliseconds to let go by before more of an arriving scene is shown, lest drawing hold up what is to come. */
+    /** Milliseconds to wait before showing more of a loading scene, so that drawing does not delay loading. */
     get pauseBetweenParts() {
         return PAUSE_BETWEEN_PARTS * (this.#times.at(-1) ?? 0);
     }
 
     /**
-     * Draw another scene from now on.
+     * Set the scene.
      *
      * @param {GaussianColumns} scene
      */
@@ -113,7 +113,7 @@ export class SceneView {
         return this.busyUntil(this.#renderer.setScene(scene));
     }
 
-    /** @param {"splats" | "points" | "discs" | "depth"} appearance to draw Gaussians in from now on */
+    /** @param {"splats" | "points" | "discs" | "depth"} appearance of Gaussians */
     async setAppearance(appearance) {
         await this.#renderer.setAppearance(shapeOf(appearance));
         this.#appearance = appearance;
@@ -126,23 +126,23 @@ export class SceneView {
         this.#loop.invalidate();
     }
 
-    /** The next of black, grey and white. */
+    /** Switch to the next of black, grey and white. */
     changeBackground() {
         const at = BACKGROUNDS.findIndex((background) => background.every((c, i) => c === this.#background[i]));
         this.setBackground(BACKGROUNDS[(at + 1) % BACKGROUNDS.length]);
     }
 
-    /** The camera has been moved by hand, which ends a journey. */
+    /** Stop the animation, since the user has moved the camera. */
     moved() {
         this.#journey++;
         this.#loop.move();
     }
 
     /**
-     * Go to a pose, at once or on a journey.
+     * Go to a pose, at once or animated.
      *
      * @param {Pose} pose
-     * @param {Camera} lens whose field of view to show
+     * @param {Camera} lens camera whose field of view is shown
      * @param {boolean} atOnce
      */
     goTo(pose, lens, atOnce = false) {
@@ -166,7 +166,7 @@ export class SceneView {
         });
     }
 
-    /** @returns {Promise<Blob>} the picture as it is now, as a PNG */
+    /** @returns {Promise<Blob>} the current image as a PNG */
     photograph() {
         return this.#renderer.photograph(this.#picture(1));
     }
@@ -198,7 +198,7 @@ export class SceneView {
     }
 }
 
-/** What shaders draw for an appearance. */
+/** The shaders' name for an appearance. */
 function shapeOf(appearance) {
     return appearance === "depth" ? "splats" : appearance;
 }

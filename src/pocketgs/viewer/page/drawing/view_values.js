@@ -1,5 +1,5 @@
 /**
- * What is written into the uniform buffer before every image; the twin of `view_values` in `frame_values.py`.
+ * Values of the uniform buffer, written before every image; the twin of `view_values` in `frame_values.py`.
  *
  * @module
  */
@@ -11,10 +11,10 @@ const TILE = 8;
 /**
  * Fields of the struct `View`.
  *
- * @param {import("../scene/camera.js").Camera} camera from where
+ * @param {import("../scene/camera.js").Camera} camera
  * @param {[number, number, number]} background RGB
- * @param {number} near least depth of what is drawn, see `nearPlane`
- * @param {Object<string, number>} symbols gives gaussians, coefficients, intersections and replay_depth
+ * @param {number} near minimum depth of what is drawn, see `nearPlane`
+ * @param {Object<string, number>} symbols with gaussians, coefficients, intersections and replay_depth
  * @returns {Object<string, number | number[]>}
  */
 export function viewValues(camera, background, near, symbols) {

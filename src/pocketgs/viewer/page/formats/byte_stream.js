@@ -1,10 +1,10 @@
 /**
- * Taking bytes from a stream in pieces of wanted sizes.
+ * Reading pieces of given sizes from a stream.
  *
  * @module
  */
 
-/** Reads a stream piece by piece; nothing is allocated for bytes that have not come. */
+/** Reads a stream piece by piece; memory is allocated only for bytes that have arrived. */
 export class ByteStream {
     #reader;
     #chunks = [];
@@ -14,7 +14,7 @@ export class ByteStream {
 
     /**
      * @param {ReadableStream<Uint8Array>} stream
-     * @param {(received: number) => void} onProgress told how many bytes have come
+     * @param {(received: number) => void} onProgress called with the number of bytes received
      */
     constructor(stream, onProgress = () => {}) {
         this.#reader = stream.getReader();
@@ -22,7 +22,7 @@ export class ByteStream {
     }
 
     /**
-     * The next bytes, fewer only where the stream ends.
+     * Read the next bytes, fewer only at the end of the stream.
      *
      * @param {number} count
      * @returns {Promise<Uint8Array>}
@@ -45,11 +45,11 @@ export class ByteStream {
     }
 
     /**
-     * The next bytes.
+     * Read the next bytes.
      *
      * @param {number} count
      * @returns {Promise<Uint8Array>}
-     * @throws {Error} the stream ends before
+     * @throws {Error} the stream ends early
      */
     async take(count) {
         const piece = await this.takeUpTo(count);
@@ -60,7 +60,7 @@ export class ByteStream {
     }
 
     /**
-     * Put bytes back that were taken last.
+     * Put back the last bytes read.
      *
      * @param {Uint8Array} piece
      */
@@ -70,7 +70,7 @@ export class ByteStream {
     }
 
     /**
-     * All that is left, unpacked from gzip as it is asked for.
+     * The rest of the stream, decompressed with gzip on demand.
      *
      * @returns {ByteStream}
      */

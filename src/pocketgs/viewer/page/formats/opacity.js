@@ -1,11 +1,11 @@
 /**
- * Opacities of 8 bits; the twin of `opacity_from_byte` in `formats/activations.py`.
+ * 8-bit opacities; the twin of `opacity_from_byte` in `formats/activations.py`.
  *
  * @module
  */
 
 /**
- * The logit of an opacity; 0 and 255 stand for the middle of what was rounded to them.
+ * The logit of an opacity; 0 and 255 decode to the middle of their rounding intervals.
  *
  * @param {number} byte
  * @returns {number}

@@ -11,7 +11,7 @@ import { GaussianColumns, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../
  * @typedef {import("./scene_file.js").PartListener} PartListener
  */
 
-/** Sizes in bytes of scalar types and how a `DataView` calls them. */
+/** Sizes of scalar types in bytes, and their names in a `DataView`. */
 const TYPES = {
     char: [1, "Int8"],
     int8: [1, "Int8"],
@@ -31,14 +31,14 @@ const TYPES = {
     float64: [8, "Float64"],
 };
 
-const LONGEST_HEADER = 1 << 16;
+const MAX_HEADER_BYTES = 1 << 16;
 const ROWS_AT_ONCE = 1 << 11;
 const COEFFICIENTS = { 0: 1, 9: 4, 24: 9, 45: 16 };
 
 /**
  * Read a scene.
  *
- * @param {ByteStream} source at the file's begin
+ * @param {ByteStream} source at the start of the file
  * @param {number} bytes the file's size
  * @param {PartListener} onPart
  * @returns {Promise<GaussianColumns>}
@@ -71,7 +71,7 @@ export async function readPly(source, bytes, onPart) {
 }
 
 async function takeHeader(source) {
-    const start = await source.takeUpTo(LONGEST_HEADER);
+    const start = await source.takeUpTo(MAX_HEADER_BYTES);
     const text = new TextDecoder("latin1").decode(start);
     const end = /^end_header\r?\n/m.exec(text);
     if (!end) {
@@ -110,7 +110,7 @@ function parseHeader(text) {
     return { count: Number(elements[0][2]), properties, stride, littleEndian: format === "binary_little_endian" };
 }
 
-/** Which property goes where. */
+/** The target column of each property. */
 function targetsIn(gaussians, properties) {
     const columns = new Map([["opacity", gaussians.column(OPACITY_LOGIT)]]);
     ["x", "y", "z"].forEach((name, axis) => columns.set(name, gaussians.column(MEAN + axis)));

@@ -1,5 +1,5 @@
 /**
- * Reading a scene of any known format, from the network or from the user's disk.
+ * Reading a scene of any supported format, from the network or from the user's disk.
  *
  * @module
  */
@@ -12,23 +12,23 @@ import { readSpz } from "./spz.js";
 /**
  * @typedef {import("../scene/gaussian_columns.js").GaussianColumns} GaussianColumns
  *
- * @typedef {(gaussians: GaussianColumns, count: number) => void} PartListener told how many of a scene's Gaussians have
- *     arrived; of a format that stores attribute by attribute, nothing before all have
+ * @typedef {(gaussians: GaussianColumns, count: number) => void} PartListener called with the number of Gaussians that
+ *     have arrived; not called for formats that store attribute by attribute
  */
 
 /** Suffixes of the files that can be read. */
 export const SUFFIXES = [".ply", ".splat", ".spz"];
 
 /**
- * Read a scene as it arrives.
+ * Read a scene while it loads.
  *
  * @param {string} name of the file, for its suffix and for messages
  * @param {ReadableStream<Uint8Array>} stream
  * @param {number} bytes the file's size
- * @param {(share: number) => void} onProgress told the share of the file that has come
+ * @param {(share: number) => void} onProgress called with the share of the file that has arrived
  * @param {PartListener} onPart
  * @returns {Promise<GaussianColumns>}
- * @throws {Error} the file is broken or of a format that is not known
+ * @throws {Error} the file is broken or its format is not supported
  */
 export async function readScene(name, stream, bytes, onProgress = () => {}, onPart = () => {}) {
     const source = new ByteStream(stream, (received) => onProgress(bytes ? received / bytes : 0));
@@ -48,10 +48,10 @@ export async function readScene(name, stream, bytes, onProgress = () => {}, onPa
  *
  * @param {string} url
  * @param {number} bytes the file's size
- * @param {(share: number) => void} onProgress told the share of the file that has come
+ * @param {(share: number) => void} onProgress called with the share of the file that has arrived
  * @param {PartListener} onPart
  * @returns {Promise<GaussianColumns>}
- * @throws {Error} the server does not give it, or it is broken
+ * @throws {Error} the server does not send it, or it is broken
  */
 export async function fetchScene(url, bytes, onProgress, onPart) {
     const response = await fetch(url);

@@ -8,18 +8,18 @@ import { GaussianColumns, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, dcOf } fro
 import { logitOfByte } from "./opacity.js";
 
 const RECORD = 32;
-const SMALLEST_SCALE = 2 ** -126;
+const MIN_SCALE = 2 ** -126;
 
 const ROWS_AT_ONCE = 1 << 13;
 
 /**
  * Read a scene.
  *
- * @param {import("./byte_stream.js").ByteStream} source at the file's begin
+ * @param {import("./byte_stream.js").ByteStream} source at the start of the file
  * @param {number} bytes the file's size
  * @param {import("./scene_file.js").PartListener} onPart
  * @returns {Promise<GaussianColumns>}
- * @throws {Error} it is no whole number of records
+ * @throws {Error} it is not a whole number of records
  */
 export async function readSplat(source, bytes, onPart) {
     if (bytes === 0 || bytes % RECORD) {
@@ -43,7 +43,7 @@ function readRows(records, first, rows, gaussians) {
         for (let row = 0; row < rows; row++) {
             const scale = records.getFloat32(RECORD * row + 12 + 4 * axis, true);
             means[first + row] = records.getFloat32(RECORD * row + 4 * axis, true);
-            scales[first + row] = Math.log(Math.max(scale, SMALLEST_SCALE));
+            scales[first + row] = Math.log(Math.max(scale, MIN_SCALE));
             colours[first + row] = dcOf(records.getUint8(RECORD * row + 24 + axis) / 255);
         }
     }

@@ -1,5 +1,5 @@
 /**
- * Niantic's `.spz` of versions 1 to 4; the twin of `formats/spz.py`, which says how it is laid out.
+ * Niantic's `.spz`, versions 1 to 4; the twin of `formats/spz.py`, which documents the layout.
  *
  * @module
  */
@@ -17,7 +17,7 @@ const MAGIC = 0x5053474e;
 const HEADER = 16;
 const LONG_HEADER = 32;
 const TABLE_ROW = 16;
-const LARGEST_DEGREE = 4;
+const MAX_DEGREE = 4;
 const HAS_EXTENSIONS = 2;
 const AXES_EXTENSION = 0xadbe0003;
 const AXES_RIGHT_UP_BACK = 4;
@@ -25,7 +25,7 @@ const AXES_RIGHT_UP_BACK = 4;
 /**
  * Read a scene.
  *
- * @param {ByteStream} source at the file's begin
+ * @param {ByteStream} source at the start of the file
  * @returns {Promise<import("../scene/gaussian_columns.js").GaussianColumns>}
  * @throws {Error} it is broken or of an unknown version
  */
@@ -59,8 +59,8 @@ function layoutOf(header, versions) {
         throw new Error(`the .spz is of version ${version}, expected ${versions.join(" or ")}`);
     }
     const degree = header.getUint8(12);
-    if (degree > LARGEST_DEGREE) {
-        throw new Error(`the .spz has spherical harmonics of degree ${degree}, expected 0 to ${LARGEST_DEGREE}`);
+    if (degree > MAX_DEGREE) {
+        throw new Error(`the .spz has spherical harmonics of degree ${degree}, expected 0 to ${MAX_DEGREE}`);
     }
     const layout = { version, count: header.getUint32(8, true), degree, fractionalBits: header.getUint8(13) };
     const unpacked = streamSizes(layout).reduce((sum, size) => sum + size, 0);
@@ -68,7 +68,7 @@ function layoutOf(header, versions) {
     return layout;
 }
 
-/** The streams of version 4: a table of their sizes, then each packed by itself. */
+/** Read the streams of version 4: a table of their sizes, then each stream, compressed separately. */
 async function takeTable(source, header, layout) {
     const sizes = streamSizes(layout);
     const [flags, count] = [header.getUint8(14), header.getUint8(15)];
@@ -93,7 +93,7 @@ async function takeTable(source, header, layout) {
     return streams;
 }
 
-/** Other axes than right, up, back would turn or mirror the scene. */
+/** Other axes than right, up, back would rotate or mirror the scene. */
 function checkExtensions(records) {
     for (let place = 0; place + 8 <= records.byteLength; place += 8 + records.getUint32(place + 4, true)) {
         if (records.getUint32(place, true) === AXES_EXTENSION && records.getUint8(place + 8) !== AXES_RIGHT_UP_BACK) {

@@ -1,5 +1,5 @@
 /**
- * The numbers of a `.spz`; the twin of `formats/spz_attributes.py`, which says how each is stored.
+ * Decoding the numbers of a `.spz`; the twin of `formats/spz_attributes.py`, which documents their encoding.
  *
  * @module
  */
@@ -16,7 +16,7 @@ import { logitOfByte } from "./opacity.js";
  */
 
 const COLOUR_SCALE = 0.15 * 255;
-const LARGEST_OTHER = Math.SQRT1_2;
+const MAX_OTHER = Math.SQRT1_2;
 const ROTATION_STEPS = 511;
 
 /** The file's axes are right, up, back; ours are right, down, forward. */
@@ -27,7 +27,7 @@ const QUATERNION_SIGNS = [1, 1, -1, -1];
 const HARMONIC_SIGNS = [1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1];
 
 /**
- * Bytes of each of the six streams.
+ * Sizes of the six streams in bytes.
  *
  * @param {Layout} layout
  * @returns {number[]}
@@ -38,7 +38,7 @@ export function streamSizes({ version, count, degree }) {
 }
 
 /**
- * The scene in six streams of the sizes that the layout gives; coefficients above degree 3 are dropped.
+ * Decode a scene from six streams of the layout's sizes; coefficients above degree 3 are dropped.
  *
  * @param {Uint8Array[]} streams
  * @param {Layout} layout
@@ -79,7 +79,7 @@ function unpackPositions(positions, { version, fractionalBits }, gaussians) {
     }
 }
 
-/** A number from the bits of half precision. */
+/** A number from its half-precision bits. */
 function half(bits) {
     const [sign, exponent, fraction] = [bits & 0x8000 ? -1 : 1, (bits >> 10) & 31, bits & 1023];
     if (exponent === 31) {
@@ -88,13 +88,13 @@ function half(bits) {
     return sign * (exponent ? 2 ** (exponent - 15) * (1 + fraction / 1024) : 2 ** -14 * (fraction / 1024));
 }
 
-/** w, x, y, z of version 1 and 2: x, y, z are stored. */
+/** w, x, y, z of versions 1 and 2: x, y, z are stored. */
 function firstThree(rotations, i) {
     const [x, y, z] = [0, 1, 2].map((part) => rotations[3 * i + part] / 127.5 - 1);
     return [Math.sqrt(Math.max(0, 1 - x * x - y * y - z * z)), x, y, z];
 }
 
-/** w, x, y, z of version 3 and 4: the largest is left out. */
+/** w, x, y, z of versions 3 and 4: all but the largest are stored. */
 function smallestThree(rotations, i) {
     const [a, b, c, d] = rotations.subarray(4 * i, 4 * i + 4);
     const packed = a | (b << 8) | (c << 16) | (d << 24);
@@ -104,7 +104,7 @@ function smallestThree(rotations, i) {
     let squares = 0;
     for (let part = 0, field = 0; part < 4; part++) {
         if (part !== largest) {
-            const value = ((parts[field] & ROTATION_STEPS) * LARGEST_OTHER) / ROTATION_STEPS;
+            const value = ((parts[field] & ROTATION_STEPS) * MAX_OTHER) / ROTATION_STEPS;
             xyzw[part] = parts[field] & 512 ? -value : value;
             squares += value * value;
             field++;

@@ -1,5 +1,5 @@
 /**
- * Unpacking Zstandard (RFC 8878), which not every browser can do by itself: `.spz` of version 4 is packed with it.
+ * Zstandard decompression (RFC 8878), which not every browser supports: `.spz` version 4 uses it.
  *
  * @module
  */
@@ -7,13 +7,13 @@
 import { BackwardBits, decodeHuffman, readHuffmanTable, readStateTable, stateTable } from "./zstd_entropy.js";
 
 const FRAME_MAGIC = 0xfd2fb528;
-const LARGEST_BLOCK = 1 << 17;
+const MAX_BLOCK = 1 << 17;
 
-/** Extra bits and least values of the codes of literal lengths and match lengths (section 3.1.1.3.2.1). */
+/** Extra bits and base values of the codes of literal lengths and match lengths (section 3.1.1.3.2.1). */
 const LITERALS = lengthCodes(0, [...Array(16).fill(0), 1, 1, 1, 1, 2, 2, 3, 3, 4, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16]);
 const MATCHES = lengthCodes(3, [...Array(32).fill(0), 1, 1, 1, 1, 2, 2, 3, 3, 4, 4, 5, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16]);
 
-/** The distributions that need not be stated (section 3.1.1.3.2.2), and the greatest accuracy of those that are. */
+/** The default distributions (section 3.1.1.3.2.2), and the maximum accuracy of explicit ones. */
 const KINDS = {
     literals: {
         mostAccuracy: 9,
@@ -39,10 +39,10 @@ function lengthCodes(least, bits) {
 }
 
 /**
- * Unpack one frame.
+ * Decompress one frame.
  *
  * @param {Uint8Array} bytes
- * @param {number} size of what it holds
+ * @param {number} size of the decompressed content
  * @returns {Uint8Array}
  * @throws {Error} it is broken, or of another size
  */
@@ -58,7 +58,7 @@ export function unpackZstd(bytes, size) {
         isLast = Boolean(header & 1);
         place += 3;
         const content = bytes.subarray(place, place + (kind === 1 ? 1 : length));
-        if (kind === 3 || length > LARGEST_BLOCK || place + content.length > bytes.length || !content.length !== !length) {
+        if (kind === 3 || length > MAX_BLOCK || place + content.length > bytes.length || !content.length !== !length) {
             throw new Error("a Zstandard block is broken");
         }
         if (kind === 2) {
@@ -116,7 +116,7 @@ function takeLiterals(content, state) {
         state.huffman = table;
         body = body.subarray(size);
     }
-    if (!state.huffman || length > LARGEST_BLOCK) {
+    if (!state.huffman || length > MAX_BLOCK) {
         throw new Error("a Zstandard block has no code");
     }
     const literals = new Uint8Array(length);
@@ -197,7 +197,7 @@ function sequenceTable(mode, content, { usual, mostAccuracy }, previous) {
     return { table: previous, size: 0 };
 }
 
-/** How far back a match lies; small numbers stand for the distances used last (section 3.1.1.5). */
+/** The distance of a match; small codes stand for the last distances used (section 3.1.1.5). */
 function distance(repeated, stated, literals) {
     if (stated > 3) {
         repeated.unshift(stated - 3);
@@ -213,7 +213,7 @@ function distance(repeated, stated, literals) {
     return found;
 }
 
-/** Append what was written `back` bytes ago; it may overlap what is being written. */
+/** Append the output from `back` bytes ago; it may overlap what is being written. */
 function repeat(state, back, length) {
     const { output, end } = state;
     if (back < 1 || back > end || end + length > output.length) {

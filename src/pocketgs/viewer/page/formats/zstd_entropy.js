@@ -4,7 +4,7 @@
  * @module
  */
 
-/** Reads bits from the first byte on, lowest first. */
+/** Reads bits forward from the first byte, lowest first. */
 export class ForwardBits {
     /** @param {Uint8Array} bytes */
     constructor(bytes) {
@@ -23,7 +23,7 @@ export class ForwardBits {
     }
 }
 
-/** Reads bits from the last byte back; its highest bit that is set is only there to mark the end. */
+/** Reads bits backward from the last byte; its highest set bit marks the end. */
 export class BackwardBits {
     /**
      * @param {Uint8Array} bytes
@@ -35,11 +35,11 @@ export class BackwardBits {
             throw new Error("a Zstandard bit stream has no end");
         }
         this.bytes = bytes;
-        /** Bits that are left. */
+        /** Number of bits left. */
         this.left = 8 * bytes.length - 1 - Math.clz32(last << 24);
     }
 
-    /** Up to 25 bits ahead; those beyond the stream are 0. */
+    /** Peek at up to 25 bits; those beyond the stream are 0. */
     peek(count) {
         const first = this.left - count;
         return first >= 0 ? bitsAt(this.bytes, first, count) : bitsAt(this.bytes, 0, this.left) << -first;
@@ -65,17 +65,17 @@ function bitsAt(bytes, position, count) {
 const highestBit = (value) => 31 - Math.clz32(value);
 
 /**
- * @typedef {Object} StateTable decodes finite-state entropy: of every state its symbol and how to come to the next
+ * @typedef {Object} StateTable decoding table of finite-state entropy: the symbol and next state of every state
  * @property {number} accuracy log2 of the number of states
  * @property {Uint8Array} symbols
  * @property {Uint8Array} bits to read
- * @property {Uint16Array} bases to add them to
+ * @property {Uint16Array} bases of the next state, to add the bits to
  */
 
 /**
- * The table of a distribution (section 4.1.1).
+ * Make the table of a distribution (section 4.1.1).
  *
- * @param {number[]} counts of states by symbol; -1 stands for less than one
+ * @param {number[]} counts of states by symbol; -1 means less than one
  * @param {number} accuracy
  * @returns {StateTable}
  */
@@ -112,7 +112,7 @@ export function stateTable(counts, accuracy) {
  *
  * @param {Uint8Array} bytes
  * @param {number} mostAccuracy
- * @returns {{table: StateTable, size: number}} with the bytes that it took
+ * @returns {{table: StateTable, size: number}} with the number of bytes read
  * @throws {Error} it is broken
  */
 export function readStateTable(bytes, mostAccuracy) {
@@ -150,14 +150,14 @@ export function readStateTable(bytes, mostAccuracy) {
  * @typedef {Object} HuffmanTable
  * @property {number} depth bits of the longest code
  * @property {Uint8Array} symbols by the next `depth` bits
- * @property {Uint8Array} bits that the code takes
+ * @property {Uint8Array} bits length of the code
  */
 
 /**
  * Read a Huffman code (section 4.2.1).
  *
  * @param {Uint8Array} bytes
- * @returns {{table: HuffmanTable, size: number}} with the bytes that it took
+ * @returns {{table: HuffmanTable, size: number}} with the number of bytes read
  * @throws {Error} it is broken
  */
 export function readHuffmanTable(bytes) {
@@ -190,7 +190,7 @@ export function readHuffmanTable(bytes) {
     return { table, size };
 }
 
-/** Two states take turns until the bits run out. */
+/** Decode weights with two alternating states until the bits run out. */
 function weightsFromStates(content) {
     const { table, size } = readStateTable(content, 6);
     const source = new BackwardBits(content.subarray(size));

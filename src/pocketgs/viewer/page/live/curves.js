@@ -1,5 +1,5 @@
 /**
- * The curves of a run: its loss, and the PSNR of the views held out.
+ * The curves of a run: loss, and PSNR on held-out views.
  *
  * @module
  */
@@ -24,7 +24,7 @@ export function drawCurves(canvas, samples, iterations) {
     const box = { width: canvas.clientWidth, height: canvas.clientHeight };
     drawGrid(context, box, style.getPropertyValue("--line"));
     const last = Math.max(iterations, samples.at(-1)?.iteration ?? 0, 1);
-    // Losses fall by orders of magnitude: their logarithm shows what happens late in a run too.
+    // Losses fall by orders of magnitude: the logarithm shows late changes too.
     drawCurve(context, box, last, pointsOf(samples, "loss", Math.log), style.getPropertyValue("--warm"));
     const measured = pointsOf(samples, "held_out_psnr", Number).filter(isNew);
     drawCurve(context, box, last, measured, style.getPropertyValue("--accent"));
@@ -36,7 +36,7 @@ function pointsOf(samples, name, transform) {
     return known.map(({ at, value }) => ({ at, value: transform(value) })).filter(({ value }) => Number.isFinite(value));
 }
 
-/** The PSNR is measured now and then, and stated again until it is measured again. */
+/** Whether a PSNR is new: the last one is repeated until the next evaluation. */
 function isNew({ value }, i, points) {
     return i === 0 || value !== points[i - 1].value;
 }

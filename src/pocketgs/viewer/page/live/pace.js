@@ -1,15 +1,15 @@
 /**
- * Doing something so seldom that it holds nothing else up.
+ * Rate limiting.
  *
  * @module
  */
 
 /**
- * A function that calls another one a while later, with the newest of what it has been given until then.
+ * Wrap a function so that it is called after a pause, with the newest arguments given until then.
  *
  * @template {unknown[]} T
  * @param {(...newest: T) => void} act
- * @param {() => number} pause milliseconds to let go by first
+ * @param {() => number} pause returns the milliseconds to wait
  * @returns {(...given: T) => void}
  */
 export function paced(act, pause) {

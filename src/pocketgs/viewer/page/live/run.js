@@ -1,5 +1,5 @@
 /**
- * Following a run: what the server tells over a WebSocket, and what may be asked of it.
+ * Following a run over a WebSocket, and sending commands to it.
  *
  * @module
  */
@@ -10,13 +10,13 @@ import { drawCurves } from "./curves.js";
 /**
  * @typedef {Object} Listener
  * @property {(scene: import("../scene/gaussian_columns.js").GaussianColumns) => void} onScene
- * @property {(viewer: Object) => void} onViewer told what viewer.json would say now
+ * @property {(viewer: Object) => void} onViewer called with the new content of viewer.json
  * @property {(text: string) => void} onFault
  */
 
 const SECONDS_TO_RECONNECT = 2;
 
-/** Shows a run's progress, and hands on its scenes. */
+/** Shows a run's progress, and passes on its scenes. */
 export class LiveRun {
     #listener;
     #socket;
@@ -62,7 +62,7 @@ export class LiveRun {
         }
     }
 
-    /** One scene at a time; those that come meanwhile are passed over but for the last. */
+    /** Load one scene at a time; of those that arrive meanwhile, only the last is kept. */
     async #readLatest() {
         if (this.#reading) {
             return;

@@ -1,5 +1,5 @@
 /**
- * Scenes on their way: the bar that shows how much of one has come, and which of several is to be shown.
+ * The progress bar of loading scenes, and which of several is shown.
  *
  * @module
  */
@@ -7,18 +7,18 @@
 /**
  * @typedef {Object} Reading
  * @property {string} name
- * @property {number | null} share of the file that has come, null where nothing is known of it yet
+ * @property {number | null} share of the file that has arrived, null if unknown
  */
 
-/** @type {Reading[]} in the order in which they began */
+/** @type {Reading[]} in order of their start */
 let underWay = [];
 let begun = 0;
 let shown = 0;
 
 /**
- * Begin to open a scene, or a run with one scene after the other.
+ * Start opening a scene, or a run with a sequence of scenes.
  *
- * @returns {() => boolean} to be asked before anything of it is shown: false once something begun later has been shown
+ * @returns {() => boolean} to call before showing it: false if something opened later is already shown
  */
 export function beginOpening() {
     const number = ++begun;
@@ -30,7 +30,7 @@ export function beginOpening() {
 }
 
 /**
- * Show the bar until a scene is there: that of the newest if there are several.
+ * Show the bar until a scene is loaded; of several, that of the newest.
  *
  * @template T
  * @param {string} name
@@ -46,7 +46,7 @@ export async function whileLoading(name, read) {
             reading.share = share;
             showNewest();
         });
-        // What began earlier will not be seen any more.
+        // What started earlier will not be shown any more.
         underWay = underWay.slice(underWay.indexOf(reading) + 1);
         return scene;
     } finally {

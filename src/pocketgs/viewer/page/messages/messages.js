@@ -1,17 +1,17 @@
 /**
- * What goes wrong, in words; and pictures of the scene where there is no WebGPU.
+ * Error messages, and images of the scene for browsers without WebGPU.
  *
  * @module
  */
 
-const POINTS_ONLY = "Here the scene is shown as points. This page renders it with WebGPU, which is not to be had here.";
+const POINTS_ONLY = "The scene is shown as points: this page renders splats with WebGPU, which is not available here.";
 
 const BROWSERS = `Browsers that have WebGPU: Chrome and Edge from version 113 on (on Android from 121), Safari from 26,
 Firefox from 141 on Windows and from 145 on Macs with Apple silicon.`.replaceAll("\n", " ");
 
-const INSECURE = "Browsers offer WebGPU to pages from https or from this very machine only.";
+const INSECURE = "Browsers allow WebGPU only on pages from https or from the local machine.";
 
-/** @type {Error | null} why there is no GPU, once that has been said */
+/** @type {Error | null} why there is no GPU, once that has been shown */
 let whyNoGpu = null;
 
 /**
@@ -32,7 +32,7 @@ export function hideMessage() {
 }
 
 /**
- * Say that this browser shows no more than points, and show below what was rendered before.
+ * Say that this browser shows points only, and show rendered images below.
  *
  * @param {Error} error from opening the GPU
  * @param {{previews: string[]}} viewer from viewer.json
@@ -46,9 +46,9 @@ export function showWithoutGpu(error, { previews }) {
 }
 
 /**
- * Where there is no GPU, say so again, with pictures that there have not been before.
+ * Without a GPU, show the message again when there are new images.
  *
- * @param {string[]} previews their addresses
+ * @param {string[]} previews their URLs
  */
 export function showPreviews(previews) {
     if (whyNoGpu && previews.length > 0) {

@@ -1,5 +1,5 @@
 /**
- * Where the scene is seen from, and how it moves: around a target, along with it, towards it.
+ * The viewer's camera, and its motion: orbiting, panning and zooming.
  *
  * @module
  */
@@ -25,10 +25,10 @@ import { add, axesOf, cross, dot, length, mix, normalised, product, rotationTo, 
  * @property {number} distance from the centre to the target, along the optical axis
  */
 
-/** The optical axis comes no nearer to the vertical than this, in radians: beyond it lies a view upside down. */
-const LEAST_ANGLE_TO_VERTICAL = 0.05;
+/** Minimum angle between the optical axis and the vertical, in radians: beyond it the view would be upside down. */
+const MIN_ANGLE_TO_VERTICAL = 0.05;
 
-/** The lens of a scene that brings no cameras: 50 degrees across the shorter side. */
+/** Default lens for scenes without cameras: 50 degrees across the shorter side. */
 const USUAL_LENS = { width: 1, height: 1, fx: 1.07, fy: 1.07, cx: 0.5, cy: 0.5 };
 
 /** A camera that the user moves. */
@@ -39,7 +39,7 @@ export class MovingCamera {
     up = [0, -1, 0];
     /** The camera whose field of view is shown. */
     lens = USUAL_LENS;
-    /** Whether all of the lens's image must be seen, however much else that shows in a canvas of another shape. */
+    /** Whether all of the lens's image must be visible, even if a canvas of another shape then shows much more. */
     showsAll = false;
 
     /** Axes of the camera in the world: right, down, forward. */
@@ -53,8 +53,8 @@ export class MovingCamera {
     }
 
     /**
-     * Where the lens's image lies in a larger one that it is centred in. Unless all of it must be seen, it is halfway
-     * between holding all of it and being filled by it.
+     * Position of the lens's image in a larger one, centred. Unless all of it must be visible, its size is halfway
+     * between fitting inside and filling.
      *
      * @param {number} width
      * @param {number} height
@@ -67,7 +67,7 @@ export class MovingCamera {
     }
 
     /**
-     * The camera of an image of any shape that shows about what the lens shows.
+     * A camera for an image of any shape with about the field of view of the lens.
      *
      * @param {number} width
      * @param {number} height
@@ -89,7 +89,7 @@ export class MovingCamera {
     }
 
     /**
-     * Turn around the target, so that what is in front of it follows a pointer.
+     * Orbit the target, so that what is in front of it follows the pointer.
      *
      * @param {number} right radians about the vertical
      * @param {number} down radians about the camera's own x axis
@@ -98,7 +98,7 @@ export class MovingCamera {
         const { target, up } = this;
         const [across, , forward] = this.axes;
         const toVertical = Math.acos(Math.max(-1, Math.min(1, dot(forward, up))));
-        const limit = LEAST_ANGLE_TO_VERTICAL;
+        const limit = MIN_ANGLE_TO_VERTICAL;
         const allowed = Math.max(limit, Math.min(Math.PI - limit, toVertical + down)) - toVertical;
         const turned = product(product(turn(up, -right), turn(across, -allowed)), this.pose.rotation);
         const rotation = unit(turned);
@@ -106,7 +106,7 @@ export class MovingCamera {
     }
 
     /**
-     * Move along the image plane, so that the target follows a pointer.
+     * Pan in the image plane, so that the target follows the pointer.
      *
      * @param {number} right share of the image's shorter side
      * @param {number} down likewise
@@ -123,7 +123,7 @@ export class MovingCamera {
         this.pose = { ...this.pose, distance, centre: add(target, this.axes[2], -distance) };
     }
 
-    /** @param {Vector} step right, down, forward, in scene units; the target comes along */
+    /** @param {Vector} step right, down, forward, in scene units; the target moves too */
     move(step) {
         const centre = this.axes.reduce((place, axis, i) => add(place, axis, step[i]), this.pose.centre);
         this.pose = { ...this.pose, centre };
@@ -133,7 +133,7 @@ export class MovingCamera {
      * The pose of a capture's camera.
      *
      * @param {Camera} camera
-     * @param {Vector} target of the scene, for the distance to turn around
+     * @param {Vector} target of the scene, which determines the orbit distance
      * @returns {Pose}
      */
     static poseOf({ world_to_camera: m }, target) {
@@ -145,7 +145,7 @@ export class MovingCamera {
     }
 
     /**
-     * The pose of a camera at `centre` that looks at `target`.
+     * The pose at `centre`, looking at `target`.
      *
      * @param {Vector} centre
      * @param {Vector} target
@@ -158,7 +158,7 @@ export class MovingCamera {
         return { centre, rotation, distance: length(subtract(target, centre)) };
     }
 
-    /** The usual lens, for a scene without cameras. */
+    /** Use the default lens, for a scene without cameras. */
     takeUsualLens() {
         this.lens = USUAL_LENS;
     }
@@ -170,7 +170,7 @@ export class MovingCamera {
 }
 
 /**
- * Between two poses.
+ * Interpolate between two poses.
  *
  * @param {Pose} from
  * @param {Pose} to
@@ -186,7 +186,7 @@ export function between(from, to, share) {
 }
 
 /**
- * Between two lenses of possibly different sizes.
+ * Interpolate between two lenses, which may have different sizes.
  *
  * @param {Camera} from
  * @param {Camera} to

@@ -1,5 +1,5 @@
 /**
- * Where to look from at a scene that brings no cameras.
+ * Framing a scene without cameras.
  *
  * @module
  */
@@ -9,10 +9,10 @@ import { MEAN } from "./gaussian_columns.js";
 const SAMPLES = 4096;
 
 /**
- * The middle of the scene and how far most of it reaches from there, from a sample of its Gaussians.
+ * The middle of the scene and the radius of most of it, from a sample of its Gaussians.
  *
  * @param {import("./gaussian_columns.js").GaussianColumns} scene
- * @param {number} count of its Gaussians that have arrived, from the first on
+ * @param {number} count number of its Gaussians that have arrived
  * @returns {{middle: [number, number, number], radius: number}}
  */
 export function extentOf(scene, count) {

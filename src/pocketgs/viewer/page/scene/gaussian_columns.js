@@ -1,37 +1,37 @@
 /**
- * A scene as the shaders hold it: column by column; the twin of `scene_columns.py`.
+ * A scene in the shaders' layout, column by column; the twin of `scene_columns.py`.
  *
  * @module
  */
 
-/** First of the columns of `shape`, as in `shaders/common/gaussians.wgsl`. */
+/** Offsets of the columns of `shape`, as in `shaders/common/gaussians.wgsl`. */
 export const MEAN = 0;
 export const LOG_SCALE = 3;
 export const QUATERNION = 6;
 export const OPACITY_LOGIT = 10;
 const SHAPE_COLUMNS = 11;
 
-/** Bytes that a scene may take while it is read, as `pocketgs` allows by itself: a file can state any number. */
-const MOST_BYTES = 3e9;
+/** Maximum memory of a scene while it is read, as in `pocketgs`: a file can state any number. */
+const MAX_BYTES = 3e9;
 
 /** The spherical harmonic of degree 0: colour = 0.5 + SH_DC · coefficient. */
 export const SH_DC = 0.28209479177387814;
 
-/** The coefficient of degree 0 of a colour in [0, 1]. @type {(colour: number) => number} */
+/** Coefficient of degree 0 of a colour in [0, 1]. @type {(colour: number) => number} */
 export const dcOf = (colour) => (colour - 0.5) / SH_DC;
 
 /**
- * Refuse a scene before anything is allocated for it that memory would not hold.
+ * Check the memory that a scene needs before it is allocated.
  *
  * @param {number} count
  * @param {number} coefficients
- * @param {number} unpacked bytes that its file's content takes besides the scene
- * @throws {Error} it would take too much
+ * @param {number} unpacked bytes of the decompressed file, in addition to the scene
+ * @throws {Error} it exceeds the maximum
  */
 export function requireRoom(count, coefficients, unpacked = 0) {
     const needed = 4 * (SHAPE_COLUMNS + 3 * coefficients) * count + unpacked;
-    if (needed > MOST_BYTES) {
-        const [found, most] = [needed, MOST_BYTES].map((bytes) => Math.ceil(bytes / 1e6).toLocaleString("en"));
+    if (needed > MAX_BYTES) {
+        const [found, most] = [needed, MAX_BYTES].map((bytes) => Math.ceil(bytes / 1e6).toLocaleString("en"));
         throw new Error(`${count.toLocaleString("en")} Gaussians would take ${found} MB, expected at most ${most} MB`);
     }
 }
@@ -48,7 +48,7 @@ export class GaussianColumns {
         this.coefficients = coefficients;
         /** (11, N): mean, log scale, quaternion of unit length, opacity logit. */
         this.shape = new Float32Array(SHAPE_COLUMNS * count);
-        /** (3 K, N): coefficient after coefficient, RGB each. */
+        /** (3 K, N): coefficient by coefficient, RGB each. */
         this.sh = new Float32Array(3 * coefficients * count);
     }
 
@@ -70,7 +70,7 @@ export class GaussianColumns {
         return this.sh.subarray(column * this.count, (column + 1) * this.count);
     }
 
-    /** Make quaternions of any length but 0 ones of length 1; what has no length turns nothing. */
+    /** Normalise the quaternions; those of length 0 become the identity. */
     normaliseQuaternions() {
         const [w, x, y, z] = [0, 1, 2, 3].map((part) => this.column(QUATERNION + part));
         for (let i = 0; i < this.count; i++) {

@@ -1,5 +1,5 @@
 /**
- * How near to a camera a Gaussian may be; the twin of `splat/near_plane.py`.
+ * The near plane; the twin of `splat/near_plane.py`.
  *
  * @module
  */
@@ -9,10 +9,10 @@ const NEAR = 0.005;
 const SAMPLES = 4096;
 
 /**
- * Least depth of the centre of a Gaussian that is drawn, in proportion to the scene.
+ * Minimum depth of the centre of a Gaussian to be drawn, in proportion to the scene.
  *
  * @param {Float32Array[]} means x, y and z of the Gaussians, N each
- * @param {number} count of those that are there, from the first on
+ * @param {number} count number of those that have arrived
  * @returns {number}
  */
 export function nearPlane(means, count) {

@@ -28,13 +28,13 @@ export const cross = (a, b) => [
     a[0] * b[1] - a[1] * b[0],
 ];
 
-/** The vector of length 1; one without length stays as it is. @type {(a: Vector) => Vector} */
+/** Normalise; a zero vector stays as it is. @type {(a: Vector) => Vector} */
 export const normalised = (a) => a.map((value) => value / (length(a) || 1));
 
-/** From `a` (share 0) to `b` (share 1) along a line. @type {(a: number[], b: number[], share: number) => number[]} */
+/** Interpolate linearly from `a` (0) to `b` (1). @type {(a: number[], b: number[], share: number) => number[]} */
 export const mix = (a, b, share) => a.map((value, i) => value + share * (b[i] - value));
 
-/** Rotation by `p` after that by `q`. @type {(p: Quaternion, q: Quaternion) => Quaternion} */
+/** Product: rotates by `q`, then by `p`. @type {(p: Quaternion, q: Quaternion) => Quaternion} */
 export const product = (p, q) => [
     p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3],
     p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2],
@@ -48,10 +48,10 @@ export const turn = (axis, angle) => {
     return [Math.cos(angle / 2), s * axis[0], s * axis[1], s * axis[2]];
 };
 
-/** The quaternion of length 1. @type {(q: Quaternion) => Quaternion} */
+/** Normalise. @type {(q: Quaternion) => Quaternion} */
 export const unit = (q) => q.map((value) => value / Math.hypot(...q));
 
-/** The three axes that a rotation takes x, y and z to. @type {(q: Quaternion) => [Vector, Vector, Vector]} */
+/** Images of the x, y and z axes under a rotation. @type {(q: Quaternion) => [Vector, Vector, Vector]} */
 export function axesOf([w, x, y, z]) {
     return [
         [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)],
@@ -60,9 +60,9 @@ export function axesOf([w, x, y, z]) {
     ];
 }
 
-/** The rotation that takes x, y and z to these axes. @type {(axes: [Vector, Vector, Vector]) => Quaternion} */
+/** The rotation that maps x, y and z to these axes. @type {(axes: [Vector, Vector, Vector]) => Quaternion} */
 export function rotationTo([a, b, c]) {
-    // Four times each component times w, x, y or z: the row of the largest is the one without cancellation.
+    // Rows are 4 w, 4 x, 4 y or 4 z times the quaternion: the one of the largest avoids cancellation.
     const rows = [
         [1 + a[0] + b[1] + c[2], b[2] - c[1], c[0] - a[2], a[1] - b[0]],
         [b[2] - c[1], 1 + a[0] - b[1] - c[2], a[1] + b[0], c[0] + a[2]],
@@ -73,7 +73,7 @@ export function rotationTo([a, b, c]) {
     return unit(rows[largest]);
 }
 
-/** From `p` to `q` at even speed, the short way. @type {(p: Quaternion, q: Quaternion, share: number) => Quaternion} */
+/** Interpolate from `p` to `q` at constant speed, the short way. @type {(p: Quaternion, q: Quaternion, share: number) => Quaternion} */
 export function slerp(p, q, share) {
     const cosine = p.reduce((sum, value, i) => sum + value * q[i], 0);
     const angle = Math.acos(Math.min(Math.abs(cosine), 1));

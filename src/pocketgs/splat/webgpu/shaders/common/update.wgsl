@@ -33,6 +33,14 @@ struct Update {
     // Of the noise on positions; 0 for none.
     noise_size: f32,
     noise_seed: u32,
+    // 1 if the colour transform of the step's photograph is applied and learned; which row of `colours` it is, and how
+    // many photographs there are.
+    colours_learned: u32,
+    photograph_row: u32,
+    photographs: u32,
+    // Of the transform: its rate, and the weight of its squared difference from the identity.
+    colour_rate: f32,
+    colour_weight: f32,
 }
 
 section status

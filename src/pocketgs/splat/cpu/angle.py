@@ -1,0 +1,77 @@
+"""Roots, angles and choices, of one number or lane by lane: for formulas that both passes of a lens share."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba.extending import overload
+
+from pocketgs.splat.cpu.lanes import FLOATS, Floats, broadcast, magnitude, select, square_root
+
+# Polynomial of atan(√u)/√u on [0, 1], from its values at Chebyshev points; atan's error is 2e-9 before rounding.
+_ATAN = tuple(
+    np.float32(coefficient)
+    for coefficient in (
+        0.9999999972,
+        -0.3333327629,
+        0.1999807528,
+        -0.1426001609,
+        0.1093234151,
+        -0.0834972500,
+        0.0570895563,
+        -0.0303518651,
+        0.0104876494,
+        -0.0017011701,
+    )
+)
+_RIGHT, _STRAIGHT = np.float32(math.pi / 2), np.float32(math.pi)
+
+
+def root(x: Floats) -> Floats:
+    """√x, in kernels only."""
+    raise NotImplementedError("for kernels only")
+
+
+def where(condition: Any, yes: Floats, no: Floats) -> Floats:
+    """`yes` where the condition holds, else `no`, in kernels only."""
+    raise NotImplementedError("for kernels only")
+
+
+def angle(y: Floats, x: Floats) -> Floats:
+    """atan2(y, x) for y >= 0 that are not both 0, in kernels only."""
+    raise NotImplementedError("for kernels only")
+
+
+@overload(root, inline="always")
+def _root(x):
+    if x == FLOATS:
+        return lambda x: square_root(x)
+    return lambda x: math.sqrt(x)
+
+
+@overload(where, inline="always")
+def _where(condition, yes, no):
+    if yes == FLOATS:
+        return lambda condition, yes, no: select(condition, yes, no)
+    return lambda condition, yes, no: yes if condition else no
+
+
+@overload(angle, inline="always")
+def _angle(y, x):
+    if y != FLOATS:
+        return lambda y, x: math.atan2(y, x)
+
+    def implementation(y, x):
+        across = magnitude(x)
+        steep = across < y
+        t = select(steep, across, y) / select(steep, y, across)
+        u = t * t
+        c0, c1, c2, c3, c4, c5, c6, c7, c8, c9 = _ATAN
+        upper = c5 + u * (c6 + u * (c7 + u * (c8 + u * c9)))
+        found = t * (c0 + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * upper)))))
+        found = select(steep, _RIGHT - found, found)
+        return select(x < broadcast(np.float32(0.0)), _STRAIGHT - found, found)
+
+    return implementation

@@ -1,0 +1,43 @@
+"""The formulas of parallel rays: (x, y, z) ↦ (fx x + cx, fy y + cy), with focal lengths in pixels per unit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pocketgs.splat.cpu.jacobians import Jacobian
+from pocketgs.splat.cpu.lanes import Floats, broadcast
+from pocketgs.splat.cpu.layout import View
+from pocketgs.splat.cpu.lens import Orthographic
+from pocketgs.splat.cpu.vectors import Vector
+
+
+def depth_of(view: View, lens: Orthographic, local: Vector) -> float:
+    """What splats are sorted by."""
+    return local[2]
+
+
+def shows(view: View, lens: Orthographic, local: Vector) -> bool:
+    """Whether the lens shows what lies beyond the near plane."""
+    return True
+
+
+def centre_of(view: View, lens: Orthographic, local: Vector) -> tuple[float, float]:
+    """The pixel that a camera-space position falls on."""
+    return view.fx * local[0] + view.cx, view.fy * local[1] + view.cy
+
+
+def jacobian_at(view: View, lens: Orthographic, local: Vector) -> Jacobian:
+    """The projection's derivative, the same everywhere."""
+    return (view.fx, 0.0, view.fy, 0.0)
+
+
+def position_backward(
+    view: View,
+    lens: Orthographic,
+    local: Vector,
+    jacobian: Jacobian,
+    d_mean: tuple[Floats, Floats],
+    d_jacobian: Jacobian,
+) -> Vector:
+    """Gradient with respect to the camera-space position, from the projected centre alone."""
+    return (d_mean[0] * view.fx, d_mean[1] * view.fy, broadcast(np.float32(0.0)))

@@ -1,0 +1,68 @@
+"""The formulas of a camera without a lens: (x, y, z) ↦ (fx x/z + cx, fy y/z + cy)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pocketgs.splat.constants import FRUSTUM_MARGIN
+from pocketgs.splat.cpu.jacobians import Jacobian
+from pocketgs.splat.cpu.lanes import Floats, broadcast, select
+from pocketgs.splat.cpu.layout import View
+from pocketgs.splat.cpu.lens import Pinhole
+from pocketgs.splat.cpu.vectors import Vector
+from pocketgs.system.compile import inlined
+
+
+def depth_of(view: View, lens: Pinhole, local: Vector) -> float:
+    """What splats are sorted by."""
+    return local[2]
+
+
+def shows(view: View, lens: Pinhole, local: Vector) -> bool:
+    """Whether the lens shows what lies beyond the near plane."""
+    return True
+
+
+def centre_of(view: View, lens: Pinhole, local: Vector) -> tuple[float, float]:
+    """The pixel that a camera-space position falls on."""
+    return view.fx * local[0] / local[2] + view.cx, view.fy * local[1] / local[2] + view.cy
+
+
+@inlined
+def clamped_slopes(view: View, local: Vector) -> tuple[float, float]:
+    """x/z and y/z held within the image and a margin around it, beyond which the linearised projection explodes."""
+    margin_x, margin_y = FRUSTUM_MARGIN * view.width, FRUSTUM_MARGIN * view.height
+    slope_x = min(
+        max(local[0] / local[2], -(view.cx + margin_x) / view.fx), (view.width - view.cx + margin_x) / view.fx
+    )
+    slope_y = min(
+        max(local[1] / local[2], -(view.cy + margin_y) / view.fy), (view.height - view.cy + margin_y) / view.fy
+    )
+    return slope_x, slope_y
+
+
+def jacobian_at(view: View, lens: Pinhole, local: Vector) -> Jacobian:
+    """The projection's derivative at a camera-space position."""
+    slope_x, slope_y = clamped_slopes(view, local)
+    return (view.fx / local[2], -view.fx * slope_x / local[2], view.fy / local[2], -view.fy * slope_y / local[2])
+
+
+def position_backward(
+    view: View, lens: Pinhole, local: Vector, jacobian: Jacobian, d_mean: tuple[Floats, Floats], d_jacobian: Jacobian
+) -> Vector:
+    """Gradient with respect to the camera-space position, from the projected centre and from the Jacobian."""
+    x, y, z = local
+    slope_x, slope_y = clamped_slopes(view, local)
+    d_x = d_mean[0] * view.fx / z
+    d_y = d_mean[1] * view.fy / z
+    d_z = (d_x * x + d_y * y) / z
+    xx, xz, yy, yz = jacobian
+    # xx = fx/z and xz = -fx x/z², or -fx · limit/z where clamped.
+    d_z = d_z + (xx * d_jacobian[0] + yy * d_jacobian[2]) / z
+    zero, through_x, through_y = broadcast(np.float32(0.0)), d_jacobian[1] / z, d_jacobian[3] / z
+    moving_x, moving_y = slope_x == x / z, slope_y == y / z
+    d_x = d_x - select(moving_x, xx * through_x, zero)
+    d_y = d_y - select(moving_y, yy * through_y, zero)
+    d_z = d_z + xz * through_x + select(moving_x, xz * through_x, zero)
+    d_z = d_z + yz * through_y + select(moving_y, yz * through_y, zero)
+    return (d_x, d_y, d_z * -1.0)

@@ -1,0 +1,58 @@
+"""Steps that learn the photographs' colours, as the tests of all engines take them, and the same in the reference."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pocketgs.capture.capture import Frame
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.colours import CHANGE, no_transforms, transforms_of
+from pocketgs.splat.engine import OptimiserState
+from pocketgs.splat.parameters import ParameterLayout
+from pocketgs.splat.reference.colours import learn_transform, transformed, transformed_backward
+from pocketgs.splat.reference.loss import photometric_loss
+from pocketgs.splat.reference.project import project, project_backward
+from pocketgs.splat.reference.rasterize import rasterize, rasterize_backward
+from pocketgs.splat.reference.scene import Scene, SceneGradient
+from pocketgs.splat.settings import ColourSettings, StepSettings
+from splat.training_step import BACKGROUND, RATES, photograph
+
+LEARNING = ColourSettings(rate=0.02, weight=0.01)
+COLOURED = StepSettings(RATES, background=BACKGROUND, colours=LEARNING)
+
+
+def random_table(photographs: int) -> np.ndarray:
+    """(V, COLUMNS) float32 transforms that have a history."""
+    rng = np.random.default_rng(5)
+    table = no_transforms(photographs)
+    table[:, CHANGE] = rng.normal(0, 0.1, (photographs, 12))
+    table[:, CHANGE] -= table[:, CHANGE].mean(axis=0)
+    return table
+
+
+def state_with(gaussians: Gaussians, table: np.ndarray) -> OptimiserState:
+    """Adam's state before its first step, but for the colour transforms."""
+    zeros = np.zeros((len(gaussians), ParameterLayout(gaussians.sh.shape[1]).columns), np.float32)
+    return OptimiserState(zeros, zeros.copy(), 0, colours=table)
+
+
+def frames_of(camera: Camera) -> list[Frame]:
+    """Three photographs of noise."""
+    return [photograph(camera, seed=seed) for seed in range(3)]
+
+
+def reference_step_with_colours(
+    gaussians: Gaussians, frame: Frame, view: int, table: np.ndarray
+) -> tuple[float, SceneGradient, np.ndarray]:
+    """Loss and gradient of the reference's step on a view, and the (V, COLUMNS) float64 table after it."""
+    scene, camera, after = Scene.of(gaussians), frame.camera, table.astype(np.float64)
+    transform = transforms_of(table)[view]
+    projection = project(scene, camera)
+    raster = rasterize(projection, camera, np.array(BACKGROUND))
+    compared = transformed(raster.image, transform)
+    loss, d_compared = photometric_loss(compared, frame.image / 255.0, COLOURED.loss, frame.mask)
+    d_image, d_transform = transformed_backward(raster.image, transform, d_compared)
+    gradient = project_backward(scene, camera, projection, rasterize_backward(projection, camera, raster, d_image))
+    learn_transform(after, view, d_transform, LEARNING, COLOURED.adam)
+    return loss, gradient, after

@@ -1,0 +1,208 @@
+"""Splatting through lenses, and anti-aliased: the reference's gradients, the CPU against it, culling."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pocketgs import Rasterizer
+from pocketgs.geometry.camera import Camera, look_at
+from pocketgs.geometry.lens import Lens
+from pocketgs.scene.gaussians import PARAMETERS, Gaussians
+from pocketgs.splat.cpu.clusters import Clusters
+from pocketgs.splat.cpu.layout import CLUSTER, View
+from pocketgs.splat.cpu.lens import kernel_lens
+from pocketgs.splat.rasterizer import Raster, RasterGradient
+from pocketgs.splat.reference import project as reference_project
+from pocketgs.splat.reference import rasterize as reference_rasterize
+from pocketgs.splat.reference.lenses import linearised
+from pocketgs.splat.reference.project import project
+from pocketgs.splat.reference.scene import Scene
+from splat.test_clusters import a_camera, around
+from splat.test_rasterizer import moved
+
+MakeGaussians = Callable[..., Gaussians]
+
+LENSES = {
+    "pinhole": Lens(),
+    "opencv": Lens("opencv", (-0.2, 0.05, 0.003, -0.004, 0.02, 0.03, 0.01, 0.002, 0.004, -0.003, 0.002, 0.001)),
+    "fisheye": Lens("fisheye", (0.05, -0.02, 0.004, -0.001)),
+    "orthographic": Lens("orthographic"),
+}
+BENT = [name for name in LENSES if name != "pinhole"]
+CASES = [*((name, False) for name in BENT), ("pinhole", True), ("fisheye", True)]
+OUTPUTS = ("rgb", "alpha", "depth", "features")
+FEATURES = 3
+STEP = 1e-6
+
+
+def through(camera: Camera, name: str) -> Camera:
+    """The camera with a lens. A fisheye's field is wide enough to see what lies beside it."""
+    focal = {"fisheye": 0.3, "orthographic": 0.3}.get(name, 1.0)
+    return replace(camera, lens=LENSES[name], fx=focal * camera.fx, fy=focal * camera.fy)
+
+
+def a_scene(make_gaussians: MakeGaussians, name: str, count: int, size: float) -> Gaussians:
+    """Before the camera; for a fisheye some of it stands close to the axis, beside the camera and behind it."""
+    scene = make_gaussians(count=count, sh_degree=1, size=size, seed=3)
+    if name == "fisheye":
+        rng = np.random.default_rng(4)
+        scene.means[::3] = rng.uniform([-2.5, -2.5, -5.0], [2.5, 2.5, -4.2], scene.means[::3].shape)
+        scene.means[0] = (0.3, -0.2, -2.5)
+    return scene
+
+
+def weights(seed: int, raster: Raster) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    found = {name: rng.normal(size=getattr(raster, name).shape) for name in OUTPUTS}
+    found["depth"] *= raster.alpha > 0.05
+    return found
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_second_derivatives(name: str) -> None:
+    camera = replace(Camera(64, 48, 40.0, 42.0, 30.0, 25.0, np.eye(4)), lens=LENSES[name])
+    rng = np.random.default_rng(0)
+    local = rng.normal(size=(300, 3))
+    local[:, 2] += 2.5 if name != "fisheye" else 0.5
+    local[:, :2] *= np.geomspace(1e-7, 1.0, 300)[:, None]
+    if name != "fisheye":
+        local[:, 2] = np.abs(local[:, 2]) + 0.3
+    else:
+        local[:200, 2] = np.abs(local[:200, 2]) + 0.1
+    d_jacobian = rng.normal(size=(300, 2, 3))
+    found = linearised(local, camera).backward(d_jacobian)
+    for axis in range(3):
+        step = STEP * np.eye(3)[axis]
+        change = linearised(local + step, camera).jacobian - linearised(local - step, camera).jacobian
+        expected = np.einsum("nij,nij->n", change, d_jacobian) / (2 * STEP)
+        error = np.abs(found[:, axis] - expected)
+        # One point in hundreds may cross the margin where J is held.
+        assert np.quantile(error / (1.0 + np.abs(expected)), 0.99) < 1e-5
+
+
+@pytest.mark.parametrize(("name", "antialiased"), CASES)
+def test_gradients_of_the_reference(
+    monkeypatch: pytest.MonkeyPatch, camera: Camera, make_gaussians: MakeGaussians, name: str, antialiased: bool
+) -> None:
+    for module in (reference_project, reference_rasterize):
+        monkeypatch.setattr(module, "ALPHA_MIN", 1e-12)
+    camera = through(camera, name)
+    scene = Scene.of(a_scene(make_gaussians, name, 6, 0.1 if antialiased else 0.3))
+    features = np.random.default_rng(1).normal(size=(6, FEATURES))
+    rasterizer = Rasterizer("reference")
+
+    def render(of: Scene, view: Camera) -> Raster:
+        return rasterizer.forward(of, view, OUTPUTS, features=features, antialiased=antialiased)
+
+    raster = render(scene, camera)
+    given_weights = weights(5, raster)
+    gradient = rasterizer.backward(raster, **given_weights, pose=True)
+
+    def loss(of: Scene, view: Camera) -> float:
+        seen = render(of, view)
+        return float(sum(np.sum(getattr(seen, output) * weight) for output, weight in given_weights.items()))
+
+    for group in ("means", "log_scales", "quaternions", "opacity_logits"):
+        analytic = getattr(gradient, group)
+        assert np.abs(analytic).max() > 0
+        for index in list(np.ndindex(analytic.shape))[::2]:
+            values = []
+            for sign in (1.0, -1.0):
+                arrays = {each: getattr(scene, each).copy() for each in PARAMETERS}
+                arrays[group][index] += sign * STEP
+                values.append(loss(Scene(**arrays), camera))
+            expected = (values[0] - values[1]) / (2 * STEP)
+            assert abs(analytic[index] - expected) < 2e-5 * np.abs(analytic).max() + 1e-6, (group, index)
+    for k in range(6):
+        twist = STEP * np.eye(6)[k]
+        expected = (loss(scene, moved(camera, twist)) - loss(scene, moved(camera, -twist))) / (2 * STEP)
+        assert gradient.pose[k] == pytest.approx(expected, rel=1e-5, abs=1e-5 * np.abs(gradient.pose).max())
+
+
+@pytest.mark.parametrize(("name", "antialiased"), CASES)
+def test_the_cpu_agrees_with_the_reference(
+    camera: Camera, make_gaussians: MakeGaussians, name: str, antialiased: bool
+) -> None:
+    camera = through(camera, name)
+    scene = a_scene(make_gaussians, name, 60, 0.05 if antialiased else 0.15)
+    features = np.random.default_rng(2).normal(size=(60, FEATURES)).astype(np.float32)
+
+    def computed(engine: str) -> tuple[Raster, RasterGradient]:
+        rasterizer = Rasterizer(engine)  # type: ignore[arg-type]
+        raster = rasterizer.forward(scene, camera, (*OUTPUTS, "radii"), features=features, antialiased=antialiased)
+        return raster, rasterizer.backward(raster, **weights(6, raster), pose=True)
+
+    (found, d_found), (expected, d_expected) = computed("cpu"), computed("reference")
+    assert np.count_nonzero(np.any(expected.radii > 0, axis=1)) > 30
+    for output in OUTPUTS:
+        one, other = getattr(found, output), getattr(expected, output)
+        solid = expected.alpha > 0.05 if output == "depth" else np.ones(one.shape, bool)
+        assert np.mean(np.abs(one - other)[solid] > 2e-3) < 0.01, output
+    np.testing.assert_allclose(found.radii, expected.radii, rtol=1e-3, atol=1e-3)
+    for field in fields(d_expected):
+        one, other = getattr(d_found, field.name), getattr(d_expected, field.name)
+        if other is not None:
+            assert np.quantile(np.abs(one - other), 0.99) < 5e-3 * np.abs(other).max(), field.name
+
+
+@pytest.mark.parametrize("engine", ["cpu", "reference"])
+def test_antialiasing_keeps_what_a_small_gaussian_adds_to_the_image(engine: str) -> None:
+    camera = Camera(21, 21, 20.0, 20.0, 10.5, 10.5, np.eye(4))
+    totals = {}
+    for size in (0.01, 0.02):
+        scene = Gaussians(
+            np.array([[0.0, 0.0, 1.0]]),
+            np.log(np.full((1, 3), size)),
+            np.eye(4)[:1],
+            np.full(1, 3.0),
+            np.ones((1, 1, 3)),
+        )
+        for antialiased in (False, True):
+            raster = Rasterizer(engine).forward(scene, camera, ("alpha",), antialiased=antialiased)  # type: ignore[arg-type]
+            totals[size, antialiased] = float(raster.alpha.sum())
+    # Twice the size is four times the area; without the filter both look about as large as a pixel.
+    assert totals[0.02, True] / totals[0.01, True] == pytest.approx(4.0, rel=0.2)
+    assert totals[0.02, False] / totals[0.01, False] < 1.6
+
+
+@pytest.mark.parametrize("name", BENT)
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10_000))
+def test_what_is_visible_is_in_a_cluster_in_view(name: str, seed: int) -> None:
+    scene, camera = around(seed, 1500), through(a_camera(np.random.default_rng(seed)), name)
+    near = 0.05
+    found = Clusters(len(scene)).in_view(scene, View.of(camera), kernel_lens(camera), near, 2)
+    visible = np.flatnonzero(project(Scene.of(scene), camera, near).visible)
+    assert np.isin(visible // CLUSTER, found).all()
+
+
+def test_a_lens_needs_hardly_more_clusters_than_a_pinhole() -> None:
+    scene = around(1, 20_000)
+    scene.log_scales -= 5.0
+    pose = look_at(np.array([0.0, 0.0, -4.0]), np.zeros(3), np.array([0.0, -1.0, 0.0]))
+    found = {}
+    for name, lens in LENSES.items():
+        camera = replace(Camera(40, 30, 120.0, 120.0, 20.0, 15.0, pose), lens=lens)
+        found[name] = len(Clusters(len(scene)).in_view(scene, View.of(camera), kernel_lens(camera), 0.05, 2))
+    assert found["pinhole"] < 0.8 * len(scene) / CLUSTER
+    assert max(found.values()) <= 1.2 * found["pinhole"]
+
+
+def test_a_fisheye_shows_what_stands_behind_it_and_not_what_its_polynomial_folds_over() -> None:
+    for coefficients, expected in (((0.0, 0.0, 0.0, 0.0), True), ((-0.15, 0.0, 0.0, 0.0), False)):
+        camera = Camera(60, 60, 10.0, 10.0, 30.0, 30.0, np.eye(4), Lens("fisheye", coefficients))
+        # 110 degrees off axis.
+        mean = np.array([[np.sin(np.radians(110)), 0.0, np.cos(np.radians(110))]])
+        scene = Gaussians(mean, np.full((1, 3), -3.0), np.eye(4)[:1], np.full(1, 4.0), np.ones((1, 1, 3)))
+        for engine in ("cpu", "reference"):
+            raster = Rasterizer(engine).forward(scene, camera, ("alpha", "depth"), near=0.1)  # type: ignore[arg-type]
+            assert (raster.alpha.max() > 0.5) == expected
+            if expected:
+                assert np.unravel_index(np.argmax(raster.alpha), raster.alpha.shape) == (29, 49)
+                assert raster.depth.max() == pytest.approx(1.0, abs=1e-3)

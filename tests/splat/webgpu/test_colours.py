@@ -1,0 +1,64 @@
+"""Colour transforms on the GPU: against the reference and the CPU engine, and the same bits after a break."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.cpu.engine import CpuEngine
+from pocketgs.splat.engine import EngineOptions
+from splat.coloured_steps import COLOURED, frames_of, random_table, reference_step_with_colours, state_with
+from splat.training_step import assert_identical, begin, columns, photograph
+from splat.webgpu.variants import shared_engine
+
+pytestmark = pytest.mark.usefixtures("adapter")
+
+MakeGaussians = Callable[..., Gaussians]
+OPTIONS = EngineOptions("webgpu")
+
+
+@pytest.mark.parametrize("masked", [False, True])
+def test_a_step_agrees_with_the_reference(camera: Camera, make_gaussians: MakeGaussians, masked: bool) -> None:
+    gaussians, table = make_gaussians(count=60, sh_degree=1, size=0.15), random_table(3)
+    frame = photograph(camera, masked)
+    engine = shared_engine(OPTIONS)
+    engine.set_views([frame] * 3)
+    engine.upload(gaussians, state_with(gaussians, table))
+    engine.step(1, COLOURED)
+    loss, gradient, expected = reference_step_with_colours(gaussians, frame, 1, table)
+    assert engine.loss() == pytest.approx(loss, rel=1e-4)
+    state = engine.optimiser_state()
+    measured = state.first_moments / (1.0 - COLOURED.adam.beta1)
+    error = np.abs(measured - columns(gradient))
+    assert np.quantile(error, 0.99) < 1e-3 * np.abs(columns(gradient)).max()
+    assert state.colours is not None
+    np.testing.assert_allclose(state.colours, expected, rtol=2e-3, atol=2e-6)
+
+
+def test_steps_end_as_on_the_cpu_and_with_the_same_bits_after_a_break(
+    camera: Camera, make_gaussians: MakeGaussians
+) -> None:
+    gaussians, frames = make_gaussians(count=60, sh_degree=0, size=0.15), frames_of(camera)
+    engine, cpu = (begin(one, gaussians, frames) for one in (shared_engine(OPTIONS), CpuEngine(1)))
+    for step in range(6):
+        if step == 3:
+            middle, state = engine.download(), engine.optimiser_state()
+        engine.step(step % 3, COLOURED)
+        cpu.step(step % 3, COLOURED)
+    whole, measured, expected = engine.download(), engine.optimiser_state().colours, cpu.optimiser_state().colours
+    assert measured is not None
+    assert expected is not None
+    np.testing.assert_allclose(measured, expected, atol=2e-3)
+    engine.set_views(frames)
+    assert engine.optimiser_state().colours is None
+    engine.upload(middle, state)
+    for step in range(3, 6):
+        engine.step(step % 3, COLOURED)
+    assert_identical(engine.download(), whole)
+    colours = engine.optimiser_state().colours
+    assert colours is not None
+    assert colours.tobytes() == measured.tobytes()

@@ -1,0 +1,170 @@
+"""Runs that go on as long as they pay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pocketgs.capture.capture import Capture
+from pocketgs.capture.synthetic import true_capture
+from pocketgs.results.checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
+from pocketgs.scene.gaussians import PARAMETERS
+from pocketgs.splat.settings import LearningRates
+from pocketgs.training import open_ended
+from pocketgs.training.loop import Progress, train
+from pocketgs.training.open_ended import MIN_GAIN, OpenEndedPace, stages
+from pocketgs.training.options import TrainingOptions
+from pocketgs.training.planning.effort import sized
+from pocketgs.training.result import Checkpoint
+from pocketgs.training.validation import Course, Look, validation_views
+
+RATES = LearningRates(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+
+
+class Seen:
+    """An engine of which only the number of Gaussians is asked."""
+
+    count = 100
+
+
+@pytest.fixture
+def psnrs(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """What the validation views say, one after the other."""
+    values: list[float] = []
+    monkeypatch.setattr(open_ended, "validation_psnr", lambda *_: values.pop(0))
+    return values
+
+
+def pace(seconds: float | None = None, longest: int = 20_000, course: Course | None = None) -> OpenEndedPace:
+    frames: Any = [None] * 40
+    return OpenEndedPace(longest, seconds, RATES, frames, (0.0, 0.0, 0.0), 1000, course)
+
+
+def run(found: OpenEndedPace, seconds_per_step: float = 0.0) -> int:
+    """Iterations until it is over."""
+    engine: Any = Seen()
+    iteration = 0
+    while found.fraction(iteration, iteration * seconds_per_step) < 1.0:
+        iteration += 1
+        found.after_step(iteration, iteration * seconds_per_step, engine)
+    return iteration
+
+
+def test_every_stage_is_a_third_longer_than_all_before() -> None:
+    assert stages(2000) == [500, 667, 889, 1185, 1580, 2000]
+    assert stages(300) == [300]
+
+
+@pytest.mark.parametrize("views", range(60))
+def test_validation_views_are_few_and_spread(views: int) -> None:
+    found = validation_views(views)
+    assert found == sorted(set(found))
+    assert len(found) == 0 or 2 <= len(found) <= 12
+    assert len(found) <= views / 6
+    assert all(0 <= index < views for index in found)
+
+
+def test_it_ends_when_a_stage_gains_too_little(psnrs: list[float]) -> None:
+    psnrs += [20.0, 21.0, 21.0 + 0.9 * MIN_GAIN]
+    found = pace()
+    assert run(found) == round(889 * 1.5)
+    assert found.course.decays_from == 889
+    assert [look.iteration for look in found.course.looks] == [500, 667, 889]
+
+
+def test_it_goes_on_while_it_pays(psnrs: list[float]) -> None:
+    psnrs += [20.0 + 0.1 * i for i in range(20)]
+    assert run(pace(longest=3000)) == 3000
+
+
+def test_diverged_views_end_it(psnrs: list[float]) -> None:
+    psnrs += [20.0, float("nan")]
+    assert run(pace()) == 1000
+
+
+def test_a_time_budget_leaves_a_third_for_the_end(psnrs: list[float]) -> None:
+    psnrs += [20.0 + i for i in range(20)]
+    found = pace(seconds=90.0)
+    steps = run(found, seconds_per_step=0.1)
+    assert found.course.decays_from == 600
+    assert steps == 900
+    assert found.rates(899, 89.9).means < 0.05 * found.rates(600, 60.0).means
+
+
+def test_rates_fall_slowly_and_at_last_to_the_end(psnrs: list[float]) -> None:
+    found = pace()
+    assert found.rates(500, 0.0) == RATES
+    assert found.rates(2000, 0.0).means == pytest.approx(0.5)
+    ended = pace(course=Course((), 2000))
+    rates = [ended.rates(iteration, 0.0).means for iteration in range(2000, 3000)]
+    assert rates[0] == pytest.approx(0.5)
+    assert rates[-1] == pytest.approx(0.01, rel=0.01)
+    assert np.all(np.diff(rates) <= 0.0)
+
+
+def test_validation_views_are_trained_on_at_the_end() -> None:
+    assert set(pace().views(0)) == set(range(40)) - set(validation_views(40))
+    assert list(pace(course=Course((), 500)).views(600)) == list(range(40))
+
+
+def test_growth_follows_stages_that_pay() -> None:
+    found = pace(course=Course((Look(500, 20.0, 100, 1.0), Look(667, 21.0, 125, 61.0))))
+    assert found.course.gain_per_minute == pytest.approx(1.0)
+    assert found.next_growth(668) == found.next_growth(889) == 889
+    assert found.target(889, 400) == 500
+    assert found.target(889, 900) == 1000
+    assert pace(course=Course((), 889)).next_growth(889) is None
+
+
+def test_best_sizes_a_run_by_its_capture() -> None:
+    views = [(498, 372)] * 17
+    standard, best = (sized(TrainingOptions(effort=effort), views) for effort in ("standard", "best"))
+    assert best.open_ended
+    assert best.recipe == "long"
+    assert best.strategy == "budgeted"
+    assert best.max_gaussians == 2 * standard.max_gaussians
+    assert best.most_at_start == standard.max_gaussians
+    assert not standard.open_ended
+    assert standard.recipe == "pocketgs"
+    # Too few views to hold any back, or a length that the user gives.
+    assert not sized(TrainingOptions(effort="best"), views[:12]).open_ended
+    given = sized(TrainingOptions(effort="best", iterations=700, max_gaussians=900), views)
+    assert (given.open_ended, given.iterations, given.max_gaussians) == (False, 700, 900)
+
+
+@pytest.fixture(scope="module")
+def capture() -> Capture:
+    """Sixteen training views, of which two are held back."""
+    return true_capture(width=48, height=36, frames=18, points=500)
+
+
+def test_a_whole_run(capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It looks, grows, ends, and a resumed one ends with the same bits."""
+    monkeypatch.setattr(open_ended, "FIRST_STAGE", 20)
+    options = TrainingOptions(recipe="long", prior="none", max_gaussians=800, evaluate_every=0)
+    checkpoints: list[Checkpoint] = []
+    promised: list[int] = []
+
+    def watch(progress: Progress) -> None:
+        promised.append(progress.iterations)
+        if progress.iteration == 30:
+            checkpoints.append(progress.checkpoint())
+
+    whole = train(capture, options, observer=watch)
+    assert whole.course is not None
+    assert whole.course.decays_from is not None
+    assert [look.iteration for look in whole.course.looks[:3]] == [20, 27, 36]
+    assert whole.course.looks[1].gaussians > whole.course.looks[0].gaussians
+    assert promised[0] == 30
+    assert promised[-1] == whole.iterations == round(1.5 * whole.course.decays_from)
+    write_checkpoint(tmp_path / CHECKPOINT, checkpoints[0], {})
+    resumed = train(capture, options, resume=read_checkpoint(tmp_path, {}))
+    for part in PARAMETERS:
+        assert getattr(resumed.scene, part).tobytes() == getattr(whole.scene, part).tobytes(), part
+    assert resumed.course is not None
+    unclocked = [[replace(look, seconds=0.0) for look in course.looks] for course in (resumed.course, whole.course)]
+    assert unclocked[0] == unclocked[1]
