@@ -47,7 +47,7 @@ def main(
         reading: How to read the capture.
     """
     torch.manual_seed(0)
-    install_as_gsplat("1.4.0")
+    install_as_gsplat()
     opened = reading.open(capture)
     if opened.points is None:
         raise SystemExit(f"{capture}: has no cloud of its own, expected one with points to start from")

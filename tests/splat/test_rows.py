@@ -102,7 +102,7 @@ def test_rows_change_as_in_numpy(data: st.DataObject) -> None:
         (RowChange(np.array([-1], np.int32), np.zeros(1, bool)), "sources name rows -1 to -1"),
         (RowChange(np.array([0]), np.zeros(1, bool)), r"sources are int64 \(1,\), expected int32"),
         (RowChange(np.array([0], np.int32), np.zeros(2, bool)), r"fresh is bool \(2,\), expected bool \(1,\)"),
-        (RowChange.of_values(3, {"colours": (np.array([0]), np.zeros(1))}), "'colours', which is no parameter"),
+        (RowChange.of_values(3, {"colours": (np.array([0]), np.zeros(1))}), "'colours', which is not a parameter"),
         (RowChange.of_values(3, {"means": (np.array([0]), np.zeros(3))}), r"means has shape \(3,\), expected \(1, 3\)"),
         (RowChange.of_values(3, {"means": (np.array([3]), np.zeros((1, 3)))}), "means name rows 3 to 3"),
     ],

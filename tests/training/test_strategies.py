@@ -32,7 +32,7 @@ from pocketgs.training.strategies.adc import AdaptiveDensityControl, DensityCont
 from pocketgs.training.strategies.budgeted import Budgeted, Growth, Parabola
 from pocketgs.training.strategies.division import halves
 from pocketgs.training.strategies.mcmc import MarkovChain, Relocation
-from pocketgs.training.strategies.relocation import MOST_SHARING, shared
+from pocketgs.training.strategies.relocation import MAX_SHARING, shared
 from pocketgs.training.strategies.strategy import Situation
 
 train = partial(loop.train, prior="none")
@@ -104,7 +104,7 @@ def test_sharing_with_nobody_changes_nothing() -> None:
     np.testing.assert_allclose(each, opacities)
     np.testing.assert_allclose(shrinking, 1.0)
     many = shared(opacities, np.full(3, 500))
-    np.testing.assert_array_equal(many, shared(opacities, np.full(3, MOST_SHARING)))
+    np.testing.assert_array_equal(many, shared(opacities, np.full(3, MAX_SHARING)))
     assert np.isfinite(many).all()
 
 

@@ -1,4 +1,4 @@
-"""How splats that cover the same pixel come together: one rule is one object, and the tiles do not know which."""
+"""Compositing rules. A rule is one object, and tiles do not depend on which."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pocketgs.splat.cpu.rasterize_backward import rasterize_backward
 
 @dataclass(frozen=True)
 class Compositor:
-    """A rule of compositing.
+    """A compositing rule.
 
     Attributes:
         name: of the rule.
@@ -25,4 +25,4 @@ class Compositor:
 
 
 OVER = Compositor("over", rasterize, rasterize_backward)
-"""Front to back in order of depth: C = Σ c_i α_i T_i + T · background."""
+"""Front to back by depth: C = Σ c_i α_i T_i + T · background."""

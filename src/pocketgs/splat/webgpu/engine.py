@@ -135,6 +135,7 @@ class WebGpuEngine:
         self._near = near_plane(gaussians.means) if state is None or state.near is None else state.near
         for name, values in zip(("shape", "sh"), to_columns(gaussians), strict=True):
             self.executor.write(name, values)
+        self.executor.clear("cluster_bounds")
         if trains:
             zeros = np.zeros((count, self._columns), np.float32)
             self.executor.write("first_moments", transposed(state.first_moments if state else zeros))
@@ -165,6 +166,7 @@ class WebGpuEngine:
         gather_rows(self.executor, change, before, symbols, plan.sizes)
         self._fit(extent)
         set_values(self.executor, change, symbols)
+        self.executor.clear("cluster_bounds")
         self.restart_statistics()
 
     def statistics(self) -> Statistics:

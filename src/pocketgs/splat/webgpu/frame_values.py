@@ -25,7 +25,8 @@ def view_values(
         camera: from where.
         background: RGB.
         near: least depth of what is drawn, see `near_plane`.
-        symbols: gives gaussians, coefficients, intersections and replay_depth.
+        symbols: gives gaussians, coefficients, intersections, replay_depth, and channel_groups where channels are
+            composited.
         photograph: where it begins, in pixels.
     """
     pose, size = camera.world_to_camera, np.array([camera.width, camera.height])
@@ -50,6 +51,7 @@ def view_values(
         "intersection_capacity": symbols["intersections"],
         "photograph": photograph,
         "replay_depth": symbols["replay_depth"],
+        "channel_groups": symbols.get("channel_groups", 1),
         "near": near,
     }
 

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from pocketgs.errors import PocketGSError
-from pocketgs.gpu.description import LEAST_BUFFER, Description
+from pocketgs.gpu.description import MIN_BUFFER, Description
 from pocketgs.splat.webgpu.photographs import PIXEL_BYTES, Shelf
 
 RENDERING = ("render", "render depth")
@@ -113,7 +113,7 @@ def plan_memory(description: Description, extent: Extent, limits: Limits) -> Mem
             )
     room = min(limits.total - sum(sizes.values()), limits.buffer)
     shelf = Shelf(photographs, room // PIXEL_BYTES)
-    return MemoryPlan({**sizes, "photographs": max(PIXEL_BYTES * shelf.pixels, LEAST_BUFFER)}, depth, shelf)
+    return MemoryPlan({**sizes, "photographs": max(PIXEL_BYTES * shelf.pixels, MIN_BUFFER)}, depth, shelf)
 
 
 def plan_rows(description: Description, extent: Extent, gaussians: int, limits: Limits) -> tuple[Extent, MemoryPlan]:

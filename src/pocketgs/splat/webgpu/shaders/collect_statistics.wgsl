@@ -1,7 +1,7 @@
 // Add one view of each Gaussian that it shows to the sums that strategies decide by: the norm of the gradient with
 // respect to its projected centre, in half the image's width and height; the number of views; and the largest radius.
 // Nothing happens while the run is halted. One thread per Gaussian, in order of depth.
-import view, ranks, statistics, splats.read, gradient_rows.gather, workgroups
+import view, ranks.slots, statistics, splats.read, gradient_rows.gather, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> splats: array<u32>;
