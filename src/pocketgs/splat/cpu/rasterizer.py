@@ -13,7 +13,7 @@ from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.cpu.bin import Binner, TileLists
 from pocketgs.splat.cpu.clusters import Clusters
 from pocketgs.splat.cpu.compositor import OVER, Compositor
-from pocketgs.splat.cpu.contributions import LARGEST, PIXELS, SUMMED, gather_contributions, inspect
+from pocketgs.splat.cpu.contributions import LARGEST, PIXELS, SUMMED, gather_contributions
 from pocketgs.splat.cpu.layout import (
     COLOURS,
     EXPONENT_XX,
@@ -207,7 +207,7 @@ class CpuBackend:
         numba.set_num_threads(self.threads)
         by_intersection = np.zeros((len(tape.lists.intersections), 3), np.float32)
         median = np.empty_like(tape.transmittance)
-        inspect(
+        self._compositor.inspect(
             tape.splats,
             tape.lists.intersections,
             tape.lists.ranges,
