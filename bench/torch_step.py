@@ -35,7 +35,9 @@ from pocketgs.splat.cpu.layout import (
     tiles_down,
 )
 from pocketgs.splat.cpu.lens import kernel_lens
+from pocketgs.splat.settings import StepSettings
 from pocketgs.torch import rasterization
+from pocketgs.training.recipes import recipe_named
 
 
 def main(
@@ -98,11 +100,13 @@ def native_passes(engine: CpuEngine, camera: Camera) -> Callable[[], Callable[[]
     """The engine's own passes."""
     view, lens, black = View.of(camera), kernel_lens(camera), np.zeros(3, np.float32)
 
+    settings = StepSettings(recipe_named("pocketgs").rates)
+
     def forward() -> Callable[[], None]:
         engine._clusters.have_moved(engine._clusters.all)  # as they have after every step
         raster = engine._forward(view, lens, black)
         raster.canvas.d_image[:] = 1e-3
-        return lambda: engine._backward(engine._views[0], raster, False)
+        return lambda: engine._backward(engine._views[0], raster, settings)
 
     return forward
 
