@@ -32,6 +32,7 @@ from pocketgs.splat.cpu.project_backward import project_backward
 from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.splat.cpu.statistics import ABSOLUTE_GRADIENT, RADIUS, SCREEN_GRADIENT, SEEN, STATISTICS
 from pocketgs.splat.engine import KEPT_LOSSES, MemoryNeed, OptimiserState, Rendering
+from pocketgs.splat.limits import TRAINING
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.reference.colours import learn_transform
@@ -285,6 +286,7 @@ class CpuEngine:
             lists.intersections,
             lists.ranges,
             background,
+            TRAINING,
             self.threads,
             canvas.image,
             canvas.transmittance,
@@ -365,6 +367,7 @@ class CpuEngine:
             lists.intersections,
             lists.ranges,
             raster.canvas.drawn_ends,
+            TRAINING,
             self.threads,
             raster.canvas.image,
             raster.canvas.d_image,
