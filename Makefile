@@ -2,13 +2,13 @@
 
 PYTHON ?= python3
 
-.PHONY: demo test test-fast system-packages lint bench clean
+# Make a small built-in capture, train on it and show the result.
 
 # Capture a small built-in scene, train it and show it.
 demo:
 	@$(PYTHON) tools/bootstrap.py
-	.venv/bin/pocketgs demo
-
+ # All checks and tests, including runs on real data: what continuous integration calls.
+ # Missing system packages are installed where that is allowed; otherwise their tests are skipped, with a message.
 # Everything that must hold before a change is merged, runs on real data included: what continuous integration calls.
 # What a test needs and the machine lacks is installed where that is allowed; else the test is left out, and said to be.
 test: system-packages lint

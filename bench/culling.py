@@ -1,10 +1,10 @@
-"""What skipping clusters outside the view is worth: a step that sees a tenth of a scene, with culling and without.
+"""Benchmark of cluster culling: a step that sees a tenth of a scene, with culling and without.
 
     python bench/culling.py
 
-The scene is a street of ten blocks, and the camera sees one of them. Steps alternate between three ways: with culling;
-without, where Adam still leaves Gaussians alone that no pixel shows; and as 3DGS does it, without culling and with
-Adam on all Gaussians. Medians are printed by pass, and how many times longer than with culling they take.
+The scene is a street of ten blocks, and the camera sees one of them. Steps alternate between three variants: with
+culling; without, where Adam still skips Gaussians without visible pixels; and as in 3DGS, without culling and with Adam
+on all Gaussians. Medians are printed by pass, with their ratio to those with culling.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ SH_DEGREE = 2
 
 
 class AllInView(Clusters):
-    """Clusters of which none is ever skipped."""
+    """Clusters that are never culled."""
 
     def in_view(self, scene: Gaussians, view: View, near: float, threads: int) -> np.ndarray:
-        """All of them, without looking at their bounds."""
+        """All clusters, without checking their bounds."""
         return self.all
 
 
@@ -48,7 +48,7 @@ def main(gaussians: int = 1_000_000, width: int = 504, height: int = 378, rounds
         gaussians: Gaussians of the whole scene.
         width: Of the image, in pixels.
         height: Of the image, in pixels.
-        rounds: Steps timed each way.
+        rounds: Steps timed per variant.
     """
     scene, frame = street(gaussians, width, height)
     recipe = recipe_named("pocketgs")
@@ -83,7 +83,7 @@ def street(count: int, width: int, height: int) -> tuple[Gaussians, Frame]:
 
 
 def opened(scene: Gaussians, frame: Frame, clusters: type[Clusters]) -> CpuEngine:
-    """An engine that looks for what is in view in this way."""
+    """An engine with this kind of culling."""
     engine = CpuEngine()
     engine.set_views([frame])
     engine.upload(scene)

@@ -28,15 +28,17 @@ LOG2_ALPHA_MIN = float(np.log2(ALPHA_MIN))
 DEPTH_DIGITS = 32 // DIGIT_BITS
 
 TRAFFIC = {
-    "clear": ("0", "4 * columns * gaussians + 36 * row_room + 4 * tiles"),
-    "project": ("44 * gaussians + 12 * coefficients * visible", "12 * gaussians + splat_bytes * visible"),
-    "count digits of depth_keys": ("depth_digits * 4 * gaussians", "depth_digits * 64 * blocks"),
+    "clear": ("0", "36 * rows_cleared + 4 * tiles"),
+    "bound clusters": ("24 * gaussians", "32 * groups"),
+    "cull": ("32 * groups", "4 * groups"),
+    "project": ("44 * in_view + 12 * coefficients * visible", "12 * in_view + splat_bytes * visible"),
+    "count digits of depth_keys": ("depth_digits * 4 * in_view", "depth_digits * 64 * blocks"),
     "place depth_keys": ("depth_digits * 64 * blocks", "depth_digits * 64 * blocks"),
-    "scatter depth_keys": ("depth_digits * (8 * gaussians + 64 * blocks)", "depth_digits * 8 * gaussians"),
-    "sum blocks of tile_counts": ("8 * gaussians", "4 * blocks"),
+    "scatter depth_keys": ("depth_digits * (8 * in_view + 64 * blocks)", "depth_digits * 8 * in_view"),
+    "sum blocks of tile_counts": ("8 * in_view", "4 * blocks"),
     "place blocks of tile_counts": ("4 * blocks", "4 * blocks"),
-    "place tile_counts": ("8 * gaussians + 4 * blocks", "4 * gaussians"),
-    "emit": ("4 * gaussians + (4 + splat_bytes) * visible", "12 * listed"),
+    "place tile_counts": ("8 * in_view + 4 * blocks", "4 * in_view"),
+    "emit": ("4 * in_view + (4 + splat_bytes) * visible", "12 * listed"),
     "count digits of tile_keys": ("tile_digits * 4 * listed", "tile_digits * 64 * listed_blocks"),
     "place tile_keys": ("tile_digits * 64 * listed_blocks", "tile_digits * 64 * listed_blocks"),
     "scatter tile_keys": ("tile_digits * (8 * listed + 64 * listed_blocks)", "tile_digits * 8 * listed"),
@@ -44,17 +46,18 @@ TRAFFIC = {
     "rasterize": ("4 * tiles + 8 * drawn + splat_bytes * drawn_splats", "16 * pixels + 8 * tiles + cache_bytes"),
     "dssim": ("20 * pixels", "36 * pixels"),
     "loss": ("20 * pixels + 36 * structural * pixels", "16 * pixels"),
+    "clear rows": ("0", "36 * (rows_read - rows_cleared)"),
     "rasterize backward": (
         "8 * tiles + 32 * pixels + 8 * drawn + splat_bytes * drawn_splats + cache_bytes + 36 * rows_added_to",
         "36 * rows_written",
     ),
     "project backward": (
-        "4 * gaussians + (48 + 12 * coefficients + splat_bytes) * visible + 36 * rows_read",
-        "4 * columns * visible",
+        "4 * in_view + (48 + 12 * coefficients + splat_bytes) * visible + 36 * rows_read",
+        "4 * columns * in_view",
     ),
-    "collect statistics": ("4 * gaussians + (20 + splat_bytes) * visible + 36 * rows_read", "12 * visible"),
+    "collect statistics": ("4 * in_view + (20 + splat_bytes) * visible + 36 * rows_read", "12 * visible"),
     "write error": ("20 * pixels", "16 * pixels"),
-    "collect errors": ("4 * gaussians + 12 * visible + 36 * rows_read", "4 * visible"),
+    "collect errors": ("4 * in_view + 12 * visible + 36 * rows_read", "4 * visible"),
     "regularise": ("32 * gaussians", "16 * gaussians"),
     "adam": (
         "(12 * columns + 44 + 12 * coefficients) * gaussians",
@@ -64,10 +67,10 @@ TRAFFIC = {
 }
 """Bytes that each pass must read and write, assuming that repeated reads hit a cache.
 
-Besides the numbers of the engine's own expressions: `visible` Gaussians that stand in at least one list, `listed`
-intersections of all lists, `drawn` intersections up to the last that contributes in its tile, `drawn_splats`
-different splats among these, rows of gradients, and bytes of the replay cache in use. Passes that are not named
-move next to nothing.
+Besides the numbers of the engine's own expressions: Gaussians of clusters `in_view`, `visible` Gaussians that stand in
+at least one list, `listed` intersections of all lists, `drawn` intersections up to the last that contributes in its
+tile, `drawn_splats` different splats among these, rows of gradients, and bytes of the replay cache in use. Passes that
+are not named move next to nothing. All clusters are bounded anew, as after a step in which all have moved.
 """
 
 FLOPS_PER_PAIR = {
@@ -88,12 +91,13 @@ class Work:
     """Counts of one step, or their means over several views.
 
     Attributes:
-        visible, listed, drawn, drawn_splats: see `TRAFFIC`.
+        in_view, visible, listed, drawn, drawn_splats: see `TRAFFIC`.
         forward_pairs, backward_pairs: visited by rasterization and its reverse.
         contributing_pairs: of either.
         contributions: (H, W) by pixel, of the first view.
     """
 
+    in_view: int
     visible: int
     listed: int
     drawn: int
@@ -115,6 +119,7 @@ class Work:
         recorded = int(np.minimum(self.contributions, symbols["replay_depth"]).sum())
         known = {
             **symbols,
+            "in_view": self.in_view,
             "visible": self.visible,
             "listed": self.listed,
             "listed_blocks": ceil_div(self.listed, BLOCK),
@@ -124,7 +129,7 @@ class Work:
             "tile_digits": 2 * ceil_div(symbols["tiles"].bit_length(), 2 * DIGIT_BITS),
             "splat_bytes": SPLAT_BYTES[options.precision],
             "cache_bytes": 4 * symbols["pixels"] + RECORD_BYTES[options.precision] * recorded if cached else 0,
-            "row_room": symbols["intersections"] if ordered else symbols["gaussians"],
+            "rows_cleared": 0 if ordered else symbols["capacity"],
             "rows_written": rows,
             "rows_added_to": 0 if ordered else rows,
             "rows_read": self.listed if ordered else self.visible,
@@ -165,14 +170,15 @@ def _count_view(engine: WebGpuEngine, view: int, frame: Frame, settings: StepSet
     count = len(engine.download())
     tiles = ceil_div(camera.width, TILE) * ceil_div(camera.height, TILE)
     starts = read("tile_starts", np.uint32, tiles + 1)
-    listed = int(read("intersection_count", np.uint32, 1)[0])
+    listed, ranks = (int(number) for number in read("intersection_count", np.uint32, 2))
     intersection_splats = read("slot_splats", np.uint32, listed)[read("slots", np.uint32, listed)]
     splats = read("splats", np.float32, 10 * count).reshape(count, 10)
     forward, ends, contributions = _replay(splats, intersection_splats, starts, camera.width, camera.height)
     in_tiles = [intersection_splats[start:end] for start, end in zip(starts, ends, strict=False)]
     drawn = int((ends - starts[:-1]).sum())
     return Work(
-        visible=int(np.count_nonzero(read("tile_counts", np.uint32, count))),
+        in_view=ranks,
+        visible=int(np.count_nonzero(read("tile_counts", np.uint32, count)[read("order", np.uint32, ranks)])),
         listed=listed,
         drawn=drawn,
         drawn_splats=len(np.unique(np.concatenate(in_tiles))),

@@ -1,9 +1,9 @@
-"""Make the private environment in .venv that the Makefile's targets run in.
+"""Create the virtual environment in .venv that the Makefile's targets use.
 
     python3 tools/bootstrap.py [EXTRA ...]
 
-It needs Python and nothing else: no pip, no ensurepip (which Debian packs apart, as python3-venv), no compiler. When
-nothing has changed since the last time it returns at once. PIP_INDEX_URL, PIP_CERT and pip's other variables count.
+It needs only Python: no pip, no ensurepip (which Debian packages separately, as python3-venv), no compiler. If nothing
+has changed since the last run it returns at once. PIP_INDEX_URL, PIP_CERT and pip's other variables are respected.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ PYTHON = ENVIRONMENT / ("Scripts/python.exe" if os.name == "nt" else "bin/python
 STAMP = ENVIRONMENT / "bootstrap.json"
 OLDEST_PYTHON = (3, 10)
 
-# The pip to start from where Python brings none. Its hash stands here rather than being read from the index.
+# The version of pip to install if Python has none. Its hash is stated here rather than read from the index.
 PIP_WHEEL = "pip-26.3-py3-none-any.whl"
 PIP_SHA256 = "f3b60b20ffaadd4415ed7957212a38ac63fa4c5fa375bd0f4a797777940fad13"
 DEFAULT_INDEX = "https://pypi.org/simple"
 
 
 class BootstrapError(Exception):
-    """The environment cannot be made; the message says why and what to do."""
+    """The environment cannot be created; the message says why and what to do."""
 
 
 def main(extras: list[str]) -> None:
-    """Bring the environment up to date with pyproject.toml and the extras asked for."""
+    """Bring the environment up to date with pyproject.toml and the requested extras."""
     if sys.version_info < OLDEST_PYTHON:
         raise BootstrapError(f"Python {sys.version.split()[0]} found, expected 3.10 or newer")
     wanted = sorted(set(extras) | installed_extras())
@@ -63,7 +63,7 @@ def main(extras: list[str]) -> None:
 
 
 def stamp_key(project_file: Path) -> str:
-    """Hash of everything the environment's contents follow from, but for the extras."""
+    """Hash of everything that determines the environment, except the extras."""
     recipe = project_file.read_bytes() + f"{sys.version_info[:2]} {project_file}".encode()
     return hashlib.sha256(recipe).hexdigest()
 
@@ -103,7 +103,7 @@ def has_pip() -> bool:
 
 
 def install_pip(wheel: Path, bundle: str | None) -> None:
-    """Install pip into the environment: its wheel, downloaded, can run from its own file."""
+    """Install pip into the environment: its wheel can be run directly."""
     index = os.environ.get("PIP_INDEX_URL", DEFAULT_INDEX).rstrip("/") + "/pip/"
     page = download(index, bundle).decode("utf-8", errors="replace")
     contents = download(wheel_address(page, index), bundle)
@@ -119,7 +119,7 @@ def wheel_address(page: str, index: str) -> str:
     """Address of pip's wheel on the index's page for pip (PEP 503)."""
     link = re.search(rf"""href=["']([^"'#]*{re.escape(PIP_WHEEL)})""", page)
     if link is None:
-        raise BootstrapError(f"{index} does not list {PIP_WHEEL}; installing python3-venv does without it")
+        raise BootstrapError(f"{index} does not list {PIP_WHEEL}; installing python3-venv avoids the need for it")
     return urllib.parse.urljoin(index, html.unescape(link.group(1)))
 
 
@@ -134,12 +134,12 @@ def download(address: str, bundle: str | None) -> bytes:
 
 
 def download_failure(address: str, error: Exception) -> str:
-    """Say what went wrong and what to do, in one line."""
+    """Describe a failure and its remedy in one line."""
     if isinstance(error, urllib.error.HTTPError):
         return f"{address}: the server answered {error.code} {error.reason}"
     reason = error.reason if isinstance(error, urllib.error.URLError) else error
     if isinstance(reason, ssl.SSLCertVerificationError):
-        trust = "the system's certificates do not vouch for it (on Debian and Ubuntu: apt install ca-certificates"
+        trust = "the system's certificates do not cover it (on Debian and Ubuntu: apt install ca-certificates"
         return f"{address}: {trust}; or name a bundle in SSL_CERT_FILE)"
     return f"{address}: cannot download ({reason}); is there a network connection?"
 
@@ -148,7 +148,7 @@ def run_pip(pip: list[str | Path], arguments: list[str | Path], bundle: str | No
     """Run pip with the same certificates as our own downloads."""
     variables = {"PIP_DISABLE_PIP_VERSION_CHECK": "1", **({"PIP_CERT": bundle} if bundle else {})}
     if subprocess.run([*pip, *arguments], env={**os.environ, **variables}).returncode:
-        raise BootstrapError("pip could not install what is needed: its messages above say why")
+        raise BootstrapError("pip failed to install the packages: its messages above say why")
 
 
 if __name__ == "__main__":
@@ -157,4 +157,4 @@ if __name__ == "__main__":
     except BootstrapError as error:
         sys.exit(f"bootstrap: {error}")
     except KeyboardInterrupt:
-        sys.exit("bootstrap: interrupted; run it again to go on")
+        sys.exit("bootstrap: interrupted; run it again to continue")

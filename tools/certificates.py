@@ -1,4 +1,4 @@
-"""Find the certificate authorities that https downloads are checked against, where Python alone finds none.
+"""Find trusted certificates for https downloads if Python alone finds none.
 
 Standard library only: it runs before anything is installed.
 """
@@ -13,7 +13,7 @@ import tarfile
 import tempfile
 from pathlib import Path
 
-# Where Linux distributions and macOS keep the system's bundle.
+# Paths of the system's bundle on Linux distributions and macOS.
 BUNDLES = (
     "/etc/ssl/certs/ca-certificates.crt",
     "/etc/pki/tls/certs/ca-bundle.crt",
@@ -25,9 +25,9 @@ BUNDLES = (
 def certificate_bundle(fallback: Path) -> str | None:
     """Path of a file of trusted certificates, or None to leave the choice to Python.
 
-    In order: what PIP_CERT or SSL_CERT_FILE name, the system's bundle, and on a Debian or Ubuntu that has none the
-    bundle of its `ca-certificates` package. apt checks the signature of that package, as it does before installing;
-    here it is only unpacked, to `fallback`, and the system stays as it is.
+    In order: PIP_CERT or SSL_CERT_FILE, the system's bundle, and on Debian or Ubuntu without one the bundle of the
+    `ca-certificates` package. apt checks the package's signature, as for an installation; here it is only unpacked, to
+    `fallback`, and the system is not changed.
     """
     named = (os.environ.get("PIP_CERT"), os.environ.get("SSL_CERT_FILE"), ssl.get_default_verify_paths().cafile)
     for path in (*named, *BUNDLES, str(fallback)):

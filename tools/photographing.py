@@ -1,12 +1,12 @@
-"""Make the pictures of docs/photographing.md: captures with one mistake each, in the demo's room, and what comes of it.
+"""Make the pictures of docs/photographing.md: captures with one mistake each in the demo's room, and the results.
 
 Every picture shows, from left to right: the room from above with the cameras, green where many of them look and red
-where few do; two of the photographs; and the trained scene, seen from a place between two photographs or from a step
-aside. The real pipeline makes the scenes, small and quickly. What it says is printed.
+where few do; two of the photographs; and the trained scene, from a position between two photographs or a step aside.
+The scenes are made by the real pipeline with small settings. Its output is printed.
 
     python tools/photographing.py                      # all pictures; some minutes on two cores
     python tools/photographing.py turning night        # some of them
-    python tools/photographing.py --work FOLDER        # keeps captures and results there, and uses them again
+    python tools/photographing.py --work FOLDER        # keeps captures and results there, and reuses them
 """
 
 from __future__ import annotations
@@ -35,23 +35,23 @@ from pocketgs.training.options import TrainingOptions
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 SHOWN = ("none", "turning", "swung", "night", "blank", "mirror", "flicker")
-"""The mistakes that the page shows."""
+"""The mistakes shown on the page."""
 
 OPTIONS = TrainingOptions(effort="quick", iterations=200, max_gaussians=15_000, engine="cpu")
 PANEL = (240, 180)
 GAP, QUALITY = 6, 82
 
 ABOVE, SPAN, HEIGHT = 12.0, 5.6, 0.7
-"""Metres: from where the room is seen, how much of it, and the height at which views are counted."""
+"""Metres: height of the view from above, its extent, and the height at which views are counted."""
 
 WEDGE = 0.35
-"""Metres of a camera's field of view that are drawn."""
+"""Length in metres of the drawn camera wedges."""
 
 FULL = 8
-"""Cameras that a place is seen by where the map is wholly green."""
+"""Number of cameras at which the map is fully green."""
 
 ASIDE = {"turning": 0.8, "blank": 0.8, "mirror": 0.8}
-"""Metres to the side of the cameras, from where a scene is shown that is right before them only."""
+"""Metres to the side of the cameras, for scenes that look right only from the cameras' positions."""
 
 
 def main() -> None:
@@ -87,7 +87,7 @@ def _picture(mistake: str, folder: Path) -> Image.Image:
 
 
 def _trained(mistake: str, folder: Path) -> list[Camera]:
-    """Film and train unless that has been done; gives the true cameras."""
+    """Make the capture and train on it unless that was done; returns the true cameras."""
     kept = folder / "cameras.pickle"
     if not kept.exists():
         cameras = [shot.camera for shot in write_mistake(mistake, folder / "capture")]
@@ -131,7 +131,7 @@ def _plan(cameras: list[Camera]) -> Image.Image:
 
 
 def _seen(above: Camera, cameras: list[Camera]) -> np.ndarray:
-    """(H, W) in [0, 1]: from how many directions each place at `HEIGHT` is seen."""
+    """(H, W) in [0, 1]: number of directions from which each place at `HEIGHT` is seen."""
     rows, columns = np.indices((above.height, above.width))
     rays = above.rays(np.column_stack([columns.ravel(), rows.ravel()]) + 0.5)
     points = above.centre + rays * (ABOVE - HEIGHT)

@@ -1,6 +1,6 @@
-"""Make the pictures of the viewer in `docs/images`: a run being followed, its result, and the page on a phone.
+"""Make the images of the viewer in `docs/images`: following a run, its result, and the page on a phone.
 
-It needs PocketGS with its `dev` extra, and Chromium or Chrome; no GPU, since the browser is told to do without.
+It needs PocketGS with its `dev` extra, and Chromium or Chrome, but no GPU: the browser runs without one.
 
     python tools/screenshots.py                                        # trains on the built-in demo
     python tools/screenshots.py --result RESULT --capture CAPTURE      # shows a result; nothing is trained
@@ -34,11 +34,11 @@ SOFTWARE_GPU = (
 DESKTOP: ViewportSize = {"width": 1000, "height": 640}
 PHONE: ViewportSize = {"width": 360, "height": 740}
 SHARE_OF_RUN = 0.4
-"""How far a run has come when its picture is taken."""
+"""Progress of the run at which its image is taken."""
 
 QUALITY = 85
 PATIENCE = 600_000
-"""Milliseconds: a GPU in software takes its time, and so does training beside it."""
+"""Milliseconds: software rendering is slow, and so is training at the same time."""
 
 
 def main() -> None:
@@ -74,7 +74,7 @@ def _browser() -> Iterator[Browser]:
 
 @contextmanager
 def _serving(*command: str) -> Iterator[str]:
-    """Run a command of `pocketgs` that serves a page, and end it as Ctrl-C does; gives the page's address."""
+    """Run a `pocketgs` command that serves a page, and stop it as Ctrl-C does; yields the page's address."""
     program = [sys.executable, "-m", "pocketgs", *command, "--no-open"]
     with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout
@@ -131,7 +131,7 @@ def _wait_for_picture(page: Page) -> None:
 
 
 def _wait_until_drawn(page: Page) -> None:
-    """Wait until nothing changes any more: while a run goes on, its scenes come faster than they can be drawn here."""
+    """Wait until nothing changes any more: during a run, scenes arrive faster than they can be drawn here."""
     _wait_for_picture(page)
     page.locator("#canvas[aria-busy=false]").wait_for(timeout=PATIENCE)
 

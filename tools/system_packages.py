@@ -1,9 +1,9 @@
-"""What tests need beyond Python's packages: a GPU in software, a browser, Node.js.
+"""Install what tests need beyond Python packages: a software GPU driver, a browser, Node.js.
 
     python3 tools/system_packages.py
 
-On Debian and Ubuntu, where it is run by root, it installs what is missing. Elsewhere it says in one line what that is;
-the tests that need it are then left out, unless CI is set.
+On Debian and Ubuntu, if run by root, it installs what is missing. Elsewhere it names it in one line; the tests that
+need it are then skipped, unless CI is set.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ CERTIFICATES = Path("/etc/ssl/certs/ca-certificates.crt")
 
 @dataclass(frozen=True)
 class Need:
-    """Something that tests need.
+    """A dependency of the tests.
 
     Attributes:
-        package: of Debian's that brings it.
-        what: it is, in words.
-        is_there: finds out.
+        package: Debian package that contains it.
+        what: description.
+        is_there: checks for it.
     """
 
     package: str
@@ -38,7 +38,7 @@ class Need:
 
 
 def any_program(*names: str) -> Callable[[], bool]:
-    """A function that says whether one of these programs is there."""
+    """A function that returns whether one of these programs is installed."""
     return lambda: any(map(shutil.which, names))
 
 
@@ -57,7 +57,7 @@ NEEDS = (
 
 
 def main() -> int:
-    """Install what is missing, or say what it is; the exit status is 1 where continuous integration cannot go on."""
+    """Install what is missing, or name it; the exit status is 1 if continuous integration cannot continue."""
     if not sys.platform.startswith("linux"):
         return 0
     missing = [need for need in NEEDS if not need.is_there()]
@@ -70,12 +70,12 @@ def main() -> int:
 
 
 def may_install() -> bool:
-    """Whether this is a system of Debian's kind, and run by root."""
+    """Whether this is Debian or Ubuntu, run by root."""
     return shutil.which("apt-get") is not None and os.geteuid() == 0
 
 
 def install(packages: list[str]) -> None:
-    """Install packages one by one: that there is none of one name keeps none of the others away."""
+    """Install packages one by one, so that a missing one does not block the others."""
     if not CERTIFICATES.exists():
         packages = ["ca-certificates", *packages]
     print(f"Installing system packages for tests: {' '.join(packages)}", flush=True)
@@ -86,7 +86,7 @@ def install(packages: list[str]) -> None:
 
 
 def left_out(missing: list[Need]) -> str:
-    """What is not there, and how to get it, in one line."""
+    """One line about what is missing, and how to get it."""
     things = ", ".join(need.what for need in missing)
     command = f"apt-get install --no-install-recommends {' '.join(need.package for need in missing)}"
     return f"Not there: {things}. Tests that need it are left out; on Debian and Ubuntu, `sudo {command}` brings it."

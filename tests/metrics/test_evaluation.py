@@ -77,8 +77,8 @@ def test_colour_correction_undoes_a_camera_s_own_colours(photo: np.ndarray) -> N
     for rendered in (mixed, curved):
         assert psnr(rendered, photo) < 33
         assert cc_psnr(rendered, photo) > 38
-    noise = noisy(photo, 0.05)
-    assert cc_psnr(noise, photo) == pytest.approx(psnr(noise, photo), abs=0.5)
+    noise = noisy(photo, 0.01)
+    assert 0 <= cc_psnr(noise, photo) - psnr(noise, photo) < 1
 
 
 def test_colour_correction_forgives_nothing_but_colours(photo: np.ndarray) -> None:

@@ -1,14 +1,15 @@
-"""The rasterizer: the reference's gradients against finite differences, the CPU's outputs and gradients against it."""
+"""The rasterizer: the reference's gradients against finite differences, and the engines against it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from scipy.spatial.transform import Rotation
 
 from pocketgs import Rasterizer
@@ -116,17 +117,30 @@ def test_the_matrix_gradient_says_what_the_pose_gradient_does(camera: Camera, ma
         assert np.sum(gradient.world_to_camera * step) == pytest.approx(gradient.pose[k], rel=1e-6, abs=1e-9)
 
 
+@cache
+def shared(engine: Any) -> Rasterizer:
+    """A rasterizer whose shaders are compiled once for all tests."""
+    return Rasterizer(engine)
+
+
+@pytest.fixture(params=["cpu", "webgpu"])
+def engine(request: pytest.FixtureRequest) -> str:
+    if request.param == "webgpu":
+        request.getfixturevalue("adapter")
+    return str(request.param)
+
+
 def every_output(engine: Any, gaussians: Gaussians, camera: Camera, features: np.ndarray) -> Raster:
-    return Rasterizer(engine).forward(gaussians, camera, OUTPUTS, features=features, background=BACKGROUND)
+    return shared(engine).forward(gaussians, camera, OUTPUTS, features=features, background=BACKGROUND)
 
 
 @pytest.mark.parametrize(("count", "size", "channels"), [(1, 0.3, 1), (60, 0.15, 16), (400, 0.06, 40)])
-def test_the_cpu_agrees_with_the_reference(
-    camera: Camera, make_gaussians: MakeGaussians, count: int, size: float, channels: int
+def test_engines_agree_with_the_reference(
+    engine: str, camera: Camera, make_gaussians: MakeGaussians, count: int, size: float, channels: int
 ) -> None:
     gaussians = make_gaussians(count=count, sh_degree=2, size=size, seed=count)
     features = np.random.default_rng(2).normal(size=(count, channels)).astype(np.float32)
-    found, expected = (every_output(engine, gaussians, camera, features) for engine in ("cpu", "reference"))
+    found, expected = (every_output(one, gaussians, camera, features) for one in (engine, "reference"))
     for name in (*DIFFERENTIABLE, "median_depth"):
         one, other = getattr(found, name), getattr(expected, name)
         solid = np.ones(one.shape, bool) if name != "depth" else expected.alpha > 0.05
@@ -141,8 +155,8 @@ def test_the_cpu_agrees_with_the_reference(
 
     weights = weights_for(expected)
     d_found, d_expected = (
-        Rasterizer(engine).backward(raster, **weights, pose=True, absolute=True)
-        for engine, raster in (("cpu", found), ("reference", expected))
+        shared(one).backward(raster, **weights, pose=True, absolute=True)
+        for one, raster in ((engine, found), ("reference", expected))
     )
     for field in fields(d_expected):
         one, other = getattr(d_found, field.name), getattr(d_expected, field.name)
@@ -168,37 +182,66 @@ def test_same_bits_on_any_number_of_threads(make_gaussians: MakeGaussians) -> No
         assert getattr(d_one, field.name).tobytes() == getattr(d_other, field.name).tobytes(), field.name
 
 
-def test_what_is_asked_for_does_not_change_the_rest(camera: Camera, make_gaussians: MakeGaussians) -> None:
+def test_what_is_asked_for_does_not_change_the_rest(engine: str, camera: Camera, make_gaussians: MakeGaussians) -> None:
     gaussians = make_gaussians(count=80)
     features = np.ones((80, 20), np.float32)
-    alone = Rasterizer("cpu").forward(gaussians, camera)
+    alone = shared(engine).forward(gaussians, camera)
     assert alone.alpha is None
     assert alone.contributions is None
-    together = every_output("cpu", gaussians, camera, features)
+    together = every_output(engine, gaussians, camera, features)
     np.testing.assert_allclose(together.rgb - alone.rgb, (1.0 - together.alpha)[..., None] * BACKGROUND, atol=1e-6)
 
 
-def test_nothing_to_see(make_gaussians: MakeGaussians) -> None:
+@pytest.mark.parametrize("outputs", [("alpha",), ("features",), ("rgb", "normals")])
+def test_a_part_of_the_outputs_has_the_gradients_of_the_reference(
+    engine: str, camera: Camera, make_gaussians: MakeGaussians, outputs: tuple[Any, ...]
+) -> None:
+    gaussians = make_gaussians(count=40, sh_degree=1)
+    features = np.random.default_rng(3).normal(size=(40, 4)) if "features" in outputs else None
+    gradients = []
+    for one in (engine, "reference"):
+        raster = shared(one).forward(gaussians, camera, outputs, features=features)
+        # Another image in between does not change what is gone back from.
+        shared(one).forward(gaussians.select(np.arange(7)), camera_in_front(20, 10, 20.0))
+        gradients.append(shared(one).backward(raster, **weights_for(raster, outputs)))
+    for group in ("means", "log_scales", "rotations", "opacity_logits", "sh", "centres"):
+        found, expected = (getattr(gradient, group) for gradient in gradients)
+        np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max() + 1e-12, err_msg=group)
+
+
+@pytest.mark.usefixtures("adapter")
+def test_lists_that_outgrow_their_room(
+    monkeypatch: pytest.MonkeyPatch, camera: Camera, make_gaussians: MakeGaussians
+) -> None:
+    gaussians = make_gaussians(count=200, size=0.4)
+    expected = shared("webgpu").forward(gaussians, camera, ("rgb", "contributions"))
+    monkeypatch.setattr("pocketgs.splat.webgpu.rasterizer.LEAST_INTERSECTIONS", 16)
+    found = Rasterizer("webgpu").forward(gaussians, camera, ("rgb", "contributions"))
+    np.testing.assert_array_equal(found.rgb, expected.rgb)
+    np.testing.assert_array_equal(found.contributions.summed, expected.contributions.summed)
+
+
+def test_nothing_to_see(engine: str, make_gaussians: MakeGaussians) -> None:
     camera = camera_in_front(20, 10, 20.0)
     for gaussians in (make_gaussians(count=0), a_million_off_screen().select(np.arange(50))):
         features = np.ones((len(gaussians), 2))
-        raster = every_output("cpu", gaussians, camera, features)
+        raster = every_output(engine, gaussians, camera, features)
         assert raster.alpha is not None
         assert raster.alpha.max() == 0.0
         assert np.all(raster.rgb == np.array(BACKGROUND, np.float32))
-        gradient = Rasterizer("cpu").backward(raster, **weights_for(raster), pose=True, absolute=True)
+        gradient = shared(engine).backward(raster, **weights_for(raster), pose=True, absolute=True)
         assert not np.any(gradient.means)
         assert not np.any(gradient.pose)
 
 
-@settings(max_examples=25, deadline=None)
-@given(EDITS)
-def test_hostile_numbers_leave_images_and_gradients_finite(edits: list[tuple[int, float]]) -> None:
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(edits=EDITS)
+def test_hostile_numbers_leave_images_and_gradients_finite(engine: str, edits: list[tuple[int, float]]) -> None:
     gaussians, camera = with_hostile_numbers(edits), camera_in_front(33, 21, 30.0)
-    raster = every_output("cpu", gaussians, camera, np.ones((20, 2)))
+    raster = every_output(engine, gaussians, camera, np.ones((20, 2)))
     for name in (*DIFFERENTIABLE, "median_depth", "radii"):
         assert np.all(np.isfinite(getattr(raster, name))), name
-    gradient = Rasterizer().backward(raster, **weights_for(raster), pose=True, absolute=True)
+    gradient = shared(engine).backward(raster, **weights_for(raster), pose=True, absolute=True)
     drawn = np.any(raster.radii > 0, axis=1)
     for name in ("means", "log_scales", "rotations", "quaternions", "opacity_logits", "sh", "features"):
         assert not np.any(getattr(gradient, name)[~drawn]), name
@@ -206,7 +249,7 @@ def test_hostile_numbers_leave_images_and_gradients_finite(edits: list[tuple[int
 
 def test_mistakes_are_named(camera: Camera, make_gaussians: MakeGaussians) -> None:
     gaussians = make_gaussians(count=4)
-    with pytest.raises(PocketGSError, match="'cuda', expected cpu or reference"):
+    with pytest.raises(PocketGSError, match="'cuda', expected cpu, webgpu or reference"):
         Rasterizer("cuda")  # type: ignore[arg-type]
     rasterizer = Rasterizer()
     with pytest.raises(PocketGSError, match="output 'colour', expected some of rgb"):

@@ -214,7 +214,9 @@ def test_photographs_are_no_capture(photographs: Path, written_capture: Path) ->
     assert lacks_poses(photographs)
     assert not lacks_poses(written_capture)
     assert not lacks_poses(photographs / "none")
-    with pytest.raises(PocketGSError, match=r"photographs: photographs without poses, .* pocketgs pose makes one"):
+    with pytest.raises(
+        PocketGSError, match=r"photographs: photographs without poses, .* run pocketgs pose to make one"
+    ):
         open_capture(photographs)
 
 

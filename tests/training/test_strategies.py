@@ -32,7 +32,7 @@ from pocketgs.training.strategies.adc import AdaptiveDensityControl, DensityCont
 from pocketgs.training.strategies.budgeted import Budgeted, Growth, Parabola
 from pocketgs.training.strategies.division import halves
 from pocketgs.training.strategies.mcmc import MarkovChain, Relocation
-from pocketgs.training.strategies.relocation import MOST_SHARING, shared
+from pocketgs.training.strategies.relocation import MAX_SHARING, shared
 from pocketgs.training.strategies.strategy import Situation
 
 train = partial(loop.train, prior="none")
@@ -104,7 +104,7 @@ def test_sharing_with_nobody_changes_nothing() -> None:
     np.testing.assert_allclose(each, opacities)
     np.testing.assert_allclose(shrinking, 1.0)
     many = shared(opacities, np.full(3, 500))
-    np.testing.assert_array_equal(many, shared(opacities, np.full(3, MOST_SHARING)))
+    np.testing.assert_array_equal(many, shared(opacities, np.full(3, MAX_SHARING)))
     assert np.isfinite(many).all()
 
 
@@ -163,7 +163,7 @@ def grown(scene: Gaussians, gradients: np.ndarray, most: int = 150, iteration: i
     engine = Rows(scene)
     count = len(scene)
     engine.restart_statistics(
-        Statistics(gradients.astype(np.float32) * 2, np.full(count, 2, np.float32), *[np.zeros(count, np.float32)] * 2)
+        Statistics(gradients.astype(np.float32) * 2, np.full(count, 2, np.float32), *[np.zeros(count, np.float32)] * 3)
     )
     strategy = AdaptiveDensityControl(replace(SITUATION, most=most))
     strategy.after_step(iteration, engine)  # type: ignore[arg-type]

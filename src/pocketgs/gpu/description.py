@@ -12,7 +12,7 @@ from pocketgs.gpu.uniforms import UniformLayout
 
 VERSION = 2
 
-LEAST_BUFFER = 16
+MIN_BUFFER = 16
 """Size in bytes of buffers that are not used: WebGPU allows no empty ones."""
 
 
@@ -94,7 +94,7 @@ class Description:
 
     def sizes(self, symbols: Symbols, buffers: Iterable[str]) -> dict[str, int]:
         """Sizes of buffers in bytes, never 0, which WebGPU does not allow."""
-        return {name: max(evaluate(self.buffers[name], symbols), LEAST_BUFFER) for name in buffers}
+        return {name: max(evaluate(self.buffers[name], symbols), MIN_BUFFER) for name in buffers}
 
     def to_json(self) -> dict[str, Any]:
         """As plain lists and dictionaries, for `json.dumps`; `executor.js` loads the file."""

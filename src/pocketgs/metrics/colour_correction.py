@@ -14,7 +14,7 @@ TERMS = 10
 CLIPPED = 0.5 / 255
 """Values so close to 0 or 1, half a grey level, may stand for darker or brighter ones."""
 
-MOST_SAMPLES = 1 << 16
+MAX_SAMPLES = 1 << 16
 """Pixels that the fit looks at, evenly spread: more give the same polynomial."""
 
 
@@ -30,7 +30,7 @@ def colour_corrected(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray |
         (H, W, 3) float32 in [0, 1].
     """
     places = np.arange(photo.shape[0] * photo.shape[1]) if mask is None else np.flatnonzero(mask)
-    places = places[:: len(places) // MOST_SAMPLES + 1]
+    places = places[:: len(places) // MAX_SAMPLES + 1]
     target = photo.reshape(-1, 3)[places].T.astype(np.float64)
     pixels = np.ascontiguousarray(rendered.reshape(-1, 3).T, dtype=np.float32)
     never_clipped = _unclipped(pixels[:, places]) & _unclipped(target)

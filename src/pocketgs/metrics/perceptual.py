@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 NETWORK = "vgg"
-SMALLEST_SIDE = 16
+MIN_SIDE = 16
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Lpips:
         Returns:
             The distance, or None where a side is shorter than the 16 pixels that the network needs.
         """
-        if min(photo.shape[:2]) < SMALLEST_SIDE:
+        if min(photo.shape[:2]) < MIN_SIDE:
             return None
         if mask is not None:
             rendered = np.where(mask[:, :, None], rendered, photo)

@@ -25,14 +25,14 @@ ALTERNATIONS = 20
 SETTLED = 1e-4
 """Gains have settled when none changes by more than this share."""
 
-FEWEST_POINTS = 50
+MIN_POINTS = 50
 ENOUGH_POINTS = 200
 """Points of a keyframe that its colours are measured on: more take time and tell the same."""
 
 NEIGHBOURS = 3
 """Keyframes, those with the most similar views, whose points a frame is taken to see."""
 
-LEAST_VARIATION = 0.02
+MIN_VARIATION = 0.02
 """Exposures that vary by less are left as they are."""
 
 PREDICTABLE = 0.7
@@ -68,7 +68,7 @@ def exposure_gains(
         own[visible] = np.log(_colours_at(frame, points[visible]))
     counted = np.isfinite(colours).all(axis=2)
     colours = colours[:, counted.sum(axis=0) >= 2]
-    if np.isfinite(colours).all(axis=2).sum(axis=1).min() < FEWEST_POINTS:
+    if np.isfinite(colours).all(axis=2).sum(axis=1).min() < MIN_POINTS:
         return np.ones((len(frames), 3))
     gains = np.zeros((len(frames), 3))
     for _ in range(ALTERNATIONS):
@@ -107,7 +107,7 @@ def needs_compensation(frames: Sequence[Frame], gains: np.ndarray, scale: Scale)
     exposures = np.log(gains)
     variation = float(np.abs(exposures).mean())
     surprise = float(np.abs(exposures - exposures[similar].mean(axis=1)).mean())
-    return variation >= LEAST_VARIATION and surprise > PREDICTABLE * variation
+    return variation >= MIN_VARIATION and surprise > PREDICTABLE * variation
 
 
 def compensated(frames: Sequence[Frame], gains: np.ndarray) -> list[Frame]:

@@ -1,1 +1,1 @@
-"""Operator T: differentiable splatting. What an engine is, the readable reference, and the engines."""
+"""Differentiable splatting: the `Engine` interface, the reference implementation, and the engines."""

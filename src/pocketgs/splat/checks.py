@@ -1,4 +1,4 @@
-"""What every engine asks of what it is given, once, before a kernel that checks nothing reads it."""
+"""Input checks that all engines share, made once, before kernels without bounds checks."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from pocketgs.splat.parameters import ParameterLayout
 
 
 def checked_scene(gaussians: Gaussians) -> Gaussians:
-    """The scene as it stands, whose arrays may have been replaced since it was made.
+    """Validate a scene again: its arrays may have been replaced since it was made.
 
     Raises:
-        PocketGSError: it is no scene, or its arrays disagree.
+        PocketGSError: it is not a scene, or its arrays disagree.
     """
     if not isinstance(gaussians, Gaussians):
         raise PocketGSError(f"upload: found {type(gaussians).__name__}, expected Gaussians")
@@ -36,10 +36,10 @@ def check_pinhole(camera: Camera) -> None:
 
 
 def check_state(gaussians: Gaussians, state: OptimiserState) -> None:
-    """Refuse an optimiser's state that does not belong to the scene.
+    """Check that an optimiser's state belongs to the scene.
 
     Raises:
-        PocketGSError: it is of another shape or type, or counts no whole number of steps.
+        PocketGSError: it has another shape or type, or its step count is invalid.
     """
     shape = (len(gaussians), ParameterLayout(gaussians.sh.shape[1]).columns)
     for name in ("first_moments", "second_moments"):
@@ -51,10 +51,10 @@ def check_state(gaussians: Gaussians, state: OptimiserState) -> None:
 
 
 def check_view(view: int, views: Sequence[object]) -> None:
-    """Refuse to step on a view that there is not.
+    """Check the index of a view.
 
     Raises:
-        PocketGSError: it is none of the views.
+        PocketGSError: there is no such view.
     """
     if not 0 <= view < len(views):
         raise PocketGSError(f"step: found view {view!r}, expected 0 to {len(views) - 1}: set_views gives {len(views)}")

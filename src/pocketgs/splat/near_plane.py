@@ -1,4 +1,4 @@
-"""How near to a camera a Gaussian may be: in proportion to the scene, whatever its unit of length."""
+"""The near plane, in proportion to the scene, whatever its unit of length."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ SAMPLES = 4096
 
 
 def near_plane(means: np.ndarray) -> float:
-    """Least depth, in scene units, of the centre of a Gaussian that is drawn; the twin of `nearPlane` in the viewer.
+    """Minimum depth, in scene units, of the centre of a drawn Gaussian; the twin of `nearPlane` in the viewer.
 
-    It is NEAR times how far the middle Gaussian lies from the middle of them all, rounded to a power of two, so that it
-    does not move with every step that Gaussians make.
+    It is NEAR times the median distance of the Gaussians from their median position, rounded to a power of two, so that
+    it does not change with every step.
 
     Args:
-        means: (N, 3). Those that are not finite do not count; where the others lie in one place, or there are none, the
-            scene counts as one unit wide.
+        means: (N, 3). Non-finite ones are ignored; if the others are all in one place, or there are none, the scene
+            counts as one unit wide.
     """
     sample = means[:: max(1, math.ceil(len(means) / SAMPLES))].astype(np.float64)
     sample = sample[np.isfinite(sample).all(axis=1)]
@@ -31,5 +31,5 @@ def near_plane(means: np.ndarray) -> float:
 
 
 def _middle(rows: np.ndarray) -> np.ndarray:
-    """The middle of each column, one of its numbers."""
+    """The median of each column, one of its numbers."""
     return np.sort(rows, axis=0)[len(rows) // 2]

@@ -1,4 +1,4 @@
-"""Loss and optimiser as pieces of their own, for training loops of one's own around a `Rasterizer`."""
+"""Loss and optimiser as separate pieces, for custom training loops around a `Rasterizer`."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from pocketgs.system.cores import kernel_threads
 def photometric_loss(
     rgb: np.ndarray, photo: np.ndarray, settings: LossSettings | None = None, mask: np.ndarray | None = None
 ) -> tuple[float, np.ndarray]:
-    """The loss of an image against its photograph, and its gradient.
+    """The loss of a rendered image against its photograph, and its gradient.
 
     Args:
         rgb: (H, W, 3) float32, rendered.
         photo: (H, W, 3) uint8.
-        settings: which loss; 0.8 L1 + 0.2 (1 - SSIM) if None. Its regularisers do not count here.
-        mask: (H, W) bool: pixels outside it do not count.
+        settings: of the loss; None for 0.8 L1 + 0.2 (1 - SSIM). Regularisers are ignored here.
+        mask: (H, W) bool: pixels outside are ignored.
 
     Returns:
         The loss, and (H, W, 3) float32, its gradient with respect to `rgb`.
 
     Raises:
-        PocketGSError: the images differ in shape, or the photograph is not of bytes.
+        PocketGSError: the images differ in shape, or the photograph is not uint8.
     """
     from pocketgs.splat.cpu.loss import photometric
 
@@ -46,11 +46,11 @@ def photometric_loss(
 
 
 class Adam:
-    """Adam on Gaussians, each group of parameters in its own space and with its own rate.
+    """Adam on Gaussians, with a parametrisation and a learning rate per parameter group.
 
     Args:
-        gaussians: where to begin; copied.
-        settings: how gradients are averaged; `AdamSettings()` if None.
+        gaussians: initial scene; copied.
+        settings: None for `AdamSettings()`.
     """
 
     def __init__(self, gaussians: Gaussians, settings: AdamSettings | None = None) -> None:
@@ -60,15 +60,15 @@ class Adam:
 
     @property
     def scene(self) -> Gaussians:
-        """The Gaussians as they stand, not copied: `step` writes to them."""
+        """The current Gaussians, not copied: `step` writes to them."""
         return self._store.scene
 
     def step(self, gradient: RasterGradient, rates: LearningRates) -> None:
-        """Move against the gradient.
+        """Take one step against the gradient.
 
         Args:
             gradient: from `Rasterizer.backward`.
-            rates: step sizes by group; fields of a recipe, or one's own.
+            rates: step sizes by group; from a recipe, or your own.
         """
         from pocketgs.splat.cpu.adam import update
         from pocketgs.splat.cpu.clusters import Clusters

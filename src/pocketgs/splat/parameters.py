@@ -1,8 +1,8 @@
-"""What a Gaussian is made of, stated once: columns, learning rates, checks and plans of memory are derived from it.
+"""The parameters of a Gaussian, defined once: columns, learning rates, checks and memory plans are derived from it.
 
-A parameter is held in one array, and trained in columns of the gradient and of Adam's two moments, which lie beside
-each other in one row per Gaussian. Most are trained in as many columns as they have numbers; rotations are held as
-quaternions of four numbers, and trained in the three of their tangent space.
+Each parameter is an array. It is trained in columns of the gradient and of Adam's two moments, one row per Gaussian.
+Most parameters have one column per number; rotations are stored as quaternions of four numbers, and trained in the
+three columns of their tangent space.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from pocketgs.splat.settings import LearningRates
 
 COEFFICIENTS = -1
-"""Stands for the number of spherical-harmonics coefficients in a shape."""
+"""Placeholder for the number of spherical-harmonics coefficients in a shape."""
 
 FLOAT_BYTES = 4
 
@@ -26,9 +26,9 @@ class Group:
 
     Attributes:
         name: of its array, as in `Gaussians`.
-        shape: of one Gaussian's numbers; COEFFICIENTS stands for K.
-        rates: fields of `LearningRates`, each with the number of columns that it holds for; None for the rest.
-        trained: number of columns, where they are not as many as the numbers.
+        shape: per Gaussian; COEFFICIENTS stands for K.
+        rates: fields of `LearningRates`, each with the number of columns that it applies to; None for the rest.
+        trained: number of columns, if it differs from the number of numbers.
     """
 
     name: str
@@ -37,19 +37,19 @@ class Group:
     trained: int | None = None
 
     def tail(self, coefficients: int) -> tuple[int, ...]:
-        """Shape of one Gaussian's numbers, with K coefficients of spherical harmonics."""
+        """Shape per Gaussian, with K coefficients of spherical harmonics."""
         return tuple(coefficients if side == COEFFICIENTS else side for side in self.shape)
 
     def numbers(self, coefficients: int) -> int:
-        """How many numbers a Gaussian holds."""
+        """Number of numbers per Gaussian."""
         return prod(self.tail(coefficients))
 
     def columns(self, coefficients: int) -> int:
-        """How many columns they are trained in."""
+        """Number of columns per Gaussian."""
         return self.numbers(coefficients) if self.trained is None else self.trained
 
 
-# Those whose size varies come last, so that the others' columns are the same for every K.
+# Groups of variable size come last, so that the others' columns are the same for every K.
 GROUPS = (
     Group("means", (3,), (("means", None),)),
     Group("log_scales", (3,), (("log_scales", None),)),
@@ -61,7 +61,7 @@ GROUPS = (
 
 @dataclass(frozen=True)
 class ParameterLayout:
-    """Where everything lies in a Gaussian's rows.
+    """The columns of all parameters.
 
     Attributes:
         coefficients: of spherical harmonics per channel, K.
@@ -78,15 +78,15 @@ class ParameterLayout:
 
     @property
     def numbers(self) -> int:
-        """Numbers that a Gaussian holds."""
+        """Number of numbers per Gaussian."""
         return sum(group.numbers(self.coefficients) for group in self.groups)
 
     def group(self, name: str) -> Group:
-        """The parameter of that name."""
+        """The parameter with this name."""
         return next(group for group in self.groups if group.name == name)
 
     def columns_of(self, name: str) -> slice:
-        """The columns that a parameter is trained in."""
+        """The columns of a parameter."""
         first = 0
         for group in self.groups:
             end = first + group.columns(self.coefficients)
@@ -109,5 +109,5 @@ class ParameterLayout:
 
 
 def first_column(name: str) -> int:
-    """The first column of a parameter; the same for every number of coefficients."""
+    """First column of a parameter, which does not depend on the number of coefficients."""
     return int(ParameterLayout(1).columns_of(name).start)

@@ -1,7 +1,7 @@
-"""The gradient with respect to the camera's pose, from that with respect to the Gaussians.
+"""The gradient with respect to the camera's pose, derived from that with respect to the Gaussians.
 
-Moving the camera is moving the scene the other way, so the gradient is a sum over the Gaussians' positions and
-rotations. Only colours that depend on the viewing direction tell the two apart, since harmonics do not turn with a
+Moving the camera is equivalent to moving the scene the other way, so the gradient is a sum over the Gaussians'
+positions and rotations. Only view-dependent colours break the equivalence, since harmonics do not rotate with a
 Gaussian.
 """
 
@@ -25,8 +25,8 @@ def pose_gradient(
     """Gradient with respect to ξ = (τ, ω) at 0, where world_to_camera becomes exp(ξ) world_to_camera.
 
     Args:
-        camera: whose pose moves.
-        means: (V, 3) of the visible Gaussians, as all that follows.
+        camera: whose pose changes.
+        means: (V, 3) of the visible Gaussians, as all arguments below.
         axes: (V, 3, 3) rotations from the Gaussians' axes to the world's.
         sh: (V, K, 3); K may be 0.
         d_means: (V, 3) gradient with respect to the means.
@@ -39,14 +39,14 @@ def pose_gradient(
     rotation = camera.world_to_camera[:3, :3]
     offsets = means - camera.centre
     shift = rotation @ d_means.sum(axis=0, dtype=np.float64)
-    # Turning the camera about its own centre leaves viewing directions as they are.
+    # Rotating the camera about its own centre does not change viewing directions.
     d_positions = d_means - _through_directions(offsets, sh, d_sh)
     turn = np.cross(offsets, d_positions) + np.einsum("nij,nj->ni", axes, d_rotations)
     return np.concatenate([shift, rotation @ turn.sum(axis=0, dtype=np.float64)])
 
 
 def _through_directions(offsets: np.ndarray, sh: np.ndarray, d_sh: np.ndarray) -> np.ndarray:
-    """(V, 3) gradient with respect to the means through the directions that colours are seen from."""
+    """(V, 3) gradient with respect to the means through the viewing directions of colours."""
     if sh.shape[1] < 2:
         return np.zeros_like(offsets)
     distances = np.linalg.norm(offsets, axis=1, keepdims=True)
@@ -58,9 +58,9 @@ def _through_directions(offsets: np.ndarray, sh: np.ndarray, d_sh: np.ndarray) -
 
 
 def matrix_gradient(camera: Camera, pose: np.ndarray) -> np.ndarray:
-    """(3, 4) gradient with respect to world_to_camera's upper rows, from the (6,) one of `pose_gradient`.
+    """(3, 4) gradient with respect to world_to_camera's upper rows, from the (6,) gradient of `pose_gradient`.
 
-    A matrix can also move in ways that leave it no rigid transform; along those the gradient is 0.
+    The gradient is 0 along directions in which the matrix would no longer be rigid.
     """
     rotation, translation = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
     shift = pose[:3]

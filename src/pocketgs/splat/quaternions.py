@@ -1,4 +1,4 @@
-"""Gradients of rotations, from their tangent spaces to the quaternions themselves."""
+"""Conversion of rotation gradients from tangent spaces to quaternions."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 def quaternion_gradient(quaternions: np.ndarray, d_rotations: np.ndarray) -> np.ndarray:
     """(N, 4) gradient with respect to quaternions of any length, from that in their tangent spaces.
 
-    A unit quaternion moves by ½ q ⊗ (0, δ), and what lengthens it has no effect. So the gradient is 2 q ⊗ (0, d), over
-    the length twice: once to make q a unit, once for what normalising does to a step.
+    A unit quaternion moves by ½ q ⊗ (0, δ), and changes of its length have no effect. So the gradient is 2 q ⊗ (0, d),
+    divided by the length twice: once to normalise q, once since normalisation scales a step.
 
     Args:
         quaternions: (N, 4) w, x, y, z.
-        d_rotations: (N, 3) with respect to δ in q ← q ⊗ exp(½δ); where it is 0, so is the result.
+        d_rotations: (N, 3) with respect to δ in q ← q ⊗ exp(½δ); where it is 0, the result is 0.
     """
     w, v = quaternions[:, :1], quaternions[:, 1:]
     with np.errstate(all="ignore"):

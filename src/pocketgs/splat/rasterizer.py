@@ -200,28 +200,39 @@ class RasterGradient:
 
 
 class Rasterizer:
-    """Renders Gaussians, and takes gradients of what it rendered back to them. It keeps nothing between calls.
+    """Renders Gaussians, and takes gradients of what it rendered back to them. No call depends on those before it.
 
     Args:
-        engine: "cpu", or "reference", which computes in float64, readably and slowly.
+        engine: "cpu"; "webgpu", which keeps the GPU's memory of the last image that it has drawn; or "reference", which
+            computes in float64, readably and slowly.
         threads: CPU threads, or None for one per core.
+        gpu: part of the name of the GPU to use, or None for the best.
 
     Raises:
-        PocketGSError: there is no such engine.
+        PocketGSError: there is no such engine, or no such GPU.
     """
 
-    def __init__(self, engine: Literal["cpu", "reference"] = "cpu", threads: int | None = None) -> None:
+    def __init__(
+        self,
+        engine: Literal["cpu", "webgpu", "reference"] = "cpu",
+        threads: int | None = None,
+        gpu: str | None = None,
+    ) -> None:
         self._backend: Backend
         if engine == "cpu":
             from pocketgs.splat.cpu.rasterizer import CpuBackend
 
             self._backend = CpuBackend(threads)
+        elif engine == "webgpu":
+            from pocketgs.splat.webgpu.rasterizer import WebGpuBackend
+
+            self._backend = WebGpuBackend(gpu)
         elif engine == "reference":
             from pocketgs.splat.reference.rasterizer import ReferenceBackend
 
             self._backend = ReferenceBackend()
         else:
-            raise PocketGSError(f"rasterizer: found engine {engine!r}, expected cpu or reference")
+            raise PocketGSError(f"rasterizer: found engine {engine!r}, expected cpu, webgpu or reference")
 
     def forward(
         self,

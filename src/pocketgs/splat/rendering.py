@@ -1,4 +1,4 @@
-"""Rendering a scene without training it."""
+"""Rendering without training."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ def render(
     depth: bool = False,
     engine: EngineOptions | None = None,
 ) -> Rendering:
-    """Render one view; for many, `render_all` uploads the scene once.
+    """Render one view; for several, `render_all` uploads the scene only once.
 
     Args:
-        scene: what to show.
-        camera: from where.
-        background: RGB in [0, 1] behind the scene.
-        depth: whether to add the expected depth.
-        engine: what renders, and how; the best engine of this device if None.
+        scene: to render.
+        camera: of the view.
+        background: RGB in [0, 1].
+        depth: whether to render expected depth too.
+        engine: options of the engine; None for the best engine of this device.
     """
     return next(render_all(scene, [camera], background, depth=depth, engine=engine))
 
@@ -39,7 +39,7 @@ def render_all(
     depth: bool = False,
     engine: EngineOptions | None = None,
 ) -> Iterator[Rendering]:
-    """Render views one after the other; see `render`."""
+    """Render several views; see `render`."""
     renderer = create_engine(engine)
     renderer.upload(scene)
     for camera in cameras:

@@ -1,9 +1,9 @@
-"""How the number of Gaussians changes, and what an engine sums up for whoever decides on it."""
+"""Changes of the number of Gaussians, and the statistics that strategies base them on."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -13,14 +13,13 @@ from pocketgs.splat.parameters import ParameterLayout
 
 @dataclass(frozen=True)
 class RowChange:
-    """Gaussians that go, stay, and are copied, in one operation; the optimiser's rows follow.
+    """Removal, reordering and duplication of Gaussians in one operation, including the optimiser's rows.
 
     Attributes:
-        sources: (M,) int32, which present row each of the M rows afterwards copies, parameters and moments.
-        fresh: (M,) bool, rows whose moments start at zero.
-        values: by parameter name (`means`, `log_scales`, `quaternions`, `opacity_logits`, `sh`), rows (R,) int32 after
-            the change, each at most once, and the values (R, ...) that they are given. Moments of that parameter start
-            at zero there: what is set has no history.
+        sources: (M,) int32, current row that each of the M new rows copies, with parameters and moments.
+        fresh: (M,) bool, rows whose moments are reset to zero.
+        values: by parameter name (`means`, `log_scales`, `quaternions`, `opacity_logits`, `sh`), new rows (R,) int32,
+            each at most once, and the values (R, ...) to set. Moments of that parameter are reset there.
     """
 
     sources: np.ndarray
@@ -29,43 +28,46 @@ class RowChange:
 
     @staticmethod
     def of_values(count: int, values: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> RowChange:
-        """A change that leaves all `count` rows where they are, and sets some values."""
+        """A change that keeps all `count` rows in place, and sets some values."""
         return RowChange(np.arange(count, dtype=np.int32), np.zeros(count, np.bool_), values)
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """Sums over the steps since the last change of rows that collected them, by Gaussian.
+    """Sums per Gaussian over the steps that collected them, since the last change of rows.
 
     Attributes:
-        screen_gradients: (N,) float32, summed norm of the loss's gradient with respect to the centre on the image, in
-            half the image's width and height as in 3DGS.
+        screen_gradients: (N,) float32, summed norm of the loss's gradient with respect to the 2D mean, in half the
+            image's width and height as in 3DGS.
         seen: (N,) float32, number of steps whose view showed it.
-        radii: (N,) float32, largest radius on an image, three standard deviations, as a share of the longer side.
+        radii: (N,) float32, maximum radius on an image, three standard deviations, relative to the longer side.
         errors: (N,) float32, summed α T |rendered - photograph| over the pixels of steps with `StepSettings.errors`.
+        absolute_gradients: (N,) float32, of steps with `StepSettings.absolute`: as `screen_gradients`, but of the
+            magnitudes that the pixels' gradients sum up to (AbsGS, Ye et al. 2024).
     """
 
     screen_gradients: np.ndarray
     seen: np.ndarray
     radii: np.ndarray
     errors: np.ndarray
+    absolute_gradients: np.ndarray
 
     @staticmethod
     def none_yet(count: int) -> Statistics:
-        """Before the first step."""
-        return Statistics(*(np.zeros(count, np.float32) for _ in range(4)))
+        """Zeros, before the first step."""
+        return Statistics(*(np.zeros(count, np.float32) for _ in fields(Statistics)))
 
 
 def check_change(change: RowChange, count: int, layout: ParameterLayout) -> None:
-    """Refuse a change that does not belong to the scene.
+    """Check that a change fits the scene.
 
     Args:
-        change: what is to be done.
-        count: rows that there are.
+        change: to check.
+        count: current number of rows.
         layout: of the scene's parameters.
 
     Raises:
-        PocketGSError: a row or a parameter is none of the scene's, or shapes disagree.
+        PocketGSError: a row or parameter does not exist, or shapes disagree.
     """
     sources, fresh = np.asarray(change.sources), np.asarray(change.fresh)
     if sources.ndim != 1 or sources.dtype != np.int32:
@@ -75,7 +77,7 @@ def check_change(change: RowChange, count: int, layout: ParameterLayout) -> None
     _check_rows("sources", sources, count)
     for name, (rows, values) in change.values.items():
         if name not in {group.name for group in layout.groups}:
-            raise PocketGSError(f"change of rows: found values of {name!r}, which is no parameter")
+            raise PocketGSError(f"change of rows: found values of {name!r}, which is not a parameter")
         expected = (len(rows), *layout.group(name).tail(layout.coefficients))
         if np.shape(values) != expected:
             raise PocketGSError(f"change of rows: {name} has shape {np.shape(values)}, expected {expected}")

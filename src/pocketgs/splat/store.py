@@ -1,4 +1,4 @@
-"""Parameters of Gaussians whose number changes, with the optimiser's rows beside them."""
+"""The parameter store: Gaussians in growable arrays, with the optimiser's rows."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import RowChange, check_change
 
 GROWTH = 1.5
-"""Room is made for so many times the rows that there were. Memory that no row has used yet costs nothing."""
+"""Factor by which the capacity grows. Memory that no row has used yet costs nothing."""
 
 
 class ParameterStore:
     """Arrays of `capacity` rows, of which the first `count` are Gaussians.
 
-    All that it gives are views: a change of rows makes those taken before it worthless.
+    All arrays are returned as views, which a change of rows invalidates.
 
     Args:
-        gaussians: what to begin with; copied, quaternions made to unit length.
+        gaussians: initial scene; copied, with normalised quaternions.
         state: the optimiser's moments, copied, or None for zeros.
     """
 
@@ -34,7 +34,7 @@ class ParameterStore:
         self._gradients = np.zeros(shape, np.float32)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """(N, ...) float32: the parameter of that name."""
+        """(N, ...) float32: the parameter with this name."""
         return self._arrays[name][: self.count]
 
     @property
@@ -54,11 +54,11 @@ class ParameterStore:
 
     @property
     def gradients(self) -> np.ndarray:
-        """(N, columns) float32, for a step to write to; nothing is kept in it between steps."""
+        """(N, columns) float32, scratch space of a step; not preserved between steps."""
         return self._gradients[: self.count]
 
     def nbytes(self) -> dict[str, int]:
-        """Bytes by what they are for."""
+        """Bytes by purpose."""
         return {
             "scene": sum(array.nbytes for array in self._arrays.values()),
             "moments": self._first_moments.nbytes + self._second_moments.nbytes,
@@ -66,10 +66,10 @@ class ParameterStore:
         }
 
     def change_rows(self, change: RowChange) -> None:
-        """Select, duplicate and set rows, those of the optimiser with them.
+        """Select, duplicate and set rows, including the optimiser's.
 
         Raises:
-            PocketGSError: the change is not of this scene.
+            PocketGSError: the change does not fit the scene.
         """
         check_change(change, self.count, self.layout)
         if len(change.sources) > self.capacity:
@@ -85,15 +85,15 @@ class ParameterStore:
             self[name][rows] = values
 
     def _gather(self, array: np.ndarray, sources: np.ndarray) -> None:
-        """Write the source rows over the first ones, by way of the gradients' memory, which is free between steps."""
+        """Copy the source rows to the first ones, using the gradients' memory, which is free between steps."""
         rows = array.reshape(self.capacity, -1)
         size = len(sources) * rows.shape[1]
         gathered = self._gradients.reshape(-1)[:size].reshape(len(sources), rows.shape[1])
-        np.take(rows, sources, axis=0, out=gathered, mode="clip")  # checked before; "raise" would buffer
+        np.take(rows, sources, axis=0, out=gathered, mode="clip")  # indices are checked; "raise" would buffer
         rows[: len(sources)] = gathered
 
     def _make_room(self, capacity: int) -> None:
-        """Let the arrays hold `capacity` rows; one after the other, so that only one of them is held twice."""
+        """Grow the arrays to `capacity` rows, one after the other, so that only one is in memory twice."""
         self._gradients = np.empty((0, 0), np.float32)
         for name, array in self._arrays.items():
             self._arrays[name] = _enlarged(array, capacity)

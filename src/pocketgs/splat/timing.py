@@ -1,4 +1,4 @@
-"""Time by pass of a training step."""
+"""Timing of the passes of a training step."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from collections import defaultdict
 
 
 class PassTimer:
-    """Collects the time of every pass: `engine.timer = PassTimer()`, and later `engine.timer.milliseconds`.
+    """Records the time of every pass: `engine.timer = PassTimer()`, and later `engine.timer.milliseconds`.
 
     Attributes:
-        milliseconds: by the pass's name, of each time that it ran.
+        milliseconds: by pass, one number per execution.
     """
 
     def __init__(self) -> None:
@@ -19,12 +19,12 @@ class PassTimer:
         self._began = 0.0
 
     def begins(self, name: str) -> None:
-        """The pass of this name begins, and the one before it has ended."""
+        """Start a pass, which ends the one before it."""
         self.ends()
         self._under_way, self._began = name, time.perf_counter()
 
     def ends(self) -> None:
-        """The last pass has ended."""
+        """End the last pass."""
         if self._under_way:
             self.milliseconds[self._under_way].append(1e3 * (time.perf_counter() - self._began))
         self._under_way = ""

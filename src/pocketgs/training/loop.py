@@ -249,6 +249,7 @@ class _Loop:
             collected.errors,
             self._strategy.noise(number, rates.means / self._first_rates.means),
             colour_settings(rates.sh_dc / self._first_rates.sh_dc) if self._learns_colours else None,
+            collected.absolute,
         )
         self._engine.step(self._next_view(), settings)
         self._pace.after_step(number, seconds, self._engine)

@@ -1,8 +1,8 @@
-"""A run that goes on as long as it pays.
+"""Open-ended training: a run that continues as long as the validation PSNR improves.
 
-It explores in stages, each a third longer than all before it together were long: a stage whose validation views gain
-less than MIN_GAIN was not worth its time. Then the rates fall to the end, and validation views are trained on too. So
-the length of a run follows from the capture, in proportion to itself, and from no machine's speed.
+It explores in stages, each of which adds a third to the iterations so far. A stage that gains less than MIN_GAIN on the
+validation views ends the exploration. Then the learning rates decay, and the validation views are trained on too. So
+the length of a run depends on the capture, and not on the speed of the machine.
 """
 
 from __future__ import annotations
@@ -17,36 +17,36 @@ from pocketgs.splat.settings import LearningRates
 from pocketgs.training.validation import Course, Look, validation_psnr, validation_views
 
 FIRST_STAGE, STAGE_RATIO = 500, 4 / 3
-"""Iterations of the first stage, and how many times later each of the next ends."""
+"""Iterations of the first stage, and the ratio between the ends of consecutive stages."""
 
 MIN_GAIN = 0.05
-"""Decibels that a third more iterations must win."""
+"""Minimum gain of a stage in dB."""
 
 DECAY = 0.5
-"""Iterations over which rates fall at the end, as a share of those before."""
+"""Length of the final decay, relative to the iterations before it."""
 
 LAST_RATES = 0.02
-"""What the rates fall to, as a share of those from which they fall."""
+"""Final learning rates, relative to those at the start of the decay."""
 
 GROWTH = 1.25
-"""By how much the number of Gaussians grows after a stage that has paid."""
+"""Growth factor of the number of Gaussians after a stage with sufficient gain."""
 
 SLOWS_FROM = 500
-"""Iterations after which rates begin to fall with the square root of the iterations done: nobody knows the run's length
-yet, and noise that averages out over many steps asks for smaller ones (Robbins and Monro 1951)."""
+"""Iterations after which rates decay with the inverse square root of the iteration: the length of the run is unknown,
+and averaging noise over many steps needs smaller ones (Robbins and Monro 1951)."""
 
 
 class OpenEndedPace:
-    """See the module; also says when, and to what number, the strategy `budgeted` grows.
+    """See the module's docstring; also schedules the growth of the strategy `budgeted`.
 
     Args:
-        iterations: most of the run.
-        seconds: that it may take, or None.
-        initial: learning rates at its start.
+        iterations: maximum number.
+        seconds: maximum training time, or None.
+        initial: initial learning rates.
         frames: the training views, enough of them for `validation_views`.
-        background: that they are rendered over.
-        most: Gaussians that there may be.
-        course: of the run that goes on.
+        background: of the renderings.
+        most: maximum number of Gaussians.
+        course: of the run to resume, or None.
     """
 
     def __init__(
@@ -69,12 +69,12 @@ class OpenEndedPace:
 
     @property
     def course(self) -> Course:
-        """Looks at the validation views, and what was decided."""
+        """Evaluations on the validation views, and decisions."""
         return self._course
 
     @property
     def iterations(self) -> int:
-        """At which the run ends if the stage under way does not pay."""
+        """End of the run if the current stage does not gain enough."""
         decays_from = self.course.decays_from
         if decays_from is None:
             looked = len(self.course.looks)
@@ -82,12 +82,12 @@ class OpenEndedPace:
         return max(min(round(decays_from * (1.0 + DECAY)), self._longest), decays_from + 1)
 
     def fraction(self, iteration: int, seconds: float) -> float:
-        """Of the iterations that the run has as far as is known, or of the seconds."""
+        """Progress by iterations, as far as they are known, or by time."""
         by_time = 0.0 if self._seconds is None else seconds / self._seconds if self._seconds > 0 else 1.0
         return min(max(iteration / self.iterations, by_time), 1.0)
 
     def rates(self, iteration: int, seconds: float) -> LearningRates:
-        """Constant, then slowly falling; at the end along half a cosine."""
+        """Constant, then slowly decaying; at the end a half cosine."""
         decays_from = self.course.decays_from
         reached = iteration if decays_from is None else decays_from
         factor = math.sqrt(SLOWS_FROM / max(reached, SLOWS_FROM))
@@ -100,11 +100,11 @@ class OpenEndedPace:
         return self._initial.scaled(factor)
 
     def views(self, iteration: int) -> Sequence[int]:
-        """All but the validation views as long as it explores, then all."""
+        """All but the validation views during exploration, then all."""
         return self._shown if self.course.decays_from is None else self._all
 
     def after_step(self, iteration: int, seconds: float, engine: Engine) -> None:
-        """At the end of a stage look at the validation views; decide when rates begin to fall."""
+        """Evaluate the validation views at the end of a stage, and decide whether to start the decay."""
         if self.course.decays_from is not None:
             return
         if iteration in self._stages:
@@ -116,18 +116,18 @@ class OpenEndedPace:
             self._course = replace(self.course, decays_from=iteration)
 
     def next_growth(self, iteration: int) -> int | None:
-        """The first iteration, from this one on, after which Gaussians may multiply."""
+        """The first iteration, from this one on, after which Gaussians may be added."""
         if self.course.decays_from is not None:
             return None
         return next((stage for stage in self._stages if stage >= iteration), None)
 
     def target(self, iteration: int, count: int) -> int:
-        """How many of `count` Gaussians there are to be."""
+        """Number of Gaussians to grow to from `count`."""
         return min(int(GROWTH * count), self._most)
 
 
 def stages(last: int) -> list[int]:
-    """Iterations at which stages end, at most `last`, with which the last stage ends."""
+    """Iterations at which stages end, the last at `last`."""
     ends, end = [], float(FIRST_STAGE)
     while round(end) < last:
         ends.append(round(end))

@@ -1,4 +1,4 @@
-"""The pace of a run: when it ends, how far its learning rates have fallen, and which views it trains on."""
+"""The pace of a run: its length, learning rates, and training views."""
 
 from __future__ import annotations
 
@@ -12,40 +12,40 @@ from pocketgs.training.validation import Course
 
 
 class Pace(Protocol):
-    """Asked by the loop before every step, and told after it.
+    """Queried by the training loop before every step, and updated after it.
 
-    Iterations are counted from 0 before the first step. `seconds` are those since training began, in this process.
+    Iterations are counted from 0 before the first step. `seconds` are since training began in this process.
     """
 
     @property
     def iterations(self) -> int:
-        """At which the run ends, as far as is known now."""
+        """End of the run, as far as it is known."""
 
     @property
     def course(self) -> Course | None:
-        """What it has learnt on the way and a checkpoint must keep, or None."""
+        """State that checkpoints must contain, or None."""
 
     def fraction(self, iteration: int, seconds: float) -> float:
-        """How much of the run is over, from 0 to 1, by iterations or by time."""
+        """Progress from 0 to 1, by iterations or by time."""
 
     def rates(self, iteration: int, seconds: float) -> LearningRates:
         """The learning rates of the step after `iteration` steps."""
 
     def views(self, iteration: int) -> Sequence[int]:
-        """Indices of the training views that an epoch consists of."""
+        """Indices of the training views in an epoch."""
 
     def after_step(self, iteration: int, seconds: float, engine: Engine) -> None:
-        """Look at the scene, if it is time to, after `iteration` steps."""
+        """Called after step number `iteration`; may evaluate the scene."""
 
 
 class SetPace:
-    """A run of a given number of iterations, or of seconds, whichever are over first.
+    """A run with a fixed number of iterations, or seconds, whichever ends first.
 
     Args:
         iterations: of the run.
-        seconds: that it may take, or None.
-        schedule: how the rates fall.
-        initial: the rates at its start.
+        seconds: maximum training time, or None.
+        schedule: of the learning rates.
+        initial: initial learning rates.
         views: number of training views.
     """
 
@@ -65,16 +65,16 @@ class SetPace:
         """None."""
 
     def fraction(self, iteration: int, seconds: float) -> float:
-        """Of the iterations, or of the seconds."""
+        """Progress by iterations, or by time if that is further along."""
         by_time = 0.0 if self._seconds is None else seconds / self._seconds if self._seconds > 0 else 1.0
         return min(max(iteration / self._iterations, by_time), 1.0)
 
     def rates(self, iteration: int, seconds: float) -> LearningRates:
-        """Those of the schedule."""
+        """As in the schedule."""
         return self._schedule(self._initial, self.fraction(iteration, seconds))
 
     def views(self, iteration: int) -> Sequence[int]:
-        """All of them."""
+        """All views."""
         return self._views
 
     def after_step(self, iteration: int, seconds: float, engine: Engine) -> None:

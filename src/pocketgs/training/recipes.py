@@ -21,12 +21,12 @@ Prior = Literal["dense", "sparse", "colmap", "none"]
 Schedule = Callable[[LearningRates, float], LearningRates]
 """From the initial rates and the fraction of the run that is over, the rates of this iteration."""
 
-MOST_DEGREE = 3
+MAX_DEGREE = 3
 
 SLOWEST_SCALES = 0.5
 """Share of their rate that scales keep in the longest runs, which are often stopped early."""
 
-LEAST_EXTENT = 1e-6
+MIN_EXTENT = 1e-6
 """Cameras nearer to each other than this times their distance from the points differ by rounding only."""
 
 
@@ -79,7 +79,7 @@ def camera_extent(cameras: Sequence[Camera], points: PointCloud) -> float:
     centres = np.array([camera.centre for camera in cameras])
     extent = 1.1 * float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max())
     distance = float(np.median(np.linalg.norm(points.positions - centres.mean(axis=0), axis=1)))
-    if extent <= LEAST_EXTENT * distance:
+    if extent <= MIN_EXTENT * distance:
         raise PocketGSError(
             f"the training cameras ({len(cameras)}) stand in one place, which gives the recipe no length to measure "
             "steps in: expected cameras that moved, or the recipe 'pocketgs'"
@@ -135,7 +135,7 @@ class Recipe:
 
     def active_degree(self, iteration: int) -> int | None:
         """Degree up to which iteration `iteration`, counted from 1, trains spherical harmonics; None for all."""
-        return None if self.sh_every is None else min(iteration // self.sh_every, MOST_DEGREE)
+        return None if self.sh_every is None else min(iteration // self.sh_every, MAX_DEGREE)
 
     def rates_for(self, iterations: int, unit: float) -> LearningRates:
         """The initial rates of a run.

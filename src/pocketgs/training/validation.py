@@ -58,8 +58,8 @@ class Course:
 
     @property
     def gain_per_minute(self) -> float | None:
-        """Decibels per minute that the last stage has won, or None where that is not known."""
-        if self.gain is None:
+        """Decibels per minute that the last stage has won; None before there is one, and once rates fall to the end."""
+        if self.gain is None or self.decays_from is not None:
             return None
         seconds = self.looks[-1].seconds - self.looks[-2].seconds
         return 60.0 * self.gain / seconds if seconds > 0 else None

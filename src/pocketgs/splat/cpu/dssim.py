@@ -1,8 +1,8 @@
 """1 - SSIM and its gradient, in one pass over the image's rows.
 
-SSIM needs two rounds of 11 x 11 windows: means over the image, then the adjoint of the same over SSIM's derivatives.
-Both are separable, so each share walks down its band of rows and keeps the last 11 horizontally filtered rows of either
-round in a ring: nothing the size of an image is ever stored but the gradient.
+SSIM needs two passes of 11 x 11 windows: means over the image, then the adjoint of the means over SSIM's derivatives.
+Both are separable, so each thread moves down its band of rows and keeps the last 11 horizontally filtered rows of each
+pass in a ring buffer. Only the gradient has the size of an image.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ _WEIGHTS = ssim_window().astype(np.float32)
 _C1, _C2 = np.float32(SSIM_C1), np.float32(SSIM_C2)
 _ZERO, _TWO = np.float32(0.0), np.float32(2.0)
 
-# The windowed means of the first round and the derivatives of the second, as rows of the rings.
+# The windowed means of the first pass and the derivatives of the second, as rows of the ring buffers.
 _MEAN_X, _MEAN_Y, _SQUARES, _PRODUCT = range(4)
 _D_MEAN, _D_SQUARES, _D_PRODUCT = range(3)
 
 
 @part
 def _aligned_zeros(size: int) -> np.ndarray:
-    """(size,) zeros that begin where no vector straddles two cache lines: such loads cost twice as much."""
+    """(size,) zeros, aligned such that no vector straddles two cache lines: such loads cost twice as much."""
     room = np.zeros(size + LANES, np.float32)
     start = -room.ctypes.data % (4 * LANES) // 4
     return room[start : start + size]
@@ -37,7 +37,7 @@ def _aligned_zeros(size: int) -> np.ndarray:
 
 @part
 def _filter_row(x: np.ndarray, y: np.ndarray, weights: np.ndarray, stride: int, ring: np.ndarray, slot: int) -> None:
-    """Horizontal windowed means of x, y, x² + y² and xy, at the windows that begin at each column."""
+    """Horizontal windowed means of x, y, x² + y² and xy, for the windows that begin at each column."""
     for column in range(0, stride - LANES, LANES):
         mean_x = mean_y = squares = product = broadcast(_ZERO)
         for tap in range(WINDOW):
@@ -99,7 +99,7 @@ def _similarity_row(
 
 @part
 def _spread_row(derivatives: np.ndarray, weights: np.ndarray, stride: int, ring: np.ndarray, slot: int) -> None:
-    """Horizontal adjoint of the windowed means: what every pixel receives from the windows it lies in."""
+    """Horizontal adjoint of the windowed means: each pixel sums over the windows that contain it."""
     row = 2 * LANES + stride
     for column in range(0, stride - LANES, LANES):
         d_mean = d_squares = d_product = broadcast(_ZERO)
@@ -152,8 +152,8 @@ def _dssim_band(
     """`dssim` for one channel and the rows from `first` up to `end`."""
     height, width = rendered.shape
     windows_across, windows_down = width - WINDOW + 1, height - WINDOW + 1
-    # Every row is followed by at least LANES numbers that may be read and are not used. An odd number of vectors keeps
-    # the rings' rows from falling on the same sets of the cache.
+    # Every row is followed by at least LANES padding numbers, which may be read. An odd number of vectors prevents
+    # the rings' rows from mapping to the same cache sets.
     stride = ((width + LANES - 1) // LANES + 1 | 1) * LANES
     weights = _WEIGHTS.copy()
     x, y = np.zeros(stride + LANES, np.float32), np.zeros(stride + LANES, np.float32)
@@ -161,7 +161,7 @@ def _dssim_band(
     spread = _aligned_zeros(WINDOW * 3 * stride)
     derivatives = np.zeros(3 * (2 * LANES + stride), np.float32)
     similarity, out = np.zeros(stride, np.float32), np.zeros(stride, np.float32)
-    # A row's gradient needs the windows that begin up to 10 rows above it, and they reach 10 rows below it.
+    # A row's gradient needs the windows that begin up to 10 rows above it, which reach 10 rows below it.
     for row in range(max(0, first - WINDOW + 1), min(height, end + WINDOW - 1)):
         read_row(rendered, photo, mask, row, x, y)
         _filter_row(x, y, weights, stride, means, row % WINDOW)
@@ -175,7 +175,7 @@ def _dssim_band(
                 _gradient_row(spread, window_row, x, y, weights, stride, out)
                 for column in range(width):
                     gradient[window_row, column] -= scale * out[column]
-    # The last rows begin no window of their own, as the first had none before theirs: zeros stand for what is missing.
+    # No windows begin in the last rows, nor before the first: zeros stand for these.
     for row in range(max(first, windows_down), end):
         start = row % WINDOW * 3 * stride
         spread[start : start + 3 * stride] = _ZERO
@@ -201,7 +201,7 @@ def dssim(
     """
     height, width = rendered.shape[1:]
     scale = np.float32(weight / (3.0 * (width - WINDOW + 1) * (height - WINDOW + 1)))
-    # A band begins and ends with rows that its neighbours filter too, so there is no more than one for each thread.
+    # Bands overlap in rows that both filter, so there is only one per thread.
     counter = first_piece()
     for _ in prange(threads):
         piece = take(counter)

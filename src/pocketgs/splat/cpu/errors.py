@@ -1,7 +1,6 @@
-"""How much of a view's error each Gaussian takes part in: Σ over pixels of α T |rendered - photograph|.
+"""Each Gaussian's contribution to a view's error: Σ over pixels of α T |rendered - photograph|.
 
-The backward pass sums α T times the gradient of a pixel's colour; with the error in place of that gradient, the sum is
-the one that is wanted.
+The backward pass sums α T times the gradient of a pixel's colour; this passes the error instead of that gradient.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from pocketgs.splat.cpu.rasterize_backward import SUM_RED
 
 
 def write_error(image: np.ndarray, photo: np.ndarray, mask: np.ndarray, d_image: np.ndarray) -> None:
-    """Write the mean error of the channels to the first plane, and zeros to the others.
+    """Write the mean error over channels to the first plane, and zeros to the others.
 
     Args:
         image: (3, H, W) float32.

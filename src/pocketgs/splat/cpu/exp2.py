@@ -1,4 +1,4 @@
-"""Exponentials on vectors: 2^x for the exponents of falloffs, e^x for scales."""
+"""Vectorised exponentials: 2^x for falloffs, e^x for scales."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numba.extending import overload
 
 from pocketgs.splat.cpu.lanes import Floats, select, times_power_of_two, truncate
 
-# Minimax polynomial of 2^f on [-1, 0]; its relative error is 7.5e-8, about float32's own.
+# Minimax polynomial of 2^f on [-1, 0]; its relative error is 7.5e-8, about float32's precision.
 _C0, _C1, _C2, _C3, _C4, _C5 = (
     np.float32(coefficient)
     for coefficient in (0.99999992506, 0.69314225246, 0.24017218828, 0.05527971900, 0.00918860889, 0.00093878724)
@@ -19,7 +19,7 @@ _ONE, _LOG2_E = np.float32(1.0), np.float32(1.0 / math.log(2.0))
 
 
 def exp2_of_negative(x: Floats) -> Floats:
-    """2^x lane by lane for x <= 0, in kernels only. Below -126, and where x is not a number, it is 2^-126."""
+    """2^x per lane for x <= 0, in kernels only. Below -126, and for NaN, it is 2^-126."""
     raise NotImplementedError("for kernels only")
 
 
@@ -36,7 +36,7 @@ def _exp2_of_negative(x):
 
 
 def exp(x: Floats) -> Floats:
-    """e^x lane by lane, in kernels only. It stays within 2^-126 and 2^127."""
+    """e^x per lane, in kernels only, clamped to 2^-126 and 2^127."""
     raise NotImplementedError("for kernels only")
 
 

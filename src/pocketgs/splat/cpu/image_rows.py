@@ -1,4 +1,4 @@
-"""Rows of the rendered image and its photograph, as the losses read them."""
+"""Rows of the rendered image and its photograph, for the losses."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pocketgs.system.compile import part
 
 @part
 def read_row(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray, row: int, x: np.ndarray, y: np.ndarray) -> None:
-    """A row of both images as floats; outside the mask the photograph shows what was rendered."""
+    """Read a row of both images as floats; outside the mask the photograph is replaced by the rendering."""
     for column in range(len(rendered[row])):
         x[column] = rendered[row, column]
         y[column] = np.float32(photo[row, column]) * np.float32(1.0 / 255.0)
@@ -22,7 +22,7 @@ def read_row(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray, row: int
 
 @part
 def row_sum(row: np.ndarray) -> float:
-    """Sum of a row of whole vectors, lane by lane first."""
+    """Sum of a row of complete vectors, lane by lane first."""
     total = broadcast(np.float32(0.0))
     for column in range(0, len(row), LANES):
         total = total + load(row, column)

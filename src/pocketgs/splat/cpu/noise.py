@@ -1,4 +1,4 @@
-"""Noise on the positions of transparent Gaussians: what lets 3DGS-MCMC explore."""
+"""Noise on the positions of transparent Gaussians, the exploration term of 3DGS-MCMC."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _hashed(word: int) -> int:
 
 @part
 def _normal(seed: int, row: int, number: int) -> float:
-    """A standard normal number that depends on the arguments only (Box and Muller 1958)."""
+    """A standard normal number, a pure function of its arguments (Box and Muller 1958)."""
     word = _hashed(_hashed(_hashed(seed & 0xFFFFFFFF) ^ row) ^ number)
     other = _hashed(word ^ 0x9E3779B9)
     uniform = (word + 1.0) / 4294967296.0
@@ -48,7 +48,7 @@ def add_noise(
         quaternions: (N, 4) float32 of unit length.
         opacity_logits: (N,) float32.
         size: factor, in one over the unit of length.
-        seed: the same gives the same noise, on any number of threads.
+        seed: determines the noise, on any number of threads.
         threads: number of threads that share the work.
     """
     counter = first_piece()

@@ -13,11 +13,10 @@ from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.cpu.bin import Binner, TileLists
 from pocketgs.splat.cpu.clusters import Clusters
 from pocketgs.splat.cpu.compositor import OVER, Compositor
-from pocketgs.splat.cpu.contributions import LARGEST, PIXELS, SUMMED, gather_contributions, inspect
+from pocketgs.splat.cpu.contributions import LARGEST, PIXELS, SUMMED, gather_contributions
 from pocketgs.splat.cpu.layout import (
     COLOURS,
     EXPONENT_XX,
-    EXPONENT_XY,
     EXPONENT_YY,
     FIRST_CHANNEL,
     GRADIENT_LOG_SCALE,
@@ -25,7 +24,6 @@ from pocketgs.splat.cpu.layout import (
     GRADIENT_OPACITY,
     GRADIENT_ROTATION,
     GRADIENT_SH,
-    LOG2_ALPHA_MIN,
     LOG2_OPACITY,
     View,
 )
@@ -35,6 +33,7 @@ from pocketgs.splat.cpu.project_backward import project_backward
 from pocketgs.splat.cpu.rasterize_backward import sums_per_intersection
 from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.splat.cpu.statistics import STATISTICS
+from pocketgs.splat.ellipse import half_sizes
 from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
 from pocketgs.system.cores import kernel_threads
 
@@ -121,8 +120,10 @@ class CpuBackend:
         self._compositor.forward(
             splats, lists.intersections, lists.ranges, background, self.threads, image, transmittance, drawn_ends
         )
+        drawn = splats[visible]
+        radii = half_sizes(drawn[:, LOG2_OPACITY], drawn[:, EXPONENT_XX : EXPONENT_YY + 1])
         tape = _Tape(scene, sh, view, lens, composited, splats, visible, lists, image, transmittance, drawn_ends)
-        return Composite(image[:composited], transmittance, visible, _radii(splats[visible]), tape)
+        return Composite(image[:composited], transmittance, visible, radii, tape)
 
     def backward(
         self, composite: Composite, d_image: np.ndarray, d_transmittance: np.ndarray, absolute: bool
@@ -196,7 +197,7 @@ class CpuBackend:
         numba.set_num_threads(self.threads)
         by_intersection = np.zeros((len(tape.lists.intersections), 3), np.float32)
         median = np.empty_like(tape.transmittance)
-        inspect(
+        self._compositor.inspect(
             tape.splats,
             tape.lists.intersections,
             tape.lists.ranges,
@@ -207,11 +208,3 @@ class CpuBackend:
             median,
         )
         return by_intersection, median
-
-
-def _radii(splats: np.ndarray) -> np.ndarray:
-    """(V, 2) half the width and height of the ellipse of α = 1/255."""
-    a, b, c = splats[:, EXPONENT_XX], splats[:, EXPONENT_XY], splats[:, EXPONENT_YY]
-    reach = np.maximum(splats[:, LOG2_OPACITY] - LOG2_ALPHA_MIN, 0.0)
-    factor = -4.0 * reach / (4.0 * a * c - b * b)
-    return np.sqrt(np.stack([factor * c, factor * a], axis=1))

@@ -1,4 +1,4 @@
-"""Sort the visible Gaussians by depth."""
+"""Sorting of the visible Gaussians by depth."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ _DIGITS = 1 << _DIGIT_BITS
 def sort_by_depth(
     depth_keys: np.ndarray, clusters: np.ndarray, visible: np.ndarray, order: np.ndarray, scratch: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The visible Gaussians in two orders: a radix sort of three 11-bit digits.
+    """Radix sort with three 11-bit digits; returns the visible Gaussians in two orders.
 
     Args:
         depth_keys: (N,) uint32 from `project`.
-        clusters: (M,) int32 ascending, those that it has projected.
+        clusters: (M,) int32 ascending, the projected clusters.
         visible: (N,) int32, overwritten.
         order: (N,) int32, overwritten.
         scratch: (N,) int32, overwritten.
 
     Returns:
-        (V,) int32 indices, part of `visible`: in the order of memory.
-        (V,) int32 indices, part of `order`: nearest first, equal depths by index.
+        (V,) int32 indices, part of `visible`: in memory order.
+        (V,) int32 indices, part of `order`: by depth, nearest first, equal depths by index.
     """
     count = 0
     histograms = np.zeros((3, _DIGITS), np.int32)

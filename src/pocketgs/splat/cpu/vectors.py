@@ -1,4 +1,4 @@
-"""Three-component vectors as tuples, and 3 x 3 matrices as tuples of rows: kernels keep them in registers."""
+"""Three-component vectors as tuples, and 3 x 3 matrices as tuples of rows, which kernels keep in registers."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def transposed_times(matrix: Matrix, vector: Vector) -> Vector:
 
 @inlined
 def axes_of(quaternion: tuple[float, float, float, float]) -> tuple[Vector, Vector, Vector]:
-    """The Gaussian's three axes in the world, the columns of the rotation of a unit quaternion w, x, y, z."""
+    """The Gaussian's three axes in the world: the columns of the rotation matrix of a unit quaternion w, x, y, z."""
     w, x, y, z = quaternion
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),

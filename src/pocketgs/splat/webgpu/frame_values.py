@@ -26,7 +26,8 @@ def view_values(
         camera: from where.
         background: RGB.
         near: least depth of what is drawn, see `near_plane`.
-        symbols: gives gaussians, coefficients, intersections and replay_depth.
+        symbols: gives gaussians, coefficients, intersections, replay_depth, and channel_groups where channels are
+            composited.
         photograph: where it begins, in pixels.
 
     Raises:
@@ -55,6 +56,7 @@ def view_values(
         "intersection_capacity": symbols["intersections"],
         "photograph": photograph,
         "replay_depth": symbols["replay_depth"],
+        "channel_groups": symbols.get("channel_groups", 1),
         "near": near,
     }
 

@@ -57,6 +57,10 @@ class Variant:
             "replay.words": f"replay.words_{self.precision}",
             "replay.source": "replay.from_cache" if cached else "replay.by_recomputing",
             "replay.record": "replay.record_in_cache" if cached else "replay.record_nothing",
+            "compositor.forward": "over.forward",
+            "compositor.backward": "over.backward",
+            "compositor.inspection": "over.inspection",
+            "channels.kind": "channels.colour",
             "gradient_rows.add": f"gradient_rows.add_{self.accumulation}",
             "gradient_rows.gather": f"gradient_rows.gather_{self.accumulation}",
             "appearance.kind": f"appearance.{self.appearance}",
@@ -72,11 +76,14 @@ class Variant:
 
 SPLAT_BYTES = {"f32": 40, "f16": 28}
 RECORD_BYTES = {"f32": 20, "f16": 12}
-STATISTICS = 4
+BOUND_WORDS = 8
+"""Of a cluster's bounds: see `common/clusters.wgsl`."""
+
+STATISTICS = 5
 """Columns of sums: see `common/statistics.wgsl`."""
 
 
-def _buffers(variant: Variant) -> dict[str, str]:
+def rendering_buffers(variant: Variant) -> dict[str, str]:
     """Sizes in bytes of the buffers that rendering needs."""
     return {
         "shape": f"{4 * SHAPE_COLUMNS} * capacity",
@@ -92,8 +99,10 @@ def _buffers(variant: Variant) -> dict[str, str]:
         "digit_counts": digit_counts_bytes(f"max(ceil_div(capacity, {BLOCK}), intersection_blocks)"),
         "depth_digit": "8",
         "tile_digit": "8",
+        "cluster_bounds": f"{4 * BOUND_WORDS} * ceil_div(capacity, {THREADS})",
+        "cluster_places": f"4 * ceil_div(capacity, {THREADS})",
         "gaussian_count": "4",
-        "intersection_count": "4",
+        "intersection_count": "8",
         "intersection_dispatches": "24",
         "status": "12",
         "tile_keys": "4 * intersections",
@@ -135,9 +144,11 @@ def _tiles_have_digit(shift: int) -> str:
     return f"tiles + 1 > {1 << (shift - shift % (2 * DIGIT_BITS))}"
 
 
-def _bin_passes() -> list[Pass]:
+def bin_passes() -> list[Pass]:
     """Everything before rasterizing: tiles' lists of splats, nearest first."""
     return [
+        Pass("bound clusters", "bound_clusters", "groups"),
+        Pass("cull", "cull", "1"),
         Pass("project", "project", "groups"),
         *radix_sort(_GAUSSIANS, "depth_keys", "order", "depth_digit", 32, lambda _: "1"),
         *running_sums(_GAUSSIANS, "tile_counts", "order", "block_sums", "first_slots"),
@@ -148,29 +159,61 @@ def _bin_passes() -> list[Pass]:
     ]
 
 
-_CLEARED = ("gaussian_count", "depth_digit", "tile_digit", "tile_starts")
-_SORTED = {"sorted_slots": "slots"}
-_RASTERIZE = Pass("rasterize", "rasterize", "tiles", buffers=_SORTED)
-_RASTERIZE_DEPTH = Pass("rasterize", "rasterize", "tiles", buffers=_SORTED, constants={"draw_depth": 1})
-_TRAINING = (
-    Pass("rasterize", "rasterize_for_replay", "tiles", buffers=_SORTED),
-    Pass("dssim", "dssim", "patches", when="structural"),
-    Pass("loss", "loss", "patches"),
-    Pass("learn colours", "learn_colours", "1", when="colours_learned"),
-    Pass("rasterize backward", "rasterize_backward", "tiles", buffers=_SORTED),
-    Pass("project backward", "project_backward", "groups"),
-    Pass("collect statistics", "collect_statistics", "groups", when="collecting"),
-    Pass("regularise", "regularise", "groups", when="regularised"),
-    Pass("adam", "adam", "groups"),
-    Pass("sum loss", "sum_loss", "1"),
-)
+CLEARED = ("depth_digit", "tile_digit", "tile_starts")
+"""Buffers that `bin_passes` need filled with zeros."""
 
-_ERRORS = (
-    Pass("write error", "write_error", f"ceil_div(pixels, {THREADS})"),
-    Pass("rasterize error backward", "rasterize_backward", "tiles", buffers=_SORTED),
-    Pass("collect errors", "collect_errors", "groups"),
-)
-"""After a step, and from what it has left: the part of the view's error that each Gaussian takes."""
+SORTED = {"sorted_slots": "slots"}
+_RASTERIZE = Pass("rasterize", "rasterize", "tiles", buffers=SORTED)
+_RASTERIZE_DEPTH = Pass("rasterize", "rasterize", "tiles", buffers=SORTED, constants={"draw_depth": 1})
+_REPLAY = Pass("rasterize backward", "rasterize_backward", "tiles", buffers=SORTED)
+
+
+def _replayed(variant: Variant, replay: Pass) -> tuple[tuple[str, ...], tuple[Pass, ...]]:
+    """Replaying into rows of gradients that are all 0: what is to be cleared for it, and the passes."""
+    if variant.accumulation == "atomic":
+        return ("gradient_rows",), (replay,)
+    return (), (Pass("clear rows", "clear_rows", indirect=("intersection_dispatches", 12)), replay)
+
+
+def _step(variant: Variant) -> Sequence:
+    cleared, replayed = _replayed(variant, _REPLAY)
+    return Sequence(
+        (*CLEARED, *cleared),
+        (
+            *bin_passes(),
+            Pass("rasterize", "rasterize_for_replay", "tiles", buffers=SORTED),
+            Pass("dssim", "dssim", "patches", when="structural"),
+            Pass("loss", "loss", "patches"),
+            Pass("learn colours", "learn_colours", "1", when="colours_learned"),
+            *replayed,
+            Pass("project backward", "project_backward", "groups"),
+            Pass("collect statistics", "collect_statistics", "groups", when="collecting"),
+            Pass("regularise", "regularise", "groups", when="regularised"),
+            Pass("adam", "adam", "groups"),
+            Pass("sum loss", "sum_loss", "1"),
+        ),
+    )
+
+
+def _errors(variant: Variant) -> Sequence:
+    """After a step, and from what it has left: the part of the view's error that each Gaussian takes."""
+    cleared, replayed = _replayed(variant, replace(_REPLAY, name="rasterize error backward"))
+    return Sequence(
+        cleared,
+        (
+            Pass("write error", "write_error", f"ceil_div(pixels, {THREADS})"),
+            *replayed,
+            Pass("collect errors", "collect_errors", "groups"),
+        ),
+    )
+
+
+def _absolute_gradients(variant: Variant) -> Sequence:
+    """After a step, and from what it has left: the magnitudes of the gradients of centres on the image."""
+    constants = {"absolute": 1}
+    cleared, replayed = _replayed(variant, replace(_REPLAY, name="rasterize absolute backward", constants=constants))
+    return Sequence(cleared, (*replayed, Pass("collect absolute", "collect_statistics", "groups", constants=constants)))
+
 
 TABLES = ("shape", "sh", "first_moments", "second_moments")
 """Buffers that lie column by column, with a number for every Gaussian in each column."""
@@ -199,16 +242,16 @@ def describe(variant: Variant, training: bool = True) -> Description:
     structural, regularised, collecting and colours_learned (0 or 1).
     """
     assert not training or variant.appearance == "splats", variant.appearance
-    bins = _bin_passes()
+    bins = bin_passes()
     sequences = {
-        "render": Sequence(_CLEARED, (*bins, _RASTERIZE)),
-        "render depth": Sequence(_CLEARED, (*bins, _RASTERIZE_DEPTH)),
+        "render": Sequence(CLEARED, (*bins, _RASTERIZE)),
+        "render depth": Sequence(CLEARED, (*bins, _RASTERIZE_DEPTH)),
     }
-    buffers = _buffers(variant)
+    buffers = rendering_buffers(variant)
     if training:
-        cleared = (*_CLEARED, "gradients", "gradient_rows")
-        sequences["step"] = Sequence(cleared, (*bins, *_TRAINING))
-        sequences["errors"] = Sequence(("gradient_rows",), _ERRORS)
+        sequences["step"] = _step(variant)
+        sequences["errors"] = _errors(variant)
+        sequences["absolute gradients"] = _absolute_gradients(variant)
         sequences |= _row_sequences()
         buffers |= _TRAINING_BUFFERS
         if variant.replay == "cache":

@@ -31,6 +31,9 @@ SHRINKING = (1, 2, 4)
 ENOUGH_ITERATIONS, MIN_ITERATIONS = 0.5, 50
 """Share of the requested iterations that a size must leave time for; and the minimum number at the last size."""
 
+OPEN_ENDED_ITERATIONS = 3000
+"""Iterations that count as requested in a run that trains until it stops paying."""
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -90,7 +93,7 @@ def make_plan(listed: ListedCapture, options: SizedOptions, machine: Machine) ->
     last: _Size | None = None
     for shrink, outline, gaussians in _sizes_to_try(listed, options.max_gaussians):
         last = _size(shrink, outline, replace(options, max_gaussians=gaussians), machine)
-        if _fits(last, options) and _steps(last, options, machine) >= ENOUGH_ITERATIONS * options.iterations:
+        if _fits(last, options) and _steps(last, options, machine) >= _enough(options):
             return _plan(last, options, machine)
     assert last is not None
     if last.refusal:
@@ -169,6 +172,12 @@ def _size(shrink: int, outline: Outline, options: SizedOptions, machine: Machine
 
 def _fits(size: _Size, options: SizedOptions) -> bool:
     return size.refusal is None and max(size.peak, size.device) <= options.max_memory * MB
+
+
+def _enough(options: SizedOptions) -> float:
+    """Iterations that a size must leave time for, if there is a smaller one."""
+    wanted = min(options.iterations, OPEN_ENDED_ITERATIONS) if options.open_ended else options.iterations
+    return ENOUGH_ITERATIONS * wanted
 
 
 def _steps(size: _Size, options: SizedOptions, machine: Machine) -> int:

@@ -16,7 +16,7 @@ StrategyName = Literal["fixed", "adc", "mcmc", "budgeted"]
 
 STRATEGIES = get_args(StrategyName)
 
-FEWEST_GAUSSIANS = 4
+MIN_GAUSSIANS = 4
 
 
 @dataclass(frozen=True)
@@ -46,4 +46,4 @@ def most_at_start(name: StrategyName, most: int, open_ended: bool = False) -> in
     """How many Gaussians a run of at most `most` may begin with."""
     first = _KINDS[name].first
     first = min(first, FIRST_OPEN_ENDED) if open_ended and first < 1.0 else first
-    return max(int(first * most), min(FEWEST_GAUSSIANS, most))
+    return max(int(first * most), min(MIN_GAUSSIANS, most))

@@ -14,7 +14,7 @@ from pocketgs.training.strategies.division import logit
 from pocketgs.training.strategies.relocation import shared
 from pocketgs.training.strategies.strategy import Collected, Situation
 
-MOST_OPAQUE = 1.0 - 1e-6
+MAX_OPACITY = 1.0 - 1e-6
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class MarkovChain:
         sharing = np.bincount(sources, minlength=len(scene))
         rows = np.flatnonzero(sharing[sources] > 1).astype(np.int32)
         opacities, shrinking = shared(scene.opacities[sources[rows]], sharing[sources[rows]])
-        opacities = np.clip(opacities, self._relocation.dead, MOST_OPAQUE)
+        opacities = np.clip(opacities, self._relocation.dead, MAX_OPACITY)
         fresh = np.zeros(len(sources), np.bool_)
         fresh[rows] = True
         log_scales = scene.log_scales[sources[rows]] + np.log(shrinking)[:, None].astype(np.float32)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import comb
 
-MOST_SHARING = 51
+MAX_SHARING = 51
 """Terms of alternating sign grow with the number of Gaussians; more than so many count as so many."""
 
 
@@ -22,7 +22,7 @@ def shared(opacities: np.ndarray, sharing: np.ndarray) -> tuple[np.ndarray, np.n
     Returns:
         Both (R,) float64.
     """
-    sharing = np.minimum(sharing, MOST_SHARING)
+    sharing = np.minimum(sharing, MAX_SHARING)
     each = 1.0 - (1.0 - opacities.astype(np.float64)) ** (1.0 / sharing)
     total = np.zeros(len(each))
     for i in range(1, int(sharing.max(initial=0)) + 1):

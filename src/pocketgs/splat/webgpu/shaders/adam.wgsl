@@ -1,6 +1,7 @@
 // One step of Adam (Kingma and Ba 2015, algorithm 1) on all parameters, each group in its own space and with its own
-// rate; then noise on the positions, if asked for. Nothing happens while the run is halted. One thread per Gaussian.
-import view, update, update.status, gaussians.read, noise, workgroups
+// rate; then noise on the positions, if asked for. The bounds of clusters that have moved hold no longer. Nothing happens
+// while the run is halted. One thread per Gaussian, one workgroup per cluster.
+import view, update, update.status, update.regularised, gaussians.read, clusters, noise, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<uniform> update: Update;
@@ -10,11 +11,19 @@ import view, update, update.status, gaussians.read, noise, workgroups
 @group(0) @binding(5) var<storage, read_write> second_moments: array<f32>;
 @group(0) @binding(6) var<storage, read_write> shape: array<f32>;
 @group(0) @binding(7) var<storage, read_write> sh: array<f32>;
+@group(0) @binding(8) var<storage, read> cluster_places: array<u32>;
+@group(0) @binding(9) var<storage, read_write> cluster_bounds: array<f32>;
+
+// Whether gradients of this cluster were written; what was not stands for 0.
+var<private> is_written: bool;
 
 // Update the moments of one column; returns the step to take, before its rate.
 fn direction(column: u32, i: u32) -> f32 {
     let place = column * view.gaussians + i;
-    let gradient = gradients[place];
+    var gradient = 0.0;
+    if (is_written) {
+        gradient = gradients[place];
+    }
     let first = update.decay1 * first_moments[place] + (1.0 - update.decay1) * gradient;
     let second = update.decay2 * second_moments[place] + (1.0 - update.decay2) * gradient * gradient;
     first_moments[place] = first;
@@ -23,7 +32,7 @@ fn direction(column: u32, i: u32) -> f32 {
 }
 
 fn has_gradient(i: u32) -> bool {
-    for (var column = 0u; column < GRADIENT_SH + 3u * view.coefficients; column++) {
+    for (var column = 0u; is_written && column < GRADIENT_SH + 3u * view.coefficients; column++) {
         if (gradients[column * view.gaussians + i] != 0.0) {
             return true;
         }
@@ -74,9 +83,17 @@ fn main(
     @builtin(workgroup_id) workgroup: vec3u,
     @builtin(local_invocation_index) thread: u32,
 ) {
-    let i = folded(workgroup) * THREADS + thread;
+    let cluster = folded(workgroup);
+    let i = cluster * THREADS + thread;
     if (i >= view.gaussians || status[HALTED] != 0u) {
         return;
+    }
+    is_written = cluster_places[cluster] != OUTSIDE || is_regularised();
+    if (update.seen_only != 0u && !is_written && update.noise_size == 0.0) {
+        return;
+    }
+    if (thread == 0u) {
+        cluster_bounds[cluster * BOUND_WORDS + BOUND_HOLDS] = 0.0;
     }
     if (update.seen_only == 0u || has_gradient(i)) {
         update_parameters(i);

@@ -1,7 +1,7 @@
 // Add to each Gaussian its part of a view's error: Σ over pixels of α T |rendered - photograph|, which the backward
 // pass has left in the place of the red gradient. Nothing happens while the run is halted. One thread per Gaussian, in
 // order of depth.
-import view, ranks, statistics, gradient_rows.gather, workgroups
+import view, ranks.slots, statistics, gradient_rows.gather, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> order: array<u32>;

@@ -1,7 +1,7 @@
 // Add one view of each Gaussian that it shows to the sums that strategies decide by: the norm of the gradient with
 // respect to its projected centre, in half the image's width and height; the number of views; and the largest radius.
 // Nothing happens while the run is halted. One thread per Gaussian, in order of depth.
-import view, ranks, statistics, splats.read, gradient_rows.gather, workgroups
+import view, ranks.slots, statistics, splats.read, gradient_rows.gather, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> splats: array<u32>;
@@ -10,6 +10,9 @@ import view, ranks, statistics, splats.read, gradient_rows.gather, workgroups
 @group(0) @binding(4) var<storage, read> gradient_rows: array<f32>;
 @group(0) @binding(5) var<storage, read> intersection_count: array<u32>;
 @group(0) @binding(6) var<storage, read_write> statistics: array<f32>;
+
+// Collect what an absolute run of `rasterize_backward` has left, and nothing else.
+override absolute: bool = false;
 
 // The radius in pixels: the larger variance is one over the lesser eigenvalue of Σ'⁻¹.
 fn radius_of(inverse: mat2x2f) -> f32 {
@@ -32,7 +35,12 @@ fn main(
     let i = order[rank];
     let inverse = inverse_covariance(read_splat(i));
     let size = vec2f(f32(view.width), f32(view.height));
-    let gradient = 0.5 * size * (inverse * gather(i, reached.x, reached.y).offset);
+    let offset = gather(i, reached.x, reached.y).offset;
+    if (absolute) {
+        statistics[ABSOLUTE_GRADIENT * view.gaussians + i] += length(0.5 * size * offset);
+        return;
+    }
+    let gradient = 0.5 * size * (inverse * offset);
     let radius = radius_of(inverse) / max(size.x, size.y);
     statistics[SCREEN_GRADIENT * view.gaussians + i] += length(gradient);
     statistics[SEEN * view.gaussians + i] += 1.0;

@@ -1,6 +1,6 @@
 // List every tile that each Gaussian reaches, in order of depth: the tile is the key to sort by, the place the value.
 // One thread per Gaussian.
-import view, ranks, splats.read, tiles, workgroups
+import view, ranks.slots, splats.read, tiles, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> order: array<u32>;

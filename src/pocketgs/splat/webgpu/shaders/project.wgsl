@@ -1,8 +1,8 @@
-// Project every Gaussian into the image: Σ' = J W Σ Wᵀ Jᵀ + 0.3 I (3DGS, equation 5). Writes its splat, the bits of its
-// depth, which sort as the depth does, and in how many tiles' lists it will stand; and for the sort that follows, how
-// many Gaussians there are. One thread per Gaussian.
+// Project every Gaussian of the clusters in view into the image: Σ' = J W Σ Wᵀ Jᵀ + 0.3 I (3DGS, equation 5). Writes its
+// splat, the bits of its depth, which sort as the depth does, and in how many tiles' lists it will stand. One thread per
+// Gaussian, one workgroup per cluster.
 import view, gaussians.read, gaussians.read_sh, projection, spherical_harmonics, splats.words, appearance.kind, tiles
-import finite, workgroups
+import clusters, finite, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> shape: array<f32>;
@@ -11,7 +11,7 @@ import finite, workgroups
 @group(0) @binding(4) var<storage, read_write> depth_keys: array<u32>;
 @group(0) @binding(5) var<storage, read_write> order: array<u32>;
 @group(0) @binding(6) var<storage, read_write> tile_counts: array<u32>;
-@group(0) @binding(7) var<storage, read_write> gaussian_count: array<u32>;
+@group(0) @binding(7) var<storage, read> cluster_places: array<u32>;
 
 // The key of what is not drawn: greater than any depth's.
 const CULLED: u32 = 0xffffffffu;
@@ -84,12 +84,6 @@ fn count_tiles(splat: Splat) -> u32 {
     return count;
 }
 
-// A cluster is the run of Gaussians that one workgroup projects. Where the runs are compact in space and their bounds
-// are known, clusters outside the view can be skipped here; in the order of training they are not.
-fn cluster_in_view(cluster: u32) -> bool {
-    return true;
-}
-
 @compute @workgroup_size(THREADS)
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,
@@ -97,18 +91,13 @@ fn main(
 ) {
     let cluster = folded(workgroup);
     let i = cluster * THREADS + thread;
-    if (i >= view.gaussians) {
+    if (i >= view.gaussians || cluster_places[cluster] == OUTSIDE) {
         return;
     }
-    if (i == 0u) {
-        gaussian_count[0] = view.gaussians;
-    }
-    order[i] = i;
-    depth_keys[i] = CULLED;
+    let key = cluster_places[cluster] * THREADS + thread;
+    order[key] = i;
+    depth_keys[key] = CULLED;
     tile_counts[i] = 0u;
-    if (!cluster_in_view(cluster)) {
-        return;
-    }
     let gaussian = read_gaussian(i);
     var projected = project_shape(gaussian);
     if (!projected.visible) {
@@ -123,7 +112,7 @@ fn main(
     for (var w = 0u; w < SPLAT_WORDS; w++) {
         splats[i * SPLAT_WORDS + w] = words[w];
     }
-    depth_keys[i] = bitcast<u32>(projected.splat.depth);
+    depth_keys[key] = bitcast<u32>(projected.splat.depth);
     // As the lists will see it: stored precision included.
     tile_counts[i] = count_tiles(unpack_splat(words));
 }

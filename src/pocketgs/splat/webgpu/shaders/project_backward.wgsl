@@ -1,6 +1,6 @@
-// Gradients from the image back to the Gaussians, through the sort permutation: ∇θ[π(i)] += g_i. `gradients` is all 0
-// before. One thread per Gaussian, in order of depth.
-import view, ranks, gaussians.read, gaussians.read_sh, projection, spherical_harmonics.gradient, splats.read
+// Gradients from the image back to the Gaussians, through the sort permutation: ∇θ[π(i)] = g_i, 0 where no tile is reached.
+// Those of clusters outside the view are not written. One thread per Gaussian, in order of depth.
+import view, ranks.slots, gaussians.read, gaussians.read_sh, projection, spherical_harmonics.gradient, splats.read
 import gradient_rows.gather, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
@@ -99,10 +99,16 @@ fn main(
 ) {
     let rank = folded(workgroup) * THREADS + thread;
     let reached = slots_at(rank);
-    if (reached.x == reached.y) {
+    if (rank >= intersection_count[RANKS]) {
         return;
     }
     let i = order[rank];
+    if (reached.x == reached.y) {
+        for (var column = 0u; column < GRADIENT_SH + 3u * view.coefficients; column++) {
+            write_gradient(column, i, 0.0);
+        }
+        return;
+    }
     let splat = read_splat(i);
     let sums = gather(i, reached.x, reached.y);
     let inverse = inverse_covariance(splat);

@@ -1,6 +1,6 @@
-// Composite each tile's splats front to back: C = Σ c_i α_i T_i + T background (3DGS, equation 3). One workgroup per
-// tile, one thread per pixel.
-import view, splats.read, tiles, compositing, replay.record, workgroups
+// Composite each tile's splats front to back (3DGS, equation 3). One workgroup per tile and group of three channels, one
+// thread per pixel.
+import view, splats.read, tiles, compositor.forward, channels.kind, replay.record, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> tile_starts: array<u32>;
@@ -24,8 +24,10 @@ fn main(
     @builtin(local_invocation_id) place: vec3u,
     @builtin(local_invocation_index) thread: u32,
 ) {
-    let tile = folded(workgroup);
-    if (tile >= view.tiles_across * view.tiles_down) {
+    let tiles = view.tiles_across * view.tiles_down;
+    let tile = folded(workgroup) % tiles;
+    let group = folded(workgroup) / tiles;
+    if (group >= view.channel_groups) {
         return;
     }
     let pixel = tile_origin(view, tile) + place.xy;
@@ -41,28 +43,28 @@ fn main(
         atomicStore(&clear_pixels, 0u);
     }
     workgroupBarrier();
-    var colour = vec3f();
-    var transmittance = select(0.0, 1.0, inside);
+    var gathered = vec4f(vec3f(), select(0.0, 1.0, inside));
     var contributions = 0u;
     var last = first;
     for (var start = first; start < end; start += TILE_PIXELS) {
         if (start + thread < end) {
-            batch[thread] = read_splat(slot_splats[sorted_slots[start + thread]]);
+            let gaussian = slot_splats[sorted_slots[start + thread]];
+            batch[thread] = read_splat(gaussian);
+            batch[thread].colour = shown(batch[thread], gaussian, group);
         }
         workgroupBarrier();
         for (var k = 0u; k < min(TILE_PIXELS, end - start); k++) {
             let splat = batch[k];
-            let alpha = alpha_at(exponent_at(splat, centre - splat.mean), transmittance);
+            let alpha = alpha_at(exponent_at(splat, centre - splat.mean), gathered.a);
             if (alpha > 0.0) {
-                colour += alpha * transmittance * select(splat.colour, vec3f(splat.depth), draw_depth);
-                transmittance -= alpha * transmittance;
+                gathered = with_splat(gathered, alpha, select(splat.colour, vec3f(splat.depth), draw_depth));
                 last = start + k + 1u;
-                remember(index, contributions, start + k, alpha, colour);
+                remember(index, contributions, start + k, alpha, gathered.rgb);
                 contributions++;
             }
         }
         // The tile is finished once no pixel takes any more.
-        if (transmittance >= TRANSMITTANCE_MIN) {
+        if (takes_more(gathered)) {
             atomicAdd(&clear_pixels, 1u);
         }
         workgroupBarrier();
@@ -75,11 +77,11 @@ fn main(
     }
     atomicMax(&drawn_end, last);
     workgroupBarrier();
-    if (thread == 0u) {
+    if (thread == 0u && group == 0u) {
         drawn_ranges[tile] = vec2u(first, max(first, atomicLoad(&drawn_end)));
     }
     if (inside) {
-        image[index] = vec4f(colour + transmittance * view.background.rgb, transmittance);
+        image[group * view.width * view.height + index] = composited(gathered);
         remember_count(index, contributions);
     }
 }

@@ -1,5 +1,5 @@
 // Add up the parts of the loss, and count the step as completed unless the run is halted. One workgroup.
-import view, update, update.status, patches, workgroups.sum
+import view, update, update.status, update.regularised, patches, workgroups.sum
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<uniform> update: Update;
@@ -15,7 +15,7 @@ fn main(@builtin(local_invocation_index) thread: u32) {
         let parts = loss_parts[part];
         sum += parts.x - select(0.0, update.structural_weight * parts.y, update.structural_weight > 0.0);
     }
-    if (update.scale_weight != 0.0 || update.opacity_weight != 0.0 || update.size_weight != 0.0) {
+    if (is_regularised()) {
         for (var part = thread; part * THREADS < view.gaussians; part += THREADS) {
             sum += regulariser_parts[part];
         }

@@ -154,6 +154,8 @@ export class Renderer {
         this.#near = nearPlane([0, 1, 2].map((axis) => scene.column(MEAN + axis)), scene.count);
         this.#executor.write("shape", scene.shape);
         this.#executor.write("sh", scene.sh);
+        // No bounds hold of a scene that has not been drawn.
+        this.#executor.write("cluster_bounds", new Uint8Array(this.#executor.buffer("cluster_bounds").size));
         this.#resume();
     }
 

@@ -41,6 +41,7 @@ export function viewValues(camera, background, near, symbols) {
         intersection_capacity: symbols.intersections,
         photograph: 0,
         replay_depth: symbols.replay_depth,
+        channel_groups: 1,
         near,
     };
 }

@@ -94,7 +94,7 @@ import replay.cache
 @group(0) @binding(8) var<storage, read> replay_cache: array<u32>;
 
 // Of each pixel of the tile: where its part of the cache begins, how many contributions it had, how many of those have
-// been replayed, and C · ∂L/∂C.
+// been replayed, and H before the first.
 var<workgroup> cache_places: array<u32, TILE_PIXELS>;
 var<workgroup> contributions: array<u32, TILE_PIXELS>;
 var<workgroup> replayed: array<u32, TILE_PIXELS>;
@@ -105,7 +105,7 @@ fn begin_replay(pixel: u32, image_index: u32) {
     cache_places[pixel] = place;
     contributions[pixel] = replay_cache[place];
     replayed[pixel] = 0u;
-    totals[pixel] = dot(image[image_index].rgb, d_image[image_index].rgb);
+    totals[pixel] = first_behind(image[image_index], d_image[image_index]);
 }
 
 fn replay(splat: Splat, intersection: u32, pixel: u32, offset: vec2f, transmittance: f32, d_colour: vec3f) -> Contribution {

@@ -49,3 +49,9 @@ section status
 const STEPS: u32 = 0u;
 const HALTED: u32 = 1u;
 const NEEDED: u32 = 2u;
+
+section regularised
+// Whether the loss has terms of the Gaussians themselves, so that all of them have gradients.
+fn is_regularised() -> bool {
+    return update.scale_weight != 0.0 || update.opacity_weight != 0.0 || update.size_weight != 0.0;
+}

@@ -25,6 +25,8 @@ struct View {
     photograph: u32,
     // Contributions of each pixel that the replay cache has room for.
     replay_depth: u32,
+    // Groups of three channels that are composited: 1 for the colour alone.
+    channel_groups: u32,
     // Least depth of the centre of a Gaussian that is drawn, in scene units.
     near: f32,
 }
