@@ -88,6 +88,7 @@ ROOMS = {
     "structure_from_motion": "capture errors files geometry scene system",
     "prior": "capture errors geometry scene system",
     "splat": "capture errors geometry gpu scene system",
+    "torch": "errors geometry scene splat system",
     "metrics": "errors splat",
     "training": "capture errors geometry metrics prior scene splat structure_from_motion system",
     "results": "capture errors files geometry metrics prior scene splat system training",

@@ -25,6 +25,7 @@ from pocketgs.splat.cpu.layout import (
     View,
     tiles_down,
 )
+from pocketgs.splat.cpu.lens import kernel_lens
 from pocketgs.splat.cpu.loss import pointwise
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
@@ -146,7 +147,7 @@ def test_tile_lists_hold_every_pixel_that_a_splat_colours(seed: int, width: int,
     engine = CpuEngine(2)
     engine.upload(gaussians)
     view = View.of(camera)
-    raster = engine._forward(view, np.zeros(3, np.float32))
+    raster = engine._forward(view, kernel_lens(camera), np.zeros(3, np.float32))
     listed = np.zeros((count, height, width), bool)
     for tile in range(view.tiles):
         intersections = raster.lists.intersections[raster.lists.ranges[tile] : raster.lists.ranges[tile + 1]]

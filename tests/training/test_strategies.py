@@ -163,7 +163,7 @@ def grown(scene: Gaussians, gradients: np.ndarray, most: int = 150, iteration: i
     engine = Rows(scene)
     count = len(scene)
     engine.restart_statistics(
-        Statistics(gradients.astype(np.float32) * 2, np.full(count, 2, np.float32), *[np.zeros(count, np.float32)] * 2)
+        Statistics(gradients.astype(np.float32) * 2, np.full(count, 2, np.float32), *[np.zeros(count, np.float32)] * 3)
     )
     strategy = AdaptiveDensityControl(replace(SITUATION, most=most))
     strategy.after_step(iteration, engine)  # type: ignore[arg-type]

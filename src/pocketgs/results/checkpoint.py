@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -116,7 +116,7 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
             near = float(data["near"]) if "near" in data else None
             colours = data.get("colours")
             state = OptimiserState(data["first_moments"], data["second_moments"], int(data["steps"]), near, colours)
-            statistics = Statistics(*(data[name] for name in STATISTICS)) if STATISTICS[0] in data else None
+            statistics = _statistics(data, len(gaussians)) if STATISTICS[0] in data else None
             iteration = int(data["iteration"])
             course = _course(json.loads(str(data["course"]))) if "course" in data else None
     except Exception as error:  # a damaged archive fails in many ways
@@ -144,6 +144,11 @@ def _course(written: dict[str, Any]) -> Course:
     )
     decays_from = written["decays_from"]
     return Course(tuple(looks), None if decays_from is None else int(decays_from))
+
+
+def _statistics(data: Mapping[str, np.ndarray], count: int) -> Statistics:
+    """What was summed up. What was not known of when the checkpoint was written is 0."""
+    return Statistics(*(data[name] if name in data else np.zeros(count, np.float32) for name in STATISTICS))
 
 
 def _newest_checkpoint(folder: Path) -> Path:

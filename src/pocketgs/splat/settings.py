@@ -118,6 +118,8 @@ class StepSettings:
         errors: whether to sum up the errors of this step's view too, which takes about a third of a step.
         noise: what positions are shaken by, or None.
         colours: how the photograph's colour transform is learned, or None to compare rendered colours as they are.
+        absolute: whether statistics are to hold absolute gradients too; it takes the WebGPU engine another run of its
+            backward pass.
     """
 
     rates: LearningRates
@@ -129,6 +131,7 @@ class StepSettings:
     errors: bool = False
     noise: PositionNoise | None = None
     colours: ColourSettings | None = None
+    absolute: bool = False
 
     def __post_init__(self) -> None:
         checked_background(self.background)

@@ -1,4 +1,4 @@
-"""How fast the colours of the training photographs are learned beside the scene."""
+"""Learning of colour transforms for the training photographs."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ Colours = Literal["on", "off"]
 COLOURS = get_args(Colours)
 
 RATE = 0.01
-"""Adam's first step sizes, in factors and display values: a photograph comes up only some ten times in a run."""
+"""Adam's initial step size, for factors and display values: each photograph is visited only some ten times in a run."""
 
 WEIGHT = 0.01
-"""Of the squared difference from the identity: what a photograph tells outweighs it, what it does not tell goes."""
+"""Weight of the squared difference from the identity, small enough not to outweigh the photographs."""
 
 
 def colour_settings(share: float) -> ColourSettings:
-    """Of an iteration whose rates are `share` of the initial ones."""
+    """Settings of an iteration whose rates are `share` of the initial ones."""
     return ColourSettings(RATE * share, WEIGHT)

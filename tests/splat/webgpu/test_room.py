@@ -15,6 +15,7 @@ from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.settings import LossSettings, StepSettings
 from pocketgs.splat.webgpu import engine as engine_module
+from pocketgs.splat.webgpu import steps_ahead
 from pocketgs.splat.webgpu.engine import WebGpuEngine
 from splat.training_step import BACKGROUND, RATES, assert_identical, begin, camera_in_front, photograph
 from splat.webgpu.variants import every_ordered_variant, shared_engine
@@ -75,8 +76,8 @@ def test_lists_that_outgrow_their_room_in_the_middle_of_a_run(
     gaussians = make_gaussians(count=300, sh_degree=1)
     engine = WebGpuEngine(options)
     # Left alone, the host looks only at the end: all steps after the first one that found too little are repeated.
-    monkeypatch.setattr(engine_module, "SECONDS_AHEAD", math.inf)
-    monkeypatch.setattr(engine, "_most_pending", engine_module.MOST_PENDING)
+    monkeypatch.setattr(steps_ahead, "SECONDS_AHEAD", math.inf)
+    monkeypatch.setattr(engine._ahead, "most", steps_ahead.MOST_PENDING)
     rooms = approach(begin(engine, gaussians, frames), look_every_step)
     losses = [engine.loss(steps) for steps in range(1, 17)]
     assert room(engine) > 2 * rooms[0]

@@ -12,7 +12,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.gpu import device as device_module
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.settings import LossSettings, StepSettings
-from pocketgs.splat.webgpu import engine as engine_module
+from pocketgs.splat.webgpu import steps_ahead
 from pocketgs.splat.webgpu.engine import WebGpuEngine
 from splat.training_step import RATES, begin, camera_in_front, photograph
 
@@ -36,7 +36,7 @@ def engine(make_gaussians: MakeGaussians) -> WebGpuEngine:
 
 
 def test_steps_read_nothing_back(engine: WebGpuEngine, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(engine_module, "SECONDS_AHEAD", float("inf"))
+    monkeypatch.setattr(steps_ahead, "SECONDS_AHEAD", float("inf"))
     engine.step(0, STEP)
     read: list[str] = []
     reading = engine.executor.read
@@ -46,21 +46,21 @@ def test_steps_read_nothing_back(engine: WebGpuEngine, monkeypatch: pytest.Monke
         return reading(name, *arguments)
 
     monkeypatch.setattr(engine.executor, "read", listen)
-    for _ in range(engine_module.MOST_PENDING - 1):
+    for _ in range(steps_ahead.MOST_PENDING - 1):
         engine.step(0, STEP)
     assert read == []
-    assert np.isfinite(engine.loss(engine_module.MOST_PENDING))
-    assert engine.optimiser_state().steps == engine_module.MOST_PENDING
+    assert np.isfinite(engine.loss(steps_ahead.MOST_PENDING))
+    assert engine.optimiser_state().steps == steps_ahead.MOST_PENDING
 
 
 def test_the_host_runs_ahead_by_so_many_steps_only(engine: WebGpuEngine, monkeypatch: pytest.MonkeyPatch) -> None:
-    for seconds, most in ((float("inf"), engine_module.MOST_PENDING), (0.0, 1)):
-        monkeypatch.setattr(engine_module, "SECONDS_AHEAD", seconds)
+    for seconds, most in ((float("inf"), steps_ahead.MOST_PENDING), (0.0, 1)):
+        monkeypatch.setattr(steps_ahead, "SECONDS_AHEAD", seconds)
         ahead = []
-        for _ in range(2 * engine_module.MOST_PENDING + 2):
+        for _ in range(2 * steps_ahead.MOST_PENDING + 2):
             engine.step(0, STEP)
-            ahead.append(len(engine._pending))
-        assert max(ahead[engine_module.MOST_PENDING :]) == most - 1
+            ahead.append(len(engine._ahead))
+        assert max(ahead[steps_ahead.MOST_PENDING :]) == most - 1
 
 
 def test_a_lost_device_ends_in_one_line(engine: WebGpuEngine) -> None:

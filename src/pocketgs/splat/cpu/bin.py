@@ -61,7 +61,7 @@ class TileLists(NamedTuple):
     slots: np.ndarray
 
 
-class _Ellipse(NamedTuple):
+class Ellipse(NamedTuple):
     """The ellipse A dx² + B dx dy + C dy² + reach = 0 with A, C < 0, ready to be cut by vertical strips.
 
     At a given dx its rows are dy = slope·dx ± √(offset - curvature·dx²).
@@ -77,13 +77,14 @@ class _Ellipse(NamedTuple):
 
 
 @inlined
-def _ellipse(splat: np.ndarray) -> _Ellipse:
+def ellipse_of(splat: np.ndarray) -> Ellipse:
+    """The ellipse of α = 1/255 of a projected splat."""
     a, b, c = float(splat[EXPONENT_XX]), float(splat[EXPONENT_XY]), float(splat[EXPONENT_YY])
     reach = max(0.0, splat[LOG2_OPACITY] - LOG2_ALPHA_MIN)
     determinant = 4.0 * a * c - b * b
     half_width = math.sqrt(-4.0 * c * reach / determinant)
     half_height = math.sqrt(-4.0 * a * reach / determinant)
-    return _Ellipse(
+    return Ellipse(
         float(splat[MEAN_X]),
         float(splat[MEAN_Y]),
         half_width,
@@ -95,7 +96,7 @@ def _ellipse(splat: np.ndarray) -> _Ellipse:
 
 
 @inlined
-def _columns(ellipse: _Ellipse, width: int) -> tuple[int, int]:
+def columns_reached(ellipse: Ellipse, width: int) -> tuple[int, int]:
     """First and one past the last column of tiles that the ellipse reaches."""
     first = int(max(np.ceil(ellipse.mean_x - ellipse.half_width - 0.5), 0.0))
     last = int(min(np.floor(ellipse.mean_x + ellipse.half_width - 0.5), width - 1.0))
@@ -105,7 +106,7 @@ def _columns(ellipse: _Ellipse, width: int) -> tuple[int, int]:
 
 
 @inlined
-def _rows(ellipse: _Ellipse, column: int, width: int, height: int) -> tuple[int, int]:
+def rows_reached(ellipse: Ellipse, column: int, width: int, height: int) -> tuple[int, int]:
     """First and one past the last row of pixels that the ellipse reaches within a column of tiles.
 
     The extremes lie at the ellipse's own top and bottom if the column holds them, else at the column's nearer edge.
@@ -143,10 +144,10 @@ def _list_range(
         if rank + AHEAD < end_rank:
             prefetch(splats, order[rank + AHEAD])
         before = found
-        ellipse = _ellipse(splats[order[rank]])
-        first_column, end_column = _columns(ellipse, width)
+        ellipse = ellipse_of(splats[order[rank]])
+        first_column, end_column = columns_reached(ellipse, width)
         for column in range(first_column, end_column):
-            first, end = _rows(ellipse, column, width, height)
+            first, end = rows_reached(ellipse, column, width, height)
             if first < end:
                 for tile_row in range(first // TILE_HEIGHT, (end - 1) // TILE_HEIGHT + 1):
                     tile, top = column * down + tile_row, tile_row * TILE_HEIGHT

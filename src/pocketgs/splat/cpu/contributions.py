@@ -27,6 +27,7 @@ from pocketgs.splat.cpu.tile import (
     pixels_inside,
     row_offsets,
 )
+from pocketgs.splat.limits import TRAINING
 from pocketgs.system.compile import inlined, kernel, parallel_kernel
 from pocketgs.system.dealing import first_piece, take
 
@@ -55,7 +56,7 @@ def _inspect(
     first, end = first_and_end_pixel(rows)
     for pixel in range(first, end, LANES):
         t = load(transmittance, pixel)
-        _, alpha = alpha_at(terms, row_offsets(splat, top, pixel), t)
+        _, alpha = alpha_at(terms, row_offsets(splat, top, pixel), t, TRAINING.most_opaque)
         weight = alpha * t
         rest = t - weight
         store(transmittance, pixel, rest)

@@ -30,8 +30,9 @@ from pocketgs.splat.cpu.noise import add_noise
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
 from pocketgs.splat.cpu.sort import sort_by_depth
-from pocketgs.splat.cpu.statistics import RADIUS, SCREEN_GRADIENT, SEEN, STATISTICS
+from pocketgs.splat.cpu.statistics import ABSOLUTE_GRADIENT, RADIUS, SCREEN_GRADIENT, SEEN, STATISTICS
 from pocketgs.splat.engine import KEPT_LOSSES, MemoryNeed, OptimiserState, Rendering
+from pocketgs.splat.limits import TRAINING
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.reference.colours import learn_transform
@@ -172,8 +173,9 @@ class CpuEngine:
         """What steps have summed up."""
         found = Statistics.none_yet(self.count)
         if len(self._statistics):
-            gradients, seen, radii = (self._statistics[:, column].copy() for column in (SCREEN_GRADIENT, SEEN, RADIUS))
-            found = Statistics(gradients, seen, radii, found.errors)
+            columns = (SCREEN_GRADIENT, SEEN, RADIUS, ABSOLUTE_GRADIENT)
+            gradients, seen, radii, absolute = (self._statistics[:, column].copy() for column in columns)
+            found = Statistics(gradients, seen, radii, found.errors, absolute)
         return replace(found, errors=self._errors.copy()) if len(self._errors) else found
 
     def restart_statistics(self, start: Statistics | None = None) -> None:
@@ -183,6 +185,7 @@ class CpuEngine:
             self._statistics[:, SCREEN_GRADIENT] = start.screen_gradients
             self._statistics[:, SEEN] = start.seen
             self._statistics[:, RADIUS] = start.radii
+            self._statistics[:, ABSOLUTE_GRADIENT] = start.absolute_gradients
         self._errors = np.zeros(0, np.float32) if start is None else start.errors.copy()
 
     def step(self, view: int, settings: StepSettings) -> None:
@@ -194,7 +197,7 @@ class CpuEngine:
         loss = self._compare(view, raster, settings)
         if settings.statistics and len(self._statistics) == 0:
             self._statistics = np.zeros((self.count, STATISTICS), np.float32)
-        self._backward(training_view, raster, settings.statistics)
+        self._backward(training_view, raster, settings)
         if settings.errors:
             self._add_errors(view, raster, settings)
         self._losses.append(loss + self._update(settings, raster.clusters))
@@ -283,6 +286,7 @@ class CpuEngine:
             lists.intersections,
             lists.ranges,
             background,
+            TRAINING,
             self.threads,
             canvas.image,
             canvas.transmittance,
@@ -312,10 +316,10 @@ class CpuEngine:
         photometric(image, view.photo, view.mask, settings, self.threads, canvas.d_image, canvas.row_losses)
         return float(canvas.row_losses.sum(dtype=np.float64))
 
-    def _backward(self, view: _TrainingView, raster: Raster, with_statistics: bool) -> None:
+    def _backward(self, view: _TrainingView, raster: Raster, settings: StepSettings) -> None:
         """Rasterize backward → project backward: fills in the gradients."""
         scene, lists = self._scene, raster.lists
-        self._replay(raster)
+        self._replay(raster, settings.statistics and settings.absolute)
         gradients = self._store.gradients
         self.timer.begins("project backward")
         clear(gradients, self._written, self.threads)
@@ -333,7 +337,7 @@ class CpuEngine:
             lists.slots,
             LANES,
             self._intersection_sums,
-            self._statistics if with_statistics else self._statistics[:0],
+            self._statistics if settings.statistics else self._statistics[:0],
             gradients,
             _NO_CENTRES,
             _NO_CHANNELS,
@@ -351,7 +355,7 @@ class CpuEngine:
             np.float32
         )
 
-    def _replay(self, raster: Raster) -> None:
+    def _replay(self, raster: Raster, absolute: bool = False) -> None:
         """Rasterize backward, from the gradient that stands on the canvas."""
         lists = raster.lists
         size = len(lists.intersections) * LANES
@@ -363,12 +367,13 @@ class CpuEngine:
             lists.intersections,
             lists.ranges,
             raster.canvas.drawn_ends,
+            TRAINING,
             self.threads,
             raster.canvas.image,
             raster.canvas.d_image,
             raster.canvas.transmittance,
             _NO_PLANE,
-            False,
+            absolute,
             self._intersection_sums,
         )
 

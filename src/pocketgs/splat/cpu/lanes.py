@@ -24,8 +24,9 @@ _BITS = ir.VectorType(ir.IntType(1), LANES)
 # Lets LLVM fuse a·b + c into one instruction, and nothing else: sums keep the order they are written in.
 _FLAGS = ("contract",)
 
-# Type hint of a vector: mypy cannot know Numba's types.
+# Type hints of a vector and of what comparing two gives: mypy cannot know Numba's types.
 Floats = Any
+Mask = Any
 
 
 class _FloatsType(types.Type):

@@ -29,7 +29,7 @@ def centre_of(view: View, lens: Pinhole, local: Vector) -> tuple[float, float]:
 
 
 @inlined
-def _clamped_slopes(view: View, local: Vector) -> tuple[float, float]:
+def clamped_slopes(view: View, local: Vector) -> tuple[float, float]:
     """x/z and y/z held within the image and a margin around it, beyond which the linearised projection explodes."""
     margin_x, margin_y = FRUSTUM_MARGIN * view.width, FRUSTUM_MARGIN * view.height
     slope_x = min(
@@ -43,7 +43,7 @@ def _clamped_slopes(view: View, local: Vector) -> tuple[float, float]:
 
 def jacobian_at(view: View, lens: Pinhole, local: Vector) -> Jacobian:
     """The projection's derivative at a camera-space position."""
-    slope_x, slope_y = _clamped_slopes(view, local)
+    slope_x, slope_y = clamped_slopes(view, local)
     return (view.fx / local[2], -view.fx * slope_x / local[2], view.fy / local[2], -view.fy * slope_y / local[2])
 
 
@@ -52,7 +52,7 @@ def position_backward(
 ) -> Vector:
     """Gradient with respect to the camera-space position, from the projected centre and from the Jacobian."""
     x, y, z = local
-    slope_x, slope_y = _clamped_slopes(view, local)
+    slope_x, slope_y = clamped_slopes(view, local)
     d_x = d_mean[0] * view.fx / z
     d_y = d_mean[1] * view.fy / z
     d_z = (d_x * x + d_y * y) / z

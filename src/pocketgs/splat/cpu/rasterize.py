@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from pocketgs.splat.cpu.lanes import LANES, load, prefetch, store
+from pocketgs.splat.cpu.lanes import LANES, broadcast, load, prefetch, select, store
 from pocketgs.splat.cpu.layout import (
     FIRST_CHANNEL,
     INTERSECTION_ROWS,
@@ -15,14 +15,18 @@ from pocketgs.splat.cpu.layout import (
     TILE_WIDTH,
 )
 from pocketgs.splat.cpu.tile import (
+    ZERO,
     alpha_at,
     column_offsets,
     exponent_terms,
+    fills,
     first_and_end_pixel,
+    forget_full_pixels,
     is_saturated,
     origin,
     row_offsets,
 )
+from pocketgs.splat.limits import Limits
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import first_piece, take
 
@@ -35,16 +39,28 @@ INTERSECTIONS_PER_CHECK = 16
 
 @inlined
 def _draw(
-    splat: np.ndarray, rows: int, left: int, top: int, channels: int, transmittance: np.ndarray, colours: np.ndarray
+    splat: np.ndarray,
+    rows: int,
+    left: int,
+    top: int,
+    channels: int,
+    most_opaque: float,
+    stops_before: bool,
+    transmittance: np.ndarray,
+    colours: np.ndarray,
 ) -> None:
     dx = column_offsets(splat, left)
     terms = exponent_terms(splat, dx)
     first, end = first_and_end_pixel(rows)
     for pixel in range(first, end, LANES):
         t = load(transmittance, pixel)
-        _, alpha = alpha_at(terms, row_offsets(splat, top, pixel), t)
+        _, alpha = alpha_at(terms, row_offsets(splat, top, pixel), t, most_opaque)
         weight = alpha * t
-        store(transmittance, pixel, t - weight)
+        rest = t - weight
+        if stops_before:
+            full, rest = fills(t, rest)
+            weight = select(full, broadcast(ZERO), weight)
+        store(transmittance, pixel, rest)
         for channel in range(channels):
             place = channel * TILE_PIXELS + pixel
             store(colours, place, load(colours, place) + weight * splat[FIRST_CHANNEL + channel])
@@ -64,6 +80,7 @@ def rasterize(
     intersections: np.ndarray,
     ranges: np.ndarray,
     background: np.ndarray,
+    limits: Limits,
     threads: int,
     image: np.ndarray,
     transmittance_image: np.ndarray,
@@ -76,6 +93,7 @@ def rasterize(
         intersections: (E, INTERSECTION_FIELDS) int32, the tiles' lists; see `TileLists`.
         ranges: (tiles + 1,) int32, where each tile's intersections begin.
         background: (C,) float32.
+        limits: where compositing stops.
         threads: number of threads that draw.
         image: (C, H, W) float32, written.
         transmittance_image: (H, W) float32, written.
@@ -94,12 +112,18 @@ def rasterize(
                 intersection = intersections[index]
                 if index + AHEAD < ranges[tile + 1]:
                     prefetch(splats, intersections[index + AHEAD, INTERSECTION_SPLAT])
-                splat = splats[intersection[INTERSECTION_SPLAT]]
-                _draw(splat, intersection[INTERSECTION_ROWS], left, top, channels, transmittance, colours)
+                splat, rows = splats[intersection[INTERSECTION_SPLAT]], intersection[INTERSECTION_ROWS]
+                # With a constant the compiler leaves out the rest.
+                if limits.stops_before:
+                    _draw(splat, rows, left, top, channels, limits.most_opaque, True, transmittance, colours)
+                else:
+                    _draw(splat, rows, left, top, channels, limits.most_opaque, False, transmittance, colours)
                 if index % INTERSECTIONS_PER_CHECK == 0 and is_saturated(transmittance):
                     end = index + 1
                     break
             drawn_ends[tile] = end
+            if limits.stops_before:
+                forget_full_pixels(transmittance)
             write_tile(transmittance, left, top, transmittance_image)
             for channel in range(channels):
                 plane = colours[channel * TILE_PIXELS : (channel + 1) * TILE_PIXELS]

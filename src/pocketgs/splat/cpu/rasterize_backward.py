@@ -31,16 +31,17 @@ from pocketgs.splat.cpu.layout import (
 )
 from pocketgs.splat.cpu.rasterize import AHEAD
 from pocketgs.splat.cpu.tile import (
-    MOST_OPAQUE,
     ONE,
     ZERO,
     alpha_at,
     column_offsets,
     exponent_terms,
+    fills,
     first_and_end_pixel,
     origin,
     row_offsets,
 )
+from pocketgs.splat.limits import Limits
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import first_piece, take
 
@@ -66,6 +67,8 @@ def _replay(
     top: int,
     channels: int,
     absolute: bool,
+    most_opaque: float,
+    stops_before: bool,
     transmittance: np.ndarray,
     behind: np.ndarray,
     d_colours: np.ndarray,
@@ -85,9 +88,13 @@ def _replay(
     for pixel in range(first, end, LANES):
         t = load(transmittance, pixel)
         dy = row_offsets(splat, top, pixel)
-        unclamped, alpha = alpha_at(terms, dy, t)
+        unclamped, alpha = alpha_at(terms, dy, t, most_opaque)
         weight = alpha * t
-        store(transmittance, pixel, t - weight)
+        left_over = t - weight
+        if stops_before:
+            full, left_over = fills(t, left_over)
+            alpha, weight = select(full, broadcast(ZERO), alpha), select(full, broadcast(ZERO), weight)
+        store(transmittance, pixel, left_over)
         r, g = load(d_colours, pixel), load(d_colours, TILE_PIXELS + pixel)
         b = load(d_colours, 2 * TILE_PIXELS + pixel)
         product = r * splat[RED] + g * splat[GREEN] + b * splat[BLUE]
@@ -100,7 +107,7 @@ def _replay(
         store(behind, pixel, rest)
         # ∂L/∂(ln α) = α ∂L/∂α = α (T D - H / (1 - α)); α is flat where it is clamped.
         v = gain - rest * (alpha / (ONE - alpha))
-        v = select(unclamped < broadcast(MOST_OPAQUE), v, broadcast(ZERO))
+        v = select(unclamped < broadcast(most_opaque), v, broadcast(ZERO))
         vy = v * dy
         v_sum, vy_sum, vyy_sum = v_sum + v, vy_sum + vy, vyy_sum + vy * dy
         red_sum, green_sum, blue_sum = red_sum + weight * r, green_sum + weight * g, blue_sum + weight * b
@@ -150,6 +157,7 @@ def rasterize_backward(
     intersections: np.ndarray,
     ranges: np.ndarray,
     drawn_ends: np.ndarray,
+    limits: Limits,
     threads: int,
     image: np.ndarray,
     d_image: np.ndarray,
@@ -165,6 +173,7 @@ def rasterize_backward(
         intersections: (E, INTERSECTION_FIELDS) int32, the tiles' lists; see `TileLists`.
         ranges: (tiles + 1,) int32, where each tile's intersections begin.
         drawn_ends: (tiles,) int32 that `rasterize` wrote.
+        limits: as `rasterize` was given.
         threads: number of threads that replay.
         image: (C, H, W) float32 that `rasterize` wrote.
         d_image: (C, H, W) float32 gradient with respect to `image`.
@@ -196,14 +205,24 @@ def rasterize_backward(
                 if index + AHEAD < drawn_ends[tile]:
                     prefetch(splats, intersections[index + AHEAD, INTERSECTION_SPLAT])
                 splat, rows = splats[intersection[INTERSECTION_SPLAT]], intersection[INTERSECTION_ROWS]
-                if channels == COLOURS and not absolute:
-                    # With these as constants the compiler leaves out the rest.
-                    total = _replay(splat, rows, left, top, COLOURS, False, transmittance, behind, d_colours, more_sums)
+                first, most_opaque = intersection[INTERSECTION_SLOT] * row, limits.most_opaque
+                # With constants the compiler leaves out the rest.
+                if channels == COLOURS and not absolute and not limits.stops_before:
+                    total = _replay(
+                        splat, rows, left, top, COLOURS, False, most_opaque, False,
+                        transmittance, behind, d_colours, more_sums,
+                    )  # fmt: skip
+                elif channels == COLOURS and not absolute:
+                    total = _replay(
+                        splat, rows, left, top, COLOURS, False, most_opaque, True,
+                        transmittance, behind, d_colours, more_sums,
+                    )  # fmt: skip
                 else:
                     total = _replay(
-                        splat, rows, left, top, channels, absolute, transmittance, behind, d_colours, more_sums
-                    )
-                _write_sums(intersection_sums, intersection[INTERSECTION_SLOT] * row, total, channels, more_sums)
+                        splat, rows, left, top, channels, absolute, most_opaque, limits.stops_before,
+                        transmittance, behind, d_colours, more_sums,
+                    )  # fmt: skip
+                _write_sums(intersection_sums, first, total, channels, more_sums)
             for index in range(drawn_ends[tile], ranges[tile + 1]):
                 slot = intersections[index, INTERSECTION_SLOT]
                 intersection_sums[slot * row : (slot + 1) * row] = 0.0

@@ -13,7 +13,7 @@ from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.cpu.bin import Binner, TileLists
 from pocketgs.splat.cpu.clusters import Clusters
 from pocketgs.splat.cpu.compositor import OVER, Compositor
-from pocketgs.splat.cpu.contributions import LARGEST, PIXELS, SUMMED, gather_contributions, inspect
+from pocketgs.splat.cpu.contributions import LARGEST, PIXELS, SUMMED, gather_contributions
 from pocketgs.splat.cpu.layout import (
     COLOURS,
     EXPONENT_XX,
@@ -34,6 +34,7 @@ from pocketgs.splat.cpu.rasterize_backward import sums_per_intersection
 from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.splat.cpu.statistics import STATISTICS
 from pocketgs.splat.ellipse import half_sizes
+from pocketgs.splat.limits import TRAINING
 from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
 from pocketgs.system.cores import kernel_threads
 
@@ -118,7 +119,15 @@ class CpuBackend:
         transmittance, drawn_ends = np.empty(shape, np.float32), np.empty(view.tiles, np.int32)
         background = np.zeros(len(image), np.float32)
         self._compositor.forward(
-            splats, lists.intersections, lists.ranges, background, self.threads, image, transmittance, drawn_ends
+            splats,
+            lists.intersections,
+            lists.ranges,
+            background,
+            TRAINING,
+            self.threads,
+            image,
+            transmittance,
+            drawn_ends,
         )
         drawn = splats[visible]
         radii = half_sizes(drawn[:, LOG2_OPACITY], drawn[:, EXPONENT_XX : EXPONENT_YY + 1])
@@ -141,6 +150,7 @@ class CpuBackend:
             lists.intersections,
             lists.ranges,
             tape.drawn_ends,
+            TRAINING,
             self.threads,
             tape.image,
             d_channel_images,
@@ -197,7 +207,7 @@ class CpuBackend:
         numba.set_num_threads(self.threads)
         by_intersection = np.zeros((len(tape.lists.intersections), 3), np.float32)
         median = np.empty_like(tape.transmittance)
-        inspect(
+        self._compositor.inspect(
             tape.splats,
             tape.lists.intersections,
             tape.lists.ranges,

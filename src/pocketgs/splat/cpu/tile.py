@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.splat.constants import ALPHA_MAX, TRANSMITTANCE_MIN
+from pocketgs.splat.constants import TRANSMITTANCE_MIN
 from pocketgs.splat.cpu.exp2 import exp2_of_negative
-from pocketgs.splat.cpu.lanes import LANES, Floats, any_lane, broadcast, constant, load, select
+from pocketgs.splat.cpu.lanes import LANES, Floats, Mask, any_lane, broadcast, constant, load, magnitude, select
 from pocketgs.splat.cpu.layout import (
     EXPONENT_XX,
     EXPONENT_XY,
@@ -25,7 +25,6 @@ from pocketgs.system.compile import inlined, part
 ROWS_PER_VECTOR = LANES // TILE_WIDTH
 ZERO = np.float32(0.0)
 ONE = np.float32(1.0)
-MOST_OPAQUE = np.float32(ALPHA_MAX)
 _SATURATED = np.float32(TRANSMITTANCE_MIN)
 
 ExponentTerms = tuple[Floats, Floats, float]
@@ -67,13 +66,30 @@ def exponent_terms(splat: np.ndarray, dx: Floats) -> ExponentTerms:
 
 
 @inlined
-def alpha_at(terms: ExponentTerms, dy: Floats, transmittance: Floats) -> tuple[Floats, Floats]:
+def alpha_at(terms: ExponentTerms, dy: Floats, transmittance: Floats, most_opaque: float) -> tuple[Floats, Floats]:
     """α before and after it is clamped; 0 after where it is under 1/255 or the pixel is saturated."""
     constant_term, linear, quadratic = terms
     exponent = constant_term + dy * (linear + quadratic * dy)
     unclamped = exp2_of_negative(exponent)
     drawn = (exponent >= broadcast(LOG2_ALPHA_MIN)) & (transmittance >= broadcast(_SATURATED))
-    return unclamped, select(drawn, min(unclamped, MOST_OPAQUE), broadcast(ZERO))
+    return unclamped, select(drawn, min(unclamped, most_opaque), broadcast(ZERO))
+
+
+@inlined
+def fills(transmittance: Floats, rest: Floats) -> tuple[Mask, Floats]:
+    """Which pixels a splat that leaves `rest` of the light would fill, and what is left where those leave it out.
+
+    The sign keeps in mind that a pixel takes no more: `alpha_at` draws nothing where the transmittance is negative.
+    """
+    full = broadcast(_SATURATED) >= rest
+    return full, select(full, magnitude(transmittance) * -ONE, rest)
+
+
+@part
+def forget_full_pixels(transmittance: np.ndarray) -> None:
+    """Take the signs off that `fills` has set."""
+    for pixel in range(TILE_PIXELS):
+        transmittance[pixel] = abs(transmittance[pixel])
 
 
 @part

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from pocketgs.splat.reference.project import ProjectionGradient
-from pocketgs.splat.reference.rasterize import Raster, rasterize, rasterize_backward
+from pocketgs.splat.reference.rasterize import Contributions, Raster, contributions, rasterize, rasterize_backward
 
 
 @dataclass(frozen=True)
@@ -17,12 +19,14 @@ class Compositor:
         name: of the rule.
         forward: with the arguments of `rasterize`.
         replay: with the arguments of `rasterize_backward`.
+        inspect: with the arguments of `contributions`.
     """
 
     name: str
     forward: Callable[..., Raster]
     replay: Callable[..., ProjectionGradient]
+    inspect: Callable[..., tuple[Contributions, np.ndarray]]
 
 
-OVER = Compositor("over", rasterize, rasterize_backward)
+OVER = Compositor("over", rasterize, rasterize_backward, contributions)
 """Front to back in order of depth: C = Σ c_i α_i T_i + T · background."""

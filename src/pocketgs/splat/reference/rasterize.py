@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pocketgs.geometry.camera import Camera
-from pocketgs.splat.constants import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN
+from pocketgs.splat.constants import ALPHA_MIN, TRANSMITTANCE_MIN
+from pocketgs.splat.limits import TRAINING, Limits
 from pocketgs.splat.reference.project import Projection, ProjectionGradient
 
 
@@ -37,8 +38,8 @@ class _Contribution:
     alpha: np.ndarray
 
 
-def _front_to_back(projection: Projection, camera: Camera) -> Iterator[_Contribution]:
-    """Every visible splat in order of depth, with α_i = min(0.99, o_i exp(-½ dᵀ Σ'⁻¹ d)), 0 where under 1/255."""
+def _front_to_back(projection: Projection, camera: Camera, most_opaque: float) -> Iterator[_Contribution]:
+    """Every visible splat in order of depth, with α_i = min(most, o_i exp(-½ dᵀ Σ'⁻¹ d)), 0 where under 1/255."""
     columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     pixels = np.stack([columns, rows], axis=-1)
     order = np.argsort(projection.depths, kind="stable")
@@ -46,26 +47,41 @@ def _front_to_back(projection: Projection, camera: Camera) -> Iterator[_Contribu
         offsets = pixels - projection.means[index]
         exponent = -0.5 * np.einsum("hwi,ij,hwj->hw", offsets, projection.conics[index], offsets)
         falloff = np.exp(exponent)
-        alpha = np.minimum(ALPHA_MAX, projection.opacities[index] * falloff)
+        alpha = np.minimum(most_opaque, projection.opacities[index] * falloff)
         yield _Contribution(index, offsets, falloff, np.where(alpha >= ALPHA_MIN, alpha, 0.0))
 
 
-def rasterize(projection: Projection, camera: Camera, background: np.ndarray) -> Raster:
+def _drawn(alpha: np.ndarray, transmittance: np.ndarray, limits: Limits) -> tuple[np.ndarray, np.ndarray]:
+    """α where a splat is drawn, else 0, and the transmittance behind it.
+
+    A negative transmittance marks a pixel that takes no more, though it would not be full without what it leaves out.
+    """
+    alpha = np.where(transmittance >= TRANSMITTANCE_MIN, alpha, 0.0)
+    rest = transmittance - alpha * transmittance
+    if not limits.stops_before:
+        return alpha, rest
+    full = rest <= TRANSMITTANCE_MIN
+    return np.where(full, 0.0, alpha), np.where(full, -np.abs(transmittance), rest)
+
+
+def rasterize(projection: Projection, camera: Camera, background: np.ndarray, limits: Limits = TRAINING) -> Raster:
     """C = Σ c_i α_i T_i + T·background with T_i = Π_{j<i} (1 - α_j) (3DGS, equation 3).
 
     Args:
         projection: from `project`.
         camera: gives the image's size.
         background: (C,) of each channel.
+        limits: where compositing stops.
     """
     shape = (camera.height, camera.width)
     image, depth, transmittance = np.zeros((*shape, len(background))), np.zeros(shape), np.ones(shape)
-    for contribution in _front_to_back(projection, camera):
-        alpha = np.where(transmittance >= TRANSMITTANCE_MIN, contribution.alpha, 0.0)
+    for contribution in _front_to_back(projection, camera, limits.most_opaque):
+        alpha, rest = _drawn(contribution.alpha, transmittance, limits)
         weight = alpha * transmittance
         image += weight[..., None] * projection.colours[contribution.index]
         depth += weight * projection.depths[contribution.index]
-        transmittance = transmittance - weight
+        transmittance = rest
+    transmittance = np.abs(transmittance)
     return Raster(image + transmittance[..., None] * background, transmittance, depth)
 
 
@@ -75,6 +91,7 @@ def rasterize_backward(
     raster: Raster,
     d_image: np.ndarray,
     d_transmittance: np.ndarray | float = 0.0,
+    limits: Limits = TRAINING,
 ) -> ProjectionGradient:
     """Gradient of the loss with respect to the projected Gaussians.
 
@@ -88,24 +105,25 @@ def rasterize_backward(
         raster: the forward pass's result.
         d_image: (H, W, C) gradient with respect to `raster.image`.
         d_transmittance: (H, W) gradient with respect to `raster.transmittance`, besides that through the background.
+        limits: as in the forward pass.
     """
     count = len(projection.means)
     shapes = ((count, 2), (count, 2, 2), (count,), (count, d_image.shape[2]), (count, 2))
     gradient = ProjectionGradient(*(np.zeros(shape) for shape in shapes))
     transmittance = np.ones(d_image.shape[:2])
     behind = raster.image.copy()
-    for contribution in _front_to_back(projection, camera):
+    for contribution in _front_to_back(projection, camera, limits.most_opaque):
         index = contribution.index
         colour, conic = projection.colours[index], projection.conics[index]
-        alpha = np.where(transmittance >= TRANSMITTANCE_MIN, contribution.alpha, 0.0)
+        alpha, rest = _drawn(contribution.alpha, transmittance, limits)
         weight = alpha * transmittance
         behind -= weight[..., None] * colour
         d_alpha = np.sum(d_image * (transmittance[..., None] * colour - behind / (1.0 - alpha)[..., None]), axis=-1)
         # T = Π (1 - α_j): every splat but this one stays as it is.
         d_alpha -= d_transmittance * raster.transmittance / (1.0 - alpha)
-        transmittance = transmittance - weight
+        transmittance = rest
         # α is flat where it is clamped or skipped.
-        d_alpha = np.where((alpha > 0.0) & (alpha < ALPHA_MAX), d_alpha, 0.0)
+        d_alpha = np.where((alpha > 0.0) & (alpha < limits.most_opaque), d_alpha, 0.0)
         d_exponent = d_alpha * alpha
         gradient.colours[index] = np.einsum("hw,hwc->c", weight, d_image)
         gradient.opacities[index] = np.sum(d_alpha * contribution.falloff)
@@ -135,7 +153,7 @@ def contributions(projection: Projection, camera: Camera) -> tuple[Contributions
     count, shape = len(projection.means), (camera.height, camera.width)
     found = Contributions(np.zeros(count, int), np.zeros(count), np.zeros(count))
     transmittance, median = np.ones(shape), np.zeros(shape)
-    for contribution in _front_to_back(projection, camera):
+    for contribution in _front_to_back(projection, camera, TRAINING.most_opaque):
         index = contribution.index
         alpha = np.where(transmittance >= TRANSMITTANCE_MIN, contribution.alpha, 0.0)
         weight = alpha * transmittance

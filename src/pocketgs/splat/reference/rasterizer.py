@@ -12,7 +12,7 @@ from pocketgs.scene.gaussians import PARAMETERS
 from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
 from pocketgs.splat.reference.compositor import OVER, Compositor
 from pocketgs.splat.reference.project import Projection, project, project_backward
-from pocketgs.splat.reference.rasterize import Raster, contributions
+from pocketgs.splat.reference.rasterize import Raster
 from pocketgs.splat.reference.scene import Scene
 
 
@@ -79,9 +79,9 @@ class ReferenceBackend:
 
     def contributions(self, composite: Composite) -> Contributions:
         """What every Gaussian adds to the image."""
-        found, _ = contributions(composite.tape.projection, composite.tape.camera)
+        found, _ = self._compositor.inspect(composite.tape.projection, composite.tape.camera)
         return Contributions(found.pixels, found.largest, found.summed)
 
     def median_depth(self, composite: Composite) -> np.ndarray:
         """Depth of the Gaussian that brings the transmittance below one half."""
-        return contributions(composite.tape.projection, composite.tape.camera)[1]
+        return self._compositor.inspect(composite.tape.projection, composite.tape.camera)[1]

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,49 +15,43 @@ from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
 from pocketgs.scene.background import checked_background
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.checks import check_state, check_view, checked_scene
-from pocketgs.splat.colours import COLUMNS, UPDATES, check_transforms
-from pocketgs.splat.engine import KEPT_LOSSES, EngineOptions, MemoryNeed, OptimiserState, Rendering
+from pocketgs.splat.checks import check_pinhole, check_state, check_view, checked_scene
+from pocketgs.splat.colours import check_transforms
+from pocketgs.splat.engine import EngineOptions, MemoryNeed, OptimiserState, Rendering
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import RowChange, Statistics, check_change
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.frame_values import is_regularised, structural_share, update_values, view_values
-from pocketgs.splat.webgpu.layout import SHAPE_COLUMNS
-from pocketgs.splat.webgpu.memory import Extent, Limits, MemoryPlan, plan_memory, plan_rows
-from pocketgs.splat.webgpu.passes import STATISTICS, Variant, describe
+from pocketgs.splat.webgpu.memory import (
+    GROWTH,
+    INTERSECTIONS_PER_GAUSSIAN,
+    LEAST_INTERSECTIONS,
+    Extent,
+    Limits,
+    MemoryPlan,
+    expected_extent,
+    plan_memory,
+    plan_rows,
+)
+from pocketgs.splat.webgpu.passes import Variant, describe
 from pocketgs.splat.webgpu.photographs import PIXEL_BYTES, packed
 from pocketgs.splat.webgpu.row_changes import gather_rows, set_values
-from pocketgs.splat.webgpu.scene_columns import from_columns, to_columns, transposed
-
-INTERSECTIONS_PER_GAUSSIAN = 8
-LEAST_INTERSECTIONS = 1 << 16
-"""Room for intersections of tiles' lists to begin with; it grows where that is too little."""
-
-EXPECTED_PER_GAUSSIAN, EXPECTED_PER_PIXEL = 4.0, 1.5
-"""Intersections that a run's tiles' lists may come to hold: large Gaussians tile the image."""
-
-GROWTH = 1.25
+from pocketgs.splat.webgpu.steps_ahead import Step, StepsAhead
+from pocketgs.splat.webgpu.tables import (
+    read_optimiser_state,
+    read_scene,
+    read_statistics,
+    write_optimiser_state,
+    write_scene,
+    write_statistics,
+)
 
 DRIVER_BYTES = 150_000_000
 """Of this process's memory that a GPU's driver takes, with its compiled shaders."""
 
 INTERSECTION_BYTES = {"ordered": 36, "atomic": 4}
 """What the largest of the buffers with something for every intersection holds of each."""
-
-MOST_PENDING = 64
-MOST_STREAMED = 4
-SECONDS_AHEAD = 0.2
-"""The GPU has at most so many steps, or so much work, before it: then the host looks whether they were completed. Of
-steps whose photographs are streamed there are fewer, since each holds a copy of its own."""
-
-
-@dataclass(frozen=True)
-class _Step:
-    """A step that the GPU may still have before it."""
-
-    view: int
-    settings: StepSettings
 
 
 class WebGpuEngine:
@@ -91,11 +84,7 @@ class WebGpuEngine:
         self._shares_memory = adapter.kind != "DiscreteGPU"
         self._limits = Limits(options.max_memory * 1_000_000, largest)
         self._frames: list[Frame] = []
-        self._pending: list[_Step] = []
-        self._completed = self._completed_before = 0
-        # Until it is known how long a step takes, the host looks after each.
-        self._most_pending = 1
-        self._first_pending = 0.0
+        self._ahead = StepsAhead(self.executor)
         self._most_intersections = largest // INTERSECTION_BYTES[options.accumulation]
         self._fit(Extent(), [])
 
@@ -107,8 +96,10 @@ class WebGpuEngine:
         """Take the photographs that `step` refers to by index.
 
         Raises:
-            PocketGSError: the GPU's memory does not hold what training on them takes.
+            PocketGSError: the GPU's memory does not hold what training on them takes, or one was taken through a lens.
         """
+        for frame in frames:
+            check_pinhole(frame.camera)
         self._settle()
         sizes = tuple((frame.camera.width, frame.camera.height) for frame in frames)
         self._fit(replace(self._extent, photographs=sizes, drawn_sizes=frozenset(), trains=True), frames)
@@ -129,20 +120,11 @@ class WebGpuEngine:
         trains = self._extent.trains or state is not None
         extent = replace(self._extent, gaussians=count, capacity=count, coefficients=coefficients, trains=trains)
         self._fit_intersections(extent, INTERSECTIONS_PER_GAUSSIAN * count, LEAST_INTERSECTIONS)
-        self._pending.clear()
-        self._completed = self._completed_before = state.steps if state else 0
-        self._write_status()
+        self._ahead.restart(state.steps if state else 0)
         self._near = near_plane(gaussians.means) if state is None or state.near is None else state.near
-        for name, values in zip(("shape", "sh"), to_columns(gaussians), strict=True):
-            self.executor.write(name, values)
-        self.executor.clear("cluster_bounds")
+        write_scene(self.executor, gaussians)
         if trains:
-            zeros = np.zeros((count, self._columns), np.float32)
-            self.executor.write("first_moments", transposed(state.first_moments if state else zeros))
-            self.executor.write("second_moments", transposed(state.second_moments if state else zeros))
-            self.executor.clear("colours")
-            if state is not None and state.colours is not None:
-                self.executor.write("colours", state.colours)
+            write_optimiser_state(self.executor, state)
             self.restart_statistics()
 
     @property
@@ -174,35 +156,26 @@ class WebGpuEngine:
         self._settle()
         if not self._extent.trains:
             return Statistics.none_yet(self.count)
-        return Statistics(*self._read_columns("statistics", STATISTICS))
+        return read_statistics(self.executor, self.count)
 
     def restart_statistics(self, start: Statistics | None = None) -> None:
         """Sum up from zero, or from sums that were taken before."""
         self._settle()
         if not self._extent.trains:
             self._fit(replace(self._extent, trains=True))
-        self.executor.clear("statistics")
-        if start is not None:
-            columns = np.stack([start.screen_gradients, start.seen, start.radii, start.errors])
-            self.executor.write("statistics", columns.astype(np.float32))
+        write_statistics(self.executor, start)
 
     def step(self, view: int, settings: StepSettings) -> None:
         """Train on one view. Returns before it is done."""
         check_view(view, self._frames)
-        if not self._pending:
-            self._first_pending = time.monotonic()
-        self._submit(_Step(view, settings))
-        most = self._most_pending if self._plan.shelf.is_resident(view) else min(self._most_pending, MOST_STREAMED)
-        if len(self._pending) >= most:
+        self._submit(Step(view, settings))
+        if self._ahead.are_enough(streamed=not self._plan.shelf.is_resident(view)):
             self._settle()
 
     def loss(self, steps: int = 1) -> float:
         """Mean loss of the last `steps` steps, measured before their updates."""
         self._settle()
-        ring = self.executor.read("losses", np.float32, KEPT_LOSSES)
-        first = max(self._completed - min(steps, KEPT_LOSSES), self._completed_before)
-        latest = np.arange(first, self._completed)
-        return float(ring[latest % KEPT_LOSSES].mean(dtype=np.float64))
+        return self._ahead.mean_loss(steps)
 
     def render(
         self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False
@@ -219,20 +192,17 @@ class WebGpuEngine:
     def download(self) -> Gaussians:
         """A copy of the scene as it stands."""
         self._settle()
-        shape = self._read_columns("shape", SHAPE_COLUMNS)
-        return from_columns(shape, self._read_columns("sh", 3 * self._extent.coefficients))
+        return read_scene(self.executor, self.count, self._extent.coefficients)
 
     def optimiser_state(self) -> OptimiserState:
         """A copy of the optimiser's state."""
         self._settle()
+        coefficients, photographs = self._extent.coefficients, len(self._extent.photographs)
         if not self._extent.trains:
-            zeros = np.zeros((self._extent.gaussians, self._columns), np.float32)
-            return OptimiserState(zeros, zeros.copy(), self._completed, self._near)
-        first, second = (self._read_columns(name, self._columns) for name in ("first_moments", "second_moments"))
-        photographs = len(self._extent.photographs)
-        colours = self.executor.read("colours", np.float32, photographs * COLUMNS).reshape(photographs, COLUMNS)
-        learned = colours if colours[:, UPDATES].any() else None
-        return OptimiserState(transposed(first), transposed(second), self._completed, self._near, learned)
+            zeros = np.zeros((self.count, ParameterLayout(coefficients).columns), np.float32)
+            return OptimiserState(zeros, zeros.copy(), self._ahead.completed, self._near)
+        first, second, colours = read_optimiser_state(self.executor, self.count, coefficients, photographs)
+        return OptimiserState(first, second, self._ahead.completed, self._near, colours)
 
     def memory(self) -> dict[str, int]:
         """Bytes of every buffer on the GPU, by its name in the passes."""
@@ -244,27 +214,11 @@ class WebGpuEngine:
         Raises:
             PocketGSError: the GPU's memory does not hold it.
         """
-        largest = max((width * height for width, height in photographs), default=0)
-        intersections = int(EXPECTED_PER_GAUSSIAN * gaussians + EXPECTED_PER_PIXEL * largest)
-        intersections = max(
-            LEAST_INTERSECTIONS,
-            min(max(intersections, INTERSECTIONS_PER_GAUSSIAN * gaussians), self._most_intersections),
-        )
-        sizes = frozenset(photographs)
-        extent = Extent(gaussians, gaussians, coefficients, intersections, tuple(photographs), sizes, trains=True)
         description = self.executor.description
+        extent = expected_extent(gaussians, coefficients, photographs, self._most_intersections)
         uniforms = sum(layout.size for layout in description.uniforms.values())
         device = plan_memory(description, extent, self._limits).total + uniforms
         return MemoryNeed(DRIVER_BYTES + (device if self._shares_memory else 0), device)
-
-    @property
-    def _columns(self) -> int:
-        return ParameterLayout(self._extent.coefficients).columns
-
-    def _read_columns(self, name: str, columns: int) -> np.ndarray:
-        """(columns, N) float32."""
-        count = self._extent.gaussians
-        return self.executor.read(name, np.float32, columns * count).reshape(columns, count)
 
     def _symbols(self, camera: Camera, settings: StepSettings | None = None) -> dict[str, int]:
         """The numbers that the passes of one image follow from."""
@@ -299,46 +253,33 @@ class WebGpuEngine:
         except PocketGSError:
             self._fit(replace(extent, intersections=needed))
 
-    def _submit(self, step: _Step) -> None:
+    def _submit(self, step: Step) -> None:
         frame, shelf = self._frames[step.view], self._plan.shelf
         camera, place = frame.camera, shelf.place(step.view)
         if not shelf.is_resident(step.view):
             self.executor.write("photographs", packed(frame), PIXEL_BYTES * place)
         symbols = self._symbols(camera, step.settings)
-        number = self._completed + len(self._pending) + 1
         self.executor.write_uniform("view", view_values(camera, step.settings.background, self._near, symbols, place))
-        self.executor.write_uniform("update", update_values(step.settings, camera, symbols, number, step.view))
+        self.executor.write_uniform(
+            "update", update_values(step.settings, camera, symbols, self._ahead.next_number, step.view)
+        )
         self.executor.submit("step", symbols)
+        if step.settings.statistics and step.settings.absolute:
+            self.executor.submit("absolute gradients", symbols)
         if step.settings.errors:
             self.executor.submit("errors", symbols)
-        self._pending.append(step)
+        self._ahead.add(step)
 
     def _settle(self) -> None:
-        """Wait until all steps are completed; make room and submit again those that found too little."""
-        if not self._pending:
-            return
-        taken = len(self._pending)
-        while self._pending:
-            completed, halted, needed = self.executor.read("status", np.uint32, 3)
-            waiting = self._pending[int(completed) - self._completed :]
-            self._completed, self._pending = int(completed), []
-            if halted:
-                self._make_room(int(needed))
-            for step in waiting:
-                self._submit(step)
-        seconds = (time.monotonic() - self._first_pending) / taken
-        self._most_pending = int(np.clip(SECONDS_AHEAD / seconds, 1, MOST_PENDING))
+        """Wait until all steps are completed."""
+        self._ahead.settle(self._submit, self._make_room)
 
     def _make_room(self, needed: int) -> None:
         """Let the lists of tiles hold `needed` intersections and some more, and let the run go on."""
         try:
             self._fit_intersections(self._extent, int(needed * GROWTH), needed)
         finally:
-            self._write_status()
-
-    def _write_status(self) -> None:
-        """Let the GPU know how many steps are completed, and that nothing stands in the way of the next."""
-        self.executor.write("status", np.array([self._completed, 0, 0], np.uint32))
+            self._ahead.resume()
 
     def _draw(self, sequence: str, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:
         """(H, W, 4) float32: colour and transmittance."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -11,6 +11,16 @@ from pocketgs.gpu.description import MIN_BUFFER, Description
 from pocketgs.splat.webgpu.photographs import PIXEL_BYTES, Shelf
 
 RENDERING = ("render", "render depth")
+
+INTERSECTIONS_PER_GAUSSIAN = 8
+LEAST_INTERSECTIONS = 1 << 16
+"""Room for intersections of tiles' lists to begin with."""
+
+GROWTH = 1.25
+"""Room is made for so many times the intersections that there was too little for."""
+
+EXPECTED_PER_GAUSSIAN, EXPECTED_PER_PIXEL = 4.0, 1.5
+"""Intersections that a run's tiles' lists may come to hold: large Gaussians tile the image."""
 
 ROW_GROWTH = 1.5
 """Room is made for so many times the Gaussians that there was room for, where there is memory for it."""
@@ -114,6 +124,17 @@ def plan_memory(description: Description, extent: Extent, limits: Limits) -> Mem
     room = min(limits.total - sum(sizes.values()), limits.buffer)
     shelf = Shelf(photographs, room // PIXEL_BYTES)
     return MemoryPlan({**sizes, "photographs": max(PIXEL_BYTES * shelf.pixels, MIN_BUFFER)}, depth, shelf)
+
+
+def expected_extent(
+    gaussians: int, coefficients: int, photographs: Sequence[tuple[int, int]], most_intersections: int
+) -> Extent:
+    """What a run may come to hold: as many intersections as there are expected to be, of at most so many."""
+    largest = max((width * height for width, height in photographs), default=0)
+    expected = int(EXPECTED_PER_GAUSSIAN * gaussians + EXPECTED_PER_PIXEL * largest)
+    wanted = min(max(expected, INTERSECTIONS_PER_GAUSSIAN * gaussians), most_intersections)
+    room = max(LEAST_INTERSECTIONS, wanted)
+    return Extent(gaussians, gaussians, coefficients, room, tuple(photographs), frozenset(photographs), trains=True)
 
 
 def plan_rows(description: Description, extent: Extent, gaussians: int, limits: Limits) -> tuple[Extent, MemoryPlan]:

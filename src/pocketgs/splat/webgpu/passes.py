@@ -59,6 +59,7 @@ class Variant:
             "replay.record": "replay.record_in_cache" if cached else "replay.record_nothing",
             "compositor.forward": "over.forward",
             "compositor.backward": "over.backward",
+            "compositor.inspection": "over.inspection",
             "channels.kind": "channels.colour",
             "gradient_rows.add": f"gradient_rows.add_{self.accumulation}",
             "gradient_rows.gather": f"gradient_rows.gather_{self.accumulation}",
@@ -78,7 +79,7 @@ RECORD_BYTES = {"f32": 20, "f16": 12}
 BOUND_WORDS = 8
 """Of a cluster's bounds: see `common/clusters.wgsl`."""
 
-STATISTICS = 4
+STATISTICS = 5
 """Columns of sums: see `common/statistics.wgsl`."""
 
 
@@ -207,6 +208,13 @@ def _errors(variant: Variant) -> Sequence:
     )
 
 
+def _absolute_gradients(variant: Variant) -> Sequence:
+    """After a step, and from what it has left: the magnitudes of the gradients of centres on the image."""
+    constants = {"absolute": 1}
+    cleared, replayed = _replayed(variant, replace(_REPLAY, name="rasterize absolute backward", constants=constants))
+    return Sequence(cleared, (*replayed, Pass("collect absolute", "collect_statistics", "groups", constants=constants)))
+
+
 TABLES = ("shape", "sh", "first_moments", "second_moments")
 """Buffers that lie column by column, with a number for every Gaussian in each column."""
 
@@ -243,6 +251,7 @@ def describe(variant: Variant, training: bool = True) -> Description:
     if training:
         sequences["step"] = _step(variant)
         sequences["errors"] = _errors(variant)
+        sequences["absolute gradients"] = _absolute_gradients(variant)
         sequences |= _row_sequences()
         buffers |= _TRAINING_BUFFERS
         if variant.replay == "cache":

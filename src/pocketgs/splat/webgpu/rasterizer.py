@@ -19,14 +19,10 @@ from pocketgs.splat.ellipse import half_sizes
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
 from pocketgs.splat.webgpu.frame_values import view_values
+from pocketgs.splat.webgpu.memory import GROWTH, LEAST_INTERSECTIONS
 from pocketgs.splat.webgpu.passes import Variant
 from pocketgs.splat.webgpu.rasterizer_passes import CENTRE_WORDS, GROUP, describe_rasterizer
 from pocketgs.splat.webgpu.scene_columns import to_columns
-
-LEAST_INTERSECTIONS = 1 << 16
-"""Room for intersections of tiles' lists to begin with; it grows where that is too little."""
-
-GROWTH = 1.25
 
 SPLAT_WORDS = 10
 """Of a splat in `common/splats.wgsl`: centre 2, depth, log2 of the opacity, exponents 3, colour 3."""
@@ -109,9 +105,8 @@ class WebGpuBackend:
         Raises:
             PocketGSError: the camera is no pinhole, or anti-aliasing is asked for.
         """
-        for asked, what in ((not camera.is_pinhole, "a camera with a lens"), (antialiased, "anti-aliased rasterizing")):
-            if asked:
-                raise PocketGSError(f'{what}: not on WebGPU, expected the engine "cpu" or "reference"')
+        if antialiased:
+            raise PocketGSError('anti-aliased rasterizing: not on WebGPU, expected the engine "cpu" or "reference"')
         scene = Gaussians(
             parameters.means,
             parameters.log_scales,

@@ -55,6 +55,7 @@ class Collected:
 
     statistics: bool = False
     errors: bool = False
+    absolute: bool = False
 
 
 class Strategy(Protocol):

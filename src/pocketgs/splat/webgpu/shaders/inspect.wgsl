@@ -1,6 +1,5 @@
-// What each splat adds to each tile, and the median depth of each pixel: that of the splat which brings the transmittance
-// below one half, 0 where none does. One workgroup per tile.
-import view, ring, compositor.forward, workgroups
+// What each splat adds to each tile, and the median depth of each pixel, 0 where none is. One workgroup per tile.
+import view, ring, compositor.inspection, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> drawn_ranges: array<vec2u>;
@@ -24,7 +23,7 @@ fn visit(held: Held, pixel: u32, centre: vec2f, sums: ptr<function, Sums>) {
         return;
     }
     transmittances[pixel] = transmittance - weight;
-    if (transmittance >= 0.5 && transmittance - weight < 0.5) {
+    if (is_median(transmittance, transmittance - weight)) {
         medians[pixel] = held.splat.depth;
     }
     *sums = vec4f((*sums).x + 1.0, (*sums).y + weight, max((*sums).z, weight), 0.0);

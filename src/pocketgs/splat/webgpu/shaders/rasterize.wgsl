@@ -64,7 +64,7 @@ fn main(
             }
         }
         // The tile is finished once no pixel takes any more.
-        if (gathered.a >= TRANSMITTANCE_MIN) {
+        if (takes_more(gathered)) {
             atomicAdd(&clear_pixels, 1u);
         }
         workgroupBarrier();

@@ -15,6 +15,11 @@ fn with_splat(gathered: vec4f, alpha: f32, colour: vec3f) -> vec4f {
     return vec4f(gathered.rgb + weight * colour, gathered.a - weight);
 }
 
+// Whether a pixel takes more splats.
+fn takes_more(gathered: vec4f) -> bool {
+    return gathered.a >= TRANSMITTANCE_MIN;
+}
+
 // The finished pixel: colour over the background, and the transmittance.
 fn composited(gathered: vec4f) -> vec4f {
     return vec4f(gathered.rgb + gathered.a * view.background.rgb, gathered.a);
@@ -31,4 +36,10 @@ fn first_behind(pixel: vec4f, d_pixel: vec4f) -> f32 {
 // ∂L/∂(ln α) = α ∂L/∂α = α (T D - H / (1 - α)), from the gain α T D; α is flat where it is clamped.
 fn d_log_alpha(gain: f32, behind: f32, alpha: f32) -> f32 {
     return select(0.0, gain - behind * (alpha / (1.0 - alpha)), alpha < ALPHA_MAX);
+}
+
+section inspection
+// What a splat adds to a pixel is α T. The median depth is that of the splat which brings T below one half.
+fn is_median(before: f32, after: f32) -> bool {
+    return before >= 0.5 && after < 0.5;
 }

@@ -1,0 +1,111 @@
+"""Spherical harmonics as a step of their own: values in given directions, and gradients back."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from pocketgs.splat.cpu.layout import COLOURS
+from pocketgs.splat.cpu.spherical_harmonics import sh_basis, sh_basis_gradient
+from pocketgs.system.compile import inlined, parallel_kernel
+from pocketgs.system.dealing import PIECE, first_piece, take
+
+
+@inlined
+def _length(vector: np.ndarray) -> float:
+    x, y, z = float(vector[0]), float(vector[1]), float(vector[2])
+    return max(math.sqrt(x * x + y * y + z * z), 1e-12)
+
+
+@parallel_kernel
+def harmonics(
+    directions: np.ndarray,
+    coefficients: np.ndarray,
+    used: int,
+    drawn: np.ndarray,
+    threads: int,
+    values: np.ndarray,
+) -> None:
+    """Σ_k Y_k(d) c_k.
+
+    Args:
+        directions: (N, 3) float32 of any length.
+        coefficients: (N, K, 3) float32.
+        used: how many coefficients count: 1, 4, 9 or 16.
+        drawn: (N,) bool, where values are wanted; the others are 0.
+        threads: number of threads that share the work.
+        values: (N, 3) float32, written.
+    """
+    counter = first_piece()
+    for _ in prange(threads):
+        basis = np.empty(16)
+        first = PIECE * take(counter)
+        while first < len(directions):
+            for i in range(first, min(first + PIECE, len(directions))):
+                values[i, 0], values[i, 1], values[i, 2] = 0.0, 0.0, 0.0
+                if drawn[i]:
+                    length = _length(directions[i])
+                    x, y, z = directions[i, 0] / length, directions[i, 1] / length, directions[i, 2] / length
+                    sh_basis(x, y, z, used, basis)
+                    for channel in range(COLOURS):
+                        value = 0.0
+                        for k in range(used):
+                            value += basis[k] * coefficients[i, k, channel]
+                        values[i, channel] = value
+            first = PIECE * take(counter)
+
+
+@parallel_kernel
+def harmonics_backward(
+    directions: np.ndarray,
+    coefficients: np.ndarray,
+    used: int,
+    drawn: np.ndarray,
+    d_values: np.ndarray,
+    threads: int,
+    d_directions: np.ndarray,
+    d_coefficients: np.ndarray,
+) -> None:
+    """Gradients of directions and coefficients.
+
+    Args:
+        directions: (N, 3) float32.
+        coefficients: (N, K, 3) float32.
+        used: how many coefficients count.
+        drawn: (N,) bool, as in the forward pass.
+        d_values: (N, 3) float32 gradient with respect to the values.
+        threads: number of threads that share the work.
+        d_directions: (N, 3) float32, all 0; written where drawn. Or (0, 3) where it is not wanted.
+        d_coefficients: (N, K, 3) float32, all 0; written where drawn.
+    """
+    counter = first_piece()
+    for _ in prange(threads):
+        basis, gradient = np.empty(16), np.empty((16, 3))
+        first = PIECE * take(counter)
+        while first < len(directions):
+            for i in range(first, min(first + PIECE, len(directions))):
+                if drawn[i]:
+                    length = _length(directions[i])
+                    x, y, z = directions[i, 0] / length, directions[i, 1] / length, directions[i, 2] / length
+                    sh_basis(x, y, z, used, basis)
+                    for k in range(used):
+                        for channel in range(COLOURS):
+                            d_coefficients[i, k, channel] = basis[k] * d_values[i, channel]
+                    if used > 1 and len(d_directions):
+                        sh_basis_gradient(x, y, z, used, gradient)
+                        d_x, d_y, d_z = 0.0, 0.0, 0.0
+                        for k in range(1, used):
+                            weight = 0.0
+                            for channel in range(COLOURS):
+                                weight += coefficients[i, k, channel] * d_values[i, channel]
+                            d_x += gradient[k, 0] * weight
+                            d_y += gradient[k, 1] * weight
+                            d_z += gradient[k, 2] * weight
+                        # A unit vector's derivative keeps only what is across it.
+                        along = x * d_x + y * d_y + z * d_z
+                        d_directions[i, 0] = (d_x - along * x) / length
+                        d_directions[i, 1] = (d_y - along * y) / length
+                        d_directions[i, 2] = (d_z - along * z) / length
+            first = PIECE * take(counter)

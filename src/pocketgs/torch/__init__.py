@@ -1,0 +1,51 @@
+"""gsplat's contract on PocketGS's kernels: PyTorch functions that need no CUDA.
+
+    from pocketgs.torch import rasterization
+
+The extra `torch` brings PyTorch: `pip install pocketgs[torch]`. See docs/gsplat.md.
+"""
+
+# It sets how threads wait, which PyTorch's own heed if it is loaded later.
+import pocketgs.system.compile  # noqa: F401
+
+try:
+    import torch  # noqa: F401 - that it is there
+except ModuleNotFoundError as error:
+    if error.name != "torch":
+        raise
+    raise ModuleNotFoundError("pocketgs.torch needs PyTorch: pip install 'pocketgs[torch]'", name="torch") from error
+
+from pocketgs.torch.clusters import ClusterCompactor, ClusterCuller
+from pocketgs.torch.covariance import proj, quat_scale_to_covar_preci, world_to_cam
+from pocketgs.torch.gsplat_module import install_as_gsplat
+from pocketgs.torch.harmonics import spherical_harmonics
+from pocketgs.torch.intersections import isect_offset_encode, isect_tiles
+from pocketgs.torch.optimizers import SelectiveAdam
+from pocketgs.torch.pixels import rasterize_to_pixels
+from pocketgs.torch.project import Project2D, Projection
+from pocketgs.torch.projection import fully_fused_projection
+from pocketgs.torch.rasterize import TileRasterizer
+from pocketgs.torch.relocation import compute_relocation
+from pocketgs.torch.rendering import rasterization
+from pocketgs.torch.tiles import TileBinner
+
+__all__ = [
+    "ClusterCompactor",
+    "ClusterCuller",
+    "Project2D",
+    "Projection",
+    "SelectiveAdam",
+    "TileBinner",
+    "TileRasterizer",
+    "compute_relocation",
+    "fully_fused_projection",
+    "install_as_gsplat",
+    "isect_offset_encode",
+    "isect_tiles",
+    "proj",
+    "quat_scale_to_covar_preci",
+    "rasterization",
+    "rasterize_to_pixels",
+    "spherical_harmonics",
+    "world_to_cam",
+]

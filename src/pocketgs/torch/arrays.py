@@ -1,0 +1,70 @@
+"""Tensors as the arrays that kernels read and write: the same memory, wherever that is possible."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numba
+import numpy as np
+import torch
+from torch import Tensor
+
+from pocketgs.errors import PocketGSError
+from pocketgs.system.cores import kernel_threads
+
+
+def array_of(tensor: Tensor) -> np.ndarray:
+    """The tensor's numbers, not copied if it is contiguous."""
+    return tensor.detach().contiguous().numpy()
+
+
+def flat(tensor: Tensor, columns: int) -> np.ndarray:
+    """(M, columns) of a (..., columns) tensor, not copied if it is contiguous."""
+    return array_of(tensor).reshape(-1, columns)
+
+
+def zeros(*shape: int) -> np.ndarray:
+    """Float32 zeros for a gradient to be written to."""
+    return np.zeros(shape, np.float32)
+
+
+def torch_threads() -> int:
+    """How many threads kernels take: as many as `torch.set_num_threads` grants."""
+    threads = kernel_threads(torch.get_num_threads())
+    numba.set_num_threads(threads)
+    return threads
+
+
+def checked_dtype(tensors: Mapping[str, Tensor | None]) -> torch.dtype:
+    """The floating-point type that all of the tensors have.
+
+    Args:
+        tensors: by the name of their argument.
+
+    Raises:
+        PocketGSError: one is not on the CPU, or is neither float32 nor float64, or differs from the first.
+    """
+    given = {name: tensor for name, tensor in tensors.items() if tensor is not None}
+    first = next(iter(given))
+    for name, tensor in given.items():
+        if tensor.device.type != "cpu":
+            raise PocketGSError(f"{name}: found a tensor on {tensor.device}, expected one on the CPU: tensor.cpu()")
+        if tensor.dtype not in (torch.float32, torch.float64):
+            raise PocketGSError(f"{name}: found {tensor.dtype}, expected float32, or float64 for the slow reference")
+        if tensor.dtype != given[first].dtype:
+            raise PocketGSError(f"{name}: found {tensor.dtype}, expected {given[first].dtype} as {first} has")
+    return given[first].dtype
+
+
+def check_shape(name: str, tensor: Tensor, *allowed: tuple[int, ...]) -> None:
+    """Refuse a tensor of a shape that is none of the allowed ones, in which -1 stands for any number.
+
+    Raises:
+        PocketGSError: it has another shape.
+    """
+    found = tuple(tensor.shape)
+    for shape in allowed:
+        if len(shape) == len(found) and all(side in (-1, other) for side, other in zip(shape, found, strict=True)):
+            return
+    expected = " or ".join(str(tuple("any" if side == -1 else side for side in shape)) for shape in allowed)
+    raise PocketGSError(f"{name}: found shape {found}, expected {expected}".replace("'", ""))

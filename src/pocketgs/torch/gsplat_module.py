@@ -1,0 +1,171 @@
+"""Our functions under gsplat's name, so that scripts which import gsplat run where there is no CUDA."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import importlib.util
+import logging
+import sys
+from collections.abc import Callable
+from functools import wraps
+from types import ModuleType
+from typing import Any
+
+import torch
+
+from pocketgs.torch import covariance, harmonics, intersections, pixels, projection, rendering
+from pocketgs.torch.optimizers import SelectiveAdam
+from pocketgs.torch.relocation import compute_relocation
+from pocketgs.torch.unsupported import unsupported
+
+LOG = logging.getLogger("pocketgs.torch")
+
+VERSION = "1.5.3"
+"""Of gsplat, whose contract this is."""
+
+RADII_HAVE_TWO_SIDES_SINCE = (1, 5)
+
+BLOCKS: dict[str, Callable[..., Any]] = {
+    "fully_fused_projection": projection.fully_fused_projection,
+    "isect_offset_encode": intersections.isect_offset_encode,
+    "isect_tiles": intersections.isect_tiles,
+    "proj": covariance.proj,
+    "quat_scale_to_covar_preci": covariance.quat_scale_to_covar_preci,
+    "rasterize_to_pixels": pixels.rasterize_to_pixels,
+    "spherical_harmonics": harmonics.spherical_harmonics,
+    "world_to_cam": covariance.world_to_cam,
+}
+
+UNSUPPORTED = (
+    "accumulate",
+    "accumulate_2dgs",
+    "fully_fused_projection_2dgs",
+    "fully_fused_projection_with_ut",
+    "rasterization_2dgs",
+    "rasterization_2dgs_inria_wrapper",
+    "rasterization_inria_wrapper",
+    "rasterize_to_indices_in_range",
+    "rasterize_to_indices_in_range_2dgs",
+    "rasterize_to_pixels_2dgs",
+    "rasterize_to_pixels_eval3d",
+)
+"""Names that can be imported, so that scripts which might use them start; calling them is an error."""
+
+FROM_THE_WHEEL = {
+    "DefaultStrategy": "strategy",
+    "MCMCStrategy": "strategy",
+    "Strategy": "strategy",
+    "PngCompression": "compression",
+    "export_splats": "exporter",
+}
+"""Names that gsplat's own package brings: they are plain PyTorch, and run on our functions as they are."""
+
+
+def install_as_gsplat(version: str | None = None, *, even_with_cuda: bool = False) -> ModuleType:
+    """Make `import gsplat` give PocketGS's functions, from now on and in this process.
+
+    Strategies, compression and export come from gsplat's own package where it is installed (`pip install gsplat`, which
+    needs no CUDA): they are plain PyTorch. Where CUDA is available, gsplat is left as it is.
+
+    Args:
+        version: of gsplat that callers expect; that of the installed package if None. Before 1.5, `meta["radii"]` has
+            one number for each Gaussian, the larger of the two.
+        even_with_cuda: whether to do it where CUDA is available too.
+
+    Returns:
+        The module that `import gsplat` gives.
+    """
+    if torch.cuda.is_available() and not even_with_cuda:
+        LOG.warning("CUDA is available: gsplat stays as it is")
+        return importlib.import_module("gsplat")
+    for name in [name for name in sys.modules if name == "gsplat" or name.startswith("gsplat.")]:
+        del sys.modules[name]
+    folders = _installed_folders()
+    version = version or _installed_version() or VERSION
+    module = _made("gsplat", folders, version)
+    LOG.warning("gsplat %s resolves to PocketGS: rasterization runs on the CPU", version)
+    return module
+
+
+def _made(name: str, folders: list[str], version: str) -> ModuleType:
+    """The module and those inside it that would need CUDA; what is not among them is found in the given folders."""
+    rasterization = rendering.rasterization if _two_sides(version) else _with_one_radius(rendering.rasterization)
+    stubs = {each: _stub(each) for each in UNSUPPORTED}
+    shutters = {"RollingShutterType": rendering.RollingShutterType}
+    parts: dict[str, dict[str, Any]] = {
+        "": {**BLOCKS, **stubs, **shutters, "rasterization": rasterization, "SelectiveAdam": SelectiveAdam},
+        "rendering": {**BLOCKS, **stubs, **shutters, "rasterization": rasterization},
+        "relocation": {"compute_relocation": compute_relocation},
+        "optimizers": {"SelectiveAdam": SelectiveAdam},
+        "optimizers.selective_adam": {"SelectiveAdam": SelectiveAdam},
+        "cuda": {},
+        "cuda._backend": {"_C": None},
+        "cuda._wrapper": {**BLOCKS, **stubs, **shutters},
+    }
+    for part, contents in parts.items():
+        module = ModuleType(f"{name}.{part}" if part else name, __doc__)
+        vars(module).update(contents)
+        if part in ("", "cuda", "optimizers"):
+            inside = part.replace(".", "/")
+            vars(module)["__path__"] = [f"{folder}/{inside}" if inside else folder for folder in folders]
+        sys.modules[module.__name__] = module
+        parent, _, own = module.__name__.rpartition(".")
+        if parent:
+            setattr(sys.modules[parent], own, module)
+    whole = sys.modules[name]
+    vars(whole)["__version__"] = version
+    vars(whole)["__getattr__"] = _looked_up
+    return whole
+
+
+def _looked_up(name: str) -> Any:
+    """What gsplat's own package brings, imported when it is first asked for."""
+    if name not in FROM_THE_WHEEL:
+        raise AttributeError(f"module 'gsplat' (PocketGS) has no attribute {name!r}")
+    try:
+        module = importlib.import_module(f"gsplat.{FROM_THE_WHEEL[name]}")
+    except ModuleNotFoundError as error:
+        if not (error.name or "").startswith("gsplat"):
+            raise
+        raise ImportError(f"gsplat.{name} comes from gsplat's own package: pip install gsplat=={VERSION}") from error
+    return getattr(module, name)
+
+
+def _stub(name: str) -> Callable[..., Any]:
+    """A function that can be imported and not called."""
+
+    def stub(*arguments: Any, **named: Any) -> Any:
+        unsupported(f"gsplat.{name}", "it exists in CUDA only")
+
+    stub.__name__ = name
+    return stub
+
+
+def _with_one_radius(rasterization: Callable[..., Any]) -> Callable[..., Any]:
+    """`rasterization` with `meta["radii"]` as before gsplat 1.5."""
+
+    @wraps(rasterization)
+    def earlier(*arguments: Any, **named: Any) -> Any:
+        image, alpha, meta = rasterization(*arguments, **named)
+        meta["radii"] = meta["radii"].amax(-1)
+        return image, alpha, meta
+
+    return earlier
+
+
+def _two_sides(version: str) -> bool:
+    numbers = tuple(int(part) for part in version.split(".")[:2])
+    return numbers >= RADII_HAVE_TWO_SIDES_SINCE
+
+
+def _installed_folders() -> list[str]:
+    spec = importlib.util.find_spec("gsplat")
+    return list(spec.submodule_search_locations or []) if spec else []
+
+
+def _installed_version() -> str | None:
+    try:
+        return importlib.metadata.version("gsplat")
+    except importlib.metadata.PackageNotFoundError:
+        return None

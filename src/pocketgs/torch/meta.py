@@ -1,0 +1,56 @@
+"""What `rasterization` says about how it came to its images: gsplat's dictionary."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+
+class Meta(dict[str, Any]):
+    """A dictionary of which some values are computed when they are first looked at.
+
+    Nothing in training looks at gsplat's tile intersections, and sorting them takes longer than drawing.
+
+    Args:
+        known: values.
+        computed: by the names of the values that it gives together, functions.
+    """
+
+    def __init__(self, known: dict[str, Any], computed: dict[tuple[str, ...], Callable[[], Iterable[Any]]]) -> None:
+        super().__init__(known)
+        self._waiting = {name: names for names in computed for name in names}
+        self._computed = computed
+        for name in self._waiting:
+            super().__setitem__(name, None)
+
+    def _settle(self, name: str) -> None:
+        names = self._waiting.get(name)
+        if names is not None:
+            for each, value in zip(names, self._computed[names](), strict=True):
+                if self._waiting.pop(each, None):
+                    super().__setitem__(each, value)
+
+    def __getitem__(self, name: str) -> Any:
+        self._settle(name)
+        return super().__getitem__(name)
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        self._waiting.pop(name, None)
+        super().__setitem__(name, value)
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """The value of that name, or the default."""
+        self._settle(name)
+        return super().get(name, default)
+
+    def items(self) -> Any:
+        """All names with their values."""
+        return self.copy().items()
+
+    def values(self) -> Any:
+        """All values."""
+        return self.copy().values()
+
+    def copy(self) -> dict[str, Any]:
+        """A plain dictionary of the same."""
+        return {name: self[name] for name in self}

@@ -1,0 +1,66 @@
+"""An optimiser that moves only what a view has seen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from pocketgs.errors import PocketGSError
+from pocketgs.splat.cpu.selected_adam import adam_of_rows
+from pocketgs.torch.arrays import array_of, flat, torch_threads
+
+
+class SelectiveAdam(torch.optim.Adam):
+    """Adam whose moments and parameters stay where a Gaussian was not seen, in one pass.
+
+    As in gsplat, moments are not corrected for their bias towards 0, and every group holds one tensor.
+
+    Args:
+        params: tensors, or groups of one tensor with its rate.
+        eps: guard against division by zero.
+        betas: decay rates of the moments.
+    """
+
+    def __init__(self, params: Iterable[Any], eps: float = 1e-8, betas: tuple[float, float] = (0.9, 0.999)) -> None:
+        super().__init__(params=params, eps=eps, betas=betas)
+
+    @torch.no_grad()
+    def step(self, visibility: Tensor) -> None:
+        """Move rows against their gradients.
+
+        Args:
+            visibility: (N,) bool, which rows were seen.
+
+        Raises:
+            PocketGSError: a group holds several tensors, or one that is not float32 and contiguous with N rows.
+        """
+        seen = array_of(visibility.bool().flatten())
+        for group in self.param_groups:
+            if len(group["params"]) != 1:
+                raise PocketGSError(f"SelectiveAdam: found {len(group['params'])} tensors in a group, expected one")
+            values = group["params"][0]
+            if values.grad is None:
+                continue
+            if values.dtype != torch.float32 or not values.is_contiguous() or len(values) != len(seen):
+                found = f"{values.dtype} {tuple(values.shape)}"
+                raise PocketGSError(f"SelectiveAdam: found {found}, expected contiguous float32 with {len(seen)} rows")
+            state = self.state[values]
+            if not state:
+                state["step"] = torch.tensor(0.0)
+                state["exp_avg"], state["exp_avg_sq"] = torch.zeros_like(values), torch.zeros_like(values)
+            columns = values.numel() // max(len(values), 1)
+            adam_of_rows(
+                flat(values, columns),
+                flat(values.grad, columns),
+                flat(state["exp_avg"], columns),
+                flat(state["exp_avg_sq"], columns),
+                seen,
+                group["lr"],
+                group["betas"][0],
+                group["betas"][1],
+                group["eps"],
+                torch_threads(),
+            )

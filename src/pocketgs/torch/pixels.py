@@ -1,0 +1,113 @@
+"""gsplat's `rasterize_to_pixels`, and the same in double precision."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pocketgs.errors import PocketGSError
+from pocketgs.splat.cpu.layout import TILE_HEIGHT
+from pocketgs.torch.arrays import array_of, check_shape, checked_dtype
+from pocketgs.torch.rasterize import TileRasterizer
+from pocketgs.torch.reference import GivenLists, ReferenceRasterizer
+from pocketgs.torch.tiles import tiles_from
+
+
+def rasterize_to_pixels(
+    means2d: Tensor,
+    conics: Tensor,
+    colors: Tensor,
+    opacities: Tensor,
+    image_width: int,
+    image_height: int,
+    tile_size: int,
+    isect_offsets: Tensor,
+    flatten_ids: Tensor,
+    backgrounds: Tensor | None = None,
+    masks: Tensor | None = None,
+    packed: bool = False,
+    absgrad: bool = False,
+) -> tuple[Tensor, Tensor]:
+    """Composite splats front to back, each pixel those that its tile lists.
+
+    Args:
+        means2d: (..., N, 2) centres in pixels; with `packed` (nnz, 2), as all that follow.
+        conics: (..., N, 3) xx, xy, yy of the inverse covariances.
+        colors: (..., N, D), any D.
+        opacities: (..., N).
+        image_width: of every image.
+        image_height: of every image.
+        tile_size: side of a tile, a multiple of 16.
+        isect_offsets: (..., tile_height, tile_width) int32 from `isect_offset_encode`.
+        flatten_ids: (E,) int32 from `isect_tiles`.
+        backgrounds: (..., D) behind the splats, or None for black.
+        masks: (..., tile_height, tile_width) bool, which tiles are drawn; the others show the background.
+        packed: whether rows are those of what is seen.
+        absgrad: whether backward leaves the summed magnitudes of its pixels' gradients in `means2d.absgrad`.
+
+    Returns:
+        Colours (..., H, W, D) and alphas (..., H, W, 1).
+
+    Raises:
+        PocketGSError: shapes or types disagree, or the tiles' size is no multiple of 16.
+    """
+    tensors = {"means2d": means2d, "conics": conics, "colors": colors, "opacities": opacities}
+    dtype = checked_dtype({**tensors, "backgrounds": backgrounds})
+    shape, channels, lead = tuple(opacities.shape), colors.shape[-1], tuple(isect_offsets.shape[:-2])
+    check_shape("means2d", means2d, (*shape, 2))
+    check_shape("conics", conics, (*shape, 3))
+    check_shape("colors", colors, (*shape, channels))
+    if backgrounds is not None:
+        check_shape("backgrounds", backgrounds, (*lead, channels))
+        backgrounds = backgrounds.reshape(-1, channels)
+    if tile_size < TILE_HEIGHT or tile_size % TILE_HEIGHT:
+        raise PocketGSError(f"tile_size: found {tile_size}, expected a multiple of {TILE_HEIGHT}")
+    images = math.prod(lead)
+    offsets = np.empty((images, math.prod(isect_offsets.shape[-2:]) + 1), np.int32)
+    offsets[:, :-1] = array_of(isect_offsets).reshape(images, -1)
+    offsets[:, -1] = [*offsets[1:, 0], len(flatten_ids)]
+    given = array_of(flatten_ids)
+    if masks is not None:
+        offsets, given = _masked(offsets, given, array_of(masks).reshape(images, -1))
+    size = (image_width, image_height)
+    firsts = _first_rows(offsets, given, math.prod(shape))
+    if dtype == torch.float64:
+        lists = GivenLists(offsets, given, tile_size, size)
+        colours, alphas = ReferenceRasterizer.apply(means2d, conics, colors, opacities, backgrounds, lists, absgrad)
+    else:
+        tiles = tiles_from((means2d, conics, opacities), firsts, offsets, given, tile_size, size)
+        colours, alphas = TileRasterizer.apply(means2d, conics, colors, opacities, backgrounds, tiles, absgrad)
+    return colours.reshape(*lead, *colours.shape[1:]), alphas.reshape(*lead, *alphas.shape[1:])
+
+
+def _first_rows(offsets: np.ndarray, given: np.ndarray, rows: int) -> list[int]:
+    """Where the rows of every image begin, and where the last one's end.
+
+    Raises:
+        PocketGSError: the lists name rows that there are not, or images share rows.
+    """
+    firsts = [rows] * (len(offsets) + 1)
+    ends = [0, *offsets.reshape(-1), len(given)]
+    sound = np.all(np.diff(ends) >= 0) and (len(given) == 0 or 0 <= given.min() <= given.max() < rows)
+    for image in reversed(range(len(offsets))):
+        own = given[offsets[image, 0] : offsets[image, -1]] if sound else given[:0]
+        firsts[image] = min(int(own.min(initial=rows)), firsts[image + 1]) if image else 0
+        sound = sound and own.max(initial=-1) < firsts[image + 1]
+    if not sound:
+        raise PocketGSError(f"flatten_ids: found lists that do not belong to {len(offsets)} images of {rows} splats")
+    return firsts
+
+
+def _masked(offsets: np.ndarray, given: np.ndarray, masks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The lists without those of tiles that are not drawn."""
+    counts = np.diff(offsets, axis=1)
+    kept = np.where(masks, counts, 0)
+    shortened = np.zeros(kept.size + 1, np.int64)
+    np.cumsum(kept.reshape(-1), out=shortened[1:])
+    new = np.empty_like(offsets)
+    new[:, :-1] = shortened[:-1].reshape(kept.shape)
+    new[:, -1] = shortened[1:].reshape(kept.shape)[:, -1]
+    return new, given[np.repeat(masks.reshape(-1), counts.reshape(-1))]

@@ -1,0 +1,155 @@
+"""gsplat's `fully_fused_projection`: the fast pass where it applies, and plain PyTorch for the rest."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from pocketgs.errors import PocketGSError
+from pocketgs.splat.constants import ALPHA_MIN
+from pocketgs.splat.cpu.ewa import REACH, UNBOUNDED
+from pocketgs.torch.arrays import check_shape, checked_dtype
+from pocketgs.torch.covariance import from_upper_triangle, proj, quat_scale_to_covar_preci, world_to_cam
+from pocketgs.torch.project import Project2D, Projection, Splats
+from pocketgs.torch.unsupported import check_camera_model
+
+_LEAST_DETERMINANT = 1e-10
+
+
+def fully_fused_projection(
+    means: Tensor,
+    covars: Tensor | None,
+    quats: Tensor | None,
+    scales: Tensor | None,
+    viewmats: Tensor,
+    Ks: Tensor,
+    width: int,
+    height: int,
+    eps2d: float = 0.3,
+    near_plane: float = 0.01,
+    far_plane: float = 1e10,
+    radius_clip: float = 0.0,
+    packed: bool = False,
+    sparse_grad: bool = False,
+    calc_compensations: bool = False,
+    camera_model: str = "pinhole",
+    opacities: Tensor | None = None,
+) -> tuple[Any, ...]:
+    """Project Gaussians into cameras.
+
+    Args:
+        means: (..., N, 3).
+        covars: (..., N, 6) upper triangles of covariances, in place of quaternions and scales, or None.
+        quats: (..., N, 4) w, x, y, z of any length.
+        scales: (..., N, 3) standard deviations.
+        viewmats: (..., C, 4, 4) world_to_camera.
+        Ks: (..., C, 3, 3) intrinsics in pixels.
+        width: of the images.
+        height: of the images.
+        eps2d: added to both variances on the image, in pixels².
+        near_plane: least depth of what is seen.
+        far_plane: largest depth.
+        radius_clip: what is no larger, in pixels, is not seen.
+        packed: whether only what is seen has rows.
+        sparse_grad: whether gradients of means, quats and scales are sparse; only with `packed`.
+        calc_compensations: whether compensations are wanted.
+        camera_model: "pinhole", "ortho" or "fisheye".
+        opacities: (..., N), so that bounds are no larger than they need be; None for opaque ones.
+
+    Returns:
+        Radii (..., C, N, 2) int32, means (..., C, N, 2), depths (..., C, N), conics (..., C, N, 3), compensations
+        (..., C, N) or None. With `packed`, numbers of batches, cameras and Gaussians (nnz,) int64 come first, and the
+        others have nnz rows in place of (..., C, N). What is not seen has zeros everywhere.
+
+    Raises:
+        PocketGSError: shapes or types disagree, or something is not supported.
+    """
+    tensors = {"means": means, "covars": covars, "quats": quats, "scales": scales}
+    dtype = checked_dtype({**tensors, "viewmats": viewmats, "opacities": opacities})
+    check_camera_model(camera_model)
+    lead, count, cameras = tuple(means.shape[:-2]), means.shape[-2], viewmats.shape[-3]
+    check_shape("means", means, (*lead, count, 3))
+    check_shape("viewmats", viewmats, (*lead, cameras, 4, 4))
+    check_shape("Ks", Ks, (*lead, cameras, 3, 3))
+    if sparse_grad and (not packed or lead):
+        raise PocketGSError("sparse_grad: it takes packed=True, and means without batches")
+    if covars is None and (quats is None or scales is None):
+        raise PocketGSError("fully_fused_projection: found neither covars nor both quats and scales")
+    sizes = (eps2d, near_plane, far_plane, radius_clip, calc_compensations, packed, sparse_grad)
+    projection = Projection(width, height, *sizes)
+    bounding = means.new_empty((*lead, 0)) if opacities is None else opacities
+    if covars is None and quats is not None and scales is not None:
+        check_shape("quats", quats, (*lead, count, 4))
+        check_shape("scales", scales, (*lead, count, 3))
+        if camera_model == "pinhole" and dtype == torch.float32:
+            splats = Splats(*Project2D.apply(means, quats, scales, bounding, viewmats, Ks, projection))
+            return _as_returned(splats, projection, (*lead, cameras, count))
+        matrices, _ = quat_scale_to_covar_preci(quats, scales, compute_preci=False)
+    else:
+        assert covars is not None
+        check_shape("covars", covars, (*lead, count, 6))
+        matrices = from_upper_triangle(covars)
+    assert matrices is not None
+    if sparse_grad:
+        raise PocketGSError("sparse_grad: it takes float32 quats and scales, and a pinhole camera")
+    splats = _project(means, matrices, bounding, viewmats, Ks.to(dtype), projection, camera_model)
+    return _as_returned(splats, projection, (*lead, cameras, count))
+
+
+def _project(
+    means: Tensor,
+    covars: Tensor,
+    opacities: Tensor,
+    viewmats: Tensor,
+    Ks: Tensor,
+    projection: Projection,
+    camera_model: str,
+) -> Splats:
+    """What `Project2D` does, in plain PyTorch: for every camera model and for double precision."""
+    size = (projection.width, projection.height)
+    local, turned = world_to_cam(means, covars, viewmats)
+    depths = local[..., 2]
+    in_range = (depths >= projection.near_plane) & (depths <= projection.far_plane)
+    # What is not seen must not divide by a depth of 0: its gradient would be no number.
+    local = torch.where(in_range[..., None], local, local.new_tensor([0.0, 0.0, 1.0]))
+    centres, covariances = proj(local, turned, Ks, *size, camera_model)
+    xx, xy, yy = covariances[..., 0, 0], covariances[..., 0, 1], covariances[..., 1, 1]
+    before = xx * yy - xy * xy
+    xx, yy = xx + projection.eps2d, yy + projection.eps2d
+    determinant = (xx * yy - xy * xy).clamp(min=_LEAST_DETERMINANT)
+    compensations = (before / determinant).clamp(min=0.0).sqrt() if projection.compensated else torch.ones_like(depths)
+    conics = torch.stack([yy, -xy, xx], -1) / determinant[..., None]
+    with torch.no_grad():
+        drawn = torch.full_like(depths, UNBOUNDED)
+        if opacities.shape[-1]:
+            drawn = opacities[..., None, :] * compensations
+        reach = (2.0 * (drawn / ALPHA_MIN).clamp(min=1.0).log()).sqrt().clamp(max=REACH)
+        radii = (reach[..., None] * torch.stack([xx, yy], -1).sqrt()).ceil()
+        seen = in_range & (drawn >= ALPHA_MIN) & (radii > projection.radius_clip).any(-1)
+        inside = (centres + radii > 0.0) & (centres - radii < centres.new_tensor(size))
+        seen &= inside.all(-1) & centres.isfinite().all(-1) & conics.isfinite().all(-1)
+        radii = torch.where(seen[..., None], radii, 0.0).int()
+    rows = torch.nonzero(seen.flatten())[:, 0]
+    flat = [centres.reshape(-1, 2), depths.reshape(-1), conics.reshape(-1, 3), compensations.reshape(-1)]
+    if projection.packed:
+        arrays = [each.index_select(0, rows) for each in (*flat, radii.reshape(-1, 2))]
+        return Splats._make([*arrays, rows])
+    mask = seen.flatten()
+    kept = [torch.where(mask[:, None] if each.ndim == 2 else mask, each, 0.0) for each in flat]
+    return Splats._make([*kept, radii.reshape(-1, 2), rows])
+
+
+def _as_returned(splats: Splats, projection: Projection, shape: tuple[int, ...]) -> tuple[Any, ...]:
+    """In gsplat's order and shapes."""
+    centres, depths, conics, compensations, radii, seen = splats
+    factors = compensations if projection.compensated else None
+    if projection.packed:
+        cameras, count = shape[-2:]
+        images, gaussians = seen // count, seen % count
+        return images // cameras, images % cameras, gaussians, radii, centres, depths, conics, factors
+    if factors is not None:
+        factors = factors.reshape(shape)
+    numbers = (radii.reshape(*shape, 2), centres.reshape(*shape, 2), depths.reshape(shape))
+    return (*numbers, conics.reshape(*shape, 3), factors)

@@ -1,0 +1,254 @@
+"""gsplat's `rasterization`: from Gaussians and cameras to images, with gradients of all of them."""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from pocketgs.errors import PocketGSError
+from pocketgs.torch.arrays import check_shape, checked_dtype
+from pocketgs.torch.colours import drawn_colours
+from pocketgs.torch.covariance import upper_triangle
+from pocketgs.torch.intersections import isect_offset_encode, isect_tiles
+from pocketgs.torch.meta import Meta
+from pocketgs.torch.pixels import rasterize_to_pixels
+from pocketgs.torch.projection import fully_fused_projection
+from pocketgs.torch.rasterize import TileRasterizer
+from pocketgs.torch.rows import Rows
+from pocketgs.torch.tiles import TileBinner
+from pocketgs.torch.unsupported import refuse_arguments
+
+
+class RollingShutterType(Enum):
+    """gsplat's kinds of shutters, of which only GLOBAL is supported."""
+
+    ROLLING_TOP_TO_BOTTOM = 0
+    ROLLING_LEFT_TO_RIGHT = 1
+    ROLLING_BOTTOM_TO_TOP = 2
+    ROLLING_RIGHT_TO_LEFT = 3
+    GLOBAL = 4
+
+
+RENDER_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
+RASTERIZE_MODES = ("classic", "antialiased")
+
+
+def rasterization(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    colors: Tensor,
+    viewmats: Tensor,
+    Ks: Tensor,
+    width: int,
+    height: int,
+    near_plane: float = 0.01,
+    far_plane: float = 1e10,
+    radius_clip: float = 0.0,
+    eps2d: float = 0.3,
+    sh_degree: int | None = None,
+    packed: bool = True,
+    tile_size: int = 16,
+    backgrounds: Tensor | None = None,
+    render_mode: str = "RGB",
+    sparse_grad: bool = False,
+    absgrad: bool = False,
+    rasterize_mode: str = "classic",
+    channel_chunk: int = 32,
+    distributed: bool = False,
+    camera_model: str = "pinhole",
+    segmented: bool = False,
+    covars: Tensor | None = None,
+    with_ut: bool = False,
+    with_eval3d: bool = False,
+    radial_coeffs: Tensor | None = None,
+    tangential_coeffs: Tensor | None = None,
+    thin_prism_coeffs: Tensor | None = None,
+    ftheta_coeffs: Any = None,
+    rolling_shutter: Any = None,
+    viewmats_rs: Tensor | None = None,
+) -> tuple[Tensor, Tensor, dict[str, Any]]:
+    """Render Gaussians into cameras, as gsplat 1.5.3 does.
+
+        image, alpha, meta = rasterization(means, quats, scales, opacities, colors, viewmats, Ks, 640, 480)
+
+    Args:
+        means: (..., N, 3) centres in the world; the dots stand for batches, of which all that follow have as many.
+        quats: (..., N, 4) w, x, y, z of any length.
+        scales: (..., N, 3) standard deviations.
+        opacities: (..., N) in [0, 1].
+        colors: (..., N, D) or (..., C, N, D), any D; with `sh_degree` coefficients (..., N, K, 3) or (..., C, N, K, 3).
+        viewmats: (..., C, 4, 4) world_to_camera, OpenCV's axes.
+        Ks: (..., C, 3, 3) intrinsics in pixels; they get no gradient.
+        width: of the images.
+        height: of the images.
+        near_plane: least depth of what is seen.
+        far_plane: largest depth.
+        radius_clip: what is no larger on the image, in pixels, is not seen.
+        eps2d: added to both variances on the image, in pixels².
+        sh_degree: 0 to 3, of the harmonics that count; None for colours as they are.
+        packed: whether `meta` has rows only for what is seen.
+        tile_size: of the intersections in `meta`; images do not depend on it.
+        backgrounds: (..., C, D) behind the Gaussians, or None for black.
+        render_mode: "RGB", the colours; "D", Σ α T z; "ED", that over the alpha; "RGB+D" and "RGB+ED", both.
+        sparse_grad: with `packed`, whether gradients of means, quats and scales are sparse.
+        absgrad: whether backward leaves the summed magnitudes of its pixels' gradients in `meta["means2d"].absgrad`.
+        rasterize_mode: "classic", or "antialiased", which takes from the opacity what `eps2d` adds to the area.
+        channel_chunk: not looked at: any number of channels takes one pass.
+        distributed: not supported.
+        camera_model: "pinhole", "ortho" or "fisheye".
+        segmented: not looked at.
+        covars: (..., N, 3, 3) in place of quats and scales, or None.
+        with_ut: not supported, nor is what follows.
+        with_eval3d: not supported.
+        radial_coeffs: not supported.
+        tangential_coeffs: not supported.
+        thin_prism_coeffs: not supported.
+        ftheta_coeffs: not supported.
+        rolling_shutter: not supported.
+        viewmats_rs: not supported.
+
+    Returns:
+        Images (..., C, H, W, X), alphas (..., C, H, W, 1), and a dictionary of intermediate results. X is D, or 1 for
+        depths, which come last where both are asked for.
+
+    Raises:
+        PocketGSError: shapes or types disagree, or something is not supported.
+    """
+    check_modes(render_mode, rasterize_mode)
+    refuse_arguments(
+        {
+            "distributed": distributed,
+            "with_ut": with_ut,
+            "with_eval3d": with_eval3d,
+            "radial_coeffs": radial_coeffs,
+            "tangential_coeffs": tangential_coeffs,
+            "thin_prism_coeffs": thin_prism_coeffs,
+            "ftheta_coeffs": ftheta_coeffs,
+            "rolling_shutter": rolling_shutter,
+            "viewmats_rs": viewmats_rs,
+        }
+    )
+    dtype = checked_dtype({"means": means, "opacities": opacities, "colors": colors, "backgrounds": backgrounds})
+    lead, count, cameras = tuple(means.shape[:-2]), means.shape[-2], viewmats.shape[-3]
+    check_shape("opacities", opacities, (*lead, count))
+    if covars is not None:
+        check_shape("covars", covars, (*lead, count, 3, 3))
+    viewmats = viewmats.to(dtype)
+    *ids, radii, means2d, depths, conics, compensations = fully_fused_projection(
+        means,
+        None if covars is None else upper_triangle(covars),
+        quats if covars is None else None,
+        scales if covars is None else None,
+        viewmats,
+        Ks,
+        width,
+        height,
+        eps2d,
+        near_plane,
+        far_plane,
+        radius_clip,
+        packed,
+        sparse_grad,
+        rasterize_mode == "antialiased",
+        camera_model,
+        opacities,
+    )
+    rows = Rows(lead, cameras, count, radii, *ids)
+    shown = rows.of_gaussians(opacities[..., None])[..., 0]
+    if compensations is not None:
+        shown = shown * compensations
+    values = drawn_colours(rows, means, colors, viewmats, sh_degree) if "RGB" in render_mode else depths[..., None]
+    behind = backgrounds
+    if render_mode in ("D", "ED"):
+        behind = None
+    elif render_mode != "RGB":
+        values = torch.cat([values, depths[..., None]], -1)
+        behind = None if backgrounds is None else torch.nn.functional.pad(backgrounds, (0, 1))
+    meta = described(rows, Splatted(means2d, conics, shown, depths), width, height, tile_size)
+    images, alphas = composited(rows, meta, values, behind, absgrad)
+    if "ED" in render_mode:
+        images = torch.cat([images[..., :-1], images[..., -1:] / alphas.clamp(min=1e-10)], -1)
+    return images, alphas, meta
+
+
+def check_modes(render_mode: str, rasterize_mode: str) -> None:
+    """Refuse modes that there are not.
+
+    Raises:
+        PocketGSError: one is none of RENDER_MODES or RASTERIZE_MODES.
+    """
+    if render_mode not in RENDER_MODES:
+        raise PocketGSError(f"render_mode: found {render_mode!r}, expected one of {', '.join(RENDER_MODES)}")
+    if rasterize_mode not in RASTERIZE_MODES:
+        raise PocketGSError(f"rasterize_mode: found {rasterize_mode!r}, expected one of {', '.join(RASTERIZE_MODES)}")
+
+
+class Splatted(NamedTuple):
+    """Rows of splats: (..., 2) centres, (..., 3) conics, (...) opacities and depths."""
+
+    means2d: Tensor
+    conics: Tensor
+    opacities: Tensor
+    depths: Tensor
+
+
+def described(rows: Rows, splats: Splatted, width: int, height: int, tile_size: int) -> Meta:
+    """The dictionary that gsplat gives; its tile intersections are found when somebody looks at them."""
+    across, down = math.ceil(width / tile_size), math.ceil(height / tile_size)
+    packed = rows.image_ids is not None
+
+    def intersections() -> tuple[Tensor, ...]:
+        found = isect_tiles(
+            splats.means2d.detach(),
+            rows.radii,
+            splats.depths.detach(),
+            tile_size,
+            across,
+            down,
+            packed=packed,
+            n_images=rows.images,
+            image_ids=rows.image_ids,
+            gaussian_ids=rows.gaussian_ids,
+        )
+        offsets = isect_offset_encode(found[1], rows.images, across, down)
+        return *found, offsets.reshape(*rows.lead, rows.cameras, down, across)
+
+    known = {
+        "batch_ids": rows.batch_ids,
+        "camera_ids": rows.camera_ids,
+        "gaussian_ids": rows.gaussian_ids,
+        "radii": rows.radii,
+        **splats._asdict(),
+        "tile_width": across,
+        "tile_height": down,
+        "width": width,
+        "height": height,
+        "tile_size": tile_size,
+        "n_batches": math.prod(rows.lead),
+        "n_cameras": rows.cameras,
+    }
+    return Meta(known, {("tiles_per_gauss", "isect_ids", "flatten_ids", "isect_offsets"): intersections})
+
+
+def composited(
+    rows: Rows, meta: Meta, values: Tensor, backgrounds: Tensor | None, absgrad: bool
+) -> tuple[Tensor, Tensor]:
+    """Images and alphas of what `described` describes, with the given channels."""
+    splats = (meta["means2d"], meta["conics"], values, meta["opacities"])
+    width, height = meta["width"], meta["height"]
+    if values.dtype == torch.float64:
+        lists = (width, height, meta["tile_size"], meta["isect_offsets"], meta["flatten_ids"])
+        packed = rows.image_ids is not None
+        return rasterize_to_pixels(*splats, *lists, backgrounds, packed=packed, absgrad=absgrad)
+    drawn = (meta["means2d"], meta["conics"], meta["opacities"], meta["depths"])
+    tiles = TileBinner.apply(*drawn, rows.first_rows, width, height)
+    behind = None if backgrounds is None else backgrounds.reshape(rows.images, -1)
+    images, alphas = TileRasterizer.apply(*splats, behind, tiles, absgrad)
+    lead = (*rows.lead, rows.cameras)
+    return images.reshape(*lead, *images.shape[1:]), alphas.reshape(*lead, *alphas.shape[1:])

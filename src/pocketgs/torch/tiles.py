@@ -1,0 +1,141 @@
+"""Which splats the tiles of images draw: found here, or given in gsplat's layout."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pocketgs.splat.cpu.bin import Binner, TileLists
+from pocketgs.splat.cpu.given_lists import lists_from
+from pocketgs.splat.cpu.layout import CLUSTER, COLOURS, FIRST_CHANNEL, View
+from pocketgs.splat.cpu.project import CULLED
+from pocketgs.splat.cpu.sort import sort_by_depth
+from pocketgs.splat.cpu.splat_rows import write_rows
+from pocketgs.torch.arrays import array_of, flat, torch_threads
+
+NO_COLOURS = np.empty((0, 0), np.float32)
+_NO_DEPTHS = np.empty(0, np.float32)
+
+MOST_KEPT = 8
+"""So many binners wait for the next images: fresh memory costs a page fault every 4 KB."""
+
+_waiting: list[tuple[int, Binner]] = []
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """Which splats the tiles of some images draw.
+
+    Attributes:
+        width, height: of every image.
+        first_rows: (I + 1) where each image's splats begin among all rows, and where the last one's end.
+        lists: of each image; splats count from the image's first row.
+        visible: (V,) int32 for each image, splats that are drawn.
+    """
+
+    width: int
+    height: int
+    first_rows: Sequence[int]
+    lists: Sequence[TileLists]
+    visible: Sequence[np.ndarray]
+
+
+class TileBinner(torch.autograd.Function):
+    """`TileBinner.apply(centres, conics, opacities, depths, first_rows, width, height)` gives `Tiles`.
+
+    Arguments are those of a `Splats`, float32, for all images one after the other. Nothing here has a gradient.
+    """
+
+    @staticmethod
+    def forward(
+        ctx: Any,
+        centres: Tensor,
+        conics: Tensor,
+        opacities: Tensor,
+        depths: Tensor,
+        first_rows: Sequence[int],
+        width: int,
+        height: int,
+    ) -> Tiles:
+        """Sort every image's splats by depth, and list them for the tiles that they reach."""
+        threads = torch_threads()
+        arrays = [flat(centres, 2), flat(conics, 3), *(array_of(each).reshape(-1) for each in (opacities, depths))]
+        lists, visible, binners = [], [], []
+        for first, end in pairwise(first_rows):
+            splats, keys = splat_rows([array[first:end] for array in arrays], NO_COLOURS, threads)
+            clusters = np.arange(-(-len(keys) // CLUSTER), dtype=np.int32)
+            seen, order = sort_by_depth(keys, clusters, *np.empty((3, len(keys)), np.int32))
+            binners.append(_take_binner(threads))
+            lists.append(binners[-1].bin(splats, seen, order, _image(width, height)))
+            visible.append(seen)
+        tiles = Tiles(width, height, first_rows, lists, visible)
+        weakref.finalize(tiles, _give_back, threads, binners).atexit = False
+        return tiles
+
+
+def tiles_from(
+    splats: tuple[Tensor, Tensor, Tensor],
+    first_rows: Sequence[int],
+    offsets: np.ndarray,
+    given: np.ndarray,
+    tile_size: int,
+    size: tuple[int, int],
+) -> Tiles:
+    """Tiles from intersections in gsplat's layout.
+
+    Args:
+        splats: centres, conics and opacities, as `TileBinner` takes them.
+        first_rows: where each image's splats begin.
+        offsets: (I, tiles + 1) int32, where each tile's list begins in `given`, and where the image's last one ends.
+        given: int32 rows of splats.
+        tile_size: side of gsplat's tiles, a multiple of 16.
+        size: width and height of every image.
+    """
+    threads = torch_threads()
+    centres, conics, opacities = splats
+    arrays: list[np.ndarray] = [flat(centres, 2), flat(conics, 3), array_of(opacities).reshape(-1)]
+    lists, visible = [], []
+    for image, (first, end) in enumerate(pairwise(first_rows)):
+        rows, keys = splat_rows([array[first:end] for array in arrays], NO_COLOURS, threads)
+        bounds = offsets[image]
+        own = given[bounds[0] : bounds[-1]] - np.int32(first)
+        lists.append(lists_from(rows, keys, bounds - bounds[0], own, tile_size, size, threads))
+        visible.append(np.flatnonzero(keys != CULLED).astype(np.int32))
+    return Tiles(*size, first_rows, lists, visible)
+
+
+def _take_binner(threads: int) -> Binner:
+    """A binner that nobody uses."""
+    for place, (own_threads, binner) in enumerate(_waiting):
+        if own_threads == threads:
+            del _waiting[place]
+            return binner
+    return Binner(threads)
+
+
+def _give_back(threads: int, binners: Sequence[Binner]) -> None:
+    """Let the next images have the binners of tiles that are gone."""
+    room = max(MOST_KEPT - len(_waiting), 0)
+    _waiting.extend((threads, binner) for binner in binners[:room])
+
+
+def splat_rows(arrays: Sequence[np.ndarray], colours: np.ndarray, threads: int) -> tuple[np.ndarray, np.ndarray]:
+    """The splats' rows and depth keys, as kernels take them, of centres, conics, opacities and maybe depths."""
+    centres, conics, opacities = arrays[:3]
+    depths = arrays[3] if len(arrays) > 3 else _NO_DEPTHS
+    splats = np.empty((len(centres), FIRST_CHANNEL + max(COLOURS, colours.shape[1])), np.float32)
+    keys = np.empty(len(centres), np.uint32)
+    write_rows(centres, conics, opacities, depths, colours, threads, splats, keys)
+    return splats, keys
+
+
+def _image(width: int, height: int) -> View:
+    """A view of which only the size counts."""
+    return View(np.eye(3), np.zeros(3), np.zeros(3), 1.0, 1.0, 0.0, 0.0, width, height, False)

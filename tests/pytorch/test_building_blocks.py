@@ -1,0 +1,84 @@
+"""The pieces by themselves: rearranged, optimised, culled, relocated."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import torch
+
+from pocketgs.errors import PocketGSError
+from pocketgs.torch import (
+    ClusterCompactor,
+    ClusterCuller,
+    Project2D,
+    Projection,
+    SelectiveAdam,
+    TileBinner,
+    TileRasterizer,
+    compute_relocation,
+    rasterization,
+)
+
+SIZE = (50, 37)
+
+
+def test_the_blocks_in_a_row_are_rasterization(make_scene: Callable[..., Any]) -> None:
+    """And culling clusters before them changes nothing but the work."""
+    scene = make_scene(2000)
+    with torch.no_grad():
+        scene["means"][:1000] -= torch.tensor([0.0, 0.0, 50.0])  # behind the camera
+    expected, _, _ = rasterization(**scene, width=SIZE[0], height=SIZE[1])
+    expected.square().sum().backward()
+    names = ("means", "quats", "scales", "opacities", "colors")
+    found = {name: scene[name].detach().clone().requires_grad_() for name in names}
+    camera = (scene["viewmats"].detach(), scene["Ks"])
+    clusters = ClusterCuller.apply(found["means"], found["scales"], camera[0][0], camera[1][0], *SIZE, 0.01)
+    assert clusters.tolist() == [3, 4, 5, 6, 7]
+    means, quats, scales, opacities, colors = ClusterCompactor.apply(clusters, *found.values())
+    assert len(means) == 2000 - 768
+    centres, depths, conics, _, _, _ = Project2D.apply(means, quats, scales, opacities, *camera, Projection(*SIZE))
+    tiles = TileBinner.apply(centres, conics, opacities, depths, [0, len(means)], *SIZE)
+    image, _ = TileRasterizer.apply(centres, conics, colors, opacities, None, tiles, False)
+    assert torch.equal(image, expected)
+    image.square().sum().backward()
+    for name in names:
+        torch.testing.assert_close(found[name].grad, scene[name].grad)
+
+
+def test_selective_adam_moves_only_what_was_seen() -> None:
+    values = torch.rand(1000, 2, 3, requires_grad=True)
+    before, seen = values.detach().clone(), torch.rand(1000) < 0.3
+    optimiser = SelectiveAdam([{"params": [values], "lr": 0.1}], eps=1e-8, betas=(0.9, 0.999))
+    mean = square = torch.zeros(1000, 2, 3)
+    expected = before.clone()
+    for step in range(3):
+        gradient = torch.rand(1000, 2, 3) - 0.5 * step
+        values.grad = gradient.clone()
+        optimiser.step(seen)
+        mean, square = 0.9 * mean + 0.1 * gradient, 0.999 * square + 0.001 * gradient**2
+        expected[seen] -= 0.1 * (mean / (square.sqrt() + 1e-8))[seen]
+    assert torch.equal(values[~seen], before[~seen])
+    torch.testing.assert_close(values.detach(), expected, rtol=1e-4, atol=1e-5)
+    with pytest.raises(PocketGSError, match="with 999 rows"):
+        optimiser.step(seen[:999])
+
+
+def test_relocation_follows_the_papers_equation() -> None:
+    most = 51
+    binoms = torch.tensor([[float(math.comb(n, k)) for k in range(most)] for n in range(most)])
+    opacities, scales = torch.tensor([0.9, 0.3, 0.05]), torch.rand(3, 3)
+    ratios = torch.tensor([2, 7, 80])
+    each, sizes = compute_relocation(opacities, scales, ratios, binoms)
+    assert ratios.tolist() == [2, 7, 51]
+    for row, n in enumerate((2, 7, 51)):
+        o = 1.0 - (1.0 - opacities[row].item()) ** (1.0 / n)
+        total = sum(
+            math.comb(i - 1, k) * (-1.0) ** k / math.sqrt(k + 1) * o ** (k + 1)
+            for i in range(1, n + 1)
+            for k in range(i)
+        )
+        assert each[row].item() == pytest.approx(o, rel=1e-6)
+        torch.testing.assert_close(sizes[row], scales[row] * (opacities[row].item() / total), rtol=1e-5, atol=0.0)

@@ -1,0 +1,114 @@
+"""Scripts that import gsplat run on our functions; its own strategies do, as they are."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+PREPARE = """
+import torch
+import pocketgs.torch
+pocketgs.torch.install_as_gsplat({version!r})
+"""
+
+TRAIN = """
+import gsplat
+from gsplat.rendering import rasterization
+from gsplat.strategy import DefaultStrategy, MCMCStrategy
+assert gsplat.rasterization is rasterization and rasterization.__module__.startswith("pocketgs")
+torch.manual_seed(0)
+count, viewmats = 400, torch.eye(4)[None]
+Ks = torch.tensor([[[50.0, 0, 32], [0, 50, 24], [0, 0, 1]]])
+params = torch.nn.ParameterDict({
+    "means": torch.rand(count, 3) * 2 - 1 + torch.tensor([0, 0, 3.0]),
+    "quats": torch.randn(count, 4),
+    "scales": torch.full((count, 3), -3.0),
+    "opacities": torch.full((count,), -1.0),
+    "sh0": torch.rand(count, 1, 3),
+})
+optimizers = {name: torch.optim.Adam([{"params": each, "lr": 0.02}]) for name, each in params.items()}
+image = (torch.linspace(0, 1, 64) > 0.5).float()[None, None, :, None].expand(1, 48, 64, 3)
+losses = []
+for step in range(45):
+    shown, _, info = rasterization(
+        params["means"], params["quats"], params["scales"].exp(), params["opacities"].sigmoid(), params["sh0"],
+        viewmats, Ks, 64, 48, sh_degree=0, packed=PACKED, absgrad=ABSGRAD,
+    )
+    strategy_arguments = (params, optimizers, state, step, info)
+    strategy.step_pre_backward(*strategy_arguments)
+    loss = (shown - image).abs().mean()
+    loss.backward()
+    losses.append(loss.item())
+    for optimizer in optimizers.values():
+        optimizer.step()
+        optimizer.zero_grad()
+    strategy.step_post_backward(*strategy_arguments, **more)
+assert losses[-1] < 0.6 * losses[0], losses
+print(len(params["means"]))
+"""
+
+DEFAULT = """
+from gsplat.strategy import DefaultStrategy
+PACKED, ABSGRAD = {packed}, {absgrad}
+strategy = DefaultStrategy(refine_start_iter=5, refine_every=10, absgrad=ABSGRAD, refine_scale2d_stop_iter=40)
+state, more = strategy.initialize_state(), {{"packed": PACKED}}
+"""
+
+MCMC = """
+from gsplat import MCMCStrategy
+PACKED, ABSGRAD = False, False
+strategy = MCMCStrategy(cap_max=450, refine_start_iter=5, refine_every=10)
+state, more = strategy.initialize_state(), {"lr": 1e-5}
+"""
+
+
+def run(script: str, version: str | None = None) -> str:
+    command = [sys.executable, "-c", PREPARE.format(version=version) + textwrap.dedent(script)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "resolves to PocketGS" in done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize(("packed", "absgrad"), [(False, False), (True, True)])
+def test_default_strategy_multiplies_gaussians(packed: bool, absgrad: bool) -> None:
+    assert int(run(DEFAULT.format(packed=packed, absgrad=absgrad) + TRAIN)) != 400
+
+
+def test_mcmc_strategy_grows_to_its_bound() -> None:
+    assert int(run(MCMC + TRAIN)) == 450
+
+
+def test_earlier_versions_have_one_radius() -> None:
+    script = """
+    from gsplat import rasterization
+    shape = (torch.rand(1, 4), torch.tensor([[0.1, 0.2, 0.3]]))
+    gaussians = (torch.tensor([[0.0, 0, 2]]), *shape, torch.ones(1), torch.rand(1, 3))
+    camera = (torch.eye(4)[None], torch.tensor([[[50.0, 0, 32], [0, 50, 24], [0, 0, 1]]]), 64, 48)
+    print(tuple(rasterization(*gaussians, *camera, packed=False)[2]["radii"].shape))
+    """
+    assert run(script, "1.4.0").strip() == "(1, 1)"
+    assert run(script, "1.5.3").strip() == "(1, 1, 2)"
+
+
+def test_what_needs_cuda_can_be_imported_and_says_so_when_called() -> None:
+    run("""
+    import gsplat
+    from gsplat import rasterization_2dgs, rasterization_inria_wrapper
+    from gsplat.cuda._wrapper import RollingShutterType, fully_fused_projection, rasterize_to_pixels_2dgs
+    from gsplat.distributed import cli
+    from gsplat.optimizers import SelectiveAdam
+    from gsplat.relocation import compute_relocation
+    from pocketgs import PocketGSError
+    assert SelectiveAdam.__module__.startswith("pocketgs") and gsplat.__version__
+    try:
+        rasterization_2dgs()
+    except PocketGSError as error:
+        assert "rasterization_2dgs is not supported" in str(error)
+    else:
+        raise AssertionError
+    assert not hasattr(gsplat, "anything_else")
+    """)

@@ -1,0 +1,237 @@
+"""What callers of `rasterization` rely on, beside the images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+from pocketgs.errors import PocketGSError
+from pocketgs.torch import fully_fused_projection, rasterization, rasterize_to_pixels
+from pocketgs.torch.arrays import array_of
+
+SIZE = {"width": 50, "height": 37}
+META = {
+    "batch_ids",
+    "camera_ids",
+    "gaussian_ids",
+    "radii",
+    "means2d",
+    "depths",
+    "conics",
+    "opacities",
+    "tile_width",
+    "tile_height",
+    "tiles_per_gauss",
+    "isect_ids",
+    "flatten_ids",
+    "isect_offsets",
+    "width",
+    "height",
+    "tile_size",
+    "n_batches",
+    "n_cameras",
+}
+
+
+@pytest.mark.parametrize("options", [{}, {"rasterize_mode": "antialiased"}, {"camera_model": "fisheye"}])
+def test_gradcheck_in_double_precision(make_scene: Callable[..., Any], options: dict[str, Any]) -> None:
+    scene = make_scene(4, double=True)
+    with torch.no_grad():
+        # Wide and far from the borders where α falls to 1/255, at which no difference quotient is the gradient.
+        scene["scales"] += 0.5
+        scene["opacities"] *= 0.6
+    Ks = scene.pop("Ks") * Ks_of_a_small_image()
+    backgrounds = torch.rand(1, 3, dtype=torch.float64).requires_grad_()
+
+    def render(*tensors: Tensor) -> Tensor:
+        names = dict(zip([*scene, "backgrounds"], tensors, strict=True))
+        image, alpha, _ = rasterization(**names, Ks=Ks, width=6, height=5, render_mode="RGB+ED", **options)
+        return torch.cat([image, alpha], -1)
+
+    assert torch.autograd.gradcheck(render, (*scene.values(), backgrounds), eps=1e-5, atol=1e-4, rtol=1e-3)
+
+
+def Ks_of_a_small_image() -> Tensor:  # noqa: N802 - gsplat's name
+    return torch.tensor([[0.12, 1.0, 0.12], [1.0, 0.12, 0.12], [1.0, 1.0, 1.0]], dtype=torch.float64)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_meta_has_every_key_and_centres_get_gradients(make_scene: Callable[..., Any], packed: bool) -> None:
+    scene = make_scene(cameras=2)
+    image, _, meta = rasterization(**scene, **SIZE, packed=packed, absgrad=True)
+    assert set(meta) == META
+    assert "isect_ids" in meta
+    assert all(value is not None for name, value in meta.items() if packed or not name.endswith("_ids"))
+    rows = (len(meta["gaussian_ids"]),) if packed else (2, len(scene["means"]))
+    assert meta["means2d"].shape == meta["radii"].shape == (*rows, 2)
+    assert meta["conics"].shape == (*rows, 3)
+    assert meta["depths"].shape == meta["opacities"].shape == rows
+    meta["means2d"].retain_grad()
+    image.square().sum().backward()
+    gradient, magnitudes = meta["means2d"].grad, meta["means2d"].absgrad
+    assert gradient.shape == magnitudes.shape == (*rows, 2)
+    assert gradient.abs().sum() > 0.0
+    assert (magnitudes * 1.001 >= gradient.abs() - 1e-6).all()
+
+
+def test_batches_are_scenes_of_their_own(make_scene: Callable[..., Any]) -> None:
+    scenes = [make_scene(cameras=2, sh_degree=1, seed=seed) for seed in (0, 1)]
+    together = {name: torch.stack([scene[name].detach() for scene in scenes]).requires_grad_() for name in scenes[0]}
+    image, alpha, meta = rasterization(**together, **SIZE, sh_degree=1, packed=False)
+    assert image.shape == (2, 2, 37, 50, 3)
+    assert meta["n_batches"] == 2
+    packed, _, _ = rasterization(**together, **SIZE, sh_degree=1, packed=True)
+    assert torch.equal(packed, image)
+    (image.sum() + alpha.sum()).backward()
+    for number, scene in enumerate(scenes):
+        own, own_alpha, _ = rasterization(**scene, **SIZE, sh_degree=1)
+        assert torch.equal(own, image[number])
+        (own.sum() + own_alpha.sum()).backward()
+        for name in ("means", "quats", "scales", "opacities", "colors", "viewmats"):
+            torch.testing.assert_close(together[name].grad[number], scene[name].grad, msg=name)
+
+
+def test_colours_of_each_camera(make_scene: Callable[..., Any]) -> None:
+    scene = make_scene(cameras=2)
+    shared, _, _ = rasterization(**scene, **SIZE)
+    scene["colors"] = torch.stack([scene["colors"], 2.0 * scene["colors"]])
+    for packed in (False, True):
+        image, _, _ = rasterization(**scene, **SIZE, packed=packed)
+        torch.testing.assert_close(image[0], shared[0])
+        torch.testing.assert_close(image[1], 2.0 * shared[1])
+
+
+def test_sparse_gradients_are_the_dense_ones(make_scene: Callable[..., Any]) -> None:
+    dense, sparse = make_scene(cameras=2), make_scene(cameras=2)
+    rasterization(**dense, **SIZE)[0].sum().backward()
+    rasterization(**sparse, **SIZE, packed=True, sparse_grad=True)[0].sum().backward()
+    for name in ("means", "quats", "scales"):
+        assert sparse[name].grad.is_sparse
+        torch.testing.assert_close(sparse[name].grad.to_dense(), dense[name].grad)
+    assert not sparse["opacities"].grad.is_sparse
+
+
+def test_covariances_in_place_of_quaternions_and_scales(make_scene: Callable[..., Any]) -> None:
+    from pocketgs.torch import quat_scale_to_covar_preci
+
+    scene = make_scene()
+    expected, _, _ = rasterization(**scene, **SIZE)
+    covars, _ = quat_scale_to_covar_preci(scene["quats"], scene["scales"])
+    found, _, _ = rasterization(**{**scene, "quats": None, "scales": None, "covars": covars}, **SIZE)
+    torch.testing.assert_close(found, expected, atol=1e-5, rtol=1e-4)
+    found.sum().backward()
+    assert scene["scales"].grad.abs().sum() > 0.0
+
+
+def test_pixels_from_the_intersections_that_meta_holds(make_scene: Callable[..., Any]) -> None:
+    scene = make_scene(cameras=2)
+    for packed in (False, True):
+        image, alpha, meta = rasterization(**scene, **SIZE, packed=packed)
+        colours = scene["colors"].expand(2, -1, -1)
+        colours = colours[meta["camera_ids"], meta["gaussian_ids"]] if packed else colours
+        splats = (meta["means2d"], meta["conics"], colours, meta["opacities"])
+        lists = (50, 37, 16, meta["isect_offsets"], meta["flatten_ids"])
+        found, found_alpha = rasterize_to_pixels(*splats, *lists, packed=packed)
+        torch.testing.assert_close(found, image)
+        torch.testing.assert_close(found_alpha, alpha)
+        masks = torch.ones(2, 3, 4, dtype=torch.bool)
+        masks[:, 1, 2] = False
+        masked, masked_alpha = rasterize_to_pixels(*splats, *lists, masks=masks, packed=packed)
+        assert not masked[:, 16:32, 32:48].any()
+        assert torch.equal(masked[:, :, :32], found[:, :, :32])
+        assert torch.equal(masked_alpha[:, :16], found_alpha[:, :16])
+
+
+def test_lists_that_do_not_belong_to_the_splats_are_refused(make_scene: Callable[..., Any]) -> None:
+    scene = make_scene()
+    _, _, meta = rasterization(**scene, **SIZE, packed=False)
+    splats = (meta["means2d"], meta["conics"], scene["colors"][None], meta["opacities"])
+    for ids in (meta["flatten_ids"] + 1000, meta["flatten_ids"] - 1000, meta["flatten_ids"][:5]):
+        with pytest.raises(PocketGSError, match="flatten_ids"):
+            rasterize_to_pixels(*splats, 50, 37, 16, meta["isect_offsets"], ids)
+
+
+def test_results_are_the_same_bits_on_any_number_of_threads(make_scene: Callable[..., Any]) -> None:
+    before, found = torch.get_num_threads(), []
+    for threads in (1, 2):
+        torch.set_num_threads(threads)
+        scene = make_scene(900, sh_degree=2)
+        image, _, _ = rasterization(**scene, **SIZE, sh_degree=2)
+        image.square().sum().backward()
+        found.append([image, *(scene[name].grad for name in ("means", "quats", "colors", "viewmats"))])
+    torch.set_num_threads(before)
+    for one, two in zip(*found, strict=True):
+        assert torch.equal(one, two)
+
+
+def test_kernels_read_the_tensors_own_memory() -> None:
+    tensor = torch.rand(5, 3, requires_grad=True)
+    assert array_of(tensor).ctypes.data == tensor.data_ptr()
+
+
+def test_nothing_in_view_is_black_and_has_no_gradient(make_scene: Callable[..., Any]) -> None:
+    scene = make_scene()
+    with torch.no_grad():
+        scene["means"][:, 2] -= 100.0
+    for packed in (False, True):
+        image, alpha, meta = rasterization(**scene, **SIZE, packed=packed)
+        assert not image.any()
+        assert not alpha.any()
+        assert len(meta["isect_ids"]) == 0
+        image.sum().backward()
+        assert not scene["means"].grad.any()
+
+
+def test_what_is_no_number_is_not_drawn(make_scene: Callable[..., Any]) -> None:
+    scene, other = make_scene(), make_scene()
+    with torch.no_grad():
+        scene["means"][3], scene["scales"][5], scene["opacities"][7] = torch.nan, torch.inf, torch.nan
+        other["opacities"][[3, 5, 7]] = 0.0
+    image, _, _ = rasterization(**scene, **SIZE)
+    expected, _, _ = rasterization(**other, **SIZE)
+    assert torch.equal(image, expected)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"with_ut": True}, "with_ut is not supported"),
+        ({"with_eval3d": True}, "with_eval3d is not supported"),
+        ({"distributed": True}, "distributed is not supported"),
+        ({"radial_coeffs": torch.zeros(1, 6)}, "radial_coeffs is not supported"),
+        ({"camera_model": "ftheta"}, "camera_model: found 'ftheta'"),
+        ({"render_mode": "N"}, "render_mode: found 'N'"),
+        ({"rasterize_mode": "mip"}, "rasterize_mode: found 'mip'"),
+        ({"opacities": torch.zeros(60, 1)}, r"opacities: found shape \(60, 1\), expected \(60,\)"),
+        ({"scales": torch.zeros(60, 3, dtype=torch.float64)}, "scales: found torch.float64"),
+        ({"means": torch.zeros(60, 3, dtype=torch.float16)}, "means: found torch.float16"),
+        ({"colors": torch.zeros(61, 3)}, "colors: found shape"),
+        ({"sh_degree": 2}, "colors: found shape"),
+        ({"sparse_grad": True, "packed": False}, "sparse_grad"),
+    ],
+)
+def test_what_is_wrong_or_unsupported_is_one_error(
+    make_scene: Callable[..., Any], wrong: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(PocketGSError, match=message):
+        rasterization(**{**make_scene(), **SIZE, **wrong})
+
+
+def test_too_high_a_degree_of_harmonics_is_refused(make_scene: Callable[..., Any]) -> None:
+    with pytest.raises(PocketGSError, match="degree 2 with 4 coefficients"):
+        rasterization(**make_scene(sh_degree=1), **SIZE, sh_degree=2)
+
+
+def test_bounds_follow_the_opacity(make_scene: Callable[..., Any]) -> None:
+    scene = make_scene()
+    gaussians = (scene["means"], None, scene["quats"], scene["scales"], scene["viewmats"], scene["Ks"], 50, 37)
+    wide, *_ = fully_fused_projection(*gaussians)
+    tight, *_ = fully_fused_projection(*gaussians, opacities=torch.full((60,), 0.01))
+    assert (tight <= wide).all()
+    assert (tight < wide).any()
+    none, *_ = fully_fused_projection(*gaussians, opacities=torch.full((60,), 0.003))
+    assert not none.any()
