@@ -20,7 +20,7 @@ from pocketgs.splat.settings import StepSettings
 from pocketgs.system.interrupt import Interrupt, deferred_interrupt
 from pocketgs.system.process import peak_rss_mb
 from pocketgs.system.stopwatch import Stopwatch
-from pocketgs.training.colours import colour_settings, learns_colours
+from pocketgs.training.colours import colour_settings
 from pocketgs.training.open_ended import OpenEndedPace
 from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.pace import Pace, SetPace
@@ -208,7 +208,7 @@ class _Loop:
         self.samples: list[LossSample] = []
         self._capture, self._options, self._recipe, self._strategy = capture, options, recipe, strategy
         self._pace, self._first_rates = pace, pace.rates(0, 0.0)
-        self._learns_colours = learns_colours(options.colours, capture.report)
+        self._learns_colours = options.colours == "on"
         self._engine, self._stopwatch = engine, stopwatch
         self._loss, self._loss_asked = float("nan"), float("-inf")
         self._held_out_psnr: float | None = None
