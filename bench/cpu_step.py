@@ -38,7 +38,7 @@ from pocketgs.splat.cpu.layout import (
     View,
     tiles_down,
 )
-from pocketgs.splat.cpu.lens import kernel_lens
+from pocketgs.splat.cpu.lenses.lens import kernel_lens
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.timing import NoTimer, PassTimer
 from pocketgs.system.process import peak_rss_mb

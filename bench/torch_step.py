@@ -34,7 +34,7 @@ from pocketgs.splat.cpu.layout import (
     View,
     tiles_down,
 )
-from pocketgs.splat.cpu.lens import kernel_lens
+from pocketgs.splat.cpu.lenses.lens import kernel_lens
 from pocketgs.splat.settings import StepSettings
 from pocketgs.torch import rasterization
 from pocketgs.training.recipes import recipe_named

@@ -17,7 +17,7 @@ from pocketgs.splat.cpu import clusters as clusters_module
 from pocketgs.splat.cpu.clusters import Clusters
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.cpu.layout import CLUSTER, View
-from pocketgs.splat.cpu.lens import kernel_lens
+from pocketgs.splat.cpu.lenses.lens import kernel_lens
 from pocketgs.splat.reference.project import project
 from pocketgs.splat.reference.scene import Scene
 from pocketgs.splat.settings import AdamSettings, LearningRates, LossSettings, StepSettings

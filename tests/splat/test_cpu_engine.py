@@ -25,7 +25,7 @@ from pocketgs.splat.cpu.layout import (
     View,
     tiles_down,
 )
-from pocketgs.splat.cpu.lens import kernel_lens
+from pocketgs.splat.cpu.lenses.lens import kernel_lens
 from pocketgs.splat.cpu.loss import pointwise
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward

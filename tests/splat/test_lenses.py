@@ -17,7 +17,7 @@ from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.cpu.clusters import Clusters
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.cpu.layout import CLUSTER, View
-from pocketgs.splat.cpu.lens import kernel_lens
+from pocketgs.splat.cpu.lenses.lens import kernel_lens
 from pocketgs.splat.rasterizer import Raster, RasterGradient
 from pocketgs.splat.reference import project as reference_project
 from pocketgs.splat.reference import rasterize as reference_rasterize

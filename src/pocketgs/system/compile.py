@@ -24,6 +24,8 @@ PACKAGE = Path(__file__).parents[1]
 
 _IMPORT = re.compile(r"^from (pocketgs\.\S+) import", re.MULTILINE)
 
+_COMPILES = re.compile(r"^from (numba|pocketgs\.system\.compile)\b", re.MULTILINE)
+
 _Function = TypeVar("_Function", bound=Callable[..., object])
 
 
@@ -57,14 +59,19 @@ def _digest_of(room: str) -> str:
 
 
 def _sources_of(folder: Path) -> list[Path]:
-    """The modules of a package, and the modules that those with kernels import."""
-    modules = sorted(folder.glob("*.py"))
-    sources = {*modules}
-    for module in modules:
-        imported = _IMPORT.findall(module.read_text(encoding="utf-8"))
-        if __name__ in imported:
-            sources.update(PACKAGE.parent.joinpath(*name.split(".")).with_suffix(".py") for name in imported)
-    return sorted(path for path in sources if path.is_file())
+    """The modules of a package, and those that the ones with compiled functions import in turn."""
+    found: set[Path] = set()
+    left = list(folder.glob("*.py"))
+    while left:
+        module = left.pop()
+        if module in found or not module.is_file():
+            continue
+        found.add(module)
+        source = module.read_text(encoding="utf-8")
+        for name in _IMPORT.findall(source) if _COMPILES.search(source) else ():
+            imported = PACKAGE.parent.joinpath(*name.split("."))
+            left += imported.glob("*.py") if imported.is_dir() else [imported.with_suffix(".py")]
+    return sorted(found)
 
 
 def _cached(**options: bool) -> _Decorator:

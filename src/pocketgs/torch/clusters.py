@@ -16,7 +16,7 @@ from torch import Tensor
 
 from pocketgs.splat.cpu.clusters import BOUNDS, fit, outside
 from pocketgs.splat.cpu.layout import CLUSTER, View
-from pocketgs.splat.cpu.lens import Pinhole
+from pocketgs.splat.cpu.lenses.lens import Pinhole
 from pocketgs.torch.arrays import array_of, torch_threads
 
 

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.spherical_harmonics import basis, basis_gradient
-from pocketgs.splat.cpu.directional_colours import harmonics, harmonics_backward
+from pocketgs.splat.cpu.operators.harmonics import harmonics, harmonics_backward
 from pocketgs.torch.arrays import array_of, check_shape, checked_dtype, torch_threads, zeros
 
 HIGHEST_DEGREE = 3

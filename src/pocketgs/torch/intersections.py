@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from pocketgs.errors import PocketGSError
-from pocketgs.splat.cpu.given_lists import list_intersections
+from pocketgs.splat.cpu.operators.given_lists import list_intersections
 from pocketgs.torch.arrays import array_of, check_shape
 
 DEPTH_BITS = 32

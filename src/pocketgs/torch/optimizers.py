@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from pocketgs.errors import PocketGSError
-from pocketgs.splat.cpu.selected_adam import adam_of_rows
+from pocketgs.splat.cpu.operators.selected_adam import adam_of_rows
 from pocketgs.torch.arrays import array_of, flat, torch_threads
 
 

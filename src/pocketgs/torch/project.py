@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pocketgs.splat.cpu.ewa import MATRIX, project_ewa, project_ewa_backward
 from pocketgs.splat.cpu.layout import View
-from pocketgs.splat.cpu.lens import Pinhole
+from pocketgs.splat.cpu.lenses.lens import Pinhole
+from pocketgs.splat.cpu.operators.projection import MATRIX, project_ewa, project_ewa_backward
 from pocketgs.system.dealing import PIECE
 from pocketgs.torch.arrays import array_of, torch_threads, zeros
 

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.constants import ALPHA_MIN
-from pocketgs.splat.cpu.ewa import REACH, UNBOUNDED
+from pocketgs.splat.cpu.operators.projection import REACH, UNBOUNDED
 from pocketgs.torch.arrays import check_shape, checked_dtype
 from pocketgs.torch.covariance import from_upper_triangle, proj, quat_scale_to_covar_preci, world_to_cam
 from pocketgs.torch.project import Project2D, Projection, Splats

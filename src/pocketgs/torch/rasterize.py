@@ -11,9 +11,9 @@ import torch
 from torch import Tensor
 
 from pocketgs.splat.cpu.layout import COLOURS
+from pocketgs.splat.cpu.operators.splat_rows import gather_sums
 from pocketgs.splat.cpu.rasterize import rasterize
 from pocketgs.splat.cpu.rasterize_backward import rasterize_backward, sums_per_intersection
-from pocketgs.splat.cpu.splat_rows import gather_sums
 from pocketgs.splat.limits import Limits
 from pocketgs.torch.arrays import array_of, flat, torch_threads, zeros
 from pocketgs.torch.tiles import Tiles, splat_rows

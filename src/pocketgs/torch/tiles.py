@@ -13,11 +13,11 @@ import torch
 from torch import Tensor
 
 from pocketgs.splat.cpu.bin import Binner, TileLists
-from pocketgs.splat.cpu.given_lists import lists_from
 from pocketgs.splat.cpu.layout import CLUSTER, COLOURS, FIRST_CHANNEL, View
+from pocketgs.splat.cpu.operators.given_lists import lists_from
+from pocketgs.splat.cpu.operators.splat_rows import write_rows
 from pocketgs.splat.cpu.project import CULLED
 from pocketgs.splat.cpu.sort import sort_by_depth
-from pocketgs.splat.cpu.splat_rows import write_rows
 from pocketgs.torch.arrays import array_of, flat, torch_threads
 
 NO_COLOURS = np.empty((0, 0), np.float32)

@@ -14,8 +14,8 @@ from numba import prange
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.constants import FRUSTUM_MARGIN, LOW_PASS
 from pocketgs.splat.cpu.layout import CLUSTER, View
-from pocketgs.splat.cpu.lens import KernelLens, Orthographic, Pinhole
-from pocketgs.splat.cpu.lens_clusters import REACH, outside_cone, outside_parallel
+from pocketgs.splat.cpu.lenses.clusters import REACH, outside_cone, outside_parallel
+from pocketgs.splat.cpu.lenses.lens import KernelLens, Orthographic, Pinhole
 from pocketgs.system.compile import parallel_kernel
 from pocketgs.system.dealing import first_piece, take
 
@@ -58,7 +58,7 @@ def outside(bounds: np.ndarray, view: View, lens: KernelLens, near: float) -> np
     With r the reach and σ the largest standard deviation, a Gaussian at camera-space (x, y, z) reaches to the right at
     most to f x/z + c + r (f/z √(1 + s²) σ + √0.3), s being the largest slope that its Jacobian is evaluated at. If that
     is left of the first pixel's centre, all of it times z is a linear function of the mean that is below 0; over a box
-    it is largest at a corner. That is of a pinhole; see `lens_clusters` for others.
+    it is largest at a corner. That is of a pinhole; see `lenses/clusters.py` for others.
 
     Args:
         bounds: (M, BOUNDS).

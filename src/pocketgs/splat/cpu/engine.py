@@ -24,7 +24,7 @@ from pocketgs.splat.cpu.compositor import OVER, Compositor
 from pocketgs.splat.cpu.errors import error_sums, write_error
 from pocketgs.splat.cpu.lanes import LANES
 from pocketgs.splat.cpu.layout import BLUE, DEPTH, RED, SPLAT_FIELDS, View
-from pocketgs.splat.cpu.lens import KernelLens, Pinhole, kernel_lens
+from pocketgs.splat.cpu.lenses.lens import KernelLens, Pinhole, kernel_lens
 from pocketgs.splat.cpu.loss import photometric
 from pocketgs.splat.cpu.memory import training_bytes
 from pocketgs.splat.cpu.noise import add_noise

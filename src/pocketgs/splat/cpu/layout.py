@@ -48,7 +48,7 @@ CLUSTER = 256
 class View(NamedTuple):
     """A camera as the kernels take it: `rotation` and `translation` of world_to_camera, `centre` in the world.
 
-    Its lens goes to them beside it: see `pocketgs.splat.cpu.lens`.
+    Its lens goes to them beside it: see `pocketgs.splat.cpu.lenses.lens`.
     """
 
     rotation: np.ndarray

@@ -14,7 +14,6 @@ from pocketgs.splat.constants import (
     LEAST_DETERMINANT,
     LOW_PASS,
 )
-from pocketgs.splat.cpu.jacobians import Jacobian, along
 from pocketgs.splat.cpu.layout import (
     CLUSTER,
     COLOURS,
@@ -29,9 +28,10 @@ from pocketgs.splat.cpu.layout import (
     RED,
     View,
 )
-from pocketgs.splat.cpu.lens import KernelLens
+from pocketgs.splat.cpu.lenses.formulas import centre_of, depth_of, jacobian_at, shows
+from pocketgs.splat.cpu.lenses.jacobians import Jacobian, along
+from pocketgs.splat.cpu.lenses.lens import KernelLens
 from pocketgs.splat.cpu.spherical_harmonics import sh_basis
-from pocketgs.splat.cpu.through_lens import centre_of, depth_of, jacobian_at, shows
 from pocketgs.splat.cpu.vectors import Vector, axes_of, scaled, times
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import first_piece, take

@@ -13,7 +13,6 @@ from numba import prange
 
 from pocketgs.splat.constants import LOW_PASS
 from pocketgs.splat.cpu.exp2 import exp
-from pocketgs.splat.cpu.jacobians import Jacobian, back_along, no_gradient, with_product
 from pocketgs.splat.cpu.lanes import LANES, Floats, broadcast, load, square_root, store
 from pocketgs.splat.cpu.layout import (
     COLOURS,
@@ -31,7 +30,9 @@ from pocketgs.splat.cpu.layout import (
     SLOTS_FIRST,
     View,
 )
-from pocketgs.splat.cpu.lens import KernelLens
+from pocketgs.splat.cpu.lenses.formulas import jacobian_at, position_backward
+from pocketgs.splat.cpu.lenses.jacobians import Jacobian, back_along, no_gradient, with_product
+from pocketgs.splat.cpu.lenses.lens import KernelLens
 from pocketgs.splat.cpu.project import direction_to, footprint, sharp_determinant
 from pocketgs.splat.cpu.rasterize_backward import (
     SUM_ABSOLUTE_X,
@@ -45,7 +46,6 @@ from pocketgs.splat.cpu.rasterize_backward import (
 )
 from pocketgs.splat.cpu.spherical_harmonics import sh_basis, sh_basis_gradient
 from pocketgs.splat.cpu.statistics import collect
-from pocketgs.splat.cpu.through_lens import jacobian_at, position_backward
 from pocketgs.splat.cpu.vectors import Vector, axes_of, dot, scaled, times, transposed_times
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import PIECE, first_piece, take

@@ -27,7 +27,7 @@ from pocketgs.splat.cpu.layout import (
     LOG2_OPACITY,
     View,
 )
-from pocketgs.splat.cpu.lens import KernelLens, kernel_lens
+from pocketgs.splat.cpu.lenses.lens import KernelLens, kernel_lens
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
 from pocketgs.splat.cpu.rasterize_backward import sums_per_intersection

@@ -10,7 +10,7 @@ import numpy as np
 from pocketgs.geometry.lens import Lens, distort, fisheye_radius, largest_angle, least_radii
 from pocketgs.splat.constants import ALPHA_MIN, LOW_PASS
 from pocketgs.splat.cpu.layout import View
-from pocketgs.splat.cpu.lens import Fisheye, Perspective
+from pocketgs.splat.cpu.lenses.lens import Fisheye, Perspective
 
 REACH = 1.001 * math.sqrt(-2.0 * math.log(ALPHA_MIN))
 """At least the reach of the most opaque Gaussian, in standard deviations, with some room for rounding."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from pocketgs.splat.constants import FRUSTUM_MARGIN
-from pocketgs.splat.cpu.jacobians import Jacobian
 from pocketgs.splat.cpu.lanes import Floats, broadcast, select
 from pocketgs.splat.cpu.layout import View
-from pocketgs.splat.cpu.lens import Pinhole
+from pocketgs.splat.cpu.lenses.jacobians import Jacobian
+from pocketgs.splat.cpu.lenses.lens import Pinhole
 from pocketgs.splat.cpu.vectors import Vector
 from pocketgs.system.compile import inlined
 

@@ -12,12 +12,12 @@ import numpy as np
 from numba import prange
 
 from pocketgs.splat.constants import ALPHA_MIN, LARGEST_VARIANCE, LEAST_DETERMINANT
-from pocketgs.splat.cpu.jacobians import Jacobian
 from pocketgs.splat.cpu.layout import View
-from pocketgs.splat.cpu.lens import Pinhole
-from pocketgs.splat.cpu.pinhole import clamped_slopes
+from pocketgs.splat.cpu.lenses.formulas import jacobian_at
+from pocketgs.splat.cpu.lenses.jacobians import Jacobian
+from pocketgs.splat.cpu.lenses.lens import Pinhole
+from pocketgs.splat.cpu.lenses.pinhole import clamped_slopes
 from pocketgs.splat.cpu.project import footprint, to_camera
-from pocketgs.splat.cpu.through_lens import jacobian_at
 from pocketgs.splat.cpu.vectors import Vector, axes_of, dot, scaled, transposed_times
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import PIECE, first_piece, take

@@ -6,11 +6,11 @@ alone: ∂s/∂x = A x and ∂s/∂z = B; the derivatives of A are C x and E, th
 
 from __future__ import annotations
 
-from pocketgs.splat.cpu.angle import angle, root, where
-from pocketgs.splat.cpu.jacobians import Jacobian
 from pocketgs.splat.cpu.lanes import Floats
 from pocketgs.splat.cpu.layout import View
-from pocketgs.splat.cpu.lens import Fisheye
+from pocketgs.splat.cpu.lenses.angle import angle, root, where
+from pocketgs.splat.cpu.lenses.jacobians import Jacobian
+from pocketgs.splat.cpu.lenses.lens import Fisheye
 from pocketgs.splat.cpu.vectors import Vector, dot
 from pocketgs.system.compile import inlined
 

@@ -7,11 +7,11 @@ from typing import Any
 
 from numba.extending import overload
 
-from pocketgs.splat.cpu import fisheye, orthographic, perspective, pinhole
-from pocketgs.splat.cpu.jacobians import INLINED, Jacobian
 from pocketgs.splat.cpu.lanes import Floats
 from pocketgs.splat.cpu.layout import View
-from pocketgs.splat.cpu.lens import Fisheye, KernelLens, Orthographic, Perspective, Pinhole
+from pocketgs.splat.cpu.lenses import fisheye, orthographic, perspective, pinhole
+from pocketgs.splat.cpu.lenses.jacobians import INLINED, Jacobian
+from pocketgs.splat.cpu.lenses.lens import Fisheye, KernelLens, Orthographic, Perspective, Pinhole
 from pocketgs.splat.cpu.vectors import Vector
 
 _FORMULAS = {Pinhole: pinhole, Perspective: perspective, Fisheye: fisheye, Orthographic: orthographic}

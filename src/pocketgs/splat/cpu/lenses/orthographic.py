@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.splat.cpu.jacobians import Jacobian
 from pocketgs.splat.cpu.lanes import Floats, broadcast
 from pocketgs.splat.cpu.layout import View
-from pocketgs.splat.cpu.lens import Orthographic
+from pocketgs.splat.cpu.lenses.jacobians import Jacobian
+from pocketgs.splat.cpu.lenses.lens import Orthographic
 from pocketgs.splat.cpu.vectors import Vector
 
 

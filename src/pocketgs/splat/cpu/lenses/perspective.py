@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.splat.cpu.jacobians import Jacobian
 from pocketgs.splat.cpu.lanes import Floats, broadcast, select
 from pocketgs.splat.cpu.layout import View
-from pocketgs.splat.cpu.lens import Perspective
+from pocketgs.splat.cpu.lenses.jacobians import Jacobian
+from pocketgs.splat.cpu.lenses.lens import Perspective
 from pocketgs.splat.cpu.vectors import Vector
 from pocketgs.system.compile import inlined
 
