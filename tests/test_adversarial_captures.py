@@ -99,7 +99,7 @@ def test_turning_on_the_spot(attempt: Callable[[str], Attempt]) -> None:
 
 
 def test_two_photographs(attempt: Callable[[str], Attempt]) -> None:
-    with pytest.raises(PocketGSError, match=r'only 2 photographs, expected 3 at least .* see "How many"'):
+    with pytest.raises(PocketGSError, match=r'only 2 photographs, expected at least 3 .* see "How many"'):
         attempt("two")
 
 

@@ -59,7 +59,7 @@ def test_few_photographs_are_worth_a_hint_and_fewer_an_error(small_capture: Capt
     two = replace(small_capture, train=small_capture.train[:2], held_out=[])
     check_photographs(two)  # its points help
     bare = [replace(frame, depth=None) for frame in two.train]
-    with pytest.raises(PocketGSError, match="only 2 photographs, expected 3 at least"):
+    with pytest.raises(PocketGSError, match="only 2 photographs, expected at least 3"):
         check_photographs(replace(two, train=bare, points=None))
 
 

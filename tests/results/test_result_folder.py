@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import run
 from pocketgs.scene.gaussians import PARAMETERS, SH_COEFFICIENTS, Gaussians
 from pocketgs.splat.engine import OptimiserState
+from pocketgs.splat.rows import Statistics
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.result import Checkpoint
 
@@ -153,6 +155,19 @@ def test_checkpoint_round_trip(tmp_path: Path, count: int, degree: int) -> None:
     assert read.state.first_moments.tobytes() == written.state.first_moments.tobytes()
     assert read.state.second_moments.tobytes() == written.state.second_moments.tobytes()
     assert [path.name for path in tmp_path.iterdir()] == [CHECKPOINT]
+
+
+def test_sums_that_are_not_in_a_checkpoint_are_0(tmp_path: Path, checkpoint: Checkpoint) -> None:
+    """As in one from before they were known of."""
+    sums = Statistics.none_yet(5)
+    sums.seen[:] = 3.0
+    write_checkpoint(tmp_path / CHECKPOINT, replace(checkpoint, statistics=sums), RUN)
+    with np.load(tmp_path / CHECKPOINT) as data:
+        np.savez(tmp_path / CHECKPOINT, **{name: data[name] for name in data if name != "absolute_gradients"})
+    read = read_checkpoint(tmp_path, RUN).statistics
+    assert read is not None
+    np.testing.assert_array_equal(read.seen, sums.seen)
+    np.testing.assert_array_equal(read.absolute_gradients, np.zeros(5, np.float32))
 
 
 def test_unfinished_run_goes_first(tmp_path: Path, checkpoint: Checkpoint) -> None:

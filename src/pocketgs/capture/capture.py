@@ -17,7 +17,7 @@ from pocketgs.scene.point_cloud import PointCloud
 
 @dataclass(frozen=True)
 class Frame:
-    """One photograph with its pinhole camera.
+    """One photograph with its camera, which has a lens where the photograph is held as it was taken.
 
     Attributes:
         name: path of the image inside the capture, for example "images/0001.jpg".

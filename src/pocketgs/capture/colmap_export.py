@@ -1,7 +1,7 @@
 """Export of a capture as COLMAP's text model with its images, for other trainers and viewers.
 
-The cameras are those of the images in memory: pinhole, undistorted, cropped and downscaled. Points have no tracks.
-Masks, alpha and depth are not exported: COLMAP's model cannot hold them.
+The cameras are those of the images in memory: pinhole, undistorted, cropped and downscaled, or, with `--lens direct`,
+with their lenses. Points have no tracks. Masks, alpha and depth are not exported: COLMAP's model cannot hold them.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from pocketgs.capture.origin import with_origin
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_folder import replacing_folder
 from pocketgs.files.plain_names import plain_names
+from pocketgs.geometry.lens import Lens
 from pocketgs.scene.point_cloud import PointCloud
 
 IMAGES, MODEL = "images", Path("sparse") / "0"
@@ -63,9 +64,26 @@ def _cameras(frames: list[Frame]) -> str:
     """One camera per frame, because refined or cropped ones differ: CAMERA_ID MODEL WIDTH HEIGHT fx fy cx cy."""
     lines = ["# CAMERA_ID MODEL WIDTH HEIGHT fx fy cx cy"]
     for number, camera in enumerate((frame.camera for frame in frames), start=1):
-        intrinsics = " ".join(repr(float(value)) for value in (camera.fx, camera.fy, camera.cx, camera.cy))
-        lines.append(f"{number} PINHOLE {camera.width} {camera.height} {intrinsics}")
+        model, coefficients = _model_of(camera.lens)
+        parameters = (camera.fx, camera.fy, camera.cx, camera.cy, *coefficients)
+        numbers = " ".join(repr(float(value)) for value in parameters)
+        lines.append(f"{number} {model} {camera.width} {camera.height} {numbers}")
     return "\n".join(lines) + "\n"
+
+
+def _model_of(lens: Lens) -> tuple[str, tuple[float, ...]]:
+    """COLMAP's name for a lens, and its parameters after fx, fy, cx and cy.
+
+    Raises:
+        PocketGSError: COLMAP has no such model.
+    """
+    if not lens.distorts:
+        return "PINHOLE", ()
+    if lens.model == "fisheye":
+        return "OPENCV_FISHEYE", lens.coefficients
+    if lens.model != "opencv" or any(lens.padded[8:]):
+        raise PocketGSError(f"export: COLMAP has no model for {lens}, expected --lens undistort")
+    return "FULL_OPENCV", lens.padded[:8]
 
 
 def _images(names: list[str], frames: list[Frame]) -> str:

@@ -168,7 +168,7 @@ class ListedCapture:
             origin=self.listing.origin,
             protocol=", ".join([describe_images(self.listing.frames, frames, preparation), self.split]),
             warnings=warnings,
-            photographs=StoredPhotographs(self.listing.frames, self.preparation),
+            photographs=StoredPhotographs(self.listing.frames, self._of_pinholes),
         )
 
     @cached_property
@@ -198,13 +198,18 @@ class ListedCapture:
         for source in self.listing.frames:
             header, camera = self._headers[source.name], source.camera
             size = (header.width, header.height)
-            if self.preparation.undistort and source.lens.distorts:
+            if self.preparation.lens == "undistort" and source.lens.distorts:
                 key = (source.lens, size, camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
                 if key not in of_lens:
                     of_lens[key] = _undistorted_size(source, header)
                 size = of_lens[key]
             sizes[source.name] = size
         return sizes
+
+    @property
+    def _of_pinholes(self) -> Preparation:
+        """How photographs are prepared when the geometry prior looks at them again: it knows no lens."""
+        return replace(self.preparation, lens="undistort") if self.preparation.lens == "direct" else self.preparation
 
     def _prepared(self, shrink: int) -> Preparation:
         most = self.preparation.max_size
@@ -225,8 +230,10 @@ def describe_images(sources: list[FrameSource], frames: list[Frame], preparation
         size = f"downscaled to {size}"
     if not distorted:
         words = [size]
-    elif preparation.undistort:
+    elif preparation.lens == "undistort":
         words = ["undistorted", f"cropped to {size}" if size[0].isdigit() else f"cropped, {size}"]
+    elif preparation.lens == "direct":
+        words = ["as photographed (lens in the renderer)", size]
     else:
         words = ["as published (distorted)", size]
     if any(frame.alpha is not None for frame in frames):

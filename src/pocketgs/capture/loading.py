@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import groupby, islice
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -22,6 +23,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.opening import reading_inside
 from pocketgs.files.paths import CaptureFile
 from pocketgs.geometry.camera import Camera
+from pocketgs.geometry.lens import Lens
 from pocketgs.system.cores import usable_cores
 
 # Each worker holds a few full-size copies of one image, and more workers decode little faster.
@@ -30,14 +32,17 @@ ASPECT_TOLERANCE = 0.01
 MASK_ASPECT_TOLERANCE = 0.02  # masks are often computed on small images, where rounding is visible
 
 
+LensHandling = Literal["undistort", "direct", "ignored"]
+
+
 @dataclass(frozen=True)
 class Preparation:
     """How images are prepared.
 
     Attributes:
         background: RGB in [0, 1] that images with alpha are composited on.
-        undistort: whether to undo lens distortion; otherwise images stay as published and are treated as pinhole
-            images.
+        lens: "undistort" makes pinhole images; "direct" leaves images as published and gives their cameras the lens;
+            "ignored" leaves them as published and treats them as pinhole images.
         downscale: factor, at least 1, by which images are reduced.
         max_size: maximum of the longer side in pixels, or None.
         folder: that all files must lie in, see `reading_inside`; None for no restriction.
@@ -45,7 +50,7 @@ class Preparation:
     """
 
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    undistort: bool = True
+    lens: LensHandling = "undistort"
     downscale: float = 1.0
     max_size: int | None = None
     folder: Path | None = None
@@ -155,8 +160,10 @@ def prepared(source: FrameSource, colours: np.ndarray, alpha: np.ndarray | None,
         depth=None if source.depth_path is None else _nearest(reliable_depth(source), width, height),
     )
     try:
-        if preparation.undistort and source.lens.distorts:
-            frame = undistorted(frame, source)
+        if preparation.lens == "undistort" and source.lens.distorts:
+            frame = undistorted(frame, source.lens)
+        elif preparation.lens == "direct":
+            frame = replace(frame, camera=replace(frame.camera, lens=source.lens))
         if source.border:
             width, height = frame.camera.width - 2 * source.border, frame.camera.height - 2 * source.border
             frame = cropped(frame, source.border, source.border, width, height)
@@ -245,13 +252,13 @@ def composite(colours: np.ndarray, alpha: np.ndarray, background: tuple[float, f
     return blend.astype(np.uint8)
 
 
-def undistorted(frame: Frame, source: FrameSource) -> Frame:
+def undistorted(frame: Frame, lens: Lens) -> Frame:
     """Undistort a frame to a pinhole camera, cropped to pixels that the lens saw.
 
     Raises:
         PocketGSError: as `undistortion`.
     """
-    undoing = undistortion(frame.camera, source.lens)
+    undoing = undistortion(frame.camera, lens)
     # Bilinear, as in OpenCV's undistort and COLMAP's image_undistorter, so that figures are comparable: sharper
     # interpolation keeps more fine texture to reproduce and costs about 1 dB of PSNR.
     smooth = cv2.INTER_LINEAR

@@ -13,7 +13,7 @@ from pocketgs.capture.capture import Capture
 from pocketgs.capture.hold_out import choose_held_out
 from pocketgs.capture.listed import ListedCapture
 from pocketgs.capture.listing import Listing
-from pocketgs.capture.loading import Preparation
+from pocketgs.capture.loading import LensHandling, Preparation
 from pocketgs.capture.origin import near_origin
 from pocketgs.capture.unposed import find_photographs_in, holds_photographs
 from pocketgs.errors import PocketGSError
@@ -48,6 +48,7 @@ def open_capture(
     max_size: int | None = None,
     background: tuple[float, float, float] | None = None,
     undistort: bool = True,
+    lens: str = "undistort",
     hold_out_every: int = 8,
     masks: str = masks_of.FOUND,
 ) -> Capture:
@@ -66,6 +67,7 @@ def open_capture(
         background: RGB in [0, 1] to composite images with alpha on; None for the format's default: white for blender,
             else black.
         undistort: undo lens distortion and crop to what the lens saw; otherwise treat images as pinhole images.
+        lens: "direct" leaves images as they were photographed, and gives their cameras the lens; else "undistort".
         hold_out_every: hold out every n-th frame by name, unless the data set has its own split; 0 trains on all frames
             in either case.
         masks: folder with masks, inside the capture or elsewhere; "found" for those that the capture states or has in a
@@ -82,6 +84,7 @@ def open_capture(
         max_size=max_size,
         background=background,
         undistort=undistort,
+        lens=lens,
         hold_out_every=hold_out_every,
         masks=masks,
     ).load()
@@ -95,6 +98,7 @@ def list_capture(
     max_size: int | None = None,
     background: tuple[float, float, float] | None = None,
     undistort: bool = True,
+    lens: str = "undistort",
     hold_out_every: int = 8,
     masks: str = masks_of.FOUND,
 ) -> ListedCapture:
@@ -105,6 +109,7 @@ def list_capture(
     """
     path = Path(path)
     _check_options(downscale, max_size, background, hold_out_every)
+    handling = _lens_handling(lens, undistort)
     listing = read_listing(path, images)
     folder = located(path)
     listing = masks_of.with_masks(listing, folder if folder.is_dir() else folder.parent, masks)
@@ -113,7 +118,7 @@ def list_capture(
         raise PocketGSError(f"{path}: all of its {len(listing.frames)} frames are held out, expected one to train on")
     preparation = Preparation(
         background or listing.background,
-        undistort,
+        handling,
         downscale or 1.0,
         max_size,
         folder=folder_of(path),
@@ -187,6 +192,21 @@ def _name(path: Path) -> str:
     if resolved.is_file() and resolved.suffix.lower() != ".json":
         return resolved.stem
     return (resolved.parent if resolved.is_file() else resolved).name or "capture"
+
+
+def _lens_handling(lens: str, undistort: bool) -> LensHandling:
+    """What is done about lenses.
+
+    Raises:
+        PocketGSError: the options contradict each other.
+    """
+    if lens == "undistort":
+        return "undistort" if undistort else "ignored"
+    if lens != "direct":
+        raise PocketGSError(f"lens {lens!r}, expected undistort or direct")
+    if not undistort:
+        raise PocketGSError("lens: direct renders through the lens, expected no --no-undistort, which ignores it")
+    return "direct"
 
 
 def _check_options(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pocketgs.errors import PocketGSError, short
-from pocketgs.geometry.camera import LARGEST_SIDE, Camera
+from pocketgs.geometry.camera import MAX_SIDE, Camera
 from pocketgs.geometry.quaternions import rotation_matrices
 
 ROTATION_TOLERANCE = 1e-2
@@ -85,9 +85,9 @@ def camera_at(
     Raises:
         PocketGSError: a number is not finite, not positive or too large.
     """
-    if not all(1 <= side <= LARGEST_SIDE for side in size):
+    if not all(1 <= side <= MAX_SIDE for side in size):
         found = "x".join(map(short, size))
-        raise PocketGSError(f"{where}: image size {found}, expected 1 to {LARGEST_SIDE} pixels a side")
+        raise PocketGSError(f"{where}: image size {found}, expected 1 to {MAX_SIDE} pixels a side")
     if not all(MIN_FOCAL_LENGTH <= value <= MAX_INTRINSIC for value in focal):
         raise PocketGSError(
             f"{where}: focal lengths {', '.join(map(short, focal))}, expected positive numbers of pixels"

@@ -1,9 +1,9 @@
-"""The pinhole image that undoing a lens's distortion gives."""
+"""Undistortion of images to pinhole images."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import cv2
@@ -11,24 +11,24 @@ import numpy as np
 
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
-from pocketgs.geometry.lens import Lens, undistort
+from pocketgs.geometry.lens import PINHOLE, Lens, undistort
 
-# Points at which each side of an image's border is followed through the lens.
+# Number of samples along each side of an image's border.
 BORDER_SAMPLES = 129
 
 # OpenCV's remap cannot address larger images.
-LARGEST_REMAPPED_SIDE = 32_766
+MAX_REMAPPED_SIDE = 32_766
 
 
 @dataclass(frozen=True, eq=False)
 class Undistortion:
-    """How to make a pinhole image of a distorted one.
+    """Maps that resample a distorted image to a pinhole image.
 
     Attributes:
-        left, top: where the top left pixel of the result lies in the distorted image's pixel grid; may be negative.
+        left, top: position of the result's top left pixel in the distorted image's pixel grid; may be negative.
         width, height: size of the result in pixels.
-        map_x, map_y: (height, width) float32, for each pixel of the result where its colour lies in the distorted
-            image, in OpenCV's convention (pixel centres at integers), as `cv2.remap` takes them.
+        map_x, map_y: (height, width) float32, position of each result pixel in the distorted image, in OpenCV's
+            convention (pixel centres at integers), for `cv2.remap`.
     """
 
     left: int
@@ -39,16 +39,16 @@ class Undistortion:
     map_y: np.ndarray
 
     def view(self, camera: Camera) -> Camera:
-        """The pinhole camera of the result, from the camera of the distorted image. Focal lengths stay."""
-        return camera.cropped(self.left, self.top, self.width, self.height)
+        """The pinhole camera of the result, with the focal lengths of the distorted image's camera."""
+        return replace(camera.cropped(self.left, self.top, self.width, self.height), lens=PINHOLE)
 
     def apply(self, image: np.ndarray, interpolation: int) -> np.ndarray:
-        """The pinhole image of a distorted (H, W[, C]) one; `interpolation` is one of `cv2.INTER_…`."""
+        """Undistort an (H, W[, C]) image; `interpolation` is one of `cv2.INTER_…`."""
         return cv2.remap(image, self.map_x, self.map_y, interpolation, borderMode=cv2.BORDER_REPLICATE)
 
 
 def undistortion(camera: Camera, lens: Lens) -> Undistortion:
-    """How to undo a lens, with the result cropped to a rectangle that shows only what the distorted image saw.
+    """Compute the maps, with the result cropped to a rectangle that shows only what the distorted image shows.
 
     Args:
         camera: intrinsics and size of the distorted image.
@@ -61,37 +61,37 @@ def undistortion(camera: Camera, lens: Lens) -> Undistortion:
 
 
 def forget_undistortions() -> None:
-    """Free the maps that `undistortion` keeps for the next image of the same lens."""
+    """Free the cached maps."""
     _undistortion.cache_clear()
 
 
-# Most captures have one lens; a few entries also serve rigs, and the maps of a large image take many megabytes.
+# Most captures have one lens; a few entries also suffice for rigs, and the maps of a large image take many megabytes.
 @lru_cache(maxsize=4)
 def _undistortion(width: int, height: int, fx: float, fy: float, cx: float, cy: float, lens: Lens) -> Undistortion:
     camera = Camera(width, height, fx, fy, cx, cy, np.eye(4))
     left, top, right, bottom = inner_rectangle(camera, lens)
     view = camera.cropped(left, top, right - left, bottom - top)
     for image in (camera, view):
-        if max(image.width, image.height) > LARGEST_REMAPPED_SIDE:
+        if max(image.width, image.height) > MAX_REMAPPED_SIDE:
             raise PocketGSError(
                 f"undistortion: an image of {image.width}x{image.height} pixels, "
-                f"expected at most {LARGEST_REMAPPED_SIDE} a side"
+                f"expected at most {MAX_REMAPPED_SIDE} a side"
             )
     size = (view.width, view.height)
     matrices = _opencv_matrix(camera), _opencv_matrix(view)
     coefficients = np.array(lens.coefficients)
     make_map = cv2.fisheye.initUndistortRectifyMap if lens.model == "fisheye" else cv2.initUndistortRectifyMap
     map_x, map_y = make_map(matrices[0], coefficients, np.eye(3), matrices[1], size, cv2.CV_32FC1)
-    # Where the optical axis lies outside the image the reasoning of inner_rectangle may not hold.
+    # If the optical axis lies outside the image, the assumptions of inner_rectangle may not hold.
     if not _within(map_x, width) or not _within(map_y, height):
         raise _no_usable_part(camera, lens)
     return Undistortion(left, top, *size, map_x, map_y)
 
 
 def inner_rectangle(camera: Camera, lens: Lens) -> tuple[int, int, int, int]:
-    """Left, top, right and bottom of the largest pinhole image that shows only what the distorted one saw.
+    """Left, top, right and bottom of the largest pinhole image that shows only what the distorted one shows.
 
-    Each side lies where the undistorted border of the image reaches furthest inwards.
+    Each side is where the undistorted border of the image reaches furthest inwards.
 
     Args:
         camera: intrinsics and size of the distorted image.
@@ -103,7 +103,7 @@ def inner_rectangle(camera: Camera, lens: Lens) -> tuple[int, int, int, int]:
     Raises:
         PocketGSError: the rectangle would be empty or many times larger than the image.
     """
-    # The outermost pixel centres: between them interpolation never needs a pixel that is not there.
+    # The outermost pixel centres: between them interpolation stays inside the image.
     x = np.linspace(0.5, camera.width - 0.5, BORDER_SAMPLES)
     y = np.linspace(0.5, camera.height - 0.5, BORDER_SAMPLES)
     borders = [(x[:1], y), (x[-1:], y), (x, y[:1]), (x, y[-1:])]
@@ -112,7 +112,7 @@ def inner_rectangle(camera: Camera, lens: Lens) -> tuple[int, int, int, int]:
     left, right, top, bottom = seen[0, :, 0].max(), seen[1, :, 0].min(), seen[2, :, 1].max(), seen[3, :, 1].min()
     if not (1 <= right - left <= 4 * camera.width and 1 <= bottom - top <= 4 * camera.height):
         raise _no_usable_part(camera, lens)
-    # Rounding guards against a border that is exact but for the last digit; centres lie at + 0.5.
+    # Rounding guards against errors in the last digit; centres are at + 0.5.
     return (
         math.ceil(round(left - 0.5, 6)),
         math.ceil(round(top - 0.5, 6)),
@@ -122,7 +122,7 @@ def inner_rectangle(camera: Camera, lens: Lens) -> tuple[int, int, int, int]:
 
 
 def undistorted_pixels(camera: Camera, lens: Lens, pixels: np.ndarray) -> np.ndarray:
-    """Where a pinhole camera of the same intrinsics sees what a distorting one sees at `pixels`.
+    """Undistort pixel positions: where a pinhole camera of the same intrinsics sees them.
 
     Args:
         camera: the intrinsics.
@@ -130,14 +130,14 @@ def undistorted_pixels(camera: Camera, lens: Lens, pixels: np.ndarray) -> np.nda
         pixels: (N, 2), pixel centres at + 0.5.
 
     Returns:
-        (N, 2) pixels. A pixel beyond what can be undone is given the furthest place towards it that can.
+        (N, 2) pixels. Pixels that cannot be undistorted get the furthest valid position towards them.
     """
     focal, centre = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
     return undistort(lens, (pixels - centre) / focal) * focal + centre
 
 
 def _within(positions: np.ndarray, side: int) -> bool:
-    """Whether pixel positions, centres at integers, lie in an image of that side but for less than half a pixel."""
+    """Whether pixel positions, centres at integers, lie in an image of that side, to within half a pixel."""
     return bool(positions.min() > -0.5 and positions.max() < side - 0.5)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from pocketgs.capture import Capture, ListedCapture, list_capture
 from pocketgs.cli.terminal import Terminal
@@ -20,6 +21,8 @@ class CaptureOptions:
         max_size: Reduce images further so that their longer side has at most this many pixels.
         background: Red, green and blue from 0 to 1 behind images with alpha. By default the format's own.
         undistort: Undo lens distortion and crop to what the lens saw; --no-undistort uses images as they are.
+        lens: Undo lens distortion before training, or render through the lens (direct): photographs are then neither
+            resampled nor cropped, fisheyes up to 180 degrees. Needs the engine cpu.
         hold_out: Hold out every n-th frame for evaluation, unless the data set has its own split; 0 for none.
         masks: Folder with masks, white for pixels to use. By default those that the capture states or has in a folder
             masks or mask; "none" uses no masks.
@@ -30,6 +33,7 @@ class CaptureOptions:
     max_size: int | None = None
     background: tuple[float, float, float] | None = None
     undistort: bool = True
+    lens: Literal["undistort", "direct"] = "undistort"
     hold_out: int = 8
     masks: str = "found"
 
@@ -49,6 +53,7 @@ class CaptureOptions:
             max_size=self.max_size,
             background=self.background,
             undistort=self.undistort,
+            lens=self.lens,
             hold_out_every=self.hold_out,
             masks=self.masks,
         )

@@ -96,7 +96,7 @@ def view(
         content = scene_content(title, file, gaussians, scene if is_result else None, opened)
         with serving(content, network=page.host, port=page.port) as served:
             _announce(served, page)
-            Terminal().say("press Ctrl-C to stop")
+            Terminal().say("Ctrl-C stops it")
             _wait_for_ctrl_c()
 
 

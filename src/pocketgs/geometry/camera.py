@@ -10,26 +10,26 @@ from pocketgs.errors import PocketGSError, short
 from pocketgs.geometry import lens as lenses
 from pocketgs.geometry.lens import PINHOLE, Lens
 
-LARGEST_SIDE = 2**24
-"""No photograph is larger; the product of two such sides is still a number of pixels that can be counted."""
+MAX_SIDE = 2**24
+"""Maximum image side in pixels; the product of two such sides still fits in common integer types."""
 
 
 @dataclass(frozen=True)
 class Camera:
     """A camera in OpenCV axes (x right, y down, z forward).
 
-    A world point X lands at pixel (fx·u + cx, fy·v + cy), where the lens shows (x, y, z, 1) = world_to_camera @ (X, 1)
-    at (u, v): a pinhole at (x/z, y/z). The centre of the top left pixel is at (0.5, 0.5).
+    A world point X projects to pixel (fx·u + cx, fy·v + cy), where the lens maps (x, y, z, 1) = world_to_camera @ (X,
+    1) to (u, v); for a pinhole camera (x/z, y/z). The centre of the top left pixel is at (0.5, 0.5).
 
     Attributes:
         width, height: image size in pixels.
         fx, fy, cx, cy: focal lengths and principal point in pixels of that image.
         world_to_camera: (4, 4) float64 rigid transform.
-        lens: what it is seen through; see `pocketgs.geometry.lens`.
+        lens: the lens model; see `pocketgs.geometry.lens`.
 
     Raises:
-        PocketGSError: a size is no whole number from 1 to LARGEST_SIDE, a focal length is not positive, a number is
-            not finite, or the pose is not rigid.
+        PocketGSError: a size is not a whole number from 1 to MAX_SIDE, a focal length is not positive, a number is not
+            finite, or the pose is not rigid.
     """
 
     width: int
@@ -46,12 +46,12 @@ class Camera:
             pose = np.array(self.world_to_camera, dtype=np.float64)
             intrinsics = np.array([self.fx, self.fy, self.cx, self.cy], dtype=np.float64)
         except (TypeError, ValueError, OverflowError) as error:
-            raise PocketGSError(f"camera: its pose or its intrinsics are no numbers ({error})") from error
+            raise PocketGSError(f"camera: its pose or its intrinsics are not numbers ({error})") from error
         object.__setattr__(self, "world_to_camera", pose)
         sides = (self.width, self.height)
-        if not all(isinstance(side, int | np.integer) and 1 <= side <= LARGEST_SIDE for side in sides):
+        if not all(isinstance(side, int | np.integer) and 1 <= side <= MAX_SIDE for side in sides):
             found = "x".join(map(short, sides))
-            raise PocketGSError(f"camera: image size {found}, expected whole numbers from 1 to {LARGEST_SIDE}")
+            raise PocketGSError(f"camera: image size {found}, expected whole numbers from 1 to {MAX_SIDE}")
         if intrinsics.shape != (4,) or not np.all(np.isfinite(intrinsics)) or self.fx <= 0 or self.fy <= 0:
             found = ", ".join(map(short, (self.fx, self.fy, self.cx, self.cy)))
             raise PocketGSError(f"camera: fx, fy, cx, cy = {found}, expected finite and positive focal lengths")
@@ -65,7 +65,7 @@ class Camera:
 
     @property
     def is_pinhole(self) -> bool:
-        """Whether the lens shows what a pinhole would."""
+        """Whether the lens has no distortion."""
         return not self.lens.distorts
 
     @property
@@ -106,7 +106,7 @@ class Camera:
         )
 
     def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
-        """The view through the rectangle whose top left pixel is (left, top)."""
+        """The camera of the crop whose top left pixel is (left, top)."""
         return replace(self, width=width, height=height, cx=self.cx - left, cy=self.cy - top)
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -116,8 +116,8 @@ class Camera:
             points: (N, 3).
 
         Returns:
-            (N, 2) pixel coordinates and (N,) depths, as `depths` gives them. Pixels of points at depth <= 0 mean
-            nothing: look at the depths first. Points that a lens does not show have depth 0.
+            (N, 2) pixel coordinates and (N,) depths, see `depths`. Pixels of points at depth <= 0 are undefined: check
+            the depths first. Points that a lens does not show have depth 0.
         """
         local = points @ self.world_to_camera[:3, :3].T + self.world_to_camera[:3, 3]
         if not self.is_pinhole:
@@ -131,16 +131,16 @@ class Camera:
         return pixels, depth
 
     def depths(self, points: np.ndarray) -> np.ndarray:
-        """(N,) depths of (N, 3) world points: along the optical axis, or, through a fisheye, from the camera."""
+        """(N,) depths of (N, 3) world points: along the optical axis, or for a fisheye distances from the camera."""
         if self.lens.model == "fisheye":
             return np.asarray(np.linalg.norm(points - self.centre.astype(points.dtype), axis=1))
         return np.asarray((points @ self.forward[:, None])[:, 0] + self.world_to_camera[2, 3])
 
     def rays(self, pixels: np.ndarray) -> np.ndarray:
-        """(N, 3) directions in the world that are seen at (N, 2) pixel coordinates.
+        """(N, 3) world directions of (N, 2) pixel coordinates.
 
-        They have length 1 along the optical axis, or, through a fisheye, length 1: the camera's centre plus a ray times
-        a depth is a point. An orthographic camera's rays are parallel, and begin beside its centre.
+        They have length 1 along the optical axis, or for a fisheye length 1: the camera's centre plus a ray times a
+        depth is a point. An orthographic camera's rays are parallel, and do not start at its centre.
         """
         x = (pixels[:, 0] - self.cx) / self.fx
         y = (pixels[:, 1] - self.cy) / self.fy

@@ -1,7 +1,8 @@
-"""Lenses: how directions in a camera's axes become places on the image plane, and back.
+"""Lens models: projection of directions in camera axes to the image plane, and its inverse.
 
-A pinhole shows the point (x, y, z) at (x/z, y/z): its normalised coordinates. A lens shows it elsewhere; intrinsics
-turn either into pixels. Formulas are OpenCV's: see its documentation on calibration and on the fisheye camera model.
+A pinhole camera projects the point (x, y, z) to (x/z, y/z), its normalised coordinates. A lens distorts these;
+intrinsics convert either to pixels. Formulas are OpenCV's: see its documentation on calibration and on the fisheye
+camera model.
 """
 
 from __future__ import annotations
@@ -16,22 +17,22 @@ from pocketgs.errors import PocketGSError
 
 COEFFICIENT_COUNTS = {"opencv": (0, 4, 5, 8, 12), "fisheye": (4,), "orthographic": (0,)}
 
-# A pinhole image stretches without bound towards 90 degrees off axis: undistortion crops away what lies beyond this.
-LARGEST_HALF_FIELD = math.radians(75)
+# A pinhole image stretches without bound towards 90 degrees off axis: undistortion crops it at this angle.
+MAX_HALF_FIELD = math.radians(75)
 
-# No lens of a phone or of a 360-degree camera sees further back than this.
-LARGEST_FISHEYE_ANGLE = math.radians(170)
+# No lens of a phone or of a 360-degree camera has a larger angle off axis.
+MAX_FISHEYE_ANGLE = math.radians(170)
 
-# Radians off axis by which one stride of `undistort` may change a point.
-LARGEST_LEAP = 0.2
+# Maximum step of a point in `undistort`, in radians off axis.
+MAX_STEP = 0.2
 
 _ANGLES, _DIRECTIONS = 2048, 32
-"""At how many angles off axis, and in how many directions, a lens is followed to where its polynomial turns back."""
+"""Number of angles off axis, and of directions, at which a lens is sampled to find where its polynomial folds."""
 
 
 @dataclass(frozen=True)
 class Lens:
-    """A lens in one of OpenCV's two models, or none at all.
+    """A lens model with its coefficients.
 
     Attributes:
         model: "opencv" (k1, k2, p1, p2[, k3[, k4, k5, k6[, s1, s2, s3, s4]]]: radial, tangential and thin-prism
@@ -55,7 +56,7 @@ class Lens:
 
     @property
     def distorts(self) -> bool:
-        """Whether the lens shows anything else than a pinhole camera would."""
+        """Whether the projection differs from a pinhole camera's."""
         return self.model != "opencv" or any(self.coefficients)
 
     @property
@@ -68,16 +69,17 @@ PINHOLE = Lens()
 
 
 def depths(lens: Lens, local: np.ndarray) -> np.ndarray:
-    """(N,) what orders (N, 3) points in the camera's axes from near to far.
+    """(N,) depths that order (N, 3) points in camera axes from near to far.
 
-    It is z, the distance along the optical axis. A fisheye also shows what lies behind its image plane, where z says
-    nothing of what hides what: there it is the distance from the camera.
+    It is z, the distance along the optical axis. A fisheye also shows points behind its image plane, where z does not
+    order
+    occlusions: there it is the distance from the camera.
     """
     return np.asarray(np.linalg.norm(local, axis=1) if lens.model == "fisheye" else local[:, 2])
 
 
 def shown(lens: Lens, local: np.ndarray) -> np.ndarray:
-    """(N,) whether a lens shows (N, 3) points in the camera's axes: they lie before it, and it has not turned back."""
+    """(N,) whether a lens shows (N, 3) points in camera axes: they are in front of it, and within its valid angle."""
     if lens.model == "orthographic":
         return np.asarray(local[:, 2] > 0)
     angles = np.arctan2(np.hypot(local[:, 0], local[:, 1]), local[:, 2])
@@ -85,9 +87,9 @@ def shown(lens: Lens, local: np.ndarray) -> np.ndarray:
 
 
 def project(lens: Lens, local: np.ndarray) -> np.ndarray:
-    """(N, 2) where a lens shows (N, 3) points in the camera's axes: what intrinsics turn into pixels.
+    """(N, 2) distorted normalised coordinates of (N, 3) points in camera axes; intrinsics convert them to pixels.
 
-    What comes of points that are not `shown` means nothing.
+    Results for points that are not `shown` are undefined.
     """
     if lens.model == "orthographic":
         return local[:, :2]
@@ -99,10 +101,10 @@ def project(lens: Lens, local: np.ndarray) -> np.ndarray:
 
 
 def unproject(lens: Lens, points: np.ndarray) -> np.ndarray:
-    """(N, 3) directions in the camera's axes that a lens shows at (N, 2) places; times `depths` they are points.
+    """(N, 3) directions in camera axes of (N, 2) distorted normalised coordinates; times `depths` they are points.
 
-    They have length 1 along the optical axis, or, of a fisheye, length 1. Beyond what a lens shows, the furthest
-    direction that it does show is taken. An orthographic camera's rays are parallel.
+    They have length 1 along the optical axis, or for a fisheye length 1. Outside the valid image, the furthest valid
+    direction is returned. An orthographic camera's rays are parallel.
     """
     if lens.model == "orthographic":
         return np.tile([0.0, 0.0, 1.0], (len(points), 1))
@@ -117,12 +119,12 @@ def unproject(lens: Lens, points: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def largest_angle(lens: Lens) -> float:
-    """Radians off axis up to which a lens shows different directions in different places.
+    """Maximum angle off axis, in radians, up to which a lens is one-to-one.
 
-    Beyond it the polynomial turns back, or, of a fisheye, nothing can be seen.
+    Beyond it the polynomial folds back, or for a fisheye nothing is visible.
     """
     if lens.model == "fisheye":
-        angles = np.linspace(0.0, LARGEST_FISHEYE_ANGLE, _ANGLES)
+        angles = np.linspace(0.0, MAX_FISHEYE_ANGLE, _ANGLES)
         rises = np.diff(fisheye_radius(lens, angles)) > 0
         return float(angles[-1] if rises.all() else angles[np.argmin(rises)])
     if not lens.distorts:
@@ -130,14 +132,15 @@ def largest_angle(lens: Lens) -> float:
     angles, points = _fan()
     with np.errstate(all="ignore"):
         jacobian, values = _jacobian(lens, points)
-        # The lens has not turned back while both axes and the area keep their sense, and nothing crosses the middle.
+        # The lens is one-to-one as long as both axes and the area keep their orientation, and nothing crosses the
+        # middle.
         sound = _unfolded(jacobian) & (np.sum(values * points, axis=1) > 0)
     sound = sound.reshape(_DIRECTIONS, -1).all(axis=0)
     return math.pi / 2 if sound.all() else float(angles[max(int(np.argmin(sound)) - 1, 0)])
 
 
 def _fan() -> tuple[np.ndarray, np.ndarray]:
-    """(A,) angles off axis short of 90 degrees, and (D A, 2) the normalised coordinates there in all directions."""
+    """(A,) angles off axis below 90 degrees, and (D A, 2) their normalised coordinates in all directions."""
     angles = np.linspace(0.0, math.radians(89.5), _ANGLES + 1)[1:]
     turns = np.arange(_DIRECTIONS) * (2 * math.pi / _DIRECTIONS)
     around = np.column_stack([np.cos(turns), np.sin(turns)])
@@ -146,7 +149,7 @@ def _fan() -> tuple[np.ndarray, np.ndarray]:
 
 @lru_cache(maxsize=64)
 def least_radii(lens: Lens) -> tuple[np.ndarray, np.ndarray]:
-    """(A,) ascending angles off axis, and (A,) how far from the middle what lies beyond each is shown at least."""
+    """(A,) ascending angles off axis, and (A,) the minimum distorted radius of points beyond each."""
     limit = largest_angle(lens)
     if lens.model == "fisheye":
         angles = np.linspace(0.0, limit, _ANGLES)
@@ -160,13 +163,13 @@ def least_radii(lens: Lens) -> tuple[np.ndarray, np.ndarray]:
 
 
 def fisheye_radius(lens: Lens, angles: np.ndarray) -> np.ndarray:
-    """How far from the middle a fisheye shows what lies at angles off its axis, in units of the focal length."""
+    """Distance from the middle, in focal lengths, at which a fisheye shows points at some angles off its axis."""
     powers = angles[..., None] ** np.array([2, 4, 6, 8])
     return np.asarray(angles * (1 + powers @ np.array(lens.coefficients)))
 
 
 def _fisheye_angle(lens: Lens, radii: np.ndarray) -> np.ndarray:
-    """The inverse of `fisheye_radius` up to `largest_angle`, which what lies beyond is given."""
+    """The inverse of `fisheye_radius` up to `largest_angle`; larger radii get that angle."""
     angles = np.linspace(0.0, largest_angle(lens), _ANGLES)
     found = np.interp(radii, fisheye_radius(lens, angles), angles)
     orders = np.array([2, 4, 6, 8])
@@ -179,7 +182,7 @@ def _fisheye_angle(lens: Lens, radii: np.ndarray) -> np.ndarray:
 
 
 def distort(lens: Lens, points: np.ndarray) -> np.ndarray:
-    """Where a lens shows points: (N, 2) normalised coordinates to (N, 2) distorted ones."""
+    """Distort (N, 2) normalised coordinates."""
     x, y = points[:, 0], points[:, 1]
     square = x * x + y * y
     if lens.model == "fisheye":
@@ -194,19 +197,19 @@ def distort(lens: Lens, points: np.ndarray) -> np.ndarray:
     return np.stack([across, down], axis=1)
 
 
-def undistort(lens: Lens, points: np.ndarray, rounds: int = 48, largest: float = LARGEST_HALF_FIELD) -> np.ndarray:
-    """The inverse of `distort`, for the part of the image around the optical axis where there is one.
+def undistort(lens: Lens, points: np.ndarray, rounds: int = 48, largest: float = MAX_HALF_FIELD) -> np.ndarray:
+    """The inverse of `distort`, for the part of the image around the optical axis where it exists.
 
-    Each point is approached from the axis in strides, each solved by Newton's method and halved where that fails.
-    This follows the inverse that belongs to the lens (a polynomial has others), and where it ends, at a fold of the
-    polynomial or at the largest angle, the point stays at the last place reached. OpenCV's own iteration diverges
-    there.
+    Each point is approached from the axis in steps, each solved by Newton's method and halved if that fails. This
+    follows the branch of the inverse that belongs to the lens (a polynomial has others). Where it ends, at a fold of
+    the polynomial or at the maximum angle, the point stays at the last position reached. OpenCV's own iteration
+    diverges there.
 
     Args:
         lens: the distortion.
         points: (N, 2) distorted normalised coordinates.
-        rounds: most strides to try; more end closer to the fold.
-        largest: radians off axis that points may reach.
+        rounds: maximum number of steps; more end closer to the fold.
+        largest: maximum angle off axis in radians.
 
     Returns:
         (N, 2) normalised coordinates.
@@ -227,10 +230,10 @@ def undistort(lens: Lens, points: np.ndarray, rounds: int = 48, largest: float =
 
 
 def _follow(lens: Lens, start: np.ndarray, target: np.ndarray, largest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Newton's method from `start` to where the lens shows `target`.
+    """Newton's method from `start` to the coordinates that the lens maps to `target`.
 
     Returns:
-        (N, 2) normalised coordinates, and (N, 1) whether they are the solution that belongs to the lens.
+        (N, 2) normalised coordinates, and (N, 1) whether they converged to the right branch.
     """
     guess = start
     for _ in range(4):
@@ -238,13 +241,13 @@ def _follow(lens: Lens, start: np.ndarray, target: np.ndarray, largest: float) -
         guess = guess + _solve(jacobian, target - value)
     solved = np.abs(distort(lens, guess) - target).max(axis=1) < 1e-8
     angle, start_angle = (np.arctan(np.linalg.norm(points, axis=1)) for points in (guess, start))
-    # Near a fold Newton's method may leap to another branch.
-    near = np.abs(angle - start_angle) < LARGEST_LEAP
+    # Near a fold Newton's method may jump to another branch.
+    near = np.abs(angle - start_angle) < MAX_STEP
     return guess, (solved & _unfolded(jacobian) & near & (angle < largest))[:, None]
 
 
 def _unfolded(jacobian: np.ndarray) -> np.ndarray:
-    """(N,) whether the image is not folded over: neither the derivative in x or y nor the area has changed sign."""
+    """(N,) whether the image is not folded: neither the derivatives in x and y nor the area has changed sign."""
     return np.asarray((jacobian[:, 0, 0] > 0) & (jacobian[:, 1, 1] > 0) & (_determinant(jacobian) > 0))
 
 
@@ -263,7 +266,7 @@ def _determinant(matrices: np.ndarray) -> np.ndarray:
 
 
 def _solve(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve (N, 2, 2) systems by Cramer's rule, so that a singular one gives infinities and no exception."""
+    """Solve (N, 2, 2) systems by Cramer's rule, which gives infinities for singular ones instead of an exception."""
     across = right[:, 0] * matrices[:, 1, 1] - right[:, 1] * matrices[:, 0, 1]
     down = right[:, 1] * matrices[:, 0, 0] - right[:, 0] * matrices[:, 1, 0]
     return np.stack([across, down], axis=1) / _determinant(matrices)[:, None]

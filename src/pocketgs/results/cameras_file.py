@@ -17,6 +17,7 @@ from pocketgs.files.atomic_file import replacing
 from pocketgs.files.journal import settle
 from pocketgs.files.json_fields import read_json
 from pocketgs.geometry.camera import Camera
+from pocketgs.geometry.lens import PINHOLE, Lens
 
 
 @dataclass(frozen=True)
@@ -90,17 +91,23 @@ def with_poses_of(capture: Capture, path: Path) -> Capture:
 
 
 def _to_json(camera: Camera) -> dict[str, Any]:
-    return {
+    found = {
         "size": [camera.width, camera.height],
         "intrinsics": [camera.fx, camera.fy, camera.cx, camera.cy],
         "world_to_camera": camera.world_to_camera.tolist(),
     }
+    if not camera.is_pinhole:
+        found["lens"] = {"model": camera.lens.model, "coefficients": list(camera.lens.coefficients)}
+    return found
 
 
 def _from_json(saved: Any, name: str, path: Path) -> Camera:
     try:
         width, height = map(int, saved["size"])
         fx, fy, cx, cy = map(float, saved["intrinsics"])
-        return Camera(width, height, fx, fy, cx, cy, np.array(saved["world_to_camera"], dtype=np.float64))
+        lens = PINHOLE
+        if "lens" in saved:
+            lens = Lens(str(saved["lens"]["model"]), tuple(map(float, saved["lens"]["coefficients"])))
+        return Camera(width, height, fx, fy, cx, cy, np.array(saved["world_to_camera"], dtype=np.float64), lens)
     except (ValueError, TypeError, KeyError, OverflowError, PocketGSError) as error:
         raise PocketGSError(f"{path}: {name!r} is not a camera ({error})") from error

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from pocketgs.errors import PocketGSError
-from pocketgs.geometry.camera import LARGEST_SIDE
+from pocketgs.geometry.camera import MAX_SIDE
 
 CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
 
@@ -31,7 +31,7 @@ class PoseOptions:
     def __post_init__(self) -> None:
         checks = {
             "most frames": (self.most_frames, self.most_frames >= 3, "at least 3"),
-            "max size": (self.max_size, 64 <= self.max_size <= LARGEST_SIDE, f"64 to {LARGEST_SIDE} pixels"),
+            "max size": (self.max_size, 64 <= self.max_size <= MAX_SIDE, f"64 to {MAX_SIDE} pixels"),
             "camera model": (
                 self.camera_model,
                 self.camera_model in get_args(CameraModel),

@@ -1,4 +1,4 @@
-"""The training loop: which view next, at what rates, until when. It knows no engine by name."""
+"""The training loop. It is independent of the engine."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pocketgs.splat.settings import StepSettings
 from pocketgs.system.interrupt import Interrupt, deferred_interrupt
 from pocketgs.system.process import peak_rss_mb
 from pocketgs.system.stopwatch import Stopwatch
-from pocketgs.training.colours import colour_settings, learns_colours
+from pocketgs.training.colours import colour_settings
 from pocketgs.training.open_ended import OpenEndedPace
 from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.pace import Pace, SetPace
@@ -35,22 +35,22 @@ from pocketgs.training.strategies.strategy import GrowthPlan, Situation, Strateg
 
 @dataclass(frozen=True)
 class Progress:
-    """What an observer is told after an iteration.
+    """State passed to an observer after an iteration.
 
     Attributes:
         iteration: iterations done.
-        iterations: at which the run ends, as far as is known now.
-        fraction: how much of the run is over, by iterations or by time.
-        loss: mean of the training loss over the last epoch, as of a moment ago.
+        iterations: end of the run, as far as it is known.
+        fraction: progress from 0 to 1, by iterations or by time.
+        loss: mean training loss over the last epoch, updated at intervals.
         held_out_psnr: when the held-out views were last looked at, or None.
         iteration_rate: iterations per second.
         seconds_left: estimate of the time until iterations or the time budget run out.
-        gain_per_minute: decibels that a minute was last worth on validation views, or None where none are held back.
-        gaussians: their number at present.
-        interrupt: ends the run after this iteration, as Ctrl-C does, if an observer requests it; says whether that has
-            been asked for, so that an observer that waits can stop waiting.
-        scene: gives the Gaussians as they stand; costs a copy.
-        checkpoint: gives the run as it stands; costs a larger copy.
+        gain_per_minute: gain in dB per minute on validation views, or None without any.
+        gaussians: current number.
+        interrupt: an observer can request a stop after this iteration, like Ctrl-C; it also tells whether one was
+            requested, so that an observer that waits can stop waiting.
+        scene: returns a copy of the current Gaussians.
+        checkpoint: returns a copy of the current state, which is larger.
     """
 
     iteration: int
@@ -84,23 +84,23 @@ def train(
 ) -> TrainingResult:
     """Train a splat.
 
-    The scene lies in the world of the refined poses: `prepare` gives the capture with them.
+    The scene is in the world of the refined poses, which are those of the capture that `prepare` returns.
 
     Example:
         >>> result = train(open_capture("fern", images="images_8"), iterations=500)
         >>> result.scene.save("fern.ply")
 
-    Ctrl-C ends training after the step under way and returns what has been trained; before the first step it raises
-    KeyboardInterrupt as usual.
+    Ctrl-C ends training after the current step and returns the scene; before the first step it raises KeyboardInterrupt
+    as usual.
 
     Args:
-        capture: what to train on; it is prepared first unless it comes from `prepare`.
-        options: how; all at their defaults if None.
+        capture: to train on; it is prepared first unless it comes from `prepare`.
+        options: None for the defaults.
         observer: called after every iteration.
-        resume: where an earlier run with the same capture and options stopped.
-        stopwatch: times the stages; a new one if None.
-        opened_engine: from `create_engine`, to train on; the one that the options ask for if None.
-        **changes: single options by name, in place of those in `options`.
+        resume: checkpoint of an earlier run with the same capture and options.
+        stopwatch: times the stages; None for a new one.
+        opened_engine: from `create_engine`, to train on; None to create one.
+        **changes: single options by name, which override those in `options`.
 
     Raises:
         PocketGSError: an option or the capture cannot be used.
@@ -121,7 +121,7 @@ def train(
             start = resume.gaussians
         else:
             start = seed(prepared.points, recipe.opacity, degree, recipe.seed_size)
-            # Neighbours in memory make clusters that most views can skip.
+            # Neighbours in memory form clusters that most views can skip.
             start = start.select(morton_order(start.means))
     with stopwatch.stage("compilation"):
         engine = opened_engine or create_engine(options.engine_options)
@@ -185,12 +185,12 @@ def _situation(capture: PreparedCapture, options: SizedOptions, growth: GrowthPl
 
 
 def render_frame(engine: Engine, frame: Frame, background: tuple[float, float, float]) -> np.ndarray:
-    """(H, W, 3) float32 what the engine shows at a frame's camera, cut to [0, 1] as a screen does."""
+    """(H, W, 3) float32 rendering at a frame's camera, clipped to [0, 1] for display."""
     return np.clip(engine.render(frame.camera, background).image, 0.0, 1.0)
 
 
 class _Loop:
-    """State of one run between its iterations."""
+    """State of a run between iterations."""
 
     def __init__(
         self,
@@ -208,17 +208,17 @@ class _Loop:
         self.samples: list[LossSample] = []
         self._capture, self._options, self._recipe, self._strategy = capture, options, recipe, strategy
         self._pace, self._first_rates = pace, pace.rates(0, 0.0)
-        self._learns_colours = learns_colours(options.colours, capture.report)
+        self._learns_colours = options.colours == "on"
         self._engine, self._stopwatch = engine, stopwatch
         self._loss, self._loss_asked = float("nan"), float("-inf")
         self._held_out_psnr: float | None = None
 
     def statistics(self) -> Statistics | None:
-        """What the strategy has collected, or None where it collects nothing."""
+        """Statistics for the strategy, or None if it needs none."""
         return self._engine.statistics() if self._strategy.name != "fixed" else None
 
     def run(self, observer: Observer | None) -> None:
-        """Iterate until the pace says that the run is over, or Ctrl-C is pressed."""
+        """Iterate until the pace ends the run, or Ctrl-C is pressed."""
         started = time.monotonic()
         with deferred_interrupt() as interrupt:
             while self._pace.fraction(self.iteration, time.monotonic() - started) < 1.0:
@@ -231,7 +231,7 @@ class _Loop:
                 if observer:
                     progress, before = self._progress(started, interrupt), time.monotonic()
                     observer(progress)
-                    started += time.monotonic() - before  # an observer's pauses are no time of the run's
+                    started += time.monotonic() - before  # an observer's pauses do not count
             if self.iteration > self._first_iteration:
                 self._finish_steps()
 
@@ -257,7 +257,7 @@ class _Loop:
         self.iteration = number
 
     def _next_view(self) -> int:
-        """Every view once an epoch, in an order that depends on the seed and the epoch only."""
+        """Visit every view once per epoch, in an order determined by the seed and the epoch."""
         views = self._pace.views(self.iteration)
         epoch, place = divmod(self.iteration, len(views))
         order = np.random.default_rng((self._options.seed, epoch)).permutation(len(views))
@@ -283,7 +283,7 @@ class _Loop:
         )
 
     def _finish_steps(self) -> None:
-        """Ask for the mean loss over the last epoch, for which the engine finishes what it has been given."""
+        """Read the mean loss over the last epoch, which waits until the engine has finished all steps."""
         with self._stopwatch.stage("training"):
             self._loss = self._engine.loss(min(len(self._capture.train), self.iteration - self._first_iteration))
         self._loss_asked = time.monotonic()

@@ -37,7 +37,7 @@ class TrainingOptions:
         source_views: source views per keyframe.
         max_keyframes: maximum number of keyframes; None for the effort's.
         exposure: compensate exposure differences of the training photographs: "auto" does so if similar views differ.
-        colours: learn an affine colour transform per training photograph: "auto" does so if similar views differ.
+        colours: learn an affine colour transform for each training photograph beside the scene.
         recipe: name of a recipe, see `pocketgs.training.recipes`; None for the effort's.
         strategy: how the number of Gaussians changes: "fixed" keeps it; "adc" clones, splits and prunes as 3DGS does;
             "mcmc" relocates transparent Gaussians; "budgeted" grows where the training views have errors; None for the
@@ -67,7 +67,7 @@ class TrainingOptions:
     source_views: int = 4
     max_keyframes: int | None = None
     exposure: Literal["auto", "on", "off"] = "auto"
-    colours: Colours = "auto"
+    colours: Colours = "off"
     recipe: str | None = None
     strategy: StrategyName | None = None
     seed: int = 0
@@ -95,7 +95,7 @@ class TrainingOptions:
             "source views": (self.source_views >= 1, "at least 1"),
             "max keyframes": (self.max_keyframes is None or self.max_keyframes >= 2, "at least 2"),
             "exposure": (self.exposure in ("auto", "on", "off"), "auto, on or off"),
-            "colours": (self.colours in COLOURS, "auto, on or off"),
+            "colours": (self.colours in COLOURS, "on or off"),
             "max gaussians": (self.max_gaussians is None or self.max_gaussians >= 4, "at least 4"),
             "SH degree": (self.sh_degree in (None, 0, 1, 2, 3), "0, 1, 2 or 3"),
             "threads": (self.threads is None or self.threads >= 1, "at least 1"),

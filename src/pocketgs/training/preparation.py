@@ -8,6 +8,7 @@ import numba
 import numpy as np
 
 from pocketgs.capture.capture import Capture
+from pocketgs.capture.pinhole_copy import frames_at, has_lenses, without_lenses
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.advice import check_photographs
 from pocketgs.prior.keyframes import KeyframeSettings
@@ -47,6 +48,8 @@ def prepare(
     """
     if not capture.train:
         raise PocketGSError(f"{capture.path}: no training view, expected at least one")
+    if has_lenses(capture):
+        return _prepared_through_lenses(capture, options or TrainingOptions(), stopwatch)
     check_photographs(capture)
     options = sized(options or TrainingOptions(), [(f.camera.width, f.camera.height) for f in capture.train])
     stopwatch = stopwatch or Stopwatch()
@@ -67,6 +70,21 @@ def prepare(
         found = f"too few points were found ({report.points}): training starts from other points"
         report = replace(report, warnings=(*report.warnings, found))
     return replace(prepared, points=points, report=report)
+
+
+def _prepared_through_lenses(
+    capture: Capture, options: TrainingOptions, stopwatch: Stopwatch | None
+) -> PreparedCapture:
+    """The prior of undistorted copies, with the photographs as they were taken: it knows pinhole cameras only.
+
+    Raises:
+        PocketGSError: exposures are to be compensated, which the prior does to its copies.
+    """
+    if options.exposure == "on":
+        raise PocketGSError("exposure: found on, expected auto or off with --lens direct")
+    found = prepare(without_lenses(capture), replace(options, exposure="off"), stopwatch)
+    train, held_out = frames_at(capture.train, found.train), frames_at(capture.held_out, found.held_out)
+    return replace(found, train=train, held_out=held_out)
 
 
 def _with_points(prepared: PreparedCapture, points: PointCloud) -> PreparedCapture:

@@ -1,4 +1,4 @@
-"""Training recipes: the loss, the learning rates and how they fall, and how seeds start."""
+"""Training recipes: loss, learning rates and their schedule, and seeding."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ Seeds = Literal["discs", "balls"]
 Prior = Literal["dense", "sparse", "colmap", "none"]
 
 Schedule = Callable[[LearningRates, float], LearningRates]
-"""From the initial rates and the fraction of the run that is over, the rates of this iteration."""
+"""Maps the initial rates and the progress of the run, 0 to 1, to the rates of an iteration."""
 
 MAX_DEGREE = 3
 
 SLOWEST_SCALES = 0.5
-"""Share of their rate that scales keep in the longest runs, which are often stopped early."""
+"""Minimum share of the scales' learning rate in the longest runs, which are often stopped early."""
 
 MIN_EXTENT = 1e-6
-"""Cameras nearer to each other than this times their distance from the points differ by rounding only."""
+"""Minimum extent of the cameras relative to their distance from the points; less is rounding error."""
 
 
 def cosine(final: float) -> Schedule:
-    """All rates fall together along half a cosine from 1 to `final` times their initial values."""
+    """All rates decay along a half cosine from 1 to `final` times their initial values."""
 
     def rates(initial: LearningRates, progress: float) -> LearningRates:
         return initial.scaled(final + (1.0 - final) * 0.5 * (1.0 + math.cos(math.pi * min(progress, 1.0))))
@@ -40,9 +40,9 @@ def cosine(final: float) -> Schedule:
 
 
 def exponential_means(final: float) -> Schedule:
-    """The rate of the means falls exponentially from 1 to `final` times its initial value; the others stay.
+    """The rate of the means decays exponentially from 1 to `final` times its initial value; the others stay constant.
 
-    3DGS's schedule, stretched over the run's length as gsplat and OpenSplat do.
+    3DGS's schedule, stretched over the run's length as in gsplat and OpenSplat.
     """
 
     def rates(initial: LearningRates, progress: float) -> LearningRates:
@@ -52,7 +52,7 @@ def exponential_means(final: float) -> Schedule:
 
 
 def pixel_footprint(cameras: Sequence[Camera], points: PointCloud) -> float:
-    """Length at the scene that one pixel covers: the median over cameras and points in view of depth / focal length.
+    """Footprint of a pixel at the scene: the median over cameras and visible points of depth / focal length.
 
     Raises:
         PocketGSError: no camera sees a point.
@@ -71,10 +71,10 @@ def pixel_footprint(cameras: Sequence[Camera], points: PointCloud) -> float:
 
 
 def camera_extent(cameras: Sequence[Camera], points: PointCloud) -> float:
-    """3DGS's measure of a scene: 1.1 times the largest distance of a camera from the cameras' mean.
+    """3DGS's extent of a scene: 1.1 times the largest distance of a camera from the cameras' mean.
 
     Raises:
-        PocketGSError: the cameras stand in one place, or there is only one: nothing would move.
+        PocketGSError: the cameras are in one place, or there is only one: nothing would move.
     """
     centres = np.array([camera.centre for camera in cameras])
     extent = 1.1 * float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max())
@@ -89,29 +89,28 @@ def camera_extent(cameras: Sequence[Camera], points: PointCloud) -> float:
 
 @dataclass(frozen=True)
 class Recipe:
-    """How to train.
+    """A training recipe.
 
     Attributes:
         name: for reports.
-        rates: initial learning rates; that of the means in the unit that `length` measures.
-        length: measures the unit of length on the training cameras and the starting points.
-        schedule: how the rates fall.
-        loss: what is minimised.
-        adam: how gradients are averaged.
+        rates: initial learning rates; that of the means in units of `length`.
+        length: computes the unit of length from the training cameras and the initial points.
+        schedule: of the learning rates.
+        loss: to minimise.
+        adam: settings of the optimiser.
         opacity: initial opacity of the seeds.
         seed_size: scale of a seed, as a multiple of the distance to its neighbours.
         sh_degree: degree of the spherical harmonics.
-        sh_every: iterations after which spherical harmonics of the next degree begin to be trained; None trains all
-            from the start.
-        seeds: what a point starts as, "discs" or "balls".
-        prior: what to start from, see `TrainingOptions.prior`.
-        random_points: how many points are drawn in a cube where a capture comes without; None draws them where the
+        sh_every: iterations after which training of the next degree begins; None trains all degrees from the start.
+        seeds: shape of the seeds, "discs" or "balls".
+        prior: initial points, see `TrainingOptions.prior`.
+        random_points: number of random points in a cube for captures without points; None draws them where the
             photographs agree.
         strategy: how the number of Gaussians changes.
-        iterations, max_gaussians: of a run, or None where its effort says.
-        open_ended: train until it stops paying, where the user gives no iterations.
-        scales_for: iterations that the rate of the scales is made for, or None for any. Noise in the gradients lets
-            scales wander with the square root of the number of steps: in longer runs their rate falls with it.
+        iterations, max_gaussians: of a run, or None to use the effort's.
+        open_ended: train until it stops paying, unless the user sets the iterations.
+        scales_for: number of iterations that the rate of the scales is tuned for, or None for any. Gradient noise lets
+            scales drift with the square root of the number of steps, so in longer runs their rate is lower.
     """
 
     name: str
@@ -134,7 +133,7 @@ class Recipe:
     scales_for: int | None = None
 
     def active_degree(self, iteration: int) -> int | None:
-        """Degree up to which iteration `iteration`, counted from 1, trains spherical harmonics; None for all."""
+        """Maximum degree of spherical harmonics that iteration `iteration`, counted from 1, trains; None for all."""
         return None if self.sh_every is None else min(iteration // self.sh_every, MAX_DEGREE)
 
     def rates_for(self, iterations: int, unit: float) -> LearningRates:
@@ -142,14 +141,14 @@ class Recipe:
 
         Args:
             iterations: of the run.
-            unit: what `length` measured.
+            unit: result of `length`.
         """
         slower = math.sqrt(self.scales_for / iterations) if self.scales_for else 1.0
         slower = min(max(slower, SLOWEST_SCALES), 1.0)
         return replace(self.rates, means=self.rates.means * unit, log_scales=self.rates.log_scales * slower)
 
 
-# 3DGS's rates. Rotations move in the tangent space, q ⊗ exp(½δ), so theirs is twice that of quaternion components.
+# 3DGS's rates. Rotations are updated in the tangent space, q ⊗ exp(½δ), so their rate is twice that of quaternions.
 _3DGS_RATES = LearningRates(
     means=1.6e-4, log_scales=5e-3, rotations=2e-3, opacity_logits=0.05, sh_dc=2.5e-3, sh_rest=1.25e-4
 )
@@ -157,7 +156,7 @@ _3DGS_ITERATIONS = 30_000
 
 
 def _3dgs(iterations: int) -> Recipe:
-    """3DGS's recipe whole, up to an iteration: rates fall as they would in the run of 30,000 (Kerbl et al. 2023)."""
+    """3DGS's complete recipe, up to an iteration: rates decay as in the run of 30,000 (Kerbl et al. 2023)."""
     return Recipe(
         name=f"3dgs-{iterations // 1000}k",
         rates=_3DGS_RATES,
@@ -175,12 +174,12 @@ def _3dgs(iterations: int) -> Recipe:
 
 
 _POCKETGS = Recipe(
-    # For a few hundred iterations: large steps, measured in pixels, that fall together.
+    # For a few hundred iterations: large steps, measured in pixels, that decay together.
     name="pocketgs",
     rates=LearningRates(means=0.2, log_scales=0.16, rotations=0.032, opacity_logits=0.1, sh_dc=0.03, sh_rest=0.008),
     length=pixel_footprint,
     schedule=cosine(final=0.02),
-    # Squares that remember twenty steps, not a thousand, follow the gradients of a run of hundreds.
+    # A second moment averaged over twenty steps instead of a thousand follows the gradients of short runs.
     adam=AdamSettings(beta2=0.95, seen_only=True),
     opacity=0.25,
     seed_size=0.6,
@@ -192,21 +191,21 @@ RECIPES = {
     recipe.name: recipe
     for recipe in (
         _POCKETGS,
-        # 3DGS's rates for comparison on equal terms: nothing grows, and rates fall over a run of any length.
+        # 3DGS's rates for a fair comparison: a fixed number of Gaussians, and rates that decay over runs of any length.
         Recipe(name="reference", rates=_3DGS_RATES, length=camera_extent, schedule=exponential_means(final=0.01)),
         _3dgs(7000),
         _3dgs(30_000),
-        # For as long as it pays: from the dense cloud, growing where errors are.
+        # For as long as it pays: from the dense cloud, growing where there are errors.
         replace(_POCKETGS, name="long", strategy="budgeted", open_ended=True, sh_degree=3, sh_every=250),
     )
 }
 
 
 def recipe_named(name: str) -> Recipe:
-    """The recipe of that name.
+    """The recipe with this name.
 
     Raises:
-        PocketGSError: there is none.
+        PocketGSError: it does not exist.
     """
     if name not in RECIPES:
         raise PocketGSError(f"recipe {name!r}: not known, expected one of {', '.join(RECIPES)}")

@@ -1,4 +1,4 @@
-"""Validation views: training views that are held back for a while, to see what more training is worth."""
+"""Validation views: training views held back for a while, to measure the gain of more training."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from pocketgs.metrics.evaluation import psnr
 from pocketgs.splat.engine import Engine
 
 EVERY, FIRST = 8, 4
-"""Every eighth training view, beginning with the fifth, is a validation view."""
+"""Every eighth training view, starting with the fifth, is a validation view."""
 
 MIN_VIEWS, MAX_VIEWS = 2, 12
-"""Fewer say too little; more would not say more, but cost time."""
+"""Minimum and maximum number of validation views: fewer are not reliable, more only take time."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """What the validation views said at one moment.
+    """One evaluation on the validation views.
 
     Attributes:
         iteration: steps done.
         psnr: mean over the validation views, in dB.
-        gaussians: their number.
-        seconds: of training until then, in the process that looked.
+        gaussians: number of Gaussians.
+        seconds: of training until then, in this process.
     """
 
     iteration: int
@@ -37,28 +37,28 @@ class Look:
 
 @dataclass(frozen=True)
 class Course:
-    """What an open-ended run has learnt so far. All that it decides follows from this.
+    """The history of an open-ended run, which determines all its decisions.
 
     Attributes:
-        looks: at the validation views, in order.
-        decays_from: iteration from which on learning rates fall to the end, or None as long as that is not decided.
+        looks: evaluations on the validation views, in order.
+        decays_from: iteration at which the final decay of the learning rates starts, or None while it is undecided.
     """
 
     looks: tuple[Look, ...] = ()
     decays_from: int | None = None
 
     def with_look(self, look: Look) -> Course:
-        """The course with one more look."""
+        """Add an evaluation."""
         return replace(self, looks=(*self.looks, look))
 
     @property
     def gain(self) -> float | None:
-        """Decibels that the last stage has won, or None before there were two looks."""
+        """Gain of the last stage in dB, or None before the second evaluation."""
         return self.looks[-1].psnr - self.looks[-2].psnr if len(self.looks) >= 2 else None
 
     @property
     def gain_per_minute(self) -> float | None:
-        """Decibels per minute that the last stage has won; None before there is one, and once rates fall to the end."""
+        """Gain of the last stage in dB per minute; None before there is one, and during the final decay."""
         if self.gain is None or self.decays_from is not None:
             return None
         seconds = self.looks[-1].seconds - self.looks[-2].seconds
@@ -66,7 +66,7 @@ class Course:
 
 
 def validation_views(views: int) -> list[int]:
-    """Indices of the training views to hold back; none where there are too few training views."""
+    """Indices of the training views to hold back; empty if there are too few training views."""
     found = list(range(FIRST, views, EVERY))
     if len(found) < MIN_VIEWS:
         return []
@@ -75,7 +75,7 @@ def validation_views(views: int) -> list[int]:
 
 
 def validation_psnr(engine: Engine, frames: Sequence[Frame], background: tuple[float, float, float]) -> float:
-    """Mean PSNR of what the engine renders at these views, in dB."""
+    """Mean PSNR of renderings of these views, in dB."""
     values = []
     for frame in frames:
         image = np.clip(engine.render(frame.camera, background).image, 0.0, 1.0)

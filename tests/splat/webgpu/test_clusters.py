@@ -21,7 +21,14 @@ pytestmark = pytest.mark.usefixtures("adapter")
 
 OUTSIDE = 0xFFFFFFFF
 ENGINE = EngineOptions("webgpu")
-VIEWS = (0, 1, 2, 3, 4, 5, 0, 2, 5, 1, 3, 4)
+VIEWS = (0, 1, 2, 3, 4, 5, 0, 2)
+
+
+def small_ones(seed: int, count: int, shrinking: float = 4.0) -> Gaussians:
+    """Gaussians whose clusters are not wider than the scene."""
+    scene = around(seed, count)
+    scene.log_scales -= np.float32(shrinking)
+    return scene
 
 
 def see_everything(engine: WebGpuEngine) -> None:
@@ -40,7 +47,7 @@ def in_view(engine: WebGpuEngine) -> np.ndarray:
 )
 def test_training_is_the_same_with_and_without_culling(seen_only: bool, scale_weight: float, noise: float) -> None:
     """On views all around, with rates at which Gaussians leave their clusters' first bounds."""
-    scene = around(3, 4000)
+    scene = small_ones(3, 4000, 1.5)
     rng = np.random.default_rng(5)
     frames = [photograph(a_camera(rng), seed=seed) for seed in range(6)]
     loss = LossSettings(scale_weight=scale_weight)
@@ -57,7 +64,7 @@ def test_training_is_the_same_with_and_without_culling(seen_only: bool, scale_we
             engine.step(view, step)
             engine.loss()
             shares.append(in_view(engine).mean())
-        assert (np.mean(shares) < 0.95) == culls
+        assert (np.mean(shares) < 0.9) == culls
         images = []
         for frame in frames:
             if not culls:
@@ -72,13 +79,6 @@ def test_training_is_the_same_with_and_without_culling(seen_only: bool, scale_we
     for one, another in zip(images, other_images, strict=True):
         np.testing.assert_array_equal(one, another)
     assert np.abs(scene_of_one.means - scene.means).max() > 0.1
-
-
-def small_ones(seed: int, count: int) -> Gaussians:
-    """Gaussians whose clusters are not wider than the scene."""
-    scene = around(seed, count)
-    scene.log_scales -= 4.0
-    return scene
 
 
 @pytest.mark.parametrize("seed", range(6))

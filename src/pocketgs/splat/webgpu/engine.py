@@ -15,7 +15,7 @@ from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
 from pocketgs.scene.background import checked_background
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.checks import check_state, check_view, checked_scene
+from pocketgs.splat.checks import check_pinhole, check_state, check_view, checked_scene
 from pocketgs.splat.colours import check_transforms
 from pocketgs.splat.engine import EngineOptions, MemoryNeed, OptimiserState, Rendering
 from pocketgs.splat.near_plane import near_plane
@@ -96,8 +96,10 @@ class WebGpuEngine:
         """Take the photographs that `step` refers to by index.
 
         Raises:
-            PocketGSError: the GPU's memory does not hold what training on them takes.
+            PocketGSError: the GPU's memory does not hold what training on them takes, or one was taken through a lens.
         """
+        for frame in frames:
+            check_pinhole(frame.camera)
         self._settle()
         sizes = tuple((frame.camera.width, frame.camera.height) for frame in frames)
         self._fit(replace(self._extent, photographs=sizes, drawn_sizes=frozenset(), trains=True), frames)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from pocketgs.geometry.camera import Camera
 from pocketgs.gpu.sizes import Symbols, ceil_div
 from pocketgs.scene.gaussians import SH_COEFFICIENTS
+from pocketgs.splat.checks import check_pinhole
 from pocketgs.splat.constants import FRUSTUM_MARGIN, SSIM_WINDOW
 from pocketgs.splat.engine import KEPT_LOSSES
 from pocketgs.splat.settings import StepSettings
@@ -28,7 +29,11 @@ def view_values(
         symbols: gives gaussians, coefficients, intersections, replay_depth, and channel_groups where channels are
             composited.
         photograph: where it begins, in pixels.
+
+    Raises:
+        PocketGSError: the camera has a lens.
     """
+    check_pinhole(camera)
     pose, size = camera.world_to_camera, np.array([camera.width, camera.height])
     focal, principal = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
     margin = FRUSTUM_MARGIN * size

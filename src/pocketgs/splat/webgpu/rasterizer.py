@@ -105,9 +105,8 @@ class WebGpuBackend:
         Raises:
             PocketGSError: the camera is no pinhole, or anti-aliasing is asked for.
         """
-        for asked, what in ((not camera.is_pinhole, "a camera with a lens"), (antialiased, "anti-aliased rasterizing")):
-            if asked:
-                raise PocketGSError(f'{what}: not on WebGPU, expected the engine "cpu" or "reference"')
+        if antialiased:
+            raise PocketGSError('anti-aliased rasterizing: not on WebGPU, expected the engine "cpu" or "reference"')
         scene = Gaussians(
             parameters.means,
             parameters.log_scales,

@@ -37,8 +37,8 @@ fn main(@builtin(global_invocation_id) thread: vec3u, @builtin(num_workgroups) g
 }
 `;
 
-/** Finds the depths that all but the nearest and the farthest 2 % of those pixels lie between. */
 /** Finds the 2 % and 98 % quantiles of those depths. */
+export const FIND_DEPTH_RANGE = /* wgsl */ `
 ${HISTOGRAM}
 @group(0) @binding(0) var<storage, read> histogram: array<u32>;
 @group(0) @binding(1) var<storage, read_write> depth_range: vec2f;
