@@ -15,6 +15,7 @@ from pocketgs.capture.pinhole_copy import frames_at, has_lenses, without_lenses
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import look_at
 from pocketgs.geometry.lens import Lens
+from pocketgs.prior.prior import build_prior
 from pocketgs.results.cameras_file import read_cameras, write_cameras
 from pocketgs.splat.checks import check_pinhole
 
@@ -81,6 +82,11 @@ def test_lenses_are_kept_in_files(folder: Path, tmp_path: Path) -> None:
     export_capture(tmp_path / "colmap", capture)
     exported = open_capture(tmp_path / "colmap", lens="direct")
     assert all(frame.camera.lens.padded[:4] == COEFFICIENTS for frame in exported.frames)
+
+
+def test_the_prior_takes_pinhole_cameras_only(folder: Path) -> None:
+    with pytest.raises(PocketGSError, match="found cameras with lenses"):
+        build_prior(open_capture(folder, lens="direct"), 100)
 
 
 def test_the_gpu_engine_says_that_it_draws_no_lens(folder: Path) -> None:

@@ -15,6 +15,7 @@ from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.geometry.lens import Lens
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.cpu.clusters import Clusters
+from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.cpu.layout import CLUSTER, View
 from pocketgs.splat.cpu.lens import kernel_lens
 from pocketgs.splat.rasterizer import Raster, RasterGradient
@@ -23,8 +24,10 @@ from pocketgs.splat.reference import rasterize as reference_rasterize
 from pocketgs.splat.reference.lenses import linearised
 from pocketgs.splat.reference.project import project
 from pocketgs.splat.reference.scene import Scene
+from pocketgs.splat.settings import LossSettings, StepSettings
 from splat.test_clusters import a_camera, around
 from splat.test_rasterizer import moved
+from splat.training_step import BACKGROUND, RATES, begin, columns, photograph, reference_step
 
 MakeGaussians = Callable[..., Gaussians]
 
@@ -149,6 +152,19 @@ def test_the_cpu_agrees_with_the_reference(
         one, other = getattr(d_found, field.name), getattr(d_expected, field.name)
         if other is not None:
             assert np.quantile(np.abs(one - other), 0.99) < 5e-3 * np.abs(other).max(), field.name
+
+
+def test_a_training_step_through_a_fisheye_agrees(camera: Camera, make_gaussians: MakeGaussians) -> None:
+    camera = through(camera, "fisheye")
+    gaussians, frame = a_scene(make_gaussians, "fisheye", 60, 0.15), photograph(camera)
+    settings_of_step = StepSettings(RATES, LossSettings(), background=BACKGROUND)
+    engine = begin(CpuEngine(), gaussians, [frame])
+    engine.step(0, settings_of_step)
+    loss, gradient, _ = reference_step(Scene.of(gaussians), frame, settings_of_step)
+    assert engine.loss() == pytest.approx(loss, rel=1e-4)
+    measured = engine.optimiser_state().first_moments / (1.0 - settings_of_step.adam.beta1)
+    error = np.abs(measured - columns(gradient))[:, :3]
+    assert np.quantile(error, 0.99) < 2e-3 * np.abs(gradient.means).max()
 
 
 @pytest.mark.parametrize("engine", ["cpu", "reference"])

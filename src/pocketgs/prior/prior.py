@@ -9,6 +9,8 @@ from typing import Literal
 import numpy as np
 
 from pocketgs.capture.capture import Capture, Frame
+from pocketgs.capture.pinhole_copy import has_lenses
+from pocketgs.errors import PocketGSError
 from pocketgs.prior.advice import exposure_hint, nothing_found, photograph_hints, poses_hint
 from pocketgs.prior.complete import completion, joined
 from pocketgs.prior.depth_maps import depth_maps
@@ -73,7 +75,12 @@ def build_prior(
         max_points: maximum size of the cloud.
         settings: None for the defaults.
         stopwatch: times the stages; None for a new one.
+
+    Raises:
+        PocketGSError: a frame's camera has a lens.
     """
+    if has_lenses(capture):
+        raise PocketGSError(f"prior of {capture.name}: found cameras with lenses, expected what without_lenses gives")
     settings = settings or PriorSettings()
     stopwatch = stopwatch or Stopwatch()
     hints = photograph_hints(capture.frames)

@@ -11,6 +11,7 @@ import numpy as np
 
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
+from pocketgs.geometry.lens import PINHOLE, Lens
 from pocketgs.scene.background import checked_background
 from pocketgs.scene.gaussians import PARAMETERS, SH_COEFFICIENTS, Gaussians
 from pocketgs.splat.checks import check_state, check_view, checked_scene
@@ -23,7 +24,7 @@ from pocketgs.splat.cpu.compositor import OVER, Compositor
 from pocketgs.splat.cpu.errors import error_sums, write_error
 from pocketgs.splat.cpu.lanes import LANES
 from pocketgs.splat.cpu.layout import BLUE, DEPTH, RED, SPLAT_FIELDS, View
-from pocketgs.splat.cpu.lens import KernelLens, kernel_lens
+from pocketgs.splat.cpu.lens import KernelLens, Pinhole, kernel_lens
 from pocketgs.splat.cpu.loss import photometric
 from pocketgs.splat.cpu.memory import training_bytes
 from pocketgs.splat.cpu.noise import add_noise
@@ -107,21 +108,34 @@ class CpuEngine:
         self._colours = no_transforms(0)
 
     def prepare(self) -> None:
-        """Compile the kernels, or load what an earlier process compiled, by training a throw-away scene."""
+        """Compile the kernels, or load what an earlier process compiled, by training a throw-away scene.
+
+        Those of views through lenses wait for `set_views`, which knows which lenses there are.
+        """
+        self._prepare_for(PINHOLE)
+
+    def _prepare_for(self, lens: Lens) -> None:
         corner = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
         scene = Gaussians(corner, np.zeros((4, 3)), np.ones((4, 4)), np.zeros(4), np.zeros((4, 1, 3)))
         pose = np.eye(4)
         pose[2, 3] = 4.0
-        frame = Frame("", Camera(16, 16, 16.0, 16.0, 8.0, 8.0, pose), np.zeros((16, 16, 3), np.uint8))
+        camera = Camera(16, 16, 16.0, 16.0, 8.0, 8.0, pose, lens)
         rates = LearningRates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         settings = StepSettings(rates, statistics=True, noise=PositionNoise(0.0, 0), colours=ColourSettings(0.0))
         engine = CpuEngine(self.threads)
-        engine.set_views([frame])
+        engine._take_views([Frame("", camera, np.zeros((16, 16, 3), np.uint8))])
         engine.upload(scene)
         engine.step(0, settings)
 
     def set_views(self, frames: Sequence[Frame]) -> None:
         """Take the photographs that `step` refers to by index."""
+        self._take_views(frames)
+        kinds = {type(view.lens): frame.camera.lens for view, frame in zip(self._views, frames, strict=True)}
+        for kind, lens in kinds.items():
+            if kind is not Pinhole:
+                self._prepare_for(lens)
+
+    def _take_views(self, frames: Sequence[Frame]) -> None:
         self._views = [
             _TrainingView(
                 View.of(frame.camera),
