@@ -126,7 +126,7 @@ def test_memory_that_leaves_colmap_out_is_said_to(made_result: MakeResult) -> No
     assert said("pocketgs", "3dgs-mvs") == []
     (note,) = said("pocketgs", "3dgs-sfm")
     assert "3dgs-sfm" in note
-    assert "left out" in note
+    assert "not included" in note
 
 
 def test_gpu_memory_is_that_of_the_gpu_engine_only(made_result: MakeResult) -> None:
