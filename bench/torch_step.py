@@ -106,7 +106,7 @@ def native_passes(engine: CpuEngine, camera: Camera) -> Callable[[], Callable[[]
         engine._clusters.have_moved(engine._clusters.all)  # as they have after every step
         raster = engine._forward(view, lens, black)
         raster.canvas.d_image[:] = 1e-3
-        return lambda: engine._backward(engine._views[0], raster, settings)
+        return lambda: engine._backward(engine._photographs.views[0], raster, settings)
 
     return forward
 

@@ -18,8 +18,8 @@ from pocketgs.capture import list_capture
 from pocketgs.errors import PocketGSError
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import run
-from pocketgs.training.loop import Progress
 from pocketgs.training.options import TrainingOptions
+from pocketgs.training.progress import Progress
 
 FILES = ["cameras.json", "checkpoint.npz"]
 

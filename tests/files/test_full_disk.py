@@ -20,7 +20,7 @@ from pocketgs.results.checkpoint import write_checkpoint
 from pocketgs.results.folder import publishing, write_json, write_side_by_side
 from pocketgs.results.video import write_video
 from pocketgs.splat.engine import OptimiserState
-from pocketgs.training.loop import Checkpoint
+from pocketgs.training.result import Checkpoint
 
 resource = pytest.importorskip("resource")
 

@@ -25,8 +25,8 @@ from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.rendering import render
 from pocketgs.splat.settings import StepSettings
 from pocketgs.training import loop
-from pocketgs.training.loop import Progress
 from pocketgs.training.options import TrainingOptions
+from pocketgs.training.progress import Progress
 from pocketgs.training.recipes import RECIPES
 from pocketgs.training.result import Checkpoint
 

@@ -15,10 +15,11 @@ from pocketgs.results.checkpoint import CHECKPOINT, read_checkpoint, write_check
 from pocketgs.scene.gaussians import PARAMETERS
 from pocketgs.splat.settings import LearningRates
 from pocketgs.training import open_ended
-from pocketgs.training.loop import Progress, train
+from pocketgs.training.loop import train
 from pocketgs.training.open_ended import MIN_GAIN, OpenEndedPace, stages
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.effort import sized
+from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint
 from pocketgs.training.validation import Course, Look, validation_views
 

@@ -21,9 +21,9 @@ from pocketgs.splat.rows import RowChange, Statistics
 from pocketgs.splat.settings import LossSettings
 from pocketgs.splat.store import ParameterStore
 from pocketgs.training import loop
-from pocketgs.training.loop import Progress
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.effort import sized
+from pocketgs.training.progress import Progress
 from pocketgs.training.random_points import points_in_a_cube
 from pocketgs.training.recipes import recipe_named
 from pocketgs.training.result import Checkpoint

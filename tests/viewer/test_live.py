@@ -25,7 +25,7 @@ from pocketgs.capture import list_capture
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import RunResult, run
 from pocketgs.scene.formats.spz import read_gaussians
-from pocketgs.training.loop import Progress
+from pocketgs.training.progress import Progress
 from pocketgs.viewer import live
 from pocketgs.viewer.live import LiveRun
 from pocketgs.viewer.news import Read

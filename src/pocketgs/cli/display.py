@@ -18,8 +18,8 @@ from pocketgs.prior.report import PriorReport
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import RunResult
 from pocketgs.system.process import peak_rss_mb
-from pocketgs.training.loop import Progress
 from pocketgs.training.planning.plan import Plan
+from pocketgs.training.progress import Progress
 
 STAGES = {
     "frames": "choosing frames",

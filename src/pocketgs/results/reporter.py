@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from pocketgs.capture.capture import Capture
 from pocketgs.prior.report import PriorReport
-from pocketgs.training.loop import Progress
 from pocketgs.training.planning.plan import Plan
+from pocketgs.training.progress import Progress
 
 
 @dataclass(frozen=True)

@@ -39,13 +39,14 @@ from pocketgs.system import freed_memory
 from pocketgs.system.interrupt import deferred_interrupt
 from pocketgs.system.process import seconds_since_start
 from pocketgs.system.stopwatch import Stopwatch
-from pocketgs.training.loop import Progress, render_frame, train
+from pocketgs.training.loop import render_frame, train
 from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.planning.calibration import measure_speed
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.planning.machine import this_machine
 from pocketgs.training.planning.plan import Plan, make_plan, plan_again, shrinking_warning
 from pocketgs.training.preparation import prepare
+from pocketgs.training.progress import Progress
 from pocketgs.training.result import TrainingResult
 
 SECONDS_BETWEEN_CHECKPOINTS = 60.0

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from pocketgs.capture.capture import Capture, Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.metrics.evaluation import psnr
 from pocketgs.prior.prior import PreparedCapture
-from pocketgs.scene.gaussians import Gaussians
 from pocketgs.scene.morton import morton_order
 from pocketgs.splat.engine import Engine, create_engine
 from pocketgs.splat.rows import Statistics
@@ -26,50 +24,14 @@ from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.pace import Pace, SetPace
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.preparation import prepare
+from pocketgs.training.progress import Observer, Progress
 from pocketgs.training.recipes import Recipe, camera_extent, recipe_named
 from pocketgs.training.result import Checkpoint, LossSample, TrainingResult
 from pocketgs.training.seeding import SEEDINGS
 from pocketgs.training.strategies.choose import create_strategy
 from pocketgs.training.strategies.strategy import GrowthPlan, Situation, Strategy
 
-
-@dataclass(frozen=True)
-class Progress:
-    """State passed to an observer after an iteration.
-
-    Attributes:
-        iteration: iterations done.
-        iterations: end of the run, as far as it is known.
-        fraction: progress from 0 to 1, by iterations or by time.
-        loss: mean training loss over the last epoch, updated at intervals.
-        held_out_psnr: when the held-out views were last looked at, or None.
-        iteration_rate: iterations per second.
-        seconds_left: estimate of the time until iterations or the time budget run out.
-        gain_per_minute: gain in dB per minute on validation views, or None without any.
-        gaussians: current number.
-        interrupt: an observer can request a stop after this iteration, like Ctrl-C; it also tells whether one was
-            requested, so that an observer that waits can stop waiting.
-        scene: returns a copy of the current Gaussians.
-        checkpoint: returns a copy of the current state, which is larger.
-    """
-
-    iteration: int
-    iterations: int
-    fraction: float
-    loss: float
-    held_out_psnr: float | None
-    iteration_rate: float
-    seconds_left: float
-    gain_per_minute: float | None
-    gaussians: int
-    interrupt: Interrupt
-    scene: Callable[[], Gaussians]
-    checkpoint: Callable[[], Checkpoint]
-
-
 SECONDS_BETWEEN_LOSSES = 0.5
-
-Observer = Callable[[Progress], None]
 
 
 def train(

@@ -17,7 +17,7 @@ from pocketgs.results.run import RunResult
 from pocketgs.scene.formats import spz
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.system.process import peak_rss_mb
-from pocketgs.training.loop import Progress
+from pocketgs.training.progress import Progress
 from pocketgs.viewer.content import Content, capture_views, looked_at
 from pocketgs.viewer.news import News
 from pocketgs.viewer.scene_content import previews_in

@@ -15,19 +15,17 @@ from pocketgs.geometry.lens import PINHOLE, Lens
 from pocketgs.scene.background import checked_background
 from pocketgs.scene.gaussians import PARAMETERS, SH_COEFFICIENTS, Gaussians
 from pocketgs.splat.checks import check_state, check_view, checked_scene
-from pocketgs.splat.colours import UPDATES, check_transforms, no_transforms, transforms_of
 from pocketgs.splat.cpu.adam import regularise, update
 from pocketgs.splat.cpu.bin import Binner, TileLists
 from pocketgs.splat.cpu.clusters import Clusters, clear
-from pocketgs.splat.cpu.colours import transform, transform_backward
 from pocketgs.splat.cpu.compositor import OVER, Compositor
-from pocketgs.splat.cpu.errors import error_sums, write_error
+from pocketgs.splat.cpu.errors import error_sums
 from pocketgs.splat.cpu.lanes import LANES
 from pocketgs.splat.cpu.layout import BLUE, DEPTH, RED, SPLAT_FIELDS, View
 from pocketgs.splat.cpu.lenses.lens import KernelLens, Pinhole, kernel_lens
-from pocketgs.splat.cpu.loss import photometric
 from pocketgs.splat.cpu.memory import training_bytes
 from pocketgs.splat.cpu.noise import add_noise
+from pocketgs.splat.cpu.photographs import Canvas, Photographs, TrainingView
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
 from pocketgs.splat.cpu.sort import sort_by_depth
@@ -36,39 +34,14 @@ from pocketgs.splat.engine import KEPT_LOSSES, MemoryNeed, OptimiserState, Rende
 from pocketgs.splat.limits import TRAINING
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.parameters import ParameterLayout
-from pocketgs.splat.reference.colours import learn_transform
 from pocketgs.splat.rows import RowChange, Statistics
-from pocketgs.splat.settings import ColourSettings, LearningRates, LossSettings, PositionNoise, StepSettings
+from pocketgs.splat.settings import ColourSettings, LearningRates, PositionNoise, StepSettings
 from pocketgs.splat.store import ParameterStore
 from pocketgs.splat.timing import NoTimer, PassTimer
 from pocketgs.system.cores import kernel_threads
 
 _NO_PLANE, _NO_CENTRES, _NO_CHANNELS = (np.empty(shape, np.float32) for shape in ((0, 0), (0, 4), (0, 3)))
 """What a step does not ask of the kernels."""
-
-
-@dataclass(frozen=True)
-class _TrainingView:
-    """One photograph, as planes of uint8; `mask` is (0, 0) where there is none."""
-
-    view: View
-    lens: KernelLens
-    photo: np.ndarray
-    mask: np.ndarray
-
-
-class _Canvas:
-    """What a step writes by pixel and by tile. Fresh memory costs a page fault every 4 KB, so it is kept."""
-
-    def __init__(self, view: View) -> None:
-        self.shape = (view.height, view.width)
-        self.image = np.empty((3, *self.shape), np.float32)
-        self.transmittance = np.empty(self.shape, np.float32)
-        self.drawn_ends = np.empty(view.tiles, np.int32)
-        self.d_image = np.empty_like(self.image)
-        self.row_losses = np.empty((3, view.height), np.float32)
-        self.transformed = np.empty((0, *self.shape), np.float32)
-        """The image as the photograph's camera would show it, where its colours are learned."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +52,7 @@ class Raster:
     visible: np.ndarray
     order: np.ndarray
     lists: TileLists
-    canvas: _Canvas
+    canvas: Canvas
 
 
 class CpuEngine:
@@ -99,13 +72,12 @@ class CpuEngine:
         self._compositor = compositor
         self.threads = kernel_threads(threads)
         self.device = f"CPU, {self.threads} threads"
-        self._views: list[_TrainingView] = []
         self._binner = Binner(self.threads)
-        self._canvas: _Canvas | None = None
+        self._canvas: Canvas | None = None
         self._intersection_sums = np.empty(0, np.float32)
         self.timer: PassTimer = NoTimer()
         self._losses: deque[float] = deque(maxlen=KEPT_LOSSES)
-        self._colours = no_transforms(0)
+        self._photographs = Photographs([], self.threads)
 
     def prepare(self) -> None:
         """Compile the kernels, or load what an earlier process compiled, by training a throw-away scene.
@@ -130,32 +102,22 @@ class CpuEngine:
     def set_views(self, frames: Sequence[Frame]) -> None:
         """Take the photographs that `step` refers to by index."""
         self._take_views(frames)
-        kinds = {type(view.lens): frame.camera.lens for view, frame in zip(self._views, frames, strict=True)}
+        kinds = {
+            type(view.lens): frame.camera.lens for view, frame in zip(self._photographs.views, frames, strict=True)
+        }
         for kind, lens in kinds.items():
             if kind is not Pinhole:
                 self._prepare_for(lens)
 
     def _take_views(self, frames: Sequence[Frame]) -> None:
-        self._views = [
-            _TrainingView(
-                View.of(frame.camera),
-                kernel_lens(frame.camera),
-                np.ascontiguousarray(np.moveaxis(frame.image, 2, 0)),
-                np.zeros((0, 0), np.bool_) if frame.mask is None else np.array(frame.mask, np.bool_, order="C"),
-            )
-            for frame in frames
-        ]
-        self._colours = no_transforms(len(frames))
+        self._photographs = Photographs(frames, self.threads)
 
     def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
         """Take a copy of the scene, and of the optimiser's state or start it anew."""
         gaussians = checked_scene(gaussians)
         if state is not None:
             check_state(gaussians, state)
-        self._colours = no_transforms(len(self._views))
-        if state is not None and state.colours is not None:
-            check_transforms(state.colours, len(self._views))
-            self._colours = state.colours.copy()
+        self._photographs.restart_colours(None if state is None else state.colours)
         self._store = ParameterStore(gaussians, state)
         self._near = near_plane(gaussians.means) if state is None or state.near is None else state.near
         self._steps = 0 if state is None else state.steps
@@ -204,11 +166,12 @@ class CpuEngine:
 
     def step(self, view: int, settings: StepSettings) -> None:
         """Train on one view."""
-        check_view(view, self._views)
+        check_view(view, self._photographs.views)
         numba.set_num_threads(self.threads)
-        training_view = self._views[view]
+        training_view = self._photographs.views[view]
         raster = self._forward(training_view.view, training_view.lens, np.array(settings.background, np.float32))
-        loss = self._compare(view, raster, settings)
+        self.timer.begins("loss")
+        loss = self._photographs.compare(view, raster.canvas, settings)
         if settings.statistics and len(self._statistics) == 0:
             self._statistics = np.zeros((self.count, STATISTICS), np.float32)
         self._backward(training_view, raster, settings)
@@ -244,13 +207,13 @@ class CpuEngine:
     def optimiser_state(self) -> OptimiserState:
         """A copy of the optimiser's state."""
         store = self._store
-        colours = self._colours.copy() if self._colours[:, UPDATES].any() else None
+        colours = self._photographs.colours
         return OptimiserState(store.first_moments.copy(), store.second_moments.copy(), self._steps, self._near, colours)
 
     def memory(self) -> dict[str, int]:
         """Bytes that the engine holds, by the name of what they are for."""
         return {
-            "photographs": sum(view.photo.nbytes + view.mask.nbytes for view in self._views) + self._colours.nbytes,
+            "photographs": self._photographs.nbytes,
             **self._store.nbytes(),
             "tile lists": self._binner.nbytes,
             "gradients by tile": self._intersection_sums.nbytes,
@@ -290,9 +253,9 @@ class CpuEngine:
         canvas = self._rasterize(view, lists, background)
         return Raster(clusters, visible, order, lists, canvas)
 
-    def _rasterize(self, view: View, lists: TileLists, background: np.ndarray) -> _Canvas:
+    def _rasterize(self, view: View, lists: TileLists, background: np.ndarray) -> Canvas:
         if self._canvas is None or self._canvas.shape != (view.height, view.width):
-            self._canvas = _Canvas(view)
+            self._canvas = Canvas(view)
         canvas = self._canvas
         self.timer.begins("rasterize")
         self._compositor.forward(
@@ -309,28 +272,7 @@ class CpuEngine:
         self.timer.ends()
         return canvas
 
-    def _compare(self, view: int, raster: Raster, settings: StepSettings) -> float:
-        """The loss; its gradient is left on the canvas, and the photograph's colour transform takes a step."""
-        canvas = raster.canvas
-        self.timer.begins("loss")
-        if settings.colours is None:
-            return self._photometric(canvas.image, self._views[view], canvas, settings.loss)
-        matrix = transforms_of(self._colours[view : view + 1])[0].astype(np.float32)
-        if len(canvas.transformed) == 0:
-            canvas.transformed = np.empty_like(canvas.image)
-        transform(canvas.image, matrix, self.threads, canvas.transformed)
-        loss = self._photometric(canvas.transformed, self._views[view], canvas, settings.loss)
-        row_sums = np.empty((canvas.shape[0], 3, 4), np.float32)
-        transform_backward(canvas.image, matrix, self.threads, canvas.d_image, row_sums)
-        learn_transform(self._colours, view, row_sums.sum(axis=0, dtype=np.float64), settings.colours, settings.adam)
-        return loss
-
-    def _photometric(self, image: np.ndarray, view: _TrainingView, canvas: _Canvas, settings: LossSettings) -> float:
-        """The loss of an image; its gradient is left on the canvas."""
-        photometric(image, view.photo, view.mask, settings, self.threads, canvas.d_image, canvas.row_losses)
-        return float(canvas.row_losses.sum(dtype=np.float64))
-
-    def _backward(self, view: _TrainingView, raster: Raster, settings: StepSettings) -> None:
+    def _backward(self, view: TrainingView, raster: Raster, settings: StepSettings) -> None:
         """Rasterize backward → project backward: fills in the gradients."""
         scene, lists = self._scene, raster.lists
         self._replay(raster, settings.statistics and settings.absolute)
@@ -361,9 +303,7 @@ class CpuEngine:
         """Sum up what of the view's error each Gaussian takes part in."""
         if len(self._errors) == 0:
             self._errors = np.zeros(self.count, np.float32)
-        canvas, photo = raster.canvas, self._views[view]
-        compared = canvas.image if settings.colours is None else canvas.transformed
-        write_error(compared, photo.photo, photo.mask, canvas.d_image)
+        self._photographs.write_error(view, raster.canvas, settings)
         self._replay(raster)
         self._errors[raster.visible] += error_sums(raster.visible, raster.lists, self._intersection_sums).astype(
             np.float32

@@ -1,0 +1,108 @@
+"""The training photographs, and how the engine compares a rendered image with one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pocketgs.capture.capture import Frame
+from pocketgs.splat.colours import UPDATES, check_transforms, no_transforms, transforms_of
+from pocketgs.splat.cpu.colours import transform, transform_backward
+from pocketgs.splat.cpu.errors import write_error
+from pocketgs.splat.cpu.layout import View
+from pocketgs.splat.cpu.lenses.lens import KernelLens, kernel_lens
+from pocketgs.splat.cpu.loss import photometric
+from pocketgs.splat.reference.colours import learn_transform
+from pocketgs.splat.settings import LossSettings, StepSettings
+
+
+class Canvas:
+    """What a step writes by pixel and by tile. Fresh memory costs a page fault every 4 KB, so it is kept."""
+
+    def __init__(self, view: View) -> None:
+        self.shape = (view.height, view.width)
+        self.image = np.empty((3, *self.shape), np.float32)
+        self.transmittance = np.empty(self.shape, np.float32)
+        self.drawn_ends = np.empty(view.tiles, np.int32)
+        self.d_image = np.empty_like(self.image)
+        self.row_losses = np.empty((3, view.height), np.float32)
+        self.transformed = np.empty((0, *self.shape), np.float32)
+        """The image as the photograph's camera would show it, where its colours are learned."""
+
+
+@dataclass(frozen=True)
+class TrainingView:
+    """One photograph, as planes of uint8; `mask` is (0, 0) where there is none."""
+
+    view: View
+    lens: KernelLens
+    photo: np.ndarray
+    mask: np.ndarray
+
+    @staticmethod
+    def of(frame: Frame) -> TrainingView:
+        """The view of a frame of a capture."""
+        mask = np.zeros((0, 0), np.bool_) if frame.mask is None else np.array(frame.mask, np.bool_, order="C")
+        photo = np.ascontiguousarray(np.moveaxis(frame.image, 2, 0))
+        return TrainingView(View.of(frame.camera), kernel_lens(frame.camera), photo, mask)
+
+
+class Photographs:
+    """The training views, and a colour transform for each.
+
+    Args:
+        frames: of the capture.
+        threads: number of threads that compare.
+    """
+
+    def __init__(self, frames: Sequence[Frame], threads: int) -> None:
+        self.views = [TrainingView.of(frame) for frame in frames]
+        self._threads = threads
+        self._colours = no_transforms(len(frames))
+
+    def restart_colours(self, table: np.ndarray | None) -> None:
+        """Take a copy of the table of colour transforms, or begin with the identity.
+
+        Raises:
+            PocketGSError: the table does not belong to the photographs.
+        """
+        if table is not None:
+            check_transforms(table, len(self.views))
+        self._colours = no_transforms(len(self.views)) if table is None else table.copy()
+
+    @property
+    def colours(self) -> np.ndarray | None:
+        """A copy of the table of colour transforms; None if none has been learned."""
+        return self._colours.copy() if self._colours[:, UPDATES].any() else None
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the photographs, their masks and their colour transforms."""
+        return sum(view.photo.nbytes + view.mask.nbytes for view in self.views) + self._colours.nbytes
+
+    def compare(self, index: int, canvas: Canvas, settings: StepSettings) -> float:
+        """The loss; its gradient is left on the canvas, and the photograph's colour transform takes a step."""
+        if settings.colours is None:
+            return self._photometric(index, canvas.image, canvas, settings.loss)
+        matrix = transforms_of(self._colours[index : index + 1])[0].astype(np.float32)
+        if len(canvas.transformed) == 0:
+            canvas.transformed = np.empty_like(canvas.image)
+        transform(canvas.image, matrix, self._threads, canvas.transformed)
+        loss = self._photometric(index, canvas.transformed, canvas, settings.loss)
+        row_sums = np.empty((canvas.shape[0], 3, 4), np.float32)
+        transform_backward(canvas.image, matrix, self._threads, canvas.d_image, row_sums)
+        learn_transform(self._colours, index, row_sums.sum(axis=0, dtype=np.float64), settings.colours, settings.adam)
+        return loss
+
+    def write_error(self, index: int, canvas: Canvas, settings: StepSettings) -> None:
+        """Put the error of the image that was compared last in place of its gradient; see `errors.write_error`."""
+        view = self.views[index]
+        compared = canvas.image if settings.colours is None else canvas.transformed
+        write_error(compared, view.photo, view.mask, canvas.d_image)
+
+    def _photometric(self, index: int, image: np.ndarray, canvas: Canvas, settings: LossSettings) -> float:
+        view = self.views[index]
+        photometric(image, view.photo, view.mask, settings, self._threads, canvas.d_image, canvas.row_losses)
+        return float(canvas.row_losses.sum(dtype=np.float64))

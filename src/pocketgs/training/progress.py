@@ -1,0 +1,47 @@
+"""What a caller is told after every training iteration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.system.interrupt import Interrupt
+from pocketgs.training.result import Checkpoint
+
+
+@dataclass(frozen=True)
+class Progress:
+    """State passed to an observer after an iteration.
+
+    Attributes:
+        iteration: iterations done.
+        iterations: end of the run, as far as it is known.
+        fraction: progress from 0 to 1, by iterations or by time.
+        loss: mean training loss over the last epoch, updated at intervals.
+        held_out_psnr: when the held-out views were last looked at, or None.
+        iteration_rate: iterations per second.
+        seconds_left: estimate of the time until iterations or the time budget run out.
+        gain_per_minute: gain in dB per minute on validation views, or None without any.
+        gaussians: current number.
+        interrupt: an observer can request a stop after this iteration, like Ctrl-C; it also tells whether one was
+            requested, so that an observer that waits can stop waiting.
+        scene: returns a copy of the current Gaussians.
+        checkpoint: returns a copy of the current state, which is larger.
+    """
+
+    iteration: int
+    iterations: int
+    fraction: float
+    loss: float
+    held_out_psnr: float | None
+    iteration_rate: float
+    seconds_left: float
+    gain_per_minute: float | None
+    gaussians: int
+    interrupt: Interrupt
+    scene: Callable[[], Gaussians]
+    checkpoint: Callable[[], Checkpoint]
+
+
+Observer = Callable[[Progress], None]
