@@ -62,10 +62,10 @@ def test_frames(changes: dict[str, Any], found: str) -> None:
         ({"height": 10**8}, "image size 32x100000000"),
         ({"fx": float("nan")}, "fx, fy, cx, cy = nan"),
         ({"fy": -1.0}, "30, -1"),
-        ({"cx": "far"}, "no numbers"),
-        ({"cy": 10**400}, "no numbers"),
+        ({"cx": "far"}, "not numbers"),
+        ({"cy": 10**400}, "not numbers"),
         ({"world_to_camera": np.eye(3)}, "not a 4x4 matrix"),
-        ({"world_to_camera": [[1, 2], [3]]}, "no numbers"),
+        ({"world_to_camera": [[1, 2], [3]]}, "not numbers"),
         ({"world_to_camera": None}, "not a 4x4 matrix"),
     ],
 )

@@ -112,7 +112,5 @@ def test_jumping_colours_cost_little(tmp_path: Path) -> None:
         return evaluation
 
     clean, jumping = trained(False), trained(True)
-    learning = trained(True, colours="on")
-    for evaluation in (jumping, learning):
-        assert evaluation.cc_psnr > clean.cc_psnr - 0.3
+    assert jumping.cc_psnr > clean.cc_psnr - 0.3
     assert jumping.psnr > trained(True, exposure="off").psnr + 0.5

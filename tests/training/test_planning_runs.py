@@ -73,7 +73,9 @@ def test_real_captures_keep_to_little_memory(trained: Run, data_folder: Path, na
     record = trained(data_folder / name, *options, "--max-memory", 1000, "--iterations", 30)
     plan = record["plan"]
     assert record["peak_rss_mb"] <= plan["peak_rss_mb"] <= 1000
-    assert ("warning: to keep to 1,000 MB" in record["output"]) == (plan["shrink"] > 1 or plan["gaussians"] < 50_000)
+    assert ("warning: to keep to 1,000 MB" in record["output"]) == (
+        plan["shrink"] > 1 or plan["gaussians"] < record["options"]["max_gaussians"]
+    )
     assert (plan["shrink"] > 1) == (name == "lego")
     assert f"{plan['width']}x{plan['height']}" in record["protocol"]
 
