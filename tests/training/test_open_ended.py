@@ -9,9 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from conftest import write_nerfstudio
 from pocketgs.capture.capture import Capture
+from pocketgs.capture.open import list_capture
 from pocketgs.capture.synthetic import true_capture
+from pocketgs.errors import PocketGSError
 from pocketgs.results.checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
+from pocketgs.results.run import run as run_command
 from pocketgs.scene.gaussians import PARAMETERS
 from pocketgs.splat.settings import LearningRates
 from pocketgs.training import open_ended
@@ -133,6 +137,8 @@ def test_best_sizes_a_run_by_its_capture() -> None:
     assert standard.recipe == "pocketgs"
     # Too few views to hold any back, or a length that the user gives.
     assert not sized(TrainingOptions(effort="best"), views[:12]).open_ended
+    longer = sized(TrainingOptions(effort="best", iterations=2000), views)
+    assert (longer.open_ended, longer.max_gaussians) == (False, best.max_gaussians)  # so that it may go on from `best`
     given = sized(TrainingOptions(effort="best", iterations=700, max_gaussians=900), views)
     assert (given.open_ended, given.iterations, given.max_gaussians) == (False, 700, 900)
 
@@ -169,3 +175,23 @@ def test_a_whole_run(capture: Capture, tmp_path: Path, monkeypatch: pytest.Monke
     assert resumed.course is not None
     unclocked = [[replace(look, seconds=0.0) for look in course.looks] for course in (resumed.course, whole.course)]
     assert unclocked[0] == unclocked[1]
+
+
+def test_a_command_goes_on_from_a_finished_run_only_for_more(
+    capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(open_ended, "FIRST_STAGE", 10)
+    write_nerfstudio(capture, tmp_path / "room")
+    options = TrainingOptions(recipe="long", prior="none", bundle=False, evaluate_every=0)
+
+    def command(options: TrainingOptions, resume: bool) -> dict[str, Any]:
+        return run_command(lambda: list_capture(tmp_path / "room"), tmp_path / "out", options, resume=resume).summary
+
+    summary = command(options, resume=False)
+    decays_from = summary["validation"]["decays_from"]
+    assert summary["iterations"] == round(1.5 * decays_from)
+    assert [look["iteration"] for look in summary["validation"]["looks"]][-1] == decays_from
+    with pytest.raises(PocketGSError, match=f"{summary['iterations']} iterations are already done"):
+        command(options, resume=True)
+    more = summary["iterations"] + 5
+    assert command(replace(options, iterations=more), resume=True)["iterations"] == more

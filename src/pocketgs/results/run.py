@@ -40,6 +40,7 @@ from pocketgs.system.interrupt import deferred_interrupt
 from pocketgs.system.process import seconds_since_start
 from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.training.loop import render_frame, train
+from pocketgs.training.open_ended import end_of
 from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.planning.calibration import measure_speed
 from pocketgs.training.planning.effort import sized
@@ -47,7 +48,7 @@ from pocketgs.training.planning.machine import this_machine
 from pocketgs.training.planning.plan import Plan, make_plan, plan_again, shrinking_warning
 from pocketgs.training.preparation import prepare
 from pocketgs.training.progress import Progress
-from pocketgs.training.result import TrainingResult
+from pocketgs.training.result import Checkpoint, TrainingResult
 
 SECONDS_BETWEEN_CHECKPOINTS = 60.0
 MIN_TIME = 1e-3
@@ -135,7 +136,7 @@ def _run(
             check_pinhole(frame.camera)  # before the prior's work, not after it
     identity = _identity(capture, options, plan)
     checkpoint = read_checkpoint(folder, identity) if resume else None
-    if checkpoint and checkpoint.iteration >= options.iterations:
+    if checkpoint and checkpoint.iteration >= _end(checkpoint, options):
         found = f"{checkpoint.iteration} iterations are already done"
         raise PocketGSError(f"{folder}: {found}, expected --iterations to ask for more")
     saver = _CheckpointSaver(folder, identity, reporter.on_warning)
@@ -162,6 +163,12 @@ def _run(
     )
     with deferred_interrupt():
         return _publish(capture, prepared, claim, options, result, engine, identity, plan, stopwatch, memory)
+
+
+def _end(checkpoint: Checkpoint, options: SizedOptions) -> int:
+    """The iteration at which a resumed run ends at the latest."""
+    decided = end_of(checkpoint.course, options.iterations) if options.open_ended and checkpoint.course else None
+    return decided or options.iterations
 
 
 def _plan(listed: ListedCapture, options: SizedOptions, engine: Engine, size: tuple[int, int] | None) -> Plan:

@@ -75,11 +75,8 @@ class OpenEndedPace:
     @property
     def iterations(self) -> int:
         """End of the run if the current stage does not gain enough."""
-        decays_from = self.course.decays_from
-        if decays_from is None:
-            looked = len(self.course.looks)
-            decays_from = self._stages[min(looked, len(self._stages) - 1)]
-        return max(min(round(decays_from * (1.0 + DECAY)), self._longest), decays_from + 1)
+        next_stage = self._stages[min(len(self.course.looks), len(self._stages) - 1)]
+        return end_of(self.course, self._longest) or _end(next_stage, self._longest)
 
     def fraction(self, iteration: int, seconds: float) -> float:
         """Progress by iterations, as far as they are known, or by time."""
@@ -124,6 +121,15 @@ class OpenEndedPace:
     def target(self, iteration: int, count: int) -> int:
         """Number of Gaussians to grow to from `count`."""
         return min(int(GROWTH * count), self._most)
+
+
+def end_of(course: Course, longest: int) -> int | None:
+    """The iteration at which a run ends, or None before that is decided; `longest` bounds it."""
+    return None if course.decays_from is None else _end(course.decays_from, longest)
+
+
+def _end(decays_from: int, longest: int) -> int:
+    return max(min(round(decays_from * (1.0 + DECAY)), longest), decays_from + 1)
 
 
 def stages(last: int) -> list[int]:

@@ -57,13 +57,14 @@ def sized(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> SizedOp
         return options
     recipe = recipe_named(options.recipe or ("long" if options.effort == "best" else "pocketgs"))
     options = replace(options, recipe=recipe.name)
-    open_ended = recipe.open_ended and options.iterations is None and bool(validation_views(len(views)))
+    grows = recipe.open_ended and bool(validation_views(len(views)))
+    open_ended = grows and options.iterations is None
     given = {field.name: getattr(options, field.name) for field in fields(options)}
     for name in OF_THE_RECIPE:
         given[name] = getattr(recipe, name) if given[name] is None else given[name]
     options = replace(options, max_gaussians=given["max_gaussians"])
     sizes = _quick() if options.effort == "quick" else _standard(options, recipe, views)
-    if open_ended:
+    if grows:
         sizes |= {"iterations": MAX_OPEN_ENDED, "max_gaussians": OPEN_ENDED_GAUSSIANS * sizes["max_gaussians"]}
     sizes = {name: size for name, size in sizes.items() if given[name] is None}
     return SizedOptions(**{**given, **sizes, "open_ended": open_ended})
