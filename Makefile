@@ -2,13 +2,13 @@
 
 PYTHON ?= python3
 
-# Make a small built-in capture, train on it and show the result.
+.PHONY: demo test test-fast system-packages lint bench clean
 
 # Capture a small built-in scene, train it and show it.
 demo:
 	@$(PYTHON) tools/bootstrap.py
- # All checks and tests, including runs on real data: what continuous integration calls.
- # Missing system packages are installed where that is allowed; otherwise their tests are skipped, with a message.
+	.venv/bin/pocketgs demo
+
 # Everything that must hold before a change is merged, runs on real data included: what continuous integration calls.
 # What a test needs and the machine lacks is installed where that is allowed; else the test is left out, and said to be.
 test: system-packages lint

@@ -27,12 +27,13 @@ from pocketgs.scene.morton import morton_order
 from pocketgs.splat.engine import create_engine
 from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.torch import install_as_gsplat
-from pocketgs.training.loop import render_frame, train
+from pocketgs.training.loop import train
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.preparation import prepare
 from pocketgs.training.recipes import Recipe, camera_extent, recipe_named
 from pocketgs.training.seeding import SEEDINGS
+from pocketgs.training.validation import render_frame
 
 install_as_gsplat()
 
@@ -67,7 +68,8 @@ def main(
         engine = create_engine(asked.engine_options)
         engine.upload(result.scene)
         values = [
-            psnr(render_frame(engine, frame, prepared.background), frame.image / 255.0) for frame in prepared.held_out
+            psnr(render_frame(engine, frame, prepared.background), frame.image / 255.0, frame.mask)
+            for frame in prepared.held_out
         ]
         seconds = result.seconds["training"] / iterations
         print(
@@ -127,12 +129,13 @@ class Trainer:
             started = time.perf_counter()
             loss = self.step(step)
             times.append(time.perf_counter() - started)
-            if step % (self.iterations // 10) == 0 or step == self.iterations - 1:
+            if step % max(self.iterations // 10, 1) == 0 or step == self.iterations - 1:
                 count, milliseconds = len(self.params["means"]), 1e3 * float(np.median(times[-100:]))
                 print(f"step {step}: loss {loss:.4f}, {count:,} Gaussians, {milliseconds:.0f} ms a step", flush=True)
         with torch.no_grad():
             shown = [self.render(frame)[0][0].clamp(0, 1).numpy() for frame in self.capture.held_out]
-        values = [psnr(image, frame.image / 255.0) for image, frame in zip(shown, self.capture.held_out, strict=True)]
+        pairs = zip(shown, self.capture.held_out, strict=True)
+        values = [psnr(image, frame.image / 255.0, frame.mask) for image, frame in pairs]
         name, count = type(self.strategy).__name__, len(self.params["means"])
         print(f"gsplat {name}: {np.mean(values):.2f} dB, {count:,}, {1e3 * np.mean(times):.0f} ms a step")
 

@@ -1,6 +1,6 @@
 """nerfstudio's Splatfacto model, unchanged, on PocketGS's rasterization.
 
-    pip install --no-deps nerfstudio==1.1.5 pytorch_msssim torchmetrics ...    # what its model file imports
+    pip install --no-deps nerfstudio==1.1.5    # and what its model file asks for when it is imported
     python bench/splatfacto.py path/to/fern --images images_8
 
 Only what reaches for CUDA or the network is replaced: `Tensor.cuda` gives the tensor, and LPIPS is left out.

@@ -75,7 +75,7 @@ def run(script: str, version: str | None = None) -> str:
 
 @pytest.mark.parametrize(("packed", "absgrad"), [(False, False), (True, True)])
 def test_default_strategy_multiplies_gaussians(packed: bool, absgrad: bool) -> None:
-    assert int(run(DEFAULT.format(packed=packed, absgrad=absgrad) + TRAIN)) != 400
+    assert int(run(DEFAULT.format(packed=packed, absgrad=absgrad) + TRAIN)) > 400
 
 
 def test_mcmc_strategy_grows_to_its_bound() -> None:

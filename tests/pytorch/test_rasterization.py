@@ -78,6 +78,27 @@ def test_meta_has_every_key_and_centres_get_gradients(make_scene: Callable[..., 
     assert (magnitudes * 1.001 >= gradient.abs() - 1e-6).all()
 
 
+@pytest.mark.parametrize("copied", [dict, lambda meta: {**meta}, lambda meta: meta | {}])
+def test_copies_of_meta_hold_every_value(make_scene: Callable[..., Any], copied: Callable[..., Any]) -> None:
+    """Those that are computed when they are looked at, too."""
+    _, _, meta = rasterization(**make_scene(5), **SIZE, packed=True)
+    found = copied(meta)
+    assert set(found) == META
+    assert all(value is not None for value in found.values())
+    assert meta.pop("isect_ids") is found["isect_ids"]
+
+
+def test_images_changed_in_place_are_not_taken_back(make_scene: Callable[..., Any]) -> None:
+    """With one camera the image is the kernel's own memory, which the way back needs."""
+    scene = make_scene(5)
+    scene |= {name: scene[name][:1] for name in ("viewmats", "Ks")}
+    image, _, _ = rasterization(**scene, **SIZE)
+    with torch.no_grad():
+        image.mul_(0.5)
+    with pytest.raises(RuntimeError, match="modified by an inplace operation"):
+        image.sum().backward()
+
+
 def test_batches_are_scenes_of_their_own(make_scene: Callable[..., Any]) -> None:
     scenes = [make_scene(cameras=2, sh_degree=1, seed=seed) for seed in (0, 1)]
     together = {name: torch.stack([scene[name].detach() for scene in scenes]).requires_grad_() for name in scenes[0]}

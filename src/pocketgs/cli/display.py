@@ -177,7 +177,7 @@ def progress_line(progress: Progress) -> str:
         f"{peak_rss_mb():.0f} MB",
     ]
     if progress.gain_per_minute is not None:
-        parts.insert(4, f"a minute was worth {progress.gain_per_minute:+.2f} dB")
+        parts.insert(4, f"validation {progress.gain_per_minute:+.2f} dB/min")
     if progress.held_out_psnr is not None:
         parts.insert(2, f"held-out PSNR {progress.held_out_psnr:.2f} dB")
     return "  ".join(parts)

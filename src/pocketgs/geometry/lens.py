@@ -72,8 +72,7 @@ def depths(lens: Lens, local: np.ndarray) -> np.ndarray:
     """(N,) depths that order (N, 3) points in camera axes from near to far.
 
     It is z, the distance along the optical axis. A fisheye also shows points behind its image plane, where z does not
-    order
-    occlusions: there it is the distance from the camera.
+    order occlusions: there it is the distance from the camera.
     """
     return np.asarray(np.linalg.norm(local, axis=1) if lens.model == "fisheye" else local[:, 2])
 

@@ -39,7 +39,7 @@ from pocketgs.system import freed_memory
 from pocketgs.system.interrupt import deferred_interrupt
 from pocketgs.system.process import seconds_since_start
 from pocketgs.system.stopwatch import Stopwatch
-from pocketgs.training.loop import render_frame, train
+from pocketgs.training.loop import train
 from pocketgs.training.open_ended import end_of
 from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.planning.calibration import measure_speed
@@ -49,6 +49,7 @@ from pocketgs.training.planning.plan import Plan, make_plan, plan_again, shrinki
 from pocketgs.training.preparation import prepare
 from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint, TrainingResult
+from pocketgs.training.validation import render_frame
 
 SECONDS_BETWEEN_CHECKPOINTS = 60.0
 MIN_TIME = 1e-3
@@ -227,12 +228,12 @@ def _identity(capture: Capture, options: SizedOptions, plan: Plan) -> dict[str, 
         "source views": options.source_views,
         "max keyframes": options.max_keyframes,
         "exposure": options.exposure,
-        "colours": options.colours,
         "max gaussians": options.max_gaussians,
         "strategy": options.strategy,
         SHRINK: plan.shrink,
         ROOM: plan.gaussians,
         **({"open ended": True} if options.open_ended else {}),
+        **({"colours": options.colours} if options.colours == "on" else {}),
     }
 
 

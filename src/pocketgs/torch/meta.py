@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 
@@ -42,6 +42,19 @@ class Meta(dict[str, Any]):
         """The value of that name, or the default."""
         self._settle(name)
         return super().get(name, default)
+
+    def __iter__(self) -> Iterator[str]:
+        """Names; that it is overridden makes `dict(meta)` and `{**meta}` ask for each value."""
+        return super().__iter__()
+
+    def __or__(self, other: Any) -> Any:
+        """A plain dictionary of both."""
+        return self.copy() | other
+
+    def pop(self, name: str, *default: Any) -> Any:
+        """Remove a value and return it."""
+        self._settle(name)
+        return super().pop(name, *default)
 
     def items(self) -> Any:
         """All names with their values."""

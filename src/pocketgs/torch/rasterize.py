@@ -48,8 +48,7 @@ class TileRasterizer(torch.autograd.Function):
 
     Arguments are float32: (..., 2), (..., 3), (..., D), (...), (I, D) or None, then `Tiles`, and whether backward is to
     leave the summed magnitudes of the gradients of the centres in `centres.absgrad`. The dots stand for all rows.
-    Images
-    are (I, H, W, D) and alphas (I, H, W, 1). All tensors have gradients.
+    Images are (I, H, W, D) and alphas (I, H, W, 1). All tensors have gradients.
     """
 
     @staticmethod
@@ -81,16 +80,18 @@ class TileRasterizer(torch.autograd.Function):
             rasterize(splats, *drawn, threads, planes, transmittance, ends)
             tapes.append(_Tape(splats, planes, transmittance, ends))
         ctx.tapes, ctx.tiles, ctx.absgrad, ctx.has_background = tapes, tiles, absgrad, backgrounds is not None
-        ctx.save_for_backward(centres, conics, colours, opacities)
+        images = _batch([tape.image[:channels].transpose(1, 2, 0) for tape in tapes])
+        alphas = _batch([1.0 - tape.transmittance for tape in tapes])
+        # A single image shares its memory with the tape. Since it is saved, PyTorch raises if it was changed in place.
+        ctx.save_for_backward(centres, conics, colours, opacities, images)
         ctx.set_materialize_grads(False)
-        images = [tape.image[:channels].transpose(1, 2, 0) for tape in tapes]
-        alphas = [1.0 - tape.transmittance for tape in tapes]
-        return _batch(images), _batch(alphas)[..., None]
+        return images, alphas[..., None]
 
     @staticmethod
     def backward(ctx: Any, *d_outputs: Tensor) -> tuple[Tensor | None, ...]:
         """Replay every image."""
-        centres, conics, colours, opacities = ctx.saved_tensors
+        given = ctx.saved_tensors[:-1]
+        centres, conics, colours, opacities = given
         tiles, threads, channels = ctx.tiles, torch_threads(), colours.shape[-1]
         shapes, opaque = flat(conics, 3), array_of(opacities).reshape(-1)
         d_images, d_alphas = d_outputs
@@ -130,8 +131,8 @@ class TileRasterizer(torch.autograd.Function):
         if ctx.has_background and d_images is not None:
             light = _batch([tape.transmittance for tape in ctx.tapes])
             d_backgrounds = torch.einsum("ihw,ihwd->id", light, d_images)
-        found = zip((d_centres, d_conics, d_colours, d_opacities), ctx.saved_tensors, strict=True)
-        return (*(torch.from_numpy(array).reshape(given.shape) for array, given in found), d_backgrounds, None, None)
+        found = zip((d_centres, d_conics, d_colours, d_opacities), given, strict=True)
+        return (*(torch.from_numpy(array).reshape(one.shape) for array, one in found), d_backgrounds, None, None)
 
 
 def _batch(arrays: list[np.ndarray]) -> Tensor:

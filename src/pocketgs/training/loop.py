@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from pocketgs.capture.capture import Capture, Frame
+from pocketgs.capture.capture import Capture
 from pocketgs.errors import PocketGSError
 from pocketgs.metrics.evaluation import psnr
 from pocketgs.prior.prior import PreparedCapture
 from pocketgs.scene.morton import morton_order
 from pocketgs.splat.engine import Engine, create_engine
 from pocketgs.splat.rows import Statistics
-from pocketgs.splat.settings import StepSettings
+from pocketgs.splat.settings import LearningRates, StepSettings
 from pocketgs.system.interrupt import Interrupt, deferred_interrupt
 from pocketgs.system.process import peak_rss_mb
 from pocketgs.system.stopwatch import Stopwatch
@@ -30,6 +30,7 @@ from pocketgs.training.result import Checkpoint, LossSample, TrainingResult
 from pocketgs.training.seeding import SEEDINGS
 from pocketgs.training.strategies.choose import create_strategy
 from pocketgs.training.strategies.strategy import GrowthPlan, Situation, Strategy
+from pocketgs.training.validation import render_frame
 
 SECONDS_BETWEEN_LOSSES = 0.5
 
@@ -95,7 +96,8 @@ def train(
             engine.restart_statistics(resume.statistics)
     seconds = None if options.time_budget is None else options.time_budget - (time.monotonic() - started)
     rates = recipe.rates_for(options.iterations, unit)
-    pace: Pace = SetPace(options.iterations, seconds, recipe.schedule, rates, len(prepared.train))
+    course = resume.course if resume else None
+    pace: Pace = SetPace(options.iterations, seconds, recipe.schedule, rates, len(prepared.train), course)
     growth = None
     if options.open_ended:
         pace = growth = OpenEndedPace(
@@ -105,10 +107,11 @@ def train(
             prepared.train,
             prepared.background,
             options.max_gaussians,
-            resume.course if resume else None,
+            course,
         )
     strategy = create_strategy(options.strategy, _situation(prepared, options, growth))
-    loop = _Loop(prepared, options, recipe, strategy, pace, engine, stopwatch, resume.iteration if resume else 0)
+    first = resume.iteration if resume else 0
+    loop = _Loop(prepared, options, recipe, strategy, pace, rates, engine, stopwatch, first)
     loop.run(observer)
     if loop.interrupted and loop.iteration == 0:
         raise KeyboardInterrupt
@@ -146,11 +149,6 @@ def _situation(capture: PreparedCapture, options: SizedOptions, growth: GrowthPl
     )
 
 
-def render_frame(engine: Engine, frame: Frame, background: tuple[float, float, float]) -> np.ndarray:
-    """(H, W, 3) float32 rendering at a frame's camera, clipped to [0, 1] for display."""
-    return np.clip(engine.render(frame.camera, background).image, 0.0, 1.0)
-
-
 class _Loop:
     """State of a run between iterations."""
 
@@ -161,6 +159,7 @@ class _Loop:
         recipe: Recipe,
         strategy: Strategy,
         pace: Pace,
+        rates: LearningRates,
         engine: Engine,
         stopwatch: Stopwatch,
         iteration: int,
@@ -169,7 +168,7 @@ class _Loop:
         self.interrupted = False
         self.samples: list[LossSample] = []
         self._capture, self._options, self._recipe, self._strategy = capture, options, recipe, strategy
-        self._pace, self._first_rates = pace, pace.rates(0, 0.0)
+        self._pace, self._first_rates = pace, rates
         self._learns_colours = options.colours == "on"
         self._engine, self._stopwatch = engine, stopwatch
         self._loss, self._loss_asked = float("nan"), float("-inf")

@@ -14,6 +14,7 @@ from dataclasses import replace
 from pocketgs.capture.capture import Frame
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.settings import LearningRates
+from pocketgs.training.pace import share_of_time
 from pocketgs.training.validation import Course, Look, validation_psnr, validation_views
 
 FIRST_STAGE, STAGE_RATIO = 500, 4 / 3
@@ -60,6 +61,7 @@ class OpenEndedPace:
         course: Course | None,
     ) -> None:
         self._course = course or Course()
+        self._seconds_before = self._course.looks[-1].seconds if self._course.looks else 0.0
         self._longest, self._seconds, self._initial, self._most = iterations, seconds, initial, most
         held_back = validation_views(len(frames))
         self._validation, self._background = [frames[index] for index in held_back], background
@@ -80,8 +82,7 @@ class OpenEndedPace:
 
     def fraction(self, iteration: int, seconds: float) -> float:
         """Progress by iterations, as far as they are known, or by time."""
-        by_time = 0.0 if self._seconds is None else seconds / self._seconds if self._seconds > 0 else 1.0
-        return min(max(iteration / self.iterations, by_time), 1.0)
+        return min(max(iteration / self.iterations, share_of_time(seconds, self._seconds)), 1.0)
 
     def rates(self, iteration: int, seconds: float) -> LearningRates:
         """Constant, then slowly decaying; at the end a half cosine."""
@@ -90,9 +91,8 @@ class OpenEndedPace:
         factor = math.sqrt(SLOWS_FROM / max(reached, SLOWS_FROM))
         if decays_from is not None:
             done = (iteration - decays_from) / (self.iterations - decays_from)
-            if self._seconds:
-                before = 1.0 / (1.0 + DECAY)
-                done = max(done, (seconds / self._seconds - before) / (1.0 - before))
+            before = 1.0 / (1.0 + DECAY)
+            done = max(done, (share_of_time(seconds, self._seconds) - before) / (1.0 - before))
             factor *= LAST_RATES + (1.0 - LAST_RATES) * 0.5 * (1.0 + math.cos(math.pi * min(max(done, 0.0), 1.0)))
         return self._initial.scaled(factor)
 
@@ -106,8 +106,8 @@ class OpenEndedPace:
             return
         if iteration in self._stages:
             value = validation_psnr(engine, self._validation, self._background)
-            self._course = self.course.with_look(Look(iteration, value, engine.count, seconds))
-        is_late = self._seconds is not None and seconds >= self._seconds / (1.0 + DECAY)
+            self._course = self.course.with_look(Look(iteration, value, engine.count, self._seconds_before + seconds))
+        is_late = share_of_time(seconds, self._seconds) >= 1.0 / (1.0 + DECAY)
         gain = self.course.gain if iteration in self._stages else None
         if is_late or iteration >= self._stages[-1] or (gain is not None and not gain >= MIN_GAIN):
             self._course = replace(self.course, decays_from=iteration)

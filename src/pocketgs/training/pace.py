@@ -38,6 +38,13 @@ class Pace(Protocol):
         """Called after step number `iteration`; may evaluate the scene."""
 
 
+def share_of_time(seconds: float, budget: float | None) -> float:
+    """Share of a time budget that is used, 0 if there is none."""
+    if budget is None:
+        return 0.0
+    return seconds / budget if budget > 0 else 1.0
+
+
 class SetPace:
     """A run with a fixed number of iterations, or seconds, whichever ends first.
 
@@ -47,13 +54,20 @@ class SetPace:
         schedule: of the learning rates.
         initial: initial learning rates.
         views: number of training views.
+        course: of an open-ended run that goes on with a given length, to be kept.
     """
 
     def __init__(
-        self, iterations: int, seconds: float | None, schedule: Schedule, initial: LearningRates, views: int
+        self,
+        iterations: int,
+        seconds: float | None,
+        schedule: Schedule,
+        initial: LearningRates,
+        views: int,
+        course: Course | None = None,
     ) -> None:
         self._iterations, self._seconds, self._views = iterations, seconds, range(views)
-        self._schedule, self._initial = schedule, initial
+        self._schedule, self._initial, self._course = schedule, initial, course
 
     @property
     def iterations(self) -> int:
@@ -61,13 +75,13 @@ class SetPace:
         return self._iterations
 
     @property
-    def course(self) -> None:
-        """None."""
+    def course(self) -> Course | None:
+        """As given."""
+        return self._course
 
     def fraction(self, iteration: int, seconds: float) -> float:
         """Progress by iterations, or by time if that is further along."""
-        by_time = 0.0 if self._seconds is None else seconds / self._seconds if self._seconds > 0 else 1.0
-        return min(max(iteration / self._iterations, by_time), 1.0)
+        return min(max(iteration / self._iterations, share_of_time(seconds, self._seconds)), 1.0)
 
     def rates(self, iteration: int, seconds: float) -> LearningRates:
         """As in the schedule."""

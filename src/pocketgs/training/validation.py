@@ -26,7 +26,7 @@ class Look:
         iteration: steps done.
         psnr: mean over the validation views, in dB.
         gaussians: number of Gaussians.
-        seconds: of training until then, in this process.
+        seconds: of training until then.
     """
 
     iteration: int
@@ -74,10 +74,17 @@ def validation_views(views: int) -> list[int]:
     return [found[place] for place in places]
 
 
+def render_frame(engine: Engine, frame: Frame, background: tuple[float, float, float]) -> np.ndarray:
+    """Render a frame's view to (H, W, 3) float32, clipped to [0, 1] as on a screen."""
+    return np.clip(engine.render(frame.camera, background).image, 0.0, 1.0)
+
+
 def validation_psnr(engine: Engine, frames: Sequence[Frame], background: tuple[float, float, float]) -> float:
-    """Mean PSNR of renderings of these views, in dB."""
+    """Mean PSNR of renderings of these views, in dB; NaN if the scene has diverged."""
     values = []
     for frame in frames:
-        image = np.clip(engine.render(frame.camera, background).image, 0.0, 1.0)
+        image = render_frame(engine, frame, background)
+        if not np.isfinite(image).all():
+            return float("nan")
         values.append(psnr(image, frame.image / 255.0, frame.mask))
     return float(np.mean(values))

@@ -18,6 +18,9 @@ SECONDS_AHEAD = 0.2
 """The GPU has at most so many steps, or so much work, before it: then the host looks whether they were completed. Of
 steps whose photographs are streamed there are fewer, since each holds a copy of its own."""
 
+MIN_SECONDS = 1e-6
+"""Clocks may tick no faster than a GPU takes its steps."""
+
 
 @dataclass(frozen=True)
 class Step:
@@ -95,7 +98,7 @@ class StepsAhead:
                 make_room(int(needed))
             for step in waiting:
                 submit(step)
-        seconds = (time.monotonic() - began) / taken
+        seconds = max(time.monotonic() - began, MIN_SECONDS) / taken
         self.most = int(np.clip(SECONDS_AHEAD / seconds, 1, MOST_PENDING))
 
     def mean_loss(self, steps: int) -> float:

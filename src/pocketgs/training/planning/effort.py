@@ -27,7 +27,6 @@ MIN_SECONDS, MAX_SECONDS = 35.0, 190.0
 
 GAUSSIANS_POWER, SECONDS_POWER = 0.5, 0.75
 """Exponents of their growth with the number of pixels."""
-"""Options that a recipe may set. The user's values take precedence over it, and it over the effort."""
 
 MIN_ITERATIONS, MAX_ITERATIONS = 500, 3000
 
@@ -35,10 +34,13 @@ MAX_OPEN_ENDED = 20_000
 """Iterations of a run that trains until it stops paying."""
 
 OPEN_ENDED_GAUSSIANS = 2
-"""How many times the Gaussians of `standard` such a run may have: it begins with half, and grows if that pays."""
+"""How many times the Gaussians of `standard` such a run may have. It begins with half of them, or with 0.8
+of them if the user gives its iterations, and grows."""
+
+OPEN_ENDED_STRATEGIES = ("budgeted", "fixed")
 
 OF_THE_RECIPE = ("iterations", "max_gaussians", "prior", "seeds", "strategy")
-"""Options that a recipe may state; what the user gives wins over it, and it over the effort."""
+"""Options that a recipe may set. The user's values take precedence over it, and it over the effort."""
 
 MAX_EPOCHS = 40
 """Maximum number of times that each photograph is trained on: with few photographs, more would overfit."""
@@ -57,7 +59,9 @@ def sized(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> SizedOp
         return options
     recipe = recipe_named(options.recipe or ("long" if options.effort == "best" else "pocketgs"))
     options = replace(options, recipe=recipe.name)
-    grows = recipe.open_ended and bool(validation_views(len(views)))
+    strategy = options.strategy or recipe.strategy
+    # Other strategies act at shares of a run's length, which nobody knows here.
+    grows = recipe.open_ended and strategy in OPEN_ENDED_STRATEGIES and bool(validation_views(len(views)))
     open_ended = grows and options.iterations is None
     given = {field.name: getattr(options, field.name) for field in fields(options)}
     for name in OF_THE_RECIPE:
