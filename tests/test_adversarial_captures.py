@@ -24,7 +24,8 @@ from pocketgs.results.run import run
 from pocketgs.splat.rendering import render_all
 from pocketgs.training.options import TrainingOptions
 
-OPTIONS = TrainingOptions(effort="quick", iterations=200, max_gaussians=15_000, engine="cpu")
+# The memory of tests that ran before in this process counts too.
+OPTIONS = TrainingOptions(effort="quick", iterations=200, max_gaussians=15_000, engine="cpu", max_memory=10_000)
 FOG = 4.0
 """Pixels, of 160 in a row, by which a photograph is blurred to look like a fogged scene."""
 

@@ -122,7 +122,9 @@ def place(written_capture: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
         shutil.copytree(folder / "fern", folder / "path" / "to" / name)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        main(shlex.split("train fern --output result --prior none --iterations 2 --evaluate-every 0"))
+        # The memory of tests that ran before in this process counts too.
+        options = "--prior none --iterations 2 --evaluate-every 0 --max-memory 10000"
+        main(shlex.split(f"train fern --output result {options}"))
     return folder
 
 
@@ -142,7 +144,10 @@ def test_commands_run_as_they_stand(
     monkeypatch.chdir(place)
     assert len(runnable()) >= 10
     for command in runnable():
-        quick = {"train": ["--prior", "none", "--iterations", "2", "--max-size", "48"], "render": ["--frames", "3"]}
+        quick = {
+            "train": ["--prior", "none", "--iterations", "2", "--max-size", "48", "--max-memory", "10000"],
+            "render": ["--frames", "3"],
+        }
         shutil.rmtree("fern-colmap", ignore_errors=True)
         # A box of fern's own would hold nothing of what stands in for it.
         box = ["-99", "-99", "-99", "99", "99", "99"]

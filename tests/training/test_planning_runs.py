@@ -111,7 +111,7 @@ def test_a_run_keeps_to_its_time(trained: Run, written_capture: Path) -> None:
     ("budget", "refusal"),
     [
         ({"max_memory": 20}, "max memory: found 20 MB, but even with photographs of 96x72"),
-        ({"time_budget": 0.5}, "time budget: found 0.5 s, but even with photographs of 96x72"),
+        ({"time_budget": 0.5, "max_memory": 10_000}, "time budget: found 0.5 s, but even with photographs of 96x72"),
     ],
 )
 def test_too_small_a_budget_is_refused_before_anything_is_decoded(
