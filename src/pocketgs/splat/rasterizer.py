@@ -120,11 +120,8 @@ class Backend(Protocol):
     ) -> CompositeGradient:
         """From gradients with respect to `image` and `transmittance` to those of the Gaussians."""
 
-    def contributions(self, composite: Composite) -> Contributions:
-        """What every Gaussian adds to the image."""
-
-    def median_depth(self, composite: Composite) -> np.ndarray:
-        """(H, W) depth of the Gaussian that brings the transmittance below one half; 0 where none does."""
+    def inspect(self, composite: Composite) -> tuple[Contributions, np.ndarray]:
+        """What every Gaussian adds to the image, and the (H, W) median depth, in one pass; see `Raster`."""
 
 
 @dataclass(frozen=True)
@@ -271,15 +268,18 @@ class Rasterizer:
         behind = np.array(checked_background(background), self._backend.dtype)
         tape = _Tape(parameters, camera, behind, channels, composite)
         images = channels.images(composite.image, composite.transmittance, behind)
+        contributions = median_depth = None
+        if "contributions" in outputs or "median_depth" in outputs:
+            contributions, median_depth = self._backend.inspect(composite)
         return Raster(
             images.rgb,
             1.0 - composite.transmittance if "alpha" in outputs else None,
             images.depth,
-            self._backend.median_depth(composite) if "median_depth" in outputs else None,
+            median_depth if "median_depth" in outputs else None,
             images.normals,
             images.features,
             _scattered(len(parameters.means), composite.visible, composite.radii) if "radii" in outputs else None,
-            self._backend.contributions(composite) if "contributions" in outputs else None,
+            contributions if "contributions" in outputs else None,
             tape,
         )
 

@@ -97,18 +97,15 @@ def train(
     seconds = None if options.time_budget is None else options.time_budget - (time.monotonic() - started)
     rates = recipe.rates_for(options.iterations, unit)
     course = resume.course if resume else None
-    pace: Pace = SetPace(options.iterations, seconds, recipe.schedule, rates, len(prepared.train), course)
-    growth = None
+    pace: Pace
+    growth: GrowthPlan | None = None
     if options.open_ended:
+        views, background = prepared.train, prepared.background
         pace = growth = OpenEndedPace(
-            options.iterations,
-            seconds,
-            rates,
-            prepared.train,
-            prepared.background,
-            options.max_gaussians,
-            course,
+            options.iterations, seconds, rates, views, background, options.max_gaussians, course
         )
+    else:
+        pace = SetPace(options.iterations, seconds, recipe.schedule, rates, len(prepared.train), course)
     strategy = create_strategy(options.strategy, _situation(prepared, options, growth))
     first = resume.iteration if resume else 0
     loop = _Loop(prepared, options, recipe, strategy, pace, rates, engine, stopwatch, first)

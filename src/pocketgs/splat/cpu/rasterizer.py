@@ -9,7 +9,7 @@ import numba
 import numpy as np
 
 from pocketgs.geometry.camera import Camera
-from pocketgs.scene.gaussians import Gaussians
+from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.cpu.bin import Binner, TileLists
 from pocketgs.splat.cpu.clusters import Clusters
 from pocketgs.splat.cpu.compositor import OVER, Compositor
@@ -81,13 +81,7 @@ class CpuBackend:
     ) -> Composite:
         """Project → sort → bin → rasterize."""
         numba.set_num_threads(self.threads)
-        scene = Gaussians(
-            parameters.means,
-            parameters.log_scales,
-            parameters.quaternions,
-            parameters.opacity_logits,
-            parameters.sh,
-        )
+        scene = Gaussians(*(getattr(parameters, name) for name in PARAMETERS))
         scene.quaternions = np.ascontiguousarray(scene.unit_quaternions)
         sh = scene.sh if colours else np.empty((len(scene), 0, 3), np.float32)
         view, lens, count = View.of(camera, antialiased), kernel_lens(camera), len(scene)
@@ -191,20 +185,10 @@ class CpuBackend:
             centres[:, 2:],
         )
 
-    def contributions(self, composite: Composite) -> Contributions:
-        """What every Gaussian adds to the image."""
-        tape: _Tape = composite.tape
-        by_intersection, _ = self._inspected(tape)
-        found = np.zeros((len(tape.scene), 3), np.float32)
-        gather_contributions(tape.visible, tape.lists.slots, by_intersection, found)
-        return Contributions(found[:, PIXELS].astype(np.int32), found[:, LARGEST].copy(), found[:, SUMMED].copy())
-
-    def median_depth(self, composite: Composite) -> np.ndarray:
-        """Depth of the Gaussian that brings the transmittance below one half."""
-        return self._inspected(composite.tape)[1]
-
-    def _inspected(self, tape: _Tape) -> tuple[np.ndarray, np.ndarray]:
+    def inspect(self, composite: Composite) -> tuple[Contributions, np.ndarray]:
+        """What every Gaussian adds to the image, and the median depth."""
         numba.set_num_threads(self.threads)
+        tape: _Tape = composite.tape
         by_intersection = np.zeros((len(tape.lists.intersections), 3), np.float32)
         median = np.empty_like(tape.transmittance)
         self._compositor.inspect(
@@ -217,4 +201,7 @@ class CpuBackend:
             by_intersection,
             median,
         )
-        return by_intersection, median
+        found = np.zeros((len(tape.scene), 3), np.float32)
+        gather_contributions(tape.visible, tape.lists.slots, by_intersection, found)
+        pixels, largest, summed = (found[:, column].copy() for column in (PIXELS, LARGEST, SUMMED))
+        return Contributions(pixels.astype(np.int32), largest, summed), median

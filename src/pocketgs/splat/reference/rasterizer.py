@@ -77,11 +77,7 @@ class ReferenceBackend:
             found.absolute_means,
         )
 
-    def contributions(self, composite: Composite) -> Contributions:
-        """What every Gaussian adds to the image."""
-        found, _ = self._compositor.inspect(composite.tape.projection, composite.tape.camera)
-        return Contributions(found.pixels, found.largest, found.summed)
-
-    def median_depth(self, composite: Composite) -> np.ndarray:
-        """Depth of the Gaussian that brings the transmittance below one half."""
-        return self._compositor.inspect(composite.tape.projection, composite.tape.camera)[1]
+    def inspect(self, composite: Composite) -> tuple[Contributions, np.ndarray]:
+        """What every Gaussian adds to the image, and the median depth."""
+        found, median = self._compositor.inspect(composite.tape.projection, composite.tape.camera)
+        return Contributions(found.pixels, found.largest, found.summed), median

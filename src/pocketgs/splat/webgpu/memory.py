@@ -115,15 +115,30 @@ def plan_memory(description: Description, extent: Extent, limits: Limits) -> Mem
             f"this would take {total / 1e6:.0f} MB of GPU memory, the limit is {limits.total / 1e6:.0f} MB: "
             "expected a larger --max-memory, fewer --max-gaussians or smaller images (--downscale)"
         )
-    for name, size in {**sizes, "photographs": least_shelf}.items():
-        if size > limits.buffer:
-            raise PocketGSError(
-                f"the GPU's buffer {name!r} would take {size / 1e6:.0f} MB, the device allows "
-                f"{limits.buffer / 1e6:.0f} MB: expected fewer --max-gaussians or smaller images (--downscale)"
-            )
+    smaller = "fewer --max-gaussians or smaller images (--downscale)"
+    check_buffers({**sizes, "photographs": least_shelf}, limits.buffer, smaller)
     room = min(limits.total - sum(sizes.values()), limits.buffer)
     shelf = Shelf(photographs, room // PIXEL_BYTES)
     return MemoryPlan({**sizes, "photographs": max(PIXEL_BYTES * shelf.pixels, MIN_BUFFER)}, depth, shelf)
+
+
+def check_buffers(sizes: Mapping[str, int], largest: int, expected: str) -> None:
+    """Refuse buffers of more than `largest` bytes.
+
+    Args:
+        sizes: bytes by buffer.
+        largest: bytes that the device allows a single one.
+        expected: what would help, for the message.
+
+    Raises:
+        PocketGSError: one is larger.
+    """
+    for name, size in sizes.items():
+        if size > largest:
+            raise PocketGSError(
+                f"the GPU's buffer {name!r} would take {size / 1e6:.0f} MB, the device allows "
+                f"{largest / 1e6:.0f} MB: expected {expected}"
+            )
 
 
 def expected_extent(

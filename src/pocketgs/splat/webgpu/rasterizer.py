@@ -14,12 +14,12 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.gpu.adapters import BUFFER_LIMITS, choose_adapter
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
-from pocketgs.scene.gaussians import Gaussians
+from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.ellipse import half_sizes
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
 from pocketgs.splat.webgpu.frame_values import view_values
-from pocketgs.splat.webgpu.memory import GROWTH, LEAST_INTERSECTIONS
+from pocketgs.splat.webgpu.memory import GROWTH, LEAST_INTERSECTIONS, check_buffers
 from pocketgs.splat.webgpu.passes import Variant
 from pocketgs.splat.webgpu.rasterizer_passes import CENTRE_WORDS, GROUP, describe_rasterizer
 from pocketgs.splat.webgpu.scene_columns import to_columns
@@ -107,13 +107,7 @@ class WebGpuBackend:
         """
         if antialiased:
             raise PocketGSError('anti-aliased rasterizing: not on WebGPU, expected the engine "cpu" or "reference"')
-        scene = Gaussians(
-            parameters.means,
-            parameters.log_scales,
-            parameters.quaternions,
-            parameters.opacity_logits,
-            parameters.sh,
-        )
+        scene = Gaussians(*(getattr(parameters, name) for name in PARAMETERS))
         shown = GROUP if colours else 0
         composited = shown + channels.shape[1]
         groups = max(-(-composited // GROUP), 1)
@@ -157,23 +151,16 @@ class WebGpuBackend:
             rows[:, 2:CENTRE_WORDS],
         )
 
-    def contributions(self, composite: Composite) -> Contributions:
-        """What every Gaussian adds to the image."""
-        self._inspect(composite.tape)
-        count = len(composite.tape.scene)
-        pixels, summed, largest, _ = self._executor.read("contributions", np.float32, 4 * count).reshape(count, 4).T
-        return Contributions(pixels.astype(np.int32), largest.copy(), summed.copy())
-
-    def median_depth(self, composite: Composite) -> np.ndarray:
-        """Depth of the Gaussian that brings the transmittance below one half."""
-        self._inspect(composite.tape)
-        depths = self._executor.read("median_depths", np.float32, self._symbols["pixels"])
-        return depths.reshape(composite.transmittance.shape)
-
-    def _inspect(self, tape: _Tape) -> None:
-        self._show(tape)
+    def inspect(self, composite: Composite) -> tuple[Contributions, np.ndarray]:
+        """What every Gaussian adds to the image, and the median depth."""
+        self._show(composite.tape)
         self._reserve("inspect")
         self._submit("inspect")
+        count = len(composite.tape.scene)
+        pixels, summed, largest, _ = self._executor.read("contributions", np.float32, 4 * count).reshape(count, 4).T
+        depths = self._executor.read("median_depths", np.float32, self._symbols["pixels"])
+        contributions = Contributions(pixels.astype(np.int32), largest.copy(), summed.copy())
+        return contributions, depths.reshape(composite.transmittance.shape)
 
     def _show(self, tape: _Tape) -> None:
         """Draw an image, unless it is the one that was drawn last."""
@@ -213,12 +200,7 @@ class WebGpuBackend:
         standing = set() if sequence == "forward" else set(description.buffers_of(["forward"]))
         names = [name for name in description.buffers_of([sequence]) if name not in standing]
         sizes = description.sizes(self._symbols, names)
-        for name, size in sizes.items():
-            if size > self._largest:
-                raise PocketGSError(
-                    f"the GPU's buffer {name!r} would take {size / 1e6:.0f} MB, the device allows "
-                    f"{self._largest / 1e6:.0f} MB: expected fewer Gaussians, channels or pixels"
-                )
+        check_buffers(sizes, self._largest, "fewer Gaussians, channels or pixels")
         self._executor.reserve(sizes)
 
     def _visible(self) -> np.ndarray:
