@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.colours import CHANGE, no_transforms, transforms_of
-from pocketgs.splat.engine import OptimiserState
+from pocketgs.splat.engine import Engine, OptimiserState
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.reference.colours import learn_transform, transformed, transformed_backward
 from pocketgs.splat.reference.loss import photometric_loss
@@ -16,7 +17,7 @@ from pocketgs.splat.reference.project import project, project_backward
 from pocketgs.splat.reference.rasterize import rasterize, rasterize_backward
 from pocketgs.splat.reference.scene import Scene, SceneGradient
 from pocketgs.splat.settings import ColourSettings, StepSettings
-from splat.training_step import BACKGROUND, RATES, photograph
+from splat.training_step import BACKGROUND, RATES, columns, photograph
 
 LEARNING = ColourSettings(rate=0.02, weight=0.01)
 COLOURED = StepSettings(RATES, background=BACKGROUND, colours=LEARNING)
@@ -56,3 +57,20 @@ def reference_step_with_colours(
     gradient = project_backward(scene, camera, projection, rasterize_backward(projection, camera, raster, d_image))
     learn_transform(after, view, d_transform, LEARNING, COLOURED.adam)
     return loss, gradient, after
+
+
+def colours_after_a_checked_step(engine: Engine, gaussians: Gaussians, frame: Frame) -> np.ndarray:
+    """Take one step from random transforms, hold it to the reference, and return the table of transforms."""
+    table = random_table(3)
+    engine.set_views([frame] * 3)
+    engine.upload(gaussians, state_with(gaussians, table))
+    engine.step(1, COLOURED)
+    loss, gradient, expected = reference_step_with_colours(gaussians, frame, 1, table)
+    assert engine.loss() == pytest.approx(loss, rel=1e-4)
+    state = engine.optimiser_state()
+    measured = state.first_moments / (1.0 - COLOURED.adam.beta1)
+    error = np.abs(measured - columns(gradient))
+    assert np.quantile(error, 0.99) < 1e-3 * np.abs(columns(gradient)).max()
+    assert state.colours is not None
+    np.testing.assert_allclose(state.colours, expected, rtol=2e-3, atol=2e-6)
+    return state.colours
