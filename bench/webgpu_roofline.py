@@ -9,7 +9,7 @@ from typing import Any
 
 import wgpu
 
-LONGEST_ROW = 65_535
+MAX_ROW_LENGTH = 65_535
 SECONDS = 0.1
 """Minimum duration of a measurement, which is repeated until it takes this long."""
 
@@ -100,7 +100,7 @@ def _seconds(device: Any, source: str, read_bytes: int, written_bytes: int, grou
         compute.set_pipeline(pipeline)
         compute.set_bind_group(0, bind_group)
         for _ in range(times):
-            compute.dispatch_workgroups(min(groups, LONGEST_ROW), -(-groups // LONGEST_ROW))
+            compute.dispatch_workgroups(min(groups, MAX_ROW_LENGTH), -(-groups // MAX_ROW_LENGTH))
         compute.end()
         device.queue.submit([encoder.finish()])
         device.queue.read_buffer(buffers[1], 0, 16)

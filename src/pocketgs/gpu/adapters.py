@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from pocketgs.errors import PocketGSError
-from pocketgs.gpu.workgroups import LONGEST_ROW, THREADS
+from pocketgs.gpu.workgroups import MAX_ROW_LENGTH, THREADS
 
 _PREFERENCE = {"DiscreteGPU": 0, "IntegratedGPU": 1, "VirtualGPU": 2, "Unknown": 3, "CPU": 4}
 _SOFTWARE = ("llvmpipe", "swiftshader", "lavapipe", "basic render driver")
@@ -28,7 +28,7 @@ NEEDED = {
     "max-compute-invocations-per-workgroup": THREADS,
     "max-compute-workgroup-storage-size": 16384,
     "max-compute-workgroup-size-x": THREADS,
-    "max-compute-workgroups-per-dimension": LONGEST_ROW,
+    "max-compute-workgroups-per-dimension": MAX_ROW_LENGTH,
 }
 """Device limits that the passes need: no more than WebGPU guarantees."""
 

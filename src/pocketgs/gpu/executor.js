@@ -14,7 +14,7 @@ import { pack } from "./uniforms.js";
  */
 
 /** Maximum number of workgroups in one dimension of a dispatch. */
-const LONGEST_ROW = 65_535;
+const MAX_ROW_LENGTH = 65_535;
 
 const LAYOUT_TYPES = { uniform: "uniform", read: "read-only-storage", read_write: "storage" };
 
@@ -196,7 +196,7 @@ export class Executor {
             return (compute) => compute.dispatchWorkgroupsIndirect(buffer, offset);
         }
         const groups = evaluate(pass.groups, symbols);
-        const [across, down] = [Math.min(groups, LONGEST_ROW), Math.ceil(groups / LONGEST_ROW)];
+        const [across, down] = [Math.min(groups, MAX_ROW_LENGTH), Math.ceil(groups / MAX_ROW_LENGTH)];
         return (compute) => compute.dispatchWorkgroups(across, down);
     }
 

@@ -17,7 +17,7 @@ from pocketgs.gpu.description import Description, Pass, Sequence
 from pocketgs.gpu.device import forget_device
 from pocketgs.gpu.sizes import Symbols, evaluate
 from pocketgs.gpu.timing import CLEAR, Encode, PassTimes, by_timestamps, by_waiting
-from pocketgs.gpu.workgroups import LONGEST_ROW
+from pocketgs.gpu.workgroups import MAX_ROW_LENGTH
 
 LARGE_WRITE = 1 << 20
 
@@ -236,7 +236,7 @@ class _Recorded:
     ) -> None:
         self.name = name
         self._pipeline, self._bind_group, self._indirect = pipeline, bind_group, indirect
-        self._size = (min(groups, LONGEST_ROW), -(-groups // LONGEST_ROW)) if groups else (0, 0)
+        self._size = (min(groups, MAX_ROW_LENGTH), -(-groups // MAX_ROW_LENGTH)) if groups else (0, 0)
 
     def dispatch(self, compute: Any) -> None:
         """Encode the pass into a compute pass."""

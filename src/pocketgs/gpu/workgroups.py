@@ -11,7 +11,7 @@ BLOCK = 2048
 DIGIT_BITS = 4
 """Bits per digit of the radix sort."""
 
-LONGEST_ROW = 65_535
+MAX_ROW_LENGTH = 65_535
 """Maximum number of workgroups in one dimension of a dispatch."""
 
-CONSTANTS = {"THREADS": THREADS, "BLOCK": BLOCK, "DIGIT_BITS": DIGIT_BITS, "LONGEST_ROW": LONGEST_ROW}
+CONSTANTS = {"THREADS": THREADS, "BLOCK": BLOCK, "DIGIT_BITS": DIGIT_BITS, "MAX_ROW_LENGTH": MAX_ROW_LENGTH}

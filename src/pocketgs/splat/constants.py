@@ -7,11 +7,11 @@ NEAR = 0.005
 LOW_PASS = 0.3
 """Added to both variances of a projected Gaussian, in pixels², so that none falls between pixels (3DGS, section 4)."""
 
-LEAST_DETERMINANT = 1e-6
+MIN_DETERMINANT = 1e-6
 """A projected Gaussian whose covariance has a determinant under this times the product of its variances is a needle
 thinner than float32 can hold, and is not drawn."""
 
-LARGEST_VARIANCE = 1e12
+MAX_VARIANCE = 1e12
 """A projected Gaussian with a larger variance, in pixels², has diverged and is not drawn: float32 could not hold its
 inverse covariance."""
 

@@ -15,7 +15,7 @@ from pocketgs.torch.covariance import from_upper_triangle, proj, quat_scale_to_c
 from pocketgs.torch.project import Project2D, Projection, Splats
 from pocketgs.torch.unsupported import check_camera_model
 
-_LEAST_DETERMINANT = 1e-10
+_MIN_DETERMINANT = 1e-10
 
 
 def fully_fused_projection(
@@ -118,7 +118,7 @@ def _project(
     xx, xy, yy = covariances[..., 0, 0], covariances[..., 0, 1], covariances[..., 1, 1]
     before = xx * yy - xy * xy
     xx, yy = xx + projection.eps2d, yy + projection.eps2d
-    determinant = (xx * yy - xy * xy).clamp(min=_LEAST_DETERMINANT)
+    determinant = (xx * yy - xy * xy).clamp(min=_MIN_DETERMINANT)
     compensations = (before / determinant).clamp(min=0.0).sqrt() if projection.compensated else torch.ones_like(depths)
     conics = torch.stack([yy, -xy, xx], -1) / determinant[..., None]
     with torch.no_grad():

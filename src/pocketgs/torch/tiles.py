@@ -23,7 +23,7 @@ from pocketgs.torch.arrays import array_of, flat, torch_threads
 NO_COLOURS = np.empty((0, 0), np.float32)
 _NO_DEPTHS = np.empty(0, np.float32)
 
-MOST_KEPT = 8
+MAX_KEPT = 8
 """So many binners wait for the next images: fresh memory costs a page fault every 4 KB."""
 
 _waiting: list[tuple[int, Binner]] = []
@@ -122,7 +122,7 @@ def _take_binner(threads: int) -> Binner:
 
 def _give_back(threads: int, binners: Sequence[Binner]) -> None:
     """Let the next images have the binners of tiles that are gone."""
-    room = max(MOST_KEPT - len(_waiting), 0)
+    room = max(MAX_KEPT - len(_waiting), 0)
     _waiting.extend((threads, binner) for binner in binners[:room])
 
 

@@ -31,7 +31,7 @@ MakeGaussians = Callable[..., Gaussians]
 def cramped(monkeypatch: pytest.MonkeyPatch) -> None:
     """Engines begin with next to no room for intersections."""
     monkeypatch.setattr(engine_module, "INTERSECTIONS_PER_GAUSSIAN", 0)
-    monkeypatch.setattr(engine_module, "LEAST_INTERSECTIONS", 20)
+    monkeypatch.setattr(engine_module, "MIN_INTERSECTIONS", 20)
 
 
 @pytest.fixture
@@ -77,7 +77,7 @@ def test_lists_that_outgrow_their_room_in_the_middle_of_a_run(
     engine = WebGpuEngine(options)
     # Left alone, the host looks only at the end: all steps after the first one that found too little are repeated.
     monkeypatch.setattr(steps_ahead, "SECONDS_AHEAD", math.inf)
-    monkeypatch.setattr(engine._ahead, "most", steps_ahead.MOST_PENDING)
+    monkeypatch.setattr(engine._ahead, "most", steps_ahead.MAX_PENDING)
     rooms = approach(begin(engine, gaussians, frames), look_every_step)
     losses = [engine.loss(steps) for steps in range(1, 17)]
     assert room(engine) > 2 * rooms[0]
@@ -86,7 +86,7 @@ def test_lists_that_outgrow_their_room_in_the_middle_of_a_run(
     monkeypatch.undo()
     spacious = begin(shared_engine(options), gaussians, frames)
     approach(spacious, look_every_step)
-    assert room(spacious) >= engine_module.LEAST_INTERSECTIONS
+    assert room(spacious) >= engine_module.MIN_INTERSECTIONS
     assert_identical(spacious.download(), engine.download())
     assert losses == [spacious.loss(steps) for steps in range(1, 17)]
     states = [one.optimiser_state() for one in (spacious, engine)]

@@ -46,21 +46,21 @@ def test_steps_read_nothing_back(engine: WebGpuEngine, monkeypatch: pytest.Monke
         return reading(name, *arguments)
 
     monkeypatch.setattr(engine.executor, "read", listen)
-    for _ in range(steps_ahead.MOST_PENDING - 1):
+    for _ in range(steps_ahead.MAX_PENDING - 1):
         engine.step(0, STEP)
     assert read == []
-    assert np.isfinite(engine.loss(steps_ahead.MOST_PENDING))
-    assert engine.optimiser_state().steps == steps_ahead.MOST_PENDING
+    assert np.isfinite(engine.loss(steps_ahead.MAX_PENDING))
+    assert engine.optimiser_state().steps == steps_ahead.MAX_PENDING
 
 
 def test_the_host_runs_ahead_by_so_many_steps_only(engine: WebGpuEngine, monkeypatch: pytest.MonkeyPatch) -> None:
-    for seconds, most in ((float("inf"), steps_ahead.MOST_PENDING), (0.0, 1)):
+    for seconds, most in ((float("inf"), steps_ahead.MAX_PENDING), (0.0, 1)):
         monkeypatch.setattr(steps_ahead, "SECONDS_AHEAD", seconds)
         ahead = []
-        for _ in range(2 * steps_ahead.MOST_PENDING + 2):
+        for _ in range(2 * steps_ahead.MAX_PENDING + 2):
             engine.step(0, STEP)
             ahead.append(len(engine._ahead))
-        assert max(ahead[steps_ahead.MOST_PENDING :]) == most - 1
+        assert max(ahead[steps_ahead.MAX_PENDING :]) == most - 1
 
 
 def test_a_lost_device_ends_in_one_line(engine: WebGpuEngine) -> None:

@@ -10,9 +10,9 @@ from numba import prange
 from pocketgs.splat.constants import (
     ALPHA_MIN,
     BRIGHTEST,
-    LARGEST_VARIANCE,
-    LEAST_DETERMINANT,
     LOW_PASS,
+    MAX_VARIANCE,
+    MIN_DETERMINANT,
 )
 from pocketgs.splat.cpu.layout import (
     CLUSTER,
@@ -106,8 +106,8 @@ def _project_shape(
     # log2 α falls to that of 1/255 on the ellipse dᵀ Σ'⁻¹ d = reach².
     reach = math.sqrt(max(0.0, 2.0 * (log2_opacity - LOG2_ALPHA_MIN) / LOG2_E))
     radius_x, radius_y = reach * math.sqrt(xx), reach * math.sqrt(yy)
-    sound = math.isfinite(mean_x + mean_y) and xx < LARGEST_VARIANCE and yy < LARGEST_VARIANCE
-    if not (sound and determinant > LEAST_DETERMINANT * xx * yy):
+    sound = math.isfinite(mean_x + mean_y) and xx < MAX_VARIANCE and yy < MAX_VARIANCE
+    if not (sound and determinant > MIN_DETERMINANT * xx * yy):
         return False
     if not (_reaches_a_pixel(mean_x, radius_x, view.width) and _reaches_a_pixel(mean_y, radius_y, view.height)):
         return False

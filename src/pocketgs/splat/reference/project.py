@@ -13,9 +13,9 @@ from pocketgs.scene.spherical_harmonics import basis, basis_gradient
 from pocketgs.splat.constants import (
     ALPHA_MIN,
     BRIGHTEST,
-    LARGEST_VARIANCE,
-    LEAST_DETERMINANT,
     LOW_PASS,
+    MAX_VARIANCE,
+    MIN_DETERMINANT,
 )
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.reference.lenses import linearised
@@ -94,12 +94,12 @@ def project(scene: Scene, camera: Camera, near: float | None = None, antialiased
         colours = np.einsum("nk,nkc->nc", basis(directions, scene.sh.shape[1]), scene.sh) + 0.5
         finite = np.all(np.isfinite(np.concatenate([means, radii], axis=1)), axis=1)
         sound_colour = np.all(np.abs(colours) < BRIGHTEST, axis=1)
-        sound_shape = np.linalg.det(covariances) > LEAST_DETERMINANT * covariances[:, 0, 0] * covariances[:, 1, 1]
+        sound_shape = np.linalg.det(covariances) > MIN_DETERMINANT * covariances[:, 0, 0] * covariances[:, 1, 1]
         variances = np.stack([covariances[:, 0, 0], covariances[:, 1, 1]], axis=1)
         depths = lenses.depths(camera.lens, local)
         in_front = depths >= (near_plane(scene.means) if near is None else near)
         in_front &= lenses.shown(camera.lens, local)
-        sound_shape &= np.all(variances < LARGEST_VARIANCE, axis=1)
+        sound_shape &= np.all(variances < MAX_VARIANCE, axis=1)
         visible = finite & sound_shape & sound_colour & on_screen & in_front & (opacities >= ALPHA_MIN)
         covariances[~visible] = np.eye(2)
     colours = np.maximum(colours, 0.0)

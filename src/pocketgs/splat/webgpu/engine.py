@@ -26,7 +26,7 @@ from pocketgs.splat.webgpu.frame_values import is_regularised, structural_share,
 from pocketgs.splat.webgpu.memory import (
     GROWTH,
     INTERSECTIONS_PER_GAUSSIAN,
-    LEAST_INTERSECTIONS,
+    MIN_INTERSECTIONS,
     Extent,
     Limits,
     MemoryPlan,
@@ -119,7 +119,7 @@ class WebGpuEngine:
         count, coefficients = len(gaussians), gaussians.sh.shape[1]
         trains = self._extent.trains or state is not None
         extent = replace(self._extent, gaussians=count, capacity=count, coefficients=coefficients, trains=trains)
-        self._fit_intersections(extent, INTERSECTIONS_PER_GAUSSIAN * count, LEAST_INTERSECTIONS)
+        self._fit_intersections(extent, INTERSECTIONS_PER_GAUSSIAN * count, MIN_INTERSECTIONS)
         self._ahead.restart(state.steps if state else 0)
         self._near = near_plane(gaussians.means) if state is None or state.near is None else state.near
         write_scene(self.executor, gaussians)

@@ -13,7 +13,7 @@ from pocketgs.splat.webgpu.photographs import PIXEL_BYTES, Shelf
 RENDERING = ("render", "render depth")
 
 INTERSECTIONS_PER_GAUSSIAN = 8
-LEAST_INTERSECTIONS = 1 << 16
+MIN_INTERSECTIONS = 1 << 16
 """Room for intersections of tiles' lists to begin with."""
 
 GROWTH = 1.25
@@ -25,7 +25,7 @@ EXPECTED_PER_GAUSSIAN, EXPECTED_PER_PIXEL = 4.0, 1.5
 ROW_GROWTH = 1.5
 """Room is made for so many times the Gaussians that there was room for, where there is memory for it."""
 
-DEEPEST_REPLAY = 24
+MAX_REPLAY_DEPTH = 24
 """Contributions of each pixel that a replay cache has room for, memory permitting; those after them are recomputed."""
 
 
@@ -105,7 +105,7 @@ def plan_memory(description: Description, extent: Extent, limits: Limits) -> Mem
     """
     photographs = [width * height for width, height in extent.photographs]
     least_shelf = PIXEL_BYTES * max(photographs, default=0)
-    for depth in range(DEEPEST_REPLAY, -1, -1):
+    for depth in range(MAX_REPLAY_DEPTH, -1, -1):
         sizes = _sizes(description, extent, depth)
         total = sum(sizes.values()) + least_shelf
         if total <= limits.total and sizes.get("replay_cache", 0) <= limits.buffer:
@@ -148,7 +148,7 @@ def expected_extent(
     largest = max((width * height for width, height in photographs), default=0)
     expected = int(EXPECTED_PER_GAUSSIAN * gaussians + EXPECTED_PER_PIXEL * largest)
     wanted = min(max(expected, INTERSECTIONS_PER_GAUSSIAN * gaussians), most_intersections)
-    room = max(LEAST_INTERSECTIONS, wanted)
+    room = max(MIN_INTERSECTIONS, wanted)
     return Extent(gaussians, gaussians, coefficients, room, tuple(photographs), frozenset(photographs), trains=True)
 
 

@@ -19,7 +19,7 @@ from pocketgs.splat.ellipse import half_sizes
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
 from pocketgs.splat.webgpu.frame_values import view_values
-from pocketgs.splat.webgpu.memory import GROWTH, LEAST_INTERSECTIONS, check_buffers
+from pocketgs.splat.webgpu.memory import GROWTH, MIN_INTERSECTIONS, check_buffers
 from pocketgs.splat.webgpu.passes import Variant
 from pocketgs.splat.webgpu.rasterizer_passes import CENTRE_WORDS, GROUP, describe_rasterizer
 from pocketgs.splat.webgpu.scene_columns import to_columns
@@ -87,7 +87,7 @@ class WebGpuBackend:
         device = shared_device(adapter, variant.features)
         self._executor = Executor(device, describe_rasterizer(variant.subgroups))
         self._largest = min(device.limits[name] for name in BUFFER_LIMITS)
-        self._room = LEAST_INTERSECTIONS
+        self._room = MIN_INTERSECTIONS
         self._shown: _Tape | None = None
         self._symbols: dict[str, int] = {}
 

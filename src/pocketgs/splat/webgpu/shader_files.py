@@ -13,8 +13,8 @@ from pocketgs.splat.webgpu.layout import MARGIN, PATCH, PLACES, TILE
 
 _IMAGE_FORMATION = (
     "LOW_PASS",
-    "LEAST_DETERMINANT",
-    "LARGEST_VARIANCE",
+    "MIN_DETERMINANT",
+    "MAX_VARIANCE",
     "BRIGHTEST",
     "ALPHA_MAX",
     "TRANSMITTANCE_MIN",
@@ -24,9 +24,9 @@ _IMAGE_FORMATION = (
     "NOISE_THRESHOLD",
     "RADIUS_SIGMAS",
 )
-_LARGEST_LOG_SCALE = 40.0
+_MAX_LOG_SCALE = 40.0
 """In float32 the square of a larger one's exponential overflows. The other engines, in float64, leave that to
-LARGEST_VARIANCE, under which nothing so large can be drawn."""
+MAX_VARIANCE, under which nothing so large can be drawn."""
 
 SHADERS = ShaderLibrary(
     Path(__file__).parent / "shaders",
@@ -34,7 +34,7 @@ SHADERS = ShaderLibrary(
         **{name: getattr(constants, name) for name in _IMAGE_FORMATION},
         "LOG2_ALPHA_MIN": math.log2(constants.ALPHA_MIN),
         "LOG2_E": math.log2(math.e),
-        "LARGEST_LOG_SCALE": _LARGEST_LOG_SCALE,
+        "MAX_LOG_SCALE": _MAX_LOG_SCALE,
         **PLACES,
         "COLOUR_COLUMNS": COLUMNS,
         "COLOUR_UPDATES": UPDATES,

@@ -12,8 +12,8 @@ from pocketgs.gpu.executor import Executor
 from pocketgs.splat.engine import KEPT_LOSSES
 from pocketgs.splat.settings import StepSettings
 
-MOST_PENDING = 64
-MOST_STREAMED = 4
+MAX_PENDING = 64
+MAX_STREAMED = 4
 SECONDS_AHEAD = 0.2
 """The GPU has at most so many steps, or so much work, before it: then the host looks whether they were completed. Of
 steps whose photographs are streamed there are fewer, since each holds a copy of its own."""
@@ -78,7 +78,7 @@ class StepsAhead:
 
     def are_enough(self, streamed: bool) -> bool:
         """Whether it is time to look."""
-        return len(self._pending) >= (min(self.most, MOST_STREAMED) if streamed else self.most)
+        return len(self._pending) >= (min(self.most, MAX_STREAMED) if streamed else self.most)
 
     def settle(self, submit: Callable[[Step], None], make_room: Callable[[int], None]) -> None:
         """Wait until all steps are completed.
@@ -99,7 +99,7 @@ class StepsAhead:
             for step in waiting:
                 submit(step)
         seconds = max(time.monotonic() - began, MIN_SECONDS) / taken
-        self.most = int(np.clip(SECONDS_AHEAD / seconds, 1, MOST_PENDING))
+        self.most = int(np.clip(SECONDS_AHEAD / seconds, 1, MAX_PENDING))
 
     def mean_loss(self, steps: int) -> float:
         """Of the last `steps` completed steps of this run."""

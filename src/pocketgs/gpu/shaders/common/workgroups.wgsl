@@ -1,6 +1,6 @@
-// No dimension of a dispatch may exceed LONGEST_ROW workgroups, so long ones are folded into rows of that length.
+// No dimension of a dispatch may exceed MAX_ROW_LENGTH workgroups, so long ones are folded into rows of that length.
 fn folded(workgroup: vec3u) -> u32 {
-    return workgroup.y * LONGEST_ROW + workgroup.x;
+    return workgroup.y * MAX_ROW_LENGTH + workgroup.x;
 }
 
 section sum

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import prange
 
-from pocketgs.splat.constants import ALPHA_MIN, LARGEST_VARIANCE, LEAST_DETERMINANT
+from pocketgs.splat.constants import ALPHA_MIN, MAX_VARIANCE, MIN_DETERMINANT
 from pocketgs.splat.cpu.layout import View
 from pocketgs.splat.cpu.lenses.formulas import jacobian_at
 from pocketgs.splat.cpu.lenses.jacobians import Jacobian
@@ -31,7 +31,7 @@ REACH = 3.33
 UNBOUNDED = 1e30
 """Stands for the opacity where none is given, so that all reach REACH."""
 
-_LEAST_COMPENSATION = 1e-6
+_MIN_COMPENSATION = 1e-6
 
 
 @inlined
@@ -81,8 +81,8 @@ def _project_one(
     xx, yy = xx + low_pass, yy + low_pass
     determinant = xx * yy - xy * xy
     mean_x, mean_y = view.fx * local[0] / local[2] + view.cx, view.fy * local[1] / local[2] + view.cy
-    sound = math.isfinite(mean_x + mean_y) and xx < LARGEST_VARIANCE and yy < LARGEST_VARIANCE
-    if not (sound and determinant > LEAST_DETERMINANT * xx * yy):
+    sound = math.isfinite(mean_x + mean_y) and xx < MAX_VARIANCE and yy < MAX_VARIANCE
+    if not (sound and determinant > MIN_DETERMINANT * xx * yy):
         return -1.0
     compensation = math.sqrt(before / determinant)
     if compensated:
@@ -180,7 +180,7 @@ def _covariance_gradient(
     a, b = xx * g_xx + xy * g_xy, xx * g_xy + xy * g_yy
     c, d = xy * g_xx + yy * g_xy, xy * g_xy + yy * g_yy
     d_xx, d_xy, d_yy = -(a * xx + b * xy), -(a * xy + b * yy), -(c * xy + d * yy)
-    d_square = d_compensation * 0.5 / (compensation + _LEAST_COMPENSATION)
+    d_square = d_compensation * 0.5 / (compensation + _MIN_COMPENSATION)
     rest, blurred = 1.0 - compensation * compensation, low_pass * (xx * yy - xy * xy)
     return d_xx + d_square * (rest * xx - blurred), d_xy + d_square * rest * xy, d_yy + d_square * (rest * yy - blurred)
 

@@ -10,8 +10,8 @@ import view, update.status, ranks, workgroups
 
 // Write the dispatch of `groups` workgroups, folded.
 fn write_dispatch(place: u32, groups: u32) {
-    let rows = (groups + LONGEST_ROW - 1u) / LONGEST_ROW;
-    intersection_dispatches[place] = min(groups, LONGEST_ROW);
+    let rows = (groups + MAX_ROW_LENGTH - 1u) / MAX_ROW_LENGTH;
+    intersection_dispatches[place] = min(groups, MAX_ROW_LENGTH);
     intersection_dispatches[place + 1u] = rows;
     intersection_dispatches[place + 2u] = 1u;
 }

@@ -29,7 +29,7 @@ fn project_shape(gaussian: Gaussian) -> Projected {
     // log2 of the logistic function: of either sign of the logit, what is exponentiated is at most 0.
     let log2_opacity = min(logit, 0.0) * LOG2_E - log2(1.0 + exp2(-abs(logit) * LOG2_E));
     let sound = all_finite(vec4f(gaussian.mean, logit)) && all_finite(gaussian.quaternion)
-        && all_finite(vec4f(gaussian.log_scale, 0.0)) && all(gaussian.log_scale < vec3f(LARGEST_LOG_SCALE));
+        && all_finite(vec4f(gaussian.log_scale, 0.0)) && all(gaussian.log_scale < vec3f(MAX_LOG_SCALE));
     if (!(sound && local.z >= view.near && log2_opacity >= LOG2_ALPHA_MIN)) {
         return result;
     }
@@ -42,7 +42,7 @@ fn project_shape(gaussian: Gaussian) -> Projected {
     let xx = p.x * p.x + q.x * q.x + r.x * r.x + LOW_PASS;
     let xy = p.x * p.y + q.x * q.y + r.x * r.y;
     let yy = p.y * p.y + q.y * q.y + r.y * r.y + LOW_PASS;
-    if (!(xx < LARGEST_VARIANCE && yy < LARGEST_VARIANCE)) {
+    if (!(xx < MAX_VARIANCE && yy < MAX_VARIANCE)) {
         return result;
     }
     // xx yy - xy² as a sum of squares (Cauchy and Binet), which float32 can hold for needles too.
@@ -51,7 +51,7 @@ fn project_shape(gaussian: Gaussian) -> Projected {
     let mean = project_point(view, local);
     let reach = sqrt(max(0.0, 2.0 * (log2_opacity - LOG2_ALPHA_MIN) / LOG2_E));
     let radii = reach * vec2f(sqrt(xx), sqrt(yy));
-    if (!(all_finite(vec4f(mean, radii)) && determinant > LEAST_DETERMINANT * xx * yy)) {
+    if (!(all_finite(vec4f(mean, radii)) && determinant > MIN_DETERMINANT * xx * yy)) {
         return result;
     }
     let columns = tiles_between(mean.x - radii.x, mean.x + radii.x, view.width);

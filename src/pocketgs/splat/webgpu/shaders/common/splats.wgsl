@@ -55,13 +55,13 @@ section words_f16
 // squares would vanish: log2 α = log2_opacity - (a dx + b dy)² - (c dy)².
 const SPLAT_WORDS: u32 = 7u;
 // The smallest normal number of half precision: splats larger than some 14,000 pixels are stored as if of that size.
-const LEAST_FACTOR: f32 = 6.103515625e-5;
+const MIN_FACTOR: f32 = 6.103515625e-5;
 
 fn pack_splat(splat: Splat) -> array<u32, SPLAT_WORDS> {
     let e = -splat.exponents;
-    let a = max(sqrt(e.x), LEAST_FACTOR);
+    let a = max(sqrt(e.x), MIN_FACTOR);
     let b = 0.5 * e.y / a;
-    let c = max(sqrt(max(e.z - b * b, 0.0)), LEAST_FACTOR);
+    let c = max(sqrt(max(e.z - b * b, 0.0)), MIN_FACTOR);
     return array<u32, SPLAT_WORDS>(
         bitcast<u32>(splat.mean.x),
         bitcast<u32>(splat.mean.y),
