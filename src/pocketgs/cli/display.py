@@ -37,6 +37,7 @@ STAGES = {
     "seeding": "seeding Gaussians",
     "compilation": "loading kernels (the first run compiles them: up to half a minute)",
     "upload": "preparing the engine",
+    "compressing": "pruning, fine-tuning and rounding",
     "writing": "writing the result",
     "evaluation": "evaluating the held-out views",
 }

@@ -1,0 +1,132 @@
+"""`pocketgs compress`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from pocketgs.capture.capture import Capture
+from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.cli.compression_table import closing_lines, figures_table, print_figures
+from pocketgs.cli.display import Display
+from pocketgs.cli.scene_file import in_world_of, load_scene, names_scene
+from pocketgs.cli.terminal import Terminal
+from pocketgs.compression.compress import compress as compress_scene
+from pocketgs.compression.options import CompressionOptions
+from pocketgs.compression.views import Views, cameras_around, photographed, rendered
+from pocketgs.errors import PocketGSError
+from pocketgs.files.atomic_file import replacing
+from pocketgs.files.json_fields import read_json
+from pocketgs.files.memory_bound import memory_bound
+from pocketgs.geometry.camera import Camera
+from pocketgs.results.cameras_file import read_cameras
+from pocketgs.results.folder import CAMERAS, RECORD, SCENE, write_json
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.engine import Engine, EngineOptions, create_engine
+from pocketgs.splat.rendering import BLACK
+from pocketgs.system.process import seconds_since_start
+
+SUFFIX = ".pgs"
+
+WRITING_SECONDS = 3.0
+"""What is left of a time budget for the table and the file."""
+
+
+def compress(
+    scene: Annotated[Path, tyro.conf.Positional],
+    capture: Annotated[Path | None, tyro.conf.Positional] = None,
+    *,
+    output: Path,
+    json: Path | None = None,
+    compression: CompressionOptions = CompressionOptions(),  # noqa: B008 - a frozen dataclass
+    engine: EngineOptions = EngineOptions(),  # noqa: B008 - a frozen dataclass
+    reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
+) -> None:
+    """Compress a scene to a small .pgs file: prune it, fine-tune what is left, and round it.
+
+    Ctrl-C writes the best file so far, or, if there is none within the bound, leaves an existing file as it is.
+
+    Args:
+        scene: A scene file (.ply, .spz, .splat, .glb …), or a result folder.
+        capture: The capture that it was trained on: its folder, or its transforms.json. Without it, renderings of the
+            scene itself take the photographs' place, from the cameras of its result folder, or from around it.
+        output: The file to write, which ends in .pgs.
+        json: File for the figures of the table.
+        compression: Options of the compression.
+        engine: Options of the engine.
+        reading: Options for reading the capture.
+    """
+    _check_names(scene, output)
+    console = Terminal()
+    with memory_bound(engine.max_memory):
+        original = load_scene(scene)
+        renderer = create_engine(engine)
+        views = _views(scene, original, capture, renderer, reading, console)
+    budget = compression.time_budget
+    seconds = None if budget is None else max(budget - seconds_since_start() - WRITING_SECONDS, 1.0)
+    with Display(console).showing() as shown:
+        shown.on_stage("compressing")
+        found = compress_scene(original, views, renderer, compression, seconds=seconds, on_count=shown.on_count)
+    with replacing(output) as partial:
+        partial.write_bytes(found.chosen.contents)
+    file = scene / SCENE if scene.is_dir() else scene
+    rows = figures_table(original, file.stat().st_size, found, renderer, views)
+    print_figures(console, rows, views)
+    console.say(*closing_lines(found, output))
+    if json:
+        write_json(json, {"photographs": views.photographs, "figures": [asdict(row) for row in rows]})
+
+
+def _check_names(scene: Path, output: Path) -> None:
+    """Refuse names that cannot be right before any work.
+
+    Raises:
+        PocketGSError: the output is no .pgs in an existing folder, or the scene is none.
+    """
+    if output.suffix.lower() != SUFFIX:
+        raise PocketGSError(f"{output}: not the name of a compressed scene, expected one that ends in {SUFFIX}")
+    if output.is_dir() or not output.parent.is_dir():
+        found = "is a folder" if output.is_dir() else "its folder does not exist"
+        raise PocketGSError(f"{output}: {found}, expected the name of a file in an existing folder")
+    if not names_scene(scene):
+        raise PocketGSError(f"{scene}: no scene, expected a scene file or a result folder, then the capture")
+
+
+def _views(
+    scene: Path, original: Gaussians, capture: Path | None, engine: Engine, reading: CaptureOptions, console: Terminal
+) -> Views:
+    """The views to fine-tune, judge and report on.
+
+    Raises:
+        PocketGSError: the capture, or a file of the result folder, cannot be read.
+    """
+    folder = scene if scene.is_dir() else scene.parent
+    cameras = read_cameras(folder / CAMERAS).cameras if (folder / CAMERAS).is_file() else {}
+    if capture is not None:
+        opened = in_world_of(scene, reading.open(capture))
+        console.say(*size_warnings(opened, cameras), style="yellow")
+        return photographed(opened)
+    background = reading.background or _background_of(folder)
+    return rendered(original, cameras or cameras_around(original), engine, background)
+
+
+def size_warnings(capture: Capture, cameras: dict[str, Camera]) -> list[str]:
+    """A warning if the scene was trained on photographs of another size."""
+    for frame in capture.frames:
+        if frame.name in cameras and frame.camera.width != cameras[frame.name].width:
+            found, expected = frame.camera.width, cameras[frame.name].width
+            hint = "give the options that it was trained with, such as --downscale or --images"
+            return [f"warning: the scene was trained on photographs {expected} pixels wide, found {found}: {hint}"]
+    return []
+
+
+def _background_of(folder: Path) -> tuple[float, float, float]:
+    """The background that the run of a result folder was trained with; black without a run."""
+    try:
+        red, green, blue = map(float, read_json(folder / RECORD).values["capture"]["background"])
+    except (PocketGSError, OSError, KeyError, TypeError, ValueError):
+        return BLACK
+    return red, green, blue

@@ -1,0 +1,66 @@
+"""The table of size against quality at the end of a compression."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.table import Table
+
+from pocketgs.cli.terminal import Terminal
+from pocketgs.compression.compress import Compressed
+from pocketgs.compression.figures import Figures, figures_of
+from pocketgs.compression.spz_file import as_spz
+from pocketgs.compression.views import Views
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.engine import Engine
+
+ORIGINAL, SPZ, TRIED, CHOSEN = "original", ".spz", ".pgs, tried", ".pgs, written"
+
+
+def figures_table(original: Gaussians, size: int, found: Compressed, engine: Engine, views: Views) -> list[Figures]:
+    """Figures of the original, of a .spz, and of all candidates, largest first.
+
+    Args:
+        original: the scene.
+        size: of its file in bytes.
+        found: the result.
+        engine: renders.
+        views: of the compression.
+    """
+    spz = as_spz(original)
+    rows = [
+        figures_of(ORIGINAL, original, size, engine, views),
+        figures_of(SPZ, spz.scene, spz.bytes, engine, views),
+    ]
+    for candidate in sorted(found.candidates, key=lambda each: each.megabytes, reverse=True):
+        name = CHOSEN if candidate is found.chosen else TRIED
+        rows.append(figures_of(name, candidate.scene, len(candidate.contents), engine, views))
+    return rows
+
+
+def print_figures(console: Terminal, rows: list[Figures], views: Views) -> None:
+    """Print the table."""
+    against = "held-out photographs" if views.photographs else "renderings of the original"
+    if not views.reported:
+        against = "no view is held out"
+    table = Table("file", "Gaussians", "MB", "smaller by", f"PSNR (dB), {against}", "SSIM")
+    for row in rows:
+        table.add_row(
+            row.name,
+            f"{row.gaussians:,}",
+            f"{row.megabytes:.3f}",
+            f"{rows[0].megabytes / row.megabytes:.1f}",
+            "n/a" if row.psnr is None else f"{row.psnr:.2f}",
+            "n/a" if row.ssim is None else f"{row.ssim:.4f}",
+        )
+    console.print(table, soft_wrap=False)
+
+
+def closing_lines(found: Compressed, output: Path) -> list[str]:
+    """What was written, and whether it is what was asked for."""
+    lines = [f"{len(found.chosen.scene):,} Gaussians in {output}, {len(found.chosen.contents):,} bytes"]
+    if found.interrupted:
+        lines.append("stopped early: this is the best file so far")
+    if not found.within_bound:
+        lines.append("warning: no file within the bound of quality was found; this is the best one")
+    return lines

@@ -1,0 +1,99 @@
+"""Candidates: the scene with fewer and fewer Gaussians, each fine-tuned and rounded to what a file holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from pocketgs.compression.fine_tuning import FineTuner
+from pocketgs.compression.judgement import Judge
+from pocketgs.compression.progress import Course
+from pocketgs.compression.pruning import Pruner
+from pocketgs.compression.rounding import ORDER, rounded_in_turn
+from pocketgs.scene.formats.pgs import encode
+from pocketgs.scene.formats.pgs_coding import Coding
+from pocketgs.scene.gaussians import Gaussians
+
+TUNING_STEPS, ROUNDING_STEPS = 240, 40
+"""Training steps of a candidate before rounding, and after the rounding of each group."""
+
+STEPS = TUNING_STEPS + (len(ORDER) - 1) * ROUNDING_STEPS
+
+CANDIDATES = 3
+"""Candidates that a search takes, about."""
+
+PRUNING_STEPS, PRUNING_ROUNDS = 40, 8
+"""Training steps of a round of pruning, and how many rounds there are, about."""
+
+PRUNING_TIME = 0.35
+"""Share of the time budget for pruning in rounds."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A compressed scene.
+
+    Attributes:
+        scene: the Gaussians, as the file holds them.
+        contents: of the file.
+        psnr: expected on views that it was not trained on, in dB; see `Judge`.
+    """
+
+    scene: Gaussians
+    contents: bytes
+    psnr: float
+
+    @property
+    def megabytes(self) -> float:
+        """Size of the file."""
+        return len(self.contents) / 1e6
+
+
+@dataclass(frozen=True)
+class Level:
+    """What a round of pruning has left, and its PSNR as that of a candidate."""
+
+    scene: Gaussians
+    psnr: float
+
+
+@dataclass
+class Bench:
+    """Where candidates are made.
+
+    Attributes:
+        tuner: trains.
+        pruner: prunes.
+        judge: measures.
+        course: counts steps.
+        coding: the grids of the file.
+        levels: what pruning in rounds has left, most Gaussians first; candidates start from them.
+        candidates: made so far.
+    """
+
+    tuner: FineTuner
+    pruner: Pruner
+    judge: Judge
+    course: Course
+    coding: Coding
+    levels: list[Level] = field(default_factory=list)
+    candidates: list[Candidate] = field(default_factory=list)
+
+    def prune(self, scene: Gaussians, goes_on: Callable[[Level], bool]) -> None:
+        """Prune in rounds, and keep what is left after each, as long as it `goes_on` and time allows."""
+        self.course.expected = PRUNING_ROUNDS * PRUNING_STEPS + CANDIDATES * STEPS
+        for left in self.pruner.rounds(scene, PRUNING_STEPS):
+            self.levels.append(Level(left, self.judge.psnr(left)))
+            if self.course.used() > PRUNING_TIME or not goes_on(self.levels[-1]):
+                break
+        self.course.expected = self.course.done + CANDIDATES * STEPS
+
+    def make(self, count: int) -> Candidate:
+        """Make the candidate of so many Gaussians."""
+        start = min((level.scene for level in self.levels if len(level.scene) >= count), key=len)
+        share = min(self.course.steps_left() / (CANDIDATES * STEPS), 1.0)
+        scene = self.tuner.tune(self.pruner.down_to(start, count), round(share * TUNING_STEPS))
+        scene = rounded_in_turn(scene, self.tuner, self.coding, round(share * ROUNDING_STEPS))
+        self.candidates.append(Candidate(scene, encode(scene, self.coding), self.judge.psnr(scene)))
+        self.course.expected = max(self.course.expected, self.course.done + STEPS)
+        return self.candidates[-1]

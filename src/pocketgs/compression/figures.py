@@ -1,0 +1,53 @@
+"""Figures of a scene on the views that are reported on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pocketgs.compression.views import Views
+from pocketgs.metrics.evaluation import psnr, ssim
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.engine import Engine
+from pocketgs.training.validation import render_frame
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Size and quality of a scene in a file.
+
+    Attributes:
+        name: of the file's format, or of the method.
+        gaussians: their number.
+        megabytes: of 10^6 bytes.
+        psnr: mean over the reported views in dB, or None without any.
+        ssim: likewise.
+    """
+
+    name: str
+    gaussians: int
+    megabytes: float
+    psnr: float | None = None
+    ssim: float | None = None
+
+
+def figures_of(name: str, scene: Gaussians, size: int, engine: Engine, views: Views) -> Figures:
+    """Measure a scene.
+
+    Args:
+        name: for the table.
+        scene: as the file holds it.
+        size: of the file in bytes.
+        engine: renders.
+        views: those to report on are compared.
+    """
+    if not views.reported:
+        return Figures(name, len(scene), size / 1e6)
+    engine.upload(scene)
+    found = []
+    for frame in views.reported:
+        image, photo = render_frame(engine, frame, views.background), frame.image / np.float32(255.0)
+        found.append((psnr(image, photo, frame.mask), ssim(image, photo, frame.mask)))
+    decibels, similarity = np.mean(found, axis=0)
+    return Figures(name, len(scene), size / 1e6, float(decibels), float(similarity))

@@ -1,0 +1,95 @@
+"""Fine-tuning: a few more training steps, in which chosen parameters stay as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pocketgs.capture.capture import Frame
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.scene.point_cloud import PointCloud
+from pocketgs.splat.engine import Engine
+from pocketgs.splat.settings import LearningRates, LossSettings, StepSettings
+from pocketgs.training.recipes import pixel_footprint, recipe_named
+
+RATE = 0.5
+"""Learning rates at the start, relative to those at the start of training: the scene is close to its optimum."""
+
+RATE_OF_GROUP = {
+    "means": "means",
+    "log_scales": "log_scales",
+    "quaternions": "rotations",
+    "opacity_logits": "opacity_logits",
+    "sh_dc": "sh_dc",
+    "sh_rest": "sh_rest",
+}
+"""The learning rate of each group that is rounded by itself."""
+
+
+class FineTuner:
+    """Trains a scene further on views.
+
+    Args:
+        engine: to train with.
+        frames: photographs, or renderings of the scene itself.
+        background: behind the scene, RGB in [0, 1].
+        scene: whose distance from the cameras sets the unit of length.
+        seed: of the order of views.
+        after_step: called after every step.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        frames: Sequence[Frame],
+        background: tuple[float, float, float],
+        scene: Gaussians,
+        seed: int,
+        after_step: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._recipe = recipe_named("pocketgs")
+        self._engine, self._background, self._after_step = engine, background, after_step
+        self._views, self._seed, self._taken = len(frames), seed, 0
+        points = PointCloud(scene.means, np.zeros((len(scene), 3), np.float32))
+        unit = pixel_footprint([frame.camera for frame in frames], points)
+        self._rates = self._recipe.rates_for(self._recipe.scales_for or 1, unit)
+        engine.set_views(frames)
+
+    def tune(
+        self,
+        scene: Gaussians,
+        steps: int,
+        frozen: Collection[str] = (),
+        *,
+        start: float = RATE,
+        end: float = 0.1 * RATE,
+        loss: LossSettings | None = None,
+    ) -> Gaussians:
+        """The scene after some steps.
+
+        Args:
+            scene: to start from.
+            steps: how many.
+            frozen: groups that stay, see RATE_OF_GROUP.
+            start: learning rates at the start, relative to those of training.
+            end: learning rates at the end; they fall along a half cosine.
+            loss: None for the recipe's.
+        """
+        rates = replace(self._rates, **{RATE_OF_GROUP[group]: 0.0 for group in frozen})
+        self._engine.upload(scene)
+        for step in range(steps):
+            share = end + (start - end) * 0.5 * (1.0 + float(np.cos(np.pi * step / steps)))
+            self._engine.step(self._next_view(), self._settings(rates.scaled(share), loss))
+            self._after_step()
+        return self._engine.download()
+
+    def _settings(self, rates: LearningRates, loss: LossSettings | None) -> StepSettings:
+        return StepSettings(rates, loss or self._recipe.loss, self._recipe.adam, self._background)
+
+    def _next_view(self) -> int:
+        """Visit every view once per epoch, in an order determined by the seed and the epoch."""
+        epoch, place = divmod(self._taken, self._views)
+        self._taken += 1
+        return int(np.random.default_rng((self._seed, epoch)).permutation(self._views)[place])

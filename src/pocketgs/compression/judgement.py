@@ -1,0 +1,68 @@
+"""How much worse than the original a compressed scene is expected to be on views that nobody has trained on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pocketgs.compression.views import Views
+from pocketgs.metrics.evaluation import psnr
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.engine import Engine
+from pocketgs.training.validation import render_frame
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Compares scenes with the original.
+
+    The original was trained on the photographs that judge, and fits them better than others. So drops are not compared
+    in dB: what the squared error grows by is added to the error of the original on the held-out photographs. These are
+    not asked about any compressed scene.
+
+    Attributes:
+        engine: renders.
+        views: the views of the compression.
+        own: mean squared error of the original on the views that judge, by view.
+        unseen: the same on views that it was not trained on; that of `own` if there are none.
+    """
+
+    engine: Engine
+    views: Views
+    own: np.ndarray
+    unseen: np.ndarray
+
+    @staticmethod
+    def of(original: Gaussians, engine: Engine, views: Views) -> Judge:
+        """The judge of scenes made from this one."""
+        own = errors(engine, original, views, views.judges)
+        # Renderings of the original have no error but rounding, wherever they are taken.
+        unseen = errors(engine, original, views, views.reported) if views.photographs and views.reported else own
+        return Judge(engine, views, own, unseen)
+
+    def psnr(self, scene: Gaussians) -> float:
+        """Expected PSNR in dB; with renderings of the original in place of photographs, the PSNR against them."""
+        growth = errors(self.engine, scene, self.views, self.views.judges)
+        if not self.views.photographs:
+            return _mean_psnr(growth)
+        return _mean_psnr(np.maximum(self.unseen + (growth - self.own).mean(), 0.1 * self.unseen))
+
+    @property
+    def original_psnr(self) -> float:
+        """PSNR of the original in dB, comparable with `psnr`."""
+        return _mean_psnr(self.unseen)
+
+
+def errors(engine: Engine, scene: Gaussians, views: Views, frames: list) -> np.ndarray:
+    """(V,) mean squared error of a scene on each of some views."""
+    engine.upload(scene)
+    found = [
+        10 ** (-psnr(render_frame(engine, frame, views.background), frame.image / 255.0, frame.mask) / 10)
+        for frame in frames
+    ]
+    return np.array(found)
+
+
+def _mean_psnr(squared: np.ndarray) -> float:
+    return float(np.mean(-10.0 * np.log10(np.maximum(squared, 1e-10))))

@@ -1,0 +1,56 @@
+"""Options of a compression."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import get_args
+
+from pocketgs.compression.importance import Importance
+from pocketgs.errors import PocketGSError
+
+QUALITY = 0.3
+"""Default of how much worse than the original a scene may be, in dB."""
+
+
+@dataclass(frozen=True)
+class CompressionOptions:
+    """Options of a compression.
+
+    Attributes:
+        size: Megabytes (10^6 bytes) that the file may have; the best scene that fits is written.
+        quality: dB by which the scene may be worse than the original on views that it was not trained on; the smallest
+            such file is written. By default 0.3; without a capture, as close to the original as a .spz is, and less
+            by so many dB if given.
+        time_budget: Seconds that the whole command may take.
+        prune: Which Gaussians go first: those that contribute little to the training views (contribution), or those
+            that contribute little and look like their neighbours (distinct).
+        seed: Random seed.
+
+    Raises:
+        PocketGSError: an option is out of range, or both bounds are given.
+    """
+
+    size: float | None = None
+    quality: float | None = None
+    time_budget: float | None = None
+    prune: Importance = "contribution"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.size is not None and self.quality is not None:
+            raise PocketGSError("compression: found both --size and --quality, expected one of them")
+        checks = {
+            "size": (self.size is None or 0 < self.size < math.inf, self.size, "megabytes above 0"),
+            "quality": (self.quality is None or 0 <= self.quality < math.inf, self.quality, "dB, at least 0"),
+            "time budget": (
+                self.time_budget is None or 0 < self.time_budget < math.inf,
+                self.time_budget,
+                "seconds above 0",
+            ),
+            "prune": (self.prune in get_args(Importance), self.prune, " or ".join(get_args(Importance))),
+            "seed": (self.seed >= 0, self.seed, "at least 0"),
+        }
+        for what, (sound, found, expected) in checks.items():
+            if not sound:
+                raise PocketGSError(f"{what}: found {found}, expected {expected}")

@@ -1,0 +1,55 @@
+"""Pruning: the least important Gaussians go in rounds, and the others learn to do without them in between."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pocketgs.compression.fine_tuning import RATE, FineTuner
+from pocketgs.compression.importance import Importance, importance
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import Gaussians
+
+SHRINKS = 0.8
+"""Share of the Gaussians that a round keeps: too few at once, and those that would have replaced each other go
+together."""
+
+LEAST = 32
+"""Pruning ends with so many Gaussians at the latest."""
+
+
+@dataclass(frozen=True)
+class Pruner:
+    """Prunes with these views.
+
+    Attributes:
+        tuner: trains in between.
+        cameras: the views that count.
+        measure: of importance.
+    """
+
+    tuner: FineTuner
+    cameras: Sequence[Camera]
+    measure: Importance
+
+    def down_to(self, scene: Gaussians, count: int) -> Gaussians:
+        """The most important Gaussians, in their order."""
+        if count >= len(scene):
+            return scene
+        order = np.argsort(-importance(scene, self.cameras, self.measure), kind="stable")
+        return scene.select(np.sort(order[:count]))
+
+    def rounds(self, scene: Gaussians, steps: int) -> Iterator[Gaussians]:
+        """The scene itself, and what is left of it after each round.
+
+        Args:
+            scene: to prune.
+            steps: of training after each round.
+        """
+        yield scene
+        while len(scene) * SHRINKS >= LEAST:
+            scene = self.down_to(scene, int(len(scene) * SHRINKS))
+            scene = self.tuner.tune(scene, steps, start=RATE, end=RATE)
+            yield scene

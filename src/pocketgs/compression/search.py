@@ -1,0 +1,70 @@
+"""The search for a number of Gaussians: the fewest of sufficient quality, or the most that fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+TRIES = 5
+"""Most candidates of one search."""
+
+CLOSE = 0.03
+"""The search ends when the number of Gaussians is known up to this share."""
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What is searched for.
+
+    Attributes:
+        target: the value to reach with the fewest, or not to exceed with the most.
+        slope: by how much the value grows, about, when the number of Gaussians grows by a factor of e.
+        tolerance: a value this close to the target, on its right side, ends the search.
+        from_above: whether the value must be at least the target; otherwise it must be at most the target.
+    """
+
+    target: float
+    slope: float
+    tolerance: float
+    from_above: bool
+
+    def met_by(self, value: float) -> bool:
+        """Whether a value is on the right side of the target."""
+        return value >= self.target if self.from_above else value <= self.target
+
+
+def search(value_of: Callable[[int], float], goal: Goal, guess: int, least: int, most: int) -> None:
+    """Try numbers of Gaussians, whose values grow with them, until the target lies between two close ones.
+
+    Args:
+        value_of: makes the candidate of a number of Gaussians, and returns its value; it keeps what is found.
+        goal: what to search for.
+        guess: the first number to try.
+        least: minimum of the numbers.
+        most: maximum of the numbers.
+    """
+    tried: list[tuple[float, float]] = []
+    low, high = np.log(least) - CLOSE, np.log(most) + CLOSE
+    place = float(np.clip(np.log(guess), np.log(least), np.log(most)))
+    for _ in range(TRIES):
+        value = value_of(max(round(np.exp(place)), 1))
+        tried.append((place, value))
+        low, high = (max(low, place), high) if value < goal.target else (low, min(high, place))
+        if goal.met_by(value) and abs(value - goal.target) <= goal.tolerance:
+            return
+        if high - low <= 2 * CLOSE:
+            return
+        # Aimed at the middle of the tolerance, since the values are noisy.
+        aim = goal.target + (0.5 if goal.from_above else -0.5) * goal.tolerance
+        place = float(np.clip(place + (aim - value) / _slope(tried, goal.slope), low + CLOSE, high - CLOSE))
+
+
+def _slope(tried: list[tuple[float, float]], expected: float) -> float:
+    """Slope between the last two, unless they are too noisy to tell."""
+    if len(tried) < 2:
+        return expected
+    (first, value), (second, other) = tried[-2:]
+    found = (other - value) / (second - first) if second != first else expected
+    return float(np.clip(found, 0.4 * expected, 2.5 * expected))

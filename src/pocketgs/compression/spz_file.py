@@ -1,0 +1,27 @@
+"""A scene as a .spz holds it, to compare with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from pocketgs.scene.formats.spz import read_gaussians, write_gaussians
+from pocketgs.scene.formats.spz_precision import SMALL
+from pocketgs.scene.gaussians import Gaussians
+
+
+@dataclass(frozen=True)
+class SpzFile:
+    """A scene in a .spz, with the size of the file in bytes."""
+
+    scene: Gaussians
+    bytes: int
+
+
+def as_spz(scene: Gaussians) -> SpzFile:
+    """The scene as `convert` writes it by default."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.spz"
+        write_gaussians(path, scene, precision=SMALL)
+        return SpzFile(read_gaussians(path), path.stat().st_size)

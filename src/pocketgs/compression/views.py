@@ -1,0 +1,126 @@
+"""The views that a scene is fine-tuned, judged and reported on: photographs, or renderings of the scene itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pocketgs.capture.capture import Capture, Frame
+from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera, look_at
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.engine import Engine
+from pocketgs.training.validation import render_frame
+
+Colour = tuple[float, float, float]
+
+EVERY = 8
+"""Every eighth rendered view is reported on, and every eighth of the others judges."""
+
+RENDERED_VIEWS = 100
+"""Most renderings of the scene itself."""
+
+SIDE = 400
+"""Image side of renderings of a scene whose cameras are unknown."""
+
+FOCAL = 1.2
+"""Focal length of such renderings, relative to the image side: 45 degrees."""
+
+RINGS, VIEWS_OF_RING = (-0.3, 0.2, 0.7), 16
+"""Heights of the rings of cameras around the scene, as sines of their elevation, and cameras on each."""
+
+DISTANCE = 2.5
+"""Radius of the rings, relative to the scene's."""
+
+
+@dataclass(frozen=True)
+class Views:
+    """The views of a compression.
+
+    Attributes:
+        train: to fine-tune on.
+        judges: to decide on.
+        reported: to report on; none of them takes part in fine-tuning or a decision. May be empty.
+        background: behind the scene, RGB in [0, 1].
+        photographs: whether they are photographs; otherwise they are renderings of the scene itself.
+    """
+
+    train: list[Frame]
+    judges: list[Frame]
+    reported: list[Frame]
+    background: Colour
+    photographs: bool
+
+
+def photographed(capture: Capture) -> Views:
+    """The views of a capture, whose held-out ones are reported on.
+
+    The training views judge too. The scene was trained on all of them, so that those held back now would show how well
+    it is remembered, and not how good it is.
+
+    Raises:
+        PocketGSError: there is no training view.
+    """
+    if not capture.train:
+        raise PocketGSError(f"{capture.path}: no training view, expected at least one")
+    return Views(capture.train, capture.train, capture.held_out, capture.background, True)
+
+
+def rendered(scene: Gaussians, cameras: Mapping[str, Camera], engine: Engine, background: Colour) -> Views:
+    """Renderings of the scene itself, of which some are held back to judge, and others to report on.
+
+    Args:
+        scene: to render.
+        cameras: by name; only some of them are used if they are many.
+        engine: renders; the scene stays uploaded.
+        background: behind the scene.
+    """
+    engine.upload(scene)
+    names = list(cameras)
+    chosen = np.unique(np.linspace(0, len(names) - 1, min(len(names), RENDERED_VIEWS)).round().astype(int))
+    frames = [_rendering(names[place], cameras[names[place]], engine, background) for place in chosen]
+    if len(frames) < EVERY:
+        return Views(frames, frames, frames, background, False)
+    reported = frames[::EVERY]
+    others = [frame for place, frame in enumerate(frames) if place % EVERY]
+    judges = others[EVERY // 2 :: EVERY]
+    train = [frame for place, frame in enumerate(others) if place % EVERY != EVERY // 2]
+    return Views(train, judges or reported, reported, background, False)
+
+
+def _rendering(name: str, camera: Camera, engine: Engine, background: Colour) -> Frame:
+    frame = Frame(name, camera, np.zeros((camera.height, camera.width, 3), np.uint8))
+    image = np.nan_to_num(render_frame(engine, frame, background))
+    return Frame(name, camera, np.round(image * 255.0).astype(np.uint8))
+
+
+def cameras_around(scene: Gaussians) -> dict[str, Camera]:
+    """Cameras for a scene of which nothing else is known: on rings around it, and at its centre, looking outwards.
+
+    Raises:
+        PocketGSError: the scene has no extent.
+    """
+    finite = scene.means[np.isfinite(scene.means).all(axis=1)].astype(np.float64)
+    centre = np.median(finite, axis=0) if len(finite) else np.zeros(3)
+    radius = float(np.quantile(np.linalg.norm(finite - centre, axis=1), 0.9)) if len(finite) else 0.0
+    if radius <= 0.0:
+        raise PocketGSError("compression: the scene is a single point, expected Gaussians in several places")
+    directions = [_direction(height, turn) for height in RINGS for turn in np.arange(VIEWS_OF_RING) / VIEWS_OF_RING]
+    outside = [_camera(centre + DISTANCE * radius * each, centre) for each in directions]
+    inside = [_camera(centre, centre + radius * each) for each in directions]
+    # In turn, so that those held back are of both kinds, and from all sides.
+    cameras: Sequence[Camera] = [camera for pair in zip(outside, inside, strict=True) for camera in pair]
+    return {f"{number:03d}": camera for number, camera in enumerate(cameras)}
+
+
+def _direction(height: float, turn: float) -> np.ndarray:
+    flat = np.sqrt(1.0 - height**2)
+    angle = 2.0 * np.pi * turn
+    return np.array([flat * np.cos(angle), flat * np.sin(angle), height])
+
+
+def _camera(eye: np.ndarray, target: np.ndarray) -> Camera:
+    pose = look_at(eye, target, np.array([0.0, 0.0, 1.0]))
+    return Camera(SIDE, SIDE, FOCAL * SIDE, FOCAL * SIDE, 0.5 * SIDE, 0.5 * SIDE, pose)
