@@ -82,7 +82,7 @@ ROOMS = {
     "system": "",
     "files": "errors system",
     "geometry": "errors",
-    "scene": "errors files geometry",
+    "scene": "errors files geometry system",
     "gpu": "errors",
     "capture": "errors files geometry scene system",
     "structure_from_motion": "capture errors files geometry scene system",

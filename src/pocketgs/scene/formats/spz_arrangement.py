@@ -32,10 +32,10 @@ def with_least_turns(gaussians: Gaussians) -> Gaussians:
     """The same ellipsoids, with axes named so that the rotation angle is smallest, 62.8 degrees at most."""
     quaternions = unit(gaussians.quaternions)
     # cos(angle / 2) of each: the component w of the product.
-    cosines = quaternions @ (_RENAMINGS * _CONJUGATE).T
+    cosines = quaternions @ (RENAMINGS * _CONJUGATE).T
     least = np.abs(cosines).argmax(axis=1)
-    turned = composed(quaternions, _RENAMINGS[least])
-    scales = np.take_along_axis(gaussians.log_scales, _AXES[least], axis=1)
+    turned = composed(quaternions, RENAMINGS[least])
+    scales = np.take_along_axis(gaussians.log_scales, AXES[least], axis=1)
     return replace(gaussians, quaternions=turned * np.where(turned[:, :1] < 0, -1.0, 1.0), log_scales=scales)
 
 
@@ -53,5 +53,5 @@ def _axes_of(quaternions: np.ndarray) -> np.ndarray:
     return np.abs(np.stack(along, axis=1))[..., 1:].argmax(axis=2)
 
 
-_RENAMINGS = _renamings()
-_AXES = _axes_of(_RENAMINGS)
+RENAMINGS = _renamings()
+AXES = _axes_of(RENAMINGS)

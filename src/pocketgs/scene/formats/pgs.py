@@ -1,0 +1,192 @@
+"""PocketGS' own `.pgs`: the smallest file of a scene, in Morton order.
+
+Parameters are rounded to grids (`pgs_rounding.py`), and the multiples of the grids' steps are coded by an adaptive
+range coder (`range_coder.py`) with what their neighbours tell (`pgs_positions.py`, `pgs_attributes.py`).
+`pgs_sections.py` is the container. docs/formats.md has the layout.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pocketgs.errors import PocketGSError
+from pocketgs.files.atomic_file import replacing
+from pocketgs.scene.formats import pgs_attributes as attributes
+from pocketgs.scene.formats.checks import read_contents, require_room, require_sound
+from pocketgs.scene.formats.pgs_coding import DEFAULT, Coding
+from pocketgs.scene.formats.pgs_columns import Columns, ReadColumns, WrittenColumns
+from pocketgs.scene.formats.pgs_positions import MAX_BITS, decode_positions, encode_positions, morton_sorted
+from pocketgs.scene.formats.pgs_rotations import fineness_of, quaternions_of, steps_of, turn_levels
+from pocketgs.scene.formats.pgs_rounding import grid_exponent, levels, rounded
+from pocketgs.scene.formats.pgs_sections import COLUMNS, FIELDS, TREE, Section, join_sections, split_sections
+from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
+
+SCENE = struct.Struct("<IBBh3i5f")
+"""Count, degree, bits and exponent of positions, origin, and the steps of log scales, rotations, opacity logits,
+colours and harmonics."""
+
+KNOWN = {
+    ("scene", FIELDS),
+    ("position", TREE),
+    ("scale", COLUMNS),
+    ("rotation", COLUMNS),
+    ("opacity", COLUMNS),
+    ("colour", COLUMNS),
+    ("harmonic", COLUMNS),
+}
+# Maximum bytes that reading takes per Gaussian and per spherical-harmonics coefficient, as measured.
+READING = (600, 60)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The fields of the section `scene`."""
+
+    count: int
+    degree: int
+    bits: int
+    exponent: int
+    origin: tuple[int, int, int]
+    log_scale: float
+    rotation: float
+    opacity: float
+    colour: float
+    harmonics: float
+
+
+def write_gaussians(path: Path, gaussians: Gaussians, coding: Coding = DEFAULT) -> None:
+    """Write a scene atomically, rounded.
+
+    Raises:
+        PocketGSError: the scene is empty or holds NaN or infinity, or the file cannot be written.
+    """
+    contents = encode(gaussians, coding, path)
+    with replacing(path) as partial:
+        partial.write_bytes(contents)
+
+
+def encode(gaussians: Gaussians, coding: Coding = DEFAULT, path: Path = Path("scene.pgs")) -> bytes:
+    """Encode a scene, rounded, as the content of a file.
+
+    Args:
+        gaussians: the scene.
+        coding: the steps of rounding.
+        path: for messages.
+
+    Raises:
+        PocketGSError: the scene is empty or holds NaN or infinity.
+    """
+    require_sound(path, gaussians)
+    coding = coding.in_single_precision()
+    scene = rounded(gaussians, coding)
+    exponent = grid_exponent(scene.means)
+    assert exponent is not None
+    cells = np.ldexp(scene.means.astype(np.float64), -exponent).astype(np.int64)
+    origin = cells.min(axis=0)
+    cells -= origin
+    bits = int(cells.max()).bit_length()
+    order = morton_sorted(cells)
+    cells, scene = cells[order], scene.select(order)
+    around = attributes.surroundings_of(cells)
+    scales = levels(scene.log_scales, coding.log_scale)
+    steps = steps_of(scales * coding.log_scale, coding.rotation)
+    fields = SCENE.pack(
+        len(scene),
+        scene.sh_degree,
+        bits,
+        exponent,
+        *origin.tolist(),
+        coding.log_scale,
+        coding.rotation,
+        coding.opacity,
+        coding.colour,
+        coding.harmonics,
+    )
+    sections = [
+        Section("scene", FIELDS, fields),
+        Section("position", TREE, encode_positions(cells, bits)),
+        _columns("scale", attributes.code_scales, scales, around),
+        _columns(
+            "rotation",
+            attributes.code_turns,
+            turn_levels(scene.quaternions, steps),
+            fineness_of(scales * coding.log_scale),
+        ),
+        _columns("opacity", attributes.code_opacities, levels(scene.opacity_logits, coding.opacity)),
+        _columns("colour", attributes.code_colours, levels(scene.sh[:, 0], coding.colour), around),
+    ]
+    if scene.sh_degree:
+        sections.append(_columns("harmonic", attributes.code_harmonics, levels(scene.sh[:, 1:], coding.harmonics)))
+    return join_sections(sections)
+
+
+def _columns(name: str, code: Callable[..., None], table: np.ndarray, *given: object) -> Section:
+    columns = WrittenColumns()
+    code(columns, table, *given)
+    return Section(name, COLUMNS, columns.finish())
+
+
+def read_gaussians(path: Path) -> Gaussians:
+    """Read a scene.
+
+    Raises:
+        PocketGSError: the file is missing, damaged, of another version, or exceeds the memory bound.
+    """
+    sections = split_sections(path, read_contents(path), KNOWN)
+    layout = _layout(path, sections)
+    count = layout.count
+    cells = decode_positions(sections["position"], count, layout.bits)
+    around = attributes.surroundings_of(cells)
+
+    def read(name: str, code: Callable[..., None], shape: tuple[int, ...], *given: object) -> np.ndarray:
+        table = np.zeros(shape, np.int64)
+        columns: Columns = ReadColumns(path, sections[name])
+        code(columns, table, *given)
+        return table
+
+    log_scales = read("scale", attributes.code_scales, (count, 3), around) * layout.log_scale
+    turns = read("rotation", attributes.code_turns, (count, 3), fineness_of(log_scales))
+    opacities = read("opacity", attributes.code_opacities, (count,)) * layout.opacity
+    colours = read("colour", attributes.code_colours, (count, 3), around) * layout.colour
+    sh = np.zeros((count, SH_COEFFICIENTS[layout.degree], 3), np.float32)
+    sh[:, 0] = colours
+    if layout.degree:
+        sh[:, 1:] = read("harmonic", attributes.code_harmonics, sh[:, 1:].shape) * layout.harmonics
+    gaussians = Gaussians(
+        np.ldexp((cells + np.array(layout.origin)).astype(np.float64), layout.exponent),
+        log_scales,
+        quaternions_of(turns * steps_of(log_scales, layout.rotation)),
+        opacities,
+        sh,
+    )
+    require_sound(path, gaussians)
+    return gaussians
+
+
+def _layout(path: Path, sections: dict[str, bytes]) -> Layout:
+    """The fields of a file whose sections are complete and fit in memory.
+
+    Raises:
+        PocketGSError: they are not, or a field is out of range.
+    """
+    if len(sections.get("scene", b"")) != SCENE.size:
+        raise PocketGSError(f"{path}: section 'scene' is missing or not of {SCENE.size} bytes")
+    count, degree, bits, exponent, x, y, z, *steps = SCENE.unpack(sections["scene"])
+    if degree >= len(SH_COEFFICIENTS):
+        raise PocketGSError(f"{path}: spherical harmonics of degree {degree}, expected 0 to 3")
+    needed = {name for name, _ in KNOWN if degree or name != "harmonic"}
+    if missing := sorted(needed - sections.keys()):
+        raise PocketGSError(f"{path}: section {missing[0]!r} is missing")
+    if not count:
+        raise PocketGSError(f"{path}: 0 Gaussians, expected at least one")
+    if bits > MAX_BITS:
+        raise PocketGSError(f"{path}: positions of {bits} bits, expected at most {MAX_BITS}")
+    if not all(0 < step < np.inf for step in steps):
+        raise PocketGSError(f"{path}: steps {steps}, expected positive numbers")
+    require_room(path, count, SH_COEFFICIENTS[degree], READING)
+    return Layout(count, degree, bits, exponent, (x, y, z), *steps)

@@ -1,0 +1,102 @@
+"""Columns of a `.pgs`'s attributes, and what is expected of each: reader and writer share this description."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pocketgs.scene.formats.pgs_columns import Columns
+from pocketgs.system.compile import kernel
+
+WINDOW = 16
+"""Rows before a Gaussian's among which its neighbours are looked for."""
+
+RED, GREEN, BLUE = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What positions tell of other attributes.
+
+    Attributes:
+        neighbours: (N, 2) indices of the nearest two of the rows before each.
+        coarseness: (N,) trailing zero bits of all three coordinates.
+    """
+
+    neighbours: np.ndarray
+    coarseness: np.ndarray
+
+
+def surroundings_of(cells: np.ndarray) -> Surroundings:
+    """What (N, 3) cells, in the order of the file, tell of other attributes."""
+    together = cells[:, 0] | cells[:, 1] | cells[:, 2]
+    lowest = together & -together
+    coarseness = np.frexp(lowest.astype(np.float64))[1].astype(np.int64)
+    return Surroundings(_nearest_before(np.ascontiguousarray(cells)), coarseness)
+
+
+def code_scales(columns: Columns, table: np.ndarray, around: Surroundings) -> None:
+    """Code (N, 3) levels of log scales."""
+    y = columns.code(table[:, 1], around.coarseness)
+    z = y - columns.code(table[:, 1] - table[:, 2], _no_context(y))
+    x = y - columns.code(table[:, 1] - table[:, 0], _no_context(y))
+    table[:] = np.stack([x, y, z], axis=1)
+
+
+def code_turns(columns: Columns, table: np.ndarray, fineness: np.ndarray) -> None:
+    """Code (N, 3) levels of rotations; those of one fineness, (N, 3) from 0, are alike."""
+    for part in range(3):
+        table[:, part] = columns.code(table[:, part], fineness[:, part])
+
+
+def code_opacities(columns: Columns, table: np.ndarray) -> None:
+    """Code (N,) levels of opacity logits."""
+    table[:] = columns.code(table, _no_context(table))
+
+
+def code_colours(columns: Columns, table: np.ndarray, around: Surroundings) -> None:
+    """Code (N, 3) levels of coefficients of degree 0: green, and how red and blue differ from it."""
+    nothing = _no_context(table[:, 0])
+    green = columns.code(table[:, GREEN], nothing, around.neighbours)
+    red = green + columns.code(table[:, RED] - table[:, GREEN], nothing, around.neighbours)
+    blue = green + columns.code(table[:, BLUE] - table[:, GREEN], nothing, around.neighbours)
+    table[:] = np.stack([red, green, blue], axis=1)
+
+
+def code_harmonics(columns: Columns, table: np.ndarray) -> None:
+    """Code (N, K - 1, 3) levels of coefficients above degree 0."""
+    for place in range(table.shape[1]):
+        green = columns.code(table[:, place, GREEN], _no_context(table[:, 0, 0]))
+        seen = np.minimum(np.abs(green), 2)
+        red = columns.code(table[:, place, RED], seen)
+        blue = columns.code(table[:, place, BLUE], seen + 3 * np.minimum(np.abs(red), 2))
+        table[:, place] = np.stack([red, green, blue], axis=1)
+
+
+def _no_context(like: np.ndarray) -> np.ndarray:
+    return np.zeros(len(like), np.int64)
+
+
+@kernel
+def _nearest_before(cells: np.ndarray) -> np.ndarray:
+    """(N, 2) indices of the nearest two of the `WINDOW` rows before each, the later of equal ones first.
+
+    The second row has one neighbour twice, the first row none: -1.
+    """
+    found = np.full((len(cells), 2), -1)
+    for index in range(1, len(cells)):
+        best, second = np.inf, np.inf
+        for other in range(index - 1, max(index - WINDOW, 0) - 1, -1):
+            x = float(cells[index, 0] - cells[other, 0])
+            y = float(cells[index, 1] - cells[other, 1])
+            z = float(cells[index, 2] - cells[other, 2])
+            apart = x * x + y * y + z * z
+            if apart < best:
+                second, found[index, 1] = best, found[index, 0]
+                best, found[index, 0] = apart, other
+            elif apart < second:
+                second, found[index, 1] = apart, other
+        if found[index, 1] < 0:
+            found[index, 1] = found[index, 0]
+    return found

@@ -1,0 +1,38 @@
+"""The rounding of a `.pgs`: how fine the grid of each parameter is."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Coding:
+    """Steps of the grids that parameters are rounded to.
+
+    Attributes:
+        position: of centres, as a share of each Gaussian's size, the middle one of its standard deviations; rounded
+            down to a power of two in scene units.
+        log_scale: of the natural logarithms of standard deviations.
+        rotation: of rotations, in halves of a radian, where the standard deviations differ by a factor of about 2.
+        opacity: of opacity logits.
+        colour: of coefficients of degree 0.
+        harmonics: of coefficients above degree 0.
+        dead_zone: coefficients above degree 0 below this share of a step become 0.
+    """
+
+    position: float = 0.5
+    log_scale: float = 0.25
+    rotation: float = 1 / 16
+    opacity: float = 0.5
+    colour: float = 0.125
+    harmonics: float = 0.1
+    dead_zone: float = 0.6
+
+    def in_single_precision(self) -> Coding:
+        """The steps as the file holds them."""
+        return Coding(*(float(np.float32(step)) for step in astuple(self)))
+
+
+DEFAULT = Coding()
