@@ -74,7 +74,10 @@ def compress(
         partial.write_bytes(found.chosen.contents)
     file = scene / SCENE if scene.is_dir() else scene
     rows = figures_table(original, file.stat().st_size, found, renderer, views)
-    print_figures(console, rows, views)
+    if views.photographs:
+        print_figures(console, rows)
+    else:
+        print_figures(console, rows, "renderings of the original")
     console.say(*closing_lines(found, output))
     if json:
         write_json(json, {"photographs": views.photographs, "figures": [asdict(row) for row in rows]})

@@ -38,11 +38,8 @@ def figures_table(original: Gaussians, size: int, found: Compressed, engine: Eng
     return rows
 
 
-def print_figures(console: Terminal, rows: list[Figures], views: Views) -> None:
-    """Print the table."""
-    against = "held-out photographs" if views.photographs else "renderings of the original"
-    if not views.reported:
-        against = "no view is held out"
+def print_figures(console: Terminal, rows: list[Figures], against: str = "held-out photographs") -> None:
+    """Print the table; `against` says what the figures of quality compare with."""
     table = Table("file", "Gaussians", "MB", "smaller by", f"PSNR (dB), {against}", "SSIM")
     for row in rows:
         table.add_row(

@@ -10,6 +10,7 @@ import tyro
 from pocketgs.capture import ListedCapture
 from pocketgs.capture.open import lacks_poses
 from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.cli.compressing_run import CompressingRun
 from pocketgs.cli.shown_run import show_run
 from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.view import FollowOptions
@@ -26,6 +27,7 @@ def train(
     capture: Annotated[Path, tyro.conf.Positional],
     output: Path | None = None,
     resume: bool = False,
+    compress: bool = False,
     reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
     training: TrainingOptions = TrainingOptions(),  # noqa: B008
     page: FollowOptions = FollowOptions(),  # noqa: B008 - a frozen dataclass
@@ -36,6 +38,8 @@ def train(
         capture: A capture's folder or its transforms.json; or photographs or a video, whose poses are found first.
         output: Folder for the result; by default output/NAME.
         resume: Continue from the checkpoint in the output folder.
+        compress: Also write scene.pgs, the scene compressed to within 0.3 dB, beside scene.ply; of a time budget, two
+            fifths are for that.
         reading: Options for reading the capture.
         training: Options of training.
         page: Options of the page that follows the run.
@@ -65,7 +69,11 @@ def train(
             )
             return reading.listed(made)
 
-        return run(listed, folder, training, resume=resume, reporter=reporter, source=source)
+        if not compress:
+            return run(listed, folder, training, resume=resume, reporter=reporter, source=source)
+        return compressing.run(listed, training, resume, reporter)
 
+    compressing = CompressingRun(folder, source, console)
     with memory_bound(training.max_memory):
         show_run(console, work, page, name)
+    compressing.print_result()

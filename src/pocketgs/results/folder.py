@@ -27,6 +27,9 @@ from pocketgs.results.claim import Claim, claimed
 
 SCENE, RECORD, PICTURES = "scene.ply", "run.json", "held_out"
 CAMERAS = "cameras.json"
+COMPRESSED = "scene.pgs"
+"""The compressed scene, which a run writes only if it is asked to."""
+
 FILES = (SCENE, RECORD, CHECKPOINT, CAMERAS)
 """Files of every result."""
 

@@ -268,7 +268,9 @@ def _publish(
 ) -> RunResult:
     """Evaluate the scene, at the poses that it was trained with, and publish the result."""
     refined = prepared.report is not None and prepared.report.poses_refined
-    with claim.publishing(result_folder.FILES, outdated=[f"{result_folder.PICTURES}/*"]) as staging:
+    with claim.publishing(
+        result_folder.FILES, outdated=[f"{result_folder.PICTURES}/*", result_folder.COMPRESSED]
+    ) as staging:
         with stopwatch.stage("writing"):
             result.scene.save(staging / result_folder.SCENE)
             write_checkpoint(staging / CHECKPOINT, result.checkpoint, identity)

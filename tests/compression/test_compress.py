@@ -1,0 +1,123 @@
+"""Compression of a small scene: bounds that are kept, files that hold what was measured, interruptions."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pocketgs.capture import Capture
+from pocketgs.compression import candidates
+from pocketgs.compression.compress import compress
+from pocketgs.compression.figures import figures_of
+from pocketgs.compression.options import CompressionOptions
+from pocketgs.compression.spz_file import as_spz
+from pocketgs.compression.views import Views, cameras_around, photographed, rendered
+from pocketgs.errors import PocketGSError
+from pocketgs.scene.formats import read_scene
+from pocketgs.scene.gaussians import PARAMETERS, Gaussians
+from pocketgs.splat.engine import Engine
+
+pytestmark = pytest.mark.usefixtures("_few_steps")
+
+
+def in_order(scene: Gaussians) -> np.ndarray:
+    """All numbers of a scene, a row per Gaussian, sorted."""
+    rows = np.concatenate([getattr(scene, name).reshape(len(scene), -1) for name in PARAMETERS], axis=1)
+    return rows[np.lexsort(rows.T)]
+
+
+def test_photographs(scene: Gaussians, views: Views, engine: Engine, tmp_path: Path) -> None:
+    counts: list[tuple[int, int]] = []
+    found = compress(scene, views, engine, on_count=lambda done, of: counts.append((done, of)))
+    assert found.within_bound
+    assert len(found.chosen.scene) < len(scene)
+    assert all(done <= of for done, of in counts)
+    path = tmp_path / "scene.pgs"
+    path.write_bytes(found.chosen.contents)
+    np.testing.assert_array_equal(in_order(read_scene(path)), in_order(found.chosen.scene))
+    original = figures_of("original", scene, 1, engine, views)
+    compressed = figures_of("compressed", found.chosen.scene, len(found.chosen.contents), engine, views)
+    spz = as_spz(scene)
+    assert original.psnr is not None
+    assert compressed.psnr is not None
+    assert compressed.psnr >= original.psnr - 0.6, "expected 0.3 dB, measured on a single view of 96 x 72"
+    assert len(found.chosen.contents) < 0.5 * spz.bytes
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_without_photographs_nothing_is_worse_than_spz(
+    scene: Gaussians, views: Views, engine: Engine, known: bool
+) -> None:
+    cameras = {frame.name: frame.camera for frame in [*views.train, *views.reported]}
+    own = rendered(scene, cameras if known else cameras_around(scene), engine, views.background)
+    found = compress(scene, own, engine)
+    spz = as_spz(scene)
+    rounded = figures_of(".spz", spz.scene, spz.bytes, engine, own)
+    compressed = figures_of(".pgs", found.chosen.scene, len(found.chosen.contents), engine, own)
+    assert rounded.psnr is not None
+    assert compressed.psnr is not None
+    assert compressed.psnr >= rounded.psnr
+    assert compressed.megabytes < rounded.megabytes
+
+
+def test_size_and_seed(scene: Gaussians, views: Views, engine: Engine) -> None:
+    found, again = (compress(scene, views, engine, CompressionOptions(size=0.006)) for _ in range(2))
+    assert 0.004 < found.chosen.megabytes <= 0.006
+    assert found.chosen.psnr == max(each.psnr for each in found.candidates if each.megabytes <= 0.006)
+    assert again.chosen.contents == found.chosen.contents
+
+
+def test_no_file_is_that_small(scene: Gaussians, views: Views, engine: Engine) -> None:
+    with pytest.raises(PocketGSError, match=r"the smallest file has 0\.\d+ MB, expected --size 0\.\d+"):
+        compress(scene, views, engine, CompressionOptions(size=1e-5))
+
+
+def test_a_time_budget_ends_the_search(scene: Gaussians, views: Views, engine: Engine) -> None:
+    steps: list[int] = []
+    found = compress(scene, views, engine, seconds=0.01, on_count=lambda done, of: steps.append(done))
+    assert found.chosen.contents
+    assert len(steps) < candidates.PRUNING_STEPS + candidates.STEPS
+
+
+def pressing_ctrl_c(step: int) -> Callable[[int, int], None]:
+    """Counts steps, and presses Ctrl-C at one of them."""
+
+    def count(done: int, of: int) -> None:
+        if done == step:
+            signal.raise_signal(signal.SIGINT)
+
+    return count
+
+
+def test_ctrl_c_before_there_is_a_file(scene: Gaussians, views: Views, engine: Engine) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        compress(scene, views, engine, on_count=pressing_ctrl_c(3))
+
+
+def test_ctrl_c_keeps_the_best_file_so_far(scene: Gaussians, views: Views, engine: Engine) -> None:
+    options, steps = CompressionOptions(size=0.006), []
+    whole = compress(scene, views, engine, options, on_count=lambda done, of: steps.append(done))
+    found = compress(scene, views, engine, options, on_count=pressing_ctrl_c(steps[-1]))
+    assert (whole.interrupted, found.interrupted) == (False, True)
+    assert len(found.candidates) == len(whole.candidates) - 1
+    assert found.chosen.megabytes <= 0.006
+
+
+def test_what_cannot_be_drawn_is_left_out(scene: Gaussians, views: Views, engine: Engine) -> None:
+    broken = scene.select(np.arange(len(scene)))
+    broken.means[::7] = np.nan
+    found = compress(broken, views, engine, CompressionOptions(size=0.004))
+    assert np.isfinite(found.chosen.scene.means).all()
+    broken.means[:] = np.inf
+    with pytest.raises(PocketGSError, match="found no Gaussian without NaN or infinity"):
+        compress(broken, views, engine)
+
+
+def test_a_capture_without_training_views(small_capture: Capture) -> None:
+    with pytest.raises(PocketGSError, match="no training view"):
+        photographed(replace(small_capture, train=[]))
