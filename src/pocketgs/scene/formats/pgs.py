@@ -22,12 +22,12 @@ from pocketgs.scene.formats.pgs_coding import DEFAULT, Coding
 from pocketgs.scene.formats.pgs_columns import Columns, ReadColumns, WrittenColumns
 from pocketgs.scene.formats.pgs_positions import MAX_BITS, decode_positions, encode_positions, morton_sorted
 from pocketgs.scene.formats.pgs_rotations import fineness_of, quaternions_of, steps_of, turn_levels
-from pocketgs.scene.formats.pgs_rounding import grid_exponent, levels, rounded
+from pocketgs.scene.formats.pgs_rounding import MAX_ENTRIES, distinct_rows, grid_exponent, levels, rounded
 from pocketgs.scene.formats.pgs_sections import COLUMNS, FIELDS, TREE, Section, join_sections, split_sections
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 
-SCENE = struct.Struct("<IBBh3i5f")
-"""Count, degree, bits and exponent of positions, origin, and the steps of log scales, rotations, opacity logits,
+SCENE = struct.Struct("<IIBBh3i5f")
+"""Count, entries of the codebook, degree, bits and exponent of positions, origin, and the steps of log scales, rotations, opacity logits,
 colours and harmonics."""
 
 KNOWN = {
@@ -37,6 +37,7 @@ KNOWN = {
     ("rotation", COLUMNS),
     ("opacity", COLUMNS),
     ("colour", COLUMNS),
+    ("codebook", COLUMNS),
     ("harmonic", COLUMNS),
 }
 # Maximum bytes that reading takes per Gaussian and per spherical-harmonics coefficient, as measured.
@@ -48,6 +49,7 @@ class Layout:
     """The fields of the section `scene`."""
 
     count: int
+    entries: int
     degree: int
     bits: int
     exponent: int
@@ -95,8 +97,11 @@ def encode(gaussians: Gaussians, coding: Coding = DEFAULT, path: Path = Path("sc
     around = attributes.surroundings_of(cells)
     scales = levels(scene.log_scales, coding.log_scale)
     steps = steps_of(scales * coding.log_scale, coding.rotation)
+    rest = levels(scene.sh[:, 1:], coding.harmonics)
+    book, labels = distinct_rows(rest.reshape(len(rest), -1)) if scene.sh_degree else (rest[:0], rest[:0])
     fields = SCENE.pack(
         len(scene),
+        len(book),
         scene.sh_degree,
         bits,
         exponent,
@@ -121,7 +126,8 @@ def encode(gaussians: Gaussians, coding: Coding = DEFAULT, path: Path = Path("sc
         _columns("colour", attributes.code_colours, levels(scene.sh[:, 0], coding.colour), around),
     ]
     if scene.sh_degree:
-        sections.append(_columns("harmonic", attributes.code_harmonics, levels(scene.sh[:, 1:], coding.harmonics)))
+        sections.append(_columns("codebook", attributes.code_codebook, book.reshape(-1, *rest.shape[1:])))
+        sections.append(_columns("harmonic", attributes.code_labels, labels))
     return join_sections(sections)
 
 
@@ -156,7 +162,11 @@ def read_gaussians(path: Path) -> Gaussians:
     sh = np.zeros((count, SH_COEFFICIENTS[layout.degree], 3), np.float32)
     sh[:, 0] = colours
     if layout.degree:
-        sh[:, 1:] = read("harmonic", attributes.code_harmonics, sh[:, 1:].shape) * layout.harmonics
+        book = read("codebook", attributes.code_codebook, (layout.entries, sh.shape[1] - 1, 3)) * layout.harmonics
+        labels = read("harmonic", attributes.code_labels, (count,))
+        if labels.min() < 0 or labels.max() >= layout.entries:
+            raise PocketGSError(f"{path}: broken: an entry outside the codebook of {layout.entries:,}")
+        sh[:, 1:] = book[labels]
     gaussians = Gaussians(
         np.ldexp((cells + np.array(layout.origin)).astype(np.float64), layout.exponent),
         log_scales,
@@ -176,17 +186,19 @@ def _layout(path: Path, sections: dict[str, bytes]) -> Layout:
     """
     if len(sections.get("scene", b"")) != SCENE.size:
         raise PocketGSError(f"{path}: section 'scene' is missing or not of {SCENE.size} bytes")
-    count, degree, bits, exponent, x, y, z, *steps = SCENE.unpack(sections["scene"])
+    count, entries, degree, bits, exponent, x, y, z, *steps = SCENE.unpack(sections["scene"])
     if degree >= len(SH_COEFFICIENTS):
         raise PocketGSError(f"{path}: spherical harmonics of degree {degree}, expected 0 to 3")
-    needed = {name for name, _ in KNOWN if degree or name != "harmonic"}
+    needed = {name for name, _ in KNOWN if degree or name not in ("codebook", "harmonic")}
     if missing := sorted(needed - sections.keys()):
         raise PocketGSError(f"{path}: section {missing[0]!r} is missing")
     if not count:
         raise PocketGSError(f"{path}: 0 Gaussians, expected at least one")
+    if entries > MAX_ENTRIES:
+        raise PocketGSError(f"{path}: a codebook of {entries:,}, expected at most {MAX_ENTRIES:,}")
     if bits > MAX_BITS:
         raise PocketGSError(f"{path}: positions of {bits} bits, expected at most {MAX_BITS}")
     if not all(0 < step < np.inf for step in steps):
         raise PocketGSError(f"{path}: steps {steps}, expected positive numbers")
     require_room(path, count, SH_COEFFICIENTS[degree], READING)
-    return Layout(count, degree, bits, exponent, (x, y, z), *steps)
+    return Layout(count, entries, degree, bits, exponent, (x, y, z), *steps)

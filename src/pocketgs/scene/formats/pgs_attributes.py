@@ -64,14 +64,19 @@ def code_colours(columns: Columns, table: np.ndarray, around: Surroundings) -> N
     table[:] = np.stack([red, green, blue], axis=1)
 
 
-def code_harmonics(columns: Columns, table: np.ndarray) -> None:
-    """Code (N, K - 1, 3) levels of coefficients above degree 0."""
+def code_codebook(columns: Columns, table: np.ndarray) -> None:
+    """Code (E, K - 1, 3) levels of coefficients above degree 0, the entries of the codebook."""
     for place in range(table.shape[1]):
-        green = columns.code(table[:, place, GREEN], _no_context(table[:, 0, 0]))
+        green = columns.code(table[:, place, GREEN], _no_context(table))
         seen = np.minimum(np.abs(green), 2)
         red = columns.code(table[:, place, RED], seen)
         blue = columns.code(table[:, place, BLUE], seen + 3 * np.minimum(np.abs(red), 2))
         table[:, place] = np.stack([red, green, blue], axis=1)
+
+
+def code_labels(columns: Columns, table: np.ndarray) -> None:
+    """Code (N,) indices of entries of the codebook."""
+    table[:] = columns.code(table, _no_context(table))
 
 
 def _no_context(like: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -18,21 +18,22 @@ class Coding:
         rotation: of rotations, in halves of a radian, where the standard deviations differ by a factor of about 2.
         opacity: of opacity logits.
         colour: of coefficients of degree 0.
-        harmonics: of coefficients above degree 0.
-        dead_zone: coefficients above degree 0 below this share of a step become 0.
+        harmonics: of coefficients above degree 0, in the codebook.
+        entries: of that codebook, at most; small scenes have fewer.
     """
 
-    position: float = 0.5
-    log_scale: float = 0.25
+    position: float = 0.25
+    log_scale: float = 0.2
     rotation: float = 1 / 16
-    opacity: float = 0.5
-    colour: float = 0.125
-    harmonics: float = 0.1
-    dead_zone: float = 0.6
+    opacity: float = 0.3
+    colour: float = 0.1
+    harmonics: float = 1 / 32
+    entries: int = 4096
 
     def in_single_precision(self) -> Coding:
-        """The steps as the file holds them."""
-        return Coding(*(float(np.float32(step)) for step in astuple(self)))
+        """With the steps as the file holds them."""
+        steps = {each.name: float(np.float32(getattr(self, each.name))) for each in fields(self)[:-1]}
+        return replace(self, **steps)
 
 
 DEFAULT = Coding()

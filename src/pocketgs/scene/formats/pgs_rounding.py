@@ -11,6 +11,7 @@ from collections.abc import Collection
 import numpy as np
 
 from pocketgs.geometry.quaternions import unit
+from pocketgs.scene.formats.codebooks import nearest, vector_codebook
 from pocketgs.scene.formats.pgs_coding import DEFAULT, Coding
 from pocketgs.scene.formats.pgs_rotations import quaternions_of, steps_of, turn_levels, with_named_axes
 from pocketgs.scene.gaussians import Gaussians
@@ -27,8 +28,19 @@ MAX_LEVEL = 1 << 16
 
 MAX_LOGIT = 12.0
 
+MAX_ENTRIES = 1 << 14
+"""Entries of a codebook that the file can hold."""
 
-def rounded(gaussians: Gaussians, coding: Coding = DEFAULT, names: Collection[str] = GROUPS) -> Gaussians:
+PER_ENTRY, MIN_ENTRIES = 12, 256
+"""Gaussians for each entry of a codebook, which takes about as much as their labels; and entries of the smallest."""
+
+
+def rounded(
+    gaussians: Gaussians,
+    coding: Coding = DEFAULT,
+    names: Collection[str] = GROUPS,
+    importance: np.ndarray | None = None,
+) -> Gaussians:
     """Round groups of parameters to what a `.pgs` can hold; the order of Gaussians stays.
 
     Rounding quaternions names a Gaussian's axes anew, unless its rotation lies on the grid: its log scales then change
@@ -38,6 +50,8 @@ def rounded(gaussians: Gaussians, coding: Coding = DEFAULT, names: Collection[st
         gaussians: the scene; its numbers are finite, except for opacity logits.
         coding: the steps.
         names: of `GROUPS`.
+        importance: (N,) positive weights for the codebook of harmonics; by default the square root of opacity times
+            size.
     """
     coding = coding.in_single_precision()
     means, log_scales, quaternions = gaussians.means, gaussians.log_scales, gaussians.quaternions
@@ -53,8 +67,8 @@ def rounded(gaussians: Gaussians, coding: Coding = DEFAULT, names: Collection[st
     if "sh_dc" in names:
         sh[:, 0] = on_grid(sh[:, 0], coding.colour)
     if "sh_rest" in names:
-        is_small = np.abs(sh[:, 1:]) < coding.dead_zone * coding.harmonics
-        sh[:, 1:] = np.where(is_small, np.float32(0.0), on_grid(sh[:, 1:], coding.harmonics))
+        weights = _importance(gaussians) if importance is None else importance
+        sh[:, 1:] = rounded_harmonics(sh[:, 1:], weights, coding)
     return Gaussians(means, log_scales, quaternions, opacity_logits, sh)
 
 
@@ -93,6 +107,33 @@ def rounded_means(means: np.ndarray, log_scales: np.ndarray, share: float) -> np
     finest = finest_exponent(means) + 1
     exponents = np.clip(np.floor(sizes + np.log2(share)), finest, finest + GRID_BITS - 2).astype(np.int64)[:, None]
     return np.ldexp(np.rint(np.ldexp(means.astype(np.float64), -exponents)), exponents).astype(np.float32)
+
+
+def _importance(gaussians: Gaussians) -> np.ndarray:
+    """(N,) square roots of opacity times the product of the larger two standard deviations, within 10^±3 of the middle."""
+    sizes = np.sort(gaussians.log_scales.astype(np.float64), axis=1)[:, 1:].sum(axis=1)
+    log_weights = 0.5 * (sizes - np.logaddexp(0.0, -gaussians.opacity_logits.astype(np.float64)))
+    return np.exp(np.clip(log_weights - np.median(log_weights), -3.5, 3.5))
+
+
+def rounded_harmonics(rest: np.ndarray, weights: np.ndarray, coding: Coding) -> np.ndarray:
+    """Replace (N, K - 1, 3) coefficients by the nearest entries of a codebook on the grid."""
+    rows = rest.reshape(len(rest), -1)
+    if rows.size == 0 or (
+        np.array_equal(on_grid(rows, coding.harmonics), rows)
+        and len(distinct_rows(levels(rows, coding.harmonics))[0]) <= MAX_ENTRIES
+    ):
+        return rest
+    entries = min(coding.entries, max(len(rows) // PER_ENTRY, MIN_ENTRIES))
+    book = on_grid(vector_codebook(rows, entries, weights), coding.harmonics)
+    return book[nearest(rows, book)].reshape(rest.shape)
+
+
+def distinct_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The distinct rows of (N, D) integers below 2^31, in a fixed order, and (N,) which of them each row is."""
+    packed = np.ascontiguousarray(rows, ">i4").view(f"V{4 * rows.shape[1]}").ravel()
+    _, first, labels = np.unique(packed, return_index=True, return_inverse=True)
+    return rows[first], labels.reshape(-1)
 
 
 def rounded_rotations(log_scales: np.ndarray, quaternions: np.ndarray, coding: Coding) -> tuple[np.ndarray, np.ndarray]:

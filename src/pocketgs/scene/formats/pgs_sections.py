@@ -21,8 +21,8 @@ MAGIC, VERSION = b"PGSC", 1
 HEADER = struct.Struct("<4sHHI")
 ROW = struct.Struct("<8sBBHI")
 
-FIELDS, TREE, COLUMNS, CODEBOOK = 1, 2, 3, 4
-"""Types: fields of fixed sizes, a tree of positions, range-coded columns, and half-precision vectors."""
+FIELDS, TREE, COLUMNS = 1, 2, 3
+"""Types: fields of fixed sizes, a tree of positions, and range-coded columns."""
 
 OPTIONAL = 1
 """Flag of a section that readers may skip."""

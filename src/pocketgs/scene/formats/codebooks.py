@@ -1,0 +1,75 @@
+"""Codebooks: few numbers, or few vectors, that are close to many, by Lloyd's algorithm."""
+
+from __future__ import annotations
+
+import numpy as np
+
+ROUNDS = 4
+NUMBER_ROUNDS = 32
+PER_ENTRY = 16
+"""Vectors per entry that a codebook is fitted to; more hardly change it."""
+
+BLOCK = 1 << 22
+"""Distances in memory at a time."""
+
+
+def scalar_codebook(values: np.ndarray, entries: int) -> tuple[np.ndarray, np.ndarray]:
+    """Up to `entries` numbers that are close to all values.
+
+    Returns:
+        (entries,) ascending float64 numbers, the last repeated if fewer are needed, and each value's index.
+    """
+    flat = np.sort(values.astype(np.float64), axis=None)
+    distinct = np.unique(flat)
+    if len(distinct) <= entries:
+        book = np.concatenate([distinct, np.full(entries - len(distinct), distinct[-1])])
+        return book, np.searchsorted(distinct, values.astype(np.float64))
+    # Halfway between equally frequent and equally wide ranges: outliers are rare but seen.
+    quantiles = np.linspace(0.0, 1.0, entries)
+    book = 0.5 * np.quantile(flat, quantiles) + 0.5 * (flat[0] + quantiles * (flat[-1] - flat[0]))
+    sums = np.concatenate([[0.0], np.cumsum(flat)])
+    for _ in range(NUMBER_ROUNDS):
+        bounds = np.concatenate([[0], np.searchsorted(flat, 0.5 * (book[1:] + book[:-1])), [len(flat)]])
+        sizes = np.diff(bounds)
+        book = np.where(sizes > 0, np.diff(sums[bounds]) / np.maximum(sizes, 1), book)
+    return book, np.searchsorted(0.5 * (book[1:] + book[:-1]), values.astype(np.float64))
+
+
+def vector_codebook(vectors: np.ndarray, entries: int, weights: np.ndarray, seed: int = 0) -> np.ndarray:
+    """Vectors that are close to many, by weighted squared distance.
+
+    Args:
+        vectors: (N, D).
+        entries: maximum number of vectors to return.
+        weights: (N,) positive.
+        seed: of the random choice of first entries.
+
+    Returns:
+        (E, D) float32.
+    """
+    if len(vectors) <= entries:
+        return vectors.astype(np.float32)
+    rng = np.random.default_rng(seed)
+    chosen = rng.permutation(len(vectors))[: PER_ENTRY * entries]
+    vectors, weights = vectors[chosen].astype(np.float32), weights[chosen].astype(np.float64)
+    first = rng.choice(len(vectors), entries, replace=False, p=weights / weights.sum())
+    book = vectors[first]
+    for _ in range(ROUNDS):
+        labels = nearest(vectors, book)
+        mass = np.bincount(labels, weights, entries)
+        sums = [np.bincount(labels, weights * column, entries) for column in vectors.T]
+        means = np.stack(sums, axis=1) / np.maximum(mass, 1e-30)[:, None]
+        book = np.where(mass[:, None] > 0, means, book).astype(np.float32)
+    return book[np.bincount(nearest(vectors, book), minlength=entries) > 0]
+
+
+def nearest(vectors: np.ndarray, book: np.ndarray) -> np.ndarray:
+    """(N,) index of the nearest entry of each vector."""
+    book = book.astype(np.float32)
+    half_squares = 0.5 * np.einsum("ij,ij->i", book, book)
+    labels = np.empty(len(vectors), np.int64)
+    size = max(1, BLOCK // len(book))
+    for start in range(0, len(vectors), size):
+        block = vectors[start : start + size].astype(np.float32)
+        labels[start : start + size] = (half_squares - block @ book.T).argmin(axis=1)
+    return labels
