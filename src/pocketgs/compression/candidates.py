@@ -12,12 +12,13 @@ from pocketgs.compression.pruning import Pruner
 from pocketgs.compression.rounding import ORDER, rounded_in_turn
 from pocketgs.scene.formats.pgs import encode
 from pocketgs.scene.formats.pgs_coding import Coding
+from pocketgs.scene.formats.pgs_rounding import rounded
 from pocketgs.scene.gaussians import Gaussians
 
 TUNING_STEPS, ROUNDING_STEPS = 240, 40
-"""Training steps of a candidate before rounding, and after the rounding of each group."""
+"""Training steps of a candidate before rounding, and before or after the rounding of each group."""
 
-STEPS = TUNING_STEPS + (len(ORDER) - 1) * ROUNDING_STEPS
+STEPS = TUNING_STEPS + len(ORDER) * ROUNDING_STEPS
 
 CANDIDATES = 3
 """Candidates that a search takes, about."""
@@ -94,6 +95,14 @@ class Bench:
         share = min(self.course.steps_left() / (CANDIDATES * STEPS), 1.0)
         scene = self.tuner.tune(self.pruner.down_to(start, count), round(share * TUNING_STEPS))
         scene = rounded_in_turn(scene, self.tuner, self.coding, round(share * ROUNDING_STEPS))
-        self.candidates.append(Candidate(scene, encode(scene, self.coding), self.judge.psnr(scene)))
         self.course.expected = max(self.course.expected, self.course.done + STEPS)
+        return self._keep(scene, self.coding)
+
+    def only_rounded(self, scene: Gaussians, coding: Coding) -> Candidate:
+        """Make the candidate of a scene as it is: a bound of quality that training fails to keep, fine grids keep."""
+        return self._keep(rounded(scene, coding), coding)
+
+    def _keep(self, scene: Gaussians, coding: Coding) -> Candidate:
+        self.candidates.append(Candidate(scene, encode(scene, coding), self.judge.psnr(scene)))
+        self.course.check()
         return self.candidates[-1]

@@ -18,7 +18,7 @@ from pocketgs.compression.spz_file import as_spz
 from pocketgs.compression.views import Views
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.formats.pgs_coding import DEFAULT, Coding
-from pocketgs.scene.formats.pgs_rounding import rounded
+from pocketgs.scene.formats.pgs_rounding import MAX_ENTRIES
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.system.interrupt import deferred_interrupt
@@ -28,12 +28,14 @@ MB = 1_000_000
 BYTES_PER_GAUSSIAN = 9
 """Of a file, about: where the search starts."""
 
-RECOVERS = 0.5
-"""dB that a candidate gains over the round of pruning that it starts from, about; also what fine-tuning brings back
-after rounding."""
+RECOVERS = 0.8
+"""dB that a candidate gains over the round of pruning that it starts from, about."""
 
-SLACK = 1.0
+SLACK = 1.4
 """Pruning in rounds ends so many dB below the bound."""
+
+PACE = 0.1
+"""Learning rates on renderings of the scene itself, relative to those on photographs: they are fitted already."""
 
 DB_PER_FACTOR = 0.8
 """dB that a factor of e in the number of Gaussians makes, about."""
@@ -41,7 +43,7 @@ DB_PER_FACTOR = 0.8
 PSNR_TOLERANCE, SIZE_TOLERANCE = 0.04, 0.04
 """The search ends so many dB above a bound of quality, or so close below the logarithm of a size."""
 
-FINER, GRIDS = 0.5, 4
+FINER, GRIDS = 0.6, 6
 """Steps of a grid relative to those of the next coarser one, and number of grids to choose from."""
 
 
@@ -99,14 +101,16 @@ def compress(
     bound = None if options.size is not None else _least_psnr(scene, views, judge, options.quality)
     with deferred_interrupt() as interrupt:
         course = Course(on_count, interrupt, seconds)
-        tuner = FineTuner(engine, views.train, views.background, scene, options.seed, course.step)
+        pace = 1.0 if views.photographs else PACE
+        tuner = FineTuner(engine, views.train, views.background, scene, options.seed, course.step, pace)
         pruner = Pruner(tuner, [frame.camera for frame in views.train], options.prune)
-        bench = Bench(tuner, pruner, judge, course, DEFAULT if bound is None else _coding(scene, judge, bound))
+        bench = Bench(tuner, pruner, judge, course, DEFAULT)
         try:
             if bound is None:
                 assert options.size is not None
                 _search_by_size(scene, bench, options.size * MB)
             else:
+                bench.coding = _round_only(scene, bench, bound, views.photographs)
                 _search_by_quality(scene, bench, bound)
         except StoppedError:
             if not _within(bench.candidates, options.size, bound):
@@ -137,20 +141,29 @@ def _least_psnr(scene: Gaussians, views: Views, judge: Judge, quality: float | N
     return judge.psnr(as_spz(scene).scene) - (quality or 0.0)
 
 
-def _coding(scene: Gaussians, judge: Judge, bound: float) -> Coding:
-    """The coarsest grids that cost no more than the bound allows and training brings back."""
-    coding = DEFAULT
-    for _ in range(GRIDS - 1):
-        if judge.psnr(rounded(scene, coding.in_single_precision())) >= bound - RECOVERS:
+def _round_only(scene: Gaussians, bench: Bench, bound: float, photographs: bool) -> Coding:
+    """Make candidates on finer and finer grids until one is within the bound, so that there is one in any case.
+
+    Returns:
+        The grids to train on: with photographs the coarsest, since training brings back what they cost; with renderings
+        those that cost little by themselves.
+    """
+    coding, chosen = DEFAULT, None
+    for _ in range(GRIDS):
+        psnr = bench.only_rounded(scene, coding).psnr
+        if chosen is None and (photographs or psnr >= bound - RECOVERS):
+            chosen = coding
+        if psnr >= bound:
             break
         coding = finer(coding)
-    return coding.in_single_precision()
+    return chosen or coding
 
 
 def finer(coding: Coding) -> Coding:
     """The next finer grids."""
     names = ("position", "log_scale", "rotation", "opacity", "colour", "harmonics")
-    return replace(coding, **{name: FINER * getattr(coding, name) for name in names})
+    steps = {name: FINER * getattr(coding, name) for name in names}
+    return replace(coding, **steps, entries=min(2 * coding.entries, MAX_ENTRIES))
 
 
 def _search_by_size(scene: Gaussians, bench: Bench, size: float) -> None:

@@ -38,6 +38,7 @@ class FineTuner:
         scene: whose distance from the cameras sets the unit of length.
         seed: of the order of views.
         after_step: called after every step.
+        pace: factor on all learning rates.
     """
 
     def __init__(
@@ -48,13 +49,14 @@ class FineTuner:
         scene: Gaussians,
         seed: int,
         after_step: Callable[[], None] = lambda: None,
+        pace: float = 1.0,
     ) -> None:
         self._recipe = recipe_named("pocketgs")
         self._engine, self._background, self._after_step = engine, background, after_step
         self._views, self._seed, self._taken = len(frames), seed, 0
         points = PointCloud(scene.means, np.zeros((len(scene), 3), np.float32))
         unit = pixel_footprint([frame.camera for frame in frames], points)
-        self._rates = self._recipe.rates_for(self._recipe.scales_for or 1, unit)
+        self._rates = self._recipe.rates_for(self._recipe.scales_for or 1, unit).scaled(pace)
         engine.set_views(frames)
 
     def tune(

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from pocketgs.compression.fine_tuning import RATE, FineTuner
 from pocketgs.scene.formats.pgs_coding import Coding
-from pocketgs.scene.formats.pgs_rounding import rounded
+from pocketgs.scene.formats.pgs_rounding import distinct_rows, levels, on_grid, rounded
 from pocketgs.scene.gaussians import Gaussians
 
-ORDER = ("log_scales", "quaternions", "means", "opacity_logits", "sh_rest", "sh_dc")
-"""Shape first: colours make up for most of what it loses. Grids of rotations and centres depend on rounded scales."""
+ORDER = ("sh_rest", "log_scales", "quaternions", "means", "opacity_logits", "sh_dc")
+"""What loses most goes first, so that most is left to make up for it. Grids of rotations and centres depend on rounded
+scales."""
 
 RATE_WHILE_ROUNDING = 0.4 * RATE
 """Learning rates, relative to training's: what is trained must not move far before it is rounded as well."""
@@ -17,16 +22,42 @@ RATE_WHILE_ROUNDING = 0.4 * RATE
 def rounded_in_turn(scene: Gaussians, tuner: FineTuner, coding: Coding, steps: int) -> Gaussians:
     """The scene on the grids of a file.
 
+    Harmonics are rounded to a codebook, whose entries are trained on with the other groups.
+
     Args:
         scene: to round.
         tuner: trains what is not rounded yet.
         coding: the grids.
         steps: of training after each group.
     """
-    for number, group in enumerate(ORDER, start=1):
-        scene = rounded(scene, coding, [group])
-        if number < len(ORDER):
-            scene = tuner.tune(
-                scene, steps, frozen=ORDER[:number], start=RATE_WHILE_ROUNDING, end=0.2 * RATE_WHILE_ROUNDING
-            )
+    scene = rounded(scene, coding, ORDER[:1])
+    labels = distinct_rows(_harmonics(scene, coding))[1]
+    for number in range(1, len(ORDER) + 1):
+        frozen = ORDER[1:number]
+        scene = tuner.tune(scene, steps, frozen, start=RATE_WHILE_ROUNDING, end=0.2 * RATE_WHILE_ROUNDING)
+        scene = rounded(with_shared_harmonics(scene, labels, coding), coding, ORDER[number : number + 1])
     return rounded(scene, coding)
+
+
+def _harmonics(scene: Gaussians, coding: Coding) -> np.ndarray:
+    """(N, D) multiples of the grid's step."""
+    return levels(scene.sh[:, 1:].reshape(len(scene), -1), coding.in_single_precision().harmonics)
+
+
+def with_shared_harmonics(scene: Gaussians, labels: np.ndarray, coding: Coding) -> Gaussians:
+    """Give Gaussians of the same label the mean of their harmonics, rounded: the entry of the codebook.
+
+    Args:
+        scene: with harmonics that have been trained one by one.
+        labels: (N,) entries of the codebook.
+        coding: the grids.
+    """
+    rows = scene.sh[:, 1:].reshape(len(scene), -1)
+    if rows.size == 0:
+        return scene
+    sums = np.zeros((labels.max() + 1, rows.shape[1]))
+    np.add.at(sums, labels, rows)
+    entries = on_grid(sums / np.bincount(labels)[:, None], coding.in_single_precision().harmonics)
+    sh = scene.sh.copy()
+    sh[:, 1:] = entries[labels].reshape(sh[:, 1:].shape)
+    return replace(scene, sh=sh)
