@@ -15,7 +15,7 @@ from pocketgs.scene.formats.pgs_coding import Coding
 from pocketgs.scene.formats.pgs_rounding import rounded
 from pocketgs.scene.gaussians import Gaussians
 
-TUNING_STEPS, ROUNDING_STEPS = 240, 40
+TUNING_STEPS, ROUNDING_STEPS = 320, 40
 """Training steps of a candidate before rounding, and before or after the rounding of each group."""
 
 STEPS = TUNING_STEPS + len(ORDER) * ROUNDING_STEPS
@@ -68,7 +68,9 @@ class Bench:
         judge: measures.
         course: counts steps.
         coding: the grids of the file.
-        levels: what pruning in rounds has left, most Gaussians first; candidates start from them.
+        finely: whether harmonics are rounded by themselves, as far as possible, and not to a codebook.
+        levels: what pruning in rounds has left, most Gaussians first.
+        tuned: candidates before rounding; a candidate starts from the smallest of these and the levels.
         candidates: made so far.
     """
 
@@ -77,7 +79,9 @@ class Bench:
     judge: Judge
     course: Course
     coding: Coding
+    finely: bool = False
     levels: list[Level] = field(default_factory=list)
+    tuned: list[Gaussians] = field(default_factory=list)
     candidates: list[Candidate] = field(default_factory=list)
 
     def prune(self, scene: Gaussians, goes_on: Callable[[Level], bool]) -> None:
@@ -91,15 +95,17 @@ class Bench:
 
     def make(self, count: int) -> Candidate:
         """Make the candidate of so many Gaussians."""
-        start = min((level.scene for level in self.levels if len(level.scene) >= count), key=len)
+        starts = [*(level.scene for level in self.levels), *self.tuned]
+        start = min((scene for scene in starts if len(scene) >= count), key=len)
         share = min(self.course.steps_left() / (CANDIDATES * STEPS), 1.0)
         scene = self.tuner.tune(self.pruner.down_to(start, count), round(share * TUNING_STEPS))
-        scene = rounded_in_turn(scene, self.tuner, self.coding, round(share * ROUNDING_STEPS))
+        self.tuned.append(scene)
+        scene = rounded_in_turn(scene, self.tuner, self.coding, round(share * ROUNDING_STEPS), self.finely)
         self.course.expected = max(self.course.expected, self.course.done + STEPS)
         return self._keep(scene, self.coding)
 
     def only_rounded(self, scene: Gaussians, coding: Coding) -> Candidate:
-        """Make the candidate of a scene as it is: a bound of quality that training fails to keep, fine grids keep."""
+        """Make the candidate of a scene as it is."""
         return self._keep(rounded(scene, coding), coding)
 
     def _keep(self, scene: Gaussians, coding: Coding) -> Candidate:

@@ -13,12 +13,12 @@ from pocketgs.compression.judgement import Judge
 from pocketgs.compression.options import QUALITY, CompressionOptions
 from pocketgs.compression.progress import Course, StoppedError
 from pocketgs.compression.pruning import LEAST, Pruner
+from pocketgs.compression.rounding import with_fine_harmonics
 from pocketgs.compression.search import Goal, search
 from pocketgs.compression.spz_file import as_spz
 from pocketgs.compression.views import Views
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.formats.pgs_coding import DEFAULT, Coding
-from pocketgs.scene.formats.pgs_rounding import MAX_ENTRIES
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.system.interrupt import deferred_interrupt
@@ -45,6 +45,12 @@ PSNR_TOLERANCE, SIZE_TOLERANCE = 0.04, 0.04
 
 FINER, GRIDS = 0.6, 6
 """Steps of a grid relative to those of the next coarser one, and number of grids to choose from."""
+
+FINE_HARMONICS = 1 / 32
+"""Step of the grid of harmonics that are rounded by themselves."""
+
+MAKES_UP = 0.5
+"""dB of rounding that training on renderings makes up for, about."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +116,8 @@ def compress(
                 assert options.size is not None
                 _search_by_size(scene, bench, options.size * MB)
             else:
-                bench.coding = _round_only(scene, bench, bound, views.photographs)
+                if not views.photographs:
+                    bench.coding, bench.finely = _round_only(scene, bench, bound), True
                 _search_by_quality(scene, bench, bound)
         except StoppedError:
             if not _within(bench.candidates, options.size, bound):
@@ -141,17 +148,18 @@ def _least_psnr(scene: Gaussians, views: Views, judge: Judge, quality: float | N
     return judge.psnr(as_spz(scene).scene) - (quality or 0.0)
 
 
-def _round_only(scene: Gaussians, bench: Bench, bound: float, photographs: bool) -> Coding:
-    """Make candidates on finer and finer grids until one is within the bound, so that there is one in any case.
+def _round_only(scene: Gaussians, bench: Bench, bound: float) -> Coding:
+    """Make candidates of the whole scene on finer and finer grids until one is within the bound.
 
     Returns:
-        The grids to train on: with photographs the coarsest, since training brings back what they cost; with renderings
-        those that cost little by themselves.
+        The coarsest of these grids that training may bring within the bound.
     """
     coding, chosen = DEFAULT, None
+    fine = with_fine_harmonics(scene, replace(coding, harmonics=FINE_HARMONICS))
     for _ in range(GRIDS):
-        psnr = bench.only_rounded(scene, coding).psnr
-        if chosen is None and (photographs or psnr >= bound - RECOVERS):
+        coding = replace(coding, harmonics=FINE_HARMONICS)
+        psnr = bench.only_rounded(fine, coding).psnr
+        if chosen is None and psnr >= bound - MAKES_UP:
             chosen = coding
         if psnr >= bound:
             break
@@ -161,9 +169,8 @@ def _round_only(scene: Gaussians, bench: Bench, bound: float, photographs: bool)
 
 def finer(coding: Coding) -> Coding:
     """The next finer grids."""
-    names = ("position", "log_scale", "rotation", "opacity", "colour", "harmonics")
-    steps = {name: FINER * getattr(coding, name) for name in names}
-    return replace(coding, **steps, entries=min(2 * coding.entries, MAX_ENTRIES))
+    names = ("position", "log_scale", "rotation", "opacity", "colour")
+    return replace(coding, **{name: FINER * getattr(coding, name) for name in names})
 
 
 def _search_by_size(scene: Gaussians, bench: Bench, size: float) -> None:
