@@ -110,7 +110,7 @@ def rounded_means(means: np.ndarray, log_scales: np.ndarray, share: float) -> np
 
 
 def _importance(gaussians: Gaussians) -> np.ndarray:
-    """(N,) square roots of opacity times the product of the larger two standard deviations, within 10^±3 of the middle."""
+    """(N,) square roots of opacity times the larger two standard deviations, within 33 times the middle one."""
     sizes = np.sort(gaussians.log_scales.astype(np.float64), axis=1)[:, 1:].sum(axis=1)
     log_weights = 0.5 * (sizes - np.logaddexp(0.0, -gaussians.opacity_logits.astype(np.float64)))
     return np.exp(np.clip(log_weights - np.median(log_weights), -3.5, 3.5))
