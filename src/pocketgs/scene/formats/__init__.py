@@ -94,8 +94,8 @@ FORMATS = (
         "PlayCanvas SOG",
         (".sog",),
         "the order",
-        "centres to 1/130,000 of their range, log scales and colours to 256 values, rotation to 1 degree, opacity to 1/500, "
-        "spherical harmonics to 4096 vectors of 256 values",
+        "centres to 1/130,000 of their range, log scales and colours to 256 values, rotation to 1 degree, opacity to "
+        "1/500, spherical harmonics to 4096 vectors of 256 values",
         _read_sog,
         _write_sog,
     ),

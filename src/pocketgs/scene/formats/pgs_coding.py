@@ -32,7 +32,9 @@ class Coding:
 
     def in_single_precision(self) -> Coding:
         """With the steps as the file holds them."""
-        return Coding(*(float(np.float32(step)) for step in astuple(self)[:-1]), entries=self.entries)
+        *steps, entries = astuple(self)
+        position, log_scale, rotation, opacity, colour, harmonics = (float(np.float32(step)) for step in steps)
+        return Coding(position, log_scale, rotation, opacity, colour, harmonics, entries)
 
 
 DEFAULT = Coding()
