@@ -7,6 +7,7 @@ import json
 import math
 import struct
 import zipfile
+import zlib
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -56,7 +57,9 @@ def mutated(rng: Random, name: str, content: bytes) -> bytes:
         ways += [broken_glb] * 3
     elif suffix == ".ply":
         ways += [broken_header] * 2
-    elif suffix == ".r3d":
+    elif suffix == ".pgs":
+        ways += [broken_sections] * 5
+    elif suffix in (".r3d", ".sog"):
         ways += [broken_archive] * 3
     elif content[:2] == b"\x1f\x8b":
         ways += [broken_gzip] * 2
@@ -161,6 +164,33 @@ def broken_glb(rng: Random, content: bytes) -> bytes:
 def broken_gzip(rng: Random, content: bytes) -> bytes:
     """What is inside, packed again with a right checksum."""
     return gzip.compress(broken_bytes(rng, gzip.decompress(content)), 1)
+
+
+def broken_sections(rng: Random, content: bytes) -> bytes:
+    """A .pgs that is broken behind a checksum and sizes that are right."""
+    count = struct.unpack_from("<H", content, 6)[0]
+    rows = [bytearray(content[12 + 16 * index : 28 + 16 * index]) for index in range(count)]
+    parts, start = [], 12 + 16 * count
+    for row in rows:
+        size = struct.unpack_from("<I", row, 12)[0]
+        parts.append(content[start : start + size])
+        start += size
+    for _ in range(rng.choice((1, 1, 2))):
+        place, way = rng.randrange(count), rng.random()
+        if way < 0.1:
+            row, part = rows.pop(place), parts.pop(place)
+            if way < 0.05:
+                rows += [row, row]
+                parts += [part, part]
+            count = len(rows)
+        elif way < 0.2:
+            rows[place][:12] = broken_bytes(rng, bytes(rows[place][:12]))[:12].ljust(12, b"\0")
+        else:
+            parts[place] = broken_bytes(rng, parts[place])
+    for row, part in zip(rows, parts, strict=True):
+        row[12:] = struct.pack("<I", len(part))
+    body = b"".join([*map(bytes, rows), *parts])
+    return content[:6] + struct.pack("<HI", len(rows), zlib.crc32(body)) + body
 
 
 def broken_archive(rng: Random, content: bytes) -> bytes:

@@ -55,7 +55,15 @@ def write_scenes(folder: Path) -> dict[str, Path]:
     rng = np.random.default_rng(0)
     scene = Gaussians(*(rng.normal(size=(300, *shape)) for shape in ((3,), (3,), (4,), (), (4, 3))))
     found = {}
-    for name in ("scene.ply", "scene.compressed.ply", "scene.spz", "scene.splat", "scene.glb"):
+    for name in (
+        "scene.ply",
+        "scene.compressed.ply",
+        "scene.spz",
+        "scene.splat",
+        "scene.glb",
+        "scene.pgs",
+        "scene.sog",
+    ):
         (folder / name).mkdir(parents=True)
         found[name] = folder / name / name
         write_scene(found[name], scene)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from playwright.sync_api import Error, Page
 
-from pocketgs.scene.formats import ply, splat, spz
+from pocketgs.scene.formats import pgs, ply, splat, spz
 from pocketgs.scene.formats.spz_precision import SMALL
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.webgpu.scene_columns import to_columns
@@ -35,8 +35,9 @@ FORMATS: list[Written] = [
     ("scene.spz", lambda path, scene: spz.write_gaussians(path, scene, version=3), spz.read_gaussians),
     ("scene.spz", lambda path, scene: spz.write_gaussians(path, scene, version=4), spz.read_gaussians),
     ("scene.spz", lambda path, scene: spz.write_gaussians(path, scene, precision=SMALL), spz.read_gaussians),
+    ("scene.pgs", pgs.write_gaussians, pgs.read_gaussians),
 ]
-written = pytest.mark.parametrize("written", FORMATS, ids=("ply", "splat", "spz3", "spz4", "small"))
+written = pytest.mark.parametrize("written", FORMATS, ids=("ply", "splat", "spz3", "spz4", "small", "pgs"))
 
 
 def read(page: Page, name: str, content: bytes) -> tuple[np.ndarray, np.ndarray, list[float]]:

@@ -34,7 +34,7 @@ def readable_file(path: Path, gaussians: Gaussians) -> Iterator[Path]:
 
 def _is_readable(path: Path) -> bool:
     if path.suffix.lower() != ".ply":
-        return path.suffix.lower() in (".splat", ".spz")
+        return path.suffix.lower() in (".pgs", ".splat", ".spz")
     with path.open("rb") as file:
         return _is_plain_ply(file.read(MAX_PLY_HEADER_BYTES))
 

@@ -35,7 +35,7 @@ def close(found: Gaussians, expected: Gaussians, means: float, log_scales: float
 
 
 @DEGREES
-@pytest.mark.parametrize("suffix", [".ply", ".spz", ".compressed.ply", ".splat"])
+@pytest.mark.parametrize("suffix", [".ply", ".spz", ".compressed.ply", ".splat", ".sog"])
 def test_ours_elsewhere(
     tmp_path: Path, as_read_elsewhere: Callable[[Path], Gaussians], scene: Gaussians, suffix: str
 ) -> None:
@@ -45,6 +45,15 @@ def test_ours_elsewhere(
     theirs = as_read_elsewhere(path)
     # It takes a rotation's byte in a .splat for half a step less than the format's own viewer does.
     close(theirs, read_scene(path), means=1e-6, log_scales=1e-5, sh=1e-5, turn=1.0 if suffix == ".splat" else 0.1)
+
+
+@DEGREES
+def test_theirs_in_sog(tmp_path: Path, splat_transform: Callable[..., None], scene: Gaussians) -> None:
+    """We read what splat-transform writes."""
+    write_scene(tmp_path / "ours.ply", scene)
+    splat_transform(tmp_path / "ours.ply", tmp_path / "theirs.sog")
+    splat_transform(tmp_path / "theirs.sog", tmp_path / "again.ply")
+    close(read_scene(tmp_path / "theirs.sog"), read_scene(tmp_path / "again.ply"), 1e-4, 1e-5, 1e-5, 0.2)
 
 
 @DEGREES

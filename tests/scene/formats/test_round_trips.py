@@ -16,7 +16,7 @@ from pocketgs.scene.gaussians import SH_DC, Gaussians
 from pocketgs.scene.morton import morton_order
 from scene.formats.scenes import load_or_refuse, opacity_error, random_scene, scenes, turns_between
 
-LOSSY = (".compressed.ply", ".spz", ".splat", ".glb")
+LOSSY = (".compressed.ply", ".spz", ".splat", ".glb", ".pgs", ".sog")
 COLOUR_RANGE = 0.4
 """Range of colours in .spz beyond 0 to 1."""
 

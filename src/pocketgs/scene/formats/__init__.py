@@ -34,8 +34,10 @@ class SceneFormat:
     write: Callable[[Path, Gaussians], None]
 
 
+# Numba and Pillow are slow to load: the next four import what needs them.
+
+
 def _read_pgs(path: Path) -> Gaussians:
-    # Imported here because Numba is slow to load.
     from pocketgs.scene.formats import pgs
 
     return pgs.read_gaussians(path)
@@ -45,6 +47,18 @@ def _write_pgs(path: Path, gaussians: Gaussians) -> None:
     from pocketgs.scene.formats import pgs
 
     pgs.write_gaussians(path, gaussians)
+
+
+def _read_sog(path: Path) -> Gaussians:
+    from pocketgs.scene.formats import sog
+
+    return sog.read_gaussians(path)
+
+
+def _write_sog(path: Path, gaussians: Gaussians) -> None:
+    from pocketgs.scene.formats import sog
+
+    sog.write_gaussians(path, gaussians)
 
 
 # A suffix that ends in another one comes first.
@@ -75,6 +89,15 @@ FORMATS = (
         "logits to 1/4, colours to 1/50, spherical harmonics to 1/20",
         _read_pgs,
         _write_pgs,
+    ),
+    SceneFormat(
+        "PlayCanvas SOG",
+        (".sog",),
+        "the order",
+        "centres to 1/130,000 of their range, log scales and colours to 256 values, rotation to 1 degree, opacity to "
+        "1/500, spherical harmonics to 4096 vectors of 256 values",
+        _read_sog,
+        _write_sog,
     ),
     SceneFormat(
         "antimatter15 splat",

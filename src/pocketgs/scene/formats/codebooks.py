@@ -6,7 +6,7 @@ import numpy as np
 
 ROUNDS = 4
 NUMBER_ROUNDS = 32
-PER_ENTRY = 16
+PER_ENTRY = 8
 """Vectors per entry that a codebook is fitted to; more hardly change it."""
 
 BLOCK = 1 << 22

@@ -27,8 +27,8 @@ from pocketgs.scene.formats.pgs_sections import COLUMNS, FIELDS, TREE, Section, 
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 
 SCENE = struct.Struct("<IIBBh3i5f")
-"""Count, entries of the codebook, degree, bits and exponent of positions, origin, and the steps of log scales, rotations, opacity logits,
-colours and harmonics."""
+"""Count, entries of the codebook, degree, bits and exponent of positions, origin, and the steps of log scales,
+rotations, opacity logits, colours and harmonics."""
 
 KNOWN = {
     ("scene", FIELDS),

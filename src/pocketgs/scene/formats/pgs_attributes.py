@@ -13,6 +13,8 @@ WINDOW = 16
 """Rows before a Gaussian's among which its neighbours are looked for."""
 
 RED, GREEN, BLUE = 0, 1, 2
+MAX_SIZE, MAX_FLATNESS, MAX_TILT = 127, 15, 7
+"""Bounds of contexts: levels of y above the least, levels of y above z, and coarse steps of p."""
 
 
 @dataclass(frozen=True)
@@ -39,15 +41,18 @@ def surroundings_of(cells: np.ndarray) -> Surroundings:
 def code_scales(columns: Columns, table: np.ndarray, around: Surroundings) -> None:
     """Code (N, 3) levels of log scales."""
     y = columns.code(table[:, 1], around.coarseness)
-    z = y - columns.code(table[:, 1] - table[:, 2], _no_context(y))
-    x = y - columns.code(table[:, 1] - table[:, 0], _no_context(y))
-    table[:] = np.stack([x, y, z], axis=1)
+    size = np.minimum(y - y.min(), MAX_SIZE)
+    flatness = columns.code(table[:, 1] - table[:, 2], size)
+    x = y - columns.code(table[:, 1] - table[:, 0], np.clip(flatness, -MAX_FLATNESS, MAX_FLATNESS) + MAX_FLATNESS)
+    table[:] = np.stack([x, y, y - flatness], axis=1)
 
 
 def code_turns(columns: Columns, table: np.ndarray, fineness: np.ndarray) -> None:
-    """Code (N, 3) levels of rotations; those of one fineness, (N, 3) from 0, are alike."""
-    for part in range(3):
-        table[:, part] = columns.code(table[:, part], fineness[:, part])
+    """Code (N, 3) levels of rotations, whose steps have been halved (N, 3) times from the largest."""
+    p = columns.code(table[:, 0], fineness[:, 0])
+    tilt = np.minimum(np.abs(p) >> fineness[:, 0], MAX_TILT)
+    r = columns.code(table[:, 1], fineness[:, 1] * (MAX_TILT + 1) + tilt)
+    table[:] = np.stack([p, r, columns.code(table[:, 2], fineness[:, 2])], axis=1)
 
 
 def code_opacities(columns: Columns, table: np.ndarray) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
@@ -32,8 +32,9 @@ class Coding:
 
     def in_single_precision(self) -> Coding:
         """With the steps as the file holds them."""
-        steps = {each.name: float(np.float32(getattr(self, each.name))) for each in fields(self)[:-1]}
-        return replace(self, **steps)
+        *steps, entries = astuple(self)
+        position, log_scale, rotation, opacity, colour, harmonics = (float(np.float32(step)) for step in steps)
+        return Coding(position, log_scale, rotation, opacity, colour, harmonics, entries)
 
 
 DEFAULT = Coding()

@@ -100,17 +100,19 @@ def finest_exponent(means: np.ndarray) -> int:
 def rounded_means(means: np.ndarray, log_scales: np.ndarray, share: float) -> np.ndarray:
     """Round each centre to a power of two of at most a share of the Gaussian's middle standard deviation."""
     if grid_exponent(means) is not None:
-        return means
+        return means + 0.0
     sizes = np.median(log_scales.astype(np.float64), axis=1) / np.log(2.0)
     # One more than the finest: the largest coordinate may be rounded up to the next power of two. And at most half of
     # the largest coordinate, so that nothing overflows.
     finest = finest_exponent(means) + 1
     exponents = np.clip(np.floor(sizes + np.log2(share)), finest, finest + GRID_BITS - 2).astype(np.int64)[:, None]
-    return np.ldexp(np.rint(np.ldexp(means.astype(np.float64), -exponents)), exponents).astype(np.float32)
+    multiples = np.rint(np.ldexp(means.astype(np.float64), -exponents))
+    # Adding 0 makes -0 positive: the file has one zero.
+    return (np.ldexp(multiples, exponents) + 0.0).astype(np.float32)
 
 
 def _importance(gaussians: Gaussians) -> np.ndarray:
-    """(N,) square roots of opacity times the product of the larger two standard deviations, within 10^±3 of the middle."""
+    """(N,) square roots of opacity times the larger two standard deviations, within 33 times the middle one."""
     sizes = np.sort(gaussians.log_scales.astype(np.float64), axis=1)[:, 1:].sum(axis=1)
     log_weights = 0.5 * (sizes - np.logaddexp(0.0, -gaussians.opacity_logits.astype(np.float64)))
     return np.exp(np.clip(log_weights - np.median(log_weights), -3.5, 3.5))

@@ -1,9 +1,9 @@
 """PlayCanvas' SOG, version 2: attributes as lossless WebP images with one pixel per Gaussian, in a ZIP file `.sog`.
 
-`meta.json` names the images and holds ranges and codebooks. A centre's coordinate is 16 bits of sign(x) ln(1 + |x|) between
-its minimum and maximum; log scales and coefficients of degree 0 are indices into codebooks of 256 numbers; a rotation is
-its three smaller components in 8 bits and the index of the largest; harmonics above degree 0 are rows of a palette, whose
-numbers are indices into a codebook.
+`meta.json` names the images and holds ranges and codebooks. A centre's coordinate is 16 bits of sign(x) ln(1 + |x|)
+between its minimum and maximum; log scales and coefficients of degree 0 are indices into codebooks of 256 numbers; a
+rotation is its three smaller components in 8 bits and the index of the largest; harmonics above degree 0 are rows of a
+palette, whose numbers are indices into a codebook.
 """
 
 from __future__ import annotations

@@ -5,6 +5,7 @@
  */
 
 import { ByteStream } from "./byte_stream.js";
+import { readPgs } from "./pgs.js";
 import { readPly } from "./ply.js";
 import { readSplat } from "./splat.js";
 import { readSpz } from "./spz.js";
@@ -17,7 +18,7 @@ import { readSpz } from "./spz.js";
  */
 
 /** Suffixes of the files that can be read. */
-export const SUFFIXES = [".ply", ".splat", ".spz"];
+export const SUFFIXES = [".pgs", ".ply", ".splat", ".spz"];
 
 /**
  * Read a scene while it loads.
@@ -67,6 +68,9 @@ async function readAny(name, source, bytes, onPart) {
     const text = String.fromCharCode(...start);
     if (text.startsWith("ply")) {
         return readPly(source, bytes, onPart);
+    }
+    if (text === "PGSC") {
+        return readPgs(source);
     }
     if (text === "NGSP" || text.startsWith("\x1f\x8b")) {
         return readSpz(source);

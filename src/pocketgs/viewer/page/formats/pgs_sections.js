@@ -1,0 +1,77 @@
+/**
+ * The container of a `.pgs`; the twin of `formats/pgs_sections.py`, which documents the layout.
+ *
+ * @module
+ */
+
+const MAGIC = 0x43534750;
+const VERSION = 1;
+const HEADER = 12;
+const ROW = 16;
+const OPTIONAL = 1;
+
+/** The sections that can be read, and their types. */
+const KNOWN = { scene: 1, position: 2, scale: 3, rotation: 3, opacity: 3, colour: 3, codebook: 3, harmonic: 3 };
+
+const CRC_TABLE = Uint32Array.from({ length: 256 }, (_, byte) => {
+    for (let bit = 0; bit < 8; bit++) {
+        byte = byte & 1 ? (byte >>> 1) ^ 0xedb88320 : byte >>> 1;
+    }
+    return byte;
+});
+
+/**
+ * The contents of a file's known sections, by name.
+ *
+ * @param {Uint8Array} contents
+ * @returns {Map<string, Uint8Array>}
+ * @throws {Error} the file is cut short, damaged, of another version, or holds an unknown section
+ */
+export function splitSections(contents) {
+    const view = new DataView(contents.buffer, contents.byteOffset, contents.length);
+    if (contents.length < HEADER || view.getUint32(0, true) !== MAGIC) {
+        throw new Error("not a .pgs");
+    }
+    const version = view.getUint16(4, true);
+    if (version !== VERSION) {
+        throw new Error(`the .pgs is of version ${version}, expected ${VERSION}`);
+    }
+    const count = view.getUint16(6, true);
+    let start = HEADER + ROW * count;
+    const rows = start <= contents.length ? Array.from({ length: count }, (_, i) => rowAt(view, HEADER + ROW * i)) : [];
+    const expected = rows.reduce((sum, { size }) => sum + size, start);
+    if (contents.length !== expected) {
+        throw new Error(`not a whole .pgs: ${contents.length} bytes, expected ${expected}`);
+    }
+    if (crc32(contents.subarray(HEADER)) !== view.getUint32(8, true)) {
+        throw new Error("the .pgs is damaged: its checksum differs from that of its content");
+    }
+    const found = new Map();
+    for (const { name, kind, flags, size } of rows) {
+        if (Object.hasOwn(KNOWN, name) && KNOWN[name] === kind && !found.has(name)) {
+            found.set(name, contents.subarray(start, start + size));
+        } else if (!(flags & OPTIONAL)) {
+            throw new Error(`section "${name}" of type ${kind} is repeated or unknown to this version`);
+        }
+        start += size;
+    }
+    return found;
+}
+
+function rowAt(view, place) {
+    const letters = Array.from({ length: 8 }, (_, i) => String.fromCharCode(view.getUint8(place + i)));
+    return {
+        name: letters.join("").replace(/\0+$/, ""),
+        kind: view.getUint8(place + 8),
+        flags: view.getUint8(place + 9),
+        size: view.getUint32(place + 12, true),
+    };
+}
+
+function crc32(bytes) {
+    let crc = 0xffffffff;
+    for (let i = 0; i < bytes.length; i++) {
+        crc = CRC_TABLE[(crc ^ bytes[i]) & 255] ^ (crc >>> 8);
+    }
+    return (crc ^ 0xffffffff) >>> 0;
+}

@@ -1,0 +1,150 @@
+"""PocketGS' own format: what it rounds, that it rounds once, and that broken files are refused."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from random import Random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from attack.mutations import broken_sections
+from pocketgs.errors import PocketGSError
+from pocketgs.files.memory_bound import memory_bound
+from pocketgs.scene.formats import pgs, read_scene
+from pocketgs.scene.formats.pgs_coding import DEFAULT, Coding
+from pocketgs.scene.formats.pgs_rounding import GROUPS, rounded
+from pocketgs.scene.formats.pgs_sections import OPTIONAL, Section, join_sections, split_sections
+from pocketgs.scene.formats.range_coder import RangeDecoder, RangeEncoder, new_models
+from pocketgs.scene.gaussians import PARAMETERS, Gaussians
+from scene.formats.scenes import covariances, load_or_refuse, opacity_error, random_scene, scenes
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("pgs")
+
+
+def rows_of(scene: Gaussians) -> np.ndarray:
+    """All numbers of a scene, in an order that does not depend on that of its Gaussians."""
+    rows = np.concatenate([getattr(scene, name).reshape(len(scene), -1) for name in PARAMETERS], axis=1)
+    return rows[np.lexsort(rows.T)]
+
+
+def read_back(folder: Path, scene: Gaussians, coding: Coding = DEFAULT) -> Gaussians:
+    pgs.write_gaussians(folder / "scene.pgs", scene, coding)
+    return pgs.read_gaussians(folder / "scene.pgs")
+
+
+@given(
+    values=st.lists(st.one_of(st.integers(-3, 3), st.integers(1 - 2**24, 2**24 - 1)), min_size=1, max_size=80),
+    seed=st.integers(0, 99),
+)
+@settings(deadline=None, max_examples=50)
+def test_columns_are_read_as_written(values: list[int], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    contexts = rng.integers(0, 3, len(values))
+    neighbours = rng.integers(-1, np.maximum(np.arange(len(values)), 1), (2, len(values))).T
+    neighbours[(neighbours < 0).any(axis=1) | (np.arange(len(values)) == 0)] = -1
+    coder = RangeEncoder()
+    coder.column(np.array(values), contexts, new_models(3), neighbours)
+    coder.column(np.array(values[::-1]), contexts, new_models(3))
+    decoder = RangeDecoder(coder.finish())
+    assert decoder.column(contexts, new_models(3), neighbours).tolist() == values
+    assert decoder.column(contexts, new_models(3)).tolist() == values[::-1]
+
+
+@given(scene=scenes())
+@settings(deadline=None, max_examples=40)
+def test_a_file_holds_what_was_rounded(folder: Path, scene: Gaussians) -> None:
+    once = rounded(scene)
+    assert rows_of(rounded(once)).tobytes() == rows_of(once).tobytes()
+    assert rows_of(read_back(folder, scene)).tobytes() == rows_of(once).tobytes()
+    assert rows_of(read_back(folder, once)).tobytes() == rows_of(once).tobytes()
+    size = np.exp(np.median(scene.log_scales, axis=1))[:, None]
+    finest = np.abs(scene.means).max() * 2.0**-20
+    assert (np.abs(once.means - scene.means) <= np.maximum(size * DEFAULT.position / 2, finest) * 1.01).all()
+    steps = DEFAULT.log_scale, DEFAULT.colour
+    assert np.abs(np.sort(once.log_scales) - np.sort(scene.log_scales)).max() <= steps[0] / 2 + 1e-5
+    assert np.abs(once.sh[:, 0] - scene.sh[:, 0]).max() <= steps[1] / 2 + 1e-5
+    assert opacity_error(once, scene) <= DEFAULT.opacity / 8 + 1e-4
+
+
+def test_shapes_stay_about_the_same() -> None:
+    scene = random_scene(2000, 0)
+    scene.log_scales[:] = np.random.default_rng(0).normal(-2, 0.8, scene.log_scales.shape)
+    once = rounded(scene)
+    apart = np.linalg.norm(covariances(once) - covariances(scene), axis=(1, 2))
+    relative = apart / np.linalg.norm(covariances(scene), axis=(1, 2))
+    assert np.median(relative) < 0.15
+    assert relative.max() < 0.5
+
+
+def test_groups_may_be_rounded_one_by_one_with_training_in_between(folder: Path) -> None:
+    scene, rng = random_scene(900, 2), np.random.default_rng(1)
+    done: list[str] = []
+    for group in GROUPS:
+        scene = rounded(scene, DEFAULT, [group])
+        done.append(group)
+        parts = {name: getattr(scene, name).copy() for name in PARAMETERS}
+        for name in set(PARAMETERS[:4]) - set(done):
+            parts[name] += rng.normal(0, 0.05, parts[name].shape)
+        parts["sh"][:, :1] += 0.05 * ("sh_dc" not in done)
+        parts["sh"][:, 1:] += 0.05 * ("sh_rest" not in done)
+        scene = Gaussians(**parts)
+    assert rows_of(read_back(folder, scene)).tobytes() == rows_of(scene).tobytes()
+
+
+def test_other_steps_and_importance(folder: Path) -> None:
+    scene = random_scene(600, 3)
+    coding = dataclasses.replace(DEFAULT, log_scale=0.1, harmonics=0.1, entries=300)
+    first = rounded(scene, coding)
+    assert rows_of(read_back(folder, scene, coding)).tobytes() == rows_of(first).tobytes()
+    assert len(np.unique(first.sh[:, 1:].reshape(600, -1), axis=0)) <= 300
+    weights = np.where(np.arange(600) < 200, 1000.0, 1.0)
+    second = rounded(scene, coding, ["sh_rest"], weights)
+    errors = [np.square(each.sh[:200, 1:] - scene.sh[:200, 1:]).mean() for each in (first, second)]
+    assert errors[1] < errors[0]
+
+
+def test_sections(folder: Path) -> None:
+    path = folder / "scene.pgs"
+    scene = random_scene(50, 1)
+    parts = split_sections(path, pgs.encode(scene), pgs.KNOWN)
+    sections = [Section(name, kind, parts[name]) for name, kind in sorted(pgs.KNOWN)]
+    path.write_bytes(join_sections([*sections, Section("phi", 9, b"later", OPTIONAL)]))
+    assert rows_of(read_scene(path)).tobytes() == rows_of(rounded(scene)).tobytes()
+    for wrong, told in (
+        ([*sections, Section("phi", 9, b"later")], "section 'phi' of type 9"),
+        ([*sections, sections[0]], "repeated or unknown"),
+        (sections[1:], "section 'codebook' is missing"),
+    ):
+        path.write_bytes(join_sections(wrong))
+        with pytest.raises(PocketGSError, match=told):
+            read_scene(path)
+    content = bytearray(join_sections(sections))
+    content[-1] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(PocketGSError, match="checksum"):
+        read_scene(path)
+
+
+def test_a_count_that_the_file_states_is_no_reason_to_allocate(folder: Path) -> None:
+    path = folder / "bomb.pgs"
+    parts = split_sections(path, pgs.encode(random_scene(50, 1)), pgs.KNOWN)
+    parts["scene"] = (2**32 - 1).to_bytes(4, "little") + parts["scene"][4:]
+    path.write_bytes(join_sections([Section(name, kind, parts[name]) for name, kind in sorted(pgs.KNOWN)]))
+    with pytest.raises(PocketGSError, match="MB of memory"):
+        read_scene(path)
+
+
+def test_broken_behind_a_right_checksum(folder: Path) -> None:
+    sound = pgs.encode(random_scene(60, 1))
+    path = folder / "broken.pgs"
+    with memory_bound(100):
+        for number in range(200):
+            path.write_bytes(broken_sections(Random(number), sound))
+            load_or_refuse(path)
