@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pocketgs.compression.fine_tuning import RATE, FineTuner
+from pocketgs.compression.fine_tuning import FineTuner
 from pocketgs.compression.importance import Importance, importance
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import Gaussians
@@ -51,5 +51,5 @@ class Pruner:
         yield scene
         while len(scene) * SHRINKS >= LEAST:
             scene = self.down_to(scene, int(len(scene) * SHRINKS))
-            scene = self.tuner.tune(scene, steps, start=RATE, end=RATE)
+            scene = self.tuner.tune(scene, steps)
             yield scene
