@@ -120,7 +120,7 @@ def test_view_with_the_capture(
     assert all(fetch(url, camera["photo"]).status == 200 for camera in cameras)
 
 
-@pytest.mark.parametrize("name", ["toys.spz", "toys.splat", "toys.compressed.ply", "toys.glb"])
+@pytest.mark.parametrize("name", ["toys.pgs", "toys.spz", "toys.splat", "toys.compressed.ply", "toys.glb"])
 def test_view_of_any_format(
     started: Callable[..., tuple[subprocess.Popen[str], str]], scene: Gaussians, tmp_path: Path, name: str
 ) -> None:
@@ -129,7 +129,7 @@ def test_view_of_any_format(
     told = fetch(url, "viewer.json").json
     body = fetch(url, told["scene"]["url"]).body
     assert told["scene"]["bytes"] == len(body)
-    if name in ("toys.spz", "toys.splat"):
+    if name in ("toys.pgs", "toys.spz", "toys.splat"):
         assert told["scene"]["url"] == f"scene.{name.rpartition('.')[2]}"
         assert body == (tmp_path / name).read_bytes()
     else:  # as a plain .ply

@@ -41,7 +41,7 @@ def convert(
     The options apply in the order listed here, whatever their order on the command line.
 
     Args:
-        scene: A .ply, .compressed.ply, .spz, .splat, .glb or .gltf, or a result folder.
+        scene: A .pgs, .ply, .compressed.ply, .spz, .sog, .splat, .glb or .gltf, or a result folder.
         output: The file to write; its suffix selects the format.
         crop_box: Keep the Gaussians whose centres lie between xmin ymin zmin and xmax ymax zmax.
         min_opacity: Drop Gaussians of lower opacity.

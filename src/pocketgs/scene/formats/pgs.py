@@ -159,7 +159,7 @@ def read_gaussians(path: Path) -> Gaussians:
     turns = read("rotation", attributes.code_turns, (count, 3), fineness_of(log_scales))
     opacities = read("opacity", attributes.code_opacities, (count,)) * layout.opacity
     colours = read("colour", attributes.code_colours, (count, 3), around) * layout.colour
-    sh = np.zeros((count, SH_COEFFICIENTS[layout.degree], 3), np.float32)
+    sh = np.zeros((count, SH_COEFFICIENTS[layout.degree], 3))
     sh[:, 0] = colours
     if layout.degree:
         book = read("codebook", attributes.code_codebook, (layout.entries, sh.shape[1] - 1, 3)) * layout.harmonics
@@ -167,13 +167,15 @@ def read_gaussians(path: Path) -> Gaussians:
         if labels.min() < 0 or labels.max() >= layout.entries:
             raise PocketGSError(f"{path}: broken: an entry outside the codebook of {layout.entries:,}")
         sh[:, 1:] = book[labels]
-    gaussians = Gaussians(
-        np.ldexp((cells + np.array(layout.origin)).astype(np.float64), layout.exponent),
-        log_scales,
-        quaternions_of(turns * steps_of(log_scales, layout.rotation)),
-        opacities,
-        sh,
-    )
+    # Numbers beyond float32 become infinite, and are refused below.
+    with np.errstate(over="ignore", invalid="ignore"):
+        gaussians = Gaussians(
+            np.ldexp((cells + np.array(layout.origin)).astype(np.float64), layout.exponent),
+            log_scales,
+            quaternions_of(turns * steps_of(log_scales, layout.rotation)),
+            opacities,
+            sh,
+        )
     require_sound(path, gaussians)
     return gaussians
 
