@@ -18,7 +18,7 @@ from PIL import Image
 from pocketgs import Capture, Gaussians
 from pocketgs.cli import main
 from pocketgs.results.cameras_file import write_cameras
-from pocketgs.scene.formats import write_scene
+from pocketgs.scene.formats import read_scene, write_scene
 from viewer.client import fetch, following
 
 # A shell starts jobs in the background with Ctrl-C ignored.
@@ -137,7 +137,7 @@ def test_view_of_any_format(
         assert told["scene"]["url"] == "scene.ply"
         assert len(Gaussians.load(tmp_path / "told.ply")) == 300
     assert told["cameras"] == []
-    assert np.allclose(told["target"], np.median(scene.means, axis=0), atol=0.05)
+    assert np.allclose(told["target"], np.median(read_scene(tmp_path / name).means, axis=0), atol=0.05)
 
 
 def test_view_refuses(capsys: pytest.CaptureFixture[str], result: Path, tmp_path: Path) -> None:
