@@ -18,7 +18,7 @@ from PIL import Image
 from pocketgs import Capture, Gaussians
 from pocketgs.cli import main
 from pocketgs.results.cameras_file import write_cameras
-from pocketgs.scene.formats import write_scene
+from pocketgs.scene.formats import read_scene, write_scene
 from viewer.client import fetch, following
 
 # A shell starts jobs in the background with Ctrl-C ignored.
@@ -120,7 +120,7 @@ def test_view_with_the_capture(
     assert all(fetch(url, camera["photo"]).status == 200 for camera in cameras)
 
 
-@pytest.mark.parametrize("name", ["toys.spz", "toys.splat", "toys.compressed.ply", "toys.glb"])
+@pytest.mark.parametrize("name", ["toys.pgs", "toys.spz", "toys.splat", "toys.compressed.ply", "toys.glb"])
 def test_view_of_any_format(
     started: Callable[..., tuple[subprocess.Popen[str], str]], scene: Gaussians, tmp_path: Path, name: str
 ) -> None:
@@ -129,7 +129,7 @@ def test_view_of_any_format(
     told = fetch(url, "viewer.json").json
     body = fetch(url, told["scene"]["url"]).body
     assert told["scene"]["bytes"] == len(body)
-    if name in ("toys.spz", "toys.splat"):
+    if name in ("toys.pgs", "toys.spz", "toys.splat"):
         assert told["scene"]["url"] == f"scene.{name.rpartition('.')[2]}"
         assert body == (tmp_path / name).read_bytes()
     else:  # as a plain .ply
@@ -137,7 +137,7 @@ def test_view_of_any_format(
         assert told["scene"]["url"] == "scene.ply"
         assert len(Gaussians.load(tmp_path / "told.ply")) == 300
     assert told["cameras"] == []
-    assert np.allclose(told["target"], np.median(scene.means, axis=0), atol=0.05)
+    assert np.allclose(told["target"], np.median(read_scene(tmp_path / name).means, axis=0), atol=0.05)
 
 
 def test_view_refuses(capsys: pytest.CaptureFixture[str], result: Path, tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from hypothesis.extra import numpy as arrays
 from playwright.sync_api import Error, Page
 
 from pocketgs.scene.formats import pgs, ply, splat, spz
+from pocketgs.scene.formats.pgs_coding import FINE
 from pocketgs.scene.formats.spz_precision import SMALL
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.webgpu.scene_columns import to_columns
@@ -36,8 +37,9 @@ FORMATS: list[Written] = [
     ("scene.spz", lambda path, scene: spz.write_gaussians(path, scene, version=4), spz.read_gaussians),
     ("scene.spz", lambda path, scene: spz.write_gaussians(path, scene, precision=SMALL), spz.read_gaussians),
     ("scene.pgs", pgs.write_gaussians, pgs.read_gaussians),
+    ("scene.pgs", lambda path, scene: pgs.write_gaussians(path, scene, FINE), pgs.read_gaussians),
 ]
-written = pytest.mark.parametrize("written", FORMATS, ids=("ply", "splat", "spz3", "spz4", "small", "pgs"))
+written = pytest.mark.parametrize("written", FORMATS, ids=("ply", "splat", "spz3", "spz4", "small", "pgs", "fine pgs"))
 
 
 def read(page: Page, name: str, content: bytes) -> tuple[np.ndarray, np.ndarray, list[float]]:

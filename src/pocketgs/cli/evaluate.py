@@ -32,7 +32,7 @@ def evaluate(
     """Compare a scene with a capture's held-out views: PSNR, SSIM, FLIP, LPIPS.
 
     Args:
-        scene: A scene file (.ply, .spz, .splat, .glb …), or a result folder.
+        scene: A scene file (.ply, .pgs, .spz, .glb …), or a result folder.
         capture: The capture's folder, or its transforms.json.
         pictures: Folder for images of photograph and rendering side by side.
         json: File for the metrics.

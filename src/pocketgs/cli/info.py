@@ -28,7 +28,7 @@ def info(
     """Describe a capture or a scene, or list the devices to compute on.
 
     Args:
-        path: A capture's folder or transforms.json, a scene file (.ply, .spz, .splat, .glb …), or a result folder.
+        path: A capture's folder or transforms.json, a scene file (.ply, .pgs, .spz, .glb …), or a result folder.
         devices: List the GPUs and which engines can use them.
         max_memory: Megabytes that reading may take; larger files are refused.
         reading: Options for reading a capture.

@@ -43,7 +43,7 @@ def render(
     """Render a scene to images or a video.
 
     Args:
-        scene: A scene file (.ply, .spz, .splat, .glb …), or a result folder.
+        scene: A scene file (.ply, .pgs, .spz, .glb …), or a result folder.
         capture: The capture whose cameras are used: its folder, or its transforms.json.
         output: A folder for numbered PNGs, or a video if it ends in .mp4.
         views: The capture's held-out or training views, an orbit around its subject, or a smooth path through its

@@ -16,9 +16,9 @@ from pocketgs.scene.formats.pgs_rounding import rounded
 from pocketgs.scene.gaussians import Gaussians
 
 TUNING_STEPS, ROUNDING_STEPS = 320, 40
-"""Training steps of a candidate before rounding, and before or after the rounding of each group."""
+"""Training steps of a candidate before rounding, and after the rounding of each group but the last."""
 
-STEPS = TUNING_STEPS + len(ORDER) * ROUNDING_STEPS
+STEPS = TUNING_STEPS + (len(ORDER) - 1) * ROUNDING_STEPS
 
 CANDIDATES = 3
 """Candidates that a search takes, about."""
@@ -68,7 +68,6 @@ class Bench:
         judge: measures.
         course: counts steps.
         coding: the grids of the file.
-        finely: whether harmonics are rounded by themselves, as far as possible, and not to a codebook.
         levels: what pruning in rounds has left, most Gaussians first.
         tuned: candidates before rounding; a candidate starts from the smallest of these and the levels.
         candidates: made so far.
@@ -79,7 +78,6 @@ class Bench:
     judge: Judge
     course: Course
     coding: Coding
-    finely: bool = False
     levels: list[Level] = field(default_factory=list)
     tuned: list[Gaussians] = field(default_factory=list)
     candidates: list[Candidate] = field(default_factory=list)
@@ -100,7 +98,8 @@ class Bench:
         share = min(self.course.steps_left() / (CANDIDATES * STEPS), 1.0)
         scene = self.tuner.tune(self.pruner.down_to(start, count), round(share * TUNING_STEPS))
         self.tuned.append(scene)
-        scene = rounded_in_turn(scene, self.tuner, self.coding, round(share * ROUNDING_STEPS), self.finely)
+        steps, weights = round(share * ROUNDING_STEPS), self.pruner.weights(scene)
+        scene = rounded_in_turn(scene, self.tuner, self.coding, steps, weights)
         self.course.expected = max(self.course.expected, self.course.done + STEPS)
         return self._keep(scene, self.coding)
 

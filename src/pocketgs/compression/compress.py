@@ -13,12 +13,11 @@ from pocketgs.compression.judgement import Judge
 from pocketgs.compression.options import QUALITY, CompressionOptions
 from pocketgs.compression.progress import Course, StoppedError
 from pocketgs.compression.pruning import LEAST, Pruner
-from pocketgs.compression.rounding import with_fine_harmonics
 from pocketgs.compression.search import Goal, search
 from pocketgs.compression.spz_file import as_spz
 from pocketgs.compression.views import Views
 from pocketgs.errors import PocketGSError
-from pocketgs.scene.formats.pgs_coding import DEFAULT, Coding
+from pocketgs.scene.formats.pgs_coding import DEFAULT, FINE, Coding
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.system.interrupt import deferred_interrupt
@@ -43,11 +42,8 @@ DB_PER_FACTOR = 0.8
 PSNR_TOLERANCE, SIZE_TOLERANCE = 0.04, 0.04
 """The search ends so many dB above a bound of quality, or so close below the logarithm of a size."""
 
-FINER, GRIDS = 0.6, 6
+FINER, GRIDS = 0.7, 5
 """Steps of a grid relative to those of the next coarser one, and number of grids to choose from."""
-
-FINE_HARMONICS = 1 / 32
-"""Step of the grid of harmonics that are rounded by themselves."""
 
 MAKES_UP = 0.5
 """dB of rounding that training on renderings makes up for, about."""
@@ -117,7 +113,7 @@ def compress(
                 _search_by_size(scene, bench, options.size * MB)
             else:
                 if not views.photographs:
-                    bench.coding, bench.finely = _round_only(scene, bench, bound), True
+                    bench.coding = _round_only(scene, bench, bound)
                 _search_by_quality(scene, bench, bound)
         except StoppedError:
             if not _within(bench.candidates, options.size, bound):
@@ -154,11 +150,9 @@ def _round_only(scene: Gaussians, bench: Bench, bound: float) -> Coding:
     Returns:
         The coarsest of these grids that training may bring within the bound.
     """
-    coding, chosen = DEFAULT, None
-    fine = with_fine_harmonics(scene, replace(coding, harmonics=FINE_HARMONICS))
+    coding, chosen = FINE, None
     for _ in range(GRIDS):
-        coding = replace(coding, harmonics=FINE_HARMONICS)
-        psnr = bench.only_rounded(fine, coding).psnr
+        psnr = bench.only_rounded(scene, coding).psnr
         if chosen is None and psnr >= bound - MAKES_UP:
             chosen = coding
         if psnr >= bound:
@@ -169,7 +163,7 @@ def _round_only(scene: Gaussians, bench: Bench, bound: float) -> Coding:
 
 def finer(coding: Coding) -> Coding:
     """The next finer grids."""
-    names = ("position", "log_scale", "rotation", "opacity", "colour")
+    names = ("position", "log_scale", "rotation", "opacity", "colour", "harmonics")
     return replace(coding, **{name: FINER * getattr(coding, name) for name in names})
 
 

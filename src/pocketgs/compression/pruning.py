@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pocketgs.compression.fine_tuning import FineTuner
-from pocketgs.compression.importance import Importance, importance
+from pocketgs.compression.importance import Importance, contributions, importance
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import Gaussians
 
@@ -40,6 +40,11 @@ class Pruner:
             return scene
         order = np.argsort(-importance(scene, self.cameras, self.measure), kind="stable")
         return scene.select(np.sort(order[:count]))
+
+    def weights(self, scene: Gaussians) -> np.ndarray:
+        """(N,) positive: how much errors of each Gaussian matter, the square root of what it contributes to the views."""
+        summed, _ = contributions(scene, self.cameras)
+        return np.asarray(np.sqrt(summed + 1e-6 * max(summed.max(), 1e-9)))
 
     def rounds(self, scene: Gaussians, steps: int) -> Iterator[Gaussians]:
         """The scene itself, and what is left of it after each round.

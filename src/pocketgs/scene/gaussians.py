@@ -96,7 +96,7 @@ class Gaussians:
 
     @staticmethod
     def load(path: str | Path) -> Gaussians:
-        """Read a scene in any format: `.ply`, `.compressed.ply`, `.spz`, `.splat`, `.glb` or `.gltf`.
+        """Read a scene in any format: `.pgs`, `.ply`, `.compressed.ply`, `.spz`, `.sog`, `.splat`, `.glb` or `.gltf`.
 
         Raises:
             PocketGSError: the suffix is unknown, or the file is missing, broken, or holds no Gaussians.

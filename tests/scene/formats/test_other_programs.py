@@ -51,7 +51,7 @@ def test_ours_elsewhere(
 def test_theirs_in_sog(tmp_path: Path, splat_transform: Callable[..., None], scene: Gaussians) -> None:
     """We read what splat-transform writes."""
     write_scene(tmp_path / "ours.ply", scene)
-    splat_transform(tmp_path / "ours.ply", tmp_path / "theirs.sog")
+    splat_transform("-g", "cpu", tmp_path / "ours.ply", tmp_path / "theirs.sog")
     splat_transform(tmp_path / "theirs.sog", tmp_path / "again.ply")
     close(read_scene(tmp_path / "theirs.sog"), read_scene(tmp_path / "again.ply"), 1e-4, 1e-5, 1e-5, 0.2)
 

@@ -15,7 +15,7 @@ from attack.mutations import broken_sections
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import memory_bound
 from pocketgs.scene.formats import pgs, read_scene
-from pocketgs.scene.formats.pgs_coding import DEFAULT, Coding
+from pocketgs.scene.formats.pgs_coding import DEFAULT, FINE, Coding
 from pocketgs.scene.formats.pgs_rounding import GROUPS, rounded
 from pocketgs.scene.formats.pgs_sections import OPTIONAL, Section, join_sections, split_sections
 from pocketgs.scene.formats.range_coder import RangeDecoder, RangeEncoder, new_models
@@ -108,6 +108,14 @@ def test_other_steps_and_importance(folder: Path) -> None:
     second = rounded(scene, coding, ["sh_rest"], weights)
     errors = [np.square(each.sh[:200, 1:] - scene.sh[:200, 1:]).mean() for each in (first, second)]
     assert errors[1] < errors[0]
+
+
+def test_fine(folder: Path) -> None:
+    scene = random_scene(20_000, 1, extent=1.0)
+    fine = rounded(scene, FINE)
+    assert np.abs(fine.sh[:, 1:] - scene.sh[:, 1:]).max() <= FINE.harmonics / 2 + 1e-6
+    assert rows_of(rounded(fine, FINE)).tobytes() == rows_of(fine).tobytes()
+    assert rows_of(read_back(folder, scene, FINE)).tobytes() == rows_of(fine).tobytes()
 
 
 def test_sections(folder: Path) -> None:

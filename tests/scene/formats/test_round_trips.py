@@ -150,7 +150,7 @@ def test_file_cut_off_anywhere(tmp_path: Path, suffix: str, degree: int) -> None
     path = tmp_path / f"scene{suffix}"
     write_scene(path, random_scene(3, degree))
     whole = path.read_bytes()
-    for length in range(len(whole)):
+    for length in range(0, len(whole), 23 if suffix == ".sog" else 1):
         path.write_bytes(whole[:length])
         # Without a header, fewer records are a smaller scene.
         if suffix == ".splat" and length and length % 32 == 0:

@@ -9,6 +9,7 @@ from pathlib import Path
 from pocketgs.errors import PocketGSError
 from pocketgs.files.journal import settle
 from pocketgs.scene.formats import compressed_ply, gltf, ply, splat, spz
+from pocketgs.scene.formats.pgs_coding import DEFAULT as SMALL_PGS
 from pocketgs.scene.formats.spz_precision import FINE
 from pocketgs.scene.gaussians import Gaussians
 
@@ -85,8 +86,7 @@ FORMATS = (
         "PocketGS",
         (".pgs",),
         "the order, and which of a Gaussian's axes is the first",
-        "centres to a quarter of the Gaussian's size, log scales to 1/8, rotation to about 4 degrees, opacity "
-        "logits to 1/4, colours to 1/50, spherical harmonics to 1/20",
+        SMALL_PGS.rounds,
         _read_pgs,
         _write_pgs,
     ),

@@ -99,9 +99,10 @@ def encode(gaussians: Gaussians, coding: Coding = DEFAULT, path: Path = Path("sc
     steps = steps_of(scales * coding.log_scale, coding.rotation)
     rest = levels(scene.sh[:, 1:], coding.harmonics)
     book, labels = distinct_rows(rest.reshape(len(rest), -1)) if scene.sh_degree else (rest[:0], rest[:0])
+    has_book = 0 < len(book) <= MAX_ENTRIES
     fields = SCENE.pack(
         len(scene),
-        len(book),
+        len(book) if has_book else 0,
         scene.sh_degree,
         bits,
         exponent,
@@ -125,9 +126,11 @@ def encode(gaussians: Gaussians, coding: Coding = DEFAULT, path: Path = Path("sc
         _columns("opacity", attributes.code_opacities, levels(scene.opacity_logits, coding.opacity)),
         _columns("colour", attributes.code_colours, levels(scene.sh[:, 0], coding.colour), around),
     ]
-    if scene.sh_degree:
-        sections.append(_columns("codebook", attributes.code_codebook, book.reshape(-1, *rest.shape[1:])))
+    if has_book:
+        sections.append(_columns("codebook", attributes.code_harmonics, book.reshape(-1, *rest.shape[1:])))
         sections.append(_columns("harmonic", attributes.code_labels, labels))
+    elif scene.sh_degree:
+        sections.append(_columns("harmonic", attributes.code_harmonics, rest))
     return join_sections(sections)
 
 
@@ -159,21 +162,25 @@ def read_gaussians(path: Path) -> Gaussians:
     turns = read("rotation", attributes.code_turns, (count, 3), fineness_of(log_scales))
     opacities = read("opacity", attributes.code_opacities, (count,)) * layout.opacity
     colours = read("colour", attributes.code_colours, (count, 3), around) * layout.colour
-    sh = np.zeros((count, SH_COEFFICIENTS[layout.degree], 3), np.float32)
+    sh = np.zeros((count, SH_COEFFICIENTS[layout.degree], 3))
     sh[:, 0] = colours
-    if layout.degree:
-        book = read("codebook", attributes.code_codebook, (layout.entries, sh.shape[1] - 1, 3)) * layout.harmonics
+    if layout.degree and not layout.entries:
+        sh[:, 1:] = read("harmonic", attributes.code_harmonics, sh[:, 1:].shape) * layout.harmonics
+    elif layout.degree:
+        book = read("codebook", attributes.code_harmonics, (layout.entries, sh.shape[1] - 1, 3)) * layout.harmonics
         labels = read("harmonic", attributes.code_labels, (count,))
         if labels.min() < 0 or labels.max() >= layout.entries:
             raise PocketGSError(f"{path}: broken: an entry outside the codebook of {layout.entries:,}")
         sh[:, 1:] = book[labels]
-    gaussians = Gaussians(
-        np.ldexp((cells + np.array(layout.origin)).astype(np.float64), layout.exponent),
-        log_scales,
-        quaternions_of(turns * steps_of(log_scales, layout.rotation)),
-        opacities,
-        sh,
-    )
+    # Numbers beyond float32 become infinite, and are refused below.
+    with np.errstate(over="ignore", invalid="ignore"):
+        gaussians = Gaussians(
+            np.ldexp((cells + np.array(layout.origin)).astype(np.float64), layout.exponent),
+            log_scales,
+            quaternions_of(turns * steps_of(log_scales, layout.rotation)),
+            opacities,
+            sh,
+        )
     require_sound(path, gaussians)
     return gaussians
 
@@ -189,7 +196,8 @@ def _layout(path: Path, sections: dict[str, bytes]) -> Layout:
     count, entries, degree, bits, exponent, x, y, z, *steps = SCENE.unpack(sections["scene"])
     if degree >= len(SH_COEFFICIENTS):
         raise PocketGSError(f"{path}: spherical harmonics of degree {degree}, expected 0 to 3")
-    needed = {name for name, _ in KNOWN if degree or name not in ("codebook", "harmonic")}
+    absent = {"codebook", "harmonic"} if not degree else set() if entries else {"codebook"}
+    needed = {name for name, _ in KNOWN} - absent
     if missing := sorted(needed - sections.keys()):
         raise PocketGSError(f"{path}: section {missing[0]!r} is missing")
     if not count:

@@ -69,8 +69,8 @@ def code_colours(columns: Columns, table: np.ndarray, around: Surroundings) -> N
     table[:] = np.stack([red, green, blue], axis=1)
 
 
-def code_codebook(columns: Columns, table: np.ndarray) -> None:
-    """Code (E, K - 1, 3) levels of coefficients above degree 0, the entries of the codebook."""
+def code_harmonics(columns: Columns, table: np.ndarray) -> None:
+    """Code (N, K - 1, 3) levels of coefficients above degree 0, of a codebook's entries or of all Gaussians."""
     for place in range(table.shape[1]):
         green = columns.code(table[:, place, GREEN], _no_context(table))
         seen = np.minimum(np.abs(green), 2)

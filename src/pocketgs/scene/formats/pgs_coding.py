@@ -6,6 +6,8 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
+from pocketgs.scene.formats.spz_precision import Detail
+
 
 @dataclass(frozen=True)
 class Coding:
@@ -19,16 +21,26 @@ class Coding:
         opacity: of opacity logits.
         colour: of coefficients of degree 0.
         harmonics: of coefficients above degree 0, in the codebook.
-        entries: of that codebook, at most; small scenes have fewer.
+        entries: of that codebook, at most; small scenes have fewer. 0 for none: every coefficient is rounded.
     """
 
     position: float = 0.25
     log_scale: float = 0.2
-    rotation: float = 1 / 16
+    rotation: float = 1 / 8
     opacity: float = 0.3
     colour: float = 0.1
     harmonics: float = 1 / 32
     entries: int = 4096
+
+    @property
+    def rounds(self) -> str:
+        """The largest rounding errors, as text."""
+        harmonics = f"to {self.entries:,} vectors" if self.entries else f"to {self.harmonics / 2:.2g}"
+        return (
+            f"centres to {self.position / 2:.2g} of a Gaussian's size, log scales to {self.log_scale / 2:.2g}, opacity "
+            f"logits to {self.opacity / 2:.2g}, coefficients of degree 0 to {self.colour / 2:.2g}, higher spherical "
+            f"harmonics {harmonics}, and rotations, those of round Gaussians less exactly"
+        )
 
     def in_single_precision(self) -> Coding:
         """With the steps as the file holds them."""
@@ -38,3 +50,5 @@ class Coding:
 
 
 DEFAULT = Coding()
+FINE = Coding(0.125, 0.1, 1 / 16, 0.2, 0.07, 0.05, entries=0)
+CODINGS: dict[Detail, Coding] = {"fine": FINE, "small": DEFAULT}

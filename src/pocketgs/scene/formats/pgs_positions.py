@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from pocketgs.scene.formats.range_coder import RangeDecoder, RangeEncoder, new_models
+from pocketgs.system.compile import kernel
 
 EXACT = 24
 """Counts up to this have models of their own."""
@@ -78,6 +79,7 @@ def _contexts(counts: np.ndarray, previous: np.ndarray) -> np.ndarray:
     return np.where(counts <= EXACT, counts, large) + COUNTS * previous
 
 
+@kernel
 def _halved(
     counts: np.ndarray, lower: np.ndarray, is_open: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -87,8 +89,16 @@ def _halved(
         (M,) node that each is a half of, whether it is the upper one, count, whether it is still divided, and whether
         both halves, the lower or the upper one of its node are non-empty.
     """
-    both = np.stack([lower, counts - lower], axis=1)
-    keep = both > 0
-    parents, side = np.nonzero(keep)
-    outcome = np.where(keep.all(axis=1), 0, np.where(keep[:, 0], 1, 2))
-    return parents, side, both[keep], is_open[parents], outcome[parents]
+    size = np.count_nonzero(lower) + np.count_nonzero(lower < counts)
+    parents, side, left = np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size, np.int64)
+    still, outcome = np.empty(size, np.bool_), np.empty(size, np.int64)
+    place = 0
+    for node in range(len(counts)):
+        both = lower[node], counts[node] - lower[node]
+        for half in range(2):
+            if both[half]:
+                parents[place], side[place], left[place] = node, half, both[half]
+                still[place] = is_open[node]
+                outcome[place] = 0 if both[1 - half] else 1 + half
+                place += 1
+    return parents, side, left, still, outcome

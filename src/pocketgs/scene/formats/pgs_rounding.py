@@ -29,7 +29,7 @@ MAX_LEVEL = 1 << 16
 MAX_LOGIT = 12.0
 
 MAX_ENTRIES = 1 << 14
-"""Entries of a codebook that the file can hold."""
+"""Entries of a codebook that the file can hold; a scene with more distinct vectors is stored without one."""
 
 PER_ENTRY, MIN_ENTRIES = 12, 256
 """Gaussians for each entry of a codebook, which takes about as much as their labels; and entries of the smallest."""
@@ -126,6 +126,8 @@ def rounded_harmonics(rest: np.ndarray, weights: np.ndarray, coding: Coding) -> 
         and len(distinct_rows(levels(rows, coding.harmonics))[0]) <= MAX_ENTRIES
     ):
         return rest
+    if not coding.entries:
+        return on_grid(rest, coding.harmonics)
     entries = min(coding.entries, max(len(rows) // PER_ENTRY, MIN_ENTRIES))
     book = on_grid(vector_codebook(rows, entries, weights), coding.harmonics)
     return book[nearest(rows, book)].reshape(rest.shape)

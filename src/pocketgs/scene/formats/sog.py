@@ -12,6 +12,7 @@ import io
 import json
 import math
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -125,7 +126,7 @@ def read_gaussians(path: Path) -> Gaussians:
     try:
         with zipfile.ZipFile(io.BytesIO(contents)) as archive:
             return _Archive(path, archive).scene()
-    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OSError, EOFError, ValueError) as error:
+    except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, OSError, EOFError, ValueError) as error:
         raise PocketGSError(f"{path}: not a readable .sog ({error})") from error
 
 

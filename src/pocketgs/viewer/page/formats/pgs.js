@@ -5,7 +5,7 @@
  */
 
 import { GaussianColumns, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, requireRoom } from "../scene/gaussian_columns.js";
-import { coarsenessOf, nearestBefore, readCodebook, readColours, readScales, readTurns } from "./pgs_attributes.js";
+import { coarsenessOf, nearestBefore, readColours, readHarmonics, readScales, readTurns } from "./pgs_attributes.js";
 import { decodePositions } from "./pgs_positions.js";
 import { finenessOf, quaternionOf, stepOf } from "./pgs_rotations.js";
 import { splitSections } from "./pgs_sections.js";
@@ -45,7 +45,7 @@ export async function readPgs(source) {
         scaled(gaussians.harmonics(0, channel), column, layout.steps.colour);
     });
     if (coefficients > 1) {
-        readHarmonics(coderOf, layout, gaussians);
+        fillHarmonics(coderOf, layout, gaussians);
     }
     return gaussians;
 }
@@ -62,7 +62,10 @@ function layoutOf(sections) {
     if (degree > 3) {
         throw new Error(`the .pgs has spherical harmonics of degree ${degree}, expected 0 to 3`);
     }
-    const needed = ["position", "scale", "rotation", "opacity", "colour", ...(degree ? ["codebook", "harmonic"] : [])];
+    const needed = ["position", "scale", "rotation", "opacity", "colour", ...(degree ? ["harmonic"] : [])];
+    if (degree && entries) {
+        needed.push("codebook");
+    }
     const missing = needed.find((name) => !sections.has(name));
     if (missing) {
         throw new Error(`section "${missing}" of the .pgs is missing`);
@@ -105,8 +108,14 @@ function readRotations(coder, scales, { count, steps }, gaussians) {
     }
 }
 
-function readHarmonics(coderOf, { count, entries, coefficients, steps }, gaussians) {
-    const book = readCodebook(coderOf("codebook"), entries, coefficients - 1);
+function fillHarmonics(coderOf, { count, entries, coefficients, steps }, gaussians) {
+    if (!entries) {
+        readHarmonics(coderOf("harmonic"), count, coefficients - 1).forEach((channels, place) => {
+            channels.forEach((levels, channel) => scaled(gaussians.harmonics(place + 1, channel), levels, steps.harmonics));
+        });
+        return;
+    }
+    const book = readHarmonics(coderOf("codebook"), entries, coefficients - 1);
     const labels = coderOf("harmonic").column(new Uint8Array(count));
     if (labels.some((label) => label < 0 || label >= entries)) {
         throw new Error(`the .pgs is broken: an entry outside the codebook of ${entries}`);

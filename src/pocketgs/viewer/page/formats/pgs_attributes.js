@@ -94,15 +94,15 @@ export function readColours(coder, count, neighbours) {
 }
 
 /**
- * Levels of the codebook's entries: by coefficient above degree 0 and channel, one column each.
+ * Levels of a codebook's entries, or of all Gaussians: by coefficient above degree 0 and channel, one column each.
  *
  * @param {import("./range_decoder.js").RangeDecoder} coder
- * @param {number} entries
+ * @param {number} count
  * @param {number} coefficients
  * @returns {Int32Array[][]}
  */
-export function readCodebook(coder, entries, coefficients) {
-    const nothing = new Uint8Array(entries);
+export function readHarmonics(coder, count, coefficients) {
+    const nothing = new Uint8Array(count);
     return Array.from({ length: coefficients }, () => {
         const channels = [];
         channels[GREEN] = coder.column(nothing);
