@@ -24,13 +24,13 @@ from pocketgs.system.interrupt import deferred_interrupt
 
 MB = 1_000_000
 
-BYTES_PER_GAUSSIAN = 9
+BYTES_PER_GAUSSIAN = 11
 """Of a file, about: where the search starts."""
 
-RECOVERS = 0.8
+RECOVERS = 1.0
 """dB that a candidate gains over the round of pruning that it starts from, about."""
 
-SLACK = 1.4
+SLACK = 1.6
 """Pruning in rounds ends so many dB below the bound."""
 
 PACE = 0.1

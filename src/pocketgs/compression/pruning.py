@@ -42,7 +42,7 @@ class Pruner:
         return scene.select(np.sort(order[:count]))
 
     def weights(self, scene: Gaussians) -> np.ndarray:
-        """(N,) positive: how much errors of each Gaussian matter, the square root of what it contributes to the views."""
+        """(N,) positive, how much errors of each Gaussian matter: square roots of what they contribute to the views."""
         summed, _ = contributions(scene, self.cameras)
         return np.asarray(np.sqrt(summed + 1e-6 * max(summed.max(), 1e-9)))
 
