@@ -43,6 +43,8 @@ MAX_PALETTE, MAX_WRITTEN = 1 << 16, 1 << 12
 """Entries of a palette: those that can be read, and those that we write, since more take minutes."""
 
 MAX_PIXELS = 1 << 28
+MAX_TOLD = 200
+"""Characters of an archive's error, which may quote the file."""
 # Maximum bytes that reading takes per Gaussian and per spherical-harmonics coefficient, as measured.
 READING = (400, 60)
 
@@ -124,10 +126,11 @@ def read_gaussians(path: Path) -> Gaussians:
     """
     contents = read_contents(path)
     try:
-        with zipfile.ZipFile(io.BytesIO(contents)) as archive:
+        # Numbers beyond float32 become infinite, and are refused.
+        with zipfile.ZipFile(io.BytesIO(contents)) as archive, np.errstate(over="ignore", invalid="ignore"):
             return _Archive(path, archive).scene()
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, OSError, EOFError, ValueError) as error:
-        raise PocketGSError(f"{path}: not a readable .sog ({error})") from error
+        raise PocketGSError(f"{path}: not a readable .sog ({str(error)[:MAX_TOLD]})") from error
 
 
 class _Archive:
@@ -167,14 +170,13 @@ class _Archive:
         sh[:, 0] = self._numbers("sh0", "codebook", ENTRIES)[colours[:, :3]]
         if degree:
             sh[:, 1:] = self._harmonics(count, degree)
-        with np.errstate(over="ignore", invalid="ignore"):
-            gaussians = Gaussians(
-                np.sign(squeezed) * np.expm1(np.abs(squeezed)),
-                self._numbers("scales", "codebook", ENTRIES)[self._rows("scales", 0, count, 3)],
-                unit(restore_largest(turns[:, 3].astype(np.int64) - LARGEST, others)),
-                opacity_from_byte(colours[:, 3]),
-                sh,
-            )
+        gaussians = Gaussians(
+            np.sign(squeezed) * np.expm1(np.abs(squeezed)),
+            self._numbers("scales", "codebook", ENTRIES)[self._rows("scales", 0, count, 3)],
+            unit(restore_largest(turns[:, 3].astype(np.int64) - LARGEST, others)),
+            opacity_from_byte(colours[:, 3]),
+            sh,
+        )
         require_sound(self._path, gaussians)
         return gaussians
 

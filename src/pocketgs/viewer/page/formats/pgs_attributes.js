@@ -19,14 +19,23 @@ const [RED, GREEN, BLUE] = [0, 1, 2];
 export function nearestBefore([xs, ys, zs]) {
     const found = new Int32Array(2 * xs.length).fill(-1);
     for (let i = 1; i < xs.length; i++) {
-        let [nearest, next, best, second] = [-1, -1, Infinity, Infinity];
+        let nearest = -1;
+        let next = -1;
+        let best = Infinity;
+        let second = Infinity;
         for (let other = i - 1; other >= Math.max(i - WINDOW, 0); other--) {
-            const [x, y, z] = [xs[i] - xs[other], ys[i] - ys[other], zs[i] - zs[other]];
+            const x = xs[i] - xs[other];
+            const y = ys[i] - ys[other];
+            const z = zs[i] - zs[other];
             const apart = x * x + y * y + z * z;
             if (apart < best) {
-                [second, next, best, nearest] = [best, nearest, apart, other];
+                second = best;
+                next = nearest;
+                best = apart;
+                nearest = other;
             } else if (apart < second) {
-                [second, next] = [apart, other];
+                second = apart;
+                next = other;
             }
         }
         found[2 * i] = nearest;

@@ -48,10 +48,15 @@ function newNodes(length) {
 }
 
 function stopLone({ counts, isOpen }, coder, stops, bit) {
-    const lone = [];
-    counts.forEach((count, i) => isOpen[i] && count === 1 && lone.push(i));
-    const ends = coder.column(new Uint8Array(lone.length).fill(bit), stops);
-    lone.forEach((node, i) => (isOpen[node] = ends[i] ? 0 : 1));
+    const lone = new Int32Array(counts.length);
+    let found = 0;
+    for (let i = 0; i < counts.length; i++) {
+        if (isOpen[i] && counts[i] === 1) {
+            lone[found++] = i;
+        }
+    }
+    const ends = coder.column(new Uint8Array(found).fill(bit), stops);
+    ends.forEach((isEnd, i) => (isOpen[lone[i]] = isEnd ? 0 : 1));
 }
 
 /** How many of each node's Gaussians lie in the lower half. */
@@ -80,23 +85,23 @@ function halved(nodes, lower, axis, bit) {
         length += (lower[i] > 0) + (lower[i] < nodes.counts[i]);
     }
     const halves = newNodes(length);
+    const [xs, ys, zs] = nodes.cells;
+    const [newXs, newYs, newZs] = halves.cells;
+    const halved = halves.cells[axis];
     let next = 0;
-    const add = (parent, count, side, outcome) => {
-        for (let each = 0; each < 3; each++) {
-            halves.cells[each][next] = nodes.cells[each][parent];
-        }
-        halves.cells[axis][next] |= side << bit;
-        halves.counts[next] = count;
-        halves.isOpen[next] = nodes.isOpen[parent];
-        halves.outcomes[next++] = outcome;
-    };
     for (let i = 0; i < nodes.length; i++) {
         const upper = nodes.counts[i] - lower[i];
-        if (lower[i] > 0) {
-            add(i, lower[i], 0, upper > 0 ? BOTH : LOWER);
-        }
-        if (upper > 0) {
-            add(i, upper, 1, lower[i] > 0 ? BOTH : UPPER);
+        for (let side = 0; side < 2; side++) {
+            const count = side ? upper : lower[i];
+            if (count > 0) {
+                newXs[next] = xs[i];
+                newYs[next] = ys[i];
+                newZs[next] = zs[i];
+                halved[next] |= side << bit;
+                halves.counts[next] = count;
+                halves.isOpen[next] = nodes.isOpen[i];
+                halves.outcomes[next++] = (side ? lower[i] : upper) > 0 ? BOTH : side ? UPPER : LOWER;
+            }
         }
     }
     return halves;

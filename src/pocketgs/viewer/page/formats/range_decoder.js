@@ -52,9 +52,11 @@ export class RangeDecoder {
     column(contexts, models = modelsFor(contexts), neighbours = null) {
         const values = new Int32Array(contexts.length);
         for (let i = 0; i < values.length; i++) {
-            let [expected, activity] = [0, 0];
+            let expected = 0;
+            let activity = 0;
             if (neighbours && neighbours[2 * i] >= 0) {
-                const [first, second] = [values[neighbours[2 * i]], values[neighbours[2 * i + 1]]];
+                const first = values[neighbours[2 * i]];
+                const second = values[neighbours[2 * i + 1]];
                 expected = (first + second) >> 1;
                 activity = Math.min(32 - Math.clz32(Math.abs(first - second)), ACTIVITIES - 1);
             }
@@ -78,7 +80,8 @@ export class RangeDecoder {
         }
         const isNegative = this.#bit(models, context + SIGN);
         const leading = context + BITS + 7 * (length - 2) - 1;
-        let [size, node] = [1, 1];
+        let size = 1;
+        let node = 1;
         for (let left = length - 1; left > 0; left--) {
             let bit;
             if (node < 8 && length <= TREES + 1) {
