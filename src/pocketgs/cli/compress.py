@@ -15,12 +15,13 @@ from pocketgs.cli.display import Display
 from pocketgs.cli.scene_file import in_world_of, load_scene, names_scene
 from pocketgs.cli.terminal import Terminal
 from pocketgs.compression.compress import compress as compress_scene
+from pocketgs.compression.compress import memory_needed
 from pocketgs.compression.options import CompressionOptions
 from pocketgs.compression.views import Views, cameras_around, photographed, rendered
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
 from pocketgs.files.json_fields import read_json
-from pocketgs.files.memory_bound import memory_bound
+from pocketgs.files.memory_bound import memory_bound, require_memory
 from pocketgs.geometry.camera import Camera
 from pocketgs.results.cameras_file import read_cameras
 from pocketgs.results.folder import CAMERAS, RECORD, SCENE, write_json
@@ -65,6 +66,7 @@ def compress(
         original = load_scene(scene)
         renderer = create_engine(engine)
         views = _views(scene, original, capture, renderer, reading, console)
+        require_memory(scene, memory_needed(original, views, renderer), "compression")
     budget = compression.time_budget
     seconds = None if budget is None else max(budget - seconds_since_start() - WRITING_SECONDS, 1.0)
     with Display(console).showing() as shown:

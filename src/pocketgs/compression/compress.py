@@ -18,7 +18,7 @@ from pocketgs.compression.spz_file import as_spz
 from pocketgs.compression.views import Views
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.formats.pgs_coding import DEFAULT, FINE, Coding
-from pocketgs.scene.gaussians import Gaussians
+from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.system.interrupt import deferred_interrupt
 
@@ -47,6 +47,9 @@ FINER, GRIDS = 0.7, 5
 
 MAKES_UP = 0.5
 """dB of rounding that training on renderings makes up for, about."""
+
+COPIES = 12
+"""Scenes in memory: rounds of pruning leave five in all; candidates, before and after rounding, are the rest."""
 
 
 @dataclass(frozen=True)
@@ -125,6 +128,13 @@ def compress(
         bound,
         interrupt.requested,
     )
+
+
+def memory_needed(scene: Gaussians, views: Views, engine: Engine) -> int:
+    """Bytes that `compress` takes besides the scene and the views, at most."""
+    sizes = [(frame.camera.width, frame.camera.height) for frame in views.train]
+    of_scene = sum(getattr(scene, name).nbytes for name in PARAMETERS)
+    return engine.memory_needed(len(scene), scene.sh.shape[1], sizes).process + COPIES * of_scene
 
 
 def _drawable(scene: Gaussians) -> Gaussians:
