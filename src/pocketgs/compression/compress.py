@@ -27,7 +27,7 @@ MB = 1_000_000
 BYTES_PER_GAUSSIAN = 11
 """Of a file, about: where the search starts."""
 
-RECOVERS = 1.0
+RECOVERS = 0.8
 """dB that a candidate gains over the round of pruning that it starts from, about."""
 
 SLACK = 1.6
@@ -36,7 +36,7 @@ SLACK = 1.6
 PACE = 0.1
 """Learning rates on renderings of the scene itself, relative to those on photographs: they are fitted already."""
 
-DB_PER_FACTOR = 0.8
+DB_PER_FACTOR = 1.0
 """dB that a factor of e in the number of Gaussians makes, about."""
 
 PSNR_TOLERANCE, SIZE_TOLERANCE = 0.04, 0.04

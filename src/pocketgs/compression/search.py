@@ -45,12 +45,10 @@ def search(value_of: Callable[[int], float], goal: Goal, guess: int, least: int,
         least: minimum of the numbers.
         most: maximum of the numbers.
     """
-    tried: list[tuple[float, float]] = []
     low, high = np.log(least) - CLOSE, np.log(most) + CLOSE
     place = float(np.clip(np.log(guess), np.log(least), np.log(most)))
     for _ in range(TRIES):
         value = value_of(max(round(np.exp(place)), 1))
-        tried.append((place, value))
         low, high = (max(low, place), high) if value < goal.target else (low, min(high, place))
         if goal.met_by(value) and abs(value - goal.target) <= goal.tolerance:
             return
@@ -58,13 +56,4 @@ def search(value_of: Callable[[int], float], goal: Goal, guess: int, least: int,
             return
         # Aimed at the middle of the tolerance, since the values are noisy.
         aim = goal.target + (0.5 if goal.from_above else -0.5) * goal.tolerance
-        place = float(np.clip(place + (aim - value) / _slope(tried, goal.slope), low + CLOSE, high - CLOSE))
-
-
-def _slope(tried: list[tuple[float, float]], expected: float) -> float:
-    """Slope between the last two, unless they are too noisy to tell."""
-    if len(tried) < 2:
-        return expected
-    (first, value), (second, other) = tried[-2:]
-    found = (other - value) / (second - first) if second != first else expected
-    return float(np.clip(found, 0.4 * expected, 2.5 * expected))
+        place = float(np.clip(place + (aim - value) / goal.slope, low + CLOSE, high - CLOSE))
