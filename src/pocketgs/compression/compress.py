@@ -42,6 +42,9 @@ DB_PER_FACTOR = 1.0
 PSNR_TOLERANCE, SIZE_TOLERANCE = 0.04, 0.04
 """The search ends so many dB above a bound of quality, or so close below the logarithm of a size."""
 
+FEWER = 0.8
+"""Share of the Gaussians of the next candidate, as long as none is small enough."""
+
 FINER, GRIDS = 0.7, 5
 """Steps of a grid relative to those of the next coarser one, and number of grids to choose from."""
 
@@ -182,6 +185,10 @@ def _search_by_size(scene: Gaussians, bench: Bench, size: float) -> None:
     bench.prune(scene, lambda level: len(level.scene) > guess)
     goal = Goal(float(np.log(size)), 1.0, SIZE_TOLERANCE, from_above=False)
     search(lambda count: float(np.log(len(bench.make(count).contents))), goal, guess, LEAST, len(scene))
+    # Small files shrink less than their number of Gaussians, which the search does not expect.
+    fewest = min(bench.candidates, key=lambda each: len(each.contents))
+    while len(fewest.contents) > size and len(fewest.scene) > LEAST:
+        fewest = bench.make(max(int(FEWER * len(fewest.scene)), LEAST))
 
 
 def _search_by_quality(scene: Gaussians, bench: Bench, bound: float) -> None:
