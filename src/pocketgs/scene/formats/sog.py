@@ -47,7 +47,7 @@ MAX_PIXELS = 1 << 28
 MAX_TOLD = 200
 """Characters of an archive's error, which may quote the file."""
 # Maximum bytes that reading takes per Gaussian and per spherical-harmonics coefficient, as measured.
-READING = (400, 60)
+READING = (300, 30)
 
 
 def write_gaussians(path: Path, gaussians: Gaussians) -> None:
