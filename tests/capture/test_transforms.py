@@ -209,6 +209,7 @@ def test_wrong_fields_are_named(write_transforms, field, value, said):
         ("file_path", "images/view_02.png", "more than once"),
         ("mask_path", "../mask.png", "outside"),
         ("mask_path", "absent.png", "no such file"),
+        ("mask_path", "x" * 5000, "cannot be looked up"),
         ("depth_file_path", "images", "no such file|cannot be"),
         ("transform_matrix", [[float("nan")] * 4] * 4, "transform_matrix"),
         ("transform_matrix", [[1, 2], [3, 4]], "transform_matrix"),

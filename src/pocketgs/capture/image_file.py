@@ -157,7 +157,11 @@ def _decoded(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result
 
 
 def _opened(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
-    if not path.is_file():
+    try:
+        is_file = path.is_file()
+    except OSError as error:  # such as a name that is too long
+        raise PocketGSError(f"{clipped(path)}: cannot be looked up ({error.strerror or error})") from error
+    if not is_file:
         raise PocketGSError(f"{path}: no such file, expected an image")
     if Path(path.name).suffix.lower() in HEIF_SUFFIXES:
         _know_heif()

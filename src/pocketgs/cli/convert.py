@@ -33,7 +33,7 @@ def convert(
     scale: float = 1.0,
     rotate: Triple | None = None,
     translate: Triple | None = None,
-    detail: Detail = "small",
+    detail: Detail | None = None,
     spz_version: spz.Version = spz.CURRENT,
     max_memory: int = DEFAULT_MB,
 ) -> None:
@@ -50,8 +50,9 @@ def convert(
         scale: Scale by this factor about the origin.
         rotate: Rotate about the axes x, y and z, in this order, by these degrees.
         translate: Move along x, y and z, in scene units.
-        detail: Of a .spz or .pgs. A "fine" .spz is close to lossless, a "small" one 0.6 as large and 0.1 to 0.2 dB
-            worse where measured; of a .pgs, "small" is 0.6 as large and 0.3 to 0.5 dB worse than "fine".
+        detail: Of a .spz or .pgs. A "fine" .spz is close to lossless, a "small" one, the default, 0.6 as large and 0.1
+            to 0.2 dB worse where measured. A "fine" .pgs, the default, is 0.1 to 0.2 dB worse than the scene, a "small"
+            one 0.6 as large and 0.5 to 0.6 dB worse.
         spz_version: Of a .spz; older viewers read 3 only.
         max_memory: Megabytes that reading may take; larger files are refused.
     """
@@ -75,17 +76,17 @@ def convert(
     Terminal().say(*lines)
 
 
-def _chosen_format(output: Path, detail: Detail, spz_version: spz.Version) -> SceneFormat:
+def _chosen_format(output: Path, detail: Detail | None, spz_version: spz.Version) -> SceneFormat:
     chosen = format_of(output)
     if chosen.name == "PocketGS":
         # Imported here because Numba is slow to load.
         from pocketgs.scene.formats import pgs
 
-        write_pgs = partial(pgs.write_gaussians, coding=CODINGS[detail])
-        return replace(chosen, rounds=CODINGS[detail].rounds, write=write_pgs)
+        coding = CODINGS[detail or "fine"]
+        return replace(chosen, rounds=coding.rounds, write=partial(pgs.write_gaussians, coding=coding))
     if chosen.write is not spz.write_gaussians:
         return chosen
-    precision = PRECISIONS[detail]
+    precision = PRECISIONS[detail or "small"]
     write = partial(spz.write_gaussians, version=spz_version, precision=precision)
     return replace(chosen, drops=precision.drops, rounds=precision.rounds, write=write)
 

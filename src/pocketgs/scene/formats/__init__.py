@@ -9,7 +9,7 @@ from pathlib import Path
 from pocketgs.errors import PocketGSError
 from pocketgs.files.journal import settle
 from pocketgs.scene.formats import compressed_ply, gltf, ply, splat, spz
-from pocketgs.scene.formats.pgs_coding import DEFAULT as SMALL_PGS
+from pocketgs.scene.formats.pgs_coding import FINE as FINE_PGS
 from pocketgs.scene.formats.spz_precision import FINE
 from pocketgs.scene.gaussians import Gaussians
 
@@ -47,7 +47,7 @@ def _read_pgs(path: Path) -> Gaussians:
 def _write_pgs(path: Path, gaussians: Gaussians) -> None:
     from pocketgs.scene.formats import pgs
 
-    pgs.write_gaussians(path, gaussians)
+    pgs.write_gaussians(path, gaussians, FINE_PGS)
 
 
 def _read_sog(path: Path) -> Gaussians:
@@ -86,7 +86,7 @@ FORMATS = (
         "PocketGS",
         (".pgs",),
         "the order, and which of a Gaussian's axes is the first",
-        SMALL_PGS.rounds,
+        FINE_PGS.rounds,
         _read_pgs,
         _write_pgs,
     ),

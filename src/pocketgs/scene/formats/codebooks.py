@@ -1,11 +1,10 @@
-"""Codebooks: few numbers, or few vectors, that are close to many, by Lloyd's algorithm."""
+"""Codebooks: few numbers, or few vectors, that are close to many, by rounds of Lloyd's algorithm."""
 
 from __future__ import annotations
 
 import numpy as np
 
 ROUNDS = 4
-NUMBER_ROUNDS = 32
 PER_ENTRY = 8
 """Vectors per entry that a codebook is fitted to; more hardly change it."""
 
@@ -24,14 +23,14 @@ def scalar_codebook(values: np.ndarray, entries: int) -> tuple[np.ndarray, np.nd
     if len(distinct) <= entries:
         book = np.concatenate([distinct, np.full(entries - len(distinct), distinct[-1])])
         return book, np.searchsorted(distinct, values.astype(np.float64))
-    # Halfway between equally frequent and equally wide ranges: outliers are rare but seen.
+    # Nearer to equally wide than to equally frequent ranges: outliers are rare but seen. Rounding the log scales of a
+    # few Gaussians in fox's far background cost 0.56 dB after 32 rounds, which take entries from them, and 0.12 so.
     quantiles = np.linspace(0.0, 1.0, entries)
-    book = 0.5 * np.quantile(flat, quantiles) + 0.5 * (flat[0] + quantiles * (flat[-1] - flat[0]))
+    book = 0.25 * np.quantile(flat, quantiles) + 0.75 * (flat[0] + quantiles * (flat[-1] - flat[0]))
     sums = np.concatenate([[0.0], np.cumsum(flat)])
-    for _ in range(NUMBER_ROUNDS):
-        bounds = np.concatenate([[0], np.searchsorted(flat, 0.5 * (book[1:] + book[:-1])), [len(flat)]])
-        sizes = np.diff(bounds)
-        book = np.where(sizes > 0, np.diff(sums[bounds]) / np.maximum(sizes, 1), book)
+    bounds = np.concatenate([[0], np.searchsorted(flat, 0.5 * (book[1:] + book[:-1])), [len(flat)]])
+    sizes = np.diff(bounds)
+    book = np.where(sizes > 0, np.diff(sums[bounds]) / np.maximum(sizes, 1), book)
     return book, np.searchsorted(0.5 * (book[1:] + book[:-1]), values.astype(np.float64))
 
 
@@ -47,11 +46,14 @@ def vector_codebook(vectors: np.ndarray, entries: int, weights: np.ndarray, seed
     Returns:
         (E, D) float32.
     """
-    if len(vectors) <= entries:
-        return vectors.astype(np.float32)
+    vectors = np.ascontiguousarray(vectors, np.float32)
+    # Equal vectors have equal bytes, which are faster to compare.
+    _, first = np.unique(vectors.view(f"V{vectors.strides[0]}"), return_index=True)
+    if len(first) <= entries:
+        return vectors[first]
     rng = np.random.default_rng(seed)
     chosen = rng.permutation(len(vectors))[: PER_ENTRY * entries]
-    vectors, weights = vectors[chosen].astype(np.float32), weights[chosen].astype(np.float64)
+    vectors, weights = vectors[chosen], weights[chosen].astype(np.float64)
     first = rng.choice(len(vectors), entries, replace=False, p=weights / weights.sum())
     book = vectors[first]
     for _ in range(ROUNDS):

@@ -41,7 +41,7 @@ KNOWN = {
     ("harmonic", COLUMNS),
 }
 # Maximum bytes that reading takes per Gaussian and per spherical-harmonics coefficient, as measured.
-READING = (600, 60)
+READING = (250, 66)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import numpy as np
 
 from pocketgs.geometry.quaternions import unit
 from pocketgs.scene.formats.codebooks import nearest, vector_codebook
+from pocketgs.scene.formats.importance import importance_of
 from pocketgs.scene.formats.pgs_coding import DEFAULT, Coding
 from pocketgs.scene.formats.pgs_rotations import quaternions_of, steps_of, turn_levels, with_named_axes
 from pocketgs.scene.gaussians import Gaussians
@@ -67,7 +68,7 @@ def rounded(
     if "sh_dc" in names:
         sh[:, 0] = on_grid(sh[:, 0], coding.colour)
     if "sh_rest" in names:
-        weights = _importance(gaussians) if importance is None else importance
+        weights = importance_of(gaussians) if importance is None else importance
         sh[:, 1:] = rounded_harmonics(sh[:, 1:], weights, coding)
     return Gaussians(means, log_scales, quaternions, opacity_logits, sh)
 
@@ -109,13 +110,6 @@ def rounded_means(means: np.ndarray, log_scales: np.ndarray, share: float) -> np
     multiples = np.rint(np.ldexp(means.astype(np.float64), -exponents))
     # Adding 0 makes -0 positive: the file has one zero.
     return (np.ldexp(multiples, exponents) + 0.0).astype(np.float32)
-
-
-def _importance(gaussians: Gaussians) -> np.ndarray:
-    """(N,) square roots of opacity times the larger two standard deviations, within 33 times the middle one."""
-    sizes = np.sort(gaussians.log_scales.astype(np.float64), axis=1)[:, 1:].sum(axis=1)
-    log_weights = 0.5 * (sizes - np.logaddexp(0.0, -gaussians.opacity_logits.astype(np.float64)))
-    return np.exp(np.clip(log_weights - np.median(log_weights), -3.5, 3.5))
 
 
 def rounded_harmonics(rest: np.ndarray, weights: np.ndarray, coding: Coding) -> np.ndarray:

@@ -26,6 +26,7 @@ from pocketgs.geometry.quaternions import MAX_OTHER, drop_largest, restore_large
 from pocketgs.scene.formats.activations import opacity_from_byte, opacity_to_byte
 from pocketgs.scene.formats.checks import read_contents, require_room, require_sound
 from pocketgs.scene.formats.codebooks import nearest, scalar_codebook, vector_codebook
+from pocketgs.scene.formats.importance import importance_of
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 from pocketgs.scene.morton import morton_order
 
@@ -46,7 +47,7 @@ MAX_PIXELS = 1 << 28
 MAX_TOLD = 200
 """Characters of an archive's error, which may quote the file."""
 # Maximum bytes that reading takes per Gaussian and per spherical-harmonics coefficient, as measured.
-READING = (400, 60)
+READING = (300, 30)
 
 
 def write_gaussians(path: Path, gaussians: Gaussians) -> None:
@@ -83,7 +84,7 @@ def write_gaussians(path: Path, gaussians: Gaussians) -> None:
     }
     if ordered.sh_degree:
         rest = ordered.sh[:, 1:].reshape(count, -1)
-        palette = vector_codebook(rest, min(MAX_WRITTEN, -(-count // 4)), np.ones(count))
+        palette = vector_codebook(rest, min(MAX_WRITTEN, -(-count // 4)), importance_of(ordered))
         labels = nearest(rest, palette)
         codebook, rows = scalar_codebook(palette, ENTRIES)
         across = np.zeros((-(-len(rows) // ACROSS) * ACROSS, rows.shape[1]), np.int64)

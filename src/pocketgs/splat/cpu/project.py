@@ -85,14 +85,17 @@ def _project_shape(
     """Fill in a splat's centre, falloff, opacity and depth; False if it cannot be seen."""
     opacity = 1.0 / (1.0 + math.exp(-float(logit)))
     depth = depth_of(view, lens, local)
-    if not (depth >= near and opacity >= ALPHA_MIN and shows(view, lens, local)):
+    if not (depth >= near and opacity >= ALPHA_MIN):
+        return False
+    scales = math.exp(float(log_scale[0])), math.exp(float(log_scale[1])), math.exp(float(log_scale[2]))
+    if not shows(view, lens, local, max(scales)):
         return False
     jacobian = jacobian_at(view, lens, local)
     w, x, y, z = float(quaternion[0]), float(quaternion[1]), float(quaternion[2]), float(quaternion[3])
     axes = axes_of((w, x, y, z))
-    _, p = footprint(view, jacobian, axes[0], math.exp(float(log_scale[0])))
-    _, q = footprint(view, jacobian, axes[1], math.exp(float(log_scale[1])))
-    _, r = footprint(view, jacobian, axes[2], math.exp(float(log_scale[2])))
+    _, p = footprint(view, jacobian, axes[0], scales[0])
+    _, q = footprint(view, jacobian, axes[1], scales[1])
+    _, r = footprint(view, jacobian, axes[2], scales[2])
     xx = p[0] * p[0] + q[0] * q[0] + r[0] * r[0] + LOW_PASS
     xy = p[0] * p[1] + q[0] * q[1] + r[0] * r[1]
     yy = p[1] * p[1] + q[1] * q[1] + r[1] * r[1] + LOW_PASS

@@ -46,6 +46,14 @@ def linearised(local: np.ndarray, camera: Camera) -> Linearised:
     return _perspective(local, camera, focal)
 
 
+def is_beside(local: np.ndarray, camera: Camera) -> np.ndarray:
+    """(N,) bool: which points are so far beside the image that `linearised` holds their slopes."""
+    if camera.lens.model in ("orthographic", "fisheye"):
+        return np.zeros(len(local), np.bool_)
+    slopes, (low, high) = local[:, :2] / local[:, 2:], slope_limits(camera)
+    return np.asarray((np.clip(slopes, low, high) != slopes).any(axis=1))
+
+
 def _perspective(local: np.ndarray, camera: Camera, focal: np.ndarray) -> Linearised:
     """(x, y, z) ↦ f d(x/z, y/z) + c, with d of `_Distortion`."""
     depth = local[:, 2]

@@ -18,7 +18,7 @@ from pocketgs.splat.constants import (
     MIN_DETERMINANT,
 )
 from pocketgs.splat.near_plane import near_plane
-from pocketgs.splat.reference.lenses import linearised
+from pocketgs.splat.reference.lenses import is_beside, linearised
 from pocketgs.splat.reference.scene import Scene, SceneGradient
 
 
@@ -69,7 +69,8 @@ def project(scene: Scene, camera: Camera, near: float | None = None, antialiased
 
     Gaussians before the near plane, the scene's if none is given, that the lens does not show, with an opacity under
     1/255, with parameters that are not finite, thinner than float32 can hold, or whose bounds at that opacity hold no
-    pixel centre, are not visible.
+    pixel centre, are not visible. Neither are those beside the image that reach the camera's plane within a standard
+    deviation: no ellipse is their image, and the linearised projection would draw them as a veil.
     """
     with np.errstate(all="ignore"):
         rotation, translation = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
@@ -99,6 +100,8 @@ def project(scene: Scene, camera: Camera, near: float | None = None, antialiased
         depths = lenses.depths(camera.lens, local)
         in_front = depths >= (near_plane(scene.means) if near is None else near)
         in_front &= lenses.shown(camera.lens, local)
+        reaching = np.exp(scene.log_scales).max(axis=1) > depths
+        in_front &= ~(reaching & is_beside(local, camera))
         sound_shape &= np.all(variances < MAX_VARIANCE, axis=1)
         visible = finite & sound_shape & sound_colour & on_screen & in_front & (opacities >= ALPHA_MIN)
         covariances[~visible] = np.eye(2)

@@ -26,8 +26,8 @@ def depth_of(view: View, lens: Fisheye, local: Vector) -> float:
     return root(dot(local, local))
 
 
-def shows(view: View, lens: Fisheye, local: Vector) -> bool:
-    """Whether the lens shows what lies beyond the near plane: it has not turned back there."""
+def shows(view: View, lens: Fisheye, local: Vector, largest: float) -> bool:
+    """Whether a Gaussian beyond the near plane is shown: the lens has not turned back there."""
     return local[2] >= lens.least_cosine * root(dot(local, local))
 
 

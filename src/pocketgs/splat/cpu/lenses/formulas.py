@@ -27,8 +27,8 @@ def depth_of(view: View, lens: KernelLens, local: Vector) -> float:
     raise NotImplementedError("for kernels only")
 
 
-def shows(view: View, lens: KernelLens, local: Vector) -> bool:
-    """Whether the lens shows what lies beyond the near plane, in kernels only."""
+def shows(view: View, lens: KernelLens, local: Vector, largest: float) -> bool:
+    """Whether a Gaussian beyond the near plane is shown, whose largest standard deviation is given; in kernels only."""
     raise NotImplementedError("for kernels only")
 
 
@@ -55,7 +55,7 @@ def _depth_of(view: View, lens: KernelLens, local: Vector) -> Any:
 
 
 @overload(shows, strict=False, jit_options=INLINED)
-def _shows(view: View, lens: KernelLens, local: Vector) -> Any:
+def _shows(view: View, lens: KernelLens, local: Vector, largest: float) -> Any:
     return _formulas(lens).shows
 
 

@@ -16,8 +16,8 @@ def depth_of(view: View, lens: Orthographic, local: Vector) -> float:
     return local[2]
 
 
-def shows(view: View, lens: Orthographic, local: Vector) -> bool:
-    """Whether the lens shows what lies beyond the near plane."""
+def shows(view: View, lens: Orthographic, local: Vector, largest: float) -> bool:
+    """Whether a Gaussian beyond the near plane is shown."""
     return True
 
 

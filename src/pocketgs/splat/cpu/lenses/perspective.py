@@ -21,10 +21,12 @@ def depth_of(view: View, lens: Perspective, local: Vector) -> float:
     return local[2]
 
 
-def shows(view: View, lens: Perspective, local: Vector) -> bool:
-    """Whether the lens shows what lies beyond the near plane: it has not turned back there."""
+def shows(view: View, lens: Perspective, local: Vector, largest: float) -> bool:
+    """Whether a Gaussian beyond the near plane is shown: as `pinhole.shows`, and the lens has not turned back there."""
     across = local[0] * local[0] + local[1] * local[1]
-    return across <= lens.largest_square * local[2] * local[2]
+    slope_x, slope_y = _held_slopes(lens, local)
+    is_beside = slope_x != local[0] / local[2] or slope_y != local[1] / local[2]
+    return across <= lens.largest_square * local[2] * local[2] and not (is_beside and largest > local[2])
 
 
 @inlined

@@ -18,9 +18,15 @@ def depth_of(view: View, lens: Pinhole, local: Vector) -> float:
     return local[2]
 
 
-def shows(view: View, lens: Pinhole, local: Vector) -> bool:
-    """Whether the lens shows what lies beyond the near plane."""
-    return True
+def shows(view: View, lens: Pinhole, local: Vector, largest: float) -> bool:
+    """Whether a Gaussian beyond the near plane is shown.
+
+    One beside the image that reaches the camera's plane is not: no ellipse is its image, and the linearised projection
+    would draw it as a veil.
+    """
+    slope_x, slope_y = clamped_slopes(view, local)
+    is_beside = slope_x != local[0] / local[2] or slope_y != local[1] / local[2]
+    return not (is_beside and largest > local[2])
 
 
 def centre_of(view: View, lens: Pinhole, local: Vector) -> tuple[float, float]:

@@ -33,9 +33,12 @@ fn project_shape(gaussian: Gaussian) -> Projected {
     if (!(sound && local.z >= view.near && log2_opacity >= LOG2_ALPHA_MIN)) {
         return result;
     }
+    let scale = exp(gaussian.log_scale);
+    if (is_veil(view, local, scale)) {
+        return result;
+    }
     let jacobian = jacobian_at(view, local);
     let axes = axes_of(gaussian.quaternion);
-    let scale = exp(gaussian.log_scale);
     let p = project_vector(jacobian, rotate_to_camera(view, scale.x * axes[0]));
     let q = project_vector(jacobian, rotate_to_camera(view, scale.y * axes[1]));
     let r = project_vector(jacobian, rotate_to_camera(view, scale.z * axes[2]));

@@ -14,6 +14,13 @@ fn clamped_slopes(view: View, local: vec3f) -> vec2f {
     return clamp(local.xy / local.z, view.slopes_low, view.slopes_high);
 }
 
+// Whether a Gaussian beside the image reaches the camera's plane within a standard deviation. No ellipse is its image, and
+// the linearised projection would draw it as a veil.
+fn is_veil(view: View, local: vec3f, scale: vec3f) -> bool {
+    let is_beside = any(clamped_slopes(view, local) != local.xy / local.z);
+    return is_beside && max(scale.x, max(scale.y, scale.z)) > local.z;
+}
+
 fn jacobian_at(view: View, local: vec3f) -> Jacobian {
     let slopes = clamped_slopes(view, local);
     return Jacobian(

@@ -1,0 +1,69 @@
+"""PlayCanvas' SOG: what it rounds, and files that are broken in its own ways."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pocketgs.errors import PocketGSError
+from pocketgs.scene.formats import read_scene, sog
+from pocketgs.scene.morton import morton_order
+from scene.formats.scenes import opacity_error, random_scene, turns_between
+
+
+@pytest.mark.parametrize("degree", [0, 1, 3])
+def test_errors(tmp_path: Path, degree: int) -> None:
+    scene = random_scene(700, degree, extent=30.0)
+    ordered = scene.select(morton_order(scene.means))
+    sog.write_gaussians(tmp_path / "a.sog", scene)
+    found = read_scene(tmp_path / "a.sog")
+    squeezed = [np.sign(each.means) * np.log1p(np.abs(each.means)) for each in (found, ordered)]
+    assert (np.abs(squeezed[0] - squeezed[1]) <= np.ptp(squeezed[1], axis=0) / 130_000 + 1e-6).all()
+    assert np.abs(found.log_scales - ordered.log_scales).max() <= 0.06
+    assert len(np.unique(found.log_scales)) <= 256
+    assert turns_between(found, ordered).max() <= 1.0
+    assert opacity_error(found, ordered) <= 1 / 500
+    assert np.abs(found.sh[:, 0] - ordered.sh[:, 0]).max() <= 0.02
+    assert found.sh.shape == ordered.sh.shape
+
+
+def changed(path: Path, change: Callable[[dict[str, Any]], object]) -> Path:
+    """A copy whose `meta.json` is changed."""
+    with zipfile.ZipFile(path) as archive:
+        parts = {name: archive.read(name) for name in archive.namelist()}
+    meta = json.loads(parts["meta.json"])
+    change(meta)
+    parts["meta.json"] = json.dumps(meta).encode()
+    with zipfile.ZipFile(path.with_name("changed.sog"), "w") as archive:
+        for name, content in parts.items():
+            archive.writestr(name, content)
+    return path.with_name("changed.sog")
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda meta: meta.update(version=1), "version 1, expected 2"),
+        (lambda meta: meta.update(count=0), "0 Gaussians"),
+        (lambda meta: meta.update(count=10**8), "MB of memory"),
+        (lambda meta: meta.update(count=600), "expected 600 or more"),
+        (lambda meta: meta["scales"].update(codebook=["x"] * 256), "not a list of up to 256 numbers"),
+        (lambda meta: meta["means"].update(mins=[1e39] * 3), "NaN or infinity"),
+        (lambda meta: meta["shN"].update(bands=2), "the palette has"),
+        (lambda meta: meta["shN"].update(count=3), "of a palette of 3"),
+        (lambda meta: meta["quats"].update(files=["sh0.webp"]), "a rotation has the alpha"),
+        (lambda meta: meta["quats"].update(files=["../x"]), "holds no"),
+        (lambda meta: meta["quats"].update(files=["meta.json"]), "not a readable image"),
+        (lambda meta: meta.pop("sh0"), "lacks 'files' of 'sh0'"),
+    ],
+)
+def test_broken(tmp_path: Path, change: Callable[[dict[str, Any]], object], told: str) -> None:
+    sog.write_gaussians(tmp_path / "a.sog", random_scene(100, 1))
+    with pytest.raises(PocketGSError, match=told):
+        read_scene(changed(tmp_path / "a.sog", change))
