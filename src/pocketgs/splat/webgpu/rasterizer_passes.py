@@ -47,8 +47,17 @@ def _backward(absolute: bool) -> Sequence:
     )
 
 
+_INSPECT = Sequence(
+    ("contribution_rows", "contributions"),
+    (
+        Pass("inspect", "inspect", "tiles", buffers=SORTED),
+        Pass("gather contributions", "gather_contributions", "groups"),
+    ),
+)
+
+
 @cache
-def describe_rasterizer(subgroups: bool) -> Description:
+def describe_rasterizer(subgroups: bool, compositor: str = "over") -> Description:
     """Describe the rasterizer's passes.
 
     The numbers that the expressions are computed from: those of `describe` that rendering needs; channel_groups; and
@@ -56,9 +65,11 @@ def describe_rasterizer(subgroups: bool) -> Description:
 
     Args:
         subgroups: see `Variant`.
+        compositor: "over", or "sum", which sorts nothing by depth and has nothing to inspect.
     """
     sections = {
         **Variant(subgroups=subgroups).sections,
+        **{f"compositor.{part}": f"{compositor}.{part}" for part in ("forward", "backward", "inspection")},
         "replay.record": "replay.record_nothing",
         "channels.kind": "channels.groups",
         "gradient_rows.gather": "channel_rows.gather",
@@ -67,21 +78,16 @@ def describe_rasterizer(subgroups: bool) -> Description:
         "forward": Sequence(
             CLEARED,
             (
-                *bin_passes(),
+                *bin_passes(by_depth=compositor == "over"),
                 Pass("take colours", "take_colours", "groups", when="colours"),
                 Pass("rasterize", "rasterize", "tiles * channel_groups", buffers=SORTED),
             ),
         ),
         "backward": _backward(absolute=False),
         "backward, absolute too": _backward(absolute=True),
-        "inspect": Sequence(
-            ("contribution_rows", "contributions"),
-            (
-                Pass("inspect", "inspect", "tiles", buffers=SORTED),
-                Pass("gather contributions", "gather_contributions", "groups"),
-            ),
-        ),
     }
+    if compositor == "over":
+        sequences["inspect"] = _INSPECT
     buffers = {**rendering_buffers(Variant()), **_FORWARD_BUFFERS, **_BACKWARD_BUFFERS, **_INSPECTION_BUFFERS}
     names = dict.fromkeys(one.shader for sequence in sequences.values() for one in sequence.passes)
     shaders = {name: SHADERS.link(name, sections) for name in names}
