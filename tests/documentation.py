@@ -10,7 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
-SUBCOMMANDS = ("train", "pose", "eval", "render", "view", "info", "convert", "export-colmap", "demo", "bench")
+SUBCOMMANDS = ("train", "pose", "eval", "render", "view", "info", "convert", "distil", "export-colmap", "demo", "bench")
 
 TYPED = re.compile(r"^(?:    |\t)(?P<line>(?:[\w./\\-]*pocketgs|python3?|make|pip)\s.*)$", re.MULTILINE)
 IN_TEXT = re.compile(r"`(?P<line>[^`\n]+(?:\n[^`\n]+)?)`")

@@ -23,6 +23,7 @@ SUBCOMMANDS = {
     "render": "render",
     "view": "view",
     "info": "info",
+    "distil": "distil",
     "convert": "convert",
     "export-colmap": "export_colmap",
     "demo": "demo",

@@ -38,6 +38,7 @@ STAGES = {
     "compilation": "loading kernels (the first run compiles them: up to half a minute)",
     "upload": "preparing the engine",
     "writing": "writing the result",
+    "visibility": "measuring how much of each Gaussian is seen (the first run compiles kernels)",
     "evaluation": "evaluating the held-out views",
 }
 ITERATIONS_BETWEEN_LINES = 100

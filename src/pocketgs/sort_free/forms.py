@@ -1,7 +1,7 @@
 """How much a Gaussian counts in a sort-free image: one function per form, with its gradient.
 
-Sorting finds what hides what. Without it, a Gaussian is weighted by what is known of it alone: how far away it is, and a
-number v of its own that depends on the direction it is seen from.
+Sorting finds what hides what. Without it, a Gaussian is weighted by what is known of it alone: how far away it is, and
+a number v of its own that depends on the direction it is seen from.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Seen:
 
 @dataclass(frozen=True)
 class WeightGradient:
-    """Gradient with respect to what weights were made from: (N,) each, and (G,) the logarithms of the form's numbers."""
+    """Gradient with respect to what weights are made from: (N,) each, and (G,) the logarithms of the form's numbers."""
 
     distances: np.ndarray
     views: np.ndarray

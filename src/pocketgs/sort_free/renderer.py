@@ -17,7 +17,6 @@ from pocketgs.scene.spherical_harmonics import basis, basis_gradient
 from pocketgs.sort_free.forms import Pullback, Seen
 from pocketgs.sort_free.scene import SortFreeScene
 from pocketgs.splat.constants import BRIGHTEST
-from pocketgs.splat.engine import Rendering
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.rasterizer import Raster, RasterGradient, Rasterizer
 
@@ -77,6 +76,9 @@ class SortFreeRenderer:
         engine: as `Rasterizer` takes it, as are the others.
         threads: number of CPU threads.
         gpu: part of the name of the GPU to use.
+
+    Attributes:
+        rasterizer: what adds up.
     """
 
     def __init__(
@@ -85,7 +87,7 @@ class SortFreeRenderer:
         threads: int | None = None,
         gpu: str | None = None,
     ) -> None:
-        self._rasterizer = Rasterizer(engine, threads, gpu, "sum")
+        self.rasterizer = Rasterizer(engine, threads, gpu, "sum")
 
     def forward(
         self,
@@ -111,7 +113,7 @@ class SortFreeRenderer:
         columns = [weighted.colours, np.ones_like(weighted.weights)[:, None]]
         columns += [weighted.depths[:, None]] if depth else []
         channels = weighted.weights[:, None] * np.concatenate(columns, axis=1)
-        raster = self._rasterizer.forward(parameters, camera, ("alpha", "features"), features=channels, near=near)
+        raster = self.rasterizer.forward(parameters, camera, ("alpha", "features"), features=channels, near=near)
         assert raster.features is not None
         assert raster.alpha is not None
         totals, behind = raster.features, np.array(checked_background(background), raster.features.dtype)
@@ -150,20 +152,9 @@ class SortFreeRenderer:
             d_coverage = None
             d_totals[..., 3] += (d_alpha * behind / (total + behind) ** 2).astype(totals.dtype)
             d_numbers[-1] = -np.sum(d_alpha * total / (total + behind) ** 2) * behind
-        found = self._rasterizer.backward(image._raster, features=d_totals, alpha=d_coverage)
+        found = self.rasterizer.backward(image._raster, features=d_totals, alpha=d_coverage)
         assert found.features is not None
         return _weigh_backward(scene, image._camera, weighted, found, d_numbers)
-
-    def rendering(
-        self,
-        scene: SortFreeScene,
-        camera: Camera,
-        background: tuple[float, float, float] = BLACK,
-        depth: bool = False,
-    ) -> Rendering:
-        """Draw one view as the engines do."""
-        image = self.forward(scene, camera, background, depth=depth)
-        return Rendering(image.rgb, image.alpha, image.depth)
 
 
 def _means(totals: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from pocketgs.splat.rasterizer import Rasterizer
 
 LEAST_VISIBLE = 1e-3
 """Less of a Gaussian than this counts as this."""
+
+MOST_CAMERAS = 50
+"""More cameras than this are thinned out evenly: each takes an image in either way, and few unknowns are fitted."""
 
 STIFFNESS = 0.02
 """Of the fit, as a share of all views' weight: keeps v level where no camera looks from."""
@@ -35,22 +38,39 @@ def visible_shares(
 
 
 def fitted_views(
-    gaussians: Gaussians, cameras: Iterable[Camera], degree: int, sorted_: Rasterizer, summed: Rasterizer
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],
+    degree: int,
+    sorted_: Rasterizer,
+    summed: Rasterizer,
+    on_count: Callable[[int, int], None] = lambda done, of: None,
 ) -> np.ndarray:
     """(N, K) harmonics of the logarithm of the visible share, by least squares over cameras.
 
     With these as v, a sort-free image has in place of each pixel's transmittance its mean over the Gaussian.
+
+    Args:
+        gaussians: the sorted scene.
+        cameras: from where to look.
+        degree: of the harmonics.
+        sorted_: composites "over".
+        summed: composites "sum".
+        on_count: told how many of how many cameras are done.
     """
     coefficients, count = SH_COEFFICIENTS[degree], len(gaussians)
     matrices, sides = np.zeros((count, coefficients, coefficients)), np.zeros((count, coefficients))
-    for camera in cameras:
+    chosen = np.unique(np.linspace(0, len(cameras) - 1, min(len(cameras), MOST_CAMERAS)).round().astype(int))
+    for number, camera in enumerate(cameras[place] for place in chosen):
         shares, covered = visible_shares(gaussians, camera, sorted_, summed)
-        offsets = gaussians.means - camera.centre
+        seen = np.flatnonzero(covered)
+        offsets, shares = gaussians.means[seen] - camera.centre, shares[seen]
         rows = basis(offsets / np.linalg.norm(offsets, axis=1, keepdims=True), coefficients)
         # Where a Gaussian is all but hidden, it matters little how well.
-        weights = np.sqrt(covered) * (0.05 + np.sqrt(shares))
-        matrices += weights[:, None, None] * rows[:, :, None] * rows[:, None, :]
-        sides += (weights * np.log(np.maximum(shares, LEAST_VISIBLE)))[:, None] * rows
+        weights = np.sqrt(covered[seen]) * (0.05 + np.sqrt(shares))
+        weighted = weights[:, None] * rows
+        matrices[seen] += weighted[:, :, None] * rows[:, None, :]
+        sides[seen] += np.log(np.maximum(shares, LEAST_VISIBLE))[:, None] * weighted
+        on_count(number + 1, len(chosen))
     stiff = STIFFNESS * np.trace(matrices, axis1=1, axis2=2) + 1e-6
     matrices[:, np.arange(1, coefficients), np.arange(1, coefficients)] += stiff[:, None]
     matrices[:, 0, 0] += 1e-6
