@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -127,7 +128,7 @@ def popping(ways: dict[str, Draw], cameras: list[Camera]) -> Table:
     table = Table("change between frames, in 1/255", "all", "finer than 8 pixels", "largest of a pixel, 99.99 %")
     for way in ("sorted", "sort-free"):
         images = [np.clip(ways[way](camera), 0.0, 1.0) for camera in cameras]
-        changes = [255.0 * (after - before) for before, after in zip(images, images[1:], strict=False)]
+        changes = [255.0 * (after - before) for before, after in pairwise(images)]
         fine = [change - cv2.GaussianBlur(change, (0, 0), 8.0) for change in changes]
         mean, finer = (float(np.mean(np.abs(found))) for found in (changes, fine))
         table.add_row(way, f"{mean:.3f}", f"{finer:.3f}", f"{float(np.quantile(np.abs(changes), 0.9999)):.1f}")
