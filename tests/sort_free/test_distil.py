@@ -49,7 +49,9 @@ def test_training_improves_every_form(small_capture: Capture, teacher: Gaussians
 
 
 def test_what_is_seen_is_a_good_start(small_capture: Capture, teacher: Gaussians) -> None:
-    fitted = distil(teacher, small_capture, DistilOptions(iterations=0)).scene
+    """Better than equal weights, where distances do not count."""
+    scene = distil(teacher, small_capture, DistilOptions(iterations=0, view_degree=1)).scene
+    fitted = replace(scene, numbers=np.log([1e-6]))
     flat = replace(fitted, views=np.zeros_like(fitted.views))
     frame = small_capture.train[0]
     wanted = render(teacher, frame.camera, small_capture.background, engine=CPU).image
@@ -57,7 +59,7 @@ def test_what_is_seen_is_a_good_start(small_capture: Capture, teacher: Gaussians
         np.abs(SortFreeDrawing(scene, CPU).render(frame.camera, small_capture.background).image - wanted).mean()
         for scene in (fitted, flat)
     ]
-    assert errors[0] < 0.8 * errors[1]
+    assert errors[0] < 0.85 * errors[1]
 
 
 def test_it_gives_the_same_bits_on_any_number_of_threads(small_capture: Capture, teacher: Gaussians) -> None:
@@ -94,7 +96,7 @@ def test_files_hold_everything(tmp_path: Path, teacher: Gaussians, form: str) ->
     ("old", "new", "message"),
     [
         (b"comment sort_free_unit 3.7", b"comment sort_free_unit -1", "'sort_free_unit' is '-1', expected a positive"),
-        (b"comment sort_free_sigma 1.0\n", b"", "'sort_free_sigma' is None, expected a positive"),
+        (b"comment sort_free_sigma", b"comment sort_free_sigh", "'sort_free_sigma' is None, expected a positive"),
         (b"comment sort_free visibility", b"comment sort_free magic", "form 'magic': not known, expected one of"),
         (b"property float view_3", b"property float view_9", r"views of shape \(\d+, 3\), expected"),
         (b"element vertex", b"element vortex", "not a readable .ply with vertices"),

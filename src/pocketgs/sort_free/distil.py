@@ -29,7 +29,7 @@ SOLID = 0.5
 RATE = 0.3
 """Learning rates, as a share of the recipe's for a scene from scratch."""
 
-VIEW_RATE, NUMBER_RATE = 0.05, 0.02
+VIEW_RATE, NUMBER_RATE = 0.15, 0.02
 """First learning rates of the harmonics of v, and of the logarithms of the form's numbers."""
 
 
@@ -52,7 +52,7 @@ class DistilOptions:
     compositor: FormName = "visibility"
     iterations: int = 500
     sh_degree: int = 1
-    view_degree: int = 1
+    view_degree: int = 2
     teacher_weight: float = 1.0
     depth_weight: float = 0.1
     seed: int = 0

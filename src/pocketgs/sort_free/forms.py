@@ -129,9 +129,9 @@ def _mobile(seen: Seen, numbers: np.ndarray) -> tuple[np.ndarray, Pullback]:
 
 
 def _visibility(seen: Seen, numbers: np.ndarray) -> tuple[np.ndarray, Pullback]:
-    """The weight exp(v - σ d): v stands for the logarithm of what sorted images call transmittance in front."""
-    sigma = numbers[0].astype(seen.distances.dtype)
-    exponents = seen.views - sigma * seen.distances
+    """The weight exp(v) / d^σ: v stands for the logarithm of what sorted images call transmittance in front."""
+    sigma, logarithms = numbers[0].astype(seen.distances.dtype), np.log(seen.distances)
+    exponents = seen.views - sigma * logarithms
     # A common factor of all weights cancels: the nearest and clearest Gaussians have weights of about 1.
     exponents = exponents - (exponents.max() if exponents.size else 0.0)
     weights = np.exp(np.maximum(exponents, -LARGEST_EXPONENT))
@@ -139,8 +139,8 @@ def _visibility(seen: Seen, numbers: np.ndarray) -> tuple[np.ndarray, Pullback]:
     def pull(d_weights: np.ndarray) -> WeightGradient:
         d_exponents = np.where(exponents > -LARGEST_EXPONENT, d_weights * weights, 0.0)
         shared = np.zeros(len(numbers))
-        shared[0] = -sigma * np.sum(d_exponents * seen.distances)
-        return WeightGradient(-sigma * d_exponents, d_exponents, np.zeros_like(d_exponents), shared)
+        shared[0] = -sigma * np.sum(d_exponents * logarithms)
+        return WeightGradient(-sigma * d_exponents / seen.distances, d_exponents, np.zeros_like(d_exponents), shared)
 
     return weights, pull
 
@@ -152,7 +152,7 @@ FORMS = {
         Form("exponential", _exponential, {"sigma": 2.0, "beta": 1.0, "background": 0.02}, None, covers=False),
         Form("lc", _linear_correction, {"sigma": 10.0, "background": 0.02}, 1.0, covers=False),
         Form("mobile", _mobile, {}, 1.0, covers=True),
-        Form("visibility", _visibility, {"sigma": 1.0}, 0.0, covers=True),
+        Form("visibility", _visibility, {"sigma": 8.0}, 0.0, covers=True),
     )
 }
 assert set(FORMS) == set(get_args(FormName))
