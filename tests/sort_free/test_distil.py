@@ -96,6 +96,7 @@ def test_files_hold_everything(tmp_path: Path, teacher: Gaussians, form: str) ->
     ("old", "new", "message"),
     [
         (b"comment sort_free_unit 3.7", b"comment sort_free_unit -1", "'sort_free_unit' is '-1', expected a positive"),
+        (b"comment sort_free_unit 3.7", b"comment sort_free_unit 1e-30", "unit 1e-30 and numbers"),
         (b"comment sort_free_sigma", b"comment sort_free_sigh", "'sort_free_sigma' is None, expected a positive"),
         (b"comment sort_free visibility", b"comment sort_free magic", "form 'magic': not known, expected one of"),
         (b"property float view_3", b"property float view_9", r"views of shape \(\d+, 3\), expected"),

@@ -11,6 +11,9 @@ from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 from pocketgs.scene.spherical_harmonics import C0
 from pocketgs.sort_free.forms import Form, form_named
 
+MAX_UNIT, MAX_LOGARITHM = 1e15, 20.0
+"""Units of length, and logarithms of numbers, past these come from broken files only."""
+
 
 @dataclass
 class SortFreeScene:
@@ -39,8 +42,9 @@ class SortFreeScene:
         if self.views.ndim != 2 or len(self.views) != count or self.views.shape[1] not in wanted:
             expected = " or ".join(map(str, wanted))
             raise PocketGSError(f"sort-free scene: views of shape {self.views.shape}, expected ({count}, {expected})")
-        if not (np.isfinite(self.unit) and self.unit > 0.0 and np.isfinite(self.numbers).all()):
-            raise PocketGSError(f"sort-free scene: unit {self.unit} and numbers {self.numbers}, expected finite ones")
+        if not (1.0 / MAX_UNIT < self.unit < MAX_UNIT and np.all(np.abs(self.numbers) < MAX_LOGARITHM)):
+            found = f"unit {self.unit:g} and numbers {np.exp(self.numbers)}"
+            raise PocketGSError(f"sort-free scene: {found}, expected such that float32 can hold")
 
     def __len__(self) -> int:
         return len(self.gaussians.means)
