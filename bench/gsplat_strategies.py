@@ -35,6 +35,8 @@ from pocketgs.training.recipes import Recipe, camera_extent, recipe_named
 from pocketgs.training.seeding import SEEDINGS
 from pocketgs.training.validation import render_frame
 
+UNBOUNDED = 10_000_000
+
 install_as_gsplat()
 
 from gsplat import DefaultStrategy, MCMCStrategy, rasterization  # noqa: E402 - what this script is about
@@ -54,7 +56,7 @@ def main(
         capture: What to train on.
         strategy: DefaultStrategy against `adc`, or MCMCStrategy against `mcmc`.
         iterations: Of each run.
-        gaussians: At most; DefaultStrategy knows no bound.
+        gaussians: At most at the start and, with mcmc, later.
         own: Whether to run PocketGS's own too.
         reading: How to read the capture.
     """
@@ -64,7 +66,9 @@ def main(
     asked = TrainingOptions(iterations=iterations, max_gaussians=gaussians, strategy=strategy, engine="cpu")
     prepared = prepare(opened, sized(asked, sizes), Stopwatch())
     if own:
-        result = train(prepared, asked, evaluate_every=0)
+        # DefaultStrategy knows no bound.
+        most = gaussians if strategy == "mcmc" else UNBOUNDED
+        result = train(prepared, asked, evaluate_every=0, max_gaussians=most)
         engine = create_engine(asked.engine_options)
         engine.upload(result.scene)
         values = [

@@ -34,7 +34,7 @@ from pocketgs.splat.rendering import render
 from pocketgs.training.options import TrainingOptions
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
-SHOWN = ("none", "turning", "swung", "night", "blank", "mirror", "flicker")
+SHOWN = ("none", "turning", "swung", "night", "blank", "mirror", "flicker", "passer-by")
 """The mistakes shown on the page."""
 
 OPTIONS = TrainingOptions(effort="quick", iterations=200, max_gaussians=15_000, engine="cpu")

@@ -159,13 +159,15 @@ def test_halves_have_the_mean_and_covariance_of_the_whole() -> None:
     np.testing.assert_allclose(hidden, scene.opacities * scene.scales.prod(axis=1), rtol=1e-4)
 
 
-def grown(scene: Gaussians, gradients: np.ndarray, most: int = 150, iteration: int = 600) -> Rows:
+def grown(
+    scene: Gaussians, gradients: np.ndarray, most: int = 150, iteration: int = 600, iterations: int = 30_000
+) -> Rows:
     engine = Rows(scene)
     count = len(scene)
     engine.restart_statistics(
         Statistics(gradients.astype(np.float32) * 2, np.full(count, 2, np.float32), *[np.zeros(count, np.float32)] * 3)
     )
-    strategy = AdaptiveDensityControl(replace(SITUATION, most=most))
+    strategy = AdaptiveDensityControl(replace(SITUATION, most=most, iterations=iterations))
     strategy.after_step(iteration, engine)  # type: ignore[arg-type]
     return engine
 
@@ -205,6 +207,9 @@ def test_density_control_prunes_and_is_bounded() -> None:
     assert grown(scene, np.zeros(100), iteration=3100).count == 94
     for iteration in (500, 650, 15_000):
         assert not grown(scene, gradients, iteration=iteration).changes
+    # After the last step nothing would train what is new.
+    assert grown(scene, gradients, iteration=900, iterations=1000).changes
+    assert not grown(scene, gradients, iteration=1000, iterations=1000).changes
 
 
 @pytest.mark.parametrize(("iteration", "bright"), [(3000, False), (500, True)])
@@ -214,7 +219,7 @@ def test_opacities_are_reset(iteration: int, bright: bool) -> None:
     engine.store.second_moments[:] = 1.0
     statistics = replace(Statistics.none_yet(100), seen=np.ones(100, np.float32))
     engine.restart_statistics(statistics)
-    strategy = AdaptiveDensityControl(replace(SITUATION, bright=bright), DensityControl(every=7000))
+    strategy = AdaptiveDensityControl(replace(SITUATION, bright=bright, iterations=30_000), DensityControl(every=7000))
     strategy.after_step(iteration, engine)  # type: ignore[arg-type]
     np.testing.assert_allclose(engine.download().opacities, 0.01, rtol=1e-5)
     assert not engine.store.first_moments[:, 9].any()

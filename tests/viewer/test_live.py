@@ -43,19 +43,24 @@ _Result = TypeVar("_Result")
 def meanwhile(coroutine: Coroutine[Any, Any, _Result]) -> Iterator[Future[_Result]]:
     """Run a page's side of things on another thread: training has this one."""
     result: Future[_Result] = Future()
+    training_is_over = threading.Event()
 
     def work() -> None:
         try:
             result.set_result(asyncio.run(asyncio.wait_for(coroutine, PATIENCE)))
         except BaseException as error:
             result.set_exception(error)
-            # Or training would go on for ever.
-            signal.raise_signal(signal.SIGINT)
+            # Or training would go on for ever. Once it is over, the signal would end the session of tests.
+            if not training_is_over.is_set():
+                signal.raise_signal(signal.SIGINT)
 
     thread = threading.Thread(target=work)
     thread.start()
-    yield result
-    thread.join()
+    try:
+        yield result
+    finally:
+        training_is_over.set()
+        thread.join()
 
 
 @pytest.fixture

@@ -199,6 +199,12 @@ def print_result(console: Terminal, result: RunResult) -> None:
         f"{seconds['total']:.1f} s in total ({stages}), peak memory {summary['peak_rss_mb']:.0f} MB",
         f"result in {result.folder}: scene.ply, run.json{', held_out/' if result.evaluation else ''}",
     ]
+    moved = summary["transients"]
+    if moved and moved["photographs"]:
+        left_out = "{photographs} photographs show things that moved, {share:.1%} of all pixels are left out".format(
+            **moved
+        )
+        lines.insert(0, f"{left_out}: see transients/")
     console.say(*lines)
 
 

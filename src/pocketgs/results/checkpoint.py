@@ -50,6 +50,9 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) ->
         arrays["course"] = np.array(json.dumps(asdict(checkpoint.course)))
     if checkpoint.state.colours is not None:
         arrays["colours"] = checkpoint.state.colours
+    if checkpoint.transients is not None:
+        arrays["transient_shapes"] = np.array([cells.shape for cells in checkpoint.transients], np.int32)
+        arrays["transients"] = np.packbits(np.concatenate([cells.ravel() for cells in checkpoint.transients]))
     if checkpoint.state.near is not None:
         arrays["near"] = np.float64(checkpoint.state.near)
     with replacing(path) as partial:
@@ -119,6 +122,7 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
             statistics = _statistics(data, len(gaussians)) if STATISTICS[0] in data else None
             iteration = int(data["iteration"])
             course = _course(json.loads(str(data["course"]))) if "course" in data else None
+            transients = _transients(data) if "transients" in data else None
     except Exception as error:  # a damaged archive fails in many ways
         raise PocketGSError(f"{path}: not a readable checkpoint ({error})") from error
     if iteration < 0 or state.steps < 0:
@@ -134,7 +138,7 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
     for key, value in run.items():
         if written.get(key) != value:
             raise PocketGSError(f"{path}: belongs to a run with {key} {written.get(key)!r}, but this one has {value!r}")
-    return Checkpoint(iteration, gaussians, state, statistics, course)
+    return Checkpoint(iteration, gaussians, state, statistics, course, transients)
 
 
 def _course(written: dict[str, Any]) -> Course:
@@ -144,6 +148,13 @@ def _course(written: dict[str, Any]) -> Course:
     )
     decays_from = written["decays_from"]
     return Course(tuple(looks), None if decays_from is None else int(decays_from))
+
+
+def _transients(data: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
+    shapes = data["transient_shapes"].astype(np.int64)
+    sizes = shapes.prod(axis=1)
+    cells = np.split(np.unpackbits(data["transients"], count=int(sizes.sum())), np.cumsum(sizes)[:-1])
+    return tuple(part.astype(np.bool_).reshape(shape) for part, shape in zip(cells, shapes, strict=True))
 
 
 def _statistics(data: Mapping[str, np.ndarray], count: int) -> Statistics:

@@ -1,5 +1,5 @@
 """The folder that a run leaves behind: `scene.ply`, `run.json`, `checkpoint.npz`, pictures of the held-out views,
-and `cameras.json`.
+`cameras.json`, and pictures of what moved between the photographs, if anything did.
 
 A run's files are written to a hidden folder and published together at its end, see `pocketgs.files.journal`: if the run
 fails or is killed, an earlier result stays as it was.
@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,14 +18,18 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import remove_leftovers, replacing
 from pocketgs.files.journal import settle
 from pocketgs.files.manifest import read_manifest
+from pocketgs.files.plain_names import plain_names
 from pocketgs.results.checkpoint import CHECKPOINT, UNFINISHED, is_checkpoint
 from pocketgs.results.claim import Claim, claimed
+from pocketgs.training.transients import pixels_left
 
 SCENE, RECORD, PICTURES = "scene.ply", "run.json", "held_out"
+TRANSIENTS = "transients"
 CAMERAS = "cameras.json"
 FILES = (SCENE, RECORD, CHECKPOINT, CAMERAS)
 """Files of every result."""
@@ -42,7 +46,7 @@ def claimed_for_run(folder: Path, source: str | None = None) -> Iterator[Claim]:
     Raises:
         PocketGSError: the folder cannot be used.
     """
-    with claimed(folder, (*FILES, f"{PICTURES}/*.png"), source) as claim:
+    with claimed(folder, (*FILES, f"{PICTURES}/*.png", f"{TRANSIENTS}/*.png"), source) as claim:
         remove_leftovers(folder / UNFINISHED)
         if os.path.lexists(folder / UNFINISHED) and not is_checkpoint(folder / UNFINISHED):
             raise PocketGSError(f"{folder / UNFINISHED}: is not a checkpoint of ours, expected it moved away")
@@ -95,6 +99,23 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float | np.floating):
         return float(value) if math.isfinite(value) else None
     return value
+
+
+def write_transients(folder: Path, frames: Sequence[Frame], cells: Sequence[np.ndarray]) -> None:
+    """Write each training photograph with transients to a folder in the given one; red is what was left out.
+
+    Args:
+        folder: an existing folder.
+        frames: the training views.
+        cells: (h, w) bool for each, see `pocketgs.training.transients`.
+    """
+    for frame, name, left_out in zip(frames, plain_names(frame.name for frame in frames), cells, strict=True):
+        if left_out.any():
+            (folder / TRANSIENTS).mkdir(exist_ok=True)
+            picture = frame.image.copy()
+            picture[~pixels_left(frame, left_out)] //= 3
+            picture[~pixels_left(frame, left_out), 0] += 170
+            Image.fromarray(picture).save(folder / TRANSIENTS / f"{name}.png")
 
 
 def write_side_by_side(folder: Path, name: str, photo: np.ndarray, rendered: np.ndarray) -> None:

@@ -7,9 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
 
-import psutil
-
-from pocketgs.system.process import seconds_since_start
+from pocketgs.system.process import resident_bytes, seconds_since_start
 
 MAX_SAMPLES = 400
 """Maximum number of samples; when it is reached, every other one is dropped and the interval doubles."""
@@ -49,9 +47,8 @@ class MemoryTrace:
         self._thread.join()
 
     def _watch(self) -> None:
-        process = psutil.Process()
         while True:
-            rss_mb = process.memory_info().rss / 1e6
+            rss_mb = resident_bytes() / 1e6
             self.samples.append(MemorySample(round(seconds_since_start(), 2), self._stage(), round(rss_mb, 1)))
             if len(self.samples) > MAX_SAMPLES:
                 self.samples, self._interval = self.samples[::2], 2 * self._interval

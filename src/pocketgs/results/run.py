@@ -234,6 +234,7 @@ def _identity(capture: Capture, options: SizedOptions, plan: Plan) -> dict[str, 
         ROOM: plan.gaussians,
         **({"open ended": True} if options.open_ended else {}),
         **({"colours": options.colours} if options.colours == "on" else {}),
+        **({"transients": options.transients} if options.transients == "keep" else {}),
     }
 
 
@@ -268,10 +269,14 @@ def _publish(
 ) -> RunResult:
     """Evaluate the scene, at the poses that it was trained with, and publish the result."""
     refined = prepared.report is not None and prepared.report.poses_refined
-    with claim.publishing(result_folder.FILES, outdated=[f"{result_folder.PICTURES}/*"]) as staging:
+    with claim.publishing(
+        result_folder.FILES, outdated=[f"{result_folder.PICTURES}/*", f"{result_folder.TRANSIENTS}/*"]
+    ) as staging:
         with stopwatch.stage("writing"):
             result.scene.save(staging / result_folder.SCENE)
             write_checkpoint(staging / CHECKPOINT, result.checkpoint, identity)
+            if result.transients:
+                result_folder.write_transients(staging, prepared.train, result.transients)
             write_cameras(staging / result_folder.CAMERAS, prepared.frames, refined, prepared.origin)
         with stopwatch.stage("evaluation"):
             (staging / result_folder.PICTURES).mkdir()

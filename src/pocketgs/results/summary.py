@@ -35,6 +35,7 @@ def summarise(
         **(evaluation.means if evaluation else dict.fromkeys(MEANS)),
         "lpips_note": evaluation.lpips_note if evaluation else None,
         "colours": _learned_colours(result),
+        "transients": _transients(result),
         "coverage": result.prior.coverage if result.prior else None,
         "keyframes": result.prior.keyframes if result.prior else None,
         "gaussians": len(result.scene),
@@ -77,6 +78,14 @@ def _learned_colours(result: TrainingResult) -> dict[str, float] | None:
         return None
     gains = transforms_of(table)[:, range(3), range(3)]
     return {"least_gain": float(gains.min()), "largest_gain": float(gains.max())}
+
+
+def _transients(result: TrainingResult) -> dict[str, float] | None:
+    """In how many training photographs transients were masked, and what share of all their pixels that is."""
+    if result.transients is None:
+        return None
+    shares = [float(cells.mean()) for cells in result.transients]
+    return {"photographs": sum(share > 0 for share in shares), "share": sum(shares) / len(shares)}
 
 
 def _expected_and_actual(plan: Plan, result: TrainingResult, seconds: float) -> dict[str, Any]:

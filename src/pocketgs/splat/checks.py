@@ -13,6 +13,16 @@ from pocketgs.splat.engine import OptimiserState
 from pocketgs.splat.parameters import ParameterLayout
 
 
+def check_masks(masks: Sequence[np.ndarray | None], sizes: Sequence[tuple[int, int]]) -> None:
+    """Raise PocketGSError unless there is a mask, or None, for each photograph of these widths and heights."""
+    if len(masks) != len(sizes):
+        raise PocketGSError(f"masks: found {len(masks)}, expected one for each of {len(sizes)} photographs")
+    for index, (mask, (width, height)) in enumerate(zip(masks, sizes, strict=True)):
+        if mask is not None and (mask.shape != (height, width) or mask.dtype != np.bool_):
+            found = f"found {mask.dtype} of shape {mask.shape}"
+            raise PocketGSError(f"mask {index}: {found}, expected bool of shape {(height, width)}")
+
+
 def checked_scene(gaussians: Gaussians) -> Gaussians:
     """Validate a scene again: its arrays may have been replaced since it was made.
 

@@ -94,6 +94,13 @@ class Engine(Renderer, Protocol):
     def set_views(self, frames: Sequence[Frame]) -> None:
         """Take the photographs that `step` refers to by index. Their colour transforms start at the identity."""
 
+    def set_masks(self, masks: Sequence[np.ndarray | None]) -> None:
+        """Replace the photographs' masks: (H, W) bool, true for pixels that count from the next step on; None for all.
+
+        Raises:
+            PocketGSError: the masks are not of these photographs.
+        """
+
     def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
         """Take a copy of the scene, and of the optimiser's state or start it anew.
 

@@ -10,6 +10,11 @@ from pathlib import Path
 import psutil
 
 
+def resident_bytes() -> int:
+    """Resident memory of this process now."""
+    return int(psutil.Process().memory_info().rss)
+
+
 def peak_rss_mb() -> float:
     """Peak resident memory of this process so far, in MB of 10^6 bytes."""
     # On Linux, getrusage starts with the peak of the parent program.

@@ -30,6 +30,7 @@ from pocketgs.training.result import Checkpoint, LossSample, TrainingResult
 from pocketgs.training.seeding import SEEDINGS
 from pocketgs.training.strategies.choose import create_strategy
 from pocketgs.training.strategies.strategy import GrowthPlan, Situation, Strategy
+from pocketgs.training.transients import Transients
 from pocketgs.training.validation import render_frame
 
 SECONDS_BETWEEN_LOSSES = 0.5
@@ -89,8 +90,13 @@ def train(
     with stopwatch.stage("compilation"):
         engine = opened_engine or create_engine(options.engine_options)
         engine.prepare()
+    transients = None
+    if options.transients == "mask" and recipe.masks_transients:
+        transients = Transients(prepared.train, prepared.background, resume.transients if resume else None)
     with stopwatch.stage("upload"):
         engine.set_views(prepared.train)
+        if transients:
+            transients.start(engine)
         engine.upload(start, resume.state if resume else None)
         if resume and resume.statistics:
             engine.restart_statistics(resume.statistics)
@@ -108,7 +114,7 @@ def train(
         pace = SetPace(options.iterations, seconds, recipe.schedule, rates, len(prepared.train), course)
     strategy = create_strategy(options.strategy, _situation(prepared, options, growth))
     first = resume.iteration if resume else 0
-    loop = _Loop(prepared, options, recipe, strategy, pace, rates, engine, stopwatch, first)
+    loop = _Loop(prepared, options, recipe, strategy, pace, transients, rates, engine, stopwatch, first)
     loop.run(observer)
     if loop.interrupted and loop.iteration == 0:
         raise KeyboardInterrupt
@@ -129,6 +135,7 @@ def train(
         strategy=strategy.name,
         statistics=loop.statistics(),
         course=pace.course,
+        transients=transients.cells if transients else None,
     )
 
 
@@ -156,6 +163,7 @@ class _Loop:
         recipe: Recipe,
         strategy: Strategy,
         pace: Pace,
+        transients: Transients | None,
         rates: LearningRates,
         engine: Engine,
         stopwatch: Stopwatch,
@@ -165,7 +173,7 @@ class _Loop:
         self.interrupted = False
         self.samples: list[LossSample] = []
         self._capture, self._options, self._recipe, self._strategy = capture, options, recipe, strategy
-        self._pace, self._first_rates = pace, rates
+        self._pace, self._transients, self._first_rates = pace, transients, rates
         self._learns_colours = options.colours == "on"
         self._engine, self._stopwatch = engine, stopwatch
         self._loss, self._loss_asked = float("nan"), float("-inf")
@@ -212,6 +220,8 @@ class _Loop:
         self._engine.step(self._next_view(), settings)
         self._pace.after_step(number, seconds, self._engine)
         self._strategy.after_step(number, self._engine)
+        if self._transients:
+            self._transients.after_step(number, self._engine)
         self.iteration = number
 
     def _next_view(self) -> int:
@@ -273,5 +283,6 @@ class _Loop:
                 self._engine.optimiser_state(),
                 self.statistics(),
                 self._pace.course,
+                self._transients.cells if self._transients else None,
             ),
         )

@@ -38,6 +38,8 @@ class TrainingOptions:
         max_keyframes: maximum number of keyframes; None for the effort's.
         exposure: compensate exposure differences of the training photographs: "auto" does so if similar views differ.
         colours: learn an affine colour transform for each training photograph beside the scene.
+        transients: "mask" leaves things out of the loss that were not there when other photographs were taken, such as
+            people who walk by; "keep" trains on all pixels.
         recipe: name of a recipe, see `pocketgs.training.recipes`; None for the effort's.
         strategy: how the number of Gaussians changes: "fixed" keeps it; "adc" clones, splits and prunes as 3DGS does;
             "mcmc" relocates transparent Gaussians; "budgeted" grows where the training views have errors; None for the
@@ -68,6 +70,7 @@ class TrainingOptions:
     max_keyframes: int | None = None
     exposure: Literal["auto", "on", "off"] = "auto"
     colours: Colours = "off"
+    transients: Literal["mask", "keep"] = "mask"
     recipe: str | None = None
     strategy: StrategyName | None = None
     seed: int = 0
@@ -96,6 +99,7 @@ class TrainingOptions:
             "max keyframes": (self.max_keyframes is None or self.max_keyframes >= 2, "at least 2"),
             "exposure": (self.exposure in ("auto", "on", "off"), "auto, on or off"),
             "colours": (self.colours in COLOURS, "on or off"),
+            "transients": (self.transients in ("mask", "keep"), "mask or keep"),
             "max gaussians": (self.max_gaussians is None or self.max_gaussians >= 4, "at least 4"),
             "SH degree": (self.sh_degree in (None, 0, 1, 2, 3), "0, 1, 2 or 3"),
             "threads": (self.threads is None or self.threads >= 1, "at least 1"),

@@ -109,6 +109,7 @@ class Recipe:
         strategy: how the number of Gaussians changes.
         iterations, max_gaussians: of a run, or None to use the effort's.
         open_ended: train until it stops paying, unless the user sets the iterations.
+        masks_transients: whether `TrainingOptions.transients` applies.
         scales_for: number of iterations that the rate of the scales is tuned for, or None for any. Gradient noise lets
             scales drift with the square root of the number of steps, so in longer runs their rate is lower.
     """
@@ -130,6 +131,7 @@ class Recipe:
     iterations: int | None = None
     max_gaussians: int | None = None
     open_ended: bool = False
+    masks_transients: bool = False
     scales_for: int | None = None
 
     def active_degree(self, iteration: int) -> int | None:
@@ -184,6 +186,7 @@ _POCKETGS = Recipe(
     opacity=0.25,
     seed_size=0.6,
     sh_degree=2,
+    masks_transients=True,
     scales_for=500,
 )
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from pocketgs.prior.report import PriorReport
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import OptimiserState
@@ -43,6 +45,7 @@ class Checkpoint:
         state: the optimiser's.
         statistics: collected by its strategy, or None if it collects nothing.
         course: what an open-ended run has learnt so far; None if its length was given.
+        transients: (h, w) bool for each training view, its cells that are left out; None if none were looked for.
     """
 
     iteration: int
@@ -50,6 +53,7 @@ class Checkpoint:
     state: OptimiserState
     statistics: Statistics | None = None
     course: Course | None = None
+    transients: tuple[np.ndarray, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,8 @@ class TrainingResult:
         strategy: name of the strategy.
         statistics: collected by the strategy since its last change, for resuming; None if nothing.
         course: evaluations on the validation views of an open-ended run; None if its length was given.
+        transients: (h, w) bool for each training view, its cells that were left out, see
+            `pocketgs.training.transients`; None if none were looked for.
     """
 
     scene: Gaussians
@@ -90,8 +96,11 @@ class TrainingResult:
     strategy: str = "fixed"
     statistics: Statistics | None = None
     course: Course | None = None
+    transients: tuple[np.ndarray, ...] | None = None
 
     @property
     def checkpoint(self) -> Checkpoint:
         """The checkpoint that a later run can resume from."""
-        return Checkpoint(self.iterations, self.scene, self.optimiser_state, self.statistics, self.course)
+        return Checkpoint(
+            self.iterations, self.scene, self.optimiser_state, self.statistics, self.course, self.transients
+        )

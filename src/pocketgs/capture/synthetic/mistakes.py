@@ -13,9 +13,10 @@ import numpy as np
 
 from pocketgs.capture.capture import Frame
 from pocketgs.capture.synthetic.folder import write_frames
+from pocketgs.capture.synthetic.materials import STRIPES
 from pocketgs.capture.synthetic.phone import READ_NOISE, SHOT_NOISE, expose, quantised
 from pocketgs.capture.synthetic.room import WALL, furnished, room
-from pocketgs.capture.synthetic.scene import Finish, assemble, box
+from pocketgs.capture.synthetic.scene import Finish, assemble, ball, box, upright
 from pocketgs.capture.synthetic.tracing import Scene
 from pocketgs.capture.synthetic.walk import LOOK_AT, true_camera
 from pocketgs.errors import PocketGSError
@@ -33,6 +34,9 @@ SHAKE = np.radians(7)
 
 STRANGER = 9
 """Index of the photograph of another place."""
+
+PASSES_EVERY = 3
+"""Every third photograph has the passer-by in it."""
 
 STOPS_APART = 2.0
 WRONG_BY = 0.2
@@ -148,6 +152,27 @@ def _swung(cameras: Sequence[Camera]) -> list[Taken]:
     return [replace(shot, turn=SHAKE) for shot in _good(cameras)]
 
 
+def _passer_by(cameras: Sequence[Camera]) -> list[Taken]:
+    """A person walks behind the table and back, and is in a third of the photographs, but not in held-out ones."""
+    taken = _good(cameras)
+    coat, trousers, skin = (
+        Finish((0.75, 0.2, 0.15), (0.1, 0.1, 0.1), STRIPES),
+        Finish((0.15, 0.2, 0.4)),
+        Finish((0.85, 0.65, 0.5)),
+    )
+    for number in range(1, len(taken), PASSES_EVERY):
+        if number in HELD_OUT:
+            continue
+        x = float(np.interp(number % (len(taken) / 2), (0, len(taken) / 2), (-0.9, 0.9)))
+        person = [
+            upright((x, 0.75, 0.0), 0.14, 0.85, trousers, taper=1.2, dimming=0.15),
+            upright((x, 0.75, 0.85), 0.2, 0.6, coat, dimming=0.2),
+            ball((x, 0.75, 1.6), 0.12, skin),
+        ]
+        taken[number] = replace(taken[number], scene=furnished(person))
+    return taken
+
+
 MISTAKES: dict[str, Callable[[Sequence[Camera]], list[Taken]]] = {
     "none": _good,
     "turning": _turning,
@@ -159,6 +184,7 @@ MISTAKES: dict[str, Callable[[Sequence[Camera]], list[Taken]]] = {
     "flicker": _flicker,
     "mirror": _mirror,
     "night": _night,
+    "passer-by": _passer_by,
     "swung": _swung,
 }
 """Makers of the captures, by name of the mistake."""

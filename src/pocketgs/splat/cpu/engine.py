@@ -108,6 +108,10 @@ class CpuEngine:
             if kind is not Pinhole:
                 self._prepare_for(lens)
 
+    def set_masks(self, masks: Sequence[np.ndarray | None]) -> None:
+        """Replace the photographs' masks."""
+        self._photographs.set_masks(masks)
+
     def _take_views(self, frames: Sequence[Frame]) -> None:
         self._photographs = Photographs(frames, self.threads)
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pocketgs.capture.capture import Frame
+from pocketgs.splat.checks import check_masks
 from pocketgs.splat.colours import UPDATES, check_transforms, no_transforms, transforms_of
 from pocketgs.splat.cpu.colours import transform, transform_backward
 from pocketgs.splat.cpu.errors import write_error
@@ -44,9 +45,8 @@ class TrainingView:
     @staticmethod
     def of(frame: Frame) -> TrainingView:
         """The view of a frame of a capture."""
-        mask = np.zeros((0, 0), np.bool_) if frame.mask is None else np.array(frame.mask, np.bool_, order="C")
         photo = np.ascontiguousarray(np.moveaxis(frame.image, 2, 0))
-        return TrainingView(View.of(frame.camera), kernel_lens(frame.camera), photo, mask)
+        return TrainingView(View.of(frame.camera), kernel_lens(frame.camera), photo, _plane_of(frame.mask))
 
 
 class Photographs:
@@ -61,6 +61,15 @@ class Photographs:
         self.views = [TrainingView.of(frame) for frame in frames]
         self._threads = threads
         self._colours = no_transforms(len(frames))
+
+    def set_masks(self, masks: Sequence[np.ndarray | None]) -> None:
+        """Replace the masks.
+
+        Raises:
+            PocketGSError: they are not of these photographs.
+        """
+        check_masks(masks, [(each.view.width, each.view.height) for each in self.views])
+        self.views = [replace(each, mask=_plane_of(mask)) for each, mask in zip(self.views, masks, strict=True)]
 
     def restart_colours(self, table: np.ndarray | None) -> None:
         """Take a copy of the table of colour transforms, or begin with the identity.
@@ -106,3 +115,7 @@ class Photographs:
         view = self.views[index]
         photometric(image, view.photo, view.mask, settings, self._threads, canvas.d_image, canvas.row_losses)
         return float(canvas.row_losses.sum(dtype=np.float64))
+
+
+def _plane_of(mask: np.ndarray | None) -> np.ndarray:
+    return np.zeros((0, 0), np.bool_) if mask is None else np.array(mask, np.bool_, order="C")

@@ -15,7 +15,7 @@ from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
 from pocketgs.scene.background import checked_background
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.checks import check_pinhole, check_state, check_view, checked_scene
+from pocketgs.splat.checks import check_masks, check_pinhole, check_state, check_view, checked_scene
 from pocketgs.splat.colours import check_transforms
 from pocketgs.splat.engine import EngineOptions, MemoryNeed, OptimiserState, Rendering
 from pocketgs.splat.near_plane import near_plane
@@ -104,6 +104,13 @@ class WebGpuEngine:
         sizes = tuple((frame.camera.width, frame.camera.height) for frame in frames)
         self._fit(replace(self._extent, photographs=sizes, drawn_sizes=frozenset(), trains=True), frames)
         self.executor.clear("colours")
+
+    def set_masks(self, masks: Sequence[np.ndarray | None]) -> None:
+        """Replace the photographs' masks."""
+        check_masks(masks, self._extent.photographs)
+        self._settle()
+        self._frames = [replace(frame, mask=mask) for frame, mask in zip(self._frames, masks, strict=True)]
+        self._shelve()
 
     def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
         """Take a copy of the scene, and of the optimiser's state or start it anew.
@@ -239,12 +246,18 @@ class WebGpuEngine:
         """Make the buffers for what is to be held. What does not fit is refused before anything is changed."""
         plan = plan_memory(self.executor.description, extent, self._limits)
         self.executor.reserve(plan.sizes)
-        shelved = frames is None and plan.shelf == self._plan.shelf
+        is_shelved = frames is None and plan.shelf == self._plan.shelf
         self._extent, self._plan = extent, plan
         self._frames = self._frames if frames is None else list(frames)
+        if not is_shelved:
+            self._shelve()
+
+    def _shelve(self) -> None:
+        """Write the photographs that have places of their own."""
+        shelf = self._plan.shelf
         for view, frame in enumerate(self._frames):
-            if plan.shelf.is_resident(view) and not shelved:
-                self.executor.write("photographs", packed(frame), PIXEL_BYTES * plan.shelf.place(view))
+            if shelf.is_resident(view):
+                self.executor.write("photographs", packed(frame), PIXEL_BYTES * shelf.place(view))
 
     def _fit_intersections(self, extent: Extent, wanted: int, needed: int) -> None:
         """`_fit`, with room for as many intersections as are wanted, or at least for those that are needed."""

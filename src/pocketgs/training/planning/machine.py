@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import psutil
-
 from pocketgs.splat.engine import Engine, MemoryNeed
 from pocketgs.system.compile import is_compiled
 from pocketgs.system.cores import kernel_threads, usable_cores
+from pocketgs.system.process import resident_bytes
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.planning.calibration import Speed
 
@@ -45,7 +44,7 @@ def this_machine(engine: Engine, options: SizedOptions) -> Machine:
     return Machine(
         threads=kernel_threads(options.threads),
         readers=usable_cores(),
-        resident=psutil.Process().memory_info().rss,
+        resident=resident_bytes(),
         compiles=not all(map(is_compiled, rooms)),
         memory_needed=engine.memory_needed,
     )

@@ -52,9 +52,9 @@ class AdaptiveDensityControl(Quiet):
         return Collected(statistics=iteration < self._control.stop)
 
     def after_step(self, iteration: int, engine: Engine) -> None:
-        """Multiply and prune, then reset."""
+        """Multiply and prune, then reset; not after the last step, which nothing would train on."""
         control = self._control
-        if iteration >= control.stop:
+        if iteration >= min(control.stop, self._situation.iterations):
             return
         if iteration > control.start and iteration % control.every == 0:
             engine.change_rows(self._refined(iteration, engine.download(), engine.statistics()))

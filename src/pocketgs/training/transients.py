@@ -1,0 +1,231 @@
+"""Transients: things in a photograph that were not there when the others were taken, such as people who walk by.
+
+Training cannot explain them with one scene, so it puts fog in front of the views that show them. Here their pixels are
+found and left out of the loss. The evidence is the training residual: a place in a photograph is transient if it
+differs from the rendering by much more than neighbouring views of the same surface do. What is hard to render, such as
+fine texture or reflections, has high residuals in all views and stays.
+
+SpotLessSplats (Sabour et al. 2024) and WildGaussians (Kulhanek et al. 2024) find transients by residuals too, but learn
+a network on image features; comparing views of the same surface takes its place here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pocketgs.capture.capture import Frame
+from pocketgs.splat.engine import Engine
+
+FIRST_LOOK, FIRST_EPOCHS = 150, 2
+"""Iterations before the first look, at least, and how often every view must have been trained on by then."""
+
+CELLS = 80
+"""Number of cells along a photograph's longer side. Residuals are means over cells, which evens out texture."""
+
+PIXELS_PER_CELL = 4
+"""Side of a cell in the renderings that are compared."""
+
+NEIGHBOURS, MIN_NEIGHBOURS = 8, 3
+"""Number of neighbouring views that are asked, and how many of them must see a surface."""
+
+SAME_DEPTH = 0.1
+"""Relative difference up to which two views see the same surface."""
+
+CERTAIN, LIKELY = 4.0, 2.0
+"""A region is transient if its residuals are LIKELY times what is expected, and those of a part of it CERTAIN times."""
+
+MIN_RESIDUAL = 0.04
+"""Residual, in display values, below which nothing is transient: half a step of exposure in the dark is less."""
+
+WINDOW, MAX_GAIN = 5, 2.0
+"""Side in cells of the surroundings whose light is compared, and the largest factor between two lights."""
+
+MIN_REGION = 0.002
+"""Minimum area of a region without its rim, relative to the photograph; as much of it must be certain."""
+
+MAX_SHARE = 0.5
+"""Of a photograph that differs in more than this share nothing is left out: it is its pose or exposure that differs."""
+
+
+class Transients:
+    """Leaves transients out of the loss, as they are found in the course of a run.
+
+    Args:
+        frames: the training views.
+        background: of the renderings.
+        cells: what an earlier part of the run has found, or None.
+    """
+
+    def __init__(
+        self, frames: Sequence[Frame], background: tuple[float, float, float], cells: Sequence[np.ndarray] | None
+    ) -> None:
+        self._frames, self._background = frames, background
+        self._first = max(FIRST_LOOK, FIRST_EPOCHS * len(frames))
+        self.cells = None if cells is None else tuple(cells)
+
+    def start(self, engine: Engine) -> None:
+        """Leave out what is known, once the engine has the photographs."""
+        if self.cells is not None:
+            pairs = zip(self._frames, self.cells, strict=True)
+            engine.set_masks([pixels_left(*pair) if pair[1].any() else pair[0].mask for pair in pairs])
+
+    def after_step(self, iteration: int, engine: Engine) -> None:
+        """Look for transients after the first iterations and, if there are any, whenever their number has doubled."""
+        doublings, rest = divmod(iteration, self._first)
+        is_static = self.cells is not None and not any(cells.any() for cells in self.cells)
+        if rest == 0 and doublings & (doublings - 1) == 0 and not is_static:
+            self.cells = tuple(transient_cells(engine, self._frames, self._background))
+            self.start(engine)
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """A training view and its rendering, by cell.
+
+    Attributes:
+        frame: the view.
+        residuals: (h, w) mean absolute difference of the colours.
+        depths: (h, w) rendered depth, 0 where there is none.
+        points: (h, w, 3) of the rendered surface.
+    """
+
+    frame: Frame
+    residuals: np.ndarray
+    depths: np.ndarray
+    points: np.ndarray
+
+
+def transient_cells(
+    engine: Engine, frames: Sequence[Frame], background: tuple[float, float, float]
+) -> list[np.ndarray]:
+    """Find the cells of each training view that show transients, as the scene stands.
+
+    Args:
+        engine: with the scene.
+        frames: the training views.
+        background: of the renderings.
+
+    Returns:
+        (h, w) bool for each view, h and w at most CELLS.
+    """
+    views = [_compared(engine, frame, background) for frame in frames]
+    centres = np.array([frame.camera.centre for frame in frames])
+    forwards = np.array([frame.camera.forward for frame in frames])
+    usual = float(np.median(np.concatenate([view.residuals[view.depths > 0] for view in views])))
+    found = []
+    for index, view in enumerate(views):
+        neighbours = [views[other] for other in _neighbours(index, centres, forwards)]
+        expected = np.maximum(_expected(view, neighbours), usual)
+        found.append(_regions(view.residuals, expected))
+    return found
+
+
+def pixels_left(frame: Frame, cells: np.ndarray) -> np.ndarray:
+    """(H, W) bool: the pixels of a frame outside the (h, w) cells, and inside its mask, if it has one."""
+    height, width = frame.image.shape[:2]
+    rows = np.minimum(np.arange(height) * cells.shape[0] // height, cells.shape[0] - 1)
+    columns = np.minimum(np.arange(width) * cells.shape[1] // width, cells.shape[1] - 1)
+    kept = ~cells[rows[:, None], columns]
+    return kept if frame.mask is None else kept & frame.mask
+
+
+def _compared(engine: Engine, frame: Frame, background: tuple[float, float, float]) -> _Compared:
+    height, width = frame.image.shape[:2]
+    scale = min(1.0, CELLS * PIXELS_PER_CELL / max(height, width))
+    across, down = (max(1, round(side * scale / PIXELS_PER_CELL)) for side in (width, height))
+    size = (across * PIXELS_PER_CELL, down * PIXELS_PER_CELL)
+    rendered = engine.render(frame.camera.resized(*size), background, depth=True)
+    assert rendered.depth is not None
+    photo = cv2.resize(frame.image, size, interpolation=cv2.INTER_AREA).astype(np.float32) / 255.0
+    shown, seen = _means(np.clip(rendered.image, 0.0, 1.0)), _means(photo)
+    counts = np.ones((down, across), np.bool_)
+    if frame.mask is not None:
+        counts = cv2.resize(frame.mask.astype(np.float32), (across, down), interpolation=cv2.INTER_AREA) > 0.5
+    depths = np.where(_means(rendered.alpha) > 0.5, np.median(_blocks(rendered.depth), axis=(1, 3)), 0.0)
+    residuals = np.where(counts, _differences(seen, shown), 0.0)
+    cell_camera = frame.camera.resized(across, down)
+    x, y = np.meshgrid(np.arange(across) + 0.5, np.arange(down) + 0.5)
+    rays = cell_camera.rays(np.stack([x.ravel(), y.ravel()], axis=1))
+    points = cell_camera.centre + rays * depths.reshape(-1, 1)
+    return _Compared(frame, residuals, depths, points.reshape(down, across, 3))
+
+
+def _blocks(image: np.ndarray) -> np.ndarray:
+    height, width = image.shape[:2]
+    sides = (height // PIXELS_PER_CELL, PIXELS_PER_CELL, width // PIXELS_PER_CELL, PIXELS_PER_CELL)
+    return image.reshape(*sides, *image.shape[2:])
+
+
+def _means(image: np.ndarray) -> np.ndarray:
+    return np.asarray(_blocks(image).mean(axis=(1, 3)))
+
+
+def _differences(seen: np.ndarray, shown: np.ndarray) -> np.ndarray:
+    """(h, w) mean absolute difference of colours, in the light that suits best.
+
+    Shadows, such as the photographer's, and changes of exposure are not transients: they only scale the light. So the
+    rendering is multiplied by what brings it nearest to the photograph around the cell, or to one side of it, since
+    shadows have edges.
+    """
+    products = cv2.blur((seen * shown).sum(axis=2), (WINDOW, WINDOW))
+    squares = cv2.blur((shown * shown).sum(axis=2), (WINDOW, WINDOW))
+    gains = np.clip(products / np.maximum(squares, 1e-6), 1.0 / MAX_GAIN, MAX_GAIN)
+    reach = WINDOW // 2
+    around = np.pad(gains, reach, mode="edge")
+    height, width = gains.shape
+    sides = ((reach, reach), (0, reach), (2 * reach, reach), (reach, 0), (reach, 2 * reach))
+    lights = [around[top : top + height, left : left + width, None] for top, left in sides]
+    return np.asarray(np.min([np.abs(shown * light - seen).mean(axis=2) for light in lights], axis=0))
+
+
+def _neighbours(index: int, centres: np.ndarray, forwards: np.ndarray) -> np.ndarray:
+    """Indices of the views whose cameras are nearest, of those that look about the same way."""
+    alike = forwards @ forwards[index] > 0.5
+    alike[index] = False
+    candidates = np.flatnonzero(alike)
+    distances = np.linalg.norm(centres[candidates] - centres[index], axis=1)
+    return candidates[np.argsort(distances, kind="stable")[:NEIGHBOURS]]
+
+
+def _expected(view: _Compared, neighbours: Sequence[_Compared]) -> np.ndarray:
+    """(h, w) median residual of the same surface in neighbouring views; infinite where too few of them see it."""
+    shape = view.residuals.shape
+    points = view.points.reshape(-1, 3)
+    found = np.full((len(neighbours), len(points)), np.nan)
+    for row, other in enumerate(neighbours):
+        height, width = other.residuals.shape
+        pixels, depths = other.frame.camera.resized(width, height).project(points)
+        cells = np.floor(pixels).astype(np.int64)
+        inside = (cells >= 0).all(axis=1) & (cells < (width, height)).all(axis=1) & (depths > 0)
+        inside &= view.depths.ravel() > 0
+        places = np.where(inside[:, None], cells, 0)
+        there = other.depths[places[:, 1], places[:, 0]]
+        seen = inside & (np.abs(there - depths) <= SAME_DEPTH * depths)
+        found[row] = np.where(seen, other.residuals[places[:, 1], places[:, 0]], np.nan)
+    enough = (~np.isnan(found)).sum(axis=0) >= MIN_NEIGHBOURS
+    expected = np.full(len(points), np.inf)
+    expected[enough] = np.nanmedian(found[:, enough], axis=0)
+    return expected.reshape(shape)
+
+
+def _regions(residuals: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """(h, w) connected regions of likely cells with certain ones in them, and their rims.
+
+    Strips along edges are not regions: they come from poses that are slightly off.
+    """
+    likely = (residuals > np.maximum(LIKELY * expected, MIN_RESIDUAL)).astype(np.uint8)
+    certain = residuals > np.maximum(CERTAIN * expected, 2.0 * MIN_RESIDUAL)
+    inner = cv2.erode(likely, np.ones((3, 3), np.uint8)).astype(np.bool_)
+    count, labels = cv2.connectedComponents(likely, connectivity=8)
+    least = max(MIN_REGION * likely.size, 4.0)
+    kept = [
+        label
+        for label in range(1, count)
+        if (inner & (labels == label)).sum() >= least and (certain & (labels == label)).sum() >= least
+    ]
+    cells = cv2.dilate(np.isin(labels, kept).astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.bool_)
+    return cells if cells.mean() <= MAX_SHARE else np.zeros_like(cells)

@@ -1,0 +1,167 @@
+"""Things that move between photographs are found, and left out of the loss."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pocketgs.capture import Capture, open_capture
+from pocketgs.capture.capture import Frame
+from pocketgs.capture.synthetic.mistakes import HELD_OUT, PASSES_EVERY, write_mistake
+from pocketgs.metrics.evaluation import psnr
+from pocketgs.prior.prior import PreparedCapture
+from pocketgs.results.checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
+from pocketgs.results.folder import TRANSIENTS, write_transients
+from pocketgs.scene.gaussians import PARAMETERS
+from pocketgs.splat.cpu.engine import CpuEngine
+from pocketgs.system.stopwatch import Stopwatch
+from pocketgs.training import transients
+from pocketgs.training.loop import train
+from pocketgs.training.options import TrainingOptions
+from pocketgs.training.planning.effort import sized
+from pocketgs.training.preparation import prepare
+from pocketgs.training.progress import Progress
+from pocketgs.training.result import Checkpoint
+from pocketgs.training.transients import Transients, pixels_left, transient_cells
+from pocketgs.training.validation import render_frame
+
+OPTIONS = TrainingOptions(iterations=200, max_gaussians=15_000, engine="cpu", evaluate_every=0, bundle=False)
+
+
+def prepared(folder: Path, mistake: str) -> PreparedCapture:
+    write_mistake(mistake, folder / mistake, 240, 180, 20)
+    capture = open_capture(folder / mistake)
+    sizes = [(frame.camera.width, frame.camera.height) for frame in capture.train]
+    return prepare(capture, sized(OPTIONS, sizes), Stopwatch())
+
+
+@pytest.fixture(scope="module")
+def empty_room(tmp_path_factory: pytest.TempPathFactory) -> PreparedCapture:
+    return prepared(tmp_path_factory.mktemp("room"), "none")
+
+
+@pytest.fixture(scope="module")
+def passed_room(tmp_path_factory: pytest.TempPathFactory) -> PreparedCapture:
+    return prepared(tmp_path_factory.mktemp("room"), "passer-by")
+
+
+def covered(frame: Frame, empty: PreparedCapture) -> np.ndarray:
+    """(H, W) bool: where a photograph differs from that of the empty room."""
+    other = next(each for each in empty.frames if each.name == frame.name)
+    difference = np.abs(frame.image.astype(int) - other.image).mean(axis=2)
+    return np.asarray(difference > 20)
+
+
+def test_a_passer_by_is_left_out_and_nothing_else(empty_room: PreparedCapture, passed_room: PreparedCapture) -> None:
+    found = train(passed_room, OPTIONS).transients
+    assert found is not None
+    named = {int(Path(frame.name).stem) for frame, cells in zip(passed_room.train, found, strict=True) if cells.any()}
+    there = set(range(1, 20, PASSES_EVERY)) - set(HELD_OUT)
+    assert named <= there
+    assert len(named) >= len(there) - 1  # in one of them only a leg is seen
+    for frame, cells in zip(passed_room.train, found, strict=True):
+        if cells.any():
+            left_out, person = ~pixels_left(frame, cells), covered(frame, empty_room)
+            assert (left_out & person).sum() > 0.6 * person.sum()
+            assert (left_out & ~person).mean() < 0.05
+
+
+def test_an_empty_room_is_trained_on_whole(empty_room: PreparedCapture) -> None:
+    masked, kept = (train(empty_room, OPTIONS, transients=which) for which in ("mask", "keep"))
+    assert masked.transients is not None
+    assert not any(cells.any() for cells in masked.transients)
+    assert kept.transients is None
+    for name in PARAMETERS:
+        np.testing.assert_array_equal(getattr(masked.scene, name), getattr(kept.scene, name))
+
+
+def test_the_room_behind_a_passer_by_is_as_good_as_empty(
+    empty_room: PreparedCapture, passed_room: PreparedCapture
+) -> None:
+    truth = {frame.name: frame.image / 255.0 for frame in empty_room.frames}
+    means = []
+    for capture in (empty_room, passed_room):
+        engine = CpuEngine()
+        train(capture, OPTIONS, opened_engine=engine)
+        views = [(render_frame(engine, frame, capture.background), truth[frame.name]) for frame in passed_room.frames]
+        means.append(np.mean([psnr(*view) for view in views]))
+    assert means[1] > means[0] - 0.5
+
+
+def test_shadows_and_exposure_are_not_transients(empty_room: PreparedCapture) -> None:
+    """Half of one photograph is in the shade, and another is overexposed."""
+    engine = CpuEngine()
+    train(empty_room, OPTIONS, opened_engine=engine, transients="keep")
+    frames = list(empty_room.train)
+    shaded, bright = frames[5].image.copy(), frames[9].image.copy()
+    shaded[:, :120] = shaded[:, :120] * 0.6
+    bright = np.minimum(bright * 1.3, 255).astype(np.uint8)
+    frames[5], frames[9] = replace(frames[5], image=shaded), replace(frames[9], image=bright)
+    assert not any(cells.any() for cells in transient_cells(engine, frames, empty_room.background))
+
+
+def test_a_photograph_of_another_place_is_not_masked_away(empty_room: PreparedCapture) -> None:
+    engine = CpuEngine()
+    train(empty_room, OPTIONS, opened_engine=engine, transients="keep")
+    frames = list(empty_room.train)
+    frames[7] = replace(frames[7], image=np.ascontiguousarray(frames[7].image[::-1, ::-1]))
+    assert not transient_cells(engine, frames, empty_room.background)[7].any()
+
+
+def test_a_resumed_run_leaves_out_the_same(
+    passed_room: PreparedCapture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(transients, "FIRST_LOOK", 30)
+    options = replace(OPTIONS, iterations=80)
+    kept: list[Checkpoint] = []
+
+    def observer(progress: Progress) -> None:
+        if progress.iteration == 50:
+            kept.append(progress.checkpoint())
+
+    whole = train(passed_room, options, observer=observer)
+    write_checkpoint(tmp_path / CHECKPOINT, kept[0], {})
+    resumed = train(passed_room, options, resume=read_checkpoint(tmp_path, {}))
+    assert whole.transients is not None
+    assert resumed.transients is not None
+    assert any(cells.any() for cells in whole.transients)
+    for cells, again in zip(whole.transients, resumed.transients, strict=True):
+        np.testing.assert_array_equal(cells, again)
+    for name in PARAMETERS:
+        np.testing.assert_array_equal(getattr(whole.scene, name), getattr(resumed.scene, name))
+
+
+class Asked:
+    """An engine that remembers which masks it was given."""
+
+    def __init__(self) -> None:
+        self.masks: list[Sequence[np.ndarray | None]] = []
+
+    def set_masks(self, masks: Sequence[np.ndarray | None]) -> None:
+        self.masks.append(masks)
+
+
+def test_looks_are_at_doubled_iterations_after_two_rounds(
+    small_capture: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(transients, "transient_cells", lambda *_: [np.ones((3, 4), np.bool_)] * len(frames))
+    frames = small_capture.train * 20
+    found, engine = Transients(frames, (0.0, 0.0, 0.0), None), Asked()
+    looks = []
+    for iteration in range(1, 2000):
+        before = len(engine.masks)
+        found.after_step(iteration, engine)  # type: ignore[arg-type]
+        if len(engine.masks) > before:
+            looks.append(iteration)
+    assert looks == [280, 560, 1120]
+
+
+def test_pictures_show_what_was_left_out(small_capture: Capture, tmp_path: Path) -> None:
+    cells = [np.zeros((6, 8), np.bool_) for _ in small_capture.train]
+    cells[2][:, :4] = True
+    write_transients(tmp_path, small_capture.train, cells)
+    assert len(list((tmp_path / TRANSIENTS).iterdir())) == 1
