@@ -47,6 +47,7 @@ def _backward(absolute: bool) -> Sequence:
     )
 
 
+_SORTING_BUFFERS = ("depth_digit", "depth_keys_spare", "order_spare")
 _INSPECT = Sequence(
     ("contribution_rows", "contributions"),
     (
@@ -74,11 +75,12 @@ def describe_rasterizer(subgroups: bool, compositor: str = "over") -> Descriptio
         "channels.kind": "channels.groups",
         "gradient_rows.gather": "channel_rows.gather",
     }
+    by_depth = compositor == "over"
     sequences = {
         "forward": Sequence(
-            CLEARED,
+            CLEARED if by_depth else tuple(name for name in CLEARED if name not in _SORTING_BUFFERS),
             (
-                *bin_passes(by_depth=compositor == "over"),
+                *bin_passes(by_depth),
                 Pass("take colours", "take_colours", "groups", when="colours"),
                 Pass("rasterize", "rasterize", "tiles * channel_groups", buffers=SORTED),
             ),
@@ -86,9 +88,12 @@ def describe_rasterizer(subgroups: bool, compositor: str = "over") -> Descriptio
         "backward": _backward(absolute=False),
         "backward, absolute too": _backward(absolute=True),
     }
-    if compositor == "over":
+    if by_depth:
         sequences["inspect"] = _INSPECT
     buffers = {**rendering_buffers(Variant()), **_FORWARD_BUFFERS, **_BACKWARD_BUFFERS, **_INSPECTION_BUFFERS}
+    if not by_depth:
+        for name in (*_SORTING_BUFFERS, *_INSPECTION_BUFFERS):
+            del buffers[name]
     names = dict.fromkeys(one.shader for sequence in sequences.values() for one in sequence.passes)
     shaders = {name: SHADERS.link(name, sections) for name in names}
     uniforms = {"view": UniformLayout.of("View", shaders["project"].source)}
