@@ -18,6 +18,7 @@ SUBCOMMANDS = (
     "view",
     "info",
     "compress",
+    "distil",
     "convert",
     "export-colmap",
     "demo",

@@ -26,7 +26,7 @@ else:
 
 COMMANDS = commands()
 PLACEHOLDERS = re.compile(r"path/to/\w+|[A-Z_]{4,}|NAME|MORE|…")
-RUN = ("eval", "render", "convert", "info", "export-colmap", "train")
+RUN = ("eval", "render", "convert", "distil", "info", "export-colmap", "train")
 """Subcommands that take seconds on a small capture; the others are run by tests of their own."""
 
 
@@ -147,6 +147,7 @@ def test_commands_run_as_they_stand(
         quick = {
             "train": ["--prior", "none", "--iterations", "2", "--max-size", "48", "--max-memory", "10000"],
             "render": ["--frames", "3"],
+            "distil": ["--iterations", "2"],
         }
         shutil.rmtree("fern-colmap", ignore_errors=True)
         # A box of fern's own would hold nothing of what stands in for it.

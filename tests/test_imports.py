@@ -92,10 +92,11 @@ ROOMS = {
     "metrics": "errors splat",
     "training": "capture errors geometry metrics prior scene splat structure_from_motion system",
     "compression": "capture errors geometry metrics scene splat system training",
+    "sort_free": "capture errors files geometry scene splat system training",
     "results": "capture errors files geometry metrics prior scene splat system training",
     "viewer": "capture errors files geometry gpu results scene splat system training",
     "bench": "capture errors files results scene system training",
-    "cli": "bench capture compression errors files geometry gpu metrics prior results scene splat"
+    "cli": "bench capture compression errors files geometry gpu metrics prior results scene sort_free splat"
     " structure_from_motion system training viewer",
 }
 """The rooms of the house, each below those that follow, and which others each may import."""

@@ -24,6 +24,7 @@ SUBCOMMANDS = {
     "view": "view",
     "info": "info",
     "compress": "compress",
+    "distil": "distil",
     "convert": "convert",
     "export-colmap": "export_colmap",
     "demo": "demo",

@@ -39,6 +39,7 @@ STAGES = {
     "upload": "preparing the engine",
     "compressing": "pruning, fine-tuning and rounding",
     "writing": "writing the result",
+    "visibility": "measuring how much of each Gaussian is seen (the first run compiles kernels)",
     "evaluation": "evaluating the held-out views",
 }
 ITERATIONS_BETWEEN_LINES = 100

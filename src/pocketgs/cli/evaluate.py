@@ -11,14 +11,14 @@ import tyro
 
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.display import capture_lines, print_evaluation
-from pocketgs.cli.scene_file import in_world_of, load_scene
+from pocketgs.cli.scene_file import drawn_by, in_world_of
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import memory_bound
 from pocketgs.files.plain_names import plain_names
 from pocketgs.results.folder import publishing, write_json
 from pocketgs.results.run import evaluate_held_out
-from pocketgs.splat.engine import EngineOptions, create_engine
+from pocketgs.splat.engine import EngineOptions
 
 
 def evaluate(
@@ -41,10 +41,8 @@ def evaluate(
     """
     console = Terminal()
     with memory_bound(engine.max_memory):
-        gaussians = load_scene(scene)
+        renderer, gaussians = drawn_by(scene, engine)
         opened = in_world_of(scene, reading.open(capture))
-    renderer = create_engine(engine)
-    renderer.upload(gaussians)
     if not opened.held_out:
         raise PocketGSError(f"{capture}: no view is held out, expected --hold-out of at least 2")
     names = [f"{name}.png" for name in plain_names(frame.name for frame in opened.held_out)]
@@ -55,6 +53,4 @@ def evaluate(
     print_evaluation(console, evaluation)
     if json:
         images = [asdict(image) for image in evaluation.images]
-        write_json(
-            json, {**evaluation.means, "protocol": opened.protocol, "gaussians": len(gaussians), "images": images}
-        )
+        write_json(json, {**evaluation.means, "protocol": opened.protocol, "gaussians": gaussians, "images": images})

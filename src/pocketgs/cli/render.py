@@ -12,7 +12,7 @@ from PIL import Image
 
 from pocketgs.capture import Capture
 from pocketgs.cli.capture_options import CaptureOptions
-from pocketgs.cli.scene_file import in_world_of, load_scene
+from pocketgs.cli.scene_file import drawn_by, in_world_of
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import memory_bound
@@ -21,7 +21,6 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.results.folder import publishing
 from pocketgs.results.video import write_video
 from pocketgs.splat.engine import EngineOptions, Rendering
-from pocketgs.splat.rendering import render_all
 
 MAX_FRAMES = 100_000
 
@@ -55,11 +54,11 @@ def render(
         reading: Options for reading the capture.
     """
     with memory_bound(engine.max_memory):
-        gaussians = load_scene(scene)
+        renderer, _ = drawn_by(scene, engine)
         opened = in_world_of(scene, reading.open(capture))
     named_cameras = _cameras(opened, views, frames)
     cameras = [camera for _, camera in named_cameras]
-    renderings = render_all(gaussians, cameras, opened.background, depth=show == "depth", engine=engine)
+    renderings = (renderer.render(camera, opened.background, show == "depth") for camera in cameras)
     pictures = (_picture(rendering, show) for rendering in renderings)
     if output.suffix.lower() == ".mp4":
         try:

@@ -5,11 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from pocketgs.capture.capture import Capture
+from pocketgs.errors import PocketGSError
 from pocketgs.files.journal import settle
 from pocketgs.results.cameras_file import with_poses_of
 from pocketgs.results.folder import CAMERAS, RECORD, SCENE
 from pocketgs.scene.formats import is_scene_name, read_scene
 from pocketgs.scene.gaussians import Gaussians
+from pocketgs.sort_free.drawing import SortFreeDrawing
+from pocketgs.sort_free.file import is_sort_free, read_sort_free
+from pocketgs.splat.engine import EngineOptions, Renderer, create_engine
 
 
 def names_scene(path: Path) -> bool:
@@ -22,9 +26,26 @@ def load_scene(path: Path) -> Gaussians:
     """Read a scene file of any format, or the scene of a result folder.
 
     Raises:
-        PocketGSError: there is no readable scene.
+        PocketGSError: there is no readable scene, or it would have to be drawn without sorting.
     """
+    if is_sort_free(path):
+        raise PocketGSError(f"{path}: a scene that is drawn without sorting, which only render and eval can do yet")
     return read_scene(path / SCENE if path.is_dir() else path)
+
+
+def drawn_by(path: Path, options: EngineOptions) -> tuple[Renderer, int]:
+    """What draws a scene as it was trained, and its number of Gaussians: sorted, or without sorting.
+
+    Raises:
+        PocketGSError: there is no readable scene, or the engine is not available here.
+    """
+    if is_sort_free(path):
+        scene = read_sort_free(path)
+        return SortFreeDrawing(scene, options), len(scene)
+    gaussians = load_scene(path)
+    engine = create_engine(options)
+    engine.upload(gaussians)
+    return engine, len(gaussians)
 
 
 def in_world_of(path: Path, capture: Capture) -> Capture:

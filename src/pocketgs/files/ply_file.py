@@ -43,6 +43,20 @@ def read_elements(path: Path) -> dict[str, np.ndarray]:
         raise PocketGSError(f"{path}: not a readable .ply ({clipped(error)})") from error
 
 
+def read_comments(path: Path) -> list[str]:
+    """The comments of a .ply file's header; none where it has no header.
+
+    Raises:
+        PocketGSError: the file is missing.
+    """
+    if not checked(path).is_file():
+        raise PocketGSError(f"{path}: no such file, expected a .ply")
+    with path.open("rb") as file:
+        header, end, _ = file.read(MAX_HEADER_BYTES).partition(b"end_header")
+    lines = header.decode("ascii", "replace").splitlines() if end else []
+    return [line.removeprefix("comment ").strip() for line in lines if line.startswith("comment ")]
+
+
 def _check_size(path: Path) -> None:
     """Refuse a header that states more than the file holds: plyfile allocates before it reads lists or text.
 

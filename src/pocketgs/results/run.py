@@ -34,7 +34,7 @@ from pocketgs.results.summary import summarise
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.checks import check_pinhole
 from pocketgs.splat.constants import SSIM_WINDOW
-from pocketgs.splat.engine import Engine, create_engine
+from pocketgs.splat.engine import Engine, Renderer, create_engine
 from pocketgs.system import freed_memory
 from pocketgs.system.interrupt import deferred_interrupt
 from pocketgs.system.process import seconds_since_start
@@ -289,11 +289,11 @@ def _publish(
     return RunResult(claim.folder, result.scene, evaluation, summary)
 
 
-def evaluate_held_out(engine: Engine, capture: Capture, pictures: Path | None = None) -> Evaluation | None:
-    """Compare the engine's scene with the held-out photographs; None if there are none.
+def evaluate_held_out(renderer: Renderer, capture: Capture, pictures: Path | None = None) -> Evaluation | None:
+    """Compare a scene with the held-out photographs; None if there are none.
 
     Args:
-        engine: holds the scene.
+        renderer: holds the scene.
         capture: with the held-out frames and the background.
         pictures: an existing folder for side-by-side images, or None for no images.
     """
@@ -303,7 +303,7 @@ def evaluate_held_out(engine: Engine, capture: Capture, pictures: Path | None = 
     def pairs() -> Iterator[Pair]:
         names = plain_names(frame.name for frame in capture.held_out)
         for frame, name in zip(capture.held_out, names, strict=True):
-            rendered = render_frame(engine, frame, capture.background)
+            rendered = render_frame(renderer, frame, capture.background)
             if pictures:
                 result_folder.write_side_by_side(pictures, name, frame.image, rendered)
             yield frame.name, rendered, (frame.image / np.float32(255.0)).astype(np.float32), frame.mask

@@ -69,7 +69,16 @@ class MemoryNeed:
     device: int = 0
 
 
-class Engine(Protocol):
+class Renderer(Protocol):
+    """Renders one scene."""
+
+    def render(
+        self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False
+    ) -> Rendering:
+        """Render the scene as it stands."""
+
+
+class Engine(Renderer, Protocol):
     """Renders Gaussians and trains them. All state of a run lives behind this seam.
 
     One thread at a time may call an engine.
@@ -121,11 +130,6 @@ class Engine(Protocol):
 
     def loss(self, steps: int = 1) -> float:
         """Mean loss of the last `steps` steps, at most KEPT_LOSSES, measured before their updates. Waits for them."""
-
-    def render(
-        self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False
-    ) -> Rendering:
-        """Render the scene as it stands."""
 
     def download(self) -> Gaussians:
         """A copy of the scene as it stands."""
@@ -195,15 +199,24 @@ def create_engine(options: EngineOptions | None = None) -> Engine:
         PocketGSError: the engine is not available here.
     """
     options = options or EngineOptions()
-    if options.engine not in ENGINES:
-        raise PocketGSError(f"engine {options.engine!r}: not known, expected one of {', '.join(ENGINES)}")
-    if options.engine == "webgpu" or (options.engine == "auto" and _has_gpu()):
+    if chosen_engine(options) == "webgpu":
         from pocketgs.splat.webgpu.engine import WebGpuEngine
 
         return WebGpuEngine(options)
     from pocketgs.splat.cpu.engine import CpuEngine
 
     return CpuEngine(options.threads)
+
+
+def chosen_engine(options: EngineOptions) -> Literal["cpu", "webgpu"]:
+    """Which engine "auto" stands for here, or the one that is named.
+
+    Raises:
+        PocketGSError: its name is not known.
+    """
+    if options.engine not in ENGINES:
+        raise PocketGSError(f"engine {options.engine!r}: not known, expected one of {', '.join(ENGINES)}")
+    return "webgpu" if options.engine == "webgpu" or (options.engine == "auto" and _has_gpu()) else "cpu"
 
 
 def _has_gpu() -> bool:

@@ -27,6 +27,10 @@ from pocketgs.splat.quaternions import quaternion_gradient
 
 Output = Literal["rgb", "alpha", "depth", "median_depth", "normals", "features", "radii", "contributions"]
 OUTPUTS = get_args(Output)
+CompositorName = Literal["over", "sum"]
+COMPOSITORS = get_args(CompositorName)
+HIDING = ("depth", "median_depth", "contributions")
+"""Outputs that say what hides what, which the compositor "over" alone knows."""
 BLACK = (0.0, 0.0, 0.0)
 
 
@@ -204,9 +208,12 @@ class Rasterizer:
             computes in float64, readably and slowly.
         threads: CPU threads, or None for one per core.
         gpu: part of the name of the GPU to use, or None for the best.
+        compositor: how splats that cover a pixel come together. "over" blends them front to back, Σ c_i α_i T_i; "sum"
+            adds them up, Σ c_i α_i, in no order and without sorting: the transmittance of both is Π (1 - α_i), but
+            "over" stops at 1e-4. `pocketgs.sort_free` makes images from sums.
 
     Raises:
-        PocketGSError: there is no such engine, or no such GPU.
+        PocketGSError: there is no such engine, compositor or GPU.
     """
 
     def __init__(
@@ -214,20 +221,24 @@ class Rasterizer:
         engine: Literal["cpu", "webgpu", "reference"] = "cpu",
         threads: int | None = None,
         gpu: str | None = None,
+        compositor: CompositorName = "over",
     ) -> None:
+        if compositor not in COMPOSITORS:
+            raise PocketGSError(f"rasterizer: found compositor {compositor!r}, expected {' or '.join(COMPOSITORS)}")
+        self._compositor = compositor
         self._backend: Backend
         if engine == "cpu":
             from pocketgs.splat.cpu.rasterizer import CpuBackend
 
-            self._backend = CpuBackend(threads)
+            self._backend = CpuBackend(threads, compositor)
         elif engine == "webgpu":
             from pocketgs.splat.webgpu.rasterizer import WebGpuBackend
 
-            self._backend = WebGpuBackend(gpu)
+            self._backend = WebGpuBackend(gpu, compositor)
         elif engine == "reference":
             from pocketgs.splat.reference.rasterizer import ReferenceBackend
 
-            self._backend = ReferenceBackend()
+            self._backend = ReferenceBackend(compositor)
         else:
             raise PocketGSError(f"rasterizer: found engine {engine!r}, expected cpu, webgpu or reference")
 
@@ -255,11 +266,14 @@ class Rasterizer:
                 times √(det Σ / det(Σ + 0.3 I)), as gsplat's rasterize_mode "antialiased" and Mip-Splatting's 2D filter.
 
         Raises:
-            PocketGSError: an output is not known, or features do not belong to the Gaussians.
+            PocketGSError: an output is not known or not of this compositor, or features do not belong to the Gaussians.
         """
         unknown = [name for name in outputs if name not in OUTPUTS]
         if unknown:
             raise PocketGSError(f"rasterizer: found output {unknown[0]!r}, expected some of {', '.join(OUTPUTS)}")
+        hiding = [name for name in outputs if name in HIDING]
+        if hiding and self._compositor != "over":
+            raise PocketGSError(f"rasterizer: found output {hiding[0]!r}, which needs the compositor over")
         channels = channels_of(parameters, camera, outputs, features, self._backend.dtype)
         near = near_plane(parameters.means) if near is None else near
         composite = self._backend.forward(

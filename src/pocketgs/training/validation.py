@@ -9,7 +9,7 @@ import numpy as np
 
 from pocketgs.capture.capture import Frame
 from pocketgs.metrics.evaluation import psnr
-from pocketgs.splat.engine import Engine
+from pocketgs.splat.engine import Engine, Renderer
 
 EVERY, FIRST = 8, 4
 """Every eighth training view, starting with the fifth, is a validation view."""
@@ -74,9 +74,9 @@ def validation_views(views: int) -> list[int]:
     return [found[place] for place in places]
 
 
-def render_frame(engine: Engine, frame: Frame, background: tuple[float, float, float]) -> np.ndarray:
+def render_frame(renderer: Renderer, frame: Frame, background: tuple[float, float, float]) -> np.ndarray:
     """Render a frame's view to (H, W, 3) float32, clipped to [0, 1] as on a screen."""
-    return np.clip(engine.render(frame.camera, background).image, 0.0, 1.0)
+    return np.clip(renderer.render(frame.camera, background).image, 0.0, 1.0)
 
 
 def validation_psnr(engine: Engine, frames: Sequence[Frame], background: tuple[float, float, float]) -> float:

@@ -27,6 +27,7 @@ RENDERING = [Variant(appearance="points"), Variant(appearance="discs")]
 DESCRIPTIONS = {str(variant): describe(variant) for variant in TRAINING}
 DESCRIPTIONS |= {str(variant): describe(variant, training=False) for variant in RENDERING}
 DESCRIPTIONS |= {f"rasterizer {subgroups}": describe_rasterizer(subgroups) for subgroups in (False, True)}
+DESCRIPTIONS |= {"rasterizer sum": describe_rasterizer(False, "sum")}
 CASE = {
     "gaussians": 1000,
     "capacity": 1000,

@@ -6,7 +6,9 @@ higher coefficients, channel by channel), opacity (logit), scale_0..2 (natural l
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from plyfile import PlyData, PlyElement
@@ -27,8 +29,19 @@ def _property_names(rest: int) -> list[str]:
     return [*names, "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
 
 
-def write_gaussians(path: Path, gaussians: Gaussians) -> None:
+def write_gaussians(
+    path: Path,
+    gaussians: Gaussians,
+    properties: Mapping[str, np.ndarray] = MappingProxyType({}),
+    comments: Sequence[str] = (),
+) -> None:
     """Write a scene atomically.
+
+    Args:
+        path: of the file.
+        gaussians: the scene.
+        properties: more properties of the Gaussians by name, (N,) each.
+        comments: of the header, one line each.
 
     Raises:
         PocketGSError: the file cannot be written.
@@ -43,11 +56,14 @@ def write_gaussians(path: Path, gaussians: Gaussians) -> None:
         gaussians.opacity_logits[:, None],
         gaussians.log_scales,
         gaussians.quaternions,
+        *(values[:, None] for values in properties.values()),
     ]
     table = np.concatenate(columns, axis=1).astype("<f4")
-    vertices = table.view([(name, "<f4") for name in _property_names(rest.shape[1])]).reshape(count)
+    names = [*_property_names(rest.shape[1]), *properties]
+    vertices = table.view([(name, "<f4") for name in names]).reshape(count)
+    content = PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<", comments=list(comments))
     with replacing(path) as partial:
-        PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(str(partial))
+        content.write(str(partial))
 
 
 def read_gaussians(path: Path) -> Gaussians:

@@ -28,7 +28,6 @@ from pocketgs.splat.cpu.noise import add_noise
 from pocketgs.splat.cpu.photographs import Canvas, Photographs, TrainingView
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
-from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.splat.cpu.statistics import ABSOLUTE_GRADIENT, RADIUS, SCREEN_GRADIENT, SEEN, STATISTICS
 from pocketgs.splat.engine import KEPT_LOSSES, MemoryNeed, OptimiserState, Rendering
 from pocketgs.splat.limits import TRAINING
@@ -251,7 +250,9 @@ class CpuEngine:
             self._depth_keys,
         )
         timer.begins("sort")
-        visible, order = sort_by_depth(self._depth_keys, clusters, self._visible, self._order, self._order_scratch)
+        visible, order = self._compositor.order(
+            self._depth_keys, clusters, self._visible, self._order, self._order_scratch
+        )
         timer.begins("bin")
         lists = self._binner.bin(self._splats, visible, order, view)
         canvas = self._rasterize(view, lists, background)

@@ -125,7 +125,7 @@ def _replay(
 
 
 @inlined
-def _write_sums(intersection_sums: np.ndarray, first: int, total: Floats, channels: int, more_sums: np.ndarray) -> None:
+def write_sums(intersection_sums: np.ndarray, first: int, total: Floats, channels: int, more_sums: np.ndarray) -> None:
     """Write an intersection's row of sums."""
     store(intersection_sums, first, total)
     for channel in range(COLOURS, channels):
@@ -134,7 +134,7 @@ def _write_sums(intersection_sums: np.ndarray, first: int, total: Floats, channe
 
 
 @part
-def _read(image: np.ndarray, left: int, top: int, tile_pixels: np.ndarray) -> None:
+def read_tile(image: np.ndarray, left: int, top: int, tile_pixels: np.ndarray) -> None:
     """Copy the part of an image that a tile covers; the rest of the tile is 0."""
     tile_pixels[:] = 0.0
     for row in range(min(TILE_HEIGHT, image.shape[0] - top)):
@@ -143,7 +143,7 @@ def _read(image: np.ndarray, left: int, top: int, tile_pixels: np.ndarray) -> No
 
 
 @part
-def _add_product(image: np.ndarray, d_image: np.ndarray, left: int, top: int, tile_pixels: np.ndarray) -> None:
+def add_product(image: np.ndarray, d_image: np.ndarray, left: int, top: int, tile_pixels: np.ndarray) -> None:
     """Add an image times its gradient to a tile."""
     for row in range(min(TILE_HEIGHT, image.shape[0] - top)):
         for column in range(min(TILE_WIDTH, image.shape[1] - left)):
@@ -196,10 +196,10 @@ def rasterize_backward(
             left, top = origin(tile, height)
             transmittance[:], behind[:] = 1.0, 0.0
             for channel in range(channels):
-                _read(d_image[channel], left, top, d_colours[channel * TILE_PIXELS : (channel + 1) * TILE_PIXELS])
-                _add_product(image[channel], d_image[channel], left, top, behind)
+                read_tile(d_image[channel], left, top, d_colours[channel * TILE_PIXELS : (channel + 1) * TILE_PIXELS])
+                add_product(image[channel], d_image[channel], left, top, behind)
             if d_transmittance.size:
-                _add_product(transmittance_image, d_transmittance, left, top, behind)
+                add_product(transmittance_image, d_transmittance, left, top, behind)
             for index in range(ranges[tile], drawn_ends[tile]):
                 intersection = intersections[index]
                 if index + AHEAD < drawn_ends[tile]:
@@ -222,7 +222,7 @@ def rasterize_backward(
                         splat, rows, left, top, channels, absolute, most_opaque, limits.stops_before,
                         transmittance, behind, d_colours, more_sums,
                     )  # fmt: skip
-                _write_sums(intersection_sums, first, total, channels, more_sums)
+                write_sums(intersection_sums, first, total, channels, more_sums)
             for index in range(drawn_ends[tile], ranges[tile + 1]):
                 slot = intersections[index, INTERSECTION_SLOT]
                 intersection_sums[slot * row : (slot + 1) * row] = 0.0

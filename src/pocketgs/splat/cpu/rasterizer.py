@@ -12,7 +12,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.cpu.bin import Binner, TileLists
 from pocketgs.splat.cpu.clusters import Clusters
-from pocketgs.splat.cpu.compositor import OVER, Compositor
+from pocketgs.splat.cpu.compositor import COMPOSITORS
 from pocketgs.splat.cpu.contributions import LARGEST, PIXELS, SUMMED, gather_contributions
 from pocketgs.splat.cpu.layout import (
     COLOURS,
@@ -31,7 +31,6 @@ from pocketgs.splat.cpu.lenses.lens import KernelLens, kernel_lens
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
 from pocketgs.splat.cpu.rasterize_backward import sums_per_intersection
-from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.splat.cpu.statistics import STATISTICS
 from pocketgs.splat.ellipse import half_sizes
 from pocketgs.splat.limits import TRAINING
@@ -61,13 +60,13 @@ class CpuBackend:
 
     Args:
         threads: number of threads, or None for one per core that this process may use.
-        compositor: how splats come together.
+        compositor: how splats come together: one of COMPOSITORS.
     """
 
     dtype: type[np.floating[Any]] = np.float32
 
-    def __init__(self, threads: int | None = None, compositor: Compositor = OVER) -> None:
-        self._compositor = compositor
+    def __init__(self, threads: int | None = None, compositor: str = "over") -> None:
+        self._compositor = COMPOSITORS[compositor]
         self.threads = kernel_threads(threads)
 
     def forward(
@@ -79,7 +78,7 @@ class CpuBackend:
         channels: np.ndarray,
         antialiased: bool = False,
     ) -> Composite:
-        """Project → sort → bin → rasterize."""
+        """Project → order → bin → rasterize."""
         numba.set_num_threads(self.threads)
         scene = Gaussians(*(getattr(parameters, name) for name in PARAMETERS))
         scene.quaternions = np.ascontiguousarray(scene.unit_quaternions)
@@ -106,7 +105,7 @@ class CpuBackend:
             splats,
             depth_keys,
         )
-        visible, order = sort_by_depth(depth_keys, clusters, *buffers)
+        visible, order = self._compositor.order(depth_keys, clusters, *buffers)
         lists = Binner(self.threads).bin(splats, visible, order, view)
         shape = (view.height, view.width)
         image = np.empty((splats.shape[1] - FIRST_CHANNEL, *shape), np.float32)
@@ -189,6 +188,7 @@ class CpuBackend:
         """What every Gaussian adds to the image, and the median depth."""
         numba.set_num_threads(self.threads)
         tape: _Tape = composite.tape
+        assert self._compositor.inspect is not None
         by_intersection = np.zeros((len(tape.lists.intersections), 3), np.float32)
         median = np.empty_like(tape.transmittance)
         self._compositor.inspect(

@@ -1,4 +1,4 @@
-"""Sorting of the visible Gaussians by depth."""
+"""The orders in which the visible Gaussians are drawn: by depth, or as they lie in memory."""
 
 from __future__ import annotations
 
@@ -53,3 +53,17 @@ def sort_by_depth(
             starts[value] += 1
         source, target, other = target, other, target
     return visible[:count], source
+
+
+@kernel
+def in_memory_order(
+    depth_keys: np.ndarray, clusters: np.ndarray, visible: np.ndarray, order: np.ndarray, scratch: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The visible Gaussians as they lie in memory, twice: arguments and results as `sort_by_depth` has them."""
+    count = 0
+    for cluster in clusters:
+        for i in range(cluster * CLUSTER, min((cluster + 1) * CLUSTER, len(depth_keys))):
+            if depth_keys[i] != CULLED:
+                visible[count] = i
+                count += 1
+    return visible[:count], visible[:count]

@@ -9,6 +9,7 @@ import numpy as np
 
 from pocketgs.splat.reference.project import ProjectionGradient
 from pocketgs.splat.reference.rasterize import Contributions, Raster, contributions, rasterize, rasterize_backward
+from pocketgs.splat.reference.sum import add_up, add_up_backward
 
 
 @dataclass(frozen=True)
@@ -19,14 +20,19 @@ class Compositor:
         name: of the rule.
         forward: with the arguments of `rasterize`.
         replay: with the arguments of `rasterize_backward`.
-        inspect: with the arguments of `contributions`.
+        inspect: with the arguments of `contributions`, or None for a rule in which no splat hides another.
     """
 
     name: str
     forward: Callable[..., Raster]
     replay: Callable[..., ProjectionGradient]
-    inspect: Callable[..., tuple[Contributions, np.ndarray]]
+    inspect: Callable[..., tuple[Contributions, np.ndarray]] | None
 
 
 OVER = Compositor("over", rasterize, rasterize_backward, contributions)
 """Front to back in order of depth: C = Σ c_i α_i T_i + T · background."""
+
+SUM = Compositor("sum", add_up, add_up_backward, None)
+"""In any order: C = Σ c_i α_i + T · background, T = Π (1 - α_i)."""
+
+COMPOSITORS = {rule.name: rule for rule in (OVER, SUM)}

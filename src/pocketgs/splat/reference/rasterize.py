@@ -29,7 +29,7 @@ class Raster:
 
 
 @dataclass(frozen=True)
-class _Contribution:
+class Contribution:
     """One splat on the whole image: offsets (H, W, 2), the Gaussian's value and α, both (H, W)."""
 
     index: int
@@ -38,17 +38,20 @@ class _Contribution:
     alpha: np.ndarray
 
 
-def _front_to_back(projection: Projection, camera: Camera, most_opaque: float) -> Iterator[_Contribution]:
-    """Every visible splat in order of depth, with α_i = min(most, o_i exp(-½ dᵀ Σ'⁻¹ d)), 0 where under 1/255."""
+def splats_in(order: np.ndarray, projection: Projection, camera: Camera, most_opaque: float) -> Iterator[Contribution]:
+    """The visible splats of an order, with α_i = min(most, o_i exp(-½ dᵀ Σ'⁻¹ d)), 0 where under 1/255."""
     columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     pixels = np.stack([columns, rows], axis=-1)
-    order = np.argsort(projection.depths, kind="stable")
     for index in order[projection.visible[order]]:
         offsets = pixels - projection.means[index]
         exponent = -0.5 * np.einsum("hwi,ij,hwj->hw", offsets, projection.conics[index], offsets)
         falloff = np.exp(exponent)
         alpha = np.minimum(most_opaque, projection.opacities[index] * falloff)
-        yield _Contribution(index, offsets, falloff, np.where(alpha >= ALPHA_MIN, alpha, 0.0))
+        yield Contribution(index, offsets, falloff, np.where(alpha >= ALPHA_MIN, alpha, 0.0))
+
+
+def _front_to_back(projection: Projection, camera: Camera, most_opaque: float) -> Iterator[Contribution]:
+    return splats_in(np.argsort(projection.depths, kind="stable"), projection, camera, most_opaque)
 
 
 def _drawn(alpha: np.ndarray, transmittance: np.ndarray, limits: Limits) -> tuple[np.ndarray, np.ndarray]:
@@ -107,14 +110,12 @@ def rasterize_backward(
         d_transmittance: (H, W) gradient with respect to `raster.transmittance`, besides that through the background.
         limits: as in the forward pass.
     """
-    count = len(projection.means)
-    shapes = ((count, 2), (count, 2, 2), (count,), (count, d_image.shape[2]), (count, 2))
-    gradient = ProjectionGradient(*(np.zeros(shape) for shape in shapes))
+    gradient = no_gradient(len(projection.means), d_image.shape[2])
     transmittance = np.ones(d_image.shape[:2])
     behind = raster.image.copy()
     for contribution in _front_to_back(projection, camera, limits.most_opaque):
         index = contribution.index
-        colour, conic = projection.colours[index], projection.conics[index]
+        colour = projection.colours[index]
         alpha, rest = _drawn(contribution.alpha, transmittance, limits)
         weight = alpha * transmittance
         behind -= weight[..., None] * colour
@@ -122,18 +123,28 @@ def rasterize_backward(
         # T = Π (1 - α_j): every splat but this one stays as it is.
         d_alpha -= d_transmittance * raster.transmittance / (1.0 - alpha)
         transmittance = rest
+        gradient.colours[index] = np.einsum("hw,hwc->c", weight, d_image)
         # α is flat where it is clamped or skipped.
         d_alpha = np.where((alpha > 0.0) & (alpha < limits.most_opaque), d_alpha, 0.0)
-        d_exponent = d_alpha * alpha
-        gradient.colours[index] = np.einsum("hw,hwc->c", weight, d_image)
-        gradient.opacities[index] = np.sum(d_alpha * contribution.falloff)
-        gradient.means[index] = conic @ np.einsum("hw,hwi->i", d_exponent, contribution.offsets)
-        per_pixel = d_exponent[..., None] * (contribution.offsets @ conic)
-        gradient.absolute_means[index] = np.abs(per_pixel).sum(axis=(0, 1))
-        gradient.conics[index] = -0.5 * np.einsum(
-            "hw,hwi,hwj->ij", d_exponent, contribution.offsets, contribution.offsets
-        )
+        set_shape_gradient(gradient, contribution, projection.conics[index], d_alpha, alpha)
     return gradient
+
+
+def no_gradient(count: int, channels: int) -> ProjectionGradient:
+    """A gradient of zeros."""
+    shapes = ((count, 2), (count, 2, 2), (count,), (count, channels), (count, 2))
+    return ProjectionGradient(*(np.zeros(shape) for shape in shapes))
+
+
+def set_shape_gradient(
+    gradient: ProjectionGradient, contribution: Contribution, conic: np.ndarray, d_alpha: np.ndarray, alpha: np.ndarray
+) -> None:
+    """Write the gradient of a splat's opacity, centre and conic, from the (H, W) gradient with respect to its α."""
+    index, offsets, d_exponent = contribution.index, contribution.offsets, d_alpha * alpha
+    gradient.opacities[index] = np.sum(d_alpha * contribution.falloff)
+    gradient.means[index] = conic @ np.einsum("hw,hwi->i", d_exponent, offsets)
+    gradient.absolute_means[index] = np.abs(d_exponent[..., None] * (offsets @ conic)).sum(axis=(0, 1))
+    gradient.conics[index] = -0.5 * np.einsum("hw,hwi,hwj->ij", d_exponent, offsets, offsets)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import PARAMETERS
 from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
-from pocketgs.splat.reference.compositor import OVER, Compositor
+from pocketgs.splat.reference.compositor import COMPOSITORS
 from pocketgs.splat.reference.project import Projection, project, project_backward
 from pocketgs.splat.reference.rasterize import Raster
 from pocketgs.splat.reference.scene import Scene
@@ -31,8 +31,8 @@ class ReferenceBackend:
 
     dtype: type[np.floating[Any]] = np.float64
 
-    def __init__(self, compositor: Compositor = OVER) -> None:
-        self._compositor = compositor
+    def __init__(self, compositor: str = "over") -> None:
+        self._compositor = COMPOSITORS[compositor]
 
     def forward(
         self,
@@ -79,5 +79,6 @@ class ReferenceBackend:
 
     def inspect(self, composite: Composite) -> tuple[Contributions, np.ndarray]:
         """What every Gaussian adds to the image, and the median depth."""
+        assert self._compositor.inspect is not None
         found, median = self._compositor.inspect(composite.tape.projection, composite.tape.camera)
         return Contributions(found.pixels, found.largest, found.summed), median

@@ -144,13 +144,14 @@ def _tiles_have_digit(shift: int) -> str:
     return f"tiles + 1 > {1 << (shift - shift % (2 * DIGIT_BITS))}"
 
 
-def bin_passes() -> list[Pass]:
-    """Everything before rasterizing: tiles' lists of splats, nearest first."""
+def bin_passes(by_depth: bool = True) -> list[Pass]:
+    """Everything before rasterizing: tiles' lists of splats, nearest first or, without depth, as they lie in memory."""
+    by_depth_passes = radix_sort(_GAUSSIANS, "depth_keys", "order", "depth_digit", 32, lambda _: "1")
     return [
         Pass("bound clusters", "bound_clusters", "groups"),
         Pass("cull", "cull", "1"),
         Pass("project", "project", "groups"),
-        *radix_sort(_GAUSSIANS, "depth_keys", "order", "depth_digit", 32, lambda _: "1"),
+        *(by_depth_passes if by_depth else ()),
         *running_sums(_GAUSSIANS, "tile_counts", "order", "block_sums", "first_slots"),
         Pass("plan", "plan", "1"),
         Pass("emit", "emit", "groups"),

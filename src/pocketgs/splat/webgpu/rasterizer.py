@@ -74,6 +74,7 @@ class WebGpuBackend:
 
     Args:
         gpu: part of the name of the GPU to use, or None for the best.
+        compositor: how splats come together: "over" or "sum".
 
     Raises:
         PocketGSError: there is no such device, or it lacks something.
@@ -81,11 +82,11 @@ class WebGpuBackend:
 
     dtype: type[np.floating[Any]] = np.float32
 
-    def __init__(self, gpu: str | None = None) -> None:
+    def __init__(self, gpu: str | None = None, compositor: str = "over") -> None:
         adapter = choose_adapter(gpu)
         variant = Variant(subgroups="subgroup" in adapter.features)
         device = shared_device(adapter, variant.features)
-        self._executor = Executor(device, describe_rasterizer(variant.subgroups))
+        self._executor = Executor(device, describe_rasterizer(variant.subgroups, compositor))
         self._largest = min(device.limits[name] for name in BUFFER_LIMITS)
         self._room = MIN_INTERSECTIONS
         self._shown: _Tape | None = None
@@ -207,8 +208,8 @@ class WebGpuBackend:
         """(V,) int32, ascending: the Gaussians that are drawn."""
         in_view = int(self._executor.read("gaussian_count", np.uint32, 1)[0])
         keys = self._executor.read("depth_keys", np.uint32, in_view)
-        order = self._executor.read("order", np.uint32, int(np.searchsorted(keys, CULLED)))
-        return np.sort(order).astype(np.int32)
+        order = self._executor.read("order", np.uint32, in_view)
+        return np.sort(order[keys != CULLED]).astype(np.int32)
 
 
 def _packed(d_image: np.ndarray, d_transmittance: np.ndarray) -> np.ndarray:

@@ -47,8 +47,18 @@ def _backward(absolute: bool) -> Sequence:
     )
 
 
+_SORTING_BUFFERS = ("depth_digit", "depth_keys_spare", "order_spare")
+_INSPECT = Sequence(
+    ("contribution_rows", "contributions"),
+    (
+        Pass("inspect", "inspect", "tiles", buffers=SORTED),
+        Pass("gather contributions", "gather_contributions", "groups"),
+    ),
+)
+
+
 @cache
-def describe_rasterizer(subgroups: bool) -> Description:
+def describe_rasterizer(subgroups: bool, compositor: str = "over") -> Description:
     """Describe the rasterizer's passes.
 
     The numbers that the expressions are computed from: those of `describe` that rendering needs; channel_groups; and
@@ -56,33 +66,34 @@ def describe_rasterizer(subgroups: bool) -> Description:
 
     Args:
         subgroups: see `Variant`.
+        compositor: "over", or "sum", which sorts nothing by depth and has nothing to inspect.
     """
     sections = {
         **Variant(subgroups=subgroups).sections,
+        **{f"compositor.{part}": f"{compositor}.{part}" for part in ("forward", "backward", "inspection")},
         "replay.record": "replay.record_nothing",
         "channels.kind": "channels.groups",
         "gradient_rows.gather": "channel_rows.gather",
     }
+    by_depth = compositor == "over"
     sequences = {
         "forward": Sequence(
-            CLEARED,
+            CLEARED if by_depth else tuple(name for name in CLEARED if name not in _SORTING_BUFFERS),
             (
-                *bin_passes(),
+                *bin_passes(by_depth),
                 Pass("take colours", "take_colours", "groups", when="colours"),
                 Pass("rasterize", "rasterize", "tiles * channel_groups", buffers=SORTED),
             ),
         ),
         "backward": _backward(absolute=False),
         "backward, absolute too": _backward(absolute=True),
-        "inspect": Sequence(
-            ("contribution_rows", "contributions"),
-            (
-                Pass("inspect", "inspect", "tiles", buffers=SORTED),
-                Pass("gather contributions", "gather_contributions", "groups"),
-            ),
-        ),
     }
+    if by_depth:
+        sequences["inspect"] = _INSPECT
     buffers = {**rendering_buffers(Variant()), **_FORWARD_BUFFERS, **_BACKWARD_BUFFERS, **_INSPECTION_BUFFERS}
+    if not by_depth:
+        for name in (*_SORTING_BUFFERS, *_INSPECTION_BUFFERS):
+            del buffers[name]
     names = dict.fromkeys(one.shader for sequence in sequences.values() for one in sequence.passes)
     shaders = {name: SHADERS.link(name, sections) for name in names}
     uniforms = {"view": UniformLayout.of("View", shaders["project"].source)}

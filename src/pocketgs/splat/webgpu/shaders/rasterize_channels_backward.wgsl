@@ -29,7 +29,8 @@ fn load_pixel(tile: u32, thread: u32) {
     let inside = pixel.x < view.width && pixel.y < view.height;
     let place = pixel.y * view.width + pixel.x;
     places[thread] = place;
-    transmittances[thread] = select(0.0, 1.0, inside);
+    // A pixel outside the image takes no contribution.
+    transmittances[thread] = select(-1.0, 1.0, inside);
     var rest = 0.0;
     if (inside) {
         for (var group = 0u; group < view.channel_groups; group++) {
@@ -48,7 +49,7 @@ fn visit(held: Held, pixel: u32, centre: vec2f, sums: ptr<function, Sums>) {
     if (alpha == 0.0) {
         return;
     }
-    let weight = alpha * transmittance;
+    let weight = weight_of(alpha, transmittance);
     let row = channel_row(held.slot) + SHAPE_WORDS;
     var gain = 0.0;
     for (var group = 0u; group < view.channel_groups; group++) {
@@ -58,8 +59,8 @@ fn visit(held: Held, pixel: u32, centre: vec2f, sums: ptr<function, Sums>) {
             gradient_rows[row + 3u * group + channel] += weight * d_values[channel];
         }
     }
-    let rest = behind[pixel] - gain;
-    transmittances[pixel] = transmittance - weight;
+    let rest = rest_behind(behind[pixel], gain);
+    transmittances[pixel] = transmittance_behind(transmittance, weight);
     behind[pixel] = rest;
     let v = d_log_alpha(gain, rest, alpha);
     (*sums).shape.exponent += v;

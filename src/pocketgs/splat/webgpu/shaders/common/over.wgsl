@@ -33,6 +33,20 @@ fn first_behind(pixel: vec4f, d_pixel: vec4f) -> f32 {
     return dot(pixel, d_pixel);
 }
 
+// What a splat adds to a pixel's channels.
+fn weight_of(alpha: f32, transmittance: f32) -> f32 {
+    return alpha * transmittance;
+}
+
+// T and H behind a splat.
+fn transmittance_behind(transmittance: f32, weight: f32) -> f32 {
+    return transmittance - weight;
+}
+
+fn rest_behind(behind: f32, gain: f32) -> f32 {
+    return behind - gain;
+}
+
 // ∂L/∂(ln α) = α ∂L/∂α = α (T D - H / (1 - α)), from the gain α T D; α is flat where it is clamped.
 fn d_log_alpha(gain: f32, behind: f32, alpha: f32) -> f32 {
     return select(0.0, gain - behind * (alpha / (1.0 - alpha)), alpha < ALPHA_MAX);

@@ -1,0 +1,59 @@
+"""`pocketgs distil`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.cli.display import Display
+from pocketgs.cli.scene_file import in_world_of, load_scene
+from pocketgs.cli.terminal import Terminal
+from pocketgs.errors import PocketGSError
+from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
+from pocketgs.sort_free.distil import DistilOptions
+from pocketgs.sort_free.distil import distil as distil_scene
+from pocketgs.sort_free.file import check_name, write_sort_free
+
+
+def distil(
+    scene: Annotated[Path, tyro.conf.Positional],
+    capture: Annotated[Path, tyro.conf.Positional],
+    output: Path,
+    options: DistilOptions = DistilOptions(),  # noqa: B008 - a frozen dataclass
+    reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
+    max_memory: int = DEFAULT_MB,
+) -> None:
+    """Train a scene that is drawn without sorting from one that is drawn sorted.
+
+    Args:
+        scene: A trained scene: a file (.ply, .spz, .splat, .glb …), or a result folder.
+        capture: The capture that it was trained on.
+        output: The file to write, a .ply. Commands of PocketGS draw it as it was trained; other programs would sort it.
+        options: Options of distilling.
+        reading: Options for reading the capture.
+        max_memory: Megabytes that reading may take; larger files are refused.
+    """
+    console = Terminal()
+    check_name(output)
+    if not output.resolve().parent.is_dir():
+        raise PocketGSError(f"{output}: its folder does not exist")
+    with memory_bound(max_memory):
+        teacher = load_scene(scene)
+        opened = in_world_of(scene, reading.open(capture))
+    with Display(console).showing() as reporter:
+        stages: list[str] = []
+
+        def show(stage: str, done: int, of: int) -> None:
+            if stage not in stages:
+                stages.append(stage)
+                reporter.on_stage(stage)
+            reporter.on_count(done, of)
+
+        found = distil_scene(teacher, opened, options, show)
+    write_sort_free(output, found.scene)
+    ended = f"stopped after {found.iterations} of {options.iterations} steps: " if found.interrupted else ""
+    size = output.stat().st_size
+    console.say(f"{ended}{len(found.scene):,} Gaussians in {output}, {size:,} bytes, drawn by {options.compositor}")

@@ -1,0 +1,1 @@
+"""Images without sorting: weights of Gaussians before a sum, and a division by pixel after it."""

@@ -1,0 +1,211 @@
+"""From a scene that is drawn sorted, the teacher, to one that is drawn without sorting."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pocketgs.capture.capture import Capture, Frame
+from pocketgs.errors import PocketGSError
+from pocketgs.scene.edits import with_sh_degree
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.scene.point_cloud import PointCloud
+from pocketgs.sort_free.forms import FormName
+from pocketgs.sort_free.optimiser import ArrayAdam
+from pocketgs.sort_free.renderer import SceneGradient, SortFreeImage, SortFreeRenderer
+from pocketgs.sort_free.scene import SortFreeScene, sort_free
+from pocketgs.sort_free.visibility import fitted_views
+from pocketgs.splat.near_plane import near_plane
+from pocketgs.splat.optimiser import Adam, photometric_loss
+from pocketgs.splat.rasterizer import Output, Raster, Rasterizer
+from pocketgs.system.interrupt import deferred_interrupt
+from pocketgs.training.recipes import cosine, pixel_footprint, recipe_named
+
+SOLID = 0.5
+"""Depths are compared where both images cover at least so much of a pixel."""
+
+RATE = 0.3
+"""Learning rates, as a share of the recipe's for a scene from scratch."""
+
+VIEW_RATE, NUMBER_RATE = 0.15, 0.02
+"""First learning rates of the harmonics of v, and of the logarithms of the form's numbers."""
+
+
+@dataclass(frozen=True)
+class DistilOptions:
+    """How a scene is distilled.
+
+    Attributes:
+        compositor: how Gaussians are weighted without sorting. "visibility": by how much of each is seen, learned from
+            the sorted scene; "lc", "exponential" and "direct": the weighted sums of Hou et al.; "mobile": Mobile-GS.
+        iterations: training steps, one view each.
+        sh_degree: greatest degree of the colours' spherical harmonics.
+        view_degree: degree of the spherical harmonics of what each Gaussian's weight depends on.
+        teacher_weight: of the mean absolute difference from the sorted scene's image.
+        depth_weight: of the scale-invariant squared difference of logarithms of depth.
+        seed: of the order of views.
+        threads: CPU threads; None for all cores.
+    """
+
+    compositor: FormName = "visibility"
+    iterations: int = 500
+    sh_degree: int = 1
+    view_degree: int = 2
+    teacher_weight: float = 1.0
+    depth_weight: float = 0.1
+    seed: int = 0
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.iterations < 0:
+            raise PocketGSError(f"iterations: found {self.iterations}, expected at least 0")
+        for name in ("sh_degree", "view_degree"):
+            if getattr(self, name) not in range(4):
+                raise PocketGSError(f"{name.replace('_', ' ')}: found {getattr(self, name)}, expected 0 to 3")
+
+
+Observer = Callable[[str, int, int], None]
+"""Told the stage, and how many of how many of its steps are done."""
+
+
+@dataclass(frozen=True)
+class Distilled:
+    """What came of it: the scene, and whether Ctrl-C ended it early, after how many steps."""
+
+    scene: SortFreeScene
+    iterations: int
+    interrupted: bool
+
+
+def distil(
+    teacher: Gaussians, capture: Capture, options: DistilOptions | None = None, observer: Observer | None = None
+) -> Distilled:
+    """Train a scene that looks the same without sorting.
+
+    The loss is that of training, with the distance from the teacher's image and depth (Du et al. 2026). The result
+    depends on the options alone. Ctrl-C ends training after the current step and keeps the scene.
+
+    Args:
+        teacher: a trained scene.
+        capture: whose training views are used, with the poses that the scene was trained with.
+        options: None for the defaults.
+        observer: called after every step.
+
+    Raises:
+        PocketGSError: there is no training view, or none shows the scene.
+    """
+    options = options or DistilOptions()
+    if not capture.train:
+        raise PocketGSError(f"{capture.path}: no training view, expected at least one")
+    if len(teacher) == 0:
+        raise PocketGSError("distil: 0 Gaussians, expected at least one")
+    return _Distillation(teacher, capture, options, observer or (lambda stage, done, of: None)).run()
+
+
+def typical_distance(teacher: Gaussians, capture: Capture) -> float:
+    """Median over cameras of the median distance of Gaussians in front, in scene units.
+
+    Raises:
+        PocketGSError: nothing lies in front of any camera.
+    """
+    medians = []
+    for frame in capture.train:
+        front = frame.camera.depths(teacher.means) > 0.0
+        if front.any():
+            offsets = teacher.means[front] - frame.camera.centre
+            medians.append(float(np.median(np.linalg.norm(offsets, axis=1))))
+    if not medians or not np.median(medians) > 0.0:
+        raise PocketGSError(f"{capture.path}: no training view shows the scene: do the poses belong to it?")
+    return float(np.median(medians))
+
+
+class _Distillation:
+    def __init__(self, teacher: Gaussians, capture: Capture, options: DistilOptions, observer: Observer) -> None:
+        self._teacher, self._capture, self._options, self._observer = teacher, capture, options, observer
+        self._near = near_plane(teacher.means)
+        self._sorted = Rasterizer("cpu", options.threads)
+        self._renderer = SortFreeRenderer("cpu", options.threads)
+
+    def run(self) -> Distilled:
+        options, scene = self._options, self._start()
+        recipe = recipe_named("pocketgs")
+        unit = pixel_footprint([frame.camera for frame in self._capture.train], _as_points(self._teacher))
+        first_rates = recipe.rates_for(options.iterations or 1, unit).scaled(RATE)
+        schedule = cosine(final=0.02)
+        adam = Adam(scene.gaussians, recipe.adam)
+        scene = replace(scene, gaussians=adam.scene)
+        views = ArrayAdam(scene.views, recipe.adam)
+        numbers = ArrayAdam(scene.numbers, replace(recipe.adam, seen_only=False))
+        with deferred_interrupt() as interrupt:
+            for number in range(options.iterations):
+                if interrupt.requested:
+                    return Distilled(scene, number, True)
+                rates = schedule(first_rates, number / options.iterations)
+                share = rates.means / first_rates.means
+                gradient = self._gradient(scene, self._frame(number))
+                adam.step(gradient.gaussians, rates)
+                views.step(gradient.views, VIEW_RATE * share)
+                numbers.step(gradient.numbers, NUMBER_RATE * share)
+                self._observer("training", number + 1, options.iterations)
+        return Distilled(scene, options.iterations, False)
+
+    def _start(self) -> SortFreeScene:
+        options, capture, teacher = self._options, self._capture, self._teacher
+        gaussians = with_sh_degree(teacher, min(options.sh_degree, teacher.sh_degree))
+        scene = sort_free(gaussians, options.compositor, typical_distance(teacher, capture), options.view_degree)
+        if options.compositor != "visibility":
+            return scene
+        cameras = [frame.camera for frame in capture.train]
+        views = fitted_views(
+            teacher,
+            cameras,
+            options.view_degree,
+            self._sorted,
+            self._renderer.rasterizer,
+            lambda done, of: self._observer("visibility", done, of),
+        )
+        return replace(scene, views=views)
+
+    def _frame(self, iteration: int) -> Frame:
+        """Visit every view once per epoch, in an order determined by the seed and the epoch."""
+        frames = self._capture.train
+        epoch, place = divmod(iteration, len(frames))
+        order = np.random.default_rng((self._options.seed, epoch)).permutation(len(frames))
+        return frames[int(order[place])]
+
+    def _gradient(self, scene: SortFreeScene, frame: Frame) -> SceneGradient:
+        options, background = self._options, self._capture.background
+        with_depth = options.depth_weight > 0.0
+        image = self._renderer.forward(scene, frame.camera, background, depth=with_depth, near=self._near)
+        _, d_rgb = photometric_loss(image.rgb, frame.image, mask=frame.mask)
+        d_depth = None
+        if options.teacher_weight > 0.0 or with_depth:
+            wanted: tuple[Output, ...] = ("rgb", "alpha", "depth") if with_depth else ("rgb",)
+            seen = self._sorted.forward(self._teacher, frame.camera, wanted, background=background, near=self._near)
+            counts = np.ones(image.alpha.shape, bool) if frame.mask is None else frame.mask
+            assert seen.rgb is not None
+            sides = np.sign(image.rgb - seen.rgb) * counts[..., None]
+            d_rgb = d_rgb + np.float32(options.teacher_weight / sides.size) * sides
+            if with_depth:
+                d_depth = options.depth_weight * _d_log_depth(image, seen, counts)
+        return self._renderer.backward(image, rgb=d_rgb, depth=d_depth)
+
+
+def _d_log_depth(image: SortFreeImage, seen: Raster, counts: np.ndarray) -> np.ndarray:
+    """(H, W) gradient of mean g² - ½ (mean g)², g the difference of the depths' logarithms (Eigen et al. 2014)."""
+    assert image.depth is not None
+    assert seen.depth is not None
+    assert seen.alpha is not None
+    solid = counts & (seen.alpha > SOLID) & (image.alpha > SOLID) & (seen.depth > 0.0) & (image.depth > 0.0)
+    gradient = np.zeros_like(image.depth)
+    if solid.any():
+        depths = image.depth[solid]
+        differences = np.log(depths / seen.depth[solid])
+        gradient[solid] = (2.0 * differences - differences.mean()) / (len(depths) * depths)
+    return gradient
+
+
+def _as_points(gaussians: Gaussians) -> PointCloud:
+    return PointCloud(gaussians.means, np.zeros((len(gaussians), 3)))

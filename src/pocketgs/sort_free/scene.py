@@ -1,0 +1,70 @@
+"""A scene that is drawn without sorting: Gaussians, and what their weights are made from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pocketgs.errors import PocketGSError
+from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
+from pocketgs.scene.spherical_harmonics import C0
+from pocketgs.sort_free.forms import Form, form_named
+
+MAX_UNIT, MAX_LOGARITHM = 1e15, 20.0
+"""Units of length, and logarithms of numbers, past these come from broken files only."""
+
+
+@dataclass
+class SortFreeScene:
+    """Gaussians that are drawn as one form says.
+
+    Attributes:
+        gaussians: the Gaussians.
+        form: how they are weighted.
+        unit: length, in scene units, that distances and sizes are measured in.
+        numbers: (G,) float64 logarithms of the form's numbers, in their order.
+        views: (N, K) float32 spherical harmonics of v, K = 1, 4, 9 or 16; (N, 0) where the form has no v.
+    """
+
+    gaussians: Gaussians
+    form: Form
+    unit: float
+    numbers: np.ndarray
+    views: np.ndarray
+
+    def __post_init__(self) -> None:
+        count = len(self.gaussians.means)
+        self.numbers = np.asarray(self.numbers, np.float64)
+        if self.numbers.shape != (len(self.form.numbers),):
+            raise PocketGSError(f"sort-free scene: {self.numbers.shape} numbers, expected {len(self.form.numbers)}")
+        wanted = SH_COEFFICIENTS if self.form.view_start is not None else (0,)
+        if self.views.ndim != 2 or len(self.views) != count or self.views.shape[1] not in wanted:
+            expected = " or ".join(map(str, wanted))
+            raise PocketGSError(f"sort-free scene: views of shape {self.views.shape}, expected ({count}, {expected})")
+        if not (1.0 / MAX_UNIT < self.unit < MAX_UNIT and np.all(np.abs(self.numbers) < MAX_LOGARITHM)):
+            found = f"unit {self.unit:g} and numbers {np.exp(self.numbers)}"
+            raise PocketGSError(f"sort-free scene: {found}, expected such that float32 can hold")
+
+    def __len__(self) -> int:
+        return len(self.gaussians.means)
+
+
+def sort_free(gaussians: Gaussians, form: str, unit: float, view_degree: int = 1) -> SortFreeScene:
+    """A scene whose weights have their first values.
+
+    Args:
+        gaussians: to weigh.
+        form: name of the form.
+        unit: length that distances are measured in; a typical distance of the cameras from what they see.
+        view_degree: of the spherical harmonics of v.
+
+    Raises:
+        PocketGSError: there is no such form.
+    """
+    chosen = form_named(form)
+    coefficients = 0 if chosen.view_start is None else SH_COEFFICIENTS[view_degree]
+    views = np.zeros((len(gaussians), coefficients), np.float32)
+    if chosen.view_start is not None:
+        views[:, 0] = chosen.view_start / C0
+    return SortFreeScene(gaussians, chosen, unit, np.log(list(chosen.numbers.values())), views)

@@ -1,0 +1,77 @@
+"""Weights from a sorted scene: how much of each Gaussian is seen, from where."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
+from pocketgs.scene.spherical_harmonics import basis
+from pocketgs.splat.rasterizer import Rasterizer
+
+LEAST_VISIBLE = 1e-3
+"""Less of a Gaussian than this counts as this."""
+
+MOST_CAMERAS = 50
+"""More cameras than this are thinned out evenly: each takes an image in either way, and few unknowns are fitted."""
+
+STIFFNESS = 0.02
+"""Of the fit, as a share of all views' weight: keeps v level where no camera looks from."""
+
+
+def visible_shares(
+    gaussians: Gaussians, camera: Camera, sorted_: Rasterizer, summed: Rasterizer
+) -> tuple[np.ndarray, np.ndarray]:
+    """How much of each Gaussian a camera sees: Σ α T / Σ α over pixels, in [0, 1], and Σ α, both (N,)."""
+    contributions = sorted_.forward(gaussians, camera, ("contributions",)).contributions
+    assert contributions is not None
+    image = summed.forward(gaussians, camera, ("features",), features=np.zeros((len(gaussians), 1)))
+    assert image.features is not None
+    # The gradient of Σ α f with respect to f.
+    found = summed.backward(image, features=np.ones_like(image.features)).features
+    assert found is not None
+    covered = found[:, 0]
+    shares = np.divide(contributions.summed, covered, out=np.zeros_like(covered), where=covered > 0.0)
+    return np.minimum(shares, 1.0), covered
+
+
+def fitted_views(
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],
+    degree: int,
+    sorted_: Rasterizer,
+    summed: Rasterizer,
+    on_count: Callable[[int, int], None] = lambda done, of: None,
+) -> np.ndarray:
+    """(N, K) harmonics of the logarithm of the visible share, by least squares over cameras.
+
+    With these as v, a sort-free image has in place of each pixel's transmittance its mean over the Gaussian.
+
+    Args:
+        gaussians: the sorted scene.
+        cameras: from where to look.
+        degree: of the harmonics.
+        sorted_: composites "over".
+        summed: composites "sum".
+        on_count: told how many of how many cameras are done.
+    """
+    coefficients, count = SH_COEFFICIENTS[degree], len(gaussians)
+    matrices, sides = np.zeros((count, coefficients, coefficients)), np.zeros((count, coefficients))
+    chosen = np.unique(np.linspace(0, len(cameras) - 1, min(len(cameras), MOST_CAMERAS)).round().astype(int))
+    for number, camera in enumerate(cameras[place] for place in chosen):
+        shares, covered = visible_shares(gaussians, camera, sorted_, summed)
+        seen = np.flatnonzero(covered)
+        offsets, shares = gaussians.means[seen] - camera.centre, shares[seen]
+        rows = basis(offsets / np.linalg.norm(offsets, axis=1, keepdims=True), coefficients)
+        # Where a Gaussian is all but hidden, it matters little how well.
+        weights = np.sqrt(covered[seen]) * (0.05 + np.sqrt(shares))
+        weighted = weights[:, None] * rows
+        matrices[seen] += weighted[:, :, None] * rows[:, None, :]
+        sides[seen] += np.log(np.maximum(shares, LEAST_VISIBLE))[:, None] * weighted
+        on_count(number + 1, len(chosen))
+    stiff = STIFFNESS * np.trace(matrices, axis1=1, axis2=2) + 1e-6
+    matrices[:, np.arange(1, coefficients), np.arange(1, coefficients)] += stiff[:, None]
+    matrices[:, 0, 0] += 1e-6
+    return np.linalg.solve(matrices, sides[..., None])[..., 0].astype(np.float32)

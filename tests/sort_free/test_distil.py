@@ -1,0 +1,147 @@
+"""Distilling improves on its start, gives the same bits, keeps what there is when stopped, and is kept in files."""
+
+from __future__ import annotations
+
+import signal
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pocketgs.capture.capture import Capture
+from pocketgs.cli import main
+from pocketgs.errors import PocketGSError
+from pocketgs.metrics.evaluation import psnr
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.scene.morton import morton_order
+from pocketgs.sort_free.distil import Distilled, DistilOptions, distil
+from pocketgs.sort_free.drawing import SortFreeDrawing
+from pocketgs.sort_free.file import is_sort_free, read_sort_free, write_sort_free
+from pocketgs.sort_free.forms import FORMS
+from pocketgs.sort_free.scene import SortFreeScene, sort_free
+from pocketgs.splat.engine import EngineOptions
+from pocketgs.splat.rendering import render
+from pocketgs.training.loop import train
+
+CPU = EngineOptions("cpu")
+
+
+@pytest.fixture(scope="module")
+def teacher(small_capture: Capture) -> Gaussians:
+    scene = train(small_capture, engine="cpu", iterations=60, prior="none", max_gaussians=1500, effort="quick").scene
+    return scene.select(morton_order(scene.means))
+
+
+def closeness(scene: SortFreeScene, capture: Capture) -> float:
+    drawing = SortFreeDrawing(scene, CPU)
+    frame = capture.held_out[0]
+    image = np.clip(drawing.render(frame.camera, capture.background).image, 0.0, 1.0)
+    return psnr(image, frame.image / 255.0, frame.mask)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_training_improves_every_form(small_capture: Capture, teacher: Gaussians, form: str) -> None:
+    options = DistilOptions(form, iterations=0)  # type: ignore[arg-type]
+    start = distil(teacher, small_capture, options).scene
+    found = distil(teacher, small_capture, replace(options, iterations=25)).scene
+    assert closeness(found, small_capture) > closeness(start, small_capture) + 0.2
+
+
+def test_what_is_seen_is_a_good_start(small_capture: Capture, teacher: Gaussians) -> None:
+    """Better than equal weights, where distances do not count."""
+    scene = distil(teacher, small_capture, DistilOptions(iterations=0, view_degree=1)).scene
+    fitted = replace(scene, numbers=np.log([1e-6]))
+    flat = replace(fitted, views=np.zeros_like(fitted.views))
+    frame = small_capture.train[0]
+    wanted = render(teacher, frame.camera, small_capture.background, engine=CPU).image
+    errors = [
+        np.abs(SortFreeDrawing(scene, CPU).render(frame.camera, small_capture.background).image - wanted).mean()
+        for scene in (fitted, flat)
+    ]
+    assert errors[0] < 0.85 * errors[1]
+
+
+def test_it_gives_the_same_bits_on_any_number_of_threads(small_capture: Capture, teacher: Gaussians) -> None:
+    one, other = (distil(teacher, small_capture, DistilOptions(iterations=4, threads=n)).scene for n in (1, 2))
+    for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh"):
+        assert getattr(one.gaussians, name).tobytes() == getattr(other.gaussians, name).tobytes(), name
+    assert one.views.tobytes() == other.views.tobytes()
+    assert one.numbers.tobytes() == other.numbers.tobytes()
+
+
+def test_ctrl_c_keeps_what_there_is(small_capture: Capture, teacher: Gaussians) -> None:
+    def press(stage: str, done: int, of: int) -> None:
+        if stage == "training" and done == 2:
+            signal.raise_signal(signal.SIGINT)
+
+    found: Distilled = distil(teacher, small_capture, DistilOptions("direct", iterations=50), press)
+    assert (found.iterations, found.interrupted) == (2, True)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_files_hold_everything(tmp_path: Path, teacher: Gaussians, form: str) -> None:
+    scene = sort_free(teacher, form, 3.7, view_degree=2)
+    scene.views[:] = np.random.default_rng(0).normal(size=scene.views.shape)
+    write_sort_free(tmp_path / "scene.ply", scene)
+    assert is_sort_free(tmp_path / "scene.ply")
+    found = read_sort_free(tmp_path / "scene.ply")
+    assert found.views.tobytes() == scene.views.tobytes()
+    assert found.gaussians.sh.tobytes() == scene.gaussians.sh.tobytes()
+    assert (found.form.name, found.unit) == (form, 3.7)
+    np.testing.assert_allclose(found.numbers, scene.numbers, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (b"comment sort_free_unit 3.7", b"comment sort_free_unit -1", "'sort_free_unit' is '-1', expected a positive"),
+        (b"comment sort_free_unit 3.7", b"comment sort_free_unit 1e-30", "unit 1e-30 and numbers"),
+        (b"comment sort_free_sigma", b"comment sort_free_sigh", "'sort_free_sigma' is None, expected a positive"),
+        (b"comment sort_free visibility", b"comment sort_free magic", "form 'magic': not known, expected one of"),
+        (b"property float view_3", b"property float view_9", r"views of shape \(\d+, 3\), expected"),
+        (b"element vertex", b"element vortex", "not a readable .ply with vertices"),
+    ],
+)
+def test_broken_files_are_named(tmp_path: Path, teacher: Gaussians, old: bytes, new: bytes, message: str) -> None:
+    path = tmp_path / "scene.ply"
+    write_sort_free(path, sort_free(teacher, "visibility", 3.7))
+    content = path.read_bytes()
+    assert old in content
+    path.write_bytes(content.replace(old, new))
+    with pytest.raises(PocketGSError, match=message) as raised:
+        read_sort_free(path)
+    assert str(path) in str(raised.value)
+
+
+def test_the_commands(
+    written_capture: Path, teacher: Gaussians, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    teacher.save(tmp_path / "teacher.ply")
+    output, given = tmp_path / "free.ply", [str(tmp_path / "teacher.ply"), str(written_capture)]
+    main(["distil", *given, "--output", str(output), "--iterations", "3", "--compositor", "lc"])
+    assert "Gaussians in" in capsys.readouterr().out
+    main(["eval", str(output), str(written_capture), "--engine", "cpu", "--json", str(tmp_path / "found.json")])
+    main(["render", str(output), str(written_capture), "--output", str(tmp_path / "views"), "--views", "held-out"])
+    assert len(list((tmp_path / "views").glob("*.png"))) == 1
+    before = output.read_bytes()
+    for arguments in (
+        ["distil", str(output), str(written_capture), "--output", str(output)],
+        ["distil", *given, "--output", str(tmp_path / "free.spz")],
+        ["distil", *given, "--output", str(tmp_path / "nowhere" / "free.ply")],
+        ["distil", *given, "--output", str(output), "--iterations", "-1"],
+        ["convert", str(output), str(tmp_path / "sorted.spz")],
+    ):
+        with pytest.raises(SystemExit) as left:
+            main(arguments)
+        assert left.value.code == 2, arguments
+    assert output.read_bytes() == before
+
+
+def test_mistakes_are_named(small_capture: Capture, teacher: Gaussians) -> None:
+    with pytest.raises(PocketGSError, match="no training view"):
+        distil(teacher, replace(small_capture, train=[]))
+    away = teacher.select(np.arange(20))
+    away.means[:] = np.nan
+    with pytest.raises(PocketGSError, match=r"no training view shows the scene"):
+        distil(away, small_capture)

@@ -1,0 +1,164 @@
+"""Sort-free images: gradients by finite differences, engines against the reference, and numbers at their bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import PARAMETERS, Gaussians
+from pocketgs.sort_free.forms import FORMS, LARGEST_EXPONENT
+from pocketgs.sort_free.renderer import SortFreeImage, SortFreeRenderer
+from pocketgs.sort_free.scene import SortFreeScene, sort_free
+from pocketgs.splat.reference import project as reference_project
+from pocketgs.splat.reference import rasterize as reference_rasterize
+from pocketgs.splat.reference.scene import Scene
+
+MakeGaussians = Callable[..., Gaussians]
+every_form = pytest.mark.parametrize("form", FORMS)
+BACKGROUND = (0.2, 0.5, 0.9)
+
+
+@cache
+def shared(engine: Any) -> SortFreeRenderer:
+    return SortFreeRenderer(engine)
+
+
+def weighted_scene(gaussians: Gaussians, form: str, seed: int = 0) -> SortFreeScene:
+    scene = sort_free(gaussians, form, 3.0)
+    rng = np.random.default_rng(seed)
+    return replace(scene, views=(scene.views + rng.normal(0.0, 0.3, scene.views.shape)).astype(np.float32))
+
+
+def drawn(engine: str, scene: SortFreeScene, camera: Camera) -> SortFreeImage:
+    return shared(engine).forward(scene, camera, BACKGROUND, depth=True)
+
+
+def weights_of(image: SortFreeImage) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(4)
+    depth = rng.normal(size=image.alpha.shape) * (image.alpha > 0.05)
+    return {"rgb": rng.normal(size=image.rgb.shape), "depth": depth}
+
+
+def in_float64(scene: SortFreeScene) -> SortFreeScene:
+    return replace(scene, gaussians=Scene.of(scene.gaussians), views=scene.views.astype(np.float64))  # type: ignore[arg-type]
+
+
+def copied(scene: SortFreeScene) -> SortFreeScene:
+    gaussians = Scene(*(getattr(scene.gaussians, name).copy() for name in PARAMETERS))
+    return replace(scene, gaussians=gaussians, numbers=scene.numbers.copy(), views=scene.views.copy())  # type: ignore[arg-type]
+
+
+@every_form
+def test_gradients(monkeypatch: pytest.MonkeyPatch, camera: Camera, make_gaussians: MakeGaussians, form: str) -> None:
+    # The loss jumps where a contribution crosses 1/255.
+    for module in (reference_project, reference_rasterize):
+        monkeypatch.setattr(module, "ALPHA_MIN", 1e-12)
+    scene = in_float64(weighted_scene(make_gaussians(count=5, sh_degree=1, seed=3, size=0.3), form))
+    image = drawn("reference", scene, camera)
+    weights = weights_of(image)
+    gradient = shared("reference").backward(image, **weights)
+
+    def loss(moved: SortFreeScene) -> float:
+        seen = drawn("reference", moved, camera)
+        return float(sum(np.sum(getattr(seen, name) * weight) for name, weight in weights.items()))
+
+    analytic = {name: getattr(gradient.gaussians, name) for name in ("means", "log_scales", "opacity_logits", "sh")}
+    analytic |= {"numbers": gradient.numbers, "views": gradient.views}
+    for name, found in analytic.items():
+        indices = list(np.ndindex(found.shape))
+        for pick in np.random.default_rng(9).permutation(len(indices))[:5]:
+            values = []
+            for step in (1e-6, -1e-6):
+                moved = copied(scene)
+                owner: Any = moved if name in ("numbers", "views") else moved.gaussians
+                getattr(owner, name)[indices[pick]] += step
+                values.append(loss(moved))
+            expected = (values[0] - values[1]) / 2e-6
+            assert abs(found[indices[pick]] - expected) < 1e-5 * np.abs(found).max() + 1e-6, (name, indices[pick])
+
+
+@pytest.mark.parametrize("engine", ["cpu", "webgpu"])
+@every_form
+def test_engines_agree_with_the_reference(
+    request: pytest.FixtureRequest, camera: Camera, make_gaussians: MakeGaussians, form: str, engine: str
+) -> None:
+    if engine == "webgpu":
+        request.getfixturevalue("adapter")
+    scene = weighted_scene(make_gaussians(count=80, sh_degree=1), form)
+    found, expected = drawn(engine, scene, camera), drawn("reference", in_float64(scene), camera)
+    for name in ("rgb", "alpha"):
+        assert np.mean(np.abs(getattr(found, name) - getattr(expected, name)) > 2e-3) < 0.01, name
+    d_found, d_expected = (
+        shared(one).backward(image, **weights_of(expected)) for one, image in ((engine, found), ("reference", expected))
+    )
+    for name in ("means", "log_scales", "rotations", "opacity_logits", "sh"):
+        one, other = getattr(d_found.gaussians, name), getattr(d_expected.gaussians, name)
+        assert np.quantile(np.abs(one - other), 0.98) < 1e-2 * np.abs(other).max(), name
+    np.testing.assert_allclose(d_found.numbers, d_expected.numbers, rtol=1e-2, atol=1e-3)
+
+
+def test_no_order_matters(camera: Camera, make_gaussians: MakeGaussians) -> None:
+    scene = weighted_scene(make_gaussians(count=300, sh_degree=1), "visibility")
+    shuffle = np.random.default_rng(0).permutation(300)
+    other = replace(scene, gaussians=scene.gaussians.select(shuffle), views=scene.views[shuffle])
+    one, two = (drawn("cpu", each, camera) for each in (scene, other))
+    np.testing.assert_allclose(one.rgb, two.rgb, atol=1e-5)
+
+
+@every_form
+def test_one_gaussian_alone_has_its_colour_whatever_its_weight(camera: Camera, form: str) -> None:
+    """As it has where images are sorted, but where the background takes part by weight."""
+    gaussians = Gaussians([[0.0, 0, 0]], np.full((1, 3), -0.5), [[1.0, 0, 0, 0]], [4.0], np.full((1, 1, 3), 0.8))
+    image = drawn("cpu", weighted_scene(gaussians, form), camera)
+    colour = 0.5 + 0.8 * 0.28209479
+    row, column = np.unravel_index(image.alpha.argmax(), image.alpha.shape)
+    alpha = image.alpha[row, column]
+    np.testing.assert_allclose(image.rgb[row, column], alpha * colour + (1 - alpha) * np.array(BACKGROUND), atol=1e-5)
+
+
+@pytest.mark.parametrize("form", ["mobile", "visibility", "lc", "exponential"])
+def test_weights_past_all_bounds_leave_images_and_gradients_finite(
+    camera: Camera, make_gaussians: MakeGaussians, form: str
+) -> None:
+    scene = weighted_scene(make_gaussians(count=40, sh_degree=1), form)
+    scene.gaussians.means[0] = camera.centre + 0.03 * camera.forward
+    scene.gaussians.log_scales[0] = 1.0
+    scene.gaussians.means[1] = camera.centre
+    scene.gaussians.means[2], scene.gaussians.sh[3] = np.nan, np.inf
+    if scene.views.size:
+        scene.views[4], scene.views[5] = 1e6, -1e6
+    image = drawn("cpu", scene, camera)
+    gradient = shared("cpu").backward(image, **weights_of(image))
+    assert np.isfinite(image.rgb).all()
+    drawn_rows = np.setdiff1d(np.arange(40), [2, 3])
+    for name in ("means", "log_scales", "opacity_logits", "sh"):
+        assert np.isfinite(getattr(gradient.gaussians, name)[drawn_rows]).all(), name
+    assert np.isfinite(gradient.numbers).all()
+    assert np.isfinite(gradient.views).all()
+
+
+def test_cutting_an_exponent_changes_nothing_that_float32_can_show(
+    monkeypatch: pytest.MonkeyPatch, camera: Camera, make_gaussians: MakeGaussians
+) -> None:
+    scene = weighted_scene(make_gaussians(count=40, sh_degree=0), "mobile")
+    scene.gaussians.means[0] = camera.centre + 0.05 * camera.forward
+    scene.gaussians.log_scales[0] = np.log(0.05 * (LARGEST_EXPONENT + 20.0))
+    expected = drawn("reference", in_float64(scene), camera)
+    monkeypatch.setattr("pocketgs.sort_free.forms.LARGEST_EXPONENT", 300.0)
+    uncut = drawn("reference", in_float64(scene), camera)
+    np.testing.assert_allclose(expected.rgb, uncut.rgb, atol=1e-7)
+
+
+def test_mistakes_are_named(make_gaussians: MakeGaussians) -> None:
+    with pytest.raises(PocketGSError, match="form 'sorted': not known, expected one of direct, exponential, lc"):
+        sort_free(make_gaussians(count=3), "sorted", 1.0)
+    scene = sort_free(make_gaussians(count=3), "lc", 1.0)
+    with pytest.raises(PocketGSError, match=r"views of shape \(3, 2\)"):
+        replace(scene, views=np.zeros((3, 2), np.float32))
