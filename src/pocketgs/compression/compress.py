@@ -121,6 +121,8 @@ def compress(
                 if not views.photographs:
                     bench.coding = _round_only(scene, bench, bound)
                 _search_by_quality(scene, bench, bound)
+                if not _within(bench.candidates, None, bound):
+                    _round_only(scene, bench, bound)  # training did not bring back what rounding cost
         except StoppedError:
             if not _within(bench.candidates, options.size, bound):
                 raise KeyboardInterrupt from None
