@@ -101,8 +101,8 @@ def test_fern_on_the_gpu_engine(trained: Callable[..., dict[str, Any]]) -> None:
 
 def test_fern_compressed(trained: Callable[..., dict[str, Any]], data_folder: Path, tmp_path: Path) -> None:
     """A fifteenth of the size, for at most 0.3 dB on photographs that took no part."""
-    options = ("--images", "images_8")
-    trained("fern", *options, "--effort", "quick", "--iterations", "300", "--max-gaussians", "20000")
+    options = ("--images", "images_8", "--downscale", "2")
+    trained("fern", *options, "--effort", "quick", "--iterations", "300", "--max-gaussians", "10000")
     path, figures = tmp_path / "fern.pgs", tmp_path / "figures.json"
     command = ["compress", tmp_path / "fern", data_folder / "fern", *options, "--output", path, "--json", figures]
     process = [sys.executable, "-m", "pocketgs", *map(str, command)]
