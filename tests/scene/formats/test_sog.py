@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import zipfile
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.formats import read_scene, sog
@@ -33,17 +35,24 @@ def test_errors(tmp_path: Path, degree: int) -> None:
     assert found.sh.shape == ordered.sh.shape
 
 
-def changed(path: Path, change: Callable[[dict[str, Any]], object]) -> Path:
-    """A copy whose `meta.json` is changed."""
+def parts_of(path: Path) -> dict[str, bytes]:
     with zipfile.ZipFile(path) as archive:
-        parts = {name: archive.read(name) for name in archive.namelist()}
-    meta = json.loads(parts["meta.json"])
-    change(meta)
-    parts["meta.json"] = json.dumps(meta).encode()
-    with zipfile.ZipFile(path.with_name("changed.sog"), "w") as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def packed(path: Path, parts: dict[str, bytes], method: int = zipfile.ZIP_STORED) -> Path:
+    with zipfile.ZipFile(path, "w", method) as archive:
         for name, content in parts.items():
             archive.writestr(name, content)
-    return path.with_name("changed.sog")
+    return path
+
+
+def changed(path: Path, change: Callable[[dict[str, Any]], object]) -> Path:
+    """A copy whose `meta.json` is changed."""
+    parts = parts_of(path)
+    meta = json.loads(parts["meta.json"])
+    change(meta)
+    return packed(path.with_name("changed.sog"), parts | {"meta.json": json.dumps(meta).encode()})
 
 
 @pytest.mark.parametrize(
@@ -67,3 +76,19 @@ def test_broken(tmp_path: Path, change: Callable[[dict[str, Any]], object], told
     sog.write_gaussians(tmp_path / "a.sog", random_scene(100, 1))
     with pytest.raises(PocketGSError, match=told):
         read_scene(changed(tmp_path / "a.sog", change))
+
+
+def test_other_codecs_are_refused(tmp_path: Path) -> None:
+    sog.write_gaussians(tmp_path / "a.sog", random_scene(100, 1))
+    parts = parts_of(tmp_path / "a.sog")
+    assert len(read_scene(packed(tmp_path / "b.sog", parts, zipfile.ZIP_DEFLATED))) == 100
+    content = packed(tmp_path / "b.sog", parts, zipfile.ZIP_LZMA).read_bytes()
+    broken = content.replace(b"meta.json\x09", b"meta.json\xff", 1)
+    for each in (content, broken):
+        (tmp_path / "b.sog").write_bytes(each)
+        with pytest.raises(PocketGSError, match="compressed by method 14, expected stored or deflated"):
+            read_scene(tmp_path / "b.sog")
+    buffer = io.BytesIO()
+    Image.open(io.BytesIO(parts["quats.webp"])).save(buffer, "TIFF")
+    with pytest.raises(PocketGSError, match=r"'quats.webp' is not a readable image"):
+        read_scene(packed(tmp_path / "b.sog", parts | {"quats.webp": buffer.getvalue()}))

@@ -31,6 +31,9 @@ from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 from pocketgs.scene.morton import morton_order
 
 META = "meta.json"
+IMAGES = ("WEBP", "PNG")
+"""Pillow's names of what images may be. It knows many more, whose decoders a file from elsewhere must not choose."""
+
 ACROSS = 64
 """Palette entries in a row of the image of the palette."""
 
@@ -237,7 +240,7 @@ class _Archive:
         if not isinstance(files, list) or len(files) <= place or not isinstance(files[place], str):
             raise PocketGSError(f"{self._path}: 'files' of {name!r} is not a list of {place + 1} or more names")
         try:
-            with Image.open(io.BytesIO(self._member(files[place], 1))) as image:
+            with Image.open(io.BytesIO(self._member(files[place], 1)), formats=IMAGES) as image:
                 require_memory(self._path, 8.0 * image.width * image.height, f"an image of {name!r}")
                 return np.array(image.convert("RGBA"))
         except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
@@ -248,5 +251,8 @@ class _Archive:
             info = self._archive.getinfo(name)
         except KeyError as error:
             raise PocketGSError(f"{self._path}: holds no {name[:80]!r}") from error
+        if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            found = f"method {info.compress_type}"
+            raise PocketGSError(f"{self._path}: {name[:80]!r} is compressed by {found}, expected stored or deflated")
         require_memory(self._path, bytes_each * info.file_size, f"{name[:80]!r}")
         return self._archive.read(info)
