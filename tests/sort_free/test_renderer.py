@@ -144,6 +144,21 @@ def test_weights_past_all_bounds_leave_images_and_gradients_finite(
     assert np.isfinite(gradient.views).all()
 
 
+def test_a_floater_beside_the_image_changes_nothing(camera: Camera, make_gaussians: MakeGaussians) -> None:
+    scene = replace(weighted_scene(make_gaussians(count=40, sh_degree=1), "visibility"), numbers=np.log([30.0]))
+    scene.gaussians.log_scales[0] = -6.0
+    beside = 0.1 * camera.forward + 0.4 * camera.world_to_camera[0, :3]
+    images, views = [], []
+    for place in (camera.centre - camera.forward, camera.centre + beside):
+        scene.gaussians.means[0] = place
+        image = shared("cpu").forward(scene, camera, BACKGROUND, near=0.01)
+        images.append(image.rgb)
+        views.append(shared("cpu").backward(image, rgb=np.ones_like(image.rgb)).views)
+    np.testing.assert_allclose(images[0], images[1], atol=1e-6)
+    np.testing.assert_allclose(views[0], views[1], atol=1e-4)
+    assert np.abs(views[1]).max() > 0.1
+
+
 def test_cutting_an_exponent_changes_nothing_that_float32_can_show(
     monkeypatch: pytest.MonkeyPatch, camera: Camera, make_gaussians: MakeGaussians
 ) -> None:

@@ -29,11 +29,13 @@ class Seen:
         distances: (N,) from the camera, in the scene's unit.
         views: (N,) v, view-dependent.
         sizes: (N,) largest scales, in the scene's unit.
+        in_image: (N,) whether it is drawn, with its centre in the image.
     """
 
     distances: np.ndarray
     views: np.ndarray
     sizes: np.ndarray
+    in_image: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -132,12 +134,14 @@ def _visibility(seen: Seen, numbers: np.ndarray) -> tuple[np.ndarray, Pullback]:
     """The weight exp(v) / d^σ: v stands for the logarithm of what sorted images call transmittance in front."""
     sigma, logarithms = numbers[0].astype(seen.distances.dtype), np.log(seen.distances)
     exponents = seen.views - sigma * logarithms
-    # A common factor of all weights cancels: the nearest and clearest Gaussians have weights of about 1.
-    exponents = exponents - (exponents.max() if exponents.size else 0.0)
-    weights = np.exp(np.maximum(exponents, -LARGEST_EXPONENT))
+    # A common factor of all weights cancels: the nearest and clearest Gaussians of the image have weights of about 1.
+    # One beside the image does not count: all others might fall below the cut.
+    shown = exponents[seen.in_image] if seen.in_image.any() else exponents
+    exponents = exponents - shown.max(initial=-np.inf)
+    weights = np.exp(np.clip(exponents, -LARGEST_EXPONENT, LARGEST_EXPONENT))
 
     def pull(d_weights: np.ndarray) -> WeightGradient:
-        d_exponents = np.where(exponents > -LARGEST_EXPONENT, d_weights * weights, 0.0)
+        d_exponents = np.where(np.abs(exponents) < LARGEST_EXPONENT, d_weights * weights, 0.0)
         shared = np.zeros(len(numbers))
         shared[0] = -sigma * np.sum(d_exponents * logarithms)
         return WeightGradient(-sigma * d_exponents / seen.distances, d_exponents, np.zeros_like(d_exponents), shared)

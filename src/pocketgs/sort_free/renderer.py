@@ -16,13 +16,16 @@ from pocketgs.scene.background import checked_background
 from pocketgs.scene.spherical_harmonics import basis, basis_gradient
 from pocketgs.sort_free.forms import Pullback, Seen
 from pocketgs.sort_free.scene import SortFreeScene
-from pocketgs.splat.constants import BRIGHTEST
+from pocketgs.splat.constants import ALPHA_MIN, BRIGHTEST
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.rasterizer import Raster, RasterGradient, Rasterizer
 
 BLACK = (0.0, 0.0, 0.0)
 _LEAST = -1e30
 """v of what is not drawn."""
+
+_LEAST_LOGIT = np.log(ALPHA_MIN / (1.0 - ALPHA_MIN))
+"""Fainter Gaussians are not drawn by any engine."""
 
 
 @dataclass(frozen=True)
@@ -179,14 +182,22 @@ def _weigh(scene: SortFreeScene, camera: Camera, near: float) -> _Weighted:
         views = np.einsum("nk,nk->n", harmonics[:, : scene.views.shape[1]], scene.views)
         sizes = np.exp(parameters.log_scales.max(axis=1)) / scene.unit
         drawn &= np.all(np.abs(colours) < BRIGHTEST, axis=1) & np.isfinite(views) & np.isfinite(sizes)
+        in_image = drawn & (parameters.opacity_logits >= _LEAST_LOGIT) & _centre_in_image(parameters.means, camera)
     colours = np.where(drawn[:, None], np.maximum(colours, 0.0), 0.0).astype(kind)
     seen = Seen(
         lengths / kind.type(scene.unit),
         np.where(drawn, views, _LEAST).astype(kind),
         np.where(drawn, sizes, 0.0).astype(kind),
+        in_image,
     )
     weights, pull = scene.form.weigh(seen, np.exp(scene.numbers))
     return _Weighted(directions, lengths, harmonics, colours, np.where(drawn, weights, 0.0), depths, seen, pull)
+
+
+def _centre_in_image(means: np.ndarray, camera: Camera) -> np.ndarray:
+    pixels, depths = camera.project(means)
+    # What a lens does not show has depth 0.
+    return (depths > 0.0) & np.all((pixels >= 0.0) & (pixels <= (camera.width, camera.height)), axis=1)
 
 
 def _weigh_backward(
