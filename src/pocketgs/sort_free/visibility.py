@@ -20,6 +20,9 @@ MOST_CAMERAS = 50
 STIFFNESS = 0.02
 """Of the fit, as a share of all views' weight: keeps v level where no camera looks from."""
 
+BLOCK = 1 << 14
+"""Gaussians that are fitted at a time: the matrices of degree 3 take 2 KB each."""
+
 
 def visible_shares(
     gaussians: Gaussians, camera: Camera, sorted_: Rasterizer, summed: Rasterizer
@@ -57,21 +60,32 @@ def fitted_views(
         summed: composites "sum".
         on_count: told how many of how many cameras are done.
     """
-    coefficients, count = SH_COEFFICIENTS[degree], len(gaussians)
-    matrices, sides = np.zeros((count, coefficients, coefficients)), np.zeros((count, coefficients))
     chosen = np.unique(np.linspace(0, len(cameras) - 1, min(len(cameras), MOST_CAMERAS)).round().astype(int))
+    looks = []
     for number, camera in enumerate(cameras[place] for place in chosen):
-        shares, covered = visible_shares(gaussians, camera, sorted_, summed)
+        looks.append((camera.centre, *visible_shares(gaussians, camera, sorted_, summed)))
+        on_count(number + 1, len(chosen))
+    views = np.empty((len(gaussians), SH_COEFFICIENTS[degree]), np.float32)
+    for first in range(0, len(views), BLOCK):
+        block = slice(first, first + BLOCK)
+        seen = [(centre, shares[block], covered[block]) for centre, shares, covered in looks]
+        views[block] = _fitted(gaussians.means[block], seen, views.shape[1])
+    return views
+
+
+def _fitted(means: np.ndarray, looks: list[tuple[np.ndarray, np.ndarray, np.ndarray]], coefficients: int) -> np.ndarray:
+    """(N, K) harmonics that fit what the cameras see of (N, 3) centres: by camera its centre, shares, and Σ α."""
+    matrices, sides = np.zeros((len(means), coefficients, coefficients)), np.zeros((len(means), coefficients))
+    for centre, all_shares, covered in looks:
         seen = np.flatnonzero(covered)
-        offsets, shares = gaussians.means[seen] - camera.centre, shares[seen]
+        offsets, shares = means[seen] - centre, all_shares[seen]
         rows = basis(offsets / np.linalg.norm(offsets, axis=1, keepdims=True), coefficients)
         # Where a Gaussian is all but hidden, it matters little how well.
         weights = np.sqrt(covered[seen]) * (0.05 + np.sqrt(shares))
         weighted = weights[:, None] * rows
         matrices[seen] += weighted[:, :, None] * rows[:, None, :]
         sides[seen] += np.log(np.maximum(shares, LEAST_VISIBLE))[:, None] * weighted
-        on_count(number + 1, len(chosen))
     stiff = STIFFNESS * np.trace(matrices, axis1=1, axis2=2) + 1e-6
     matrices[:, np.arange(1, coefficients), np.arange(1, coefficients)] += stiff[:, None]
     matrices[:, 0, 0] += 1e-6
-    return np.linalg.solve(matrices, sides[..., None])[..., 0].astype(np.float32)
+    return np.linalg.solve(matrices, sides[..., None])[..., 0]
