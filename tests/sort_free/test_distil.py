@@ -92,6 +92,22 @@ def test_files_hold_everything(tmp_path: Path, teacher: Gaussians, form: str) ->
     np.testing.assert_allclose(found.numbers, scene.numbers, rtol=0, atol=1e-15)
 
 
+def test_files_hold_whatever_was_learned(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, small_capture: Capture, teacher: Gaussians
+) -> None:
+    monkeypatch.setattr("pocketgs.sort_free.distil.NUMBER_RATE", 1000.0)
+    scene = distil(teacher, small_capture, DistilOptions("exponential", iterations=1)).scene
+    scene.unit = np.float64(3.7)
+    write_sort_free(tmp_path / "scene.ply", scene)
+    found = read_sort_free(tmp_path / "scene.ply")
+    np.testing.assert_allclose(found.numbers, scene.numbers, atol=1e-12)
+    assert np.abs(found.numbers).max() > 19.0
+    scene.numbers[0] = 21.0
+    with pytest.raises(PocketGSError, match="expected such that float32 can hold"):
+        write_sort_free(tmp_path / "other.ply", scene)
+    assert not (tmp_path / "other.ply").exists()
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

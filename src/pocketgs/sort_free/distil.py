@@ -15,7 +15,7 @@ from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.sort_free.forms import FormName
 from pocketgs.sort_free.optimiser import ArrayAdam
 from pocketgs.sort_free.renderer import SceneGradient, SortFreeImage, SortFreeRenderer
-from pocketgs.sort_free.scene import SortFreeScene, sort_free
+from pocketgs.sort_free.scene import MAX_LOGARITHM, SortFreeScene, sort_free
 from pocketgs.sort_free.visibility import fitted_views
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.optimiser import Adam, photometric_loss
@@ -31,6 +31,9 @@ RATE = 0.3
 
 VIEW_RATE, NUMBER_RATE = 0.15, 0.02
 """First learning rates of the harmonics of v, and of the logarithms of the form's numbers."""
+
+LARGEST_LOGARITHM = 0.99 * MAX_LOGARITHM
+"""Learned logarithms are cut here, so that a file can hold them whichever way it rounds."""
 
 
 @dataclass(frozen=True)
@@ -148,6 +151,7 @@ class _Distillation:
                 adam.step(gradient.gaussians, rates)
                 views.step(gradient.views, VIEW_RATE * share)
                 numbers.step(gradient.numbers, NUMBER_RATE * share)
+                np.clip(scene.numbers, -LARGEST_LOGARITHM, LARGEST_LOGARITHM, out=scene.numbers)
                 self._observer("training", number + 1, options.iterations)
         return Distilled(scene, options.iterations, False)
 

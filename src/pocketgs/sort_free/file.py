@@ -12,6 +12,7 @@ Other programs read such a file as a scene that is drawn sorted, which is not ho
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,10 +30,13 @@ def write_sort_free(path: Path, scene: SortFreeScene) -> None:
     """Write a scene atomically.
 
     Raises:
-        PocketGSError: the name does not end in .ply, or the file cannot be written.
+        PocketGSError: the name does not end in .ply, the scene holds numbers out of range, or the file cannot be
+            written.
     """
     check_name(path)
-    comments = [f"{MARK} {scene.form.name}", f"{MARK}_unit {scene.unit!r}"]
+    # The arrays may have changed since the scene was checked.
+    scene = replace(scene)
+    comments = [f"{MARK} {scene.form.name}", f"{MARK}_unit {float(scene.unit)!r}"]
     numbers = np.exp(scene.numbers)
     comments += [f"{MARK}_{name} {float(value)!r}" for name, value in zip(scene.form.numbers, numbers, strict=True)]
     properties = {f"view_{k}": scene.views[:, k] for k in range(scene.views.shape[1])}
