@@ -15,7 +15,7 @@ from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
 from pocketgs.scene.edits import cropped, rotated, scaled, translated, with_sh_degree, without_faint
-from pocketgs.scene.formats import SceneFormat, format_of, spz
+from pocketgs.scene.formats import SceneFormat, format_of, spz, write_pgs
 from pocketgs.scene.formats.pgs_coding import CODINGS
 from pocketgs.scene.formats.spz_precision import PRECISIONS, Detail
 from pocketgs.scene.gaussians import Gaussians
@@ -78,12 +78,9 @@ def convert(
 
 def _chosen_format(output: Path, detail: Detail | None, spz_version: spz.Version) -> SceneFormat:
     chosen = format_of(output)
-    if chosen.name == "PocketGS":
-        # Imported here because Numba is slow to load.
-        from pocketgs.scene.formats import pgs
-
+    if chosen.write is write_pgs:
         coding = CODINGS[detail or "fine"]
-        return replace(chosen, rounds=coding.rounds, write=partial(pgs.write_gaussians, coding=coding))
+        return replace(chosen, rounds=coding.rounds, write=partial(write_pgs, coding=coding))
     if chosen.write is not spz.write_gaussians:
         return chosen
     precision = PRECISIONS[detail or "small"]

@@ -10,6 +10,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.journal import settle
 from pocketgs.scene.formats import compressed_ply, gltf, ply, splat, spz
 from pocketgs.scene.formats.pgs_coding import FINE as FINE_PGS
+from pocketgs.scene.formats.pgs_coding import Coding
 from pocketgs.scene.formats.spz_precision import FINE
 from pocketgs.scene.gaussians import Gaussians
 
@@ -44,10 +45,11 @@ def _read_pgs(path: Path) -> Gaussians:
     return pgs.read_gaussians(path)
 
 
-def _write_pgs(path: Path, gaussians: Gaussians) -> None:
+def write_pgs(path: Path, gaussians: Gaussians, coding: Coding = FINE_PGS) -> None:
+    """Write a `.pgs`; as `pgs.write_gaussians`, but fine unless told otherwise."""
     from pocketgs.scene.formats import pgs
 
-    pgs.write_gaussians(path, gaussians, FINE_PGS)
+    pgs.write_gaussians(path, gaussians, coding)
 
 
 def _read_sog(path: Path) -> Gaussians:
@@ -88,7 +90,7 @@ FORMATS = (
         "the order, and which of a Gaussian's axes is the first",
         FINE_PGS.rounds,
         _read_pgs,
-        _write_pgs,
+        write_pgs,
     ),
     SceneFormat(
         "PlayCanvas SOG",
