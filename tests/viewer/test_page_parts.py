@@ -18,6 +18,7 @@ from playwright.sync_api import Error, Page
 
 from pocketgs.scene.formats import pgs, ply, splat, spz
 from pocketgs.scene.formats.pgs_coding import FINE
+from pocketgs.scene.formats.pgs_sections import Section, join_sections, split_sections
 from pocketgs.scene.formats.spz_precision import SMALL
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.webgpu.scene_columns import to_columns
@@ -146,7 +147,7 @@ def test_what_is_cut_short_is_refused(page: Page, tmp_path: Path, written: Writt
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("notes.txt", b"not a scene at all", "expected .ply, .splat, .spz"),
+        ("notes.txt", b"not a scene at all", "expected .pgs, .ply, .splat, .spz"),
         ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 1\nend_header\n", "format is ascii"),
         ("a.ply", b"ply\nformat binary_little_endian 1.0\nelement face 1\nend_header\n", "element 'face'"),
         ("a.ply", b"ply\nformat binary_little_endian 1.0\nelement chunk 1\nend_header\n", "compressed"),
@@ -168,6 +169,16 @@ def test_what_is_cut_short_is_refused(page: Page, tmp_path: Path, written: Writt
 def test_what_is_no_scene_is_refused(page: Page, name: str, content: bytes, words: str) -> None:
     with pytest.raises(Error, match=words):
         read(page, name, content)
+
+
+def test_page_refuses_a_pgs_that_states_too_many(page: Page) -> None:
+    path = Path("scene.pgs")
+    parts = split_sections(path, pgs.encode(random_scene(9, 1)), pgs.KNOWN)
+    parts["scene"] = (2**24 + 1).to_bytes(4, "little") + parts["scene"][4:]
+    kinds = dict(pgs.KNOWN)
+    content = join_sections([Section(name, kinds[name], part) for name, part in parts.items()])
+    with pytest.raises(Error, match="16777217 Gaussians, expected at most 16777216"):
+        read(page, path.name, content)
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

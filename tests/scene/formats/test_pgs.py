@@ -120,7 +120,7 @@ def test_fine(folder: Path) -> None:
 
 def test_sections(folder: Path) -> None:
     path = folder / "scene.pgs"
-    scene = random_scene(50, 1)
+    scene = random_scene(600, 1)
     parts = split_sections(path, pgs.encode(scene), pgs.KNOWN)
     sections = [Section(name, kind, parts[name]) for name, kind in sorted(pgs.KNOWN)]
     path.write_bytes(join_sections([*sections, Section("phi", 9, b"later", OPTIONAL)]))
@@ -140,19 +140,37 @@ def test_sections(folder: Path) -> None:
         read_scene(path)
 
 
-def test_a_count_that_the_file_states_is_no_reason_to_allocate(folder: Path) -> None:
+@pytest.mark.parametrize(("count", "told"), [(2**24, "MB of memory"), (2**24 + 1, "expected at most 16,777,216 in")])
+def test_a_count_that_the_file_states_is_no_reason_to_allocate(folder: Path, count: int, told: str) -> None:
     path = folder / "bomb.pgs"
-    parts = split_sections(path, pgs.encode(random_scene(50, 1)), pgs.KNOWN)
-    parts["scene"] = (2**32 - 1).to_bytes(4, "little") + parts["scene"][4:]
+    parts = split_sections(path, pgs.encode(random_scene(600, 1)), pgs.KNOWN)
+    parts["scene"] = count.to_bytes(4, "little") + parts["scene"][4:]
     path.write_bytes(join_sections([Section(name, kind, parts[name]) for name, kind in sorted(pgs.KNOWN)]))
-    with pytest.raises(PocketGSError, match="MB of memory"):
+    with pytest.raises(PocketGSError, match=told):
         read_scene(path)
 
 
+def test_more_gaussians_than_a_number_can_count_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pgs, "MAX_NUMBER", 49)
+    with pytest.raises(PocketGSError, match=r"50 Gaussians, expected at most 49 in a \.pgs"):
+        pgs.encode(random_scene(50, 1))
+
+
+@pytest.mark.parametrize(
+    ("count", "coding", "has_book"), [(600, DEFAULT, True), (60, DEFAULT, False), (600, FINE, False)]
+)
+def test_there_is_a_codebook_only_where_it_saves_bytes(
+    folder: Path, count: int, coding: Coding, has_book: bool
+) -> None:
+    scene = random_scene(count, 3)
+    assert ("codebook" in split_sections(folder, pgs.encode(scene, coding), pgs.KNOWN)) == has_book
+    assert rows_of(read_back(folder, scene, coding)).tobytes() == rows_of(rounded(scene, coding)).tobytes()
+
+
 def test_broken_behind_a_right_checksum(folder: Path) -> None:
-    sound = pgs.encode(random_scene(60, 1))
+    without_and_with_book = [pgs.encode(random_scene(count, 1)) for count in (60, 600)]
     path = folder / "broken.pgs"
     with memory_bound(100):
         for number in range(200):
-            path.write_bytes(broken_sections(Random(number), sound))
+            path.write_bytes(broken_sections(Random(number), without_and_with_book[number % 2]))
             load_or_refuse(path)

@@ -19,7 +19,7 @@ from pocketgs.files.atomic_file import replacing
 from pocketgs.scene.formats import pgs_attributes as attributes
 from pocketgs.scene.formats.checks import read_contents, require_room, require_sound
 from pocketgs.scene.formats.pgs_coding import DEFAULT, Coding
-from pocketgs.scene.formats.pgs_columns import Columns, ReadColumns, WrittenColumns
+from pocketgs.scene.formats.pgs_columns import MAX_NUMBER, Columns, ReadColumns, WrittenColumns
 from pocketgs.scene.formats.pgs_positions import MAX_BITS, decode_positions, encode_positions, morton_sorted
 from pocketgs.scene.formats.pgs_rotations import fineness_of, quaternions_of, steps_of, turn_levels
 from pocketgs.scene.formats.pgs_rounding import MAX_ENTRIES, distinct_rows, grid_exponent, levels, rounded
@@ -65,7 +65,7 @@ def write_gaussians(path: Path, gaussians: Gaussians, coding: Coding = DEFAULT) 
     """Write a scene atomically, rounded.
 
     Raises:
-        PocketGSError: the scene is empty or holds NaN or infinity, or the file cannot be written.
+        PocketGSError: the scene is empty, too large, or holds NaN or infinity, or the file cannot be written.
     """
     contents = encode(gaussians, coding, path)
     with replacing(path) as partial:
@@ -81,9 +81,10 @@ def encode(gaussians: Gaussians, coding: Coding = DEFAULT, path: Path = Path("sc
         path: for messages.
 
     Raises:
-        PocketGSError: the scene is empty or holds NaN or infinity.
+        PocketGSError: the scene is empty, too large, or holds NaN or infinity.
     """
     require_sound(path, gaussians)
+    _require_count(path, len(gaussians))
     coding = coding.in_single_precision()
     scene = rounded(gaussians, coding)
     exponent = grid_exponent(scene.means)
@@ -98,11 +99,10 @@ def encode(gaussians: Gaussians, coding: Coding = DEFAULT, path: Path = Path("sc
     scales = levels(scene.log_scales, coding.log_scale)
     steps = steps_of(scales * coding.log_scale, coding.rotation)
     rest = levels(scene.sh[:, 1:], coding.harmonics)
-    book, labels = distinct_rows(rest.reshape(len(rest), -1)) if scene.sh_degree else (rest[:0], rest[:0])
-    has_book = 0 < len(book) <= MAX_ENTRIES
+    entries, harmonics = _harmonics(rest)
     fields = SCENE.pack(
         len(scene),
-        len(book) if has_book else 0,
+        entries,
         scene.sh_degree,
         bits,
         exponent,
@@ -125,13 +125,24 @@ def encode(gaussians: Gaussians, coding: Coding = DEFAULT, path: Path = Path("sc
         ),
         _columns("opacity", attributes.code_opacities, levels(scene.opacity_logits, coding.opacity)),
         _columns("colour", attributes.code_colours, levels(scene.sh[:, 0], coding.colour), around),
+        *harmonics,
     ]
-    if has_book:
-        sections.append(_columns("codebook", attributes.code_harmonics, book.reshape(-1, *rest.shape[1:])))
-        sections.append(_columns("harmonic", attributes.code_labels, labels))
-    elif scene.sh_degree:
-        sections.append(_columns("harmonic", attributes.code_harmonics, rest))
     return join_sections(sections)
+
+
+def _harmonics(rest: np.ndarray) -> tuple[int, list[Section]]:
+    """Number of the codebook's entries, or 0 for none, and the sections of (N, K - 1, 3) levels above degree 0."""
+    if not rest.size:
+        return 0, []
+    book, labels = distinct_rows(rest.reshape(len(rest), -1))
+    choices: list[tuple[int, list[Section]]] = []
+    if len(book) <= MAX_ENTRIES:
+        entries = _columns("codebook", attributes.code_harmonics, book.reshape(-1, *rest.shape[1:]))
+        choices.append((len(book), [entries, _columns("harmonic", attributes.code_labels, labels)]))
+    if not choices or 2 * len(book) > len(rest):
+        # Where hardly any Gaussians share an entry, it may take less to store what each has.
+        choices.append((0, [_columns("harmonic", attributes.code_harmonics, rest)]))
+    return min(choices, key=lambda choice: sum(len(section.content) for section in choice[1]))
 
 
 def _columns(name: str, code: Callable[..., None], table: np.ndarray, *given: object) -> Section:
@@ -202,6 +213,7 @@ def _layout(path: Path, sections: dict[str, bytes]) -> Layout:
         raise PocketGSError(f"{path}: section {missing[0]!r} is missing")
     if not count:
         raise PocketGSError(f"{path}: 0 Gaussians, expected at least one")
+    _require_count(path, count)
     if entries > MAX_ENTRIES:
         raise PocketGSError(f"{path}: a codebook of {entries:,}, expected at most {MAX_ENTRIES:,}")
     if bits > MAX_BITS:
@@ -210,3 +222,8 @@ def _layout(path: Path, sections: dict[str, bytes]) -> Layout:
         raise PocketGSError(f"{path}: steps {steps}, expected positive numbers")
     require_room(path, count, SH_COEFFICIENTS[degree], READING)
     return Layout(count, entries, degree, bits, exponent, (x, y, z), *steps)
+
+
+def _require_count(path: Path, count: int) -> None:
+    if count > MAX_NUMBER:
+        raise PocketGSError(f"{path}: {count:,} Gaussians, expected at most {MAX_NUMBER:,} in a .pgs")

@@ -13,6 +13,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.scene.formats.range_coder import UNPREDICTED, RangeDecoder, RangeEncoder, new_models
 
 MAX_NUMBER = 1 << 24
+"""The largest magnitude of a number, and the largest count of Gaussians, whose parts the tree of positions codes."""
 
 
 class Columns(Protocol):

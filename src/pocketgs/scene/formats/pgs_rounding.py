@@ -30,7 +30,8 @@ MAX_LEVEL = 1 << 16
 MAX_LOGIT = 12.0
 
 MAX_ENTRIES = 1 << 14
-"""Entries of a codebook that the file can hold; a scene with more distinct vectors is stored without one."""
+"""Entries of a codebook that the file can hold. A scene with more distinct vectors is stored without one, and so is
+one where that takes less."""
 
 PER_ENTRY, MIN_ENTRIES = 12, 256
 """Gaussians for each entry of a codebook, which takes about as much as their labels; and entries of the smallest."""

@@ -2,7 +2,7 @@
 
 A number is a sequence of binary decisions, and every decision has a probability that adapts to the decisions before it
 in the same context. Reader and writer adapt alike, so no table is stored. Arithmetic is on integers of at most 32 bits,
-so that `viewer/page/formats/range_coder.js` decodes the same.
+so that `viewer/page/formats/range_decoder.js` decodes the same.
 
 A number v is coded as the length of |v| in bits (a unary code), the sign, and the bits of |v| after the leading one, of
 which the first three have probabilities.

@@ -9,7 +9,7 @@ import { coarsenessOf, nearestBefore, readColours, readHarmonics, readScales, re
 import { decodePositions } from "./pgs_positions.js";
 import { finenessOf, quaternionOf, stepOf } from "./pgs_rotations.js";
 import { splitSections } from "./pgs_sections.js";
-import { RangeDecoder } from "./range_decoder.js";
+import { MAX_NUMBER, RangeDecoder } from "./range_decoder.js";
 
 /** Bytes of the section of fields. */
 const SCENE = 44;
@@ -72,6 +72,9 @@ function layoutOf(sections) {
     }
     if (!count) {
         throw new Error("the .pgs has 0 Gaussians, expected at least one");
+    }
+    if (count > MAX_NUMBER) {
+        throw new Error(`the .pgs has ${count} Gaussians, expected at most ${MAX_NUMBER}`);
     }
     if (bits > MAX_BITS || entries > MAX_ENTRIES || !steps.every((step) => step > 0 && step < Infinity)) {
         throw new Error("the .pgs is broken: a field is out of range");

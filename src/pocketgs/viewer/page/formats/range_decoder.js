@@ -13,8 +13,10 @@ const CERTAIN = 1 << 16;
 const LEAST = 32;
 const SETTLED = 255;
 const ACTIVITIES = 6;
-const MAX_NUMBER = 1 << 24;
 const RATES = Int32Array.from({ length: SETTLED + 1 }, (_, n) => Math.floor((1 << 14) / (n + 1.5)));
+
+/** The largest magnitude of a number, and the largest count of Gaussians. */
+export const MAX_NUMBER = 1 << 24;
 
 /** Probabilities of the binary decisions in each context, which adapt. */
 export class Models {
