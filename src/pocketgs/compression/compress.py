@@ -120,7 +120,7 @@ def compress(
         timekeeper = Timekeeper(on_count, interrupt, seconds)
         judge = Judge.of(scene, engine, views)
         renderings = len(views.judges) + (len(views.reported) if views.photographs else 0)
-        rendering = timekeeper.elapsed() / renderings
+        rendering = max(timekeeper.elapsed(), 1e-3) / renderings
         timekeeper.first_speed = 1.0 / (STEP * rendering)
         timekeeper.reserve(TABLE_ROWS * len(views.reported) * rendering)
         bound = None if options.size is not None else _least_psnr(scene, views, judge, options.quality)
@@ -222,7 +222,7 @@ def finer(coding: Coding) -> Coding:
 
 
 def _search_by_size(scene: Gaussians, workshop: Workshop, size: float) -> None:
-    workshop.only_rounded(scene, FINE)  # where all fits, nothing is better
+    workshop.only_rounded(scene, FINE)  # where this fits, little is better
     guess = max(int(size / BYTES_PER_GAUSSIAN), LEAST)
     workshop.prune(scene, lambda level: len(level.scene) > guess)
     goal = Goal(float(np.log(size)), 1.0, SIZE_TOLERANCE, from_above=False)
