@@ -146,7 +146,7 @@ def test_what_is_cut_short_is_refused(page: Page, tmp_path: Path, written: Writt
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("notes.txt", b"not a scene at all", "expected .ply, .splat, .spz"),
+        ("notes.txt", b"not a scene at all", "expected .pgs, .ply, .splat, .spz"),
         ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 1\nend_header\n", "format is ascii"),
         ("a.ply", b"ply\nformat binary_little_endian 1.0\nelement face 1\nend_header\n", "element 'face'"),
         ("a.ply", b"ply\nformat binary_little_endian 1.0\nelement chunk 1\nend_header\n", "compressed"),
