@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from pocketgs.capture import open_capture
+from pocketgs.cli import compressing_run
+from pocketgs.cli.scene_file import as_trained_on
 from pocketgs.compression import candidates
+from pocketgs.compression.views import Views
+from pocketgs.errors import PocketGSError
+from pocketgs.results.checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
 from pocketgs.scene.formats import read_scene
 
 
@@ -46,6 +54,7 @@ def test_a_scene_alone(pocketgs: Callable[..., Any], result: Path, tmp_path: Pat
     [
         (["--output", "out.ply"], "not the name of a compressed scene, expected one that ends in .pgs"),
         (["--output", "nowhere/out.pgs"], "its folder does not exist"),
+        (["--output", "folder.pgs"], "folder.pgs: is a folder"),
         (["--output", "out.pgs", "--size", "1", "--quality", "1"], "both --size and --quality"),
         (["--output", "out.pgs", "--size", "0"], "size: found 0.0, expected megabytes above 0"),
         (["--output", "out.pgs", "--quality", "nan"], "quality: found nan, expected dB, at least 0"),
@@ -62,10 +71,20 @@ def test_mistakes_leave_files_alone(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("out.pgs").write_bytes(b"before")
+    Path("folder.pgs").mkdir()
     outcome = pocketgs("compress", result, *arguments)
     assert outcome.status == 2
     assert message in outcome.errors
     assert Path("out.pgs").read_bytes() == b"before"
+
+
+def test_distil_notices_a_folder_in_the_way(
+    pocketgs: Callable[..., Any], result: Path, written_capture: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "folder.ply").mkdir()
+    outcome = pocketgs("distil", result, written_capture, "--output", tmp_path / "folder.ply", "--iterations", 0)
+    assert outcome.status == 2
+    assert "folder.ply: is a folder, expected the name of a file in an existing folder" in outcome.errors
 
 
 def test_what_is_no_scene(pocketgs: Callable[..., Any], written_capture: Path, tmp_path: Path) -> None:
@@ -95,3 +114,85 @@ def test_training_and_compressing(pocketgs: Callable[..., Any], written_capture:
     outcome = pocketgs("train", written_capture, *options, "--compress")
     assert outcome.status == 2
     assert "scene.pgs" in outcome.errors
+
+
+def test_a_scene_that_spz_cannot_hold(
+    pocketgs: Callable[..., Any], result: Path, written_capture: Path, tmp_path: Path
+) -> None:
+    """With NaN, which is left out, and with a coordinate that is too large."""
+    scene = read_scene(result / "scene.ply")
+    scene.means[0] = np.nan
+    scene.means[1] = 1e7
+    scene.save(tmp_path / "broken.ply")
+    path, figures = tmp_path / "small.pgs", tmp_path / "figures.json"
+    options = ["--output", path, "--json", figures, "--size", 0.02, "--time-budget", 1]
+    outcome = pocketgs("compress", tmp_path / "broken.ply", written_capture, *options)
+    assert (outcome.status, outcome.errors) == (0, "")
+    original, spz, *_ = json.loads(figures.read_text())["figures"]
+    assert original["gaussians"] == len(scene) - 1
+    assert (spz["name"], spz["megabytes"], spz["psnr"]) == (".spz", None, None)
+    assert "n/a" in outcome.output
+
+
+def test_views_too_small_to_report_on(
+    pocketgs: Callable[..., Any], result: Path, written_capture: Path, tmp_path: Path
+) -> None:
+    outcome = pocketgs("compress", result, written_capture, "--output", tmp_path / "out.pgs", "--downscale", 8)
+    assert outcome.status == 2
+    assert "a held-out view of 12x9 pixels" in outcome.errors
+
+
+def test_memory_is_checked_before_anything_is_rendered(
+    pocketgs: Callable[..., Any], result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pocketgs.cli.compress.rendered", lambda *_: pytest.fail("rendered"))
+    monkeypatch.setattr("pocketgs.cli.compress.memory_needed", lambda *_: 10**13)
+    outcome = pocketgs("compress", result, "--output", tmp_path / "out.pgs")
+    assert outcome.status == 2
+    assert "compression would take" in outcome.errors
+
+
+def test_transients_of_the_run_are_left_out(result: Path, written_capture: Path) -> None:
+    capture = open_capture(written_capture)
+    assert as_trained_on(result, capture).train[0].mask is None
+    cells = [np.zeros((6, 8), np.bool_) for _ in capture.train]
+    cells[1][2, 3] = True
+    checkpoint = read_checkpoint(result, {})
+    write_checkpoint(result / CHECKPOINT, replace(checkpoint, transients=tuple(cells)), {})
+    first, second, *_ = as_trained_on(result, capture).train
+    assert first.mask is None
+    assert second.mask is not None
+    np.testing.assert_array_equal(np.argwhere(~second.mask), np.argwhere(np.kron(cells[1], np.ones((12, 12)))))
+    # Another number of training views: whose cells these are is unknown.
+    write_checkpoint(result / CHECKPOINT, replace(checkpoint, transients=tuple(cells[1:])), {})
+    assert all(frame.mask is None for frame in as_trained_on(result, capture).train)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), PocketGSError("compression: it cannot be")])
+def test_a_run_outlives_its_compression(
+    pocketgs: Callable[..., Any],
+    written_capture: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    error: BaseException,
+) -> None:
+    """The photographs are masked as in training, and what ends compression early does not end the run."""
+    train, given = compressing_run.run, []
+
+    def with_transients(*arguments: Any, **options: Any) -> Any:
+        found = train(*arguments, **options)
+        views = json.loads((tmp_path / "result" / "run.json").read_text())["capture"]["training_views"]
+        return replace(found, transients=(np.eye(3, 4, dtype=np.bool_),) * views)
+
+    def fails(scene: Any, views: Views, *_: Any, **__: Any) -> None:
+        given.append(views)
+        raise error
+
+    monkeypatch.setattr(compressing_run, "run", with_transients)
+    monkeypatch.setattr(compressing_run, "compress", fails)
+    options = ["--output", tmp_path / "result", "--prior", "none", "--iterations", 5, "--evaluate-every", 0]
+    outcome = pocketgs("train", written_capture, *options, "--compress")
+    assert (outcome.status, outcome.errors) == (0, "")
+    assert "not compressed" in outcome.output
+    assert (tmp_path / "result" / "scene.ply").is_file()
+    assert all(frame.mask is not None and not frame.mask[0, 0] for frame in given[0].train)

@@ -19,6 +19,8 @@ from pocketgs.compression.spz_file import as_spz
 from pocketgs.compression.views import Views, cameras_around, photographed, rendered
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.formats import read_scene
+from pocketgs.scene.formats.pgs_coding import FINE
+from pocketgs.scene.formats.pgs_rounding import rounded as rounded_scene
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.engine import Engine
 
@@ -43,6 +45,7 @@ def test_photographs(scene: Gaussians, views: Views, engine: Engine, tmp_path: P
     original = figures_of("original", scene, 1, engine, views)
     compressed = figures_of("compressed", found.chosen.scene, len(found.chosen.contents), engine, views)
     spz = as_spz(scene)
+    assert spz is not None
     assert original.psnr is not None
     assert compressed.psnr is not None
     assert compressed.psnr >= original.psnr - 0.6, "expected 0.3 dB, measured on a single view of 96 x 72"
@@ -58,6 +61,7 @@ def test_without_photographs_nothing_is_worse_than_spz(
     own = rendered(scene, cameras if known else cameras_around(scene), engine, views.background)
     found = compress(scene, own, engine)
     spz = as_spz(scene)
+    assert spz is not None
     rounded = figures_of(".spz", spz.scene, spz.bytes, engine, own)
     compressed = figures_of(".pgs", found.chosen.scene, len(found.chosen.contents), engine, own)
     assert rounded.psnr is not None
@@ -73,6 +77,35 @@ def test_size_and_seed(scene: Gaussians, views: Views, engine: Engine) -> None:
     assert again.chosen.contents == found.chosen.contents
 
 
+def test_a_size_that_the_whole_scene_fits(scene: Gaussians, views: Views, engine: Engine) -> None:
+    """Finely rounded, it is closest to the original."""
+    found = compress(scene, views, engine, CompressionOptions(size=1.0), seconds=0.01)
+    assert found.chosen.psnr >= max(each.psnr for each in found.candidates)
+    assert found.chosen.psnr > found.original_psnr - 0.05
+    np.testing.assert_array_equal(in_order(found.chosen.scene), in_order(rounded_scene(scene, FINE)))
+
+
+def test_grids_are_tried_once(scene: Gaussians, views: Views, engine: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Even where none is within the bound."""
+    monkeypatch.setattr("pocketgs.compression.compress.GRIDS", 1)
+    cameras = {frame.name: frame.camera for frame in views.train[:2]}
+    own = rendered(scene, cameras, engine, views.background)
+    monkeypatch.setattr("pocketgs.compression.compress._least_psnr", lambda *_: 99.0)
+    found = compress(scene, own, engine, seconds=0.01)
+    assert not found.within_bound
+    assert sum(len(each.scene) == len(scene) for each in found.candidates) <= 2, "rounded finely, and as all candidates"
+
+
+def test_a_scene_too_large_for_spz(scene: Gaussians, views: Views, engine: Engine) -> None:
+    means = scene.means.copy()
+    means[0] = 1e7
+    far = replace(scene, means=means)
+    assert as_spz(far) is None
+    own = rendered(far, {frame.name: frame.camera for frame in views.train}, engine, views.background)
+    with pytest.raises(PocketGSError, match=r"too large for a \.spz.* expected the capture, or --size"):
+        compress(far, own, engine)
+
+
 def test_no_file_is_that_small(scene: Gaussians, views: Views, engine: Engine) -> None:
     with pytest.raises(PocketGSError, match=r"the smallest file has 0\.\d+ MB, expected --size 0\.\d+"):
         compress(scene, views, engine, CompressionOptions(size=1e-5))
@@ -82,7 +115,9 @@ def test_a_time_budget_ends_the_search(scene: Gaussians, views: Views, engine: E
     steps: list[int] = []
     found = compress(scene, views, engine, seconds=0.01, on_count=lambda done, of: steps.append(done))
     assert found.chosen.contents
-    assert len(steps) < candidates.PRUNING_STEPS + candidates.STEPS, "a round, and one short candidate"
+    assert not steps, "time was up before the first of them"
+    assert found.within_bound
+    assert len(found.chosen.scene) == len(scene)
 
 
 def pressing_ctrl_c(step: int) -> Callable[[int, int], None]:
@@ -103,14 +138,14 @@ def test_ctrl_c_before_there_is_a_file(scene: Gaussians, views: Views, engine: E
 def test_ctrl_c_keeps_the_best_file_so_far(
     scene: Gaussians, views: Views, engine: Engine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    make = candidates.Bench.make
+    make = candidates.Workshop.make
 
-    def and_press_ctrl_c(bench: candidates.Bench, count: int) -> candidates.Candidate:
-        found = make(bench, count)
+    def and_press_ctrl_c(workshop: candidates.Workshop, count: int) -> candidates.Candidate:
+        found = make(workshop, count)
         signal.raise_signal(signal.SIGINT)
         return found
 
-    monkeypatch.setattr(candidates.Bench, "make", and_press_ctrl_c)
+    monkeypatch.setattr(candidates.Workshop, "make", and_press_ctrl_c)
     found = compress(scene, views, engine, CompressionOptions(quality=5.0))
     assert found.interrupted
     assert found.within_bound

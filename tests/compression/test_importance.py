@@ -17,6 +17,7 @@ from pocketgs.scene.formats.pgs_coding import DEFAULT
 from pocketgs.scene.formats.pgs_rounding import GROUPS, rounded
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
+from pocketgs.splat.rasterizer import Rasterizer
 
 
 @pytest.mark.parametrize("measure", ["contribution", "distinct"])
@@ -26,8 +27,8 @@ def test_what_nobody_sees_goes_first(scene: Gaussians, views: Views, engine: Eng
     means[hidden] += 1000.0
     moved = replace(scene, means=means)
     cameras = [frame.camera for frame in views.train]
-    assert not importance(moved, cameras, measure)[hidden].any()
-    pruner = Pruner(FineTuner(engine, views.train, views.background, scene, 0), cameras, measure)
+    assert not importance(moved, cameras, Rasterizer(), measure)[hidden].any()
+    pruner = Pruner(FineTuner(engine, views.train, views.background, scene, 0), cameras, measure, Rasterizer())
     kept = pruner.down_to(moved, len(scene) - len(hidden))
     assert np.abs(kept.means).max() < 500.0
 
@@ -47,7 +48,7 @@ def test_frozen_groups_stay(scene: Gaussians, views: Views, engine: Engine) -> N
 
 def test_cameras_around_a_scene_see_it(scene: Gaussians) -> None:
     cameras = list(cameras_around(scene).values())
-    seen = importance(scene, cameras) > 0
+    seen = importance(scene, cameras, Rasterizer()) > 0
     assert seen.mean() > 0.95
     with pytest.raises(PocketGSError, match="a single point"):
         cameras_around(scene.select(np.zeros(3, int)))

@@ -53,3 +53,15 @@ def test_what_is_in_the_image_or_small_is_drawn(
 def test_a_lens_that_bends_does_the_same(engine: EngineKind) -> None:
     assert alpha(engine, at((2.0, 0.0, 0.2), 0.5), SLIGHT) == 0.0
     assert alpha(engine, at((0.6, 0.0, 0.4), 0.3), SLIGHT) > 0.1
+
+
+def test_large_gaussians_inside_the_image_are_all_drawn(engine: EngineKind) -> None:
+    rng = np.random.default_rng(3)
+    depth = rng.uniform(0.05, 0.5, 300)
+    slopes = np.concatenate([rng.uniform(-1.0, 1.0, (298, 2)), [[1.299, -1.299], [0.0, 0.0]]])
+    means = np.column_stack([slopes * depth[:, None], depth])
+    scene = Gaussians(means, np.zeros((300, 3)), np.ones((300, 4)), np.full(300, -3.0), np.ones((300, 1, 3)))
+    camera = Camera(40, 40, 20.0, 20.0, 20.0, 20.0, np.eye(4))
+    radii = Rasterizer(engine).forward(scene, camera, ("radii",), near=0.01).radii
+    assert radii is not None
+    assert (radii > 0).all()

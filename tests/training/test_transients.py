@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from pocketgs.capture import Capture, open_capture
 from pocketgs.capture.capture import Frame
@@ -154,14 +155,43 @@ def test_looks_are_at_doubled_iterations_after_two_rounds(
     looks = []
     for iteration in range(1, 2000):
         before = len(engine.masks)
-        found.after_step(iteration, engine)  # type: ignore[arg-type]
+        found.after_step(iteration, engine, range(len(frames)))  # type: ignore[arg-type]
         if len(engine.masks) > before:
             looks.append(iteration)
     assert looks == [280, 560, 1120]
 
 
+def test_the_search_ends_where_nothing_moves(small_capture: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    looks = []
+    monkeypatch.setattr(transients, "transient_cells", lambda *_: looks.append(1) or [np.zeros((3, 4), np.bool_)] * 7)
+    found, engine = Transients(small_capture.train, (0.0, 0.0, 0.0), None), Asked()
+    for iteration in range(1, 2000):
+        found.after_step(iteration, engine, range(7))  # type: ignore[arg-type]
+    assert len(looks) == 1
+    assert not engine.masks
+
+
+def test_views_that_are_held_back_are_not_judged(small_capture: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    judged: list[Sequence[Frame]] = []
+
+    def everything(_: object, frames: Sequence[Frame], __: object) -> list[np.ndarray]:
+        judged.append(frames)
+        return [np.ones((18, 24), np.bool_) for _ in frames]
+
+    monkeypatch.setattr(transients, "transient_cells", everything)
+    found, engine = Transients(small_capture.train, (0.0, 0.0, 0.0), None), Asked()
+    found.after_step(150, engine, [0, 2])  # type: ignore[arg-type]
+    assert judged == [[small_capture.train[0], small_capture.train[2]]]
+    assert [mask is not None for mask in engine.masks[0]] == [True, False, True, False, False, False, False]
+
+
 def test_pictures_show_what_was_left_out(small_capture: Capture, tmp_path: Path) -> None:
     cells = [np.zeros((6, 8), np.bool_) for _ in small_capture.train]
     cells[2][:, :4] = True
-    write_transients(tmp_path, small_capture.train, cells)
-    assert len(list((tmp_path / TRANSIENTS).iterdir())) == 1
+    masked = [replace(frame, mask=np.zeros((72, 96), np.bool_)) for frame in small_capture.train]
+    write_transients(tmp_path, masked, cells)
+    [path] = (tmp_path / TRANSIENTS).iterdir()
+    picture, photograph = np.asarray(Image.open(path)), small_capture.train[2].image
+    assert (picture[:, :48, 0] >= 170).all()
+    assert (picture[:, :48, 1:] <= 85).all()
+    np.testing.assert_array_equal(picture[:, 48:], photograph[:, 48:])

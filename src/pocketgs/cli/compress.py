@@ -10,14 +10,15 @@ import tyro
 
 from pocketgs.capture.capture import Capture
 from pocketgs.cli.capture_options import CaptureOptions
-from pocketgs.cli.compression_table import closing_lines, figures_table, print_figures
+from pocketgs.cli.compression_table import WRITING_SECONDS, closing_lines, figures_table, print_figures
 from pocketgs.cli.display import Display
-from pocketgs.cli.scene_file import in_world_of, load_scene, names_scene
+from pocketgs.cli.output_file import check_place
+from pocketgs.cli.scene_file import as_trained_on, load_scene, names_scene
 from pocketgs.cli.terminal import Terminal
 from pocketgs.compression.compress import compress as compress_scene
-from pocketgs.compression.compress import memory_needed
+from pocketgs.compression.compress import drawable, memory_needed
 from pocketgs.compression.options import CompressionOptions
-from pocketgs.compression.views import Views, cameras_around, photographed, rendered
+from pocketgs.compression.views import Views, cameras_around, not_too_many, photographed, rendered
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
 from pocketgs.files.json_fields import read_json
@@ -25,15 +26,14 @@ from pocketgs.files.memory_bound import memory_bound, require_memory
 from pocketgs.geometry.camera import Camera
 from pocketgs.results.cameras_file import read_cameras
 from pocketgs.results.folder import CAMERAS, RECORD, SCENE, write_json
+from pocketgs.results.run import check_comparable
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.engine import Engine, EngineOptions, create_engine
+from pocketgs.splat.engine import Engine, EngineOptions, chosen_engine, create_engine
+from pocketgs.splat.rasterizer import Rasterizer
 from pocketgs.splat.rendering import BLACK
 from pocketgs.system.process import seconds_since_start
 
 SUFFIX = ".pgs"
-
-WRITING_SECONDS = 3.0
-"""What is left of a time budget for the table and the file."""
 
 
 def compress(
@@ -63,15 +63,18 @@ def compress(
     _check_names(scene, output)
     console = Terminal()
     with memory_bound(engine.max_memory):
-        original = load_scene(scene)
+        original = drawable(load_scene(scene))
         renderer = create_engine(engine)
+        rasterizer = Rasterizer(chosen_engine(engine), engine.threads, engine.gpu)
         views = _views(scene, original, capture, renderer, reading, console)
-        require_memory(scene, memory_needed(original, views, renderer), "compression")
+        check_comparable(views.reported)
     budget = compression.time_budget
     seconds = None if budget is None else max(budget - seconds_since_start() - WRITING_SECONDS, 1.0)
     with Display(console).showing() as shown:
         shown.on_stage("compressing")
-        found = compress_scene(original, views, renderer, compression, seconds=seconds, on_count=shown.on_count)
+        found = compress_scene(
+            original, views, renderer, compression, rasterizer=rasterizer, seconds=seconds, on_count=shown.on_count
+        )
     with replacing(output) as partial:
         partial.write_bytes(found.chosen.contents)
     file = scene / SCENE if scene.is_dir() else scene
@@ -93,9 +96,7 @@ def _check_names(scene: Path, output: Path) -> None:
     """
     if output.suffix.lower() != SUFFIX:
         raise PocketGSError(f"{output}: not the name of a compressed scene, expected one that ends in {SUFFIX}")
-    if output.is_dir() or not output.parent.is_dir():
-        found = "is a folder" if output.is_dir() else "its folder does not exist"
-        raise PocketGSError(f"{output}: {found}, expected the name of a file in an existing folder")
+    check_place(output)
     if not names_scene(scene):
         raise PocketGSError(f"{scene}: no scene, expected a scene file or a result folder, then the capture")
 
@@ -106,16 +107,20 @@ def _views(
     """The views to fine-tune, judge and report on.
 
     Raises:
-        PocketGSError: the capture, or a file of the result folder, cannot be read.
+        PocketGSError: the capture, or a file of the result folder, cannot be read, or compression would take too much
+            memory.
     """
     folder = scene if scene.is_dir() else scene.parent
     cameras = read_cameras(folder / CAMERAS).cameras if (folder / CAMERAS).is_file() else {}
     if capture is not None:
-        opened = in_world_of(scene, reading.open(capture))
+        opened = as_trained_on(scene, reading.open(capture))
+        require_memory(scene, memory_needed(original, [frame.camera for frame in opened.train], engine), "compression")
         console.say(*size_warnings(opened, cameras), style="yellow")
         return photographed(opened)
     background = reading.background or _background_of(folder)
-    return rendered(original, cameras or cameras_around(original), engine, background)
+    chosen = not_too_many(cameras or cameras_around(original))
+    require_memory(scene, memory_needed(original, chosen.values(), engine), "compression")
+    return rendered(original, chosen, engine, background)
 
 
 def size_warnings(capture: Capture, cameras: dict[str, Camera]) -> list[str]:

@@ -7,17 +7,21 @@ from dataclasses import replace
 from pathlib import Path
 
 from pocketgs.capture import Capture, ListedCapture
-from pocketgs.cli.compression_table import closing_lines, figures_table, print_figures
+from pocketgs.cli.compression_table import WRITING_SECONDS, closing_lines, figures_table, print_figures
 from pocketgs.cli.terminal import Terminal
-from pocketgs.compression.compress import compress
+from pocketgs.compression.compress import compress, drawable, memory_needed
 from pocketgs.compression.figures import Figures
 from pocketgs.compression.options import CompressionOptions
 from pocketgs.compression.views import photographed
-from pocketgs.files.manifest import read_manifest
+from pocketgs.errors import PocketGSError
+from pocketgs.files.memory_bound import require_memory
+from pocketgs.results.claim import claimed
 from pocketgs.results.folder import COMPRESSED, SCENE, publishing
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import RunResult, run
-from pocketgs.splat.engine import create_engine
+from pocketgs.results.transients import without_transients
+from pocketgs.splat.engine import chosen_engine, create_engine
+from pocketgs.splat.rasterizer import Rasterizer
 from pocketgs.system.process import seconds_since_start
 from pocketgs.training.options import TrainingOptions
 
@@ -48,12 +52,13 @@ class CompressingRun:
     ) -> RunResult:
         """Train, then compress the scene with the photographs and poses that it was trained with.
 
-        A run that was stopped is not compressed.
+        A run that was stopped is not compressed. What ends compression early does not end the run.
 
         Raises:
             PocketGSError: as `pocketgs.results.run.run` does, or another program's file is in the way.
         """
-        read_manifest(self._folder).check_ours(self._folder, [COMPRESSED])
+        with claimed(self._folder, [COMPRESSED]):
+            pass  # what is in the way is reported before the work
         prepared: list[Capture] = []
 
         def on_prepared(capture: Capture) -> None:
@@ -65,22 +70,48 @@ class CompressingRun:
         watched = replace(reporter, on_prepared=on_prepared)
         result = run(list_capture, self._folder, within, resume=resume, reporter=watched, source=self._source)
         if result.summary["interrupted"]:
-            self._lines = [f"not compressed, since training was stopped: pocketgs compress {self._folder} does it"]
-        else:
+            self._lines = [f"not compressed, since training was stopped: {self._later}"]
+            return result
+        try:
             self._compress(result, prepared[0], options, reporter)
+        except KeyboardInterrupt:
+            self._lines.append(f"{self._missing}, since it was stopped: {self._later}")
+        except (PocketGSError, OSError) as error:
+            self._lines.append(f"{self._missing}: {error}")
         return result
 
+    @property
+    def _later(self) -> str:
+        return f"pocketgs compress {self._folder} does it"
+
+    @property
+    def _missing(self) -> str:
+        """What is missing where compression ends early: the file, or the table after it."""
+        return "no table" if self._lines else "not compressed"
+
     def _compress(self, result: RunResult, capture: Capture, options: TrainingOptions, reporter: Reporter) -> None:
-        engine, views = create_engine(options.engine_options), photographed(capture)
-        budget = options.time_budget
-        seconds = None if budget is None else max(budget - seconds_since_start(), 1.0)
         reporter.on_stage("compressing")
-        settings = CompressionOptions(seed=options.seed)
-        found = compress(result.scene, views, engine, settings, seconds=seconds, on_count=reporter.on_count)
+        with_engine = options.engine_options
+        engine = create_engine(with_engine)
+        rasterizer = Rasterizer(chosen_engine(with_engine), with_engine.threads, with_engine.gpu)
+        original, views = drawable(result.scene), photographed(without_transients(capture, result.transients))
+        needed = memory_needed(original, [frame.camera for frame in views.train], engine)
+        require_memory(self._folder, needed, "compression")
+        budget = options.time_budget
+        seconds = None if budget is None else max(budget - seconds_since_start() - WRITING_SECONDS, 1.0)
+        found = compress(
+            original,
+            views,
+            engine,
+            CompressionOptions(seed=options.seed),
+            rasterizer=rasterizer,
+            seconds=seconds,
+            on_count=reporter.on_count,
+        )
         with publishing(self._folder, [COMPRESSED]) as staging:
             (staging / COMPRESSED).write_bytes(found.chosen.contents)
-        self._rows = figures_table(result.scene, (self._folder / SCENE).stat().st_size, found, engine, views)
         self._lines = closing_lines(found, self._folder / COMPRESSED)
+        self._rows = figures_table(original, (self._folder / SCENE).stat().st_size, found, engine, views)
 
     def print_result(self) -> None:
         """Print the table of size against quality, if there is one, and what was written."""

@@ -14,6 +14,9 @@ from pocketgs.compression.views import Views
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 
+WRITING_SECONDS = 3.0
+"""What is left of a time budget for the files, besides the renderings of the table."""
+
 ORIGINAL, SPZ, TRIED, CHOSEN = "original", ".spz", ".pgs, tried", ".pgs, written"
 
 
@@ -21,7 +24,7 @@ def figures_table(original: Gaussians, size: int, found: Compressed, engine: Eng
     """Figures of the original, of a .spz, and of all candidates, largest first.
 
     Args:
-        original: the scene.
+        original: the scene, see `drawable`.
         size: of its file in bytes.
         found: the result.
         engine: renders.
@@ -30,7 +33,7 @@ def figures_table(original: Gaussians, size: int, found: Compressed, engine: Eng
     spz = as_spz(original)
     rows = [
         figures_of(ORIGINAL, original, size, engine, views),
-        figures_of(SPZ, spz.scene, spz.bytes, engine, views),
+        figures_of(SPZ, spz.scene, spz.bytes, engine, views) if spz else Figures(SPZ, len(original), None),
     ]
     for candidate in sorted(found.candidates, key=lambda each: each.megabytes, reverse=True):
         name = CHOSEN if candidate is found.chosen else TRIED
@@ -41,17 +44,23 @@ def figures_table(original: Gaussians, size: int, found: Compressed, engine: Eng
 def print_figures(console: Terminal, rows: list[Figures], against: str = "held-out photographs") -> None:
     """Print the table; `against` says what the figures of quality compare with."""
     table = Table("file", "Gaussians", "MB", "smaller by", "PSNR (dB)", "SSIM")
+    original = rows[0].megabytes
     for row in rows:
+        smaller_by = original / row.megabytes if original and row.megabytes else None
         table.add_row(
             row.name,
             f"{row.gaussians:,}",
-            f"{row.megabytes:.3f}",
-            f"{rows[0].megabytes / row.megabytes:.1f}",
-            "n/a" if row.psnr is None else f"{row.psnr:.2f}",
-            "n/a" if row.ssim is None else f"{row.ssim:.4f}",
+            _cell(row.megabytes, 3),
+            _cell(smaller_by, 1),
+            _cell(row.psnr, 2),
+            _cell(row.ssim, 4),
         )
     console.print(table, soft_wrap=False)
     console.say(f"PSNR and SSIM against {against}")
+
+
+def _cell(value: float | None, digits: int) -> str:
+    return "n/a" if value is None else f"{value:.{digits}f}"
 
 
 def closing_lines(found: Compressed, output: Path) -> list[str]:

@@ -202,10 +202,8 @@ def print_result(console: Terminal, result: RunResult) -> None:
     ]
     moved = summary["transients"]
     if moved and moved["photographs"]:
-        left_out = "{photographs} photographs show things that moved, {share:.1%} of all pixels are left out".format(
-            **moved
-        )
-        lines.insert(0, f"{left_out}: see transients/")
+        share = f"on average {moved['share']:.1%} of a photograph is left out, see transients/"
+        lines.insert(0, f"{moved['photographs']} photographs show things that moved: {share}")
     console.say(*lines)
 
 

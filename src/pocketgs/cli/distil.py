@@ -9,9 +9,9 @@ import tyro
 
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.display import Display
-from pocketgs.cli.scene_file import in_world_of, load_scene
+from pocketgs.cli.output_file import check_place
+from pocketgs.cli.scene_file import as_trained_on, load_scene
 from pocketgs.cli.terminal import Terminal
-from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
 from pocketgs.sort_free.distil import DistilOptions
 from pocketgs.sort_free.distil import distil as distil_scene
@@ -38,11 +38,10 @@ def distil(
     """
     console = Terminal()
     check_name(output)
-    if not output.resolve().parent.is_dir():
-        raise PocketGSError(f"{output}: its folder does not exist")
+    check_place(output)
     with memory_bound(max_memory):
         teacher = load_scene(scene)
-        opened = in_world_of(scene, reading.open(capture))
+        opened = as_trained_on(scene, reading.open(capture))
     with Display(console).showing() as reporter:
         stages: list[str] = []
 

@@ -9,6 +9,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.journal import settle
 from pocketgs.results.cameras_file import with_poses_of
 from pocketgs.results.folder import CAMERAS, RECORD, SCENE
+from pocketgs.results.transients import without_transients_of
 from pocketgs.scene.formats import is_scene_name, read_scene
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.sort_free.drawing import SortFreeDrawing
@@ -56,3 +57,12 @@ def in_world_of(path: Path, capture: Capture) -> Capture:
     """
     cameras = (path if path.is_dir() else path.parent) / CAMERAS
     return with_poses_of(capture, cameras) if cameras.is_file() else capture
+
+
+def as_trained_on(path: Path, capture: Capture) -> Capture:
+    """The capture as `in_world_of` gives it, without the transients that the scene's run has found.
+
+    Raises:
+        PocketGSError: poses or transients cannot be read.
+    """
+    return without_transients_of(path if path.is_dir() else path.parent, in_world_of(path, capture))

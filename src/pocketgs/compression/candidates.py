@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 from pocketgs.compression.fine_tuning import FineTuner
 from pocketgs.compression.judgement import Judge
-from pocketgs.compression.progress import Course
 from pocketgs.compression.pruning import Pruner
 from pocketgs.compression.rounding import ORDER, rounded_in_turn
+from pocketgs.compression.timekeeper import StoppedError, Timekeeper
 from pocketgs.scene.formats.pgs import encode
 from pocketgs.scene.formats.pgs_coding import Coding
 from pocketgs.scene.formats.pgs_rounding import rounded
@@ -59,15 +59,16 @@ class Level:
 
 
 @dataclass
-class Bench:
+class Workshop:
     """Where candidates are made.
 
     Attributes:
         tuner: trains.
         pruner: prunes.
         judge: measures.
-        course: counts steps.
+        timekeeper: counts steps.
         coding: the grids of the file.
+        is_within: whether a candidate is within the bound; once time is up, one that is ends the work.
         levels: what pruning in rounds has left, most Gaussians first.
         tuned: candidates before rounding; a candidate starts from the smallest of these and the levels.
         candidates: made so far.
@@ -76,38 +77,45 @@ class Bench:
     tuner: FineTuner
     pruner: Pruner
     judge: Judge
-    course: Course
+    timekeeper: Timekeeper
     coding: Coding
+    is_within: Callable[[Candidate], bool]
     levels: list[Level] = field(default_factory=list)
     tuned: list[Gaussians] = field(default_factory=list)
     candidates: list[Candidate] = field(default_factory=list)
 
     def prune(self, scene: Gaussians, goes_on: Callable[[Level], bool]) -> None:
         """Prune in rounds, and keep what is left after each, as long as it `goes_on` and time allows."""
-        self.course.expected = PRUNING_ROUNDS * PRUNING_STEPS + CANDIDATES * STEPS
+        self.timekeeper.expected = PRUNING_ROUNDS * PRUNING_STEPS + CANDIDATES * STEPS
         for left in self.pruner.rounds(scene, PRUNING_STEPS):
             self.levels.append(Level(left, self.judge.psnr(left)))
-            if self.course.used() > PRUNING_TIME or not goes_on(self.levels[-1]):
+            if self.timekeeper.used() > PRUNING_TIME or not goes_on(self.levels[-1]):
                 break
-        self.course.expected = self.course.done + CANDIDATES * STEPS
+        self.timekeeper.expected = self.timekeeper.done + CANDIDATES * STEPS
 
     def make(self, count: int) -> Candidate:
-        """Make the candidate of so many Gaussians."""
+        """Make the candidate of so many Gaussians.
+
+        Raises:
+            StoppedError: Ctrl-C was pressed, or time is up and a candidate is within the bound.
+        """
         starts = [*(level.scene for level in self.levels), *self.tuned]
         start = min((scene for scene in starts if len(scene) >= count), key=len)
-        share = min(self.course.steps_left() / (CANDIDATES * STEPS), 1.0)
+        share = min(self.timekeeper.steps_left() / (CANDIDATES * STEPS), 1.0)
         scene = self.tuner.tune(self.pruner.down_to(start, count), round(share * TUNING_STEPS))
         self.tuned.append(scene)
         steps, weights = round(share * ROUNDING_STEPS), self.pruner.weights(scene)
         scene = rounded_in_turn(scene, self.tuner, self.coding, steps, weights)
-        self.course.expected = max(self.course.expected, self.course.done + STEPS)
+        self.timekeeper.expected = max(self.timekeeper.expected, self.timekeeper.done + STEPS)
         return self._keep(scene, self.coding)
 
     def only_rounded(self, scene: Gaussians, coding: Coding) -> Candidate:
-        """Make the candidate of a scene as it is."""
+        """Make the candidate of a scene as it is; raises what `make` does."""
         return self._keep(rounded(scene, coding), coding)
 
     def _keep(self, scene: Gaussians, coding: Coding) -> Candidate:
         self.candidates.append(Candidate(scene, encode(scene, coding), self.judge.psnr(scene)))
-        self.course.check()
+        self.timekeeper.check()
+        if self.timekeeper.is_up() and any(map(self.is_within, self.candidates)):
+            raise StoppedError
         return self.candidates[-1]

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pocketgs.compression.candidates import Bench, Candidate, Level
+from pocketgs.compression.candidates import CANDIDATES, Candidate, Level, Workshop
 from pocketgs.compression.fine_tuning import FineTuner
 from pocketgs.compression.judgement import Judge
 from pocketgs.compression.options import QUALITY, CompressionOptions
-from pocketgs.compression.progress import Course, StoppedError
 from pocketgs.compression.pruning import LEAST, Pruner
 from pocketgs.compression.search import Goal, search
 from pocketgs.compression.spz_file import as_spz
+from pocketgs.compression.timekeeper import StoppedError, Timekeeper
 from pocketgs.compression.views import Views
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
 from pocketgs.scene.formats.pgs_coding import DEFAULT, FINE, Coding
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.engine import Engine
+from pocketgs.splat.rasterizer import Rasterizer
 from pocketgs.system.interrupt import deferred_interrupt
 
 MB = 1_000_000
@@ -43,13 +45,19 @@ PSNR_TOLERANCE, SIZE_TOLERANCE = 0.04, 0.04
 """The search ends so many dB above a bound of quality, or so close below the logarithm of a size."""
 
 FEWER = 0.8
-"""Share of the Gaussians of the next candidate, as long as none is small enough."""
+"""Share, of the Gaussians that would be few enough if the size followed their number, of the next candidate."""
 
 FINER, GRIDS = 0.7, 5
 """Steps of a grid relative to those of the next coarser one, and number of grids to choose from."""
 
 MAKES_UP = 0.5
 """dB of rounding that training on renderings makes up for, about."""
+
+STEP = 3.0
+"""Time of a training step relative to that of a rendering, about: the speed before there was a step."""
+
+TABLE_ROWS = CANDIDATES + 3
+"""Scenes that are compared with the reported views afterwards, about: candidates, one on fine grids, original, .spz."""
 
 COPIES = 12
 """Scenes in memory: rounds of pruning leave five in all; candidates, before and after rounding, are the rest."""
@@ -85,6 +93,7 @@ def compress(
     engine: Engine,
     options: CompressionOptions | None = None,
     *,
+    rasterizer: Rasterizer | None = None,
     seconds: float | None = None,
     on_count: Callable[[int, int], None] = lambda done, of: None,
 ) -> Compressed:
@@ -97,53 +106,75 @@ def compress(
         views: see `photographed` and `rendered`.
         engine: trains and renders.
         options: None for the defaults.
-        seconds: that the work may take, or None.
+        rasterizer: finds what each Gaussian contributes; None for one on the CPU.
+        seconds: that the work may take, with the comparison on the reported views that follows, or None. Once they have
+            passed, it makes only what it needs for a file within the bound.
         on_count: called with the number of training steps done and the expected total.
 
     Raises:
         PocketGSError: no file is small enough, or no camera sees the scene.
     """
     options = options or CompressionOptions()
-    scene = _drawable(scene)
-    judge = Judge.of(scene, engine, views)
-    bound = None if options.size is not None else _least_psnr(scene, views, judge, options.quality)
+    scene = drawable(scene)
     with deferred_interrupt() as interrupt:
-        course = Course(on_count, interrupt, seconds)
+        timekeeper = Timekeeper(on_count, interrupt, seconds)
+        judge = Judge.of(scene, engine, views)
+        renderings = len(views.judges) + (len(views.reported) if views.photographs else 0)
+        rendering = max(timekeeper.elapsed(), 1e-3) / renderings
+        timekeeper.first_speed = 1.0 / (STEP * rendering)
+        timekeeper.reserve(TABLE_ROWS * len(views.reported) * rendering)
+        bound = None if options.size is not None else _least_psnr(scene, views, judge, options.quality)
         pace = 1.0 if views.photographs else PACE
-        tuner = FineTuner(engine, views.train, views.background, scene, options.seed, course.step, pace)
-        pruner = Pruner(tuner, [frame.camera for frame in views.train], options.prune)
-        bench = Bench(tuner, pruner, judge, course, DEFAULT)
+        tuner = FineTuner(engine, views.train, views.background, scene, options.seed, timekeeper.step, pace)
+        cameras = [frame.camera for frame in views.train]
+        pruner = Pruner(tuner, cameras, options.prune, rasterizer or Rasterizer("cpu"))
+
+        def is_within(candidate: Candidate) -> bool:
+            return bool(_within([candidate], options.size, bound))
+
+        workshop = Workshop(tuner, pruner, judge, timekeeper, DEFAULT, is_within)
         try:
+            timekeeper.check()
             if bound is None:
                 assert options.size is not None
-                _search_by_size(scene, bench, options.size * MB)
+                _search_by_size(scene, workshop, options.size * MB)
             else:
                 if not views.photographs:
-                    bench.coding = _round_only(scene, bench, bound)
-                _search_by_quality(scene, bench, bound)
-                if not _within(bench.candidates, None, bound):
-                    _round_only(scene, bench, bound)  # training did not bring back what rounding cost
+                    workshop.coding = _round_only(scene, workshop, bound)
+                _search_by_quality(scene, workshop, bound)
+                if views.photographs and not any(map(is_within, workshop.candidates)):
+                    _round_only(scene, workshop, bound)  # training did not bring back what rounding cost
         except StoppedError:
-            if not _within(bench.candidates, options.size, bound):
+            if not any(map(is_within, workshop.candidates)):
                 raise KeyboardInterrupt from None
     return Compressed(
-        _best(bench.candidates, options.size, bound),
-        bench.candidates,
+        _best(workshop.candidates, options.size, bound),
+        workshop.candidates,
         judge.original_psnr,
         bound,
         interrupt.requested,
     )
 
 
-def memory_needed(scene: Gaussians, views: Views, engine: Engine) -> int:
-    """Bytes that `compress` takes besides the scene and the views, at most."""
-    sizes = [(frame.camera.width, frame.camera.height) for frame in views.train]
+def memory_needed(scene: Gaussians, cameras: Iterable[Camera], engine: Engine) -> int:
+    """Bytes that `compress` takes besides the scene and the views, at most.
+
+    Args:
+        scene: the original.
+        cameras: of the views to fine-tune on.
+        engine: trains and renders.
+    """
+    sizes = [(camera.width, camera.height) for camera in cameras]
     of_scene = sum(getattr(scene, name).nbytes for name in PARAMETERS)
     return engine.memory_needed(len(scene), scene.sh.shape[1], sizes).process + COPIES * of_scene
 
 
-def _drawable(scene: Gaussians) -> Gaussians:
-    """The Gaussians without NaN and infinity, which no engine draws and no file holds."""
+def drawable(scene: Gaussians) -> Gaussians:
+    """The Gaussians without NaN and infinity, which no engine draws and no file holds.
+
+    Raises:
+        PocketGSError: there is none.
+    """
     finite = ~np.isnan(scene.opacity_logits)
     for name in ("means", "log_scales", "quaternions", "sh"):
         finite &= np.isfinite(getattr(scene, name).reshape(len(scene), -1)).all(axis=1)
@@ -153,13 +184,21 @@ def _drawable(scene: Gaussians) -> Gaussians:
 
 
 def _least_psnr(scene: Gaussians, views: Views, judge: Judge, quality: float | None) -> float:
-    """The bound of quality in dB."""
+    """The bound of quality in dB.
+
+    Raises:
+        PocketGSError: it would be that of a .spz, which cannot hold the scene.
+    """
     if views.photographs:
         return judge.original_psnr - (QUALITY if quality is None else quality)
-    return judge.psnr(as_spz(scene).scene) - (quality or 0.0)
+    spz = as_spz(scene)
+    if spz is None:
+        found = "the scene is too large for a .spz, whose quality is the bound without a capture"
+        raise PocketGSError(f"compression: {found}; expected the capture, or --size")
+    return judge.psnr(spz.scene) - (quality or 0.0)
 
 
-def _round_only(scene: Gaussians, bench: Bench, bound: float) -> Coding:
+def _round_only(scene: Gaussians, workshop: Workshop, bound: float) -> Coding:
     """Make candidates of the whole scene on finer and finer grids until one is within the bound.
 
     Returns:
@@ -167,7 +206,7 @@ def _round_only(scene: Gaussians, bench: Bench, bound: float) -> Coding:
     """
     coding, chosen = FINE, None
     for _ in range(GRIDS):
-        psnr = bench.only_rounded(scene, coding).psnr
+        psnr = workshop.only_rounded(scene, coding).psnr
         if chosen is None and psnr >= bound - MAKES_UP:
             chosen = coding
         if psnr >= bound:
@@ -182,23 +221,26 @@ def finer(coding: Coding) -> Coding:
     return replace(coding, **{name: FINER * getattr(coding, name) for name in names})
 
 
-def _search_by_size(scene: Gaussians, bench: Bench, size: float) -> None:
+def _search_by_size(scene: Gaussians, workshop: Workshop, size: float) -> None:
+    workshop.only_rounded(scene, FINE)  # where this fits, little is better
     guess = max(int(size / BYTES_PER_GAUSSIAN), LEAST)
-    bench.prune(scene, lambda level: len(level.scene) > guess)
+    workshop.prune(scene, lambda level: len(level.scene) > guess)
     goal = Goal(float(np.log(size)), 1.0, SIZE_TOLERANCE, from_above=False)
-    search(lambda count: float(np.log(len(bench.make(count).contents))), goal, guess, LEAST, len(scene))
+    is_time_up = workshop.timekeeper.is_up
+    search(lambda count: float(np.log(len(workshop.make(count).contents))), goal, guess, LEAST, len(scene), is_time_up)
     # Small files shrink less than their number of Gaussians, which the search does not expect.
-    fewest = min(bench.candidates, key=lambda each: len(each.contents))
+    fewest = min(workshop.candidates, key=lambda each: len(each.contents))
     while len(fewest.contents) > size and len(fewest.scene) > LEAST:
-        fewest = bench.make(max(int(FEWER * len(fewest.scene)), LEAST))
+        fewer = FEWER * len(fewest.scene) * size / len(fewest.contents)
+        fewest = workshop.make(max(int(fewer), LEAST))
 
 
-def _search_by_quality(scene: Gaussians, bench: Bench, bound: float) -> None:
-    bench.prune(scene, lambda level: level.psnr > bound - SLACK)
-    good: list[Level] = [level for level in bench.levels if level.psnr >= bound - RECOVERS]
+def _search_by_quality(scene: Gaussians, workshop: Workshop, bound: float) -> None:
+    workshop.prune(scene, lambda level: level.psnr > bound - SLACK)
+    good: list[Level] = [level for level in workshop.levels if level.psnr >= bound - RECOVERS]
     guess = len(min(good, key=lambda level: len(level.scene)).scene) if good else len(scene)
     goal = Goal(bound, DB_PER_FACTOR, PSNR_TOLERANCE, from_above=True)
-    search(lambda count: bench.make(count).psnr, goal, guess, LEAST, len(scene))
+    search(lambda count: workshop.make(count).psnr, goal, guess, LEAST, len(scene), workshop.timekeeper.is_up)
 
 
 def _within(candidates: list[Candidate], size: float | None, bound: float | None) -> list[Candidate]:

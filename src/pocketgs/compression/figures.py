@@ -20,14 +20,14 @@ class Figures:
     Attributes:
         name: of the file's format, or of the method.
         gaussians: their number.
-        megabytes: of 10^6 bytes.
+        megabytes: of 10^6 bytes, or None where the format cannot hold the scene.
         psnr: mean over the reported views in dB, or None without any.
         ssim: likewise.
     """
 
     name: str
     gaussians: int
-    megabytes: float
+    megabytes: float | None
     psnr: float | None = None
     ssim: float | None = None
 

@@ -22,24 +22,26 @@ VIEWS = 60
 """Most views whose contributions are summed up."""
 
 
-def importance(scene: Gaussians, cameras: Sequence[Camera], measure: Importance = "contribution") -> np.ndarray:
+def importance(
+    scene: Gaussians, cameras: Sequence[Camera], rasterizer: Rasterizer, measure: Importance = "contribution"
+) -> np.ndarray:
     """(N,) importance of each Gaussian, of which only the order means something.
 
     Args:
         scene: the Gaussians.
         cameras: the views that count.
+        rasterizer: of any engine.
         measure: "contribution" is the geometric mean of the sum of α T over all pixels of the views, which is large for
             large Gaussians, and the largest α T of a pixel, which is large for details; "distinct" multiplies it with
             the difference of the colour from the neighbours' (OMG, Lee et al. 2025).
     """
-    summed, largest = contributions(scene, cameras)
+    summed, largest = contributions(scene, cameras, rasterizer)
     found = np.sqrt(summed * largest)
     return found * _distinctness(scene) if measure == "distinct" else found
 
 
-def contributions(scene: Gaussians, cameras: Sequence[Camera]) -> tuple[np.ndarray, np.ndarray]:
+def contributions(scene: Gaussians, cameras: Sequence[Camera], rasterizer: Rasterizer) -> tuple[np.ndarray, np.ndarray]:
     """(N,) sum of α T over all pixels of the views, and (N,) its largest value on one pixel."""
-    rasterizer = Rasterizer("cpu")
     summed, largest = np.zeros(len(scene)), np.zeros(len(scene), np.float32)
     for place in np.unique(np.linspace(0, len(cameras) - 1, min(len(cameras), VIEWS)).round().astype(int)):
         found = rasterizer.forward(scene, cameras[place], ("contributions",)).contributions

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pocketgs.capture.capture import Frame
 from pocketgs.compression.views import Views
 from pocketgs.metrics.evaluation import psnr
 from pocketgs.scene.gaussians import Gaussians
@@ -43,10 +44,10 @@ class Judge:
 
     def psnr(self, scene: Gaussians) -> float:
         """Expected PSNR in dB; with renderings of the original in place of photographs, the PSNR against them."""
-        growth = errors(self.engine, scene, self.views, self.views.judges)
+        squared = errors(self.engine, scene, self.views, self.views.judges)
         if not self.views.photographs:
-            return _mean_psnr(growth)
-        return _mean_psnr(np.maximum(self.unseen + (growth - self.own).mean(), 0.1 * self.unseen))
+            return _mean_psnr(squared)
+        return _mean_psnr(np.maximum(self.unseen + (squared - self.own).mean(), 0.1 * self.unseen))
 
     @property
     def original_psnr(self) -> float:
@@ -54,7 +55,7 @@ class Judge:
         return _mean_psnr(self.unseen)
 
 
-def errors(engine: Engine, scene: Gaussians, views: Views, frames: list) -> np.ndarray:
+def errors(engine: Engine, scene: Gaussians, views: Views, frames: list[Frame]) -> np.ndarray:
     """(V,) mean squared error of a scene on each of some views."""
     engine.upload(scene)
     found = [

@@ -11,6 +11,7 @@ from pocketgs.compression.fine_tuning import FineTuner
 from pocketgs.compression.importance import Importance, contributions, importance
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.rasterizer import Rasterizer
 
 SHRINKS = 0.8
 """Share of the Gaussians that a round keeps: too few at once, and those that would have replaced each other go
@@ -28,22 +29,24 @@ class Pruner:
         tuner: trains in between.
         cameras: the views that count.
         measure: of importance.
+        rasterizer: finds what each Gaussian contributes.
     """
 
     tuner: FineTuner
     cameras: Sequence[Camera]
     measure: Importance
+    rasterizer: Rasterizer
 
     def down_to(self, scene: Gaussians, count: int) -> Gaussians:
         """The most important Gaussians, in their order."""
         if count >= len(scene):
             return scene
-        order = np.argsort(-importance(scene, self.cameras, self.measure), kind="stable")
+        order = np.argsort(-importance(scene, self.cameras, self.rasterizer, self.measure), kind="stable")
         return scene.select(np.sort(order[:count]))
 
     def weights(self, scene: Gaussians) -> np.ndarray:
         """(N,) positive, how much errors of each Gaussian matter: square roots of what they contribute to the views."""
-        summed, _ = contributions(scene, self.cameras)
+        summed, _ = contributions(scene, self.cameras, self.rasterizer)
         return np.asarray(np.sqrt(summed + 1e-6 * max(summed.max(), 1e-9)))
 
     def rounds(self, scene: Gaussians, steps: int) -> Iterator[Gaussians]:

@@ -35,7 +35,14 @@ class Goal:
         return value >= self.target if self.from_above else value <= self.target
 
 
-def search(value_of: Callable[[int], float], goal: Goal, guess: int, least: int, most: int) -> None:
+def search(
+    value_of: Callable[[int], float],
+    goal: Goal,
+    guess: int,
+    least: int,
+    most: int,
+    is_time_up: Callable[[], bool] = lambda: False,
+) -> None:
     """Try numbers of Gaussians, whose values grow with them, until the target lies between two close ones.
 
     Args:
@@ -44,6 +51,7 @@ def search(value_of: Callable[[int], float], goal: Goal, guess: int, least: int,
         guess: the first number to try.
         least: minimum of the numbers.
         most: maximum of the numbers.
+        is_time_up: asked after every number whether the search must end.
     """
     low, high = np.log(least) - CLOSE, np.log(most) + CLOSE
     place = float(np.clip(np.log(guess), np.log(least), np.log(most)))
@@ -52,7 +60,7 @@ def search(value_of: Callable[[int], float], goal: Goal, guess: int, least: int,
         low, high = (max(low, place), high) if value < goal.target else (low, min(high, place))
         if goal.met_by(value) and abs(value - goal.target) <= goal.tolerance:
             return
-        if high - low <= 2 * CLOSE:
+        if high - low <= 2 * CLOSE or is_time_up():
             return
         # Aimed at the middle of the tolerance, since the values are noisy.
         aim = goal.target + (0.5 if goal.from_above else -0.5) * goal.tolerance

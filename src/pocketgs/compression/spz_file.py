@@ -7,6 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from pocketgs.scene.formats.spz import read_gaussians, write_gaussians
+from pocketgs.scene.formats.spz_attributes import fractional_bits_for
 from pocketgs.scene.formats.spz_precision import SMALL
 from pocketgs.scene.gaussians import Gaussians
 
@@ -19,8 +20,10 @@ class SpzFile:
     bytes: int
 
 
-def as_spz(scene: Gaussians) -> SpzFile:
-    """The scene as `convert` writes it by default."""
+def as_spz(scene: Gaussians) -> SpzFile | None:
+    """A scene without NaN and infinity as `convert` writes it by default; None if its coordinates are too large."""
+    if fractional_bits_for(scene, SMALL) is None:
+        return None
     with TemporaryDirectory() as folder:
         path = Path(folder) / "scene.spz"
         write_gaussians(path, scene, precision=SMALL)

@@ -68,19 +68,24 @@ def photographed(capture: Capture) -> Views:
     return Views(capture.train, capture.train, capture.held_out, capture.background, True)
 
 
+def not_too_many(cameras: Mapping[str, Camera]) -> dict[str, Camera]:
+    """At most RENDERED_VIEWS of the cameras, evenly."""
+    names = list(cameras)
+    chosen = np.unique(np.linspace(0, len(names) - 1, min(len(names), RENDERED_VIEWS)).round().astype(int))
+    return {names[place]: cameras[names[place]] for place in chosen}
+
+
 def rendered(scene: Gaussians, cameras: Mapping[str, Camera], engine: Engine, background: Colour) -> Views:
     """Renderings of the scene itself, of which some are held back to judge, and others to report on.
 
     Args:
         scene: to render.
-        cameras: by name; only some of them are used if they are many.
+        cameras: by name; see `not_too_many`.
         engine: renders; the scene stays uploaded.
         background: behind the scene.
     """
     engine.upload(scene)
-    names = list(cameras)
-    chosen = np.unique(np.linspace(0, len(names) - 1, min(len(names), RENDERED_VIEWS)).round().astype(int))
-    frames = [_rendering(names[place], cameras[names[place]], engine, background) for place in chosen]
+    frames = [_rendering(name, camera, engine, background) for name, camera in cameras.items()]
     if len(frames) < EVERY:
         return Views(frames, frames, frames, background, False)
     reported = frames[::EVERY]

@@ -68,10 +68,14 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) ->
 
 
 @contextmanager
-def _arrays(path: Path) -> Iterator[Any]:
-    """The arrays of a checkpoint. The memory bound is checked, since a small file can unpack to any size."""
+def _arrays(path: Path, *names: str) -> Iterator[Any]:
+    """The arrays of a checkpoint: all, or those with these names.
+
+    The memory bound is checked, since a small file can unpack to any size.
+    """
     with zipfile.ZipFile(path) as archive:
-        unpacked = sum(member.file_size for member in archive.infolist())
+        members = [each for each in archive.infolist() if not names or Path(each.filename).stem in names]
+    unpacked = sum(member.file_size for member in members)
     require_memory(path, unpacked, f"unpacking {unpacked:,} bytes")
     with np.load(path, allow_pickle=False) as data:
         yield data
@@ -97,6 +101,25 @@ def read_size(folder: Path) -> tuple[int, int]:
         with _arrays(path) as data:
             run, count = json.loads(str(data["run"])), len(data["opacity_logits"])
             return int(run[SHRINK]), max(int(run[ROOM]), count)
+    except Exception as error:  # a damaged archive fails in many ways
+        raise PocketGSError(f"{path}: not a readable checkpoint ({error})") from error
+
+
+def read_transients(path: Path) -> tuple[np.ndarray, ...] | None:
+    """The (h, w) bool cells of each training view that a run left out, see `pocketgs.training.transients`.
+
+    Args:
+        path: of the run's checkpoint.
+
+    Returns:
+        None if the run did not look for transients.
+
+    Raises:
+        PocketGSError: the file cannot be read.
+    """
+    try:
+        with _arrays(path, "transients", "transient_shapes") as data:
+            return _transients(data) if "transients" in data else None
     except Exception as error:  # a damaged archive fails in many ways
         raise PocketGSError(f"{path}: not a readable checkpoint ({error})") from error
 

@@ -12,6 +12,7 @@ import math
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -115,9 +116,9 @@ def write_transients(folder: Path, frames: Sequence[Frame], cells: Sequence[np.n
     for frame, name, left_out in zip(frames, plain_names(frame.name for frame in frames), cells, strict=True):
         if left_out.any():
             (folder / TRANSIENTS).mkdir(exist_ok=True)
-            picture = frame.image.copy()
-            picture[~pixels_left(frame, left_out)] //= 3
-            picture[~pixels_left(frame, left_out), 0] += 170
+            picture, moved = frame.image.copy(), ~pixels_left(replace(frame, mask=None), left_out)
+            picture[moved] //= 3
+            picture[moved, 0] += 170
             Image.fromarray(picture).save(folder / TRANSIENTS / f"{name}.png")
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pocketgs.capture.capture import Capture
+from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.listed import ListedCapture
 from pocketgs.errors import PocketGSError
 from pocketgs.files.plain_names import plain_names
@@ -65,12 +65,15 @@ class RunResult:
         scene: the trained Gaussians.
         evaluation: of the held-out views, or None if there are none.
         summary: the content of `run.json`.
+        transients: (h, w) bool for each training view, its cells that were left out, see
+            `pocketgs.training.transients`; None if none were looked for.
     """
 
     folder: Path
     scene: Gaussians
     evaluation: Evaluation | None
     summary: dict[str, Any]
+    transients: tuple[np.ndarray, ...] | None = None
 
 
 def run(
@@ -131,7 +134,7 @@ def _run(
     with stopwatch.stage("capture"):
         capture = listed.load(plan.shrink)
     reporter.on_capture(capture)
-    _check_comparable(capture)
+    check_comparable(capture.held_out)
     if engine.name == "webgpu":
         for frame in capture.frames:
             check_pinhole(frame.camera)  # before the prior's work, not after it
@@ -238,14 +241,14 @@ def _identity(capture: Capture, options: SizedOptions, plan: Plan) -> dict[str, 
     }
 
 
-def _check_comparable(capture: Capture) -> None:
+def check_comparable(held_out: Sequence[Frame]) -> None:
     """Check before the work starts that every held-out view can be compared with its photograph.
 
     Raises:
         PocketGSError: one of them cannot.
     """
     border = SSIM_WINDOW // 2
-    for frame in capture.held_out:
+    for frame in held_out:
         width, height = frame.camera.width, frame.camera.height
         if min(width, height) < SSIM_WINDOW:
             expected = f"expected at least {SSIM_WINDOW} pixels a side, or --hold-out 0"
@@ -286,7 +289,7 @@ def _publish(
         )
         result_folder.write_json(staging / result_folder.RECORD, summary)
     (claim.folder / UNFINISHED).unlink(missing_ok=True)
-    return RunResult(claim.folder, result.scene, evaluation, summary)
+    return RunResult(claim.folder, result.scene, evaluation, summary, result.transients)
 
 
 def evaluate_held_out(renderer: Renderer, capture: Capture, pictures: Path | None = None) -> Evaluation | None:

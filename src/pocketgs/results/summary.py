@@ -81,7 +81,7 @@ def _learned_colours(result: TrainingResult) -> dict[str, float] | None:
 
 
 def _transients(result: TrainingResult) -> dict[str, float] | None:
-    """In how many training photographs transients were masked, and what share of all their pixels that is."""
+    """In how many training photographs transients were masked, and the mean share of a photograph that this is."""
     if result.transients is None:
         return None
     shares = [float(cells.mean()) for cells in result.transients]

@@ -220,8 +220,8 @@ class _Loop:
         self._engine.step(self._next_view(), settings)
         self._pace.after_step(number, seconds, self._engine)
         self._strategy.after_step(number, self._engine)
-        if self._transients:
-            self._transients.after_step(number, self._engine)
+        if self._transients and number < self._pace.iterations:
+            self._transients.after_step(number, self._engine, self._pace.views(number))
         self.iteration = number
 
     def _next_view(self) -> int:

@@ -69,17 +69,37 @@ class Transients:
 
     def start(self, engine: Engine) -> None:
         """Leave out what is known, once the engine has the photographs."""
-        if self.cells is not None:
-            pairs = zip(self._frames, self.cells, strict=True)
-            engine.set_masks([pixels_left(*pair) if pair[1].any() else pair[0].mask for pair in pairs])
+        if self.cells is not None and _any(self.cells):
+            engine.set_masks(self._masks(self.cells))
 
-    def after_step(self, iteration: int, engine: Engine) -> None:
-        """Look for transients after the first iterations and, if there are any, whenever their number has doubled."""
+    def after_step(self, iteration: int, engine: Engine, trained: Sequence[int]) -> None:
+        """Look for transients after the first iterations and, if there are any, whenever their number has doubled.
+
+        Args:
+            iteration: number of steps taken.
+            engine: with the scene.
+            trained: indices of the views that are trained on. The others are not judged: a scene that does not know
+                them differs from them anyway.
+        """
         doublings, rest = divmod(iteration, self._first)
-        is_static = self.cells is not None and not any(cells.any() for cells in self.cells)
-        if rest == 0 and doublings & (doublings - 1) == 0 and not is_static:
-            self.cells = tuple(transient_cells(engine, self._frames, self._background))
-            self.start(engine)
+        is_static = self.cells is not None and not _any(self.cells)
+        if rest != 0 or doublings & (doublings - 1) != 0 or is_static:
+            return
+        found = transient_cells(engine, [self._frames[view] for view in trained], self._background)
+        cells = [np.zeros(_grid(frame), np.bool_) for frame in self._frames]
+        for view, of_view in zip(trained, found, strict=True):
+            cells[view] = of_view
+        if _any(cells) or self.cells is not None:
+            engine.set_masks(self._masks(cells))
+        self.cells = tuple(cells)
+
+    def _masks(self, cells: Sequence[np.ndarray]) -> list[np.ndarray | None]:
+        pairs = zip(self._frames, cells, strict=True)
+        return [pixels_left(frame, of_view) if of_view.any() else frame.mask for frame, of_view in pairs]
+
+
+def _any(cells: Sequence[np.ndarray]) -> bool:
+    return any(of_view.any() for of_view in cells)
 
 
 @dataclass(frozen=True)
@@ -115,7 +135,8 @@ def transient_cells(
     views = [_compared(engine, frame, background) for frame in frames]
     centres = np.array([frame.camera.centre for frame in frames])
     forwards = np.array([frame.camera.forward for frame in frames])
-    usual = float(np.median(np.concatenate([view.residuals[view.depths > 0] for view in views])))
+    drawn = np.concatenate([view.residuals[view.depths > 0] for view in views])
+    usual = float(np.median(drawn)) if len(drawn) else np.inf
     found = []
     for index, view in enumerate(views):
         neighbours = [views[other] for other in _neighbours(index, centres, forwards)]
@@ -133,10 +154,15 @@ def pixels_left(frame: Frame, cells: np.ndarray) -> np.ndarray:
     return kept if frame.mask is None else kept & frame.mask
 
 
-def _compared(engine: Engine, frame: Frame, background: tuple[float, float, float]) -> _Compared:
+def _grid(frame: Frame) -> tuple[int, int]:
+    """Number of rows and columns of a photograph's cells."""
     height, width = frame.image.shape[:2]
-    scale = min(1.0, CELLS * PIXELS_PER_CELL / max(height, width))
-    across, down = (max(1, round(side * scale / PIXELS_PER_CELL)) for side in (width, height))
+    scale = min(1.0, CELLS * PIXELS_PER_CELL / max(height, width)) / PIXELS_PER_CELL
+    return max(1, round(height * scale)), max(1, round(width * scale))
+
+
+def _compared(engine: Engine, frame: Frame, background: tuple[float, float, float]) -> _Compared:
+    down, across = _grid(frame)
     size = (across * PIXELS_PER_CELL, down * PIXELS_PER_CELL)
     rendered = engine.render(frame.camera.resized(*size), background, depth=True)
     assert rendered.depth is not None

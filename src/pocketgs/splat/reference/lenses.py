@@ -51,7 +51,7 @@ def is_beside(local: np.ndarray, camera: Camera) -> np.ndarray:
     if camera.lens.model in ("orthographic", "fisheye"):
         return np.zeros(len(local), np.bool_)
     slopes, (low, high) = local[:, :2] / local[:, 2:], slope_limits(camera)
-    return np.asarray((np.clip(slopes, low, high) != slopes).any(axis=1))
+    return np.asarray(((slopes < low) | (slopes > high)).any(axis=1))
 
 
 def _perspective(local: np.ndarray, camera: Camera, focal: np.ndarray) -> Linearised:

@@ -24,8 +24,8 @@ def depth_of(view: View, lens: Perspective, local: Vector) -> float:
 def shows(view: View, lens: Perspective, local: Vector, largest: float) -> bool:
     """Whether a Gaussian beyond the near plane is shown: as `pinhole.shows`, and the lens has not turned back there."""
     across = local[0] * local[0] + local[1] * local[1]
-    slope_x, slope_y = _held_slopes(lens, local)
-    is_beside = slope_x != local[0] / local[2] or slope_y != local[1] / local[2]
+    x, y = local[0] / local[2], local[1] / local[2]
+    is_beside = x < lens.low_x or x > lens.high_x or y < lens.low_y or y > lens.high_y
     return across <= lens.largest_square * local[2] * local[2] and not (is_beside and largest > local[2])
 
 

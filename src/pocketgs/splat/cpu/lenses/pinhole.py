@@ -24,8 +24,9 @@ def shows(view: View, lens: Pinhole, local: Vector, largest: float) -> bool:
     One beside the image that reaches the camera's plane is not: no ellipse is its image, and the linearised projection
     would draw it as a veil.
     """
-    slope_x, slope_y = clamped_slopes(view, local)
-    is_beside = slope_x != local[0] / local[2] or slope_y != local[1] / local[2]
+    low_x, high_x, low_y, high_y = slope_bounds(view)
+    x, y = local[0] / local[2], local[1] / local[2]
+    is_beside = x < low_x or x > high_x or y < low_y or y > high_y
     return not (is_beside and largest > local[2])
 
 
@@ -35,16 +36,22 @@ def centre_of(view: View, lens: Pinhole, local: Vector) -> tuple[float, float]:
 
 
 @inlined
-def clamped_slopes(view: View, local: Vector) -> tuple[float, float]:
-    """x/z and y/z held within the image and a margin around it, beyond which the linearised projection explodes."""
+def slope_bounds(view: View) -> tuple[float, float, float, float]:
+    """Least and largest x/z, then y/z, in the image and a margin around it."""
     margin_x, margin_y = FRUSTUM_MARGIN * view.width, FRUSTUM_MARGIN * view.height
-    slope_x = min(
-        max(local[0] / local[2], -(view.cx + margin_x) / view.fx), (view.width - view.cx + margin_x) / view.fx
+    return (
+        -(view.cx + margin_x) / view.fx,
+        (view.width - view.cx + margin_x) / view.fx,
+        -(view.cy + margin_y) / view.fy,
+        (view.height - view.cy + margin_y) / view.fy,
     )
-    slope_y = min(
-        max(local[1] / local[2], -(view.cy + margin_y) / view.fy), (view.height - view.cy + margin_y) / view.fy
-    )
-    return slope_x, slope_y
+
+
+@inlined
+def clamped_slopes(view: View, local: Vector) -> tuple[float, float]:
+    """x/z and y/z held within `slope_bounds`, beyond which the linearised projection explodes."""
+    low_x, high_x, low_y, high_y = slope_bounds(view)
+    return min(max(local[0] / local[2], low_x), high_x), min(max(local[1] / local[2], low_y), high_y)
 
 
 def jacobian_at(view: View, lens: Pinhole, local: Vector) -> Jacobian:

@@ -17,7 +17,8 @@ fn clamped_slopes(view: View, local: vec3f) -> vec2f {
 // Whether a Gaussian beside the image reaches the camera's plane within a standard deviation. No ellipse is its image, and
 // the linearised projection would draw it as a veil.
 fn is_veil(view: View, local: vec3f, scale: vec3f) -> bool {
-    let is_beside = any(clamped_slopes(view, local) != local.xy / local.z);
+    let slopes = local.xy / local.z;
+    let is_beside = any(slopes < view.slopes_low) || any(slopes > view.slopes_high);
     return is_beside && max(scale.x, max(scale.y, scale.z)) > local.z;
 }
 

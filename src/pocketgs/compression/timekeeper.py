@@ -1,4 +1,4 @@
-"""Progress of a compression, and the reasons to end it early."""
+"""The progress of a compression, the time that it has, and the reasons to end it early."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from pocketgs.system.interrupt import Interrupt
 
 
 class StoppedError(Exception):
-    """Ctrl-C was pressed."""
+    """Ctrl-C was pressed, or time is up and a file is within the bound."""
 
 
-class Course:
+class Timekeeper:
     """Counts steps, tells the time left, and says when time is up.
 
     Args:
@@ -25,6 +25,8 @@ class Course:
         self._on_count, self._interrupt, self._seconds = on_count, interrupt, seconds
         self._began = time.monotonic()
         self.done, self.expected = 0, 1
+        self.first_speed = float("inf")
+        """Steps per second, as long as none is done."""
 
     def step(self) -> None:
         """A step has been done.
@@ -45,13 +47,28 @@ class Course:
         if self._interrupt.requested:
             raise StoppedError
 
+    def elapsed(self) -> float:
+        """Seconds that have passed."""
+        return time.monotonic() - self._began
+
+    def reserve(self, seconds: float) -> None:
+        """Keep so many seconds, but at most half of all, for what comes after."""
+        if self._seconds is not None:
+            self._seconds = max(self._seconds - seconds, 0.5 * self._seconds)
+
     def used(self) -> float:
         """Share of the time that has passed, 0 without a limit."""
-        return 0.0 if self._seconds is None else (time.monotonic() - self._began) / max(self._seconds, 1e-3)
+        return 0.0 if self._seconds is None else self.elapsed() / max(self._seconds, 1e-3)
+
+    def is_up(self) -> bool:
+        """Whether all of the time has passed."""
+        return self.used() >= 1.0
 
     def steps_left(self) -> float:
         """How many steps fit into the rest of the time, at the speed so far; infinite without a limit."""
-        if self._seconds is None or self.done == 0:
+        if self._seconds is None:
             return float("inf")
-        elapsed = time.monotonic() - self._began
-        return max(self._seconds - elapsed, 0.0) * self.done / max(elapsed, 1e-3)
+        if self.is_up():
+            return 0.0
+        speed = self.done / max(self.elapsed(), 1e-3) if self.done else self.first_speed
+        return (self._seconds - self.elapsed()) * speed

@@ -1,0 +1,52 @@
+"""The photographs of a finished run as its training saw them: without what moved between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from pocketgs.capture.capture import Capture
+from pocketgs.results.cameras_file import read_cameras
+from pocketgs.results.checkpoint import CHECKPOINT, read_transients
+from pocketgs.results.folder import CAMERAS
+from pocketgs.training.transients import pixels_left
+
+
+def without_transients(capture: Capture, cells: Sequence[np.ndarray] | None) -> Capture:
+    """The capture with the cells of its training views masked.
+
+    Args:
+        capture: with the run's training views.
+        cells: (h, w) bool for each of them; None if none were looked for.
+    """
+    if cells is None:
+        return capture
+    pairs = zip(capture.train, cells, strict=True)
+    train = [replace(frame, mask=pixels_left(frame, part)) if part.any() else frame for frame, part in pairs]
+    return replace(capture, train=train)
+
+
+def without_transients_of(folder: Path, capture: Capture) -> Capture:
+    """The capture without the transients that the run of a result folder has found in its training views.
+
+    It is returned as it is if the folder knows of none, or if its run had other training views.
+
+    Args:
+        folder: a result folder, or any other.
+        capture: of the run. Training views that the run has dropped stay as they are.
+
+    Raises:
+        PocketGSError: a file of the result cannot be read.
+    """
+    if not all((folder / name).is_file() for name in (CHECKPOINT, CAMERAS)):
+        return capture
+    cells, names = read_transients(folder / CHECKPOINT), read_cameras(folder / CAMERAS).cameras
+    trained = [frame.name for frame in capture.train if frame.name in names]
+    if cells is None or len(cells) != len(trained):
+        return capture
+    cells_of = dict(zip(trained, cells, strict=True))
+    nothing = np.zeros((1, 1), np.bool_)
+    return without_transients(capture, [cells_of.get(frame.name, nothing) for frame in capture.train])
