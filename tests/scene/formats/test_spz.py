@@ -51,7 +51,7 @@ def streams(version: int, degree: int = 0) -> list[bytes]:
 
 
 def in_gzip(*parts: bytes) -> bytes:
-    return gzip.compress(b"".join(parts))
+    return gzip.compress(b"".join(parts), mtime=0)
 
 
 def in_zstd(head: bytes, parts: list[bytes], extension: bytes = b"", sizes: list[int] | None = None) -> bytes:
