@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +94,7 @@ def test_jumping_colours_cost_little(tmp_path: Path) -> None:
     shots = plan_shots(240, 180, 64)
     gains = [np.exp(rng.uniform(-0.25, 0.25) + rng.uniform(-0.12, 0.12, 3)) for _ in shots]
 
+    @cache
     def capture(jumps: bool) -> Capture:
         taken = [
             replace(shot, gain=gain if jumps and not shot.held_out else np.ones(3))

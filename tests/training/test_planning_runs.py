@@ -70,7 +70,8 @@ def test_a_run_keeps_to_its_memory(trained: Run, written_capture: Path, engine: 
 )
 def test_real_captures_keep_to_little_memory(trained: Run, data_folder: Path, name: str, options: list[object]) -> None:
     """By smaller photographs, or, where their size is given, by fewer Gaussians."""
-    record = trained(data_folder / name, *options, "--max-memory", 1000, "--iterations", 30)
+    few = ("--iterations", 30, "--max-keyframes", 12)
+    record = trained(data_folder / name, *options, "--max-memory", 1000, *few)
     plan = record["plan"]
     assert record["peak_rss_mb"] <= plan["peak_rss_mb"] <= 1000
     assert ("warning: to keep to 1,000 MB" in record["output"]) == (
