@@ -74,6 +74,25 @@ def write_tile(tile_pixels: np.ndarray, left: int, top: int, image: np.ndarray) 
             image[top + row, left + column] = tile_pixels[row * TILE_WIDTH + column]
 
 
+@part
+def write_over(
+    background: np.ndarray,
+    left: int,
+    top: int,
+    transmittance: np.ndarray,
+    colours: np.ndarray,
+    transmittance_image: np.ndarray,
+    image: np.ndarray,
+) -> None:
+    """Copy a tile to the images of transmittance and of channels, which get the background where it shows through."""
+    write_tile(transmittance, left, top, transmittance_image)
+    for channel in range(image.shape[0]):
+        plane = colours[channel * TILE_PIXELS : (channel + 1) * TILE_PIXELS]
+        for pixel in range(TILE_PIXELS):
+            plane[pixel] += transmittance[pixel] * background[channel]
+        write_tile(plane, left, top, image[channel])
+
+
 @parallel_kernel
 def rasterize(
     splats: np.ndarray,
@@ -124,10 +143,5 @@ def rasterize(
             drawn_ends[tile] = end
             if limits.stops_before:
                 forget_full_pixels(transmittance)
-            write_tile(transmittance, left, top, transmittance_image)
-            for channel in range(channels):
-                plane = colours[channel * TILE_PIXELS : (channel + 1) * TILE_PIXELS]
-                for pixel in range(TILE_PIXELS):
-                    plane[pixel] += transmittance[pixel] * background[channel]
-                write_tile(plane, left, top, image[channel])
+            write_over(background, left, top, transmittance, colours, transmittance_image, image)
             tile = take(counter)

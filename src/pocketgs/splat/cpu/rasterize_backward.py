@@ -60,6 +60,50 @@ def sums_per_intersection(channels: int) -> int:
 
 
 @inlined
+def take_gradient(
+    splat: np.ndarray, pixel: int, channels: int, weight: Floats, d_colours: np.ndarray, more_sums: np.ndarray
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """At some pixels, the gradient of the image's first three channels, and of all with the splat's colour, c · ∂L/∂C.
+
+    That of further channels, times the splat's weight, is added to `more_sums`.
+    """
+    r, g = load(d_colours, pixel), load(d_colours, TILE_PIXELS + pixel)
+    b = load(d_colours, 2 * TILE_PIXELS + pixel)
+    product = r * splat[RED] + g * splat[GREEN] + b * splat[BLUE]
+    for channel in range(COLOURS, channels):
+        d, place = load(d_colours, channel * TILE_PIXELS + pixel), (channel - COLOURS) * LANES
+        product = product + d * splat[FIRST_CHANNEL + channel]
+        store(more_sums, place, load(more_sums, place) + weight * d)
+    return r, g, b, product
+
+
+@inlined
+def pulls(splat: np.ndarray, dx: Floats, dy: Floats, v: Floats) -> tuple[Floats, Floats]:
+    """Magnitudes of what some pixels ask of the splat's centre, in x and y, from v = ∂L/∂(ln α); to be times ln 2."""
+    slope_x = splat[EXPONENT_XX] * (dx + dx) + splat[EXPONENT_XY] * dy
+    slope_y = splat[EXPONENT_XY] * dx + splat[EXPONENT_YY] * (dy + dy)
+    return magnitude(v * slope_x), magnitude(v * slope_y)
+
+
+@inlined
+def summed_up(
+    dx: Floats,
+    moments: tuple[Floats, Floats, Floats],
+    colours: tuple[Floats, Floats, Floats],
+    absolute: bool,
+    pulled: tuple[Floats, Floats],
+) -> Floats:
+    """The vector of a splat's sums over a tile's pixels, from sums over rows of v, v dy and v dy²."""
+    v_sum, vy_sum, vyy_sum = moments
+    # dx is the same in every row, so its powers multiply once.
+    vx_sum = v_sum * dx
+    shape = (v_sum, vx_sum, vy_sum, vx_sum * dx, vy_sum * dx, vyy_sum)
+    if absolute:
+        return sums((*shape, *colours, pulled[0] * LN2, pulled[1] * LN2))
+    return sums((*shape, *colours))
+
+
+@inlined
 def _replay(
     splat: np.ndarray,
     rows: int,
@@ -95,13 +139,7 @@ def _replay(
             full, left_over = fills(t, left_over)
             alpha, weight = select(full, broadcast(ZERO), alpha), select(full, broadcast(ZERO), weight)
         store(transmittance, pixel, left_over)
-        r, g = load(d_colours, pixel), load(d_colours, TILE_PIXELS + pixel)
-        b = load(d_colours, 2 * TILE_PIXELS + pixel)
-        product = r * splat[RED] + g * splat[GREEN] + b * splat[BLUE]
-        for channel in range(COLOURS, channels):
-            d, place = load(d_colours, channel * TILE_PIXELS + pixel), (channel - COLOURS) * LANES
-            product = product + d * splat[FIRST_CHANNEL + channel]
-            store(more_sums, place, load(more_sums, place) + weight * d)
+        r, g, b, product = take_gradient(splat, pixel, channels, weight, d_colours, more_sums)
         gain = weight * product
         rest = load(behind, pixel) - gain
         store(behind, pixel, rest)
@@ -112,16 +150,10 @@ def _replay(
         v_sum, vy_sum, vyy_sum = v_sum + v, vy_sum + vy, vyy_sum + vy * dy
         red_sum, green_sum, blue_sum = red_sum + weight * r, green_sum + weight * g, blue_sum + weight * b
         if absolute:
-            slope_x = splat[EXPONENT_XX] * (dx + dx) + splat[EXPONENT_XY] * dy
-            slope_y = splat[EXPONENT_XY] * dx + splat[EXPONENT_YY] * (dy + dy)
-            absolute_x = absolute_x + magnitude(v * slope_x)
-            absolute_y = absolute_y + magnitude(v * slope_y)
-    # dx is the same in every row, so its powers multiply once.
-    vx_sum = v_sum * dx
-    shape = (v_sum, vx_sum, vy_sum, vx_sum * dx, vy_sum * dx, vyy_sum)
-    if absolute:
-        return sums((*shape, red_sum, green_sum, blue_sum, absolute_x * LN2, absolute_y * LN2))
-    return sums((*shape, red_sum, green_sum, blue_sum))
+            pull_x, pull_y = pulls(splat, dx, dy, v)
+            absolute_x, absolute_y = absolute_x + pull_x, absolute_y + pull_y
+    colours = (red_sum, green_sum, blue_sum)
+    return summed_up(dx, (v_sum, vy_sum, vyy_sum), colours, absolute, (absolute_x, absolute_y))
 
 
 @inlined

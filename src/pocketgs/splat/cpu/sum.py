@@ -9,24 +9,23 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from pocketgs.splat.cpu.lanes import LANES, Floats, broadcast, load, magnitude, prefetch, select, store, sums
+from pocketgs.splat.cpu.lanes import LANES, Floats, broadcast, load, prefetch, select, store
 from pocketgs.splat.cpu.layout import (
     COLOURS,
-    EXPONENT_XX,
-    EXPONENT_XY,
-    EXPONENT_YY,
     FIRST_CHANNEL,
     INTERSECTION_ROWS,
     INTERSECTION_SLOT,
     INTERSECTION_SPLAT,
     TILE_PIXELS,
 )
-from pocketgs.splat.cpu.rasterize import AHEAD, write_tile
+from pocketgs.splat.cpu.rasterize import AHEAD, write_over
 from pocketgs.splat.cpu.rasterize_backward import (
-    LN2,
     add_product,
+    pulls,
     read_tile,
+    summed_up,
     sums_per_intersection,
+    take_gradient,
     write_sums,
 )
 from pocketgs.splat.cpu.tile import (
@@ -100,12 +99,7 @@ def add_up(
                 else:
                     _add(splat, rows, left, top, channels, limits.most_opaque, transmittance, totals)
             drawn_ends[tile] = ranges[tile + 1]
-            write_tile(transmittance, left, top, transmittance_image)
-            for channel in range(channels):
-                plane = totals[channel * TILE_PIXELS : (channel + 1) * TILE_PIXELS]
-                for pixel in range(TILE_PIXELS):
-                    plane[pixel] += transmittance[pixel] * background[channel]
-                write_tile(plane, left, top, image[channel])
+            write_over(background, left, top, transmittance, totals, transmittance_image, image)
             tile = take(counter)
 
 
@@ -132,13 +126,7 @@ def _add_backward(
     for pixel in range(first, end, LANES):
         dy = row_offsets(splat, top, pixel)
         unclamped, alpha = alpha_at(terms, dy, broadcast(ONE), most_opaque)
-        r, g = load(d_totals, pixel), load(d_totals, TILE_PIXELS + pixel)
-        b = load(d_totals, 2 * TILE_PIXELS + pixel)
-        product = r * splat[FIRST_CHANNEL] + g * splat[FIRST_CHANNEL + 1] + b * splat[FIRST_CHANNEL + 2]
-        for channel in range(COLOURS, channels):
-            d, place = load(d_totals, channel * TILE_PIXELS + pixel), (channel - COLOURS) * LANES
-            product = product + d * splat[FIRST_CHANNEL + channel]
-            store(more_sums, place, load(more_sums, place) + alpha * d)
+        r, g, b, product = take_gradient(splat, pixel, channels, alpha, d_totals, more_sums)
         # ∂L/∂(ln α) = α ∂L/∂α; α is flat where it is clamped.
         v = alpha * (product - load(behind, pixel) / (ONE - alpha))
         v = select(unclamped < broadcast(most_opaque), v, broadcast(ZERO))
@@ -146,16 +134,10 @@ def _add_backward(
         v_sum, vy_sum, vyy_sum = v_sum + v, vy_sum + vy, vyy_sum + vy * dy
         red_sum, green_sum, blue_sum = red_sum + alpha * r, green_sum + alpha * g, blue_sum + alpha * b
         if absolute:
-            slope_x = splat[EXPONENT_XX] * (dx + dx) + splat[EXPONENT_XY] * dy
-            slope_y = splat[EXPONENT_XY] * dx + splat[EXPONENT_YY] * (dy + dy)
-            absolute_x = absolute_x + magnitude(v * slope_x)
-            absolute_y = absolute_y + magnitude(v * slope_y)
-    # dx is the same in every row, so its powers multiply once.
-    vx_sum = v_sum * dx
-    shape = (v_sum, vx_sum, vy_sum, vx_sum * dx, vy_sum * dx, vyy_sum)
-    if absolute:
-        return sums((*shape, red_sum, green_sum, blue_sum, absolute_x * LN2, absolute_y * LN2))
-    return sums((*shape, red_sum, green_sum, blue_sum))
+            pull_x, pull_y = pulls(splat, dx, dy, v)
+            absolute_x, absolute_y = absolute_x + pull_x, absolute_y + pull_y
+    colours = (red_sum, green_sum, blue_sum)
+    return summed_up(dx, (v_sum, vy_sum, vyy_sum), colours, absolute, (absolute_x, absolute_y))
 
 
 @parallel_kernel
