@@ -109,8 +109,9 @@ class WebGpuEngine:
         """Replace the photographs' masks."""
         check_masks(masks, self._extent.photographs)
         self._settle()
+        changed = [view for view, mask in enumerate(masks) if mask is not self._frames[view].mask]
         self._frames = [replace(frame, mask=mask) for frame, mask in zip(self._frames, masks, strict=True)]
-        self._shelve()
+        self._shelve(changed)
 
     def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
         """Take a copy of the scene, and of the optimiser's state or start it anew.
@@ -250,14 +251,14 @@ class WebGpuEngine:
         self._extent, self._plan = extent, plan
         self._frames = self._frames if frames is None else list(frames)
         if not is_shelved:
-            self._shelve()
+            self._shelve(range(len(self._frames)))
 
-    def _shelve(self) -> None:
-        """Write the photographs that have places of their own."""
+    def _shelve(self, views: Sequence[int]) -> None:
+        """Write those of the photographs that have places of their own."""
         shelf = self._plan.shelf
-        for view, frame in enumerate(self._frames):
+        for view in views:
             if shelf.is_resident(view):
-                self.executor.write("photographs", packed(frame), PIXEL_BYTES * shelf.place(view))
+                self.executor.write("photographs", packed(self._frames[view]), PIXEL_BYTES * shelf.place(view))
 
     def _fit_intersections(self, extent: Extent, wanted: int, needed: int) -> None:
         """`_fit`, with room for as many intersections as are wanted, or at least for those that are needed."""
