@@ -9,10 +9,10 @@ import numpy as np
 
 from pocketgs.capture.capture import Frame
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.splat.engine import Engine
-from pocketgs.splat.settings import LearningRates, LossSettings, StepSettings
-from pocketgs.training.recipes import pixel_footprint, recipe_named
+from pocketgs.splat.settings import StepSettings
+from pocketgs.training.recipes import recipe_named
+from pocketgs.training.view_choice import view_of_step
 
 RATE = 0.5
 """Learning rates at the start, relative to those at the start of training: the scene is close to its optimum."""
@@ -54,9 +54,8 @@ class FineTuner:
         self._recipe = recipe_named("pocketgs")
         self._engine, self._background, self._after_step = engine, background, after_step
         self._views, self._seed, self._taken = len(frames), seed, 0
-        points = PointCloud(scene.means, np.zeros((len(scene), 3), np.float32))
-        unit = pixel_footprint([frame.camera for frame in frames], points)
-        self._rates = self._recipe.rates_for(self._recipe.scales_for or 1, unit).scaled(pace)
+        cameras = [frame.camera for frame in frames]
+        self._rates = self._recipe.rates_for_scene(self._recipe.scales_for or 1, cameras, scene).scaled(pace)
         engine.set_views(frames)
 
     def tune(
@@ -67,7 +66,6 @@ class FineTuner:
         *,
         start: float = RATE,
         end: float = 0.1 * RATE,
-        loss: LossSettings | None = None,
     ) -> Gaussians:
         """The scene after some steps.
 
@@ -77,21 +75,13 @@ class FineTuner:
             frozen: groups that stay, see RATE_OF_GROUP.
             start: learning rates at the start, relative to those of training.
             end: learning rates at the end; they fall along a half cosine.
-            loss: None for the recipe's.
         """
         rates = replace(self._rates, **{RATE_OF_GROUP[group]: 0.0 for group in frozen})
         self._engine.upload(scene)
         for step in range(steps):
             share = end + (start - end) * 0.5 * (1.0 + float(np.cos(np.pi * step / steps)))
-            self._engine.step(self._next_view(), self._settings(rates.scaled(share), loss))
+            settings = StepSettings(rates.scaled(share), self._recipe.loss, self._recipe.adam, self._background)
+            self._engine.step(view_of_step(self._taken, self._views, self._seed), settings)
+            self._taken += 1
             self._after_step()
         return self._engine.download()
-
-    def _settings(self, rates: LearningRates, loss: LossSettings | None) -> StepSettings:
-        return StepSettings(rates, loss or self._recipe.loss, self._recipe.adam, self._background)
-
-    def _next_view(self) -> int:
-        """Visit every view once per epoch, in an order determined by the seed and the epoch."""
-        epoch, place = divmod(self._taken, self._views)
-        self._taken += 1
-        return int(np.random.default_rng((self._seed, epoch)).permutation(self._views)[place])

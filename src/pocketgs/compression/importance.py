@@ -12,6 +12,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.rasterizer import Rasterizer
 from pocketgs.system.cores import usable_cores
+from pocketgs.training.view_choice import evenly_chosen
 
 Importance = Literal["contribution", "distinct"]
 
@@ -43,7 +44,7 @@ def importance(
 def contributions(scene: Gaussians, cameras: Sequence[Camera], rasterizer: Rasterizer) -> tuple[np.ndarray, np.ndarray]:
     """(N,) sum of α T over all pixels of the views, and (N,) its largest value on one pixel."""
     summed, largest = np.zeros(len(scene)), np.zeros(len(scene), np.float32)
-    for place in np.unique(np.linspace(0, len(cameras) - 1, min(len(cameras), VIEWS)).round().astype(int)):
+    for place in evenly_chosen(len(cameras), VIEWS):
         found = rasterizer.forward(scene, cameras[place], ("contributions",)).contributions
         assert found is not None
         summed += found.summed

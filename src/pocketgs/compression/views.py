@@ -13,6 +13,7 @@ from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.training.validation import render_frame
+from pocketgs.training.view_choice import evenly_chosen
 
 Colour = tuple[float, float, float]
 
@@ -71,8 +72,7 @@ def photographed(capture: Capture) -> Views:
 def not_too_many(cameras: Mapping[str, Camera]) -> dict[str, Camera]:
     """At most RENDERED_VIEWS of the cameras, evenly."""
     names = list(cameras)
-    chosen = np.unique(np.linspace(0, len(names) - 1, min(len(names), RENDERED_VIEWS)).round().astype(int))
-    return {names[place]: cameras[names[place]] for place in chosen}
+    return {names[place]: cameras[names[place]] for place in evenly_chosen(len(names), RENDERED_VIEWS)}
 
 
 def rendered(scene: Gaussians, cameras: Mapping[str, Camera], engine: Engine, background: Colour) -> Views:

@@ -11,7 +11,6 @@ from pocketgs.capture.capture import Capture, Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.edits import with_sh_degree
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.sort_free.forms import FormName
 from pocketgs.sort_free.optimiser import ArrayAdam
 from pocketgs.sort_free.renderer import SceneGradient, SortFreeImage, SortFreeRenderer
@@ -21,7 +20,8 @@ from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.optimiser import Adam, photometric_loss
 from pocketgs.splat.rasterizer import Output, Raster, Rasterizer
 from pocketgs.system.interrupt import deferred_interrupt
-from pocketgs.training.recipes import cosine, pixel_footprint, recipe_named
+from pocketgs.training.recipes import cosine, recipe_named
+from pocketgs.training.view_choice import view_of_step
 
 SOLID = 0.5
 """Depths are compared where both images cover at least so much of a pixel."""
@@ -132,10 +132,10 @@ class _Distillation:
         self._renderer = SortFreeRenderer("cpu", options.threads)
 
     def run(self) -> Distilled:
-        options, scene = self._options, self._start()
+        options, capture, scene = self._options, self._capture, self._start()
         recipe = recipe_named("pocketgs")
-        unit = pixel_footprint([frame.camera for frame in self._capture.train], _as_points(self._teacher))
-        first_rates = recipe.rates_for(options.iterations or 1, unit).scaled(RATE)
+        cameras = [frame.camera for frame in capture.train]
+        first_rates = recipe.rates_for_scene(options.iterations or 1, cameras, self._teacher).scaled(RATE)
         schedule = cosine(final=0.02)
         adam = Adam(scene.gaussians, recipe.adam)
         scene = replace(scene, gaussians=adam.scene)
@@ -147,7 +147,8 @@ class _Distillation:
                     return Distilled(scene, number, True)
                 rates = schedule(first_rates, number / options.iterations)
                 share = rates.means / first_rates.means
-                gradient = self._gradient(scene, self._frame(number))
+                frame = capture.train[view_of_step(number, len(capture.train), options.seed)]
+                gradient = self._gradient(scene, frame)
                 adam.step(gradient.gaussians, rates)
                 views.step(gradient.views, VIEW_RATE * share)
                 numbers.step(gradient.numbers, NUMBER_RATE * share)
@@ -171,13 +172,6 @@ class _Distillation:
             lambda done, of: self._observer("visibility", done, of),
         )
         return replace(scene, views=views)
-
-    def _frame(self, iteration: int) -> Frame:
-        """Visit every view once per epoch, in an order determined by the seed and the epoch."""
-        frames = self._capture.train
-        epoch, place = divmod(iteration, len(frames))
-        order = np.random.default_rng((self._options.seed, epoch)).permutation(len(frames))
-        return frames[int(order[place])]
 
     def _gradient(self, scene: SortFreeScene, frame: Frame) -> SceneGradient:
         options, background = self._options, self._capture.background
@@ -209,7 +203,3 @@ def _d_log_depth(image: SortFreeImage, seen: Raster, counts: np.ndarray) -> np.n
         differences = np.log(depths / seen.depth[solid])
         gradient[solid] = (2.0 * differences - differences.mean()) / (len(depths) * depths)
     return gradient
-
-
-def _as_points(gaussians: Gaussians) -> PointCloud:
-    return PointCloud(gaussians.means, np.zeros((len(gaussians), 3)))

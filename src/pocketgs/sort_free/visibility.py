@@ -10,6 +10,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 from pocketgs.scene.spherical_harmonics import basis
 from pocketgs.splat.rasterizer import Rasterizer
+from pocketgs.training.view_choice import evenly_chosen
 
 LEAST_VISIBLE = 1e-3
 """Less of a Gaussian than this counts as this."""
@@ -60,7 +61,7 @@ def fitted_views(
         summed: composites "sum".
         on_count: told how many of how many cameras are done.
     """
-    chosen = np.unique(np.linspace(0, len(cameras) - 1, min(len(cameras), MOST_CAMERAS)).round().astype(int))
+    chosen = evenly_chosen(len(cameras), MOST_CAMERAS)
     looks = []
     for number, camera in enumerate(cameras[place] for place in chosen):
         looks.append((camera.centre, *visible_shares(gaussians, camera, sorted_, summed)))

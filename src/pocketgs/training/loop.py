@@ -32,6 +32,7 @@ from pocketgs.training.strategies.choose import create_strategy
 from pocketgs.training.strategies.strategy import GrowthPlan, Situation, Strategy
 from pocketgs.training.transients import Transients
 from pocketgs.training.validation import render_frame
+from pocketgs.training.view_choice import view_of_step
 
 SECONDS_BETWEEN_LOSSES = 0.5
 
@@ -225,11 +226,8 @@ class _Loop:
         self.iteration = number
 
     def _next_view(self) -> int:
-        """Visit every view once per epoch, in an order determined by the seed and the epoch."""
         views = self._pace.views(self.iteration)
-        epoch, place = divmod(self.iteration, len(views))
-        order = np.random.default_rng((self._options.seed, epoch)).permutation(len(views))
-        return views[int(order[place])]
+        return views[view_of_step(self.iteration, len(views), self._options.seed)]
 
     def _look_at_held_out_views(self) -> None:
         every = self._options.evaluate_every

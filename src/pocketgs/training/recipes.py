@@ -11,6 +11,7 @@ import numpy as np
 
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.splat.settings import AdamSettings, LearningRates, LossSettings
 from pocketgs.training.strategies.choose import StrategyName
@@ -148,6 +149,20 @@ class Recipe:
         slower = math.sqrt(self.scales_for / iterations) if self.scales_for else 1.0
         slower = min(max(slower, SLOWEST_SCALES), 1.0)
         return replace(self.rates, means=self.rates.means * unit, log_scales=self.rates.log_scales * slower)
+
+    def rates_for_scene(self, iterations: int, cameras: Sequence[Camera], scene: Gaussians) -> LearningRates:
+        """The initial rates to train a scene further, which gives the unit of length.
+
+        Args:
+            iterations: of the run.
+            cameras: the training cameras.
+            scene: to start from.
+
+        Raises:
+            PocketGSError: the scene gives no unit of length; see `length`.
+        """
+        points = PointCloud(scene.means, np.zeros((len(scene), 3), np.float32))
+        return self.rates_for(iterations, self.length(cameras, points))
 
 
 # 3DGS's rates. Rotations are updated in the tangent space, q ⊗ exp(½δ), so their rate is twice that of quaternions.

@@ -10,6 +10,7 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.metrics.evaluation import psnr
 from pocketgs.splat.engine import Engine, Renderer
+from pocketgs.training.view_choice import evenly_chosen
 
 EVERY, FIRST = 8, 4
 """Every eighth training view, starting with the fifth, is a validation view."""
@@ -70,8 +71,7 @@ def validation_views(views: int) -> list[int]:
     found = list(range(FIRST, views, EVERY))
     if len(found) < MIN_VIEWS:
         return []
-    places = np.linspace(0, len(found) - 1, min(len(found), MAX_VIEWS)).round().astype(int)
-    return [found[place] for place in places]
+    return [found[place] for place in evenly_chosen(len(found), MAX_VIEWS)]
 
 
 def render_frame(renderer: Renderer, frame: Frame, background: tuple[float, float, float]) -> np.ndarray:
