@@ -27,7 +27,7 @@ from pocketgs.training.planning.effort import sized
 from pocketgs.training.preparation import prepare
 from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint
-from pocketgs.training.transients import Transients, pixels_left, transient_cells
+from pocketgs.training.transients import Transients, pixels_of, transient_cells
 from pocketgs.training.validation import render_frame
 
 OPTIONS = TrainingOptions(iterations=200, max_gaussians=15_000, engine="cpu", evaluate_every=0, bundle=False)
@@ -66,7 +66,7 @@ def test_a_passer_by_is_left_out_and_nothing_else(empty_room: PreparedCapture, p
     assert len(named) >= len(there) - 1  # in one of them only a leg is seen
     for frame, cells in zip(passed_room.train, found, strict=True):
         if cells.any():
-            left_out, person = ~pixels_left(frame, cells), covered(frame, empty_room)
+            left_out, person = pixels_of(cells, frame), covered(frame, empty_room)
             assert (left_out & person).sum() > 0.6 * person.sum()
             assert (left_out & ~person).mean() < 0.05
 

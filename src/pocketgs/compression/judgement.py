@@ -8,7 +8,7 @@ import numpy as np
 
 from pocketgs.capture.capture import Frame
 from pocketgs.compression.views import Views
-from pocketgs.metrics.evaluation import psnr
+from pocketgs.metrics.evaluation import squared_error
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.training.validation import render_frame
@@ -59,7 +59,7 @@ def errors(engine: Engine, scene: Gaussians, views: Views, frames: list[Frame]) 
     """(V,) mean squared error of a scene on each of some views."""
     engine.upload(scene)
     found = [
-        10 ** (-psnr(render_frame(engine, frame, views.background), frame.image / 255.0, frame.mask) / 10)
+        squared_error(render_frame(engine, frame, views.background), frame.image / 255.0, frame.mask)
         for frame in frames
     ]
     return np.array(found)

@@ -140,10 +140,14 @@ def psnr(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None
     Raises:
         PocketGSError: shapes or types disagree, a number is not finite, or the mask is empty.
     """
+    return float(-10 * np.log10(max(squared_error(rendered, photo, mask), 10 ** (-PSNR_CAP / 10))))
+
+
+def squared_error(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None) -> float:
+    """Mean squared error over pixels and channels; arguments and errors are those of `psnr`."""
     _check(rendered, photo, mask)
     squared = (rendered.astype(np.float64) - photo) ** 2
-    error = float(np.mean(squared if mask is None else squared[mask]))
-    return float(-10 * np.log10(max(error, 10 ** (-PSNR_CAP / 10))))
+    return float(np.mean(squared if mask is None else squared[mask]))
 
 
 def cc_psnr(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None) -> float:

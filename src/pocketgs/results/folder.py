@@ -12,7 +12,6 @@ import math
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,7 @@ from pocketgs.files.manifest import read_manifest
 from pocketgs.files.plain_names import plain_names
 from pocketgs.results.checkpoint import CHECKPOINT, UNFINISHED, is_checkpoint
 from pocketgs.results.claim import Claim, claimed
-from pocketgs.training.transients import pixels_left
+from pocketgs.training.transients import pixels_of
 
 SCENE, RECORD, PICTURES = "scene.ply", "run.json", "held_out"
 TRANSIENTS = "transients"
@@ -116,7 +115,7 @@ def write_transients(folder: Path, frames: Sequence[Frame], cells: Sequence[np.n
     for frame, name, left_out in zip(frames, plain_names(frame.name for frame in frames), cells, strict=True):
         if left_out.any():
             (folder / TRANSIENTS).mkdir(exist_ok=True)
-            picture, moved = frame.image.copy(), ~pixels_left(replace(frame, mask=None), left_out)
+            picture, moved = frame.image.copy(), pixels_of(left_out, frame)
             picture[moved] //= 3
             picture[moved, 0] += 170
             Image.fromarray(picture).save(folder / TRANSIENTS / f"{name}.png")

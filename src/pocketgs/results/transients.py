@@ -12,7 +12,7 @@ from pocketgs.capture.capture import Capture
 from pocketgs.results.cameras_file import read_cameras
 from pocketgs.results.checkpoint import CHECKPOINT, read_transients
 from pocketgs.results.folder import CAMERAS
-from pocketgs.training.transients import pixels_left
+from pocketgs.training.transients import mask_without
 
 
 def without_transients(capture: Capture, cells: Sequence[np.ndarray] | None) -> Capture:
@@ -25,8 +25,7 @@ def without_transients(capture: Capture, cells: Sequence[np.ndarray] | None) -> 
     if cells is None:
         return capture
     pairs = zip(capture.train, cells, strict=True)
-    train = [replace(frame, mask=pixels_left(frame, part)) if part.any() else frame for frame, part in pairs]
-    return replace(capture, train=train)
+    return replace(capture, train=[replace(frame, mask=mask_without(frame, part)) for frame, part in pairs])
 
 
 def without_transients_of(folder: Path, capture: Capture) -> Capture:

@@ -82,8 +82,8 @@ class Transients:
                 them differs from them anyway.
         """
         doublings, rest = divmod(iteration, self._first)
-        is_static = self.cells is not None and not _any(self.cells)
-        if rest != 0 or doublings & (doublings - 1) != 0 or is_static:
+        is_due = rest == 0 and doublings & (doublings - 1) == 0
+        if not is_due or (self.cells is not None and not _any(self.cells)):
             return
         found = transient_cells(engine, [self._frames[view] for view in trained], self._background)
         cells = [np.zeros(_grid(frame), np.bool_) for frame in self._frames]
@@ -94,8 +94,7 @@ class Transients:
         self.cells = tuple(cells)
 
     def _masks(self, cells: Sequence[np.ndarray]) -> list[np.ndarray | None]:
-        pairs = zip(self._frames, cells, strict=True)
-        return [pixels_left(frame, of_view) if of_view.any() else frame.mask for frame, of_view in pairs]
+        return [mask_without(frame, of_view) for frame, of_view in zip(self._frames, cells, strict=True)]
 
 
 def _any(cells: Sequence[np.ndarray]) -> bool:
@@ -145,13 +144,19 @@ def transient_cells(
     return found
 
 
-def pixels_left(frame: Frame, cells: np.ndarray) -> np.ndarray:
-    """(H, W) bool: the pixels of a frame outside the (h, w) cells, and inside its mask, if it has one."""
-    height, width = frame.image.shape[:2]
-    rows = np.minimum(np.arange(height) * cells.shape[0] // height, cells.shape[0] - 1)
-    columns = np.minimum(np.arange(width) * cells.shape[1] // width, cells.shape[1] - 1)
-    kept = ~cells[rows[:, None], columns]
+def mask_without(frame: Frame, cells: np.ndarray) -> np.ndarray | None:
+    """The (H, W) bool mask of a frame without its (h, w) transient cells; None if all pixels count."""
+    if not cells.any():
+        return frame.mask
+    kept = ~pixels_of(cells, frame)
     return kept if frame.mask is None else kept & frame.mask
+
+
+def pixels_of(cells: np.ndarray, frame: Frame) -> np.ndarray:
+    """(H, W) bool: the pixels of a frame in the (h, w) cells."""
+    height, width = frame.image.shape[:2]
+    rows, columns = np.arange(height) * cells.shape[0] // height, np.arange(width) * cells.shape[1] // width
+    return np.asarray(cells[rows[:, None], columns])
 
 
 def _grid(frame: Frame) -> tuple[int, int]:
