@@ -91,7 +91,7 @@ def test_a_run_goes_on_from_its_checkpoint_to_the_same_bits(small_capture: Captu
 def test_jumping_colours_cost_little(tmp_path: Path) -> None:
     """The demo's room from the true poses, once as it is, once with another exposure and white balance each time."""
     scene, rng = room(), np.random.default_rng(3)
-    shots = plan_shots(240, 180, 64)
+    shots = plan_shots(160, 120, 48)
     gains = [np.exp(rng.uniform(-0.25, 0.25) + rng.uniform(-0.12, 0.12, 3)) for _ in shots]
 
     @cache
@@ -107,7 +107,7 @@ def test_jumping_colours_cost_little(tmp_path: Path) -> None:
 
     def trained(jumps: bool, **options: Any) -> Evaluation:
         engine = create_engine(EngineOptions("cpu"))
-        train(capture(jumps), opened_engine=engine, iterations=500, max_gaussians=20_000, bundle=False, **options)
+        train(capture(jumps), opened_engine=engine, iterations=300, max_gaussians=10_000, bundle=False, **options)
         evaluation = evaluate_held_out(engine, capture(jumps))
         assert evaluation is not None
         print(f"jumps {jumps}, {options}: {evaluation.psnr:.2f} dB, colour-corrected {evaluation.cc_psnr:.2f} dB")
@@ -115,4 +115,4 @@ def test_jumping_colours_cost_little(tmp_path: Path) -> None:
 
     clean, jumping = trained(False), trained(True)
     assert jumping.cc_psnr > clean.cc_psnr - 0.3
-    assert jumping.psnr > trained(True, exposure="off").psnr + 0.5
+    assert jumping.psnr > trained(True, exposure="off").psnr + 0.3

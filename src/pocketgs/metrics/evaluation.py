@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 import cv2
@@ -84,6 +84,11 @@ class Evaluation:
     def means(self) -> dict[str, float | None]:
         """The means by name, as files of results have them."""
         return {name: getattr(self, name) for name in MEANS}
+
+    def without(self, names: Collection[str]) -> Evaluation | None:
+        """The evaluation of the other images, or None if there are none."""
+        others = [image for image in self.images if image.name not in names]
+        return replace(self, images=others) if others else None
 
 
 def _mean_of_known(values: Iterable[float | None]) -> float | None:
