@@ -10,7 +10,7 @@ from pocketgs.compression.importance import Importance
 from pocketgs.errors import PocketGSError
 
 QUALITY = 0.3
-"""Default of how much worse than the original a scene may be, in dB."""
+"""Default loss of quality, in dB."""
 
 
 @dataclass(frozen=True)

@@ -199,7 +199,7 @@ def _views(viewmats: Tensor, Ks: Tensor, projection: Projection) -> list[View]:
 
 
 def _sparse(gradient: np.ndarray, seen: np.ndarray, count: int, cameras: int) -> Tensor:
-    """A sparse tensor of the visible rows, summed over cameras."""
+    """A sparse tensor of the visible rows; a Gaussian's rows of several cameras add up."""
     places = torch.from_numpy(seen % count)[None]
     size = (count, gradient.shape[1])
     values = torch.from_numpy(gradient)
