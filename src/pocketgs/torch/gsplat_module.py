@@ -83,12 +83,12 @@ def install_as_gsplat(version: str | None = None, *, even_with_cuda: bool = Fals
         del sys.modules[name]
     folders = _installed_folders()
     version = version or _installed_version() or VERSION
-    module = _made("gsplat", folders, version)
+    module = _make_module("gsplat", folders, version)
     LOG.warning("gsplat %s resolves to PocketGS: rasterization runs on the CPU", version)
     return module
 
 
-def _made(name: str, folders: list[str], version: str) -> ModuleType:
+def _make_module(name: str, folders: list[str], version: str) -> ModuleType:
     """Make the module and its submodules that would need CUDA; all others are imported from the given folders."""
     rasterization = rendering.rasterization if _two_sides(version) else _with_one_radius(rendering.rasterization)
     stubs = {each: _stub(each) for each in UNSUPPORTED}

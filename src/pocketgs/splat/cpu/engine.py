@@ -94,13 +94,13 @@ class CpuEngine:
         rates = LearningRates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         settings = StepSettings(rates, statistics=True, noise=PositionNoise(0.0, 0), colours=ColourSettings(0.0))
         engine = CpuEngine(self.threads)
-        engine._take_views([Frame("", camera, np.zeros((16, 16, 3), np.uint8))])
+        engine._set_views([Frame("", camera, np.zeros((16, 16, 3), np.uint8))])
         engine.upload(scene)
         engine.step(0, settings)
 
     def set_views(self, frames: Sequence[Frame]) -> None:
         """Set the photographs that `step` indexes."""
-        self._take_views(frames)
+        self._set_views(frames)
         kinds = {
             type(view.lens): frame.camera.lens for view, frame in zip(self._photographs.views, frames, strict=True)
         }
@@ -112,7 +112,7 @@ class CpuEngine:
         """Replace the photographs' masks."""
         self._photographs.set_masks(masks)
 
-    def _take_views(self, frames: Sequence[Frame]) -> None:
+    def _set_views(self, frames: Sequence[Frame]) -> None:
         self._photographs = Photographs(frames, self.threads)
 
     def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
@@ -124,9 +124,9 @@ class CpuEngine:
         self._store = ParameterStore(gaussians, state)
         self._near = near_plane(gaussians.means) if state is None or state.near is None else state.near
         self._steps = 0 if state is None else state.steps
-        self._take_rows()
+        self._allocate_rows()
 
-    def _take_rows(self) -> None:
+    def _allocate_rows(self) -> None:
         """Allocate a step's outputs per Gaussian for the current number of Gaussians."""
         count = self._store.count
         self._scene = self._store.scene
@@ -146,7 +146,7 @@ class CpuEngine:
     def change_rows(self, change: RowChange) -> None:
         """Select, duplicate and set Gaussians."""
         self._store.change_rows(change)
-        self._take_rows()
+        self._allocate_rows()
 
     def statistics(self) -> Statistics:
         """Sums over steps so far."""
@@ -359,13 +359,13 @@ class CpuEngine:
         self._steps += 1
         update(store, layout.rates_by_column(settings.rates), settings.adam, self._steps, moving, self.threads)
         if settings.noise is not None:
-            self._shake(settings.noise)
+            self._add_noise(settings.noise)
             moving = self._clusters.all
         self._clusters.have_moved(moving)
         self.timer.ends()
         return value
 
-    def _shake(self, noise: PositionNoise) -> None:
+    def _add_noise(self, noise: PositionNoise) -> None:
         scene = self._scene
         add_noise(
             scene.means,
