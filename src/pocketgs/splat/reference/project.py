@@ -64,8 +64,8 @@ class ProjectionGradient:
 def project(scene: Scene, camera: Camera, near: float | None = None, antialiased: bool = False) -> Projection:
     """Project every Gaussian: Σ' = J W Σ Wᵀ Jᵀ + 0.3 I (3DGS, equation 5).
 
-    If anti-aliased, the 0.3 I spreads a Gaussian without increasing its total opacity, which is multiplied by
-    √(det(Σ' - 0.3 I) / det Σ') (Mip-Splatting's 2D filter, Yu et al. 2024, section 4.2).
+    If anti-aliased, opacities are multiplied by √(det(Σ' - 0.3 I) / det Σ'), so that the 0.3 I spreads a Gaussian
+    without making it more opaque in all (Mip-Splatting's 2D filter, Yu et al. 2024, section 4.2).
 
     A Gaussian is not visible if it is nearer than the near plane (by default the scene's), outside the lens's valid
     field, or of an opacity under 1/255; if its parameters are not finite, it is thinner than float32 can represent, or

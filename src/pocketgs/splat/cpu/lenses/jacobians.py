@@ -1,4 +1,4 @@
-"""The projection's derivative, 2 x 3, as a tuple of its non-zero entries, and products with it.
+"""The projection's derivative, 2 x 3, as a tuple of the entries that may be non-zero, and products with it.
 
 A pinhole camera has four entries: xx, xz, yy, yz. Others have six: xx, xy, xz, yx, yy, yz.
 """
