@@ -1,4 +1,4 @@
-"""On scenes trained from real captures, gsplat's reference gives the same images and gradients too."""
+"""Images and gradients agree with gsplat's reference on scenes trained from real captures too."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pocketgs.torch import rasterization
 from pytorch import gsplat_reference
 
 SIDE = 6
-"""Images are so many times smaller than the capture's: the reference looks at every Gaussian in every pixel."""
+"""Factor by which images are reduced: the reference evaluates every Gaussian at every pixel."""
 
 TRAINED = ("means", "quats", "scales", "opacities", "colors", "viewmats")
 
