@@ -31,7 +31,8 @@ def distil(
     Args:
         scene: A trained scene: a file (.ply, .spz, .splat, .glb …), or a result folder.
         capture: The capture that it was trained on.
-        output: The file to write, a .ply. Commands of PocketGS draw it as it was trained; other programs would sort it.
+        output: The file to write: a .ply, or a small .pgs. PocketGS draws it as it was trained; other programs would sort
+            a .ply, and read no .pgs.
         options: Options of distilling.
         reading: Options for reading the capture.
         max_memory: Megabytes that reading may take; larger files are refused.
