@@ -13,7 +13,7 @@ from pocketgs.results.folder import CAMERAS, RECORD, SCENE
 from pocketgs.results.transients import without_transients_of
 from pocketgs.scene.formats import is_scene_name, read_scene
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.sort_free.drawing import SortFreeDrawing
+from pocketgs.sort_free.drawing import drawing_of
 from pocketgs.sort_free.file import is_sort_free, read_sort_free
 from pocketgs.sort_free.scene import SortFreeScene
 from pocketgs.splat.engine import EngineOptions, Renderer, create_engine
@@ -56,7 +56,7 @@ def drawn_by(path: Path, options: EngineOptions) -> tuple[Renderer, int]:
     """
     if is_sort_free(path):
         scene = read_sort_free(path)
-        return SortFreeDrawing(scene, options), len(scene)
+        return drawing_of(scene, options), len(scene)
     gaussians = load_scene(path)
     engine = create_engine(options)
     engine.upload(gaussians)

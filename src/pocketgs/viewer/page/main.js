@@ -123,9 +123,14 @@ function follow(view, cameras) {
     });
 }
 
-function showStatistics(count, framesPerSecond) {
-    const rate = framesPerSecond < 10 ? framesPerSecond.toFixed(1) : Math.round(framesPerSecond);
-    document.getElementById("stats").textContent = `${count.toLocaleString("en")} splats · ${rate} fps`;
+function showStatistics({ count, compositor, bytes, milliseconds }) {
+    const time = milliseconds < 10 ? milliseconds.toFixed(1) : Math.round(milliseconds);
+    const parts = [`${count.toLocaleString("en")} splats`, compositor, bytes && sizeOf(bytes), `${time} ms`];
+    document.getElementById("stats").textContent = parts.filter(Boolean).join(" · ");
+}
+
+function sizeOf(bytes) {
+    return bytes < 1e6 ? `${Math.ceil(bytes / 1e3)} KB` : `${(bytes / 1e6).toFixed(1)} MB`;
 }
 
 start().catch((error) => showMessage(error.message));
