@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from pocketgs.geometry.camera import Camera
-from pocketgs.sort_free.renderer import SortFreeRenderer
 from pocketgs.sort_free.scene import SortFreeScene
 from pocketgs.splat.engine import EngineOptions, Renderer, Rendering, chosen_engine
 
@@ -33,6 +32,9 @@ class SortFreeDrawing:
     """
 
     def __init__(self, scene: SortFreeScene, threads: int | None = None) -> None:
+        # Imported here because Numba is slow to load.
+        from pocketgs.sort_free.renderer import SortFreeRenderer
+
         self._scene = scene
         self._renderer = SortFreeRenderer("cpu", threads)
 

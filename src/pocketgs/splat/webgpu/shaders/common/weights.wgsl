@@ -27,7 +27,7 @@ struct Weighting {
 const LARGEST_EXPONENT: f32 = 40.0;
 
 section seen
-import weights.shared, view, gaussians, spherical_harmonics
+import weights.shared, view, gaussians, spherical_harmonics, finite
 // What the camera sees of a Gaussian; `views` lies column by column, as the other parameters do.
 @group(0) @binding(7) var<uniform> weighting: Weighting;
 @group(0) @binding(8) var<storage, read> views: array<f32>;
@@ -43,6 +43,12 @@ fn view_of(gaussian: Gaussian, i: u32) -> f32 {
         v += harmonic(k, direction) * views[k * view.gaussians + i];
     }
     return v;
+}
+
+// v cut to 0 where negative. What is not finite stays, and is not drawn.
+fn positive_view_of(gaussian: Gaussian, i: u32) -> f32 {
+    let v = view_of(gaussian, i);
+    return select(v, max(v, 0.0), is_finite(v));
 }
 
 section complete
@@ -66,14 +72,14 @@ fn weight_of(gaussian: Gaussian, i: u32) -> f32 {
 section lc
 import weights.seen, weights.complete
 fn weight_of(gaussian: Gaussian, i: u32) -> f32 {
-    return max(1.0 - distance_of(gaussian) / weighting.sigma, 0.0) * max(view_of(gaussian, i), 0.0);
+    return max(1.0 - distance_of(gaussian) / weighting.sigma, 0.0) * positive_view_of(gaussian, i);
 }
 
 section mobile
 import weights.seen, weights.complete
 fn weight_of(gaussian: Gaussian, i: u32) -> f32 {
     let d = distance_of(gaussian);
-    let phi = max(view_of(gaussian, i), 0.0);
+    let phi = positive_view_of(gaussian, i);
     let scale = gaussian.log_scale;
     let size = exp(max(scale.x, max(scale.y, scale.z))) / weighting.unit;
     return phi * phi + phi / (d * d) + exp(min(size / d, LARGEST_EXPONENT));
