@@ -210,7 +210,7 @@ class Rasterizer:
         gpu: part of the name of the GPU to use, or None for the best.
         compositor: how splats that cover a pixel come together. "over" blends them front to back, Σ c_i α_i T_i; "sum"
             adds them up, Σ c_i α_i, in no order and without sorting: the transmittance of both is Π (1 - α_i), but
-            "over" stops at 1e-4. `pocketgs.sort_free` makes images from sums.
+            "over" stops at 1e-4, and "sum" takes α less 1/255. `pocketgs.sort_free` makes images from sums.
 
     Raises:
         PocketGSError: there is no such engine, compositor or GPU.
