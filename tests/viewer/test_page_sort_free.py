@@ -5,17 +5,19 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterator
 from pathlib import Path
+from random import Random
 
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Error, Page, expect
 
+from attack.mutations import broken_sections
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.formats.pgs_sections import Section, join_sections, split_sections
 from pocketgs.sort_free.drawing import SortFreeDrawing
 from pocketgs.sort_free.file import read_sort_free, write_sort_free
 from pocketgs.sort_free.forms import FORMS
-from pocketgs.sort_free.pgs_file import KNOWN
+from pocketgs.sort_free.pgs_file import KNOWN, encode
 from pocketgs.sort_free.scene import SortFreeScene, sort_free
 from pocketgs.viewer.content import Content, View
 from pocketgs.viewer.server import serving
@@ -79,6 +81,18 @@ def test_page_refuses_broken_weights(page: Page, tmp_path: Path) -> None:
         sections = [Section(each, dict(KNOWN)[each], part) for each, part in changed.items() if part is not None]
         with pytest.raises(Error, match=told):
             read(page, "scene.pgs", join_sections(sections))
+
+
+def test_broken_sections_are_read_or_refused(page: Page) -> None:
+    whole = encode(with_weights(random_scene(40, 1), "lc"))
+    outcomes = set()
+    for number in range(60):
+        try:
+            read(page, "scene.pgs", broken_sections(Random(number), whole))
+            outcomes.add("read")
+        except Error as error:
+            outcomes.add("refused" if "scene.pgs" in str(error) else str(error))
+    assert outcomes == {"read", "refused"}
 
 
 @pytest.fixture(scope="module")
