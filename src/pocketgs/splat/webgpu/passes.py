@@ -123,6 +123,7 @@ def rendering_buffers(variant: Variant) -> dict[str, str]:
             del buffers[name]
         buffers["splats"] = f"{WEIGHTED_SPLAT_BYTES} * capacity"
         buffers["views"] = "4 * view_coefficients * capacity"
+    if variant.weights == "visibility":
         buffers["largest_exponents"] = "8"
     return buffers
 
@@ -292,12 +293,12 @@ def describe(variant: Variant, training: bool = True) -> Description:
     """
     assert not training or (variant.appearance == "splats" and variant.weights is None), variant
     bins = bin_passes(variant.weights is None)
-    cleared = CLEARED if variant.weights is None else ("tile_digit", "tile_starts", "largest_exponents")
+    buffers = rendering_buffers(variant)
+    cleared = tuple(name for name in (*CLEARED, "largest_exponents") if name in buffers)
     sequences = {
         "render": Sequence(cleared, (*bins, _RASTERIZE)),
         "render depth": Sequence(cleared, (*bins, _RASTERIZE_DEPTH)),
     }
-    buffers = rendering_buffers(variant)
     if training:
         sequences["step"] = _step(variant)
         sequences["errors"] = _errors(variant)
