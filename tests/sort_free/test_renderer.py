@@ -112,16 +112,20 @@ def test_fused_passes_draw_what_the_reference_draws(
     expected = drawn("reference", in_float64(scene), camera)
     backwards = np.arange(300)[::-1]
     other = replace(scene, gaussians=scene.gaussians.select(backwards), views=scene.views[backwards])
-    first, second = (drawing_of(one, GPU).render(camera, BACKGROUND, depth=True) for one in (scene, other))
+    with_depth = form == "visibility"
+    first = drawing_of(scene, GPU).render(camera, BACKGROUND, depth=with_depth)
+    second = drawing_of(other, GPU).render(camera, BACKGROUND)
     for found, wanted in ((first.image, expected.rgb), (first.alpha, expected.alpha), (first.depth, expected.depth)):
-        assert found is not None
+        if found is None:
+            assert not with_depth
+            continue
         assert wanted is not None
         assert np.mean(np.abs(found - wanted) > 2e-3) < 0.005
         assert np.abs(found - wanted).mean() < 2e-4
     np.testing.assert_allclose(first.image, second.image, atol=2e-5)
 
 
-@pytest.mark.parametrize("form", ["mobile", "visibility", "lc"])
+@pytest.mark.parametrize("form", ["mobile", "visibility"])
 def test_fused_passes_keep_to_the_bounds_of_weights(
     adapter: None, camera: Camera, make_gaussians: MakeGaussians, form: str
 ) -> None:

@@ -31,7 +31,7 @@ HEAD = struct.Struct("<16sBBHfd")
 VIEW = "view"
 KNOWN = {*pgs.KNOWN, (WEIGHTS, FIELDS), (VIEW, COLUMNS)}
 
-STEPS: dict[Detail, float] = {"fine": 0.1, "small": 0.2}
+STEPS: dict[Detail, float] = {"fine": 0.2, "small": 0.4}
 """Of the coefficients of v."""
 
 READING = 40
