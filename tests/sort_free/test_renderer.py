@@ -145,6 +145,14 @@ def test_fused_passes_keep_to_the_bounds_of_weights(
     )
 
 
+def test_fused_passes_keep_to_the_memory_that_they_may_take(
+    adapter: None, camera: Camera, make_gaussians: MakeGaussians
+) -> None:
+    drawing = drawing_of(weighted_scene(make_gaussians(), "lc"), replace(GPU, max_memory=1))
+    with pytest.raises(PocketGSError, match=r"would take \d MB of GPU memory, the limit is 1 MB"):
+        drawing.render(camera)
+
+
 def test_names_of_weights_in_the_shaders_are_those_of_forms() -> None:
     assert get_args(Weights) == get_args(FormName)
     assert {name: form.covers for name, form in FORMS.items()} == {

@@ -20,7 +20,8 @@ def drawing_of(scene: SortFreeScene, options: EngineOptions) -> Renderer:
     from pocketgs.splat.webgpu.weighted import WeightedDrawing
 
     numbers = dict(zip(scene.form.numbers, np.exp(scene.numbers), strict=True))
-    return WeightedDrawing(scene.gaussians, scene.form.name, scene.unit, numbers, scene.views, options.gpu)
+    given = scene.gaussians, scene.form.name, scene.unit, numbers, scene.views
+    return WeightedDrawing(*given, options.gpu, options.max_memory)
 
 
 class SortFreeDrawing:

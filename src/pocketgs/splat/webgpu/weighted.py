@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.gpu.adapters import BUFFER_LIMITS, choose_adapter
 from pocketgs.gpu.device import shared_device
@@ -13,7 +14,7 @@ from pocketgs.gpu.executor import Executor
 from pocketgs.scene.background import checked_background
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.checks import checked_scene
-from pocketgs.splat.engine import Rendering
+from pocketgs.splat.engine import EngineOptions, Rendering
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.webgpu.frame_values import view_values
 from pocketgs.splat.webgpu.memory import GROWTH, INTERSECTIONS_PER_GAUSSIAN, MIN_INTERSECTIONS, check_buffers
@@ -34,9 +35,10 @@ class WeightedDrawing:
         numbers: those of `NUMBERS` that the weights are made with.
         views: (N, K) spherical harmonics of what a weight depends on, K = 0, 1, 4, 9 or 16.
         gpu: part of the name of the GPU to use, or None for the best.
+        max_memory: megabytes of GPU memory that buffers may take.
 
     Raises:
-        PocketGSError: there is no such device, it lacks something, or the scene does not fit.
+        PocketGSError: there is no such device, or it lacks something.
     """
 
     def __init__(
@@ -47,12 +49,14 @@ class WeightedDrawing:
         numbers: Mapping[str, float],
         views: np.ndarray,
         gpu: str | None = None,
+        max_memory: int = EngineOptions.max_memory,
     ) -> None:
         adapter = choose_adapter(gpu)
         variant = Variant(subgroups="subgroup" in adapter.features, weights=weights)
         device = shared_device(adapter, variant.features)
         self._executor = Executor(device, describe(variant, training=False))
         self._largest = min(device.limits[name] for name in BUFFER_LIMITS)
+        self._max_memory = max_memory
         scene = checked_scene(gaussians)
         count = len(scene)
         self._near = near_plane(scene.means)
@@ -72,7 +76,11 @@ class WeightedDrawing:
     def render(
         self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False
     ) -> Rendering:
-        """Render the scene."""
+        """Render the scene.
+
+        Raises:
+            PocketGSError: it does not fit in the GPU's memory, or the camera has a lens.
+        """
         image = self._draw("render", camera, checked_background(background))
         alpha, expected_depth = 1.0 - image[..., 3], None
         if depth:
@@ -101,6 +109,12 @@ class WeightedDrawing:
         sizes = description.sizes(symbols, description.buffers_of(description.sequences))
         if sizes != self._made:
             check_buffers(sizes, self._largest, "fewer Gaussians or smaller images")
+            total = sum(sizes.values()) / 1e6
+            if total > self._max_memory:
+                expected = "expected a larger --max-memory, or smaller images (--downscale)"
+                raise PocketGSError(
+                    f"this would take {total:.0f} MB of GPU memory, the limit is {self._max_memory} MB: {expected}"
+                )
             self._executor.reserve(sizes)
             if not self._made:
                 for name, values in self._columns.items():
