@@ -6,13 +6,14 @@ import json
 import re
 from itertools import product
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 import pocketgs
 from pocketgs.gpu.description import Description, Pass
 from pocketgs.gpu.sizes import ceil_div, evaluate
-from pocketgs.splat.webgpu.passes import Variant, describe
+from pocketgs.splat.webgpu.passes import Variant, Weights, describe
 from pocketgs.splat.webgpu.rasterizer_passes import CENTRE_WORDS, describe_rasterizer
 from pocketgs.splat.webgpu.shader_files import SHADERS
 from splat.webgpu.wgsl_layout import constant, workgroup_bytes, workgroup_size
@@ -24,6 +25,7 @@ TRAINING = [
     )
 ]
 RENDERING = [Variant(appearance="points"), Variant(appearance="discs")]
+RENDERING += [Variant(weights=weights) for weights in get_args(Weights)]
 DESCRIPTIONS = {str(variant): describe(variant) for variant in TRAINING}
 DESCRIPTIONS |= {str(variant): describe(variant, training=False) for variant in RENDERING}
 DESCRIPTIONS |= {f"rasterizer {subgroups}": describe_rasterizer(subgroups) for subgroups in (False, True)}
@@ -32,6 +34,7 @@ CASE = {
     "gaussians": 1000,
     "capacity": 1000,
     "coefficients": 4,
+    "view_coefficients": 4,
     "width": 650,
     "height": 480,
     "intersections": 65_536,
@@ -235,6 +238,9 @@ def test_words_of_the_shaders_are_the_bytes_of_the_buffers() -> None:
             if replay == "cache":
                 record = 4 * constant("RECORD_WORDS", backward)
                 assert evaluate(description.buffers["replay_cache"], symbols) == 4 + record
+    weighted = describe(Variant(weights="lc"), training=False)
+    splat = 4 * constant("SPLAT_WORDS", weighted.shaders["rasterize"].source)
+    assert evaluate(weighted.buffers["splats"], {"capacity": 1}) == splat
 
 
 def test_rows_of_channels_are_as_long_in_the_shaders_as_in_the_buffers() -> None:
