@@ -62,9 +62,6 @@ GRIDS = 5
 MAKES_UP = 0.5
 """Approximate loss by rounding, in dB, that training on renderings recovers."""
 
-LARGEST_ROUNDING_LOSS = 2.5
-"""Largest loss by rounding alone, relative to the loss that the bound allows. Training recovers over half of it."""
-
 WORTH_PRUNING = 0.8
 """Largest share of the Gaussians to try on grids that are not the finest: if they need more, finer ones are better."""
 
@@ -249,11 +246,10 @@ def _best_pace(scene: Gaussians, workshop: Workshop) -> float:
 
 
 def _affordable(scene: Gaussians, workshop: Workshop, bound: float) -> Sequence[Coding]:
-    """The codings whose rounding leaves room for pruning within the bound, coarsest first; at least the finest."""
-    original = workshop.judge.original_psnr
-    least = original - LARGEST_ROUNDING_LOSS * (original - bound)
+    """The codings from the coarsest one that keeps the whole scene within the bound; at least the finest."""
     for place, coding in enumerate(CODINGS[:-1]):
-        if workshop.only_rounded(scene, coding).psnr >= least:
+        workshop.coding = coding
+        if workshop.rounded_in_turn(scene).psnr >= bound:
             return CODINGS[place:]
     return CODINGS[-1:]
 
