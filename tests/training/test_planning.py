@@ -20,14 +20,24 @@ from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.loading import Preparation
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
+from pocketgs.prior.cpu.sweeper import CpuSweeper
+from pocketgs.prior.sweep import create_sweeper
 from pocketgs.splat.cpu.engine import CpuEngine
-from pocketgs.splat.engine import EngineOptions, MemoryNeed, create_engine
+from pocketgs.splat.engine import EngineOptions, create_engine
+from pocketgs.system.memory_need import MemoryNeed
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.planning.calibration import Speed, measure_speed
 from pocketgs.training.planning.machine import Machine, this_machine
 from pocketgs.training.planning.plan import MIN_GAUSSIANS, MIN_SIDE, Plan, make_plan, shrinking_warning
 
-MACHINE = Machine(threads=2, readers=2, resident=160_000_000, compiles=False, memory_needed=CpuEngine(1).memory_needed)
+MACHINE = Machine(
+    threads=2,
+    readers=2,
+    resident=160_000_000,
+    compiles=False,
+    memory_needed=CpuEngine(1).memory_needed,
+    sweep_needed=CpuSweeper().memory_needed,
+)
 
 
 class Photographs(ListedCapture):
@@ -112,7 +122,7 @@ def test_a_refusal_names_a_budget_that_will_do(listed: ListedCapture, options: S
 
 
 def test_a_refusal_of_time_names_a_budget_that_will_do() -> None:
-    machine = replace(MACHINE, speed=Speed(1.0, 1.0), elapsed=2.0)
+    machine = replace(MACHINE, speed=Speed(1.0, 1.0, 1.0), elapsed=2.0)
     with pytest.raises(PocketGSError, match="time budget: found 3 s") as refusal:
         make_plan(photographs(), SizedOptions(time_budget=3.0), machine)
     enough = float(str(refusal.value).split("--time-budget ")[1].split()[0])
@@ -264,10 +274,12 @@ def test_the_cpu_engine_holds_no_more_than_it_says(written_capture: Path) -> Non
 def test_speed_is_measured_on_any_engine() -> None:
     options = SizedOptions(engine="cpu")
     engine = create_engine(EngineOptions(engine="cpu"))
-    machine = this_machine(engine, options)
+    sweeper = create_sweeper()
+    machine = this_machine(engine, sweeper, options)
     assert machine.resident > 50_000_000
-    speed = measure_speed(engine, 1, with_prior=True)
+    speed = measure_speed(engine, sweeper, 1, with_prior=True)
     assert speed.prior > 0
+    assert speed.sweeps == speed.prior
     assert speed.training > 0
-    without = measure_speed(engine, 1, with_prior=False)
+    without = measure_speed(engine, sweeper, 1, with_prior=False)
     assert without.prior == without.training

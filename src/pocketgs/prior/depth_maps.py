@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from pocketgs.capture.capture import Frame
 from pocketgs.prior.depth_range import depths_of, narrowed, small_copy, wide_range
 from pocketgs.prior.sensor_depth import SURE_MARGIN, completed
-from pocketgs.prior.sweep import MAX_PIXELS, DepthMap, SweepSettings, at_sweep_size, choose_source_views, sweep
+from pocketgs.prior.source_views import choose_source_views
+from pocketgs.prior.sweep import MAX_PIXELS, DepthMap, Sweeper, SweepExtent, SweepSettings, at_sweep_size, with_room
 
 MAX_SWEPT_PIXELS = 16_000_000
 """Pixels of all keyframes together: with more keyframes, each is swept at a smaller size, which bounds the time."""
@@ -31,7 +32,8 @@ def depth_maps(
     points: Sequence[np.ndarray],
     distance: float,
     settings: SweepSettings,
-) -> tuple[list[Frame], list[DepthMap]]:
+    sweeper: Sweeper,
+) -> tuple[list[Frame], list[DepthMap], str | None]:
     """Compute the depth maps of all keyframes, one after the other.
 
     Args:
@@ -40,28 +42,42 @@ def depth_maps(
         points: for each keyframe, (N, 3) the sparse points that it sees.
         distance: typical distance to the scene.
         settings: of the sweeps.
+        sweeper: computes them; the CPU's takes its place where its device has too little memory.
 
     Returns:
-        The keyframes at the size of their sweeps, and their depth maps.
+        The keyframes at the size of their sweeps, their depth maps, and a warning or None.
     """
     most = sweep_pixels(len(keyframes))
     sized = {frame.name: at_sweep_size(frame, most) for frame in frames}
+    sweeper, warning = with_room(sweeper, _extent(sized.values(), settings))
     found = [
-        _depth_map(sized[keyframe.name], list(sized.values()), seen, distance, settings)
+        _depth_map(sized[keyframe.name], list(sized.values()), seen, distance, settings, sweeper)
         for keyframe, seen in zip(keyframes, points, strict=True)
     ]
-    return [sized[keyframe.name] for keyframe in keyframes], found
+    sweeper.release()
+    return [sized[keyframe.name] for keyframe in keyframes], found, warning
+
+
+def _extent(frames: Iterable[Frame], settings: SweepSettings) -> SweepExtent:
+    """The sweep of the frame with the most pixels."""
+    largest = max((frame.camera for frame in frames), key=lambda camera: camera.width * camera.height)
+    return SweepExtent(largest.width, largest.height, settings.source_views)
 
 
 def _depth_map(
-    keyframe: Frame, frames: Sequence[Frame], points: np.ndarray, distance: float, settings: SweepSettings
+    keyframe: Frame,
+    frames: Sequence[Frame],
+    points: np.ndarray,
+    distance: float,
+    settings: SweepSettings,
+    sweeper: Sweeper,
 ) -> DepthMap:
     source_views = choose_source_views(keyframe, frames, _representative(keyframe, points, distance), settings)
     wide = wide_range(keyframe, points, distance)
-    first = sweep(small_copy(keyframe), [small_copy(frame) for frame in source_views], wide, settings)
+    first = sweeper.sweep(small_copy(keyframe), [small_copy(frame) for frame in source_views], wide, settings)
     sure = first.depth[(first.depth > 0) & (first.margin >= SURE_MARGIN)]
     search = narrowed(wide, np.concatenate([sure, depths_of(keyframe, points)]), keyframe, source_views)
-    return completed(sweep(keyframe, source_views, search, settings), keyframe)
+    return completed(sweeper.sweep(keyframe, source_views, search, settings), keyframe)
 
 
 def _representative(keyframe: Frame, points: np.ndarray, distance: float) -> np.ndarray:

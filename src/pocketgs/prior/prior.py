@@ -21,7 +21,7 @@ from pocketgs.prior.merge import merged
 from pocketgs.prior.report import Poses, PriorReport
 from pocketgs.prior.scale import Scale, estimate_scale
 from pocketgs.prior.structure import Structure, StructureSettings, build_structure
-from pocketgs.prior.sweep import SweepSettings
+from pocketgs.prior.sweep import Sweeper, SweepSettings, create_sweeper
 from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.system.stopwatch import Stopwatch
 
@@ -64,7 +64,11 @@ class PreparedCapture(Capture):
 
 
 def build_prior(
-    capture: Capture, max_points: int, settings: PriorSettings | None = None, stopwatch: Stopwatch | None = None
+    capture: Capture,
+    max_points: int,
+    settings: PriorSettings | None = None,
+    stopwatch: Stopwatch | None = None,
+    sweeper: Sweeper | None = None,
 ) -> PreparedCapture:
     """Build the geometry prior.
 
@@ -75,6 +79,7 @@ def build_prior(
         max_points: maximum size of the cloud.
         settings: None for the defaults.
         stopwatch: times the stages; None for a new one.
+        sweeper: computes depth maps; None for the CPU's.
 
     Raises:
         PocketGSError: a frame's camera has a lens.
@@ -95,12 +100,14 @@ def build_prior(
     with stopwatch.stage("keyframes"):
         decisions = select_keyframes(capture.train, seen, scale.distance, settings.keyframes)
         chosen = [index for index, decision in enumerate(decisions) if decision.kept]
-    cloud, coverage = _sparse_cloud(capture.train, structure), None
+    cloud, coverage, fallback = _sparse_cloud(capture.train, structure), None, None
     if settings.dense:
         with stopwatch.stage("depth"):
             keyframes = [capture.train[index] for index in chosen]
             points = [seen[index] for index in chosen]
-            keyframes, maps = depth_maps(keyframes, capture.train, points, scale.distance, settings.sweep)
+            keyframes, maps, fallback = depth_maps(
+                keyframes, capture.train, points, scale.distance, settings.sweep, sweeper or create_sweeper()
+            )
         with stopwatch.stage("fusion"):
             candidates = fuse(keyframes, maps, capture.train, settings.fusion)
             del maps
@@ -128,7 +135,7 @@ def build_prior(
         coverage=coverage.covered if coverage else None,
         coverage_known=coverage.known if coverage else None,
         guessed=coverage.guessed if coverage else 0,
-        warnings=(*hints, *exposure_hint(gains), *said),
+        warnings=(*hints, *exposure_hint(gains), *said, *([fallback] if fallback else [])),
     )
     return PreparedCapture.of(replace(capture, points=cloud), report)
 

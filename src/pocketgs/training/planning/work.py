@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from pocketgs.capture.listed import Outline
 from pocketgs.prior.depth_maps import sweep_pixels
 from pocketgs.prior.fuse import MAX_CANDIDATES
+from pocketgs.prior.sweep import SweepExtent
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.recipes import recipe_named
@@ -61,6 +63,13 @@ class Work:
     def sweep_pixels(self) -> int:
         """Pixels of a swept photograph."""
         return min(self.outline.pixels, sweep_pixels(self.keyframes))
+
+    @property
+    def sweep_extent(self) -> SweepExtent:
+        """The largest sweep."""
+        width, height = self.outline.largest
+        reduction = math.sqrt(self.sweep_pixels / (width * height))
+        return SweepExtent(math.ceil(width * reduction), math.ceil(height * reduction), self.options.source_views)
 
     @property
     def candidates(self) -> int:

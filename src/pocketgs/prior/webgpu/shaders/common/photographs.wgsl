@@ -1,0 +1,12 @@
+// A pixel of `photographs`: red, green and blue from the lowest byte on, and in the highest whether it counts.
+
+// Not masked.
+const MATCHED: u32 = 1u << 24u;
+// Neither masked nor transparent.
+const USABLE: u32 = 1u << 25u;
+
+// The grey level, in OpenCV's fixed point; black where it is masked, so that masked pixels have no influence.
+fn grey_of(pixel: u32) -> u32 {
+    let sum = 9798u * (pixel & 255u) + 19235u * ((pixel >> 8u) & 255u) + 3735u * ((pixel >> 16u) & 255u);
+    return select(0u, (sum + (1u << 14u)) >> 15u, (pixel & MATCHED) != 0u);
+}
