@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,6 +22,23 @@ MIN_POINTS, MAX_POINTS = 20, 200
 GRID = 5
 
 
+@dataclass(frozen=True, eq=False)
+class SweptKeyframes:
+    """Keyframes with their depth.
+
+    Attributes:
+        frames: the keyframes at the size of their sweeps.
+        maps: their depth maps.
+        device: that computed them, "cpu" or "webgpu".
+        warnings: for the user.
+    """
+
+    frames: list[Frame]
+    maps: list[DepthMap]
+    device: str
+    warnings: tuple[str, ...]
+
+
 def sweep_pixels(keyframes: int) -> int:
     """Maximum number of pixels to sweep per keyframe."""
     return min(MAX_PIXELS, MAX_SWEPT_PIXELS // max(keyframes, 1))
@@ -33,7 +51,7 @@ def depth_maps(
     distance: float,
     settings: SweepSettings,
     sweeper: Sweeper,
-) -> tuple[list[Frame], list[DepthMap], str | None]:
+) -> SweptKeyframes:
     """Compute the depth maps of all keyframes, one after the other.
 
     Args:
@@ -43,19 +61,16 @@ def depth_maps(
         distance: typical distance to the scene.
         settings: of the sweeps.
         sweeper: computes them; the CPU's takes its place where its device has too little memory.
-
-    Returns:
-        The keyframes at the size of their sweeps, their depth maps, and a warning or None.
     """
     most = sweep_pixels(len(keyframes))
     sized = {frame.name: at_sweep_size(frame, most) for frame in frames}
-    sweeper, warning = with_room(sweeper, _extent(sized.values(), settings))
+    sweeper, warnings = with_room(sweeper, _extent(sized.values(), settings))
     found = [
         _depth_map(sized[keyframe.name], list(sized.values()), seen, distance, settings, sweeper)
         for keyframe, seen in zip(keyframes, points, strict=True)
     ]
     sweeper.release()
-    return [sized[keyframe.name] for keyframe in keyframes], found, warning
+    return SweptKeyframes([sized[keyframe.name] for keyframe in keyframes], found, sweeper.name, warnings)
 
 
 def _extent(frames: Iterable[Frame], settings: SweepSettings) -> SweepExtent:

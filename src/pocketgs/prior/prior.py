@@ -100,17 +100,19 @@ def build_prior(
     with stopwatch.stage("keyframes"):
         decisions = select_keyframes(capture.train, seen, scale.distance, settings.keyframes)
         chosen = [index for index, decision in enumerate(decisions) if decision.kept]
-    cloud, coverage, fallback = _sparse_cloud(capture.train, structure), None, None
+    cloud, coverage = _sparse_cloud(capture.train, structure), None
+    swept_on: str | None = None
     if settings.dense:
         with stopwatch.stage("depth"):
             keyframes = [capture.train[index] for index in chosen]
             points = [seen[index] for index in chosen]
-            keyframes, maps, fallback = depth_maps(
+            swept = depth_maps(
                 keyframes, capture.train, points, scale.distance, settings.sweep, sweeper or create_sweeper()
             )
         with stopwatch.stage("fusion"):
-            candidates = fuse(keyframes, maps, capture.train, settings.fusion)
-            del maps
+            candidates = fuse(swept.frames, swept.maps, capture.train, settings.fusion)
+            swept_on, hints = swept.device, (*hints, *swept.warnings)
+            del swept
             fused = merged(candidates, max_points)
         with stopwatch.stage("coverage"):
             # The capture's own cloud is in the world of its original poses.
@@ -132,10 +134,11 @@ def build_prior(
         poses=found,
         gains=gains,
         points=len(cloud),
+        swept_on=swept_on,
         coverage=coverage.covered if coverage else None,
         coverage_known=coverage.known if coverage else None,
         guessed=coverage.guessed if coverage else 0,
-        warnings=(*hints, *exposure_hint(gains), *said, *([fallback] if fallback else [])),
+        warnings=(*hints, *exposure_hint(gains), *said),
     )
     return PreparedCapture.of(replace(capture, points=cloud), report)
 

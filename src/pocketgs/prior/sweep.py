@@ -146,8 +146,8 @@ def create_sweeper(device: Literal["cpu", "webgpu"] = "cpu", gpu: str | None = N
     return CpuSweeper()
 
 
-def with_room(sweeper: Sweeper, extent: SweepExtent) -> tuple[Sweeper, str | None]:
-    """The sweeper with its memory reserved, or the CPU's and a warning where the device has too little memory.
+def with_room(sweeper: Sweeper, extent: SweepExtent) -> tuple[Sweeper, tuple[str, ...]]:
+    """The sweeper with its memory reserved, or the CPU's where the device has too little memory; and warnings.
 
     Args:
         sweeper: to use.
@@ -157,8 +157,8 @@ def with_room(sweeper: Sweeper, extent: SweepExtent) -> tuple[Sweeper, str | Non
         sweeper.reserve(extent)
     except PocketGSError as error:
         sweeper.release()
-        return create_sweeper(), f"depth is computed on the CPU: {error}"
-    return sweeper, None
+        return create_sweeper(), (f"depth is computed on the CPU: {error}",)
+    return sweeper, ()
 
 
 def need_of(sweeper: Sweeper, extent: SweepExtent) -> MemoryNeed:

@@ -21,4 +21,7 @@ MOST_HYPOTHESES = LANE * PATH_THREADS
 MOST_BANDS = 4
 """Maximum number of bands of rows that a volume is divided into."""
 
+MATCHED, USABLE = 1 << 24, 1 << 25
+"""Bits of a photograph's pixel, above its three colours: it is not masked; it is neither masked nor transparent."""
+
 assert PATCH * PATCH == THREADS

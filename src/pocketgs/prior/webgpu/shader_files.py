@@ -24,7 +24,7 @@ SHADERS = ShaderLibrary(
     Path(__file__).parent / "shaders",
     {
         **{name: getattr(sweep_constants, name) for name in _SHARED},
-        **{name: getattr(layout, name) for name in ("PATCH", "CHUNK", "LANE", "PATH_THREADS")},
+        **{name: getattr(layout, name) for name in ("PATCH", "CHUNK", "LANE", "PATH_THREADS", "MATCHED", "USABLE")},
     },
 )
 """Link them with `SHADERS.link`."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
@@ -17,7 +16,7 @@ from pocketgs.gpu.executor import Executor
 from pocketgs.gpu.sizes import Symbols
 from pocketgs.prior.depth_range import MOST, DepthRange
 from pocketgs.prior.sweep import DepthMap, SweepExtent, SweepSettings, no_depth, step_of
-from pocketgs.prior.webgpu.images import packed, source_records
+from pocketgs.prior.webgpu.inputs import SweepInputs
 from pocketgs.prior.webgpu.layout import MOST_BANDS, MOST_HYPOTHESES
 from pocketgs.prior.webgpu.passes import SWEEP, describe
 from pocketgs.system.memory_need import MemoryNeed
@@ -85,30 +84,18 @@ class WebGpuSweeper:
             return no_depth(keyframe, search)
         if search.hypotheses > MOST_HYPOTHESES:
             raise PocketGSError(f"hypotheses: found {search.hypotheses}, expected at most {MOST_HYPOTHESES}")
-        photographs = packed([keyframe, *source_views])
-        inverse_depths = search.inverse_depths
-        height, width = keyframe.image.shape[:2]
-        given = {
-            "width": width,
-            "height": height,
-            "image_width": photographs.shape[2],
-            "image_height": photographs.shape[1],
-            "images": len(photographs),
-            "hypotheses": len(inverse_depths),
-            "paths": settings.paths,
-        }
-        self._make_room(given)
-        symbols = self.executor.description.symbols({**given, "bands": self._bands})
-        has_masks = any(frame.mask is not None for frame in source_views)
-        values = uniform_values(symbols, search, settings, has_masks)
-        records = source_records(keyframe.camera, [frame.camera for frame in source_views])
-        self.executor.write("photographs", photographs)
-        self.executor.write("sources", records)
-        self.executor.write("inverse_depths", inverse_depths)
-        self.executor.write_uniform("sweep", values)
+        inputs = SweepInputs.of(keyframe, source_views, search, settings)
+        self._make_room(inputs.given)
+        symbols = self.executor.description.symbols({**inputs.given, "bands": self._bands})
+        for name, content in inputs.buffers.items():
+            self.executor.write(name, content)
+        self.executor.write_uniform("sweep", inputs.uniform(symbols))
         self.executor.submit(SWEEP, symbols)
-        depth, margin = (self.executor.read(name, np.float32, width * height) for name in ("depths", "margins"))
-        return DepthMap(depth.reshape(height, width), margin.reshape(height, width), step_of(inverse_depths))
+        shape = keyframe.image.shape[:2]
+        depth, margin = (
+            self.executor.read(name, np.float32, symbols["pixels"]).reshape(shape) for name in ("depths", "margins")
+        )
+        return DepthMap(depth, margin, step_of(search.inverse_depths))
 
     def _make_room(self, given: Symbols) -> None:
         """Let every buffer be large enough, and keep those that are."""
@@ -152,28 +139,4 @@ def _symbols_of(extent: SweepExtent) -> dict[str, int]:
         "images": 1 + extent.source_views,
         "hypotheses": MOST,
         "paths": MAX_PATHS,
-    }
-
-
-def uniform_values(
-    symbols: Symbols, search: DepthRange, settings: SweepSettings, has_masks: bool
-) -> Mapping[str, ArrayLike]:
-    """The fields of the uniform buffer `sweep`.
-
-    Args:
-        symbols: from `Description.symbols`.
-        search: the depths to test.
-        settings: of the sweep.
-        has_masks: whether source views have masks.
-    """
-    inverse_depths = search.inverse_depths
-    same = ("width", "height", "image_width", "image_height", "hypotheses", "lanes", "bands", "band_rows", "paths")
-    return {
-        **{name: symbols[name] for name in same},
-        "sources": symbols["images"] - 1,
-        "small_step": settings.small_step,
-        "large_step": settings.large_step,
-        "is_bounded": int(np.isfinite(search.farthest)),
-        "has_masks": int(has_masks),
-        "step": inverse_depths[1] - inverse_depths[0],
     }

@@ -1,9 +1,4 @@
-// A pixel of `photographs`: red, green and blue from the lowest byte on, and in the highest whether it counts.
-
-// Not masked.
-const MATCHED: u32 = 1u << 24u;
-// Neither masked nor transparent.
-const USABLE: u32 = 1u << 25u;
+// A pixel of `photographs`: red, green and blue from the lowest byte on, and above them the bits MATCHED and USABLE.
 
 // The grey level, in OpenCV's fixed point; black where it is masked, so that masked pixels have no influence.
 fn grey_of(pixel: u32) -> u32 {
