@@ -26,9 +26,10 @@ struct Reached {
 }
 
 // The least L of each lane, and those at its ends; of the latest pixel, and of the one before, in turn.
-var<workgroup> least_of_lane: array<i32, 2u * PATH_THREADS>;
-var<workgroup> first_of_lane: array<i32, 2u * PATH_THREADS>;
-var<workgroup> last_of_lane: array<i32, 2u * PATH_THREADS>;
+const TOLD: u32 = 2u * PATH_THREADS;
+var<workgroup> least_of_lane: array<i32, TOLD>;
+var<workgroup> first_of_lane: array<i32, TOLD>;
+var<workgroup> last_of_lane: array<i32, TOLD>;
 
 fn tell(reached: Reached, place: u32) {
     let lesser = min(reached.low, reached.high);
