@@ -24,10 +24,10 @@ from pocketgs.gpu.adapters import choose_adapter
 from pocketgs.gpu.device import shared_device
 from pocketgs.prior.cpu.matching_cost import matching_costs
 from pocketgs.prior.cpu.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners
-from pocketgs.prior.cpu.sweeper import as_source_views, grey_levels, smoothed
+from pocketgs.prior.cpu.stereo import as_source_views, grey_levels, smoothed
 from pocketgs.prior.depth_range import DepthRange
 from pocketgs.prior.sweep import SweepSettings
-from pocketgs.prior.webgpu.sweeper import WebGpuSweeper
+from pocketgs.prior.webgpu.stereo import WebGpuStereo
 from webgpu_roofline import measure_roofline
 
 SIZES = ((120, 90), (240, 180))
@@ -80,8 +80,8 @@ def main(
     for size in [(width, height)] if width and height else SIZES:
         frames = true_capture(*size, frames=6, points=10).train
         search = DepthRange(1.2, 12.0, hypotheses)
-        sweeper = WebGpuSweeper(gpu)
-        on_gpu = gpu_times(sweeper, frames, search, settings, repeats)
+        stereo = WebGpuStereo(gpu)
+        on_gpu = gpu_times(stereo, frames, search, settings, repeats)
         on_cpu = cpu_times(frames, search, settings, repeats)
         moved = bytes_moved(size, len(frames) - 1, hypotheses, paths)
         title = f"{size[0]}x{size[1]}, {hypotheses} hypotheses, {len(frames) - 1} source views, {paths} paths"
@@ -94,19 +94,19 @@ def main(
             table.add_row(name, cpu, f"{1e3 * seconds:.2f}", ratio, megabytes, f"{share / seconds:.1%}")
         sums = [sum(map(times.median, times.values)) for times in (on_cpu, on_gpu)]
         table.add_row("all", f"{sums[0]:.2f}", f"{sums[1]:.2f}", f"{sums[0] / sums[1]:.2f}", "", "")
-        held = sum(sweeper.executor.sizes().values()) / 1e6
+        held = sum(stereo.sweeping.sizes().values()) / 1e6
         console.print(table, f"{held:.1f} MB of buffers", sep="\n")
 
 
 def gpu_times(
-    sweeper: WebGpuSweeper, frames: Sequence[Frame], search: DepthRange, settings: SweepSettings, repeats: int
+    stereo: WebGpuStereo, frames: Sequence[Frame], search: DepthRange, settings: SweepSettings, repeats: int
 ) -> Milliseconds:
     """Times of the passes, all paths together."""
-    sweeper.sweep(frames[0], frames[1:], search, settings)
+    stereo.sweep(frames[0], frames[1:], search, settings)
     times = Milliseconds()
     for _ in range(repeats):
-        with sweeper.executor.timed() as measured:
-            sweeper.sweep(frames[0], frames[1:], search, settings)
+        with stereo.sweeping.timed() as measured:
+            stereo.sweep(frames[0], frames[1:], search, settings)
         for name in PASSES:
             together = [sum(found) for each, found in measured.milliseconds.items() if each.startswith(name)]
             times.values[name].append(sum(together))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +11,8 @@ from pocketgs.capture.capture import Frame
 from pocketgs.prior.depth_range import depths_of, narrowed, small_copy, wide_range
 from pocketgs.prior.sensor_depth import SURE_MARGIN, completed
 from pocketgs.prior.source_views import choose_source_views
-from pocketgs.prior.sweep import MAX_PIXELS, DepthMap, Sweeper, SweepExtent, SweepSettings, at_sweep_size, with_room
+from pocketgs.prior.stereo import Stereo, StereoExtent
+from pocketgs.prior.sweep import MAX_PIXELS, DepthMap, SweepSettings, at_sweep_size
 
 MAX_SWEPT_PIXELS = 16_000_000
 """Pixels of all keyframes together: with more keyframes, each is swept at a smaller size, which bounds the time."""
@@ -22,26 +23,23 @@ MIN_POINTS, MAX_POINTS = 20, 200
 GRID = 5
 
 
-@dataclass(frozen=True, eq=False)
-class SweptKeyframes:
-    """Keyframes with their depth.
-
-    Attributes:
-        frames: the keyframes at the size of their sweeps.
-        maps: their depth maps.
-        device: that computed them, "cpu" or "webgpu".
-        warnings: for the user.
-    """
-
-    frames: list[Frame]
-    maps: list[DepthMap]
-    device: str
-    warnings: tuple[str, ...]
-
-
 def sweep_pixels(keyframes: int) -> int:
     """Maximum number of pixels to sweep per keyframe."""
     return min(MAX_PIXELS, MAX_SWEPT_PIXELS // max(keyframes, 1))
+
+
+def stereo_extent(sizes: Iterable[tuple[int, int]], keyframes: int, settings: SweepSettings) -> StereoExtent:
+    """What the depth maps of a capture will ask for.
+
+    Args:
+        sizes: width and height of the frames.
+        keyframes: their number.
+        settings: of the sweeps.
+    """
+    width, height = max(sizes, key=lambda size: size[0] * size[1])
+    reduction = min(1.0, math.sqrt(sweep_pixels(keyframes) / (width * height)))
+    width, height = math.ceil(width * reduction), math.ceil(height * reduction)
+    return StereoExtent(width, height, settings.source_views, keyframes)
 
 
 def depth_maps(
@@ -50,8 +48,8 @@ def depth_maps(
     points: Sequence[np.ndarray],
     distance: float,
     settings: SweepSettings,
-    sweeper: Sweeper,
-) -> SweptKeyframes:
+    stereo: Stereo,
+) -> tuple[list[Frame], list[DepthMap]]:
     """Compute the depth maps of all keyframes, one after the other.
 
     Args:
@@ -60,23 +58,18 @@ def depth_maps(
         points: for each keyframe, (N, 3) the sparse points that it sees.
         distance: typical distance to the scene.
         settings: of the sweeps.
-        sweeper: computes them; the CPU's takes its place where its device has too little memory.
+        stereo: computes them.
+
+    Returns:
+        The keyframes at the size of their sweeps, and their depth maps.
     """
     most = sweep_pixels(len(keyframes))
     sized = {frame.name: at_sweep_size(frame, most) for frame in frames}
-    sweeper, warnings = with_room(sweeper, _extent(sized.values(), settings))
     found = [
-        _depth_map(sized[keyframe.name], list(sized.values()), seen, distance, settings, sweeper)
+        _depth_map(sized[keyframe.name], list(sized.values()), seen, distance, settings, stereo)
         for keyframe, seen in zip(keyframes, points, strict=True)
     ]
-    sweeper.release()
-    return SweptKeyframes([sized[keyframe.name] for keyframe in keyframes], found, sweeper.name, warnings)
-
-
-def _extent(frames: Iterable[Frame], settings: SweepSettings) -> SweepExtent:
-    """The sweep of the frame with the most pixels."""
-    largest = max((frame.camera for frame in frames), key=lambda camera: camera.width * camera.height)
-    return SweepExtent(largest.width, largest.height, settings.source_views)
+    return [sized[keyframe.name] for keyframe in keyframes], found
 
 
 def _depth_map(
@@ -85,14 +78,14 @@ def _depth_map(
     points: np.ndarray,
     distance: float,
     settings: SweepSettings,
-    sweeper: Sweeper,
+    stereo: Stereo,
 ) -> DepthMap:
     source_views = choose_source_views(keyframe, frames, _representative(keyframe, points, distance), settings)
     wide = wide_range(keyframe, points, distance)
-    first = sweeper.sweep(small_copy(keyframe), [small_copy(frame) for frame in source_views], wide, settings)
+    first = stereo.sweep(small_copy(keyframe), [small_copy(frame) for frame in source_views], wide, settings)
     sure = first.depth[(first.depth > 0) & (first.margin >= SURE_MARGIN)]
     search = narrowed(wide, np.concatenate([sure, depths_of(keyframe, points)]), keyframe, source_views)
-    return completed(sweeper.sweep(keyframe, source_views, search, settings), keyframe)
+    return completed(stereo.sweep(keyframe, source_views, search, settings), keyframe)
 
 
 def _representative(keyframe: Frame, points: np.ndarray, distance: float) -> np.ndarray:

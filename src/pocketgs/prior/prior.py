@@ -13,15 +13,16 @@ from pocketgs.capture.pinhole_copy import has_lenses
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.advice import exposure_hint, nothing_found, photograph_hints, poses_hint
 from pocketgs.prior.complete import completion, joined
-from pocketgs.prior.depth_maps import depth_maps
+from pocketgs.prior.depth_maps import depth_maps, stereo_extent
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
 from pocketgs.prior.fuse import FusionSettings, fuse
 from pocketgs.prior.keyframes import KeyframeSettings, select_keyframes
 from pocketgs.prior.merge import merged
 from pocketgs.prior.report import Poses, PriorReport
 from pocketgs.prior.scale import Scale, estimate_scale
+from pocketgs.prior.stereo import Stereo, create_stereo, with_room
 from pocketgs.prior.structure import Structure, StructureSettings, build_structure
-from pocketgs.prior.sweep import Sweeper, SweepSettings, create_sweeper
+from pocketgs.prior.sweep import SweepSettings
 from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.system.stopwatch import Stopwatch
 
@@ -68,7 +69,7 @@ def build_prior(
     max_points: int,
     settings: PriorSettings | None = None,
     stopwatch: Stopwatch | None = None,
-    sweeper: Sweeper | None = None,
+    stereo: Stereo | None = None,
 ) -> PreparedCapture:
     """Build the geometry prior.
 
@@ -79,7 +80,7 @@ def build_prior(
         max_points: maximum size of the cloud.
         settings: None for the defaults.
         stopwatch: times the stages; None for a new one.
-        sweeper: computes depth maps; None for the CPU's.
+        stereo: computes depth; None for the CPU.
 
     Raises:
         PocketGSError: a frame's camera has a lens.
@@ -106,13 +107,15 @@ def build_prior(
         with stopwatch.stage("depth"):
             keyframes = [capture.train[index] for index in chosen]
             points = [seen[index] for index in chosen]
-            swept = depth_maps(
-                keyframes, capture.train, points, scale.distance, settings.sweep, sweeper or create_sweeper()
-            )
+            sizes = [(frame.camera.width, frame.camera.height) for frame in capture.train]
+            extent = stereo_extent(sizes, len(chosen), settings.sweep)
+            stereo, warnings = with_room(stereo or create_stereo(), extent)
+            swept_on, hints = stereo.name, (*hints, *warnings)
+            keyframes, maps = depth_maps(keyframes, capture.train, points, scale.distance, settings.sweep, stereo)
         with stopwatch.stage("fusion"):
-            candidates = fuse(swept.frames, swept.maps, capture.train, settings.fusion)
-            swept_on, hints = swept.device, (*hints, *swept.warnings)
-            del swept
+            candidates = fuse(keyframes, maps, capture.train, settings.fusion, stereo)
+            stereo.release()
+            del maps
             fused = merged(candidates, max_points)
         with stopwatch.stage("coverage"):
             # The capture's own cloud is in the world of its original poses.

@@ -13,12 +13,12 @@ from pocketgs.capture.capture import Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.prior.cpu.matching_cost import matching_costs, squares_of
 from pocketgs.prior.cpu.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners
-from pocketgs.prior.cpu.sweeper import CpuSweeper, as_source_views, grey_levels, smoothed
+from pocketgs.prior.cpu.stereo import CpuStereo, as_source_views, grey_levels, smoothed
 from pocketgs.prior.depth_range import DepthRange
 from pocketgs.prior.sweep import DepthMap, SweepSettings
 from pocketgs.prior.sweep_constants import BITS
 from pocketgs.prior.webgpu.layout import LANE
-from pocketgs.prior.webgpu.sweeper import WebGpuSweeper
+from pocketgs.prior.webgpu.stereo import WebGpuStereo
 
 pytestmark = pytest.mark.usefixtures("adapter")
 
@@ -37,9 +37,9 @@ class Case:
 
 
 @cache
-def sweeper() -> WebGpuSweeper:
+def stereo() -> WebGpuStereo:
     """Its pipelines are compiled once for all tests."""
-    return WebGpuSweeper()
+    return WebGpuStereo()
 
 
 @cache
@@ -105,17 +105,17 @@ def volume(name: str, dtype: type[np.generic], case: Case) -> np.ndarray:
     """(H, W, D) a volume that the last sweep has left in one band."""
     rows, columns, hypotheses = shape_of(case)
     padded = -(-hypotheses // LANE) * LANE
-    content = sweeper().executor.read(name, dtype, rows * columns * padded)
+    content = stereo().sweeping.read(name, dtype, rows * columns * padded)
     return np.ascontiguousarray(content.reshape(rows, columns, padded)[..., :hypotheses])
 
 
 def image(name: str, case: Case) -> np.ndarray:
     rows, columns, _ = shape_of(case)
-    return sweeper().executor.read(name, np.float32, rows * columns).reshape(rows, columns)
+    return stereo().sweeping.read(name, np.float32, rows * columns).reshape(rows, columns)
 
 
 def swept(case: Case) -> DepthMap:
-    return sweeper().sweep(case.keyframe, case.source_views, case.search, case.settings)
+    return stereo().sweep(case.keyframe, case.source_views, case.search, case.settings)
 
 
 def test_squares_are_those_of_the_greyscale_images() -> None:
@@ -123,7 +123,7 @@ def test_squares_are_those_of_the_greyscale_images() -> None:
     swept(case)
     height, width = (max(frame.image.shape[side] for frame in case.source_views) for side in (0, 1))
     count = len(case.source_views)
-    found = sweeper().executor.read("squares", np.uint32, count * height * width).reshape(count, height, width)
+    found = stereo().sweeping.read("squares", np.uint32, count * height * width).reshape(count, height, width)
     for squares, frame in zip(found, case.source_views, strict=True):
         rows, columns = frame.image.shape[:2]
         np.testing.assert_array_equal(squares[:rows, :columns], squares_of(grey_levels(frame)))
@@ -179,7 +179,7 @@ def test_smoothing(name: str) -> None:
 def test_the_depth_map_is_the_cpus(name: str) -> None:
     case = cases()[name]
     found = swept(case)
-    expected = CpuSweeper().sweep(case.keyframe, case.source_views, case.search, case.settings)
+    expected = CpuStereo().sweep(case.keyframe, case.source_views, case.search, case.settings)
     assert found.step == expected.step
     assert found.depth.dtype == found.margin.dtype == np.float32
     assert np.mean((found.depth > 0) != (expected.depth > 0)) < 0.005
@@ -192,7 +192,7 @@ def test_the_depth_map_is_the_cpus(name: str) -> None:
 
 def test_without_source_views_no_depth_is_known() -> None:
     case = cases()["usual"]
-    found = sweeper().sweep(case.keyframe, [], case.search, case.settings)
+    found = stereo().sweep(case.keyframe, [], case.search, case.settings)
     assert found.depth.shape == found.margin.shape == (42, 57)
     assert not found.depth.any()
     assert not found.margin.any()

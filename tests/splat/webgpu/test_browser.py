@@ -23,8 +23,8 @@ from pocketgs.gpu.adapters import Adapter
 from pocketgs.gpu.sizes import evaluate
 from pocketgs.prior.depth_range import DepthRange
 from pocketgs.prior.sweep import SweepSettings
-from pocketgs.prior.webgpu.inputs import SweepInputs
-from pocketgs.prior.webgpu.sweeper import WebGpuSweeper
+from pocketgs.prior.webgpu.stereo import WebGpuStereo
+from pocketgs.prior.webgpu.sweep_inputs import SweepInputs
 from pocketgs.scene.gaussians import SH_DC, Gaussians
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.near_plane import near_plane
@@ -201,9 +201,9 @@ def test_same_steps(replayed: dict[str, Any], variant: Variant, engine: WebGpuEn
 def test_same_sweep(page: Page) -> None:
     """The prior's passes, of which the browser is only given data."""
     key, *others = true_capture(40, 30, frames=4, points=10).train
-    search, settings, sweeper = DepthRange(1.5, np.inf, 33), SweepSettings(), WebGpuSweeper()
-    expected = sweeper.sweep(key, others, search, settings)
-    inputs, description = SweepInputs.of(key, others, search, settings), sweeper.executor.description
+    search, settings, stereo = DepthRange(1.5, np.inf, 33), SweepSettings(), WebGpuStereo()
+    expected = stereo.sweep(key, others, search, settings)
+    inputs, description = SweepInputs.of(key, others, search, settings), stereo.sweeping.description
     given = {**inputs.given, "bands": 1}
     of_words = {name for name, content in inputs.buffers.items() if content.dtype == np.uint32}
     contents = {name: content.reshape(-1) for name, content in inputs.buffers.items()}

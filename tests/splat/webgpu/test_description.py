@@ -29,7 +29,8 @@ RENDERING = [Variant(appearance="points"), Variant(appearance="discs")]
 DESCRIPTIONS = {str(variant): describe(variant) for variant in TRAINING}
 DESCRIPTIONS |= {str(variant): describe(variant, training=False) for variant in RENDERING}
 DESCRIPTIONS |= {f"rasterizer {subgroups}": describe_rasterizer(subgroups) for subgroups in (False, True)}
-DESCRIPTIONS |= {"rasterizer sum": describe_rasterizer(False, "sum"), "sweep": prior.describe()}
+DESCRIPTIONS |= {"rasterizer sum": describe_rasterizer(False, "sum"), "sweep": prior.describe_sweep()}
+DESCRIPTIONS |= {"comparison": prior.describe_comparison()}
 CASE = {
     "gaussians": 1000,
     "capacity": 1000,
@@ -53,6 +54,7 @@ CASE = {
     "hypotheses": 192,
     "paths": 8,
     "bands": 4,
+    "views": 20,
 }
 
 

@@ -1,4 +1,4 @@
-"""The passes of a plane sweep, in their order."""
+"""The passes of a plane sweep, and of the comparison of depth maps."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from pocketgs.gpu.workgroups import THREADS
 from pocketgs.prior.webgpu.layout import CHUNK, LANE, MOST_BANDS, PATCH, PATH_THREADS
 from pocketgs.prior.webgpu.shader_files import SHADERS
 
-SWEEP = "sweep"
-"""Name of the sequence."""
+SWEEP, COMPARE = "sweep", "compare"
+"""Names of the sequences."""
 
 DEFINITIONS = {
     "image_pixels": "image_width * image_height",
@@ -40,6 +40,9 @@ _WAYS = {
 
 
 _BANDS = range(MOST_BANDS)
+
+RECORD_BYTES = 80
+"""Of a view in the comparison of depth maps: see `agreement.wgsl`."""
 
 
 def _buffers() -> dict[str, str]:
@@ -83,7 +86,7 @@ def _aggregate(way: str) -> Iterator[Pass]:
 
 
 @cache
-def describe() -> Description:
+def describe_sweep() -> Description:
     """Describe a sweep.
 
     The numbers that the expressions are computed from: width and height of the view; image_width and image_height, what
@@ -120,3 +123,23 @@ def describe() -> Description:
     shaders = {name: SHADERS.link(name, {}) for name in dict.fromkeys(one.shader for one in passes)}
     uniforms = {"sweep": UniformLayout.of("Sweep", shaders["squares"].source)}
     return Description({}, DEFINITIONS, _buffers(), uniforms, shaders, {SWEEP: Sequence((), tuple(passes))})
+
+
+@cache
+def describe_comparison() -> Description:
+    """Describe the comparison of one view's depths with the other views'.
+
+    The numbers that the expressions are computed from: width and height of the view; image_width and image_height, what
+    all depth maps are padded to; and views, their number.
+    """
+    definitions = {"image_pixels": "image_width * image_height", "pixels": "width * height"}
+    buffers = {
+        "maps": "4 * image_pixels * views",
+        "others": f"{RECORD_BYTES} * views",
+        "votes": "4 * pixels",
+        "footprints": "4 * pixels",
+    }
+    shader = SHADERS.link("agreement", {})
+    passes = (Pass("agreement", shader.name, f"ceil_div(pixels, {THREADS})"),)
+    uniforms = {"comparison": UniformLayout.of("Comparison", shader.source)}
+    return Description({}, definitions, buffers, uniforms, {shader.name: shader}, {COMPARE: Sequence((), passes)})

@@ -12,7 +12,8 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.depth_range import DepthRange
-from pocketgs.prior.sweep import Sweeper, SweepSettings, create_sweeper
+from pocketgs.prior.stereo import Stereo, create_stereo
+from pocketgs.prior.sweep import SweepSettings
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.settings import LearningRates, StepSettings
@@ -43,12 +44,12 @@ class Speed:
     training: float
 
 
-def measure_speed(engine: Engine, sweeper: Sweeper, threads: int, with_prior: bool) -> Speed:
+def measure_speed(engine: Engine, stereo: Stereo, threads: int, with_prior: bool) -> Speed:
     """Time this machine, which takes a few tenths of a second once kernels are compiled.
 
     Args:
         engine: an engine whose scene may be overwritten.
-        sweeper: computes depth maps.
+        stereo: computes depth maps.
         threads: CPU threads.
         with_prior: whether to time the prior too; otherwise the engine's speed is used for both.
     """
@@ -58,9 +59,9 @@ def measure_speed(engine: Engine, sweeper: Sweeper, threads: int, with_prior: bo
     training = _step_seconds(engine, frames[0], rng) / STEP_SECONDS
     if not with_prior:
         return Speed(training, training, training)
-    prior = _sweep_seconds(create_sweeper(), frames) / SWEEP_SECONDS
-    sweeps = prior if sweeper.name == "cpu" else _sweep_seconds(sweeper, frames) / SWEEP_SECONDS
-    sweeper.release()
+    prior = _sweep_seconds(create_stereo(), frames) / SWEEP_SECONDS
+    sweeps = prior if stereo.name == "cpu" else _sweep_seconds(stereo, frames) / SWEEP_SECONDS
+    stereo.release()
     return Speed(prior, sweeps, training)
 
 
@@ -71,10 +72,10 @@ def _frame(rng: np.random.Generator, index: int) -> Frame:
     return Frame(str(index), camera, rng.integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8))
 
 
-def _sweep_seconds(sweeper: Sweeper, frames: list[Frame]) -> float:
+def _sweep_seconds(stereo: Stereo, frames: list[Frame]) -> float:
     """Seconds of one sweep with two source views."""
     search = DepthRange(DISTANCE / 2, DISTANCE * 2, HYPOTHESES)
-    return _least_seconds(lambda: sweeper.sweep(frames[0], frames[1:], search, SweepSettings()))
+    return _least_seconds(lambda: stereo.sweep(frames[0], frames[1:], search, SweepSettings()))
 
 
 def _least_seconds(work: Callable[[], object]) -> float:

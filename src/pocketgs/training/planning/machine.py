@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from pocketgs.prior.sweep import Sweeper, SweepExtent, need_of
+from pocketgs.prior.stereo import Stereo, StereoExtent, StereoNeed, need_of
 from pocketgs.splat.engine import Engine
 from pocketgs.system.compile import is_compiled
 from pocketgs.system.cores import kernel_threads, usable_cores
@@ -25,7 +25,7 @@ class Machine:
         resident: resident memory of the process in bytes.
         compiles: whether kernels must still be compiled.
         memory_needed: the engine's memory, see `Engine.memory_needed`.
-        sweep_needed: the memory of sweeps, see `Sweeper.memory_needed`.
+        stereo_needed: the memory of depth, see `Stereo.memory_needed`.
         speed: relative speed; None if time is not bounded.
         elapsed: seconds since the command began.
     """
@@ -35,17 +35,17 @@ class Machine:
     resident: int
     compiles: bool
     memory_needed: Callable[[int, int, Sequence[tuple[int, int]]], MemoryNeed]
-    sweep_needed: Callable[[SweepExtent], MemoryNeed]
+    stereo_needed: Callable[[StereoExtent], StereoNeed]
     speed: Speed | None = None
     elapsed: float = 0.0
 
 
-def this_machine(engine: Engine, sweeper: Sweeper, options: SizedOptions) -> Machine:
+def this_machine(engine: Engine, stereo: Stereo, options: SizedOptions) -> Machine:
     """Describe this machine; its speed is measured only if time is bounded."""
     rooms = ["splat.cpu"] if engine.name == "cpu" else []
     if options.prior != "none":
         rooms.append("prior")
-    if options.prior == "dense" and sweeper.name == "cpu":
+    if options.prior == "dense" and stereo.name == "cpu":
         rooms.append("prior.cpu")
     return Machine(
         threads=kernel_threads(options.threads),
@@ -53,5 +53,5 @@ def this_machine(engine: Engine, sweeper: Sweeper, options: SizedOptions) -> Mac
         resident=resident_bytes(),
         compiles=not all(map(is_compiled, rooms)),
         memory_needed=engine.memory_needed,
-        sweep_needed=lambda extent: need_of(sweeper, extent),
+        stereo_needed=lambda extent: need_of(stereo, extent),
     )

@@ -7,6 +7,7 @@ whole runs. They are upper bounds: in a capture without texture, for example, fu
 from __future__ import annotations
 
 from pocketgs.capture.loading import MAX_WORKERS
+from pocketgs.prior.stereo import StereoNeed
 from pocketgs.prior.volume import DEPTHS, KEPT
 from pocketgs.system.memory_need import MemoryNeed
 from pocketgs.training.planning.work import Work
@@ -53,14 +54,14 @@ COMPARED_PIXEL = 240
 
 
 def stage_bytes(
-    work: Work, engine: MemoryNeed, sweeps: MemoryNeed, resident: int, compiles: bool, readers: int
+    work: Work, engine: MemoryNeed, stereo: StereoNeed, resident: int, compiles: bool, readers: int
 ) -> dict[str, int]:
     """Resident memory by stage in bytes, including what earlier stages have left.
 
     Args:
         work: the run.
         engine: memory that the engine will use.
-        sweeps: memory that sweeps will use.
+        stereo: memory that depth will use.
         resident: current resident memory of the process.
         compiles: whether kernels must still be compiled.
         readers: threads that decode photographs.
@@ -80,8 +81,8 @@ def stage_bytes(
     if work.has_depth:
         copies = _sweep_copies(work)
         maps = work.keyframes * MAP_PIXEL * work.sweep_pixels
-        stages["depth"] = held + copies + maps + sweeps.process + KERNELS
-        stages["fusion"] = held + copies + maps + CANDIDATE * work.candidates + KERNELS // 2
+        stages["depth"] = held + copies + maps + stereo.sweeping.process + KERNELS
+        stages["fusion"] = held + copies + maps + CANDIDATE * work.candidates + stereo.comparing.process + KERNELS // 2
     else:
         rays = int(work.gaussians / KEPT) // len(outline.training) + 1
         stages["points"] = held + rays * DEPTHS * RAY_DEPTH

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from pocketgs.capture.listed import Outline
-from pocketgs.prior.depth_maps import sweep_pixels
+from pocketgs.prior.depth_maps import stereo_extent, sweep_pixels
 from pocketgs.prior.fuse import MAX_CANDIDATES
-from pocketgs.prior.sweep import SweepExtent
+from pocketgs.prior.stereo import StereoExtent
+from pocketgs.prior.sweep import SweepSettings
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.recipes import recipe_named
@@ -65,11 +65,10 @@ class Work:
         return min(self.outline.pixels, sweep_pixels(self.keyframes))
 
     @property
-    def sweep_extent(self) -> SweepExtent:
-        """The largest sweep."""
-        width, height = self.outline.largest
-        reduction = math.sqrt(self.sweep_pixels / (width * height))
-        return SweepExtent(math.ceil(width * reduction), math.ceil(height * reduction), self.options.source_views)
+    def stereo_extent(self) -> StereoExtent:
+        """What depth maps will ask for."""
+        settings = SweepSettings(source_views=self.options.source_views)
+        return stereo_extent([self.outline.largest], self.keyframes, settings)
 
     @property
     def candidates(self) -> int:

@@ -33,7 +33,7 @@ class SweepInputs:
 
     @staticmethod
     def of(keyframe: Frame, source_views: Sequence[Frame], search: DepthRange, settings: SweepSettings) -> SweepInputs:
-        """The inputs of a keyframe's sweep; see `pocketgs.prior.sweep.Sweeper.sweep`."""
+        """The inputs of a keyframe's sweep; see `pocketgs.prior.sweep.Stereo.sweep`."""
         photographs = packed([keyframe, *source_views])
         inverse_depths = search.inverse_depths
         images, image_height, image_width = photographs.shape

@@ -1,8 +1,8 @@
-"""The plane sweep on the CPU."""
+"""Stereo on the CPU."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Literal
 
 import cv2
@@ -10,11 +10,14 @@ import numpy as np
 
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
+from pocketgs.prior.consistency import Agreement, Views
+from pocketgs.prior.cpu.consistency import compare_depths
 from pocketgs.prior.cpu.matching_cost import ALL_USABLE, SourceViews, matching_costs, squares_of
 from pocketgs.prior.cpu.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners
 from pocketgs.prior.depth_range import MOST, DepthRange
 from pocketgs.prior.source_views import mapping
-from pocketgs.prior.sweep import DepthMap, SweepExtent, SweepSettings, no_depth, step_of
+from pocketgs.prior.stereo import StereoExtent, StereoNeed
+from pocketgs.prior.sweep import DepthMap, SweepSettings, no_depth, step_of
 from pocketgs.prior.sweep_constants import BITS, SMOOTHING_STEPS, SMOOTHING_WIDTH, SMOOTHING_WINDOW
 from pocketgs.system.memory_need import MemoryNeed
 
@@ -23,17 +26,17 @@ HYPOTHESIS_BYTES, PIXEL_BYTES, SOURCE_BYTES = 3, 40, 4
 views."""
 
 
-class CpuSweeper:
-    """See `pocketgs.prior.sweep.Sweeper`."""
+class CpuStereo:
+    """See `pocketgs.prior.stereo.Stereo`."""
 
     name: Literal["cpu", "webgpu"] = "cpu"
 
-    def memory_needed(self, extent: SweepExtent) -> MemoryNeed:
-        """Of this process alone."""
+    def memory_needed(self, extent: StereoExtent) -> StereoNeed:
+        """Of this process alone; comparisons take next to none."""
         by_pixel = HYPOTHESIS_BYTES * MOST + PIXEL_BYTES + SOURCE_BYTES * extent.source_views
-        return MemoryNeed(extent.pixels * by_pixel)
+        return StereoNeed(MemoryNeed(extent.pixels * by_pixel), MemoryNeed(0))
 
-    def reserve(self, extent: SweepExtent) -> None:
+    def reserve(self, extent: StereoExtent) -> None:
         """Nothing to do: each sweep takes what it needs."""
 
     def release(self) -> None:
@@ -58,6 +61,11 @@ class CpuSweeper:
             depth[~keyframe.usable] = 0
         step = step_of(inverse_depths)
         return DepthMap(smoothed(depth, step), margin, step)
+
+    def compare(self, views: Views, tolerance: float) -> Iterator[Agreement]:
+        """Compare the depths of each view with the other views' depths."""
+        for view in range(len(views.depths)):
+            yield Agreement(*compare_depths(views, view, tolerance))
 
 
 def smoothed(depth: np.ndarray, spacing: float) -> np.ndarray:
