@@ -1,4 +1,4 @@
-"""One plane sweep of the WebGPU passes beside the CPU's kernels: time by pass, their ratio, bytes moved at least.
+"""Depth by the WebGPU passes beside the CPU's kernels: time by pass, their ratio, bytes moved at least.
 
     python bench/webgpu_sweep.py                        # views of the demo's room in two sizes
     python bench/webgpu_sweep.py --width 730 --height 547 --hypotheses 192      # the largest sweep of a run
@@ -22,17 +22,25 @@ from pocketgs.capture.capture import Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.gpu.adapters import choose_adapter
 from pocketgs.gpu.device import shared_device
+from pocketgs.prior.consistency import Views
 from pocketgs.prior.cpu.matching_cost import matching_costs
 from pocketgs.prior.cpu.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners
-from pocketgs.prior.cpu.stereo import as_source_views, grey_levels, smoothed
+from pocketgs.prior.cpu.stereo import CpuStereo, as_source_views, grey_levels, smoothed
 from pocketgs.prior.depth_range import DepthRange
-from pocketgs.prior.sweep import SweepSettings
+from pocketgs.prior.fuse import views_of
+from pocketgs.prior.sweep import DepthMap, SweepSettings
 from pocketgs.prior.webgpu.stereo import WebGpuStereo
 from webgpu_roofline import measure_roofline
 
+TOLERANCE = 0.005
+"""Of depths that agree."""
+
 SIZES = ((120, 90), (240, 180))
 
-PASSES = ("squares", "matching costs", "aggregate", "winners", "smooth")
+SWEPT = ("squares", "matching costs", "aggregate", "winners", "smooth")
+COMPARED = "agreement"
+NAMES = {COMPARED: "agreement, one view"}
+"""The passes of a sweep, and the one that compares a view's depths with all others'."""
 
 
 @dataclass
@@ -86,16 +94,19 @@ def main(
         moved = bytes_moved(size, len(frames) - 1, hypotheses, paths)
         title = f"{size[0]}x{size[1]}, {hypotheses} hypotheses, {len(frames) - 1} source views, {paths} paths"
         table = Table("pass", "CPU (ms)", "WebGPU (ms)", "CPU / WebGPU", "MB at least", "share of a copy", title=title)
-        for name in PASSES:
+        for name in (*SWEPT, COMPARED):
             seconds, share = on_gpu.median(name) / 1e3, moved[name] / roofline.bytes_per_second
             cpu = f"{on_cpu.median(name):.2f}" if name in on_cpu.values else "-"
             ratio = f"{on_cpu.median(name) / on_gpu.median(name):.2f}" if name in on_cpu.values else "-"
             megabytes = f"{moved[name] / 1e6:.1f}"
-            table.add_row(name, cpu, f"{1e3 * seconds:.2f}", ratio, megabytes, f"{share / seconds:.1%}")
+            table.add_row(
+                NAMES.get(name, name), cpu, f"{1e3 * seconds:.2f}", ratio, megabytes, f"{share / seconds:.1%}"
+            )
         sums = [sum(map(times.median, times.values)) for times in (on_cpu, on_gpu)]
         table.add_row("all", f"{sums[0]:.2f}", f"{sums[1]:.2f}", f"{sums[0] / sums[1]:.2f}", "", "")
+        stereo.sweep(frames[0], frames[1:], search, settings)
         held = sum(stereo.sweeping.sizes().values()) / 1e6
-        console.print(table, f"{held:.1f} MB of buffers", sep="\n")
+        console.print(table, f"{held:.1f} MB of buffers in a sweep", sep="\n")
 
 
 def gpu_times(
@@ -107,34 +118,42 @@ def gpu_times(
     for _ in range(repeats):
         with stereo.sweeping.timed() as measured:
             stereo.sweep(frames[0], frames[1:], search, settings)
-        for name in PASSES:
+        for name in SWEPT:
             together = [sum(found) for each, found in measured.milliseconds.items() if each.startswith(name)]
             times.values[name].append(sum(together))
+        with stereo.comparing.timed() as measured:
+            list(stereo.compare(exact_views(frames), TOLERANCE))
+        times.values[COMPARED] += measured.milliseconds[COMPARED]
     return times
 
 
 def cpu_times(frames: Sequence[Frame], search: DepthRange, settings: SweepSettings, repeats: int) -> Milliseconds:
     """Times of the kernels, of which the first call loads machine code."""
+    sweep_in_passes(frames, search, settings, Milliseconds())
+    times = Milliseconds()
+    for _ in range(repeats):
+        sweep_in_passes(frames, search, settings, times)
+    return times
+
+
+def sweep_in_passes(frames: Sequence[Frame], search: DepthRange, settings: SweepSettings, times: Milliseconds) -> None:
+    """Sweep the first frame on the CPU."""
     paths = EIGHT_PATHS if settings.paths == 8 else FOUR_PATHS
     inverse_depths = search.inverse_depths
-    step = float(inverse_depths[1] - inverse_depths[0])
-    times = Milliseconds()
-    for repeat in range(repeats + 1):
-        if repeat == 1:
-            times.values.clear()
-        view, source_views = grey_levels(frames[0]), as_source_views(frames[0].camera, frames[1:])
+    views = exact_views(frames)
+    view, among = grey_levels(frames[0]), as_source_views(frames[0].camera, frames[1:])
+    steps = settings.small_step, settings.large_step
+    costs = times.measure("matching costs", lambda: matching_costs(view, among, inverse_depths))
+    total = times.measure("aggregate", lambda: aggregate(costs, view, paths, *steps))
+    depth = times.measure("winners", lambda: winners(total, inverse_depths, len(paths))[0])
+    times.measure(COMPARED, lambda: next(CpuStereo().compare(views, TOLERANCE)).agreeing)
+    times.measure("smooth", lambda: smoothed(depth, float(inverse_depths[1] - inverse_depths[0])))
 
-        def costs(view: np.ndarray = view, among: object = source_views) -> np.ndarray:
-            return matching_costs(view, among, inverse_depths)  # type: ignore[arg-type]
 
-        volume = times.measure("matching costs", costs)
-        total = times.measure(
-            "aggregate",
-            lambda volume=volume, view=view: aggregate(volume, view, paths, settings.small_step, settings.large_step),
-        )
-        depth = times.measure("winners", lambda total=total: winners(total, inverse_depths, len(paths))[0])
-        times.measure("smooth", lambda depth=depth: smoothed(depth, step))
-    return times
+def exact_views(frames: Sequence[Frame]) -> Views:
+    """The true depth maps of the frames."""
+    maps = [DepthMap(frame.depth, np.ones(frame.depth.shape), 1e-3) for frame in frames if frame.depth is not None]
+    return views_of(frames, maps)
 
 
 def bytes_moved(size: tuple[int, int], sources: int, hypotheses: int, paths: int) -> dict[str, int]:
@@ -148,6 +167,7 @@ def bytes_moved(size: tuple[int, int], sources: int, hypotheses: int, paths: int
         "aggregate": 5 * paths * volume - 2 * volume,
         "winners": 2 * volume + 12 * pixels,
         "smooth": 8 * pixels,
+        COMPARED: (sources + 1) * 4 * pixels + 8 * pixels,
     }
 
 

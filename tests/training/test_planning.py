@@ -280,7 +280,7 @@ def test_a_gpu_holds_what_depth_takes_before_training() -> None:
     plain = make_plan(photographs(1008, 756), options, MACHINE)
     plan = make_plan(photographs(1008, 756), options, replace(MACHINE, stereo_needed=needed))
     assert plain.device_mb == 0
-    extent = StereoExtent(731, 548, options.source_views, 17)
+    extent = StereoExtent.of([(731, 548)], options.source_views, 17)
     assert plan.device_mb == pytest.approx(needed(extent).sweeping.device / 1e6, rel=0.01)
     assert plan.rss_by_stage_mb["depth"] > plain.rss_by_stage_mb["depth"]
     # What a GPU does not hold is swept by the CPU, and planned so.

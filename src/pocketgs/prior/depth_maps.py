@@ -36,10 +36,11 @@ def stereo_extent(sizes: Iterable[tuple[int, int]], keyframes: int, settings: Sw
         keyframes: their number.
         settings: of the sweeps.
     """
-    width, height = max(sizes, key=lambda size: size[0] * size[1])
-    reduction = min(1.0, math.sqrt(sweep_pixels(keyframes) / (width * height)))
-    width, height = math.ceil(width * reduction), math.ceil(height * reduction)
-    return StereoExtent(width, height, settings.source_views, keyframes)
+    reduced = []
+    for width, height in sizes:
+        reduction = min(1.0, math.sqrt(sweep_pixels(keyframes) / (width * height)))
+        reduced.append((math.ceil(width * reduction), math.ceil(height * reduction)))
+    return StereoExtent.of(reduced, settings.source_views, keyframes)
 
 
 def depth_maps(

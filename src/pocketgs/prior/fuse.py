@@ -64,7 +64,7 @@ def fuse(
         settings: thresholds.
         stereo: compares the depth maps.
     """
-    views = _views(keyframes, maps)
+    views = views_of(keyframes, maps)
     shell = _far_shell(keyframes, maps)
     stride = max(1, int(np.ceil(sum(map_.depth.size for map_ in maps) / MAX_CANDIDATES)))
     found = [
@@ -92,7 +92,8 @@ def confidence(agreeing: np.ndarray, contradicting: np.ndarray, margin: np.ndarr
     return support * np.minimum(margin / np.float32(CLEAR_MARGIN), 1)
 
 
-def _views(keyframes: Sequence[Frame], maps: Sequence[DepthMap]) -> Views:
+def views_of(keyframes: Sequence[Frame], maps: Sequence[DepthMap]) -> Views:
+    """The depth maps of keyframes, to compare."""
     sizes = np.array([map_.depth.shape for map_ in maps], np.int64)
     depths = np.zeros((len(maps), *sizes.max(axis=0)), np.float32)
     for padded, map_ in zip(depths, maps, strict=True):

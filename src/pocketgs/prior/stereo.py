@@ -19,19 +19,29 @@ class StereoExtent:
     """The most that a run asks for: what the memory that it takes follows from.
 
     Attributes:
-        width, height: of the largest frames at the size of a sweep, in pixels.
+        width, height: of the largest frame at the size of a sweep, in pixels.
+        image_width, image_height: the largest width and height of any frame; the frames may differ.
         source_views: number of source views per keyframe.
         keyframes: their number.
     """
 
     width: int
     height: int
+    image_width: int
+    image_height: int
     source_views: int
     keyframes: int
 
+    @staticmethod
+    def of(sizes: Sequence[tuple[int, int]], source_views: int, keyframes: int) -> StereoExtent:
+        """The most that frames of these widths and heights ask for."""
+        largest = max(sizes, key=lambda size: size[0] * size[1])
+        widths, heights = zip(*sizes, strict=True)
+        return StereoExtent(*largest, max(widths), max(heights), source_views, keyframes)
+
     @property
     def pixels(self) -> int:
-        """Pixels of a frame."""
+        """Pixels of the largest frame."""
         return self.width * self.height
 
 

@@ -52,7 +52,7 @@ def test_the_demos_room() -> None:
 def test_a_prior_of_the_webgpu_engine(small_textured: Capture) -> None:
     """Chosen by the engine, swept on the GPU, and as good as the CPU's."""
     gpu, cpu = (
-        prepare(small_textured, TrainingOptions(engine=engine, max_gaussians=2000, max_keyframes=3))
+        prepare(small_textured, TrainingOptions(engine=engine, max_gaussians=2000, max_keyframes=2))
         for engine in ("webgpu", "cpu")
     )
     assert gpu.report is not None
@@ -67,4 +67,4 @@ def test_a_prior_of_the_webgpu_engine(small_textured: Capture) -> None:
 @pytest.fixture(scope="module")
 def small_textured() -> Capture:
     """Large enough for features to be found."""
-    return demo_capture(128, 96, 10)
+    return demo_capture(96, 72, 8)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -12,12 +10,13 @@ from pocketgs.capture.synthetic import true_capture
 from pocketgs.errors import PocketGSError
 from pocketgs.gpu.description import MIN_BUFFER
 from pocketgs.prior.cpu.stereo import CpuStereo
+from pocketgs.prior.depth_maps import stereo_extent
 from pocketgs.prior.depth_range import DepthRange
 from pocketgs.prior.prior import build_prior
 from pocketgs.prior.stereo import StereoExtent, create_stereo, need_of, with_room
 from pocketgs.prior.sweep import SweepSettings
 from pocketgs.prior.webgpu.layout import MOST_BANDS
-from pocketgs.prior.webgpu.stereo import WebGpuStereo
+from pocketgs.prior.webgpu.stereo import WebGpuStereo, _numbers_of
 from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.preparation import stereo_of
 
@@ -63,7 +62,7 @@ def test_no_buffer_is_larger_than_the_binding_that_every_device_allows() -> None
     """Of the largest sweeps."""
     for width, height in ((730, 547), (547, 730), (632, 632)):
         stereo = limited(128 << 20)
-        stereo.reserve(StereoExtent(width, height, 4, 40))
+        stereo.reserve(StereoExtent.of([(width, height)], 4, 40))
         assert max(stereo.sweeping.sizes().values()) <= 128 << 20
         assert sum(stereo.sweeping.sizes().values()) < 260_000_000
         assert bands_of(stereo) == 2
@@ -71,7 +70,7 @@ def test_no_buffer_is_larger_than_the_binding_that_every_device_allows() -> None
 
 
 def test_what_is_reserved_is_what_was_planned_and_is_released(frames: list[Frame]) -> None:
-    stereo, extent = WebGpuStereo(), StereoExtent(40, 34, 3, 4)
+    stereo, extent = WebGpuStereo(), StereoExtent.of([(40, 34)], 3, 4)
     needed = stereo.memory_needed(extent).sweeping
     uniforms = sum(stereo.sweeping.sizes().values())
     stereo.reserve(extent)
@@ -88,26 +87,26 @@ def test_what_is_reserved_is_what_was_planned_and_is_released(frames: list[Frame
 
 def test_larger_images_than_reserved_get_their_room(frames: list[Frame]) -> None:
     stereo = WebGpuStereo()
-    stereo.reserve(StereoExtent(10, 10, 1, 2))
+    stereo.reserve(StereoExtent.of([(10, 10)], 1, 2))
     search = DepthRange(1.0, 5.0, 50)
     found = stereo.sweep(frames[0], frames[1:], search, SETTINGS)
     np.testing.assert_array_equal(found.depth, WebGpuStereo().sweep(frames[0], frames[1:], search, SETTINGS).depth)
 
 
 def test_too_little_memory_is_refused_before_any_is_taken(frames: list[Frame]) -> None:
-    extent = StereoExtent(40, 34, 3, 4)
+    extent = StereoExtent.of([(40, 34)], 3, 4)
     too_small = limited(2 * 192 * 40 * 34 // MOST_BANDS - 1)
     with pytest.raises(PocketGSError, match=r"the GPU's buffer 'totals_\d' would take"):
         too_small.reserve(extent)
     bounded = WebGpuStereo(max_memory=1)
     with pytest.raises(PocketGSError, match="depth would take 25 MB of GPU memory, the limit is 1 MB"):
-        bounded.memory_needed(replace(extent, width=200, height=200))
+        bounded.memory_needed(StereoExtent.of([(200, 200)], 3, 4))
     for stereo in (too_small, bounded):
         assert bands_of(stereo) == 0
 
 
 def test_the_cpu_takes_the_place_of_a_gpu_with_too_little_memory(frames: list[Frame]) -> None:
-    bounded, extent = WebGpuStereo(max_memory=1), StereoExtent(200, 200, 3, 4)
+    bounded, extent = WebGpuStereo(max_memory=1), StereoExtent.of([(200, 200)], 3, 4)
     assert need_of(bounded, extent) == CpuStereo().memory_needed(extent)
     assert need_of(bounded, extent).sweeping.device == 0
     used, warnings = with_room(bounded, extent)
@@ -133,6 +132,18 @@ def test_a_prior_without_room_on_the_gpu_is_the_cpus() -> None:
 def test_more_hypotheses_than_threads_are_refused(frames: list[Frame]) -> None:
     with pytest.raises(PocketGSError, match="hypotheses: found 513, expected at most 512"):
         WebGpuStereo().sweep(frames[0], frames[1:], DepthRange(1.0, 5.0, 513), SETTINGS)
+
+
+def test_frames_of_both_orientations_get_their_room() -> None:
+    """Images are padded to the widest and the tallest, volumes are not."""
+    extent = stereo_extent([(1600, 1200), (1200, 1600), (100, 100)], 10, SETTINGS)
+    assert (extent.width, extent.height) == (731, 548)
+    assert (extent.image_width, extent.image_height) == (731, 731)
+    stereo = WebGpuStereo()
+    sizes = stereo._plan_sweep(_numbers_of(extent)).sizes
+    assert sizes["photographs"] == 4 * 5 * 731 * 731
+    assert sum(size for name, size in sizes.items() if name.startswith("costs")) < 1.01 * 192 * 731 * 548
+    assert stereo.memory_needed(extent).comparing.device >= 4 * 10 * 731 * 731
 
 
 def test_the_engine_chooses_the_device() -> None:

@@ -28,6 +28,9 @@ from pocketgs.system.memory_need import MemoryNeed
 PIXEL_BYTES, SOURCE_BYTES = 40, 8
 """Bytes of this process per pixel: copies of the view and the result; and per pixel of a source view."""
 
+MAP_BYTES = 4
+"""Bytes of this process per pixel of a depth map, while all are written to the GPU."""
+
 MAX_PATHS = 8
 
 
@@ -65,12 +68,13 @@ class WebGpuStereo:
 
     def memory_needed(self, extent: StereoExtent) -> StereoNeed:
         """Of the GPU's memory, and of this process's, which holds the same where they share one."""
-        numbers = {"width": extent.width, "height": extent.height}
-        numbers |= {"image_width": extent.width, "image_height": extent.height, "views": extent.keyframes}
         sweeping = sum(self._plan_sweep(_numbers_of(extent)).sizes.values())
-        comparing = sum(self._sizes(self.comparing.description, numbers).values())
-        host = extent.pixels * (PIXEL_BYTES + SOURCE_BYTES * extent.source_views)
-        return StereoNeed(self._need(sweeping, host), self._need(comparing, 4 * extent.pixels * extent.keyframes))
+        comparing = sum(self._sizes(self.comparing.description, _numbers_of(extent)).values())
+        by_pixel = PIXEL_BYTES + SOURCE_BYTES * extent.source_views
+        return StereoNeed(
+            self._need(sweeping, by_pixel * extent.pixels),
+            self._need(comparing, MAP_BYTES * extent.keyframes * extent.pixels),
+        )
 
     def reserve(self, extent: StereoExtent) -> None:
         """Make buffers for sweeps of at most this extent."""
@@ -174,13 +178,14 @@ class WebGpuStereo:
 
 
 def _numbers_of(extent: StereoExtent) -> dict[str, int]:
-    """The numbers of the largest sweep."""
+    """The numbers of the largest sweep and comparison."""
     return {
         "width": extent.width,
         "height": extent.height,
-        "image_width": extent.width,
-        "image_height": extent.height,
+        "image_width": extent.image_width,
+        "image_height": extent.image_height,
         "images": 1 + extent.source_views,
         "hypotheses": MOST,
         "paths": MAX_PATHS,
+        "views": extent.keyframes,
     }

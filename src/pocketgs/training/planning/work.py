@@ -68,7 +68,7 @@ class Work:
     def stereo_extent(self) -> StereoExtent:
         """What depth maps will ask for."""
         settings = SweepSettings(source_views=self.options.source_views)
-        return stereo_extent([self.outline.largest], self.keyframes, settings)
+        return stereo_extent(self.outline.training, self.keyframes, settings)
 
     @property
     def candidates(self) -> int:
