@@ -68,7 +68,7 @@ OPTIONS = st.builds(
     sh_degree=st.integers(0, 3),
     iterations=st.integers(1, 5000),
 )
-SPEEDS = st.builds(Speed, st.floats(0.1, 20), st.floats(0.1, 20))
+SPEEDS = st.builds(Speed, st.floats(0.1, 20), st.floats(0.1, 20), st.floats(0.1, 20))
 
 
 def planned(listed: ListedCapture, options: SizedOptions, machine: Machine = MACHINE) -> Plan | None:
