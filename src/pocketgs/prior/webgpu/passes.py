@@ -38,7 +38,6 @@ _WAYS = {
 }
 """(row, column) steps of the paths, in the order of `pocketgs.prior.cpu.semi_global`."""
 
-
 _BANDS = range(MOST_BANDS)
 
 RECORD_BYTES = 80
