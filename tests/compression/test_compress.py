@@ -19,7 +19,7 @@ from pocketgs.compression.spz_file import as_spz
 from pocketgs.compression.views import Views, cameras_around, photographed, rendered
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.formats import read_scene
-from pocketgs.scene.formats.pgs_coding import FINE
+from pocketgs.scene.formats.pgs_coding import FINE, Coding
 from pocketgs.scene.formats.pgs_rounding import rounded as rounded_scene
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.engine import Engine

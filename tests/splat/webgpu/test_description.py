@@ -13,6 +13,8 @@ import pytest
 import pocketgs
 from pocketgs.gpu.description import Description, Pass
 from pocketgs.gpu.sizes import ceil_div, evaluate
+from pocketgs.prior.webgpu import passes as prior
+from pocketgs.prior.webgpu.shader_files import SHADERS as PRIOR_SHADERS
 from pocketgs.splat.webgpu.passes import Variant, Weights, describe
 from pocketgs.splat.webgpu.rasterizer_passes import CENTRE_WORDS, describe_rasterizer
 from pocketgs.splat.webgpu.shader_files import SHADERS
@@ -29,7 +31,8 @@ RENDERING += [Variant(weights=weights) for weights in get_args(Weights)]
 DESCRIPTIONS = {str(variant): describe(variant) for variant in TRAINING}
 DESCRIPTIONS |= {str(variant): describe(variant, training=False) for variant in RENDERING}
 DESCRIPTIONS |= {f"rasterizer {subgroups}": describe_rasterizer(subgroups) for subgroups in (False, True)}
-DESCRIPTIONS |= {"rasterizer sum": describe_rasterizer(False, "sum")}
+DESCRIPTIONS |= {"rasterizer sum": describe_rasterizer(False, "sum"), "sweep": prior.describe_sweep()}
+DESCRIPTIONS |= {"comparison": prior.describe_comparison()}
 CASE = {
     "gaussians": 1000,
     "capacity": 1000,
@@ -48,6 +51,13 @@ CASE = {
     "listed": 300,
     "channel_groups": 5,
     "colours": 1,
+    "image_width": 700,
+    "image_height": 480,
+    "images": 5,
+    "hypotheses": 192,
+    "paths": 8,
+    "bands": 4,
+    "views": 20,
 }
 
 
@@ -137,10 +147,10 @@ def test_rendering_needs_fewer_buffers_than_training() -> None:
 def test_every_shader_file_is_of_use() -> None:
     texts = [shader.source for description in DESCRIPTIONS.values() for shader in description.shaders.values()]
     named = {name for description in DESCRIPTIONS.values() for name in description.shaders}
-    for room in ("gpu", "splat/webgpu"):
+    for room in ("gpu", "prior/webgpu", "splat/webgpu"):
         for path in (Path(pocketgs.__file__).parent / room / "shaders").glob("*.wgsl"):
             assert path.stem in named, path
-    for name, section in SHADERS.sections.items():
+    for name, section in (*SHADERS.sections.items(), *PRIOR_SHADERS.sections.items()):
         lines = [line for line in section.splitlines() if not line.startswith(("import ", "enable "))]
         assert any("\n".join(lines) in text for text in texts), name
 
@@ -176,7 +186,9 @@ def test_a_description_survives_json(description: Description) -> None:
     for name, shader in description.shaders.items():
         assert restored["shaders"][name]["source"].endswith(shader.source)
         assert [one["name"] for one in restored["shaders"][name]["bindings"]] == [one.name for one in shader.bindings]
-    assert restored["uniforms"]["view"]["fields"]["focal"] == {"type": "vec2f", "offset": 80}
+    for name, uniform in restored["uniforms"].items():
+        for field, place in uniform["fields"].items():
+            assert tuple(place.values()) == description.uniforms[name].fields[field]
 
 
 def test_sizes_are_those_worked_out_by_hand() -> None:
