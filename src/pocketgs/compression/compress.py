@@ -65,9 +65,11 @@ MAKES_UP = 0.5
 WORTH_PRUNING = 0.8
 """Largest share of the Gaussians to try on grids that are not the finest: if they need more, finer ones are better."""
 
-PACES, TRIAL_STEPS, TRIAL_TIME = (1.0, 0.3), 80, 0.02
-"""Learning rates of fine-tuning relative to the recipe's to choose from, training steps to try each, and their maximum
-share of the steps that the time limit allows."""
+GENTLE = 0.3
+"""Learning rates on photographs, relative to the recipe's, for scenes that training at these makes worse."""
+
+TRIAL_STEPS, TRIAL_TIME = 200, 0.05
+"""Training steps to find that out, and their maximum share of the steps that the time limit allows."""
 
 STEP = 3.0
 """Approximate time of a training step relative to a rendering, to estimate the speed before the first step."""
@@ -150,7 +152,7 @@ def compress(
         workshop = Workshop(tuner, pruner, judge, timekeeper, DEFAULT, is_within)
         try:
             timekeeper.check()
-            tuner.pace = _best_pace(scene, workshop) if views.photographs else PACE
+            tuner.pace = _suitable_pace(scene, workshop) if views.photographs else PACE
             if bound is None:
                 assert options.size is not None
                 _search_by_size(scene, workshop, options.size * MB)
@@ -230,19 +232,14 @@ def _round_only(scene: Gaussians, workshop: Workshop, bound: float) -> Coding:
     return chosen or coding
 
 
-def _best_pace(scene: Gaussians, workshop: Workshop) -> float:
-    """The pace at which a few training steps leave the scene best.
-
-    A scene that was trained for long loses quality by steps as large as those that improve another.
-    """
+def _suitable_pace(scene: Gaussians, workshop: Workshop) -> float:
+    """GENTLE if some training at the recipe's learning rates leaves the scene worse, as it does after long training."""
     steps = int(min(TRIAL_STEPS, TRIAL_TIME * workshop.timekeeper.steps_left()))
-    workshop.timekeeper.expected = len(PACES) * steps + PRUNING_ROUNDS * PRUNING_STEPS + CANDIDATES * STEPS
-
-    def psnr(pace: float) -> float:
-        workshop.tuner.pace = pace
-        return workshop.judge.psnr(workshop.tuner.tune(scene, steps))
-
-    return max(PACES, key=psnr) if steps else PACES[0]
+    if not steps:
+        return 1.0
+    workshop.timekeeper.expected = steps + PRUNING_ROUNDS * PRUNING_STEPS + CANDIDATES * STEPS
+    trained = workshop.tuner.tune(scene, steps)
+    return 1.0 if workshop.judge.psnr(trained) >= workshop.judge.original_psnr else GENTLE
 
 
 def _affordable(scene: Gaussians, workshop: Workshop, bound: float) -> Sequence[Coding]:
