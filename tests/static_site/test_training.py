@@ -1,0 +1,156 @@
+"""A capture is dropped on the page, trains there, and comes out as Python would have trained it."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from pocketgs.capture.colmap_export import export_capture
+from pocketgs.capture.open import open_capture
+from pocketgs.cli import main
+from static_site.hosting import Host
+from viewer.browsing import PATIENCE, Visit, visiting
+
+TOLERANCE = 0.2
+"""dB."""
+
+DROP = """([name, content]) => {
+    const bytes = Uint8Array.from(atob(content), (character) => character.charCodeAt(0));
+    const dataTransfer = new DataTransfer();
+    dataTransfer.items.add(new File([bytes], name));
+    window.dispatchEvent(new DragEvent("drop", { dataTransfer, bubbles: true, cancelable: true }));
+}"""
+
+
+@contextmanager
+def trainer(browser: Browser, host: Host, **options: int) -> Iterator[Visit]:
+    """The page, loaded, its shaders compiled, with these options set."""
+    with visiting(browser, host.address, 900, 600) as visit:
+        visit["body[data-gpu=ready]"].wait_for(timeout=PATIENCE)
+        for name, value in options.items():
+            visit[f"#{name}"].fill(str(value))
+        yield visit
+
+
+def zipped(folder: Path) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted(folder.rglob("*")):
+            archive.write(path, Path(folder.name) / path.relative_to(folder))
+    return stream.getvalue()
+
+
+def drop(visit: Visit, name: str, content: bytes) -> None:
+    visit.page.evaluate(DROP, [name, base64.b64encode(content).decode()])
+
+
+def saved(visit: Visit, path: Path) -> Path:
+    """The scene, once it is trained."""
+    visit["#save"].wait_for(timeout=PATIENCE)
+    with visit.page.expect_download() as download:
+        visit["#save"].click()
+    download.value.save_as(path)
+    return path
+
+
+def held_out_psnr(scene: Path, capture: Path, *options: str) -> float:
+    metrics = scene.parent / f"{scene.name}.metrics.json"
+    main(["eval", str(scene), str(capture), "--json", str(metrics), "--engine", "cpu", *options])
+    return float(json.loads(metrics.read_text())["psnr"])
+
+
+def trained_in_python(capture: Path, folder: Path, *options: str) -> Path:
+    # Nothing that the page does not do: it neither refines poses nor looks for things that move.
+    same = ["--effort", "quick", "--prior", "none", "--transients", "keep", "--engine", "cpu", "--evaluate-every", "0"]
+    main(["train", str(capture), "--output", str(folder), *same, *options])
+    return folder / "scene.ply"
+
+
+def shown_psnr(visit: Visit) -> float:
+    return float(visit["#psnr"].inner_text().removesuffix(" dB"))
+
+
+def test_a_dropped_zip_trains_as_in_python(browser: Browser, host: Host, capture_folder: Path, tmp_path: Path) -> None:
+    with trainer(browser, host, most=64, iterations=60) as visit:
+        loaded = list(host.asked)
+        requests: list[str] = []
+        visit.page.on("request", lambda request: requests.append(request.url))
+        drop(visit, "toys.zip", zipped(capture_folder))
+        scene = saved(visit, tmp_path / "toys.ply")
+        expect(visit["#title"]).to_have_text("toys")
+        shown = shown_psnr(visit)
+        assert float(visit["#memory"].inner_text().removesuffix(" MB")) < 100
+        assert visit.page.evaluate("document.getElementById('picture').width") == 64
+        assert visit.complaints == []
+        # A blob of the page itself, which the download took, is no request to the network.
+        assert [url for url in requests if not url.startswith("blob:")] == []
+        assert host.asked == loaded
+    size = ("--max-size", "64")
+    found = held_out_psnr(scene, capture_folder, *size)
+    expected = held_out_psnr(
+        trained_in_python(capture_folder, tmp_path / "python", "--iterations", "60", *size), capture_folder, *size
+    )
+    assert shown == pytest.approx(found, abs=0.02)
+    assert abs(found - expected) < TOLERANCE
+    assert found > held_out_psnr(
+        trained_in_python(capture_folder, tmp_path / "less", "--iterations", "10", *size), capture_folder, *size
+    )
+
+
+def test_stopped_and_kept(browser: Browser, host: Host, capture_folder: Path, tmp_path: Path) -> None:
+    with trainer(browser, host, most=48, iterations=20_000, gaussians=300) as visit:
+        visit["#folder-input"].set_input_files(capture_folder)
+        visit["#pause:enabled"].click(timeout=PATIENCE)
+        expect(visit["#pause"]).to_have_text("Resume")
+        visit.page.wait_for_timeout(500)
+        before = visit["#iteration"].inner_text()
+        visit.page.wait_for_timeout(500)
+        assert visit["#iteration"].inner_text() == before
+        visit["#pause"].click()
+        expect(visit["#iteration"]).not_to_have_text(before)
+        visit["#stop"].click()
+        scene = saved(visit, tmp_path / "scene.ply")
+        assert int(visit["#iteration"].inner_text().split(" / ")[0]) < 20_000
+        assert visit.complaints == []
+        # The page takes another capture, and a broken one leaves it usable.
+        drop(visit, "broken.zip", zipped(capture_folder)[:2000])
+        expect(visit["#message-text"]).to_contain_text("broken.zip: is no zip file, or cut short")
+        expect(visit["#start"]).to_be_visible()
+    content = scene.read_bytes()
+    assert b"element vertex 300\n" in content[:200]
+
+
+def test_a_browser_without_webgpu_is_told_so(browser: Browser, host: Host) -> None:
+    hidden = "delete WorkerNavigator.prototype.gpu;"
+    with browser.new_context() as context:
+        context.route(
+            "**/worker.js", lambda route: route.fulfill(response=(got := route.fetch()), body=hidden + got.text())
+        )
+        page = context.new_page()
+        page.goto(host.address)
+        expect(page.locator("#message-text")).to_contain_text("no WebGPU: expected a browser that supports it")
+
+
+@pytest.mark.slow
+def test_fern(browser: Browser, host: Host, data_folder: Path, tmp_path: Path) -> None:
+    """A real capture, whose lens is undone by Python first: LLFF states it in a file that the page does not read."""
+    folder = tmp_path / "fern"
+    export_capture(folder, open_capture(data_folder / "fern", images="images_8", max_size=248))
+    size = ("--max-size", "124")
+    with trainer(browser, host, most=124, iterations=100) as visit:
+        drop(visit, "fern.zip", zipped(folder))
+        scene = saved(visit, tmp_path / "fern.ply")
+        assert visit.complaints == []
+    found = held_out_psnr(scene, folder, *size)
+    expected = held_out_psnr(
+        trained_in_python(folder, tmp_path / "python", "--iterations", "100", *size), folder, *size
+    )
+    assert abs(found - expected) < TOLERANCE
