@@ -224,4 +224,7 @@ def test_transparent_images_on_a_background(call: Call) -> None:
         return [...rgba];
     """
     found = np.reshape(call("capture/pixels.js", script, image.reshape(-1).tolist()), (20, 30, 4))
-    np.testing.assert_array_equal(found[..., :3], composite(image[..., :3], image[..., 3], (1.0, 0.5, 0.0)))
+    expected = composite(image[..., :3], image[..., 3], (1.0, 0.5, 0.0))
+    off = np.abs(found[..., :3] - expected.astype(int))  # by one where a half is one of doubles, but not of float32
+    assert off.max() <= 1
+    assert off.mean() < 0.01
