@@ -15,9 +15,12 @@ VIEWER = Path(pocketgs.viewer.__file__).parent / "page"
 EXECUTOR = Path(pocketgs.gpu.__file__).parent
 
 SHARED = (
+    "controls/pointer.js",
+    "drawing/frame_loop.js",
     "drawing/view_values.js",
     "icon.svg",
     "live/curves.js",
+    "scene/camera.js",
     "scene/gaussian_columns.js",
     "scene/near_plane.js",
     "scene/vectors.js",

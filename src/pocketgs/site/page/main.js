@@ -6,12 +6,19 @@
 
 import { listenForCaptures } from "./controls/pick.js";
 import { ProgressView } from "./controls/progress.js";
+import { ScenePicture } from "./controls/scene_picture.js";
 
 const OPTIONS = ["most", "iterations", "gaussians"];
 
 const worker = new Worker(new URL("worker.js", import.meta.url), { type: "module" });
-const view = new ProgressView();
-let capture = "";
+const progressView = new ProgressView();
+const picture = new ScenePicture(
+    element("picture"),
+    (camera) => worker.postMessage({ type: "look", camera }),
+    () => showBeside(false),
+);
+let name = "";
+let isTraining = false;
 let isPaused = false;
 /** @type {Blob | null} */
 let ply = null;
@@ -23,17 +30,26 @@ const handlers = {
         element("start").hidden = false;
     },
     ready: () => (document.body.dataset.gpu = "ready"),
-    stage: ({ text, share }) => view.showStage(text, share),
+    stage: ({ text, share }) => progressView.showStage(text, share),
     capture: ({ warnings }) => warnings.length && showMessage(warnings.join("\n\n")),
-    photograph: ({ picture }) => view.showPicture("photograph", picture),
-    picture: ({ picture }) => view.showPicture("picture", picture),
-    progress: (progress) => view.showProgress(progress),
+    first: (view) => {
+        element("pictures").hidden = false;
+        showPhotograph(view);
+        showBeside(true);
+        picture.begin(view);
+    },
+    picture: (found) => picture.show(found.picture),
+    progress: (progress) => {
+        progressView.showProgress(progress);
+        picture.refresh();
+    },
     done: (found) => {
-        ply = found.ply;
-        view.end();
-        element("start").hidden = false;
+        [ply, isTraining] = [found.ply, false];
+        progressView.end();
+        picture.redraw();
     },
     fault: ({ text }) => {
+        isTraining = false;
         element("live").hidden = element("pictures").hidden = true;
         element("start").hidden = false;
         showMessage(text);
@@ -47,19 +63,21 @@ worker.addEventListener("error", (event) => {
 });
 
 listenForCaptures((picked) => {
-    if (element("start").hidden) {
+    if (isTraining) {
         showMessage("A capture is being trained: stop it first.");
         return;
     }
-    const wrong = OPTIONS.map(element).find((input) => !input.reportValidity());
-    if (wrong) {
+    element("start").hidden = false;
+    if (!OPTIONS.map(element).every((input) => input.reportValidity())) {
         return;
     }
-    [capture, isPaused, ply] = [picked.name.replace(/\.zip$/i, ""), false, null];
-    element("message").hidden = element("start").hidden = true;
-    element("title").textContent = capture;
+    [name, isTraining, isPaused, ply] = [picked.name.replace(/\.zip$/i, ""), true, false, null];
+    for (const id of ["message", "start", "pictures"]) {
+        element(id).hidden = true;
+    }
+    element("title").textContent = name;
     const options = Object.fromEntries(OPTIONS.map((id) => [id, element(id).valueAsNumber]));
-    view.begin(options.iterations);
+    progressView.begin(options.iterations);
     worker.postMessage({ type: "train", picked, options });
 });
 
@@ -74,12 +92,31 @@ element("stop").addEventListener("click", () => worker.postMessage({ type: "stop
 element("save").addEventListener("click", () => {
     const link = document.createElement("a");
     link.href = URL.createObjectURL(ply);
-    link.download = `${capture}.ply`;
+    link.download = `${name}.ply`;
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
 });
 
+element("another").addEventListener("click", () => (element("start").hidden = false));
+
+element("beside").addEventListener("click", () => {
+    showBeside(true);
+    picture.reset();
+});
+
 element("message-close").addEventListener("click", () => (element("message").hidden = true));
+
+/** The photograph beside the rendering, which hides it once it is turned. */
+function showBeside(isBeside) {
+    element("photograph-figure").hidden = !isBeside;
+    element("beside").hidden = isBeside;
+}
+
+function showPhotograph({ camera: { width, height }, rgba }) {
+    const canvas = element("photograph");
+    [canvas.width, canvas.height] = [width, height];
+    canvas.getContext("2d").putImageData(new ImageData(rgba, width, height), 0, 0);
+}
 
 function showMessage(text) {
     element("message-text").textContent = text;

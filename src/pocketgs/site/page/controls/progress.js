@@ -1,12 +1,12 @@
 /**
- * Shows a run: stage, curves, figures, pictures.
+ * Shows a run: stage, curves, figures.
  *
  * @module
  */
 
 import { drawCurves } from "../../page/live/curves.js";
 
-/** The card on the left, and the pictures. */
+/** The card on the left. */
 export class ProgressView {
     #iterations = 0;
     #samples = [];
@@ -23,7 +23,6 @@ export class ProgressView {
     begin(iterations) {
         [this.#iterations, this.#samples] = [iterations, []];
         element("live").hidden = false;
-        element("pictures").hidden = true;
         element("live-buttons").hidden = false;
         element("saving").hidden = true;
         element("pause").textContent = "Pause";
@@ -58,14 +57,6 @@ export class ProgressView {
         element("memory").textContent = `${Math.round(bytes / 1e6)} MB`;
         element("stats").textContent = `${gaussians.toLocaleString("en")} splats`;
         this.#draw();
-    }
-
-    /** Show a picture in a canvas. @type {(id: string, picture: {width: number, height: number, rgba: Uint8ClampedArray}) => void} */
-    showPicture(id, { width, height, rgba }) {
-        const canvas = element(id);
-        [canvas.width, canvas.height] = [width, height];
-        canvas.getContext("2d").putImageData(new ImageData(rgba, width, height), 0, 0);
-        element("pictures").hidden = false;
     }
 
     /** The run has ended. */

@@ -33,20 +33,24 @@ import { ViewOrder } from "./view_order.js";
  * @property {(picture: {width: number, height: number, rgba: Uint8ClampedArray}) => void} onPicture
  */
 
-const MS_BETWEEN_PICTURES = 1500;
-
-/** Can be paused, and stopped. */
+/** Can be paused, stopped, and looked at. */
 export class Run {
     #trainer;
-    #capture;
     #settings;
     #options;
     #listener;
+    /** @type {Capture | null} until training begins: then the photographs lie on the GPU */
+    #capture;
+    #heldOut;
+    #views;
     #iteration = 0;
     #psnr = null;
-    #stopped = false;
-    #paused = null;
     #spent = 0;
+    #isPaused = false;
+    #isStopped = false;
+    #isClosed = false;
+    #asked = null;
+    #wake = () => {};
 
     /**
      * @param {Trainer} trainer
@@ -58,59 +62,76 @@ export class Run {
     constructor(trainer, capture, settings, options, listener) {
         this.#trainer = trainer;
         this.#capture = capture;
+        this.#heldOut = capture.heldOut;
+        this.#views = capture.train.length;
         this.#settings = settings;
         this.#options = options;
         this.#listener = listener;
-        /** The photograph whose view is shown while training goes on. */
-        this.shown = capture.heldOut[0] ?? capture.train[0];
     }
 
     /** Stop after the steps under way, until `resume`. */
     pause() {
-        if (!this.#paused) {
-            let resume;
-            this.#paused = { over: new Promise((resolve) => (resume = resolve)), resume };
-        }
+        this.#isPaused = true;
     }
 
     resume() {
-        this.#paused?.resume();
-        this.#paused = null;
+        this.#isPaused = false;
+        this.#wake();
     }
 
     /** End after the steps under way, and keep the scene. */
     stop() {
-        this.#stopped = true;
-        this.resume();
+        this.#isStopped = true;
+        this.#wake();
     }
 
     /**
+     * Ask for a picture, which comes once the steps under way are done; of several that were asked for, the last.
+     *
+     * @param {import("../capture/camera.js").Camera} camera
+     */
+    look(camera) {
+        this.#asked = camera;
+        this.#wake();
+    }
+
+    /** No more pictures are wanted of the finished run. */
+    close() {
+        this.#isClosed = true;
+        this.#wake();
+    }
+
+    /**
+     * Train.
+     *
      * @returns {Promise<import("../../page/scene/gaussian_columns.js").GaussianColumns>} the trained scene
      * @throws {Error} there is nothing to start from, or the GPU's memory does not hold it
      */
     async go() {
-        const { train, heldOut, background } = this.#capture;
-        const cameras = train.map(({ camera }) => camera);
+        const { train, background } = this.#capture;
         const points = startingPoints(this.#capture, this.#options.gaussians, this.#options.seed, this.#settings);
         const { recipe, seeding } = this.#settings;
-        const unit = pixelFootprint(cameras, points.positions);
+        const unit = pixelFootprint(train.map(({ camera }) => camera), points.positions);
         const order = mortonOrder(Float64Array.from(Float32Array.from(points.positions)), seeding.morton_bits);
-        const seeds = seedDiscs(selected(points, order), recipe, seeding);
-        await this.#trainer.begin(train, heldOut.map(({ camera }) => camera), background, seeds);
+        await this.#trainer.begin(train, background, seedDiscs(selected(points, order), recipe, seeding));
+        this.#capture = null;
         await this.#iterate(initialRates(recipe, this.#options.iterations, unit));
         await this.#lookAtHeldOut();
-        await this.#show();
         return this.#trainer.download();
+    }
+
+    /** Draw what is asked for, until `close`. */
+    async serve() {
+        await this.#drawWhile(() => !this.#isClosed);
     }
 
     async #iterate(initial) {
         const { iterations, seed } = this.#options;
-        const order = new ViewOrder(this.#capture.train.length, seed);
+        const order = new ViewOrder(this.#views, seed);
         const every = this.#settings.run.evaluate_every;
-        await this.#show();
-        let shown = performance.now();
-        let began = shown;
-        while (this.#iteration < iterations && !this.#stopped) {
+        this.#report();
+        let began = performance.now();
+        while (this.#iteration < iterations && !this.#isStopped) {
             const rates = ratesAt(initial, this.#settings.recipe.schedule, this.#iteration / iterations);
             const isTimeToLook = this.#trainer.step(order.at(this.#iteration), rates);
             this.#iteration++;
@@ -123,35 +144,43 @@ export class Run {
                 await this.#lookAtHeldOut();
             }
             this.#report();
-            if (performance.now() - shown > MS_BETWEEN_PICTURES) {
-                await this.#show();
-                shown = performance.now();
-            }
-            await this.#paused?.over;
+            await this.#draw();
+            await this.#drawWhile(() => this.#isPaused && !this.#isStopped);
             began = performance.now();
         }
     }
 
+    async #drawWhile(goesOn) {
+        while (goesOn()) {
+            if (!this.#asked) {
+                await new Promise((resolve) => (this.#wake = resolve));
+            }
+            await this.#draw();
+        }
+    }
+
+    async #draw() {
+        if (this.#asked) {
+            const camera = this.#asked;
+            this.#asked = null;
+            const rgba = onScreen(await this.#trainer.render(camera));
+            this.#listener.onPicture({ width: camera.width, height: camera.height, rgba });
+        }
+    }
+
     async #lookAtHeldOut() {
-        const { heldOut } = this.#capture;
-        if (heldOut.length) {
+        if (this.#heldOut.length) {
             let sum = 0;
-            for (const { camera, rgba } of heldOut) {
+            for (const { camera, rgba } of this.#heldOut) {
                 sum += psnr(await this.#trainer.render(camera), rgba);
             }
-            this.#psnr = sum / heldOut.length;
+            this.#psnr = sum / this.#heldOut.length;
         }
         this.#report();
     }
 
-    async #show() {
-        const { camera } = this.shown;
-        const rgba = onScreen(await this.#trainer.render(camera));
-        this.#listener.onPicture({ width: camera.width, height: camera.height, rgba });
-    }
-
     #report() {
-        const latest = this.#trainer.losses.slice(-this.#capture.train.length);
+        const latest = this.#trainer.losses.slice(-this.#views);
         this.#listener.onProgress({
             iteration: this.#iteration,
             loss: latest.length ? latest.reduce((sum, loss) => sum + loss, 0) / latest.length : null,

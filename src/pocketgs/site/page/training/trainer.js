@@ -29,10 +29,8 @@ export class Trainer {
     #executor;
     #settings;
     #limit;
-    /** @type {Frame[]} */
+    /** @type {{camera: Camera, pixels: Uint8Array | null}[]} pixels of photographs without a place of their own */
     #frames = [];
-    /** @type {Camera[]} whose images there is to be room for */
-    #sizes = [];
     #background = [0, 0, 0];
     #shelf;
     #scene;
@@ -87,20 +85,25 @@ export class Trainer {
     /**
      * Take photographs and a scene, and start the optimiser anew.
      *
-     * @param {Frame[]} frames to train on
-     * @param {Camera[]} drawn other views that are drawn
+     * @param {Frame[]} frames to train on; of those that lie on the GPU no other copy is kept
      * @param {number[]} background RGB in [0, 1]
      * @param {GaussianColumns} scene
      * @throws {Error} the GPU's memory does not hold it
      */
-    async begin(frames, drawn, background, scene) {
+    async begin(frames, background, scene) {
         const { engine } = this.#settings;
-        [this.#frames, this.#background, this.#scene] = [frames, background, scene];
-        this.#shelf = new Shelf(frames.map(({ rgba }) => rgba.length / 4), Math.floor(this.#limit / PIXEL_BYTES));
-        this.#sizes = [...frames.map(({ camera }) => camera), ...drawn];
-        await this.#makeRoom(engine.intersections_per_gaussian * scene.count, engine.min_intersections);
         const executor = this.#executor;
-        frames.forEach((_, view) => this.#shelf.isResident(view) && this.#shelve(view));
+        [this.#background, this.#scene] = [background, scene];
+        this.#shelf = new Shelf(frames.map(({ rgba }) => rgba.length / 4), Math.floor(this.#limit / PIXEL_BYTES));
+        this.#frames = frames.map(({ camera }) => ({ camera, pixels: null }));
+        await this.#makeRoom(engine.intersections_per_gaussian * scene.count, engine.min_intersections);
+        frames.forEach(({ rgba }, view) => {
+            if (this.#shelf.isResident(view)) {
+                this.#shelve(view, countedPixels(rgba));
+            } else {
+                this.#frames[view].pixels = countedPixels(rgba);
+            }
+        });
         executor.write("shape", scene.shape);
         executor.write("sh", scene.sh);
         for (const name of ["cluster_bounds", "first_moments", "second_moments", "colours"]) {
@@ -151,13 +154,14 @@ export class Trainer {
     /**
      * Draw the scene as it stands.
      *
-     * @param {Camera} camera of a size that `begin` was told of
+     * @param {Camera} camera
      * @returns {Promise<Float32Array>} (H, W, 4): colour, not cut off above 1, and transmittance
      */
     async render(camera) {
         await this.settle();
         for (;;) {
             const symbols = this.#symbols(camera);
+            await this.#executor.reserve(this.#executor.description.sizes(symbols));
             this.#writeView(camera, symbols, 0);
             this.#executor.submit("render", symbols);
             const image = await this.#executor.read("image", Float32Array, 4 * symbols.pixels);
@@ -180,9 +184,9 @@ export class Trainer {
     }
 
     #submit(step) {
-        const { camera } = this.#frames[step.view];
-        if (!this.#shelf.isResident(step.view)) {
-            this.#shelve(step.view);
+        const { camera, pixels } = this.#frames[step.view];
+        if (pixels) {
+            this.#shelve(step.view, pixels);
         }
         const { recipe, engine } = this.#settings;
         const symbols = this.#symbols(camera, structuralShare(recipe.loss, camera, engine.ssim_window) > 0);
@@ -199,12 +203,7 @@ export class Trainer {
         this.#executor.writeUniform("view", { ...values, photograph });
     }
 
-    /** Write a photograph, with 255 in the fourth byte of pixels that count: all of them. */
-    #shelve(view) {
-        const pixels = new Uint8Array(this.#frames[view].rgba);
-        for (let i = 3; i < pixels.length; i += 4) {
-            pixels[i] = 255;
-        }
+    #shelve(view, pixels) {
         this.#executor.write("photographs", pixels, PIXEL_BYTES * this.#shelf.place(view));
     }
 
@@ -213,7 +212,8 @@ export class Trainer {
         const most = Math.floor(this.#limit / INTERSECTION_BYTES);
         this.#intersections = Math.max(this.#intersections, needed, Math.min(Math.ceil(wanted), most));
         const { description } = this.#executor;
-        for (const size of new Map(this.#sizes.map((one) => [`${one.width}x${one.height}`, one])).values()) {
+        const sizes = this.#frames.map(({ camera }) => camera);
+        for (const size of new Map(sizes.map((one) => [`${one.width}x${one.height}`, one])).values()) {
             await this.#executor.reserve(description.sizes(this.#symbols(size, true)));
         }
     }
@@ -250,4 +250,13 @@ export class Trainer {
             colours_learned: 0,
         });
     }
+}
+
+/** A photograph with 255 in the fourth byte of pixels that count: all of them. */
+function countedPixels(rgba) {
+    const pixels = new Uint8Array(rgba);
+    for (let i = 3; i < pixels.length; i += 4) {
+        pixels[i] = 255;
+    }
+    return pixels;
 }
