@@ -7,6 +7,7 @@
 import { listenForCaptures } from "./controls/pick.js";
 import { ProgressView } from "./controls/progress.js";
 import { ScenePicture } from "./controls/scene_picture.js";
+import { keepAwake } from "./controls/wake_lock.js";
 
 const OPTIONS = ["most", "iterations", "gaussians"];
 
@@ -44,12 +45,13 @@ const handlers = {
         picture.refresh();
     },
     done: (found) => {
-        [ply, isTraining] = [found.ply, false];
+        ply = found.ply;
+        setTraining(false);
         progressView.end();
         picture.redraw();
     },
     fault: ({ text }) => {
-        isTraining = false;
+        setTraining(false);
         element("live").hidden = element("pictures").hidden = true;
         element("start").hidden = false;
         showMessage(text);
@@ -71,7 +73,8 @@ listenForCaptures((picked) => {
     if (!OPTIONS.map(element).every((input) => input.reportValidity())) {
         return;
     }
-    [name, isTraining, isPaused, ply] = [picked.name.replace(/\.zip$/i, ""), true, false, null];
+    [name, isPaused, ply] = [picked.name.replace(/\.zip$/i, ""), false, null];
+    setTraining(true);
     for (const id of ["message", "start", "pictures"]) {
         element(id).hidden = true;
     }
@@ -105,6 +108,13 @@ element("beside").addEventListener("click", () => {
 });
 
 element("message-close").addEventListener("click", () => (element("message").hidden = true));
+
+window.addEventListener("beforeunload", (event) => isTraining && event.preventDefault());
+
+function setTraining(training) {
+    isTraining = training;
+    keepAwake(training);
+}
 
 /** The photograph beside the rendering, which hides it once it is turned. */
 function showBeside(isBeside) {

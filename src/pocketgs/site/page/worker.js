@@ -19,15 +19,16 @@ import { Trainer } from "./training/trainer.js";
  * @property {{path: string, file: File}[]} files
  */
 
-const settings = await fetched("settings.json");
+const MS_UNTIL_LOSS_IS_TOLD = 500;
+
+const [settings, passes] = await Promise.all(["settings.json", "passes.json"].map(fetched));
 /** @type {Run | null} */
 let run = null;
 /** Until the last run's pictures are drawn. */
 let serving = Promise.resolve();
 
 // Shaders are compiled while the user chooses a capture.
-const opening = fetched("passes.json").then((passes) => Trainer.open(passes, settings, fault));
-opening.then(() => tell("ready"), (error) => fault(error.message));
+let opening = open();
 tell("settings", { run: settings.run });
 
 self.addEventListener("message", async ({ data }) => {
@@ -54,8 +55,34 @@ async function train(picked, { most, ...options }) {
         onProgress: (progress) => tell("progress", progress),
         onPicture: (picture) => tell("picture", { picture }),
     });
-    tell("done", { ply: plyOf(await run.go()) });
+    const scene = await Promise.race([lossOf(trainer), run.go().catch(thrownLater)]);
+    tell("done", { ply: plyOf(scene) });
     serving = run.serve().catch((error) => fault(error.message));
+}
+
+/** Open the GPU, and once it is lost, open it anew. */
+function open() {
+    const trainer = Trainer.open(passes, settings, fault);
+    trainer.then(
+        ({ lost }) => {
+            tell("ready");
+            lost.then(() => (opening = open()));
+        },
+        (error) => fault(error.message),
+    );
+    return trainer;
+}
+
+/** @returns {Promise<never>} rejects when the GPU is lost */
+async function lossOf({ lost }) {
+    const { message } = await lost;
+    throw new Error(`The GPU was lost: ${message || "the browser gives no reason"}. Train again, perhaps with smaller photographs.`);
+}
+
+/** What a lost GPU makes fail fails first: let its loss be told before. */
+async function thrownLater(error) {
+    await new Promise((resolve) => setTimeout(resolve, MS_UNTIL_LOSS_IS_TOLD));
+    throw error;
 }
 
 async function opened({ name, archive, files }, most) {

@@ -51,21 +51,22 @@ export class Trainer {
      *
      * @param {Object} passes from `passes.json`
      * @param {Object} settings from `settings.json`
-     * @param {(message: string) => void} onFault called when the GPU is lost or complains
+     * @param {(message: string) => void} onFault called with what the GPU complains of
      * @returns {Promise<Trainer>}
      * @throws {Error} there is no WebGPU, or no GPU
      */
     static async open(passes, settings, onFault) {
         const device = await openDevice(BUFFER_LIMITS);
         device.addEventListener("uncapturederror", ({ error }) => onFault(error.message));
-        device.lost.then(({ message }) => onFault(`The GPU was lost: ${message || "the browser gives no reason"}`));
         const executor = new Executor(device, new Description(passes));
         await executor.prepare();
         const limit = Math.min(...BUFFER_LIMITS.map((name) => device.limits[name]));
-        return new Trainer(executor, limit, settings);
+        return new Trainer(executor, limit, settings, device.lost);
     }
 
-    constructor(executor, limit, settings) {
+    constructor(executor, limit, settings, lost) {
+        /** @type {Promise<GPUDeviceLostInfo>} resolves when the GPU is lost */
+        this.lost = lost;
         this.#executor = executor;
         this.#limit = limit;
         this.#settings = settings;
