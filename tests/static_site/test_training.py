@@ -165,6 +165,26 @@ def test_a_broken_capture_leaves_the_page_usable(visit: Visit, capture_folder: P
     assert visit.complaints == []
 
 
+def test_a_run_goes_on_after_the_page_was_closed(visit: Visit, capture_folder: Path, tmp_path: Path) -> None:
+    """To the same bits as without the break."""
+    visit.page.on("dialog", lambda dialog: dialog.accept())  # whether to leave while it trains
+    choose(visit, most=32, iterations=120, gaussians=200)
+    drop(visit, "toys.zip", zipped(capture_folder))
+    visit["#pause:enabled"].click(timeout=PATIENCE)
+    visit.page.wait_for_timeout(1000)
+    done = int(visit["#iteration"].inner_text().split(" / ")[0])
+    visit.page.reload()
+    visit["#go-on"].wait_for(timeout=PATIENCE)
+    expect(visit["#go-on"]).to_have_text(f"Go on with toys, {done} of 120")
+    visit["#go-on"].click()
+    interrupted = saved(visit, tmp_path / "interrupted.ply").read_bytes()
+    choose(visit, most=32, iterations=120, gaussians=200)
+    drop(visit, "toys.zip", zipped(capture_folder))
+    assert saved(visit, tmp_path / "whole.ply").read_bytes() == interrupted
+    assert 0 < done < 120
+    assert visit.complaints == []
+
+
 HOLD_DEVICE = """
 const request = GPUAdapter.prototype.requestDevice;
 GPUAdapter.prototype.requestDevice = async function (...given) {

@@ -21,11 +21,18 @@ const picture = new ScenePicture(
 let name = "";
 let isTraining = false;
 let isPaused = false;
+/** @type {{name: string, iteration: number, iterations: number} | undefined} a run of an earlier visit */
+let earlier;
 /** @type {Blob | null} */
 let ply = null;
 
 const handlers = {
-    settings: ({ run }) => {
+    settings: ({ run, earlier: found }) => {
+        earlier = found;
+        element("earlier").hidden = !found;
+        if (found) {
+            element("go-on").textContent = `Go on with ${found.name}, ${found.iteration} of ${found.iterations}`;
+        }
         element("iterations").value = run.iterations;
         element("gaussians").value = run.gaussians;
         element("start").hidden = false;
@@ -73,16 +80,25 @@ listenForCaptures((picked) => {
     if (!OPTIONS.map(element).every((input) => input.reportValidity())) {
         return;
     }
-    [name, isPaused, ply] = [picked.name.replace(/\.zip$/i, ""), false, null];
-    setTraining(true);
-    for (const id of ["message", "start", "pictures"]) {
-        element(id).hidden = true;
-    }
-    element("title").textContent = name;
     const options = Object.fromEntries(OPTIONS.map((id) => [id, element(id).valueAsNumber]));
-    progressView.begin(options.iterations);
+    begin(picked.name, options.iterations);
     worker.postMessage({ type: "train", picked, options });
 });
+
+element("go-on").addEventListener("click", () => {
+    begin(earlier.name, earlier.iterations);
+    worker.postMessage({ type: "go on" });
+});
+
+function begin(title, iterations) {
+    [name, isPaused, ply] = [title, false, null];
+    setTraining(true);
+    for (const id of ["message", "start", "pictures", "earlier"]) {
+        element(id).hidden = true;
+    }
+    element("title").textContent = title;
+    progressView.begin(iterations);
+}
 
 element("pause").addEventListener("click", () => {
     isPaused = !isPaused;
@@ -110,6 +126,9 @@ element("beside").addEventListener("click", () => {
 element("message-close").addEventListener("click", () => (element("message").hidden = true));
 
 window.addEventListener("beforeunload", (event) => isTraining && event.preventDefault());
+
+// Systems end hidden pages without asking.
+document.addEventListener("visibilitychange", () => document.hidden && worker.postMessage({ type: "keep" }));
 
 function setTraining(training) {
     isTraining = training;

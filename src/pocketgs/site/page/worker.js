@@ -9,12 +9,13 @@ import { filesInZip } from "./archive/zip.js";
 import { loadCapture, readListing } from "./capture/open.js";
 import { plyOf } from "./formats/ply_writer.js";
 import { firstView } from "./training/first_view.js";
+import { KeptRun } from "./storage/kept_run.js";
 import { Run } from "./training/run.js";
 import { Trainer } from "./training/trainer.js";
 
 /**
  * @typedef {Object} Picked what the user chose: one archive, or the files of a folder
- * @property {string} name
+ * @property {string} name without suffix
  * @property {File | null} archive
  * @property {{path: string, file: File}[]} files
  */
@@ -27,13 +28,17 @@ let run = null;
 /** Until the last run's pictures are drawn. */
 let serving = Promise.resolve();
 
+const kept = await KeptRun.open();
+
 // Shaders are compiled while the user chooses a capture.
 let opening = open();
-tell("settings", { run: settings.run });
+tell("settings", { run: settings.run, earlier: await kept?.summary() });
 
 self.addEventListener("message", async ({ data }) => {
     if (data.type === "train") {
         await train(data.picked, data.options).catch((error) => fault(error.message));
+    } else if (data.type === "go on") {
+        await goOn().catch((error) => fault(error.message));
     } else if (data.type === "look") {
         run?.look(data.camera);
     } else {
@@ -42,20 +47,40 @@ self.addEventListener("message", async ({ data }) => {
 });
 
 /** @type {(picked: Picked, options: {most: number, iterations: number, gaussians: number}) => Promise<void>} */
-async function train(picked, { most, ...options }) {
+async function train(picked, { most, ...chosen }) {
+    await endLast();
+    const capture = await opened(picked, most);
+    const options = { seed: settings.run.seed, ...chosen };
+    // A browser that has no room for the run trains all the same.
+    const isKept = (await kept?.begin(picked.name, capture, options).then(() => true, () => false)) ?? false;
+    await perform(capture, options, isKept, (run) => run.go());
+}
+
+/** Go on with the run of an earlier visit. */
+async function goOn() {
+    await endLast();
+    const { capture, options, checkpoint } = await kept.read();
+    await perform(capture, options, true, (run) => run.goOn(checkpoint));
+}
+
+async function endLast() {
     run?.close();
     run = null;
     await serving;
-    const capture = await opened(picked, most);
+}
+
+/** @type {(capture: import("./capture/open.js").Capture, options: import("./training/run.js").Options, isKept: boolean, work: (run: Run) => Promise<import("../page/scene/gaussian_columns.js").GaussianColumns>) => Promise<void>} */
+async function perform(capture, options, isKept, work) {
     tell("stage", { text: "compiling shaders" });
     const trainer = await opening;
     tell("stage", { text: "placing splats" });
     tell("first", firstView(capture, settings.volume));
-    run = new Run(trainer, capture, settings, { seed: settings.run.seed, ...options }, {
+    run = new Run(trainer, capture, settings, options, {
         onProgress: (progress) => tell("progress", progress),
         onPicture: (picture) => tell("picture", { picture }),
+        onCheckpoint: async (checkpoint) => isKept && kept.keep(checkpoint).catch(() => (isKept = false)),
     });
-    const scene = await Promise.race([lossOf(trainer), run.go().catch(thrownLater)]);
+    const scene = await Promise.race([lossOf(trainer), work(run).catch(thrownLater)]);
     tell("done", { ply: plyOf(scene) });
     serving = run.serve().catch((error) => fault(error.message));
 }
@@ -85,9 +110,9 @@ async function thrownLater(error) {
     throw error;
 }
 
-async function opened({ name, archive, files }, most) {
+async function opened({ archive, files }, most) {
     tell("stage", { text: "opening the capture" });
-    const stored = archive ? await filesInZip(archive, name) : files.map(({ path, file }) => StoredFile.ofDisk(file, path));
+    const stored = archive ? await filesInZip(archive, archive.name) : files.map(({ path, file }) => StoredFile.ofDisk(file, path));
     const listing = await readListing(new FileTree(stored), settings.capture);
     const capture = await loadCapture(listing, most, settings, (done, of) => {
         tell("stage", { text: `photograph ${done} of ${of}`, share: done / of });

@@ -43,7 +43,7 @@ export function listenForCaptures(onPicked) {
 /** A lone file counts as an archive: what is none is refused when it is read. */
 function pick(found, onPicked) {
     if (found.length === 1) {
-        onPicked({ name: found[0].file.name, archive: found[0].file, files: [] });
+        onPicked({ name: found[0].file.name.replace(/\.zip$/i, ""), archive: found[0].file, files: [] });
     } else if (found.length) {
         onPicked({ name: found[0].path.split("/")[0], archive: null, files: found });
     }

@@ -4,6 +4,7 @@
  * @module
  */
 
+import { GaussianColumns } from "../../page/scene/gaussian_columns.js";
 import { mortonOrder } from "../seeding/morton.js";
 import { seedDiscs } from "../seeding/discs.js";
 import { selected, startingPoints } from "../seeding/points.js";
@@ -31,7 +32,11 @@ import { ViewOrder } from "./view_order.js";
  * @typedef {Object} Listener
  * @property {(progress: Progress) => void} onProgress
  * @property {(picture: {width: number, height: number, rgba: Uint8ClampedArray}) => void} onPicture
+ * @property {(checkpoint: import("../storage/kept_run.js").Checkpoint) => Promise<void>} onCheckpoint
  */
+
+/** Milliseconds of training after which the run is kept again. */
+const BETWEEN_CHECKPOINTS = 20_000;
 
 /** Can be paused, stopped, and looked at. */
 export class Run {
@@ -44,6 +49,7 @@ export class Run {
     #heldOut;
     #views;
     #iteration = 0;
+    #first = 0;
     #psnr = null;
     #spent = 0;
     #isPaused = false;
@@ -51,6 +57,10 @@ export class Run {
     #isClosed = false;
     #asked = null;
     #wake = () => {};
+    #mustKeep = true;
+    #kept = 0;
+    /** @type {import("./rates.js").Rates} */
+    #initial;
 
     /**
      * @param {Trainer} trainer
@@ -72,6 +82,13 @@ export class Run {
     /** Stop after the steps under way, until `resume`. */
     pause() {
         this.#isPaused = true;
+        this.keep();
+    }
+
+    /** Keep a checkpoint after the steps under way: the page may be closed soon. */
+    keep() {
+        this.#mustKeep = true;
+        this.#wake();
     }
 
     resume() {
@@ -104,7 +121,7 @@ export class Run {
     /**
      * Train.
      *
-     * @returns {Promise<import("../../page/scene/gaussian_columns.js").GaussianColumns>} the trained scene
+     * @returns {Promise<GaussianColumns>} the trained scene
      * @throws {Error} there is nothing to start from, or the GPU's memory does not hold it
      */
     async go() {
@@ -113,26 +130,51 @@ export class Run {
         const { recipe, seeding } = this.#settings;
         const unit = pixelFootprint(train.map(({ camera }) => camera), points.positions);
         const order = mortonOrder(Float64Array.from(Float32Array.from(points.positions)), seeding.morton_bits);
+        this.#initial = initialRates(recipe, this.#options.iterations, unit);
         await this.#trainer.begin(train, background, seedDiscs(selected(points, order), recipe, seeding));
-        this.#capture = null;
-        await this.#iterate(initialRates(recipe, this.#options.iterations, unit));
-        await this.#lookAtHeldOut();
-        return this.#trainer.download();
+        return this.#finish();
+    }
+
+    /**
+     * Go on with a run that was kept. It gives the same scene as if it had not been interrupted.
+     *
+     * @param {import("../storage/kept_run.js").Checkpoint} checkpoint
+     * @returns {Promise<GaussianColumns>} the trained scene
+     * @throws {Error} the GPU's memory does not hold it
+     */
+    async goOn({ header, arrays: [shape, sh, ...moments] }) {
+        const { train, background } = this.#capture;
+        const scene = new GaussianColumns(header.count, header.coefficients);
+        scene.shape.set(shape);
+        scene.sh.set(sh);
+        [this.#initial, this.#psnr] = [header.initial, header.psnr];
+        this.#iteration = header.losses.length;
+        this.#first = this.#iteration;
+        await this.#trainer.begin(train, background, scene, { losses: header.losses, near: header.near, moments });
+        return this.#finish();
     }
 
     /** Draw what is asked for, until `close`. */
     async serve() {
-        await this.#drawWhile(() => !this.#isClosed);
+        await this.#waitWhile(() => !this.#isClosed);
     }
 
-    async #iterate(initial) {
+    async #finish() {
+        this.#capture = null;
+        await this.#iterate();
+        await this.#lookAtHeldOut();
+        await this.#keep();
+        return this.#trainer.download();
+    }
+
+    async #iterate() {
         const { iterations, seed } = this.#options;
         const order = new ViewOrder(this.#views, seed);
         const every = this.#settings.run.evaluate_every;
         this.#report();
         let began = performance.now();
         while (this.#iteration < iterations && !this.#isStopped) {
-            const rates = ratesAt(initial, this.#settings.recipe.schedule, this.#iteration / iterations);
+            const rates = ratesAt(this.#initial, this.#settings.recipe.schedule, this.#iteration / iterations);
             const isTimeToLook = this.#trainer.step(order.at(this.#iteration), rates);
             this.#iteration++;
             if (!isTimeToLook && this.#iteration % every && this.#iteration < iterations) {
@@ -144,18 +186,34 @@ export class Run {
                 await this.#lookAtHeldOut();
             }
             this.#report();
-            await this.#draw();
-            await this.#drawWhile(() => this.#isPaused && !this.#isStopped);
+            this.#mustKeep ||= this.#spent > this.#kept + BETWEEN_CHECKPOINTS;
+            await this.#doWhatIsAsked();
+            await this.#waitWhile(() => this.#isPaused && !this.#isStopped);
             began = performance.now();
         }
     }
 
-    async #drawWhile(goesOn) {
+    async #keep() {
+        [this.#mustKeep, this.#kept] = [false, this.#spent];
+        const [scene, { losses, near, moments }] = [await this.#trainer.download(), await this.#trainer.state()];
+        const { count, coefficients } = scene;
+        const header = { count, coefficients, losses, near, psnr: this.#psnr, initial: this.#initial };
+        await this.#listener.onCheckpoint({ header, arrays: [scene.shape, scene.sh, ...moments] });
+    }
+
+    async #waitWhile(goesOn) {
         while (goesOn()) {
-            if (!this.#asked) {
+            if (!this.#asked && !this.#mustKeep) {
                 await new Promise((resolve) => (this.#wake = resolve));
             }
-            await this.#draw();
+            await this.#doWhatIsAsked();
+        }
+    }
+
+    async #doWhatIsAsked() {
+        await this.#draw();
+        if (this.#mustKeep) {
+            await this.#keep();
         }
     }
 
@@ -185,7 +243,7 @@ export class Run {
             iteration: this.#iteration,
             loss: latest.length ? latest.reduce((sum, loss) => sum + loss, 0) / latest.length : null,
             held_out_psnr: this.#psnr,
-            rate: this.#spent ? (1000 * this.#iteration) / this.#spent : 0,
+            rate: this.#spent ? (1000 * (this.#iteration - this.#first)) / this.#spent : 0,
             gaussians: this.#trainer.count,
             bytes: this.#trainer.bytes,
         });

@@ -19,10 +19,17 @@ import { structuralShare, updateValues } from "./update_values.js";
  * @typedef {import("../capture/camera.js").Camera} Camera
  * @typedef {import("../capture/photograph.js").Frame} Frame
  * @typedef {import("./rates.js").Rates} Rates
+ *
+ * @typedef {Object} State what training needs besides the scene to go on where it stopped
+ * @property {number[]} losses of all steps
+ * @property {number} near
+ * @property {Float32Array[]} moments first and second
  */
 
 /** Bytes for each intersection in the largest of the buffers that hold something of each. */
 const INTERSECTION_BYTES = 36;
+
+const MOMENTS = ["first_moments", "second_moments"];
 
 /** Holds the device, the scene, and the optimiser's state. */
 export class Trainer {
@@ -89,9 +96,10 @@ export class Trainer {
      * @param {Frame[]} frames to train on; of those that lie on the GPU no other copy is kept
      * @param {number[]} background RGB in [0, 1]
      * @param {GaussianColumns} scene
+     * @param {State | null} state of a run that goes on
      * @throws {Error} the GPU's memory does not hold it
      */
-    async begin(frames, background, scene) {
+    async begin(frames, background, scene, state = null) {
         const { engine } = this.#settings;
         const executor = this.#executor;
         [this.#background, this.#scene] = [background, scene];
@@ -107,11 +115,12 @@ export class Trainer {
         });
         executor.write("shape", scene.shape);
         executor.write("sh", scene.sh);
-        for (const name of ["cluster_bounds", "first_moments", "second_moments", "colours"]) {
+        for (const name of ["cluster_bounds", "colours", ...MOMENTS]) {
             executor.write(name, new Uint8Array(executor.buffer(name).size));
         }
-        this.#near = nearPlane([0, 1, 2].map((axis) => scene.column(MEAN + axis)), scene.count);
-        [this.completed, this.losses, this.#pending] = [0, [], []];
+        state?.moments.forEach((values, i) => executor.write(MOMENTS[i], values));
+        this.#near = state?.near ?? nearPlane([0, 1, 2].map((axis) => scene.column(MEAN + axis)), scene.count);
+        [this.completed, this.losses, this.#pending] = [state?.losses.length ?? 0, state?.losses ?? [], []];
         this.#resume();
     }
 
@@ -182,6 +191,17 @@ export class Trainer {
         scene.shape.set(await this.#executor.read("shape", Float32Array, scene.shape.length));
         scene.sh.set(await this.#executor.read("sh", Float32Array, scene.sh.length));
         return scene;
+    }
+
+    /** @returns {Promise<State>} a copy */
+    async state() {
+        await this.settle();
+        const numbers = this.#symbols({ width: 1, height: 1 }).columns * this.#scene.count;
+        const moments = [];
+        for (const name of MOMENTS) {
+            moments.push(await this.#executor.read(name, Float32Array, numbers));
+        }
+        return { losses: [...this.losses], near: this.#near, moments };
     }
 
     #submit(step) {
