@@ -165,23 +165,33 @@ def test_a_broken_capture_leaves_the_page_usable(visit: Visit, capture_folder: P
     assert visit.complaints == []
 
 
+def paused_and_kept(visit: Visit) -> int:
+    """Pause the run, and wait until it is kept as it stands. Returns how many iterations that are."""
+    visit["#pause:enabled"].click(timeout=PATIENCE)
+    deadline = time.monotonic() + PATIENCE / 1000
+    while True:
+        visit.page.wait_for_timeout(300)
+        done, end = visit["#iteration"].inner_text().split(" / ")
+        if visit["#go-on"].text_content() == f"Go on with toys, {done} of {end}":
+            return int(done)
+        assert time.monotonic() < deadline
+
+
 def test_a_run_goes_on_after_the_page_was_closed(visit: Visit, capture_folder: Path, tmp_path: Path) -> None:
     """To the same bits as without the break."""
     visit.page.on("dialog", lambda dialog: dialog.accept())  # whether to leave while it trains
-    choose(visit, most=32, iterations=120, gaussians=200)
+    choose(visit, most=32, iterations=60, gaussians=200)
     drop(visit, "toys.zip", zipped(capture_folder))
-    visit["#pause:enabled"].click(timeout=PATIENCE)
-    visit.page.wait_for_timeout(1000)
-    done = int(visit["#iteration"].inner_text().split(" / ")[0])
+    done = paused_and_kept(visit)
     visit.page.reload()
     visit["#go-on"].wait_for(timeout=PATIENCE)
-    expect(visit["#go-on"]).to_have_text(f"Go on with toys, {done} of 120")
+    expect(visit["#go-on"]).to_have_text(f"Go on with toys, {done} of 60")
     visit["#go-on"].click()
     interrupted = saved(visit, tmp_path / "interrupted.ply").read_bytes()
-    choose(visit, most=32, iterations=120, gaussians=200)
+    choose(visit, most=32, iterations=60, gaussians=200)
     drop(visit, "toys.zip", zipped(capture_folder))
     assert saved(visit, tmp_path / "whole.ply").read_bytes() == interrupted
-    assert 0 < done < 120
+    assert 0 < done < 60
     assert visit.complaints == []
 
 
@@ -193,18 +203,19 @@ GPUAdapter.prototype.requestDevice = async function (...given) {
 """
 
 
-def test_a_lost_gpu_is_opened_anew(browser: Browser, host: Host, capture_folder: Path, tmp_path: Path) -> None:
+def test_a_run_survives_a_lost_gpu(browser: Browser, host: Host, capture_folder: Path, tmp_path: Path) -> None:
     with visiting(browser, "about:blank", 720, 420) as visit:
         prefix_worker(visit.page.context, HOLD_DEVICE)
         visit.page.goto(host.address)
         visit["#start"].wait_for(timeout=PATIENCE)
         choose(visit, most=32, iterations=20_000, gaussians=100)
         drop(visit, "toys.zip", zipped(capture_folder))
-        visit["#pause:enabled"].wait_for(timeout=PATIENCE)
+        paused_and_kept(visit)
         visit.page.workers[0].evaluate("device.destroy()")
         expect(visit["#message-text"]).to_contain_text("The GPU was lost", timeout=PATIENCE)
-        choose(visit, iterations=1)
-        drop(visit, "toys.zip", zipped(capture_folder))
+        visit["#message-close"].click()
+        visit["#go-on"].click()
+        visit["#stop:enabled"].click(timeout=PATIENCE)
         assert b"element vertex 100\n" in saved(visit, tmp_path / "scene.ply").read_bytes()[:200]
 
 

@@ -21,21 +21,23 @@ const picture = new ScenePicture(
 let name = "";
 let isTraining = false;
 let isPaused = false;
-/** @type {{name: string, iteration: number, iterations: number} | undefined} a run of an earlier visit */
-let earlier;
+/** @type {{name: string, iteration: number, iterations: number} | null} a run that can go on */
+let kept = null;
 /** @type {Blob | null} */
 let ply = null;
 
 const handlers = {
-    settings: ({ run, earlier: found }) => {
-        earlier = found;
-        element("earlier").hidden = !found;
-        if (found) {
-            element("go-on").textContent = `Go on with ${found.name}, ${found.iteration} of ${found.iterations}`;
-        }
+    settings: ({ run }) => {
         element("iterations").value = run.iterations;
         element("gaussians").value = run.gaussians;
         element("start").hidden = false;
+    },
+    kept: ({ found }) => {
+        kept = found;
+        element("kept").hidden = !found;
+        if (found) {
+            element("go-on").textContent = `Go on with ${found.name}, ${found.iteration} of ${found.iterations}`;
+        }
     },
     ready: () => (document.body.dataset.gpu = "ready"),
     stage: ({ text, share }) => progressView.showStage(text, share),
@@ -54,9 +56,11 @@ const handlers = {
     done: (found) => {
         ply = found.ply;
         setTraining(false);
+        element("kept").hidden = true;
         progressView.end();
         picture.redraw();
     },
+    complaint: ({ text }) => showMessage(text),
     fault: ({ text }) => {
         setTraining(false);
         element("live").hidden = element("pictures").hidden = true;
@@ -86,14 +90,14 @@ listenForCaptures((picked) => {
 });
 
 element("go-on").addEventListener("click", () => {
-    begin(earlier.name, earlier.iterations);
+    begin(kept.name, kept.iterations);
     worker.postMessage({ type: "go on" });
 });
 
 function begin(title, iterations) {
     [name, isPaused, ply] = [title, false, null];
     setTraining(true);
-    for (const id of ["message", "start", "pictures", "earlier"]) {
+    for (const id of ["message", "start", "pictures", "kept"]) {
         element(id).hidden = true;
     }
     element("title").textContent = title;

@@ -8,8 +8,8 @@ import { FileTree, StoredFile } from "./archive/tree.js";
 import { filesInZip } from "./archive/zip.js";
 import { loadCapture, readListing } from "./capture/open.js";
 import { plyOf } from "./formats/ply_writer.js";
-import { firstView } from "./training/first_view.js";
 import { KeptRun } from "./storage/kept_run.js";
+import { firstView } from "./training/first_view.js";
 import { Run } from "./training/run.js";
 import { Trainer } from "./training/trainer.js";
 
@@ -28,23 +28,23 @@ let run = null;
 /** Until the last run's pictures are drawn. */
 let serving = Promise.resolve();
 
-const kept = await KeptRun.open();
-
 // Shaders are compiled while the user chooses a capture.
 let opening = open();
-tell("settings", { run: settings.run, earlier: await kept?.summary() });
+const kept = await KeptRun.open();
 
 self.addEventListener("message", async ({ data }) => {
     if (data.type === "train") {
-        await train(data.picked, data.options).catch((error) => fault(error.message));
+        await train(data.picked, data.options).catch(failed);
     } else if (data.type === "go on") {
-        await goOn().catch((error) => fault(error.message));
+        await goOn().catch(failed);
     } else if (data.type === "look") {
         run?.look(data.camera);
     } else {
         run?.[data.type]();
     }
 });
+tell("settings", { run: settings.run });
+tellOfKept();
 
 /** @type {(picked: Picked, options: {most: number, iterations: number, gaussians: number}) => Promise<void>} */
 async function train(picked, { most, ...chosen }) {
@@ -69,7 +69,14 @@ async function endLast() {
     await serving;
 }
 
-/** @type {(capture: import("./capture/open.js").Capture, options: import("./training/run.js").Options, isKept: boolean, work: (run: Run) => Promise<import("../page/scene/gaussian_columns.js").GaussianColumns>) => Promise<void>} */
+/**
+ * Train, and then draw the scene until the next run.
+ *
+ * @param {import("./capture/open.js").Capture} capture
+ * @param {import("./training/run.js").Options} options
+ * @param {boolean} isKept whether there is room to keep it
+ * @param {(run: Run) => Promise<import("../page/scene/gaussian_columns.js").GaussianColumns>} work
+ */
 async function perform(capture, options, isKept, work) {
     tell("stage", { text: "compiling shaders" });
     const trainer = await opening;
@@ -78,16 +85,28 @@ async function perform(capture, options, isKept, work) {
     run = new Run(trainer, capture, settings, options, {
         onProgress: (progress) => tell("progress", progress),
         onPicture: (picture) => tell("picture", { picture }),
-        onCheckpoint: async (checkpoint) => isKept && kept.keep(checkpoint).catch(() => (isKept = false)),
+        onCheckpoint: async (checkpoint) => {
+            isKept &&= await kept.keep(checkpoint).then(() => true, () => false);
+            await tellOfKept();
+        },
     });
     const scene = await Promise.race([lossOf(trainer), work(run).catch(thrownLater)]);
     tell("done", { ply: plyOf(scene) });
     serving = run.serve().catch((error) => fault(error.message));
 }
 
+async function failed(error) {
+    fault(error.message);
+    await tellOfKept();
+}
+
+async function tellOfKept() {
+    tell("kept", { found: (await kept?.summary()) ?? null });
+}
+
 /** Open the GPU, and once it is lost, open it anew. */
 function open() {
-    const trainer = Trainer.open(passes, settings, fault);
+    const trainer = Trainer.open(passes, settings, (text) => tell("complaint", { text }));
     trainer.then(
         ({ lost }) => {
             tell("ready");
@@ -101,7 +120,7 @@ function open() {
 /** @returns {Promise<never>} rejects when the GPU is lost */
 async function lossOf({ lost }) {
     const { message } = await lost;
-    throw new Error(`The GPU was lost: ${message || "the browser gives no reason"}. Train again, perhaps with smaller photographs.`);
+    throw new Error(`The GPU was lost: ${message || "the browser gives no reason"}. Go on, or train again with smaller photographs.`);
 }
 
 /** What a lost GPU makes fail fails first: let its loss be told before. */

@@ -58,13 +58,13 @@ export class Trainer {
      *
      * @param {Object} passes from `passes.json`
      * @param {Object} settings from `settings.json`
-     * @param {(message: string) => void} onFault called with what the GPU complains of
+     * @param {(text: string) => void} onComplaint called with what the GPU complains of
      * @returns {Promise<Trainer>}
      * @throws {Error} there is no WebGPU, or no GPU
      */
-    static async open(passes, settings, onFault) {
+    static async open(passes, settings, onComplaint) {
         const device = await openDevice(BUFFER_LIMITS);
-        device.addEventListener("uncapturederror", ({ error }) => onFault(error.message));
+        device.addEventListener("uncapturederror", ({ error }) => onComplaint(error.message));
         const executor = new Executor(device, new Description(passes));
         await executor.prepare();
         const limit = Math.min(...BUFFER_LIMITS.map((name) => device.limits[name]));
