@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -42,10 +43,12 @@ class Attempt:
     Attributes:
         gain: mean PSNR in dB of held-out views against what was there to see by day, beyond that of fog.
         said: warnings.
+        summary: content of `run.json`.
     """
 
     gain: float = np.nan
     said: list[str] = field(default_factory=list)
+    summary: dict[str, Any] = field(default_factory=dict)
 
     def was_told(self, words: str, part: str) -> bool:
         """Whether a warning holds the words and names a part of the docs that exists."""
@@ -72,6 +75,7 @@ def attempt(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Attempt
         held_out: list[tuple[str, Camera]] = []
         reporter = Reporter(on_prior=told, on_prepared=prepared, on_warning=found.said.append)
         result = run(lambda: list_capture(folder / "capture"), folder / "result", OPTIONS, reporter=reporter)
+        found.summary = result.summary
         for array in (result.scene.means, result.scene.log_scales, result.scene.sh, result.scene.opacity_logits):
             assert np.isfinite(array).all()
         views = render_all(result.scene, [camera for _, camera in held_out], engine=OPTIONS.engine_options)
@@ -91,6 +95,7 @@ def test_without_a_mistake(attempt: Callable[[str], Attempt]) -> None:
     good = attempt("none")
     assert good.gain > GOOD
     assert good.said == []
+    assert good.summary["doubtful_views"] is None
 
 
 def test_turning_on_the_spot(attempt: Callable[[str], Attempt]) -> None:
@@ -119,6 +124,11 @@ def test_half_the_poses_wrong(attempt: Callable[[str], Attempt]) -> None:
     displaced = attempt("displaced")
     assert displaced.gain > USABLE
     assert displaced.was_told("poses were wrong", "When some poses are wrong")
+    views = {image["name"]: image["psnr"] for image in displaced.summary["images"]}
+    doubtful = displaced.summary["doubtful_views"]
+    assert 0 < len(doubtful["names"]) < len(views)
+    others = [value for name, value in views.items() if name not in doubtful["names"]]
+    assert doubtful["means_without"]["psnr"] == pytest.approx(np.mean(others))
 
 
 def test_a_photograph_of_another_place(attempt: Callable[[str], Attempt]) -> None:

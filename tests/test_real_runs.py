@@ -38,18 +38,12 @@ def check(record: dict[str, Any], psnr: float, ssim: float) -> None:
     assert memory < 1000
 
 
-def test_fern(trained: Callable[..., dict[str, Any]]) -> None:
-    record = trained("fern", "--images", "images_8", "--effort", "quick")
-    assert record["coverage"] >= 0.99
-    assert record["protocol"] == "undistorted, cropped to 498x372, held out every 8th by name"
-    check(record, psnr=28.4, ssim=0.90)
-
-
 def test_fern_with_standard_effort(trained: Callable[..., dict[str, Any]]) -> None:
     """The default: more work than the other runs here, and more of it for larger captures."""
     record = trained("fern", "--images", "images_8", "--effort", "standard")
     print(f"{record['psnr']:.2f} dB, {record['keyframes']} keyframes, {record['coverage']:.4f} covered")
     assert record["options"]["effort"] == "standard"
+    assert record["protocol"] == "undistorted, cropped to 498x372, held out every 8th by name"
     assert record["psnr"] >= 29.3
     assert record["coverage"] >= 0.99
     assert 50_000 <= record["options"]["max_gaussians"] < 60_000
@@ -59,8 +53,10 @@ def test_fern_with_standard_effort(trained: Callable[..., dict[str, Any]]) -> No
 
 def test_fern_as_photographed(trained: Callable[..., dict[str, Any]]) -> None:
     """With the lens' distortion, which no pinhole camera can reproduce."""
-    record = trained("fern", "--images", "images_8", "--no-undistort", "--effort", "quick")
-    check(record, psnr=26.7, ssim=0.875)
+    record = trained(
+        "fern", "--images", "images_8", "--no-undistort", "--downscale", 2, "--effort", "quick", "--iterations", 250
+    )
+    check(record, psnr=29.2, ssim=0.925)
 
 
 def test_fern_with_the_reference_recipe(trained: Callable[..., dict[str, Any]]) -> None:

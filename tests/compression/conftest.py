@@ -22,13 +22,13 @@ def scene(small_capture: Capture) -> Gaussians:
 
 @pytest.fixture(scope="session")
 def engine() -> Engine:
-    """Holds whatever a test has uploaded last."""
+    """The shared engine, with the scene of the last upload."""
     return create_engine(EngineOptions(engine="cpu"))
 
 
 @pytest.fixture
 def views(small_capture: Capture) -> Views:
-    """Its photographs."""
+    """The photographs of the small capture."""
     return photographed(small_capture)
 
 

@@ -1,4 +1,4 @@
-"""Compression of a small scene: bounds that are kept, files that hold what was measured, interruptions."""
+"""Compression of a small scene: bounds, files that equal the measured scenes, and interruptions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.usefixtures("_few_steps")
 
 
 def in_order(scene: Gaussians) -> np.ndarray:
-    """All numbers of a scene, a row per Gaussian, sorted."""
+    """All numbers of a scene, one row per Gaussian, sorted."""
     rows = np.concatenate([getattr(scene, name).reshape(len(scene), -1) for name in PARAMETERS], axis=1)
     return rows[np.lexsort(rows.T)]
 
@@ -78,7 +78,7 @@ def test_size_and_seed(scene: Gaussians, views: Views, engine: Engine) -> None:
 
 
 def test_a_size_that_the_whole_scene_fits(scene: Gaussians, views: Views, engine: Engine) -> None:
-    """Finely rounded, it is closest to the original."""
+    """The finely rounded whole scene is closest to the original."""
     found = compress(scene, views, engine, CompressionOptions(size=1.0), seconds=0.01)
     assert found.chosen.psnr >= max(each.psnr for each in found.candidates)
     assert found.chosen.psnr > found.original_psnr - 0.05
@@ -86,7 +86,7 @@ def test_a_size_that_the_whole_scene_fits(scene: Gaussians, views: Views, engine
 
 
 def test_grids_are_tried_once(scene: Gaussians, views: Views, engine: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Even where none is within the bound."""
+    """Even if no candidate is within the bound."""
     monkeypatch.setattr("pocketgs.compression.compress.GRIDS", 1)
     cameras = {frame.name: frame.camera for frame in views.train[:2]}
     own = rendered(scene, cameras, engine, views.background)
@@ -121,7 +121,7 @@ def test_a_time_budget_ends_the_search(scene: Gaussians, views: Views, engine: E
 
 
 def pressing_ctrl_c(step: int) -> Callable[[int, int], None]:
-    """Counts steps, and presses Ctrl-C at one of them."""
+    """Counts steps, and presses Ctrl-C at a given one."""
 
     def count(done: int, of: int) -> None:
         if done == step:

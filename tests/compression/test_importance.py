@@ -34,7 +34,7 @@ def test_what_nobody_sees_goes_first(scene: Gaussians, views: Views, engine: Eng
 
 
 def test_frozen_groups_stay(scene: Gaussians, views: Views, engine: Engine) -> None:
-    """Bit for bit, even quaternions, so that what was rounded stays so."""
+    """Bit for bit, including quaternions, so that rounded values stay rounded."""
     assert set(ORDER) == set(GROUPS)
     start = rounded(scene, DEFAULT, ["log_scales", "quaternions"])
     tuner = FineTuner(engine, views.train, views.background, scene, 0)

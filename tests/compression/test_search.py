@@ -16,7 +16,7 @@ COUNTS = st.integers(32, 1_000_000)
 def test_values_that_grow_with_the_logarithm(
     least: int, guess: int, slope: float, offset: float, from_above: bool
 ) -> None:
-    """The number is found closely if the slope is about what was expected."""
+    """The search is precise if the expected slope is about right."""
     most, tried = 64 * least, []
     wanted = math.log(8 * least) + offset
     goal = Goal(target=slope * wanted, slope=1.0, tolerance=0.02, from_above=from_above)

@@ -1,4 +1,4 @@
-"""The pinhole camera: rays are what projection undoes."""
+"""The pinhole camera: projection, and rays as its inverse."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ def camera_at(eye: np.ndarray, target: np.ndarray) -> Camera:
 
 
 def ring(azimuths: np.ndarray, elevation: float = 0.5, distance: float = 3.0) -> list[Camera]:
-    """Cameras about TARGET that look at it."""
+    """Cameras around TARGET that look at it."""
     flat = distance * np.cos(elevation)
     height = np.full_like(azimuths, distance * np.sin(elevation))
     offsets = np.stack([flat * np.cos(azimuths), flat * np.sin(azimuths), height], axis=1)

@@ -1,4 +1,4 @@
-"""Cameras with lenses: as OpenCV projects, rays undo projection, and where polynomials turn back."""
+"""Cameras with lenses: OpenCV's projection, rays as its inverse, and angles at which polynomials fold back."""
 
 from __future__ import annotations
 

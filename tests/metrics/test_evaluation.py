@@ -1,4 +1,4 @@
-"""PSNR and SSIM against scikit-image, corrected colours, masks, and FLIP and LPIPS that are there or not."""
+"""PSNR and SSIM against scikit-image, colour correction, masks, and FLIP and LPIPS with and without their packages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenes as tensors. Without PyTorch and gsplat's wheel, `test_installed.py` says so, and the others are left out."""
+"""Scenes as tensors. Without PyTorch or gsplat's wheel, `test_installed.py` reports it, and the others are skipped."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ collect_ignore_glob = ["test_[!i]*.py", "test_in[!s]*.py"] if missing else []
 
 @pytest.fixture
 def make_scene() -> Callable[..., dict[str, Any]]:
-    """A function that scatters Gaussians before two cameras, as `rasterization` takes them."""
+    """A function that scatters Gaussians in front of two cameras, as arguments of `rasterization`."""
     import torch
 
     def make(

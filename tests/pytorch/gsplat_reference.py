@@ -1,4 +1,4 @@
-"""The PyTorch reference of gsplat's wheel, with what it takes from CUDA replaced by plain PyTorch."""
+"""The PyTorch reference of gsplat's wheel, with its CUDA parts replaced by plain PyTorch."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ALPHA_MIN, ALPHA_MAX, TRANSMITTANCE_MIN = 1.0 / 255.0, 0.999, 1e-4
 
 @contextmanager
 def nerfacc() -> Iterator[None]:
-    """What gsplat's `accumulate` imports of nerfacc, which needs CUDA."""
+    """Replaces nerfacc, which gsplat's `accumulate` imports and which needs CUDA."""
     module = ModuleType("nerfacc")
     vars(module)["render_weight_from_alpha"] = _weights
     vars(module)["accumulate_along_rays"] = _accumulate
@@ -27,7 +27,7 @@ def nerfacc() -> Iterator[None]:
 
 
 def _weights(alphas: Tensor, ray_indices: Tensor, n_rays: int) -> tuple[Tensor, Tensor]:
-    """α T of samples that follow each other along rays, ray after ray, by the sum of logarithms."""
+    """α T of samples sorted by ray and by depth, from sums of logarithms."""
     logs = torch.log1p(-alphas.double())
     sums = logs.cumsum(0) - logs
     first = torch.ones_like(ray_indices, dtype=torch.bool)
@@ -45,7 +45,7 @@ def _accumulate(weights: Tensor, values: Tensor | None, ray_indices: Tensor, n_r
 def pairs(
     means2d: Tensor, conics: Tensor, opacities: Tensor, depths: Tensor, radii: Tensor, size: tuple[int, int]
 ) -> Any:
-    """Which splat counts at which pixel of one image, front to back: gsplat's rule in CUDA."""
+    """Pairs of contributing splats and pixels of one image, front to back, by the rule of gsplat's CUDA kernels."""
     width, height = size
     x, y = torch.arange(width) + 0.5, torch.arange(height) + 0.5
     order = torch.argsort(depths, stable=True)
@@ -84,7 +84,7 @@ def rasterization(
     rasterize_mode: str = "classic",
     camera_model: str = "pinhole",
 ) -> tuple[Tensor, Tensor, dict[str, Tensor]]:
-    """The parts of the wheel's reference in the order of its `rasterization`, for (N, ...) Gaussians."""
+    """Call the parts of the wheel's reference in the order of its `rasterization`, for (N, ...) Gaussians."""
     covars, _ = _torch_impl._quat_scale_to_covar_preci(quats, scales, True, False)
     compensated = rasterize_mode == "antialiased"
     radii, means2d, depths, conics, factors = _torch_impl._fully_fused_projection(

@@ -1,4 +1,4 @@
-"""The pieces by themselves: rearranged, optimised, culled, relocated."""
+"""Building blocks: separate passes, the optimiser, culling of clusters, and relocation."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SIZE = (50, 37)
 
 
 def test_the_blocks_in_a_row_are_rasterization(make_scene: Callable[..., Any]) -> None:
-    """And culling clusters before them changes nothing but the work."""
+    """Culling clusters first does not change the result."""
     scene = make_scene(2000)
     with torch.no_grad():
         scene["means"][:1000] -= torch.tensor([0.0, 0.0, 50.0])  # behind the camera

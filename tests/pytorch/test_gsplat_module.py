@@ -1,4 +1,4 @@
-"""Scripts that import gsplat run on our functions; its own strategies do, as they are."""
+"""Scripts that import gsplat run on our functions, including gsplat's own strategies."""
 
 from __future__ import annotations
 

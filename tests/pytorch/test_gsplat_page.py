@@ -1,4 +1,4 @@
-"""The examples on the page about gsplat run as they stand."""
+"""The examples in docs/gsplat.md run."""
 
 from __future__ import annotations
 

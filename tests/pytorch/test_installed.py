@@ -1,4 +1,4 @@
-"""What the tests of this folder need is there, and nothing else needs it."""
+"""The packages for these tests are installed, and PocketGS does not import them otherwise."""
 
 from __future__ import annotations
 

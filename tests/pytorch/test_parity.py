@@ -1,4 +1,4 @@
-"""gsplat's own PyTorch reference gives the same images and gradients."""
+"""Images and gradients agree with gsplat's PyTorch reference."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def assert_close(found: Tensor, expected: Tensor, within: float, what: str = "")
 
 
 def compare(scene: dict[str, Tensor], **options: Any) -> None:
-    """Forward within 1e-4, gradients within 1e-3 of the largest."""
+    """Compare images to within 1e-4, and gradients to within 1e-3 of the largest."""
     ours, theirs = scene, {name: tensor.detach().double().requires_grad_() for name, tensor in scene.items()}
     if options.get("camera_model") == "ortho":
         for each in (ours, theirs):
@@ -81,7 +81,7 @@ def test_any_number_of_channels_over_a_background(make_scene: Callable[..., Any]
 
 
 def test_opaque_gaussians_stop_where_gsplats_do(make_scene: Callable[..., Any]) -> None:
-    """Forty nearly opaque ones behind each other: what would bring a pixel to 1e-4 is left out, with all behind it."""
+    """Forty nearly opaque Gaussians in a row: one that would bring a pixel to 1e-4 is skipped, with all behind it."""
     scene = make_scene(200)
     with torch.no_grad():
         scene["opacities"].fill_(1.0)

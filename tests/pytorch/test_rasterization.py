@@ -1,4 +1,4 @@
-"""What callers of `rasterization` rely on, beside the images."""
+"""The behaviour of `rasterization` apart from images and gradients."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_meta_has_every_key_and_centres_get_gradients(make_scene: Callable[..., 
 
 @pytest.mark.parametrize("copied", [dict, lambda meta: {**meta}, lambda meta: meta | {}])
 def test_copies_of_meta_hold_every_value(make_scene: Callable[..., Any], copied: Callable[..., Any]) -> None:
-    """Those that are computed when they are looked at, too."""
+    """Including lazily computed values."""
     _, _, meta = rasterization(**make_scene(5), **SIZE, packed=True)
     found = copied(meta)
     assert set(found) == META
@@ -89,7 +89,7 @@ def test_copies_of_meta_hold_every_value(make_scene: Callable[..., Any], copied:
 
 
 def test_images_changed_in_place_are_not_taken_back(make_scene: Callable[..., Any]) -> None:
-    """With one camera the image is the kernel's own memory, which the way back needs."""
+    """With one camera, the image is the kernel's own memory, which the backward pass needs."""
     scene = make_scene(5)
     scene |= {name: scene[name][:1] for name in ("viewmats", "Ks")}
     image, _, _ = rasterization(**scene, **SIZE)

@@ -1,4 +1,4 @@
-"""Edits of a scene: an edited scene renders as the original does from the corresponding camera."""
+"""Edits of a scene: an edited scene renders like the original from the corresponding camera."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_half_turns_of_the_formats_are_rotations() -> None:
 
 
 def test_moved_scene_looks_the_same_to_a_moved_camera() -> None:
-    """Scaled, turned and moved, with the camera taken along: pictures of view-dependent Gaussians agree."""
+    """Renderings of view-dependent Gaussians agree if scene and camera are scaled, rotated and moved together."""
     rng = np.random.default_rng(1)
     scene = random_scene(60, 3, extent=1.0)
     scene = Gaussians(

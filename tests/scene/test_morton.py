@@ -1,4 +1,4 @@
-"""An order in which neighbours in space are neighbours in memory."""
+"""Morton order: neighbours in space are neighbours in memory."""
 
 from __future__ import annotations
 

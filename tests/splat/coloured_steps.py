@@ -1,4 +1,4 @@
-"""Steps that learn the photographs' colours, as the tests of all engines take them, and the same in the reference."""
+"""Training steps that learn colour transforms, shared by the tests of all engines, and their reference."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COLOURED = StepSettings(RATES, background=BACKGROUND, colours=LEARNING)
 
 
 def random_table(photographs: int) -> np.ndarray:
-    """(V, COLUMNS) float32 transforms that have a history."""
+    """(V, COLUMNS) float32 random transforms with a mean of zero."""
     rng = np.random.default_rng(5)
     table = no_transforms(photographs)
     table[:, CHANGE] = rng.normal(0, 0.1, (photographs, 12))
@@ -33,7 +33,7 @@ def random_table(photographs: int) -> np.ndarray:
 
 
 def state_with(gaussians: Gaussians, table: np.ndarray) -> OptimiserState:
-    """Adam's state before its first step, but for the colour transforms."""
+    """Adam's initial state, with the given colour transforms."""
     zeros = np.zeros((len(gaussians), ParameterLayout(gaussians.sh.shape[1]).columns), np.float32)
     return OptimiserState(zeros, zeros.copy(), 0, colours=table)
 
@@ -60,7 +60,7 @@ def reference_step_with_colours(
 
 
 def colours_after_a_checked_step(engine: Engine, gaussians: Gaussians, frame: Frame) -> np.ndarray:
-    """Take one step from random transforms, hold it to the reference, and return the table of transforms."""
+    """Take one step from random transforms, compare it with the reference, and return the table of transforms."""
     table = random_table(3)
     engine.set_views([frame] * 3)
     engine.upload(gaussians, state_with(gaussians, table))

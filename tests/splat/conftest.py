@@ -13,7 +13,7 @@ from pocketgs.scene.gaussians import SH_COEFFICIENTS, SH_DC, Gaussians
 
 @pytest.fixture
 def camera() -> Camera:
-    """A 37 x 29 view from the origin's front, slightly turned, principal point off the centre."""
+    """A 37 x 29 view from in front of the origin, slightly rotated, with an off-centre principal point."""
     pose = look_at(np.array([0.3, -0.2, -4.0]), np.array([0.0, 0.1, 0.0]), np.array([0.05, -1.0, 0.0]))
     return Camera(37, 29, 40.0, 42.0, 18.1, 14.9, pose)
 

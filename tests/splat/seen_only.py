@@ -1,4 +1,4 @@
-"""Adam that leaves alone what a view does not see: the same for every engine."""
+"""Adam with `seen_only`: checks shared by the tests of all engines."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ COUNT = 60
 
 
 def two_groups(make_gaussians: Callable[..., Gaussians]) -> tuple[Gaussians, np.ndarray, list[Frame]]:
-    """Gaussians of which every third lies far aside, which those are, and photographs of either group."""
+    """Gaussians in two groups, the mask of those far to the side, and a photograph of each group."""
     gaussians = make_gaussians(count=COUNT, sh_degree=1, size=0.15)
     gaussians.opacity_logits += 2.0
     aside = np.arange(COUNT) % 3 == 0
@@ -38,7 +38,7 @@ def moved(camera: Camera, pose: np.ndarray) -> Camera:
 
 
 def rows_that_differ(one: Gaussians, other: Gaussians) -> np.ndarray:
-    """(N,) bool: any bit of any parameter."""
+    """(N,) bool: whether any bit of any parameter differs."""
     differ = np.zeros(len(one), bool)
     for name in PARAMETERS:
         first, second = (getattr(scene, name).reshape(len(one), -1) for scene in (one, other))
@@ -47,7 +47,7 @@ def rows_that_differ(one: Gaussians, other: Gaussians) -> np.ndarray:
 
 
 def assert_what_is_not_seen_stays(engine: Engine, make_gaussians: Callable[..., Gaussians]) -> None:
-    """Neither parameters nor moments change of what is off screen; seen again it moves on from where it was."""
+    """Parameters and moments of Gaussians outside the view stay unchanged; once visible again, training continues."""
     gaussians, aside, frames = two_groups(make_gaussians)
     begin(engine, gaussians, frames)
     start = engine.download()
@@ -69,7 +69,7 @@ def assert_what_is_not_seen_stays(engine: Engine, make_gaussians: Callable[..., 
 
 
 def assert_what_is_not_seen_drifts_on_otherwise(engine: Engine, make_gaussians: Callable[..., Gaussians]) -> None:
-    """The same steps with Adam as its authors describe it: what has been seen moves on."""
+    """The same steps with plain Adam: Gaussians outside the view keep moving."""
     gaussians, _, frames = two_groups(make_gaussians)
     begin(engine, gaussians, frames)
     settings = replace(SETTINGS, adam=replace(SETTINGS.adam, seen_only=False))
@@ -82,7 +82,7 @@ def assert_what_is_not_seen_drifts_on_otherwise(engine: Engine, make_gaussians: 
 def assert_steps_agree_with_the_reference(
     engine: Engine, make_gaussians: Callable[..., Gaussians], tolerance: float
 ) -> None:
-    """Moments and parameters after steps on both views in turn."""
+    """Moments and parameters agree after steps on both views in turn."""
     gaussians, aside, frames = two_groups(make_gaussians)
     scene, moments = Scene.of(gaussians), None
     begin(engine, gaussians, frames)

@@ -1,4 +1,4 @@
-"""Culling by clusters: nothing that could be seen is skipped, and bounds keep up with Gaussians that move."""
+"""Culling by clusters: no visible Gaussian is skipped, and bounds follow moving Gaussians."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def around(seed: int, count: int = 3000, spread: float = 6.0) -> Gaussians:
 
 
 def a_camera(rng: np.random.Generator) -> Camera:
-    """Anywhere near the middle, looking anywhere, principal point off the centre."""
+    """A camera near the middle with random orientation and an off-centre principal point."""
     pose = look_at(rng.normal(size=3), rng.normal(size=3) * 5.0, rng.normal(size=3))
     width, height = (int(side) for side in rng.integers(5, 80, 2))
     return Camera(width, height, *rng.uniform(10.0, 90.0, 2), *(rng.uniform(-0.2, 1.2, 2) * (width, height)), pose)
@@ -70,7 +70,7 @@ def test_a_view_of_a_part_needs_few_clusters() -> None:
 def test_training_is_the_same_with_and_without_culling(
     monkeypatch: pytest.MonkeyPatch, seen_only: bool, scale_weight: float
 ) -> None:
-    """On views all around, with rates at which Gaussians leave their clusters' first bounds."""
+    """On views all around, with rates at which Gaussians leave the initial bounds of their clusters."""
     scene = around(3, 4000)
     rng = np.random.default_rng(5)
     frames = [photograph(a_camera(rng), seed=seed) for seed in range(6)]

@@ -1,4 +1,4 @@
-"""Colour transforms of photographs: gradients, the CPU engine against the reference, bits, and what is learned."""
+"""Colour transforms: gradients, the CPU engine against the reference, reproducibility, and learned transforms."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_same_bits_on_any_number_of_threads_and_after_a_break(make_gaussians: Ma
 
 
 def test_exposures_and_white_balances_are_found(make_gaussians: MakeGaussians) -> None:
-    """Of two photographs from one place, one taken brighter and warmer than the other."""
+    """Two photographs from one place, one brighter and warmer than the other."""
     camera = camera_in_front(64, 48, 60.0)
     scene = make_gaussians(count=150, sh_degree=0, size=0.3, seed=1)
     shown = begin(CpuEngine(1), scene).render(camera).image

@@ -1,4 +1,4 @@
-"""What the CPU engine promises whatever it is fed: the same bits every time, and no crash."""
+"""The CPU engine on any input: the same bits every time, and no crash."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def test_a_million_gaussians_off_screen() -> None:
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10_000), st.integers(1, 70), st.integers(1, 70))
 def test_tile_lists_hold_every_pixel_that_a_splat_colours(seed: int, width: int, height: int) -> None:
-    """Against brute force over all pixels: nothing that reaches 1/255 is missing, and depth order holds."""
+    """Comparison with all pixels by brute force: no contribution of 1/255 is missing, and depth order is kept."""
     gaussians = of_every_size(seed)
     count = len(gaussians)
     camera = camera_in_front(width, height, 30.0)

@@ -1,4 +1,4 @@
-"""Splatting through lenses, and anti-aliased: the reference's gradients, the CPU against it, culling."""
+"""Splatting through lenses and with anti-aliasing: the reference's gradients, the CPU engine against it, culling."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ STEP = 1e-6
 
 
 def through(camera: Camera, name: str) -> Camera:
-    """The camera with a lens. A fisheye's field is wide enough to see what lies beside it."""
+    """The camera with a lens. A fisheye's field is wide enough to see points beside the camera."""
     focal = {"fisheye": 0.3, "orthographic": 0.3}.get(name, 1.0)
     return replace(camera, lens=LENSES[name], fx=focal * camera.fx, fy=focal * camera.fy)
 
 
 def a_scene(make_gaussians: MakeGaussians, name: str, count: int, size: float) -> Gaussians:
-    """Before the camera; for a fisheye some of it stands close to the axis, beside the camera and behind it."""
+    """Gaussians in front of the camera; for a fisheye also close to the axis, beside the camera and behind it."""
     scene = make_gaussians(count=count, sh_degree=1, size=size, seed=3)
     if name == "fisheye":
         rng = np.random.default_rng(4)

@@ -1,4 +1,4 @@
-"""Masks that are set in the course of a run count from the next step on, on every engine."""
+"""Masks that are set during a run apply from the next step on, on every engine."""
 
 from __future__ import annotations
 

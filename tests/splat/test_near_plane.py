@@ -1,4 +1,4 @@
-"""The near plane: in proportion to the scene, and where a few Gaussians far away or broken do not move it."""
+"""The near plane: relative to the scene, and robust to a few distant or non-finite Gaussians."""
 
 from __future__ import annotations
 

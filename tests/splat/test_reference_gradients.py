@@ -25,7 +25,7 @@ BACKGROUND = np.array([0.2, 0.5, 0.8])
 
 @pytest.fixture(autouse=True)
 def _no_cutoff(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The loss jumps where a contribution crosses 1/255: differences across the jump say nothing of the gradient."""
+    """The loss jumps where a contribution crosses 1/255; finite differences must not cross a jump."""
     for module in (reference_project, reference_rasterize):
         monkeypatch.setattr(module, "ALPHA_MIN", 1e-12)
 

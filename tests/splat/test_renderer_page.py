@@ -1,4 +1,4 @@
-"""The example on the page about the renderer runs as it stands, and learns."""
+"""The example in docs/renderer.md runs, and its loss falls."""
 
 from __future__ import annotations
 

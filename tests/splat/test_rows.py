@@ -1,4 +1,4 @@
-"""Rows that go, stay and are copied, against NumPy; what engines sum up for those who decide on them."""
+"""Changes of rows against NumPy, and the statistics of engines for strategies."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_a_parameter_can_be_added() -> None:
 
 
 def numbered(count: int, coefficients: int = 4) -> tuple[Gaussians, OptimiserState]:
-    """A scene and moments in which every number tells where it comes from."""
+    """A scene and moments with unique numbers."""
     rng = np.random.default_rng(count)
     scene = Gaussians(
         rng.normal(size=(count, 3)),
@@ -166,7 +166,7 @@ def test_statistics_are_those_of_the_reference(make_gaussians: MakeGaussians) ->
 
 
 def test_errors_are_weighed_by_contributions(make_gaussians: MakeGaussians) -> None:
-    """The sum over Gaussians is that of the error times alpha; of one Gaussian, that of its own pixels."""
+    """The sum over Gaussians is that of the error times alpha; a single Gaussian's is that of its own pixels."""
     camera = camera_in_front(40, 30, 40.0)
     photo = photograph(camera, masked=True)
     for count in (1, 40):
@@ -212,7 +212,7 @@ def test_the_weight_of_sizes_is_their_gradient(make_gaussians: MakeGaussians) ->
 
 
 def test_noise_has_the_covariance_of_its_gaussian() -> None:
-    """σ(-k (o - t)) Σ η has the covariance (σ Σ)²; hardly any of an opaque Gaussian's."""
+    """σ(-k (o - t)) Σ η has the covariance (σ Σ)²; opaque Gaussians hardly move."""
     count = 20_000
     turn = np.array([0.8, 0.2, -0.4, 0.4])
     one = Gaussians(np.zeros((1, 3)), np.log([[1.0, 0.5, 0.1]]), turn[None], np.array([-9.0]), np.zeros((1, 1, 3)))

@@ -1,4 +1,4 @@
-"""The CPU engine leaves alone what a view does not see, as the reference does."""
+"""The CPU engine leaves Gaussians outside the view unchanged, like the reference."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ SLIGHT = Lens("opencv", (0.01, 0.0, 0.0, 0.0))
 
 
 def at(position: tuple[float, float, float], size: float) -> Gaussians:
-    """One white ball."""
+    """One white ball at a position."""
     ones = np.ones((1, 4))
     return Gaussians(np.array([position]), np.full((1, 3), np.log(size)), ones, np.full(1, 2.0), np.ones((1, 1, 3)))
 
@@ -31,7 +31,7 @@ def engine(request: pytest.FixtureRequest) -> EngineKind:
 
 
 def alpha(engine: EngineKind, scene: Gaussians, lens: Lens | None = None) -> float:
-    """The largest that a camera at the origin, which looks along z at 90 degrees, sees of it."""
+    """Maximum alpha of the scene, for a camera at the origin that looks along z with a field of 90 degrees."""
     camera = Camera(40, 40, 20.0, 20.0, 20.0, 20.0, np.eye(4), *([lens] if lens else []))
     image = Rasterizer(engine).forward(scene, camera, ("alpha",), near=0.01).alpha
     assert image is not None

@@ -1,4 +1,4 @@
-"""What the tests of all engines feed a training step, and the same step in the reference."""
+"""Inputs of a training step, shared by the tests of all engines, and the same step in the reference."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ AnyEngine = TypeVar("AnyEngine", bound=Engine)
 
 
 def begin(engine: AnyEngine, gaussians: Gaussians, frames: Sequence[Frame] = ()) -> AnyEngine:
-    """The engine, with a scene and, if it is to train, the photographs."""
+    """Upload a scene to the engine and, for training, the photographs."""
     if frames:
         engine.set_views(frames)
     engine.upload(gaussians)
@@ -34,14 +34,14 @@ def begin(engine: AnyEngine, gaussians: Gaussians, frames: Sequence[Frame] = ())
 
 
 def camera_in_front(width: int, height: int, focal: float, distance: float = 4.0) -> Camera:
-    """A camera that looks along z at the origin, the principal point in the middle."""
+    """A camera that looks along z at the origin, with a centred principal point."""
     pose = np.eye(4)
     pose[2, 3] = distance
     return Camera(width, height, focal, focal, width / 2, height / 2, pose)
 
 
 def photograph(camera: Camera, masked: bool = False, seed: int = 11) -> Frame:
-    """Noise in place of a photograph; the mask leaves out a quarter of its pixels."""
+    """A photograph of noise, with a quarter of its pixels masked."""
     rng = np.random.default_rng(seed)
     image = rng.integers(0, 256, (camera.height, camera.width, 3)).astype(np.uint8)
     mask = rng.uniform(size=image.shape[:2]) > 0.25 if masked else None
@@ -49,13 +49,13 @@ def photograph(camera: Camera, masked: bool = False, seed: int = 11) -> Frame:
 
 
 HOSTILE = st.sampled_from([0.0, 1.0, -1.0, 1e-30, 1e10, -1e10, 1e30, -1e30, np.nan, np.inf, -np.inf, 88.0, -100.0])
-"""Numbers that parameters may diverge to."""
+"""Values that diverged parameters may have."""
 
 EDITS = st.lists(st.tuples(st.integers(0, 200), HOSTILE), min_size=1, max_size=40)
 
 
 def with_hostile_numbers(edits: list[tuple[int, float]]) -> Gaussians:
-    """Twenty Gaussians, some of whose parameters are hostile."""
+    """Twenty Gaussians with some hostile parameters."""
     rng = np.random.default_rng(8)
     parameters = [
         rng.normal(0, 0.5, (20, 3)),
@@ -71,7 +71,7 @@ def with_hostile_numbers(edits: list[tuple[int, float]]) -> Gaussians:
 
 
 def of_every_size(seed: int) -> Gaussians:
-    """Fifteen Gaussians from dots to larger than a picture, from faint to opaque."""
+    """Fifteen Gaussians, from points to larger than the image, from faint to opaque."""
     rng = np.random.default_rng(seed)
     count = 15
     return Gaussians(
@@ -84,7 +84,7 @@ def of_every_size(seed: int) -> Gaussians:
 
 
 def a_million_off_screen() -> Gaussians:
-    """Far to the side of what `camera_in_front` sees."""
+    """Gaussians far to the side of the view of `camera_in_front`."""
     rng = np.random.default_rng(1)
     count = 1_000_000
     means = rng.normal(size=(count, 3)).astype(np.float32)
@@ -97,7 +97,7 @@ def a_million_off_screen() -> Gaussians:
 def reference_step(
     scene: Scene, frame: Frame, settings: StepSettings, moments: Moments | None = None
 ) -> tuple[float, SceneGradient, Moments]:
-    """Train `scene` on one view, in place; returns the loss, its gradient and the moments to go on with."""
+    """Train `scene` on one view, in place; returns the loss, its gradient and the new moments."""
     camera, background = frame.camera, np.array(settings.background)
     projection = project(scene, camera)
     raster = rasterize(projection, camera, background)
@@ -117,6 +117,6 @@ def columns(gradient: SceneGradient) -> np.ndarray:
 
 
 def assert_identical(one: Gaussians, other: Gaussians) -> None:
-    """Two scenes are the same in every bit."""
+    """Check that two scenes are equal bit for bit."""
     for name in PARAMETERS:
         assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name

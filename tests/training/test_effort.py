@@ -38,7 +38,7 @@ def sizes(options: TrainingOptions) -> tuple[int | None, int | None, int | None]
 
 
 def seconds(options: SizedOptions, views: list[tuple[int, int]]) -> float:
-    """Of training, on the machine that the time model was measured on; spherical harmonics of degree 2."""
+    """Training time on the machine that the time model was measured on, with spherical harmonics of degree 2."""
     pixels = sum(width * height for width, height in views) / len(views)
     return options.iterations * step_seconds(options.max_gaussians, 9, pixels)
 
@@ -141,7 +141,7 @@ def test_fewer_gaussians_leave_time_for_more_iterations() -> None:
 
 
 def test_every_machine_gives_the_same_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nobody asks the machine how many cores or how much memory it has, nor how fast it is."""
+    """The number of cores, the memory and the speed of the machine are not queried."""
     here = sized(TrainingOptions(), PHONE)
 
     def asked(*_: object, **__: object) -> None:
@@ -165,7 +165,7 @@ def test_an_effort_that_there_is_not_is_refused() -> None:
 
 
 def test_training_in_python_is_sized_as_well(small_capture: Capture) -> None:
-    """The default of a capture this small has as many Gaussians as it has points, and ends by the clock."""
+    """The default for a capture this small has as many Gaussians as points, and ends by the clock."""
     scene = train(small_capture, prior="none", time_budget=0.5, evaluate_every=0).scene
     assert small_capture.points is not None
     assert len(scene) == len(small_capture.points)

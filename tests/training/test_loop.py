@@ -1,6 +1,6 @@
-"""Training: reproducible, within its budgets, better with every iteration, and to be stopped and resumed.
+"""Training: reproducible, within its budgets, improving, and able to stop and resume.
 
-From the capture's own points: what else training may start from has tests of its own.
+All runs start from the capture's own points; other starting points have their own tests.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def quality(scene: Gaussians, frames: Sequence[Frame]) -> float:
 
 @pytest.fixture
 def steps(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, StepSettings]]:
-    """What the engine, which works as ever, is asked to do by the runs of a test."""
+    """Records the views and settings of all steps; the engine works as usual."""
     taken: list[tuple[int, StepSettings]] = []
 
     class ListeningEngine(CpuEngine):
@@ -232,7 +232,7 @@ def test_looks_at_held_out_views_change_nothing(small_capture: Capture) -> None:
 
 
 def test_resuming_from_a_checkpoint(small_capture: Capture) -> None:
-    """Ctrl-C at iteration 10 of 20; what comes of going on is what one run would have given, bit for bit."""
+    """Ctrl-C at iteration 10 of 20; the resumed run gives the same bits as an uninterrupted one."""
     checkpoints: list[Checkpoint] = []
 
     def press_ctrl_c(progress: Progress) -> None:
@@ -268,7 +268,7 @@ def test_second_ctrl_c_stops_at_once(small_capture: Capture) -> None:
 
 
 def test_training_in_another_thread(small_capture: Capture) -> None:
-    """Where no signal can be caught."""
+    """In a thread that cannot catch signals."""
     scenes: list[Gaussians] = []
     thread = threading.Thread(target=lambda: scenes.append(train(small_capture, iterations=5).scene))
     thread.start()

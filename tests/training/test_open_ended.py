@@ -1,4 +1,4 @@
-"""Runs that go on as long as they pay."""
+"""Open-ended training: runs that continue as long as the validation PSNR improves."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ RATES = LearningRates(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 
 
 class Seen:
-    """An engine of which only the number of Gaussians is asked."""
+    """An engine with a number of Gaussians, and nothing else."""
 
     count = 100
 
 
 @pytest.fixture
 def psnrs(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """What the validation views say, one after the other."""
+    """The next values of the validation PSNR."""
     values: list[float] = []
     monkeypatch.setattr(open_ended, "validation_psnr", lambda *_: values.pop(0))
     return values
@@ -52,7 +52,7 @@ def pace(seconds: float | None = None, longest: int = 20_000, course: Course | N
 
 
 def run(found: OpenEndedPace, seconds_per_step: float = 0.0) -> int:
-    """Iterations until it is over."""
+    """Number of iterations until the run ends."""
     engine: Any = Seen()
     iteration = 0
     while found.fraction(iteration, iteration * seconds_per_step) < 1.0:
@@ -158,12 +158,12 @@ def test_best_sizes_a_run_by_its_capture() -> None:
 
 @pytest.fixture(scope="module")
 def capture() -> Capture:
-    """Sixteen training views, of which two are held back."""
+    """Sixteen training views; two of them are validation views."""
     return true_capture(width=48, height=36, frames=18, points=500)
 
 
 def test_a_whole_run(capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It looks, grows, ends, and a resumed one ends with the same bits."""
+    """The run evaluates, grows and ends, and a resumed one ends with the same bits."""
     monkeypatch.setattr(open_ended, "FIRST_STAGE", 20)
     monkeypatch.setattr(open_ended, "SLOWS_FROM", 25)
     options = TrainingOptions(recipe="long", prior="none", max_gaussians=800, evaluate_every=0, colours="on")

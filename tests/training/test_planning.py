@@ -1,4 +1,4 @@
-"""Plans: what fits is used, what does not is refused, and a larger budget never gives less."""
+"""Plans: sizes that fit are used, others are refused, and a larger budget never gives less."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MACHINE = Machine(threads=2, readers=2, resident=160_000_000, compiles=False, me
 
 
 class Photographs(ListedCapture):
-    """Photographs that no file holds."""
+    """A capture of given sizes, without files."""
 
     @property
     def _headers(self) -> dict[str, ImageHeader]:  # type: ignore[override]
@@ -198,7 +198,7 @@ def test_what_the_engine_refuses_is_made_smaller() -> None:
 
 @pytest.mark.parametrize("k1", [-0.3, 0.2])
 def test_outlines_know_what_undistortion_leaves(capture_folder: Path, k1: float) -> None:
-    """A barrel lens leaves more than the photograph's size, a pincushion less."""
+    """Undistortion enlarges photographs of a barrel lens, and shrinks those of a pincushion lens."""
     path = capture_folder / "transforms.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), "k1": k1}))
     for options in ({}, {"undistort": False}, {"max_size": 50}):
@@ -211,7 +211,7 @@ def test_outlines_know_what_undistortion_leaves(capture_folder: Path, k1: float)
 @settings(deadline=None)
 @given(st.integers(101, 3000), st.integers(1, 400))
 def test_the_smallest_photograph_bounds_shrinking(side: int, memory: int) -> None:
-    """With photographs of several sizes, none is reduced to nothing."""
+    """With photographs of several sizes, none shrinks to nothing."""
     mixed = photographs(3000, 2000, 3)
     camera = Camera(side, 100, side, side, side / 2, 50.0, np.eye(4))
     small = FrameSource("small", Path("small.png"), camera)

@@ -1,4 +1,4 @@
-"""Runs within budgets, in processes of their own, so that memory and time are the run's; refusals before any work."""
+"""Runs within budgets, in separate processes, to measure their memory and time; refusals before any work."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def trained(tmp_path: Path) -> Run:
 
 @pytest.fixture
 def _compiled(trained: Run, written_capture: Path) -> None:
-    """Kernels are there, so that budgets are those of a later run."""
+    """Compile kernels first, so that measured runs do not."""
     if not (is_compiled("splat.cpu") and is_compiled("prior")):
         trained(written_capture, "--iterations", 1, "--engine", "cpu")
 
@@ -65,12 +65,10 @@ def test_a_run_keeps_to_its_memory(trained: Run, written_capture: Path, engine: 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("_compiled")
-@pytest.mark.parametrize(
-    ("name", "options"), [("fern", ["--images", "images_4"]), ("fox", ["--downscale", 4]), ("lego", [])]
-)
+@pytest.mark.parametrize(("name", "options"), [("fern", ["--images", "images_4"]), ("lego", [])])
 def test_real_captures_keep_to_little_memory(trained: Run, data_folder: Path, name: str, options: list[object]) -> None:
-    """By smaller photographs, or, where their size is given, by fewer Gaussians."""
-    few = ("--iterations", 30, "--max-keyframes", 12)
+    """Memory is saved by smaller photographs, or, if their size is given, by fewer Gaussians."""
+    few = ("--iterations", 30, "--max-keyframes", 6)
     record = trained(data_folder / name, *options, "--max-memory", 1000, *few)
     plan = record["plan"]
     assert record["peak_rss_mb"] <= plan["peak_rss_mb"] <= 1000
@@ -96,7 +94,7 @@ def test_a_run_that_was_made_smaller_goes_on_at_its_size(trained: Run, data_fold
 
 @pytest.mark.usefixtures("_compiled")
 def test_a_run_keeps_to_its_time(trained: Run, written_capture: Path) -> None:
-    """For any number of iterations; twice the time is allowed, since the machine may be busy."""
+    """With an unlimited number of iterations; twice the time is allowed, since the machine may be busy."""
     record = trained(written_capture, "--time-budget", 25, "--iterations", 10**6, "--prior", "none", "--engine", "cpu")
     plan = record["plan"]
     assert plan["iterations"] < 10**6

@@ -1,4 +1,4 @@
-"""Preparation: the points that a run starts from, for all options and captures."""
+"""Preparation: initial points of a run, for all options and captures."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def textured() -> Capture:
 
 
 def without_texture(capture: Capture, grey: int = 128) -> Capture:
-    """The capture with even images."""
+    """The capture with uniform grey images."""
     even = [replace(frame, image=np.full_like(frame.image, grey)) for frame in capture.frames]
     count = len(capture.train)
     return replace(capture, train=even[:count], held_out=even[count:])
@@ -93,7 +93,7 @@ def test_same_options_same_bits(textured: Capture) -> None:
 
 
 def test_cameras_that_look_apart_with_nothing_to_start_from(small_capture: Capture) -> None:
-    """Neither texture, nor points, nor a volume that could be guessed."""
+    """There is no texture, no point, and no common focus."""
     outwards = 2 * np.pi * np.arange(8) / 8
     frames = []
     for angle, frame in zip(outwards, small_capture.train, strict=False):

@@ -1,4 +1,4 @@
-"""Recipes: how rates fall, and the lengths that steps are measured in."""
+"""Recipes: schedules of learning rates, and units of length."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_pixel_footprint_is_depth_over_focal_length() -> None:
 
 
 def test_pixel_footprint_counts_visible_points_only() -> None:
-    """Not those behind the camera, nor those beside its image."""
+    """Points behind the camera and beside its image are ignored."""
     points = cloud((0, 0, 2), (0, 0, -50), (0, 0, -60), (30, 0, 40), (0, -30, 40))
     assert pixel_footprint([camera_at(0, 0, 0)], points) == pytest.approx(0.02)
 
@@ -82,7 +82,7 @@ def test_pixel_footprint_where_nothing_is_seen() -> None:
 
 
 def test_pixel_footprint_is_a_pixel(small_capture: Capture) -> None:
-    """A step of that length to the side moves most points by about a pixel."""
+    """A sideways step of that length moves most points by about a pixel."""
     assert small_capture.points is not None
     cameras = [frame.camera for frame in small_capture.train]
     length = pixel_footprint(cameras, small_capture.points)
@@ -98,7 +98,7 @@ def test_camera_extent_is_that_of_3dgs() -> None:
 
 
 def test_camera_extent_of_cameras_in_one_place() -> None:
-    """Steps of no length would train nothing, and say nothing about it."""
+    """It is an error: steps of length zero would silently train nothing."""
     eye = np.array([3.0, -1.0, 2.0])
     panorama = [
         Camera(80, 60, 50.0, 50.0, 40.0, 30.0, look_at(eye, eye + direction, np.eye(3)[2]))

@@ -1,4 +1,4 @@
-"""Seeding: a disc on the surface or a ball at every point, as wide as its neighbours are far."""
+"""Seeding: discs on the surface or balls at the points, sized by the distance to neighbours."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def test_few_points_are_enough(seed: Seeding, count: int) -> None:
 
 
 def sound(scene: Gaussians) -> bool:
-    """Finite, of some size, and turned by something."""
+    """Whether a scene has finite positive scales and unit quaternions."""
     lengths = np.linalg.norm(scene.quaternions.astype(np.float64), axis=1)
     return bool(np.isfinite(scene.log_scales).all() and (scene.scales > 0).all() and np.allclose(lengths, 1, atol=1e-5))
 

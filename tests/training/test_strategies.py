@@ -1,4 +1,4 @@
-"""Strategies: where new Gaussians stand, how many there are, and that a run can be stopped at any time."""
+"""Strategies: positions and numbers of new Gaussians, and resuming at any time."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ SITUATION = Situation(iterations=1000, most=150, measure_extent=lambda: 1.0, vie
 
 
 class Rows:
-    """What strategies ask of an engine, without pictures: the statistics are the test's."""
+    """The engine's operations for strategies, without images; tests set the statistics."""
 
     def __init__(self, scene: Gaussians) -> None:
         self.store = ParameterStore(scene)
@@ -89,7 +89,7 @@ def covariances(scene: Gaussians) -> np.ndarray:
 @settings(max_examples=50, deadline=None)
 @given(st.floats(0.01, 0.99), st.integers(1, 20))
 def test_those_who_share_hide_as_much_as_the_one(opacity: float, sharing: int) -> None:
-    """Composited over a line: ∫ 1 - (1 - o' exp(-x²/2s'²))^n dx = ∫ o exp(-x²/2) dx."""
+    """Integrated along a line: ∫ 1 - (1 - o' exp(-x²/2s'²))^n dx = ∫ o exp(-x²/2) dx."""
     each, shrinking = shared(np.array([opacity]), np.array([sharing]))
     assert 1 - (1 - each[0]) ** sharing == pytest.approx(opacity, rel=1e-6)
     x = np.linspace(-12, 12, 20_001)
@@ -312,7 +312,7 @@ def test_a_growing_run_resumes_to_the_same_bits(small_capture: Capture, tmp_path
 @pytest.mark.usefixtures("early", "adapter")
 @pytest.mark.parametrize("name", ["adc", "mcmc", "budgeted"])
 def test_engines_agree_on_how_many_there_are(small_capture: Capture, name: Any) -> None:
-    """And on how good they are; a growing run on the GPU resumes to the same bits too."""
+    """Their PSNR agrees too, and a growing run on the GPU resumes to the same bits."""
     options = TrainingOptions(iterations=24, sh_degree=1, strategy=name, max_gaussians=1800, evaluate_every=8)
     checkpoints: list[Checkpoint] = []
 

@@ -30,12 +30,12 @@ OPTIONS = TrainingOptions(iterations=300, max_gaussians=15_000, engine="cpu", ev
 
 
 def fisheye(camera: Camera) -> Camera:
-    """Of 170 degrees from edge to edge."""
+    """The camera with a fisheye lens of 170 degrees from edge to edge."""
     return replace(camera, lens=Lens("fisheye", (0.0, 0.0, 0.0, 0.0)))
 
 
 def room_through(change: Callable[[Camera], Camera]) -> Capture:
-    """Photographs of the demo's room with the resolution, in the middle, of a fisheye of 170 degrees."""
+    """Photographs of the demo's room, with the central resolution of a fisheye of 170 degrees."""
     focal, frames = SIDE / 2 / HALF_ANGLE, []
     for number, time in enumerate(np.linspace(*STRETCH, VIEWS).tolist()):
         pose = true_camera(time, SIDE, SIDE).world_to_camera

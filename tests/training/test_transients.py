@@ -1,4 +1,4 @@
-"""Things that move between photographs are found, and left out of the loss."""
+"""Transients: objects that move between photographs are found and masked in the loss."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_the_room_behind_a_passer_by_is_as_good_as_empty(
 
 
 def test_shadows_and_exposure_are_not_transients(empty_room: PreparedCapture) -> None:
-    """Half of one photograph is in the shade, and another is overexposed."""
+    """Half of one photograph is in shadow, and another is overexposed."""
     engine = CpuEngine()
     train(empty_room, OPTIONS, opened_engine=engine, transients="keep")
     frames = list(empty_room.train)
@@ -137,7 +137,7 @@ def test_a_resumed_run_leaves_out_the_same(
 
 
 class Asked:
-    """An engine that remembers which masks it was given."""
+    """An engine that records the masks it is given."""
 
     def __init__(self) -> None:
         self.masks: list[Sequence[np.ndarray | None]] = []

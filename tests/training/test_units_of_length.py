@@ -20,7 +20,7 @@ OPTIONS = TrainingOptions(engine="cpu", iterations=30, max_gaussians=2000, evalu
 
 
 def scaled(capture: Capture, factor: float) -> Capture:
-    """The capture in another unit of length, which is not said to be the metre."""
+    """The capture in another unit of length, without the claim to be metric."""
 
     def of(frames: list[Frame]) -> list[Frame]:
         result = []

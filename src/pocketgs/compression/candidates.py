@@ -1,4 +1,4 @@
-"""Candidates: the scene with fewer and fewer Gaussians, each fine-tuned and rounded to what a file holds."""
+"""Candidates: the scene with fewer Gaussians, fine-tuned and rounded to the values that a file stores."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ TUNING_STEPS, ROUNDING_STEPS = 400, 40
 STEPS = TUNING_STEPS + (len(ORDER) - 1) * ROUNDING_STEPS
 
 CANDIDATES = 3
-"""Candidates that a search takes, about."""
+"""Expected number of candidates of a search."""
 
 PRUNING_STEPS, PRUNING_ROUNDS = 40, 8
-"""Training steps of a round of pruning, and how many rounds there are, about."""
+"""Training steps of a round of pruning, and the expected number of rounds."""
 
 PRUNING_TIME = 0.35
 """Share of the time budget for pruning in rounds."""
@@ -52,7 +52,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Level:
-    """What a round of pruning has left, and its PSNR as that of a candidate."""
+    """The scene after a round of pruning, and its PSNR as for a candidate."""
 
     scene: Gaussians
     psnr: float
@@ -60,7 +60,7 @@ class Level:
 
 @dataclass
 class Workshop:
-    """Where candidates are made.
+    """Makes candidates.
 
     Attributes:
         tuner: trains.
@@ -68,9 +68,9 @@ class Workshop:
         judge: measures.
         timekeeper: counts steps.
         coding: the grids of the file.
-        is_within: whether a candidate is within the bound; once time is up, one that is ends the work.
-        levels: what pruning in rounds has left, most Gaussians first.
-        tuned: candidates before rounding; a candidate starts from the smallest of these and the levels.
+        is_within: whether a candidate is within the bound; once time is up, the first such candidate ends the work.
+        levels: scenes after rounds of pruning, most Gaussians first.
+        tuned: candidates before rounding; a candidate starts from the smallest sufficient one of these and the levels.
         candidates: made so far.
     """
 
@@ -85,7 +85,7 @@ class Workshop:
     candidates: list[Candidate] = field(default_factory=list)
 
     def prune(self, scene: Gaussians, goes_on: Callable[[Level], bool]) -> None:
-        """Prune in rounds, and keep what is left after each, as long as it `goes_on` and time allows."""
+        """Prune in rounds, and keep the scene after each, as long as it `goes_on` and time allows."""
         self.timekeeper.expected = PRUNING_ROUNDS * PRUNING_STEPS + CANDIDATES * STEPS
         for left in self.pruner.rounds(scene, PRUNING_STEPS):
             self.levels.append(Level(left, self.judge.psnr(left)))
@@ -94,7 +94,7 @@ class Workshop:
         self.timekeeper.expected = self.timekeeper.done + CANDIDATES * STEPS
 
     def make(self, count: int) -> Candidate:
-        """Make the candidate of so many Gaussians.
+        """Make the candidate with this number of Gaussians.
 
         Raises:
             StoppedError: Ctrl-C was pressed, or time is up and a candidate is within the bound.
@@ -110,7 +110,7 @@ class Workshop:
         return self._keep(scene, self.coding)
 
     def only_rounded(self, scene: Gaussians, coding: Coding) -> Candidate:
-        """Make the candidate of a scene as it is; raises what `make` does."""
+        """Make the candidate of a scene without pruning or training; raises the errors of `make`."""
         return self._keep(rounded(scene, coding), coding)
 
     def _keep(self, scene: Gaussians, coding: Coding) -> Candidate:

@@ -27,40 +27,40 @@ from pocketgs.system.interrupt import deferred_interrupt
 MB = 1_000_000
 
 BYTES_PER_GAUSSIAN = 11
-"""Of a file, about: where the search starts."""
+"""Approximate size of a file; the search starts from it."""
 
 RECOVERS = 0.8
-"""dB that a candidate gains over the round of pruning that it starts from, about."""
+"""Approximate gain in dB of a candidate over the round of pruning that it starts from."""
 
 SLACK = 1.6
-"""Pruning in rounds ends so many dB below the bound."""
+"""dB below the bound at which pruning in rounds ends."""
 
 PACE = 0.1
-"""Learning rates on renderings of the scene itself, relative to those on photographs: they are fitted already."""
+"""Learning rates on renderings of the scene itself, relative to those on photographs: it fits them already."""
 
 DB_PER_FACTOR = 1.0
-"""dB that a factor of e in the number of Gaussians makes, about."""
+"""Approximate gain in dB when the number of Gaussians grows by a factor of e."""
 
 PSNR_TOLERANCE, SIZE_TOLERANCE = 0.04, 0.04
-"""The search ends so many dB above a bound of quality, or so close below the logarithm of a size."""
+"""Distances from the bound at which the search ends: dB of quality, or logarithm of the size."""
 
 FEWER = 0.8
-"""Share, of the Gaussians that would be few enough if the size followed their number, of the next candidate."""
+"""Number of Gaussians of the next candidate, relative to the number that would fit if size were proportional to it."""
 
 FINER, GRIDS = 0.7, 5
 """Steps of a grid relative to those of the next coarser one, and number of grids to choose from."""
 
 MAKES_UP = 0.5
-"""dB of rounding that training on renderings makes up for, about."""
+"""Approximate loss by rounding, in dB, that training on renderings recovers."""
 
 STEP = 3.0
-"""Time of a training step relative to that of a rendering, about: the speed before there was a step."""
+"""Approximate time of a training step relative to a rendering, to estimate the speed before the first step."""
 
 TABLE_ROWS = CANDIDATES + 3
-"""Scenes that are compared with the reported views afterwards, about: candidates, one on fine grids, original, .spz."""
+"""Approximate number of scenes in the final comparison: candidates, one on fine grids, original, .spz."""
 
 COPIES = 12
-"""Scenes in memory: rounds of pruning leave five in all; candidates, before and after rounding, are the rest."""
+"""Number of scenes in memory: five from rounds of pruning; the rest are candidates, before and after rounding."""
 
 
 @dataclass(frozen=True)
@@ -68,10 +68,10 @@ class Compressed:
     """The result of a compression.
 
     Attributes:
-        chosen: of the candidates.
+        chosen: the best candidate.
         candidates: all, in the order in which they were made.
         original_psnr: PSNR of the original in dB, comparable with the candidates'.
-        bound: least PSNR in dB, or None where the size was bounded.
+        bound: minimum PSNR in dB, or None if the size was bounded.
         interrupted: whether Ctrl-C ended the search.
     """
 
@@ -83,7 +83,7 @@ class Compressed:
 
     @property
     def within_bound(self) -> bool:
-        """Whether the bound of quality, if there is one, is kept."""
+        """Whether the result meets the bound of quality, if there is one."""
         return self.bound is None or self.chosen.psnr >= self.bound
 
 
@@ -106,9 +106,9 @@ def compress(
         views: see `photographed` and `rendered`.
         engine: trains and renders.
         options: None for the defaults.
-        rasterizer: finds what each Gaussian contributes; None for one on the CPU.
-        seconds: that the work may take, with the comparison on the reported views that follows, or None. Once they have
-            passed, it makes only what it needs for a file within the bound.
+        rasterizer: computes the Gaussians' contributions; None for one on the CPU.
+        seconds: time limit, including the final comparison on the reported views, or None. Once it is reached, only the
+            work needed for a file within the bound is done.
         on_count: called with the number of training steps done and the expected total.
 
     Raises:
@@ -157,7 +157,7 @@ def compress(
 
 
 def memory_needed(scene: Gaussians, cameras: Iterable[Camera], engine: Engine) -> int:
-    """Bytes that `compress` takes besides the scene and the views, at most.
+    """Maximum bytes that `compress` takes besides the scene and the views.
 
     Args:
         scene: the original.
@@ -170,10 +170,10 @@ def memory_needed(scene: Gaussians, cameras: Iterable[Camera], engine: Engine) -
 
 
 def drawable(scene: Gaussians) -> Gaussians:
-    """The Gaussians without NaN and infinity, which no engine draws and no file holds.
+    """Remove Gaussians with NaN or infinity, which engines do not draw and files cannot store.
 
     Raises:
-        PocketGSError: there is none.
+        PocketGSError: none is left.
     """
     finite = ~np.isnan(scene.opacity_logits)
     for name in ("means", "log_scales", "quaternions", "sh"):
@@ -187,7 +187,7 @@ def _least_psnr(scene: Gaussians, views: Views, judge: Judge, quality: float | N
     """The bound of quality in dB.
 
     Raises:
-        PocketGSError: it would be that of a .spz, which cannot hold the scene.
+        PocketGSError: it would be that of a .spz, which cannot store the scene.
     """
     if views.photographs:
         return judge.original_psnr - (QUALITY if quality is None else quality)
@@ -222,13 +222,13 @@ def finer(coding: Coding) -> Coding:
 
 
 def _search_by_size(scene: Gaussians, workshop: Workshop, size: float) -> None:
-    workshop.only_rounded(scene, FINE)  # where this fits, little is better
+    workshop.only_rounded(scene, FINE)  # if this fits, little is better
     guess = max(int(size / BYTES_PER_GAUSSIAN), LEAST)
     workshop.prune(scene, lambda level: len(level.scene) > guess)
     goal = Goal(float(np.log(size)), 1.0, SIZE_TOLERANCE, from_above=False)
     is_time_up = workshop.timekeeper.is_up
     search(lambda count: float(np.log(len(workshop.make(count).contents))), goal, guess, LEAST, len(scene), is_time_up)
-    # Small files shrink less than their number of Gaussians, which the search does not expect.
+    # The size of small files shrinks less than in proportion to the number of Gaussians, which the search assumes.
     fewest = min(workshop.candidates, key=lambda each: len(each.contents))
     while len(fewest.contents) > size and len(fewest.scene) > LEAST:
         fewer = FEWER * len(fewest.scene) * size / len(fewest.contents)
@@ -250,7 +250,7 @@ def _within(candidates: list[Candidate], size: float | None, bound: float | None
 
 
 def _best(candidates: list[Candidate], size: float | None, bound: float | None) -> Candidate:
-    """The best that fits, or the smallest that is good enough, or else the best.
+    """The best candidate that fits, or the smallest of sufficient quality, otherwise the best.
 
     Raises:
         PocketGSError: none fits.

@@ -1,4 +1,4 @@
-"""Figures of a scene on the views that are reported on."""
+"""Size and quality of a scene on the reported views."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Figures:
     Attributes:
         name: of the file's format, or of the method.
         gaussians: their number.
-        megabytes: of 10^6 bytes, or None where the format cannot hold the scene.
+        megabytes: of 10^6 bytes, or None if the format cannot store the scene.
         psnr: mean over the reported views in dB, or None without any.
         ssim: likewise.
     """
@@ -37,10 +37,10 @@ def figures_of(name: str, scene: Gaussians, size: int, engine: Engine, views: Vi
 
     Args:
         name: for the table.
-        scene: as the file holds it.
+        scene: as stored in the file.
         size: of the file in bytes.
         engine: renders.
-        views: those to report on are compared.
+        views: the views of the compression; the reported ones are used.
     """
     if not views.reported:
         return Figures(name, len(scene), size / 1e6)

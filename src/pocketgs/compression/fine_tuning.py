@@ -1,4 +1,4 @@
-"""Fine-tuning: a few more training steps, in which chosen parameters stay as they are."""
+"""Fine-tuning: a few more training steps, optionally with some parameters frozen."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ RATE_OF_GROUP = {
     "sh_dc": "sh_dc",
     "sh_rest": "sh_rest",
 }
-"""The learning rate of each group that is rounded by itself."""
+"""The learning rate of each group of parameters that is rounded separately."""
 
 
 class FineTuner:
@@ -35,7 +35,7 @@ class FineTuner:
         engine: to train with.
         frames: photographs, or renderings of the scene itself.
         background: behind the scene, RGB in [0, 1].
-        scene: whose distance from the cameras sets the unit of length.
+        scene: gives the unit of length, by its distance from the cameras.
         seed: of the order of views.
         after_step: called after every step.
         pace: factor on all learning rates.
@@ -67,14 +67,14 @@ class FineTuner:
         start: float = RATE,
         end: float = 0.1 * RATE,
     ) -> Gaussians:
-        """The scene after some steps.
+        """Train a scene for some steps.
 
         Args:
             scene: to start from.
-            steps: how many.
-            frozen: groups that stay, see RATE_OF_GROUP.
-            start: learning rates at the start, relative to those of training.
-            end: learning rates at the end; they fall along a half cosine.
+            steps: number of steps.
+            frozen: groups that stay unchanged, see RATE_OF_GROUP.
+            start: initial learning rates, relative to those of training.
+            end: final learning rates; they fall along a half cosine.
         """
         rates = replace(self._rates, **{RATE_OF_GROUP[group]: 0.0 for group in frozen})
         self._engine.upload(scene)

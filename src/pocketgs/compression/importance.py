@@ -1,4 +1,4 @@
-"""How much each Gaussian matters, to decide which ones go first."""
+"""Importance of Gaussians, for pruning."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from pocketgs.training.view_choice import evenly_chosen
 Importance = Literal["contribution", "distinct"]
 
 NEIGHBOURS = 8
-"""Neighbours that a Gaussian's colour is compared with."""
+"""Number of neighbours for the comparison of colours."""
 
 VIEWS = 60
-"""Most views whose contributions are summed up."""
+"""Maximum number of views for contributions."""
 
 
 def importance(
     scene: Gaussians, cameras: Sequence[Camera], rasterizer: Rasterizer, measure: Importance = "contribution"
 ) -> np.ndarray:
-    """(N,) importance of each Gaussian, of which only the order means something.
+    """(N,) importance of each Gaussian; only the order is meaningful.
 
     Args:
         scene: the Gaussians.
-        cameras: the views that count.
+        cameras: the views.
         rasterizer: of any engine.
         measure: "contribution" is the geometric mean of the sum of α T over all pixels of the views, which is large for
-            large Gaussians, and the largest α T of a pixel, which is large for details; "distinct" multiplies it with
-            the difference of the colour from the neighbours' (OMG, Lee et al. 2025).
+            large Gaussians, and the largest α T of a pixel, which is large for details; "distinct" multiplies it by the
+            difference of the colour from the neighbours' (OMG, Lee et al. 2025).
     """
     summed, largest = contributions(scene, cameras, rasterizer)
     found = np.sqrt(summed * largest)

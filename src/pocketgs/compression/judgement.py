@@ -1,4 +1,4 @@
-"""How much worse than the original a compressed scene is expected to be on views that nobody has trained on."""
+"""Expected quality of a compressed scene on views that it was not trained on."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from pocketgs.training.validation import render_frame
 class Judge:
     """Compares scenes with the original.
 
-    The original was trained on the photographs that judge, and fits them better than others. So drops are not compared
-    in dB: what the squared error grows by is added to the error of the original on the held-out photographs. These are
-    not asked about any compressed scene.
+    The original was trained on the judging photographs, and fits them better than others. So drops are not compared in
+    dB: the growth of the squared error is added to the error of the original on the held-out photographs. No compressed
+    scene is compared with those.
 
     Attributes:
         engine: renders.
         views: the views of the compression.
-        own: mean squared error of the original on the views that judge, by view.
-        unseen: the same on views that it was not trained on; that of `own` if there are none.
+        own: mean squared error of the original on the judging views, per view.
+        unseen: the same on views that it was not trained on; equal to `own` if there are none.
     """
 
     engine: Engine
@@ -36,14 +36,14 @@ class Judge:
 
     @staticmethod
     def of(original: Gaussians, engine: Engine, views: Views) -> Judge:
-        """The judge of scenes made from this one."""
+        """Make the judge of scenes made from this one."""
         own = errors(engine, original, views, views.judges)
-        # Renderings of the original have no error but rounding, wherever they are taken.
+        # Renderings of the original have no error except rounding, from any camera.
         unseen = errors(engine, original, views, views.reported) if views.photographs and views.reported else own
         return Judge(engine, views, own, unseen)
 
     def psnr(self, scene: Gaussians) -> float:
-        """Expected PSNR in dB; with renderings of the original in place of photographs, the PSNR against them."""
+        """Expected PSNR in dB; if there are no photographs, the PSNR against renderings of the original."""
         squared = errors(self.engine, scene, self.views, self.views.judges)
         if not self.views.photographs:
             return _mean_psnr(squared)
@@ -56,7 +56,7 @@ class Judge:
 
 
 def errors(engine: Engine, scene: Gaussians, views: Views, frames: list[Frame]) -> np.ndarray:
-    """(V,) mean squared error of a scene on each of some views."""
+    """(V,) mean squared error of a scene on some views."""
     engine.upload(scene)
     found = [
         squared_error(render_frame(engine, frame, views.background), frame.image / 255.0, frame.mask)

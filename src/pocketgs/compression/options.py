@@ -10,7 +10,7 @@ from pocketgs.compression.importance import Importance
 from pocketgs.errors import PocketGSError
 
 QUALITY = 0.3
-"""Default of how much worse than the original a scene may be, in dB."""
+"""Default loss of quality, in dB."""
 
 
 @dataclass(frozen=True)
@@ -18,13 +18,13 @@ class CompressionOptions:
     """Options of a compression.
 
     Attributes:
-        size: Megabytes (10^6 bytes) that the file may have; the best scene that fits is written.
+        size: Maximum megabytes (10^6 bytes) of the file; the best scene that fits is written.
         quality: dB by which the scene may be worse than the original on views that it was not trained on; the smallest
-            such file is written. By default 0.3; without a capture, as close to the original as a .spz is, and less
-            by so many dB if given.
-        time_budget: Seconds that the whole command may take.
-        prune: Which Gaussians go first: those that contribute little to the training views (contribution), or those
-            that contribute little and look like their neighbours (distinct).
+            such file is written. By default 0.3; without a capture, the bound is the quality of a .spz, minus this if
+            given.
+        time_budget: Maximum seconds of the whole command.
+        prune: Which Gaussians are removed first: those that contribute little to the training views (contribution), or
+            those that also look like their neighbours (distinct).
         seed: Random seed.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Pruning: the least important Gaussians go in rounds, and the others learn to do without them in between."""
+"""Pruning: the least important Gaussians are removed in rounds, with training in between to compensate."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.rasterizer import Rasterizer
 
 SHRINKS = 0.8
-"""Share of the Gaussians that a round keeps: too few at once, and those that would have replaced each other go
-together."""
+"""Share of the Gaussians that a round keeps: if too many are removed at once, Gaussians that could replace each other
+go together."""
 
 LEAST = 32
-"""Pruning ends with so many Gaussians at the latest."""
+"""Minimum number of Gaussians; pruning ends there."""
 
 
 @dataclass(frozen=True)
 class Pruner:
-    """Prunes with these views.
+    """Prunes scenes.
 
     Attributes:
         tuner: trains in between.
-        cameras: the views that count.
+        cameras: the views that determine importance.
         measure: of importance.
-        rasterizer: finds what each Gaussian contributes.
+        rasterizer: computes the Gaussians' contributions.
     """
 
     tuner: FineTuner
@@ -38,19 +38,19 @@ class Pruner:
     rasterizer: Rasterizer
 
     def down_to(self, scene: Gaussians, count: int) -> Gaussians:
-        """The most important Gaussians, in their order."""
+        """The `count` most important Gaussians, in their order."""
         if count >= len(scene):
             return scene
         order = np.argsort(-importance(scene, self.cameras, self.rasterizer, self.measure), kind="stable")
         return scene.select(np.sort(order[:count]))
 
     def weights(self, scene: Gaussians) -> np.ndarray:
-        """(N,) positive, how much errors of each Gaussian matter: square roots of what they contribute to the views."""
+        """(N,) positive weights of the Gaussians' errors: square roots of their contributions to the views."""
         summed, _ = contributions(scene, self.cameras, self.rasterizer)
         return np.asarray(np.sqrt(summed + 1e-6 * max(summed.max(), 1e-9)))
 
     def rounds(self, scene: Gaussians, steps: int) -> Iterator[Gaussians]:
-        """The scene itself, and what is left of it after each round.
+        """The scene itself, and the scene after each round.
 
         Args:
             scene: to prune.

@@ -8,19 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 TRIES = 5
-"""Most candidates of one search."""
+"""Maximum number of candidates of a search."""
 
 CLOSE = 0.03
-"""The search ends when the number of Gaussians is known up to this share."""
+"""Relative precision of the number of Gaussians that ends the search."""
 
 
 @dataclass(frozen=True)
 class Goal:
-    """What is searched for.
+    """The goal of a search.
 
     Attributes:
-        target: the value to reach with the fewest, or not to exceed with the most.
-        slope: by how much the value grows, about, when the number of Gaussians grows by a factor of e.
+        target: the value to reach with the fewest Gaussians, or not to exceed with the most.
+        slope: approximate growth of the value if the number of Gaussians grows by a factor of e.
         tolerance: a value this close to the target, on its right side, ends the search.
         from_above: whether the value must be at least the target; otherwise it must be at most the target.
     """
@@ -43,15 +43,15 @@ def search(
     most: int,
     is_time_up: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Try numbers of Gaussians, whose values grow with them, until the target lies between two close ones.
+    """Try numbers of Gaussians until two close ones bracket the target; values must grow with the number.
 
     Args:
-        value_of: makes the candidate of a number of Gaussians, and returns its value; it keeps what is found.
-        goal: what to search for.
+        value_of: makes the candidate with a number of Gaussians, keeps it, and returns its value.
+        goal: of the search.
         guess: the first number to try.
-        least: minimum of the numbers.
-        most: maximum of the numbers.
-        is_time_up: asked after every number whether the search must end.
+        least: minimum number.
+        most: maximum number.
+        is_time_up: called after every number; whether the search must end.
     """
     low, high = np.log(least) - CLOSE, np.log(most) + CLOSE
     place = float(np.clip(np.log(guess), np.log(least), np.log(most)))
@@ -62,6 +62,6 @@ def search(
             return
         if high - low <= 2 * CLOSE or is_time_up():
             return
-        # Aimed at the middle of the tolerance, since the values are noisy.
+        # Aim at the middle of the tolerance, since the values are noisy.
         aim = goal.target + (0.5 if goal.from_above else -0.5) * goal.tolerance
         place = float(np.clip(place + (aim - value) / goal.slope, low + CLOSE, high - CLOSE))

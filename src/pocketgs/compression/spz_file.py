@@ -1,4 +1,4 @@
-"""A scene as a .spz holds it, to compare with."""
+"""A scene as stored in a `.spz`, for comparison."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class SpzFile:
 
 
 def as_spz(scene: Gaussians) -> SpzFile | None:
-    """A scene without NaN and infinity as `convert` writes it by default; None if its coordinates are too large."""
+    """The scene that `convert` would store by default; it must be finite. None if its coordinates are too large."""
     if fractional_bits_for(scene, SMALL) is None:
         return None
     with TemporaryDirectory() as folder:

@@ -1,4 +1,4 @@
-"""The progress of a compression, the time that it has, and the reasons to end it early."""
+"""Progress and time limit of a compression."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Timekeeper:
         """Steps per second, as long as none is done."""
 
     def step(self) -> None:
-        """A step has been done.
+        """Count a step.
 
         Raises:
             StoppedError: Ctrl-C was pressed.
@@ -39,7 +39,7 @@ class Timekeeper:
         self.check()
 
     def check(self) -> None:
-        """See that the work should go on.
+        """Raise if the work must stop.
 
         Raises:
             StoppedError: Ctrl-C was pressed.
@@ -48,24 +48,24 @@ class Timekeeper:
             raise StoppedError
 
     def elapsed(self) -> float:
-        """Seconds that have passed."""
+        """Seconds since the start."""
         return time.monotonic() - self._began
 
     def reserve(self, seconds: float) -> None:
-        """Keep so many seconds, but at most half of all, for what comes after."""
+        """Reserve time for the work that follows, at most half of the total."""
         if self._seconds is not None:
             self._seconds = max(self._seconds - seconds, 0.5 * self._seconds)
 
     def used(self) -> float:
-        """Share of the time that has passed, 0 without a limit."""
+        """Share of the time that is used, 0 without a limit."""
         return 0.0 if self._seconds is None else self.elapsed() / max(self._seconds, 1e-3)
 
     def is_up(self) -> bool:
-        """Whether all of the time has passed."""
+        """Whether the time limit is reached."""
         return self.used() >= 1.0
 
     def steps_left(self) -> float:
-        """How many steps fit into the rest of the time, at the speed so far; infinite without a limit."""
+        """Number of steps that fit into the remaining time, at the speed so far; infinite without a limit."""
         if self._seconds is None:
             return float("inf")
         if self.is_up():

@@ -1,4 +1,4 @@
-"""The views that a scene is fine-tuned, judged and reported on: photographs, or renderings of the scene itself."""
+"""The views for fine-tuning, decisions and reports: photographs, or renderings of the scene itself."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from pocketgs.training.view_choice import evenly_chosen
 Colour = tuple[float, float, float]
 
 EVERY = 8
-"""Every eighth rendered view is reported on, and every eighth of the others judges."""
+"""Every eighth rendered view is for reports, and every eighth of the others for decisions."""
 
 RENDERED_VIEWS = 100
-"""Most renderings of the scene itself."""
+"""Maximum number of renderings of the scene itself."""
 
 SIDE = 400
 """Image side of renderings of a scene whose cameras are unknown."""
@@ -30,7 +30,7 @@ FOCAL = 1.2
 """Focal length of such renderings, relative to the image side: 45 degrees."""
 
 RINGS, VIEWS_OF_RING = (-0.3, 0.2, 0.7), 16
-"""Heights of the rings of cameras around the scene, as sines of their elevation, and cameras on each."""
+"""Elevations of the rings of cameras around the scene, as sines, and cameras on each."""
 
 DISTANCE = 2.5
 """Radius of the rings, relative to the scene's."""
@@ -41,9 +41,9 @@ class Views:
     """The views of a compression.
 
     Attributes:
-        train: to fine-tune on.
-        judges: to decide on.
-        reported: to report on; none of them takes part in fine-tuning or a decision. May be empty.
+        train: for fine-tuning.
+        judges: for decisions.
+        reported: for the report; not used for fine-tuning or decisions. May be empty.
         background: behind the scene, RGB in [0, 1].
         photographs: whether they are photographs; otherwise they are renderings of the scene itself.
     """
@@ -56,10 +56,10 @@ class Views:
 
 
 def photographed(capture: Capture) -> Views:
-    """The views of a capture, whose held-out ones are reported on.
+    """The views of a capture; the held-out ones are for the report.
 
-    The training views judge too. The scene was trained on all of them, so that those held back now would show how well
-    it is remembered, and not how good it is.
+    The training views are also for decisions. The scene was trained on all of them: holding some back now would measure
+    how well they are remembered, and not how good the scene is.
 
     Raises:
         PocketGSError: there is no training view.
@@ -70,13 +70,13 @@ def photographed(capture: Capture) -> Views:
 
 
 def not_too_many(cameras: Mapping[str, Camera]) -> dict[str, Camera]:
-    """At most RENDERED_VIEWS of the cameras, evenly."""
+    """At most RENDERED_VIEWS of the cameras, evenly chosen."""
     names = list(cameras)
     return {names[place]: cameras[names[place]] for place in evenly_chosen(len(names), RENDERED_VIEWS)}
 
 
 def rendered(scene: Gaussians, cameras: Mapping[str, Camera], engine: Engine, background: Colour) -> Views:
-    """Renderings of the scene itself, of which some are held back to judge, and others to report on.
+    """Renderings of the scene itself, some for decisions and some for the report.
 
     Args:
         scene: to render.
@@ -102,7 +102,7 @@ def _rendering(name: str, camera: Camera, engine: Engine, background: Colour) ->
 
 
 def cameras_around(scene: Gaussians) -> dict[str, Camera]:
-    """Cameras for a scene of which nothing else is known: on rings around it, and at its centre, looking outwards.
+    """Cameras for a scene without known cameras: on rings around it, and at its centre, looking outwards.
 
     Raises:
         PocketGSError: the scene has no extent.
@@ -115,7 +115,7 @@ def cameras_around(scene: Gaussians) -> dict[str, Camera]:
     directions = [_direction(height, turn) for height in RINGS for turn in np.arange(VIEWS_OF_RING) / VIEWS_OF_RING]
     outside = [_camera(centre + DISTANCE * radius * each, centre) for each in directions]
     inside = [_camera(centre, centre + radius * each) for each in directions]
-    # In turn, so that those held back are of both kinds, and from all sides.
+    # Alternating, so that held-back views are of both kinds, and from all sides.
     cameras: Sequence[Camera] = [camera for pair in zip(outside, inside, strict=True) for camera in pair]
     return {f"{number:03d}": camera for number, camera in enumerate(cameras)}
 

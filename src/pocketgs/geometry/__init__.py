@@ -1,1 +1,1 @@
-"""Cameras and rotations, and what a set of cameras says about a scene."""
+"""Cameras, lenses, rotations, camera paths, and estimates from sets of cameras."""

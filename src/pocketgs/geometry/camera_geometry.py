@@ -1,4 +1,4 @@
-"""What a set of cameras tells about the scene: its centre, and the up direction."""
+"""Estimates from a set of cameras: the scene's centre, and the up direction."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def orbit(cameras: Sequence[Camera], count: int, focus: np.ndarray | None = None
 
 
 def path(cameras: Sequence[Camera], count: int, closed: bool = False) -> list[Camera]:
-    """Make a smooth camera path through given cameras, with the same number of steps between each two.
+    """Make a smooth camera path through given cameras, with equal numbers of steps between them.
 
     Positions follow a cubic spline and orientations a rotation spline, both with continuous velocity.
 

@@ -78,7 +78,7 @@ def depths(lens: Lens, local: np.ndarray) -> np.ndarray:
 
 
 def shown(lens: Lens, local: np.ndarray) -> np.ndarray:
-    """(N,) whether a lens shows (N, 3) points in camera axes: they are in front of it, and within its valid angle."""
+    """(N,) whether a lens shows (N, 3) points in camera axes: in front of it, and within its valid angle."""
     if lens.model == "orthographic":
         return np.asarray(local[:, 2] > 0)
     angles = np.arctan2(np.hypot(local[:, 0], local[:, 1]), local[:, 2])

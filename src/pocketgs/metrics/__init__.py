@@ -1,1 +1,1 @@
-"""How close renderings are to photographs."""
+"""Image metrics: renderings compared with photographs."""

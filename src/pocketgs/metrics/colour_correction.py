@@ -1,8 +1,8 @@
-"""Renderings with their colours fitted to the photograph's: what is left of an error once exposure does not count.
+"""Colour correction of renderings: colours fitted to the photograph, to measure errors apart from exposure.
 
-The definition is MultiNeRF's, which gsplat offers as its quadratic colour correction: a polynomial of degree two from
-the rendering's RGB to each channel of the photograph, by least squares over pixels that neither image clips, five times
-over. It is fitted to the photograph that it is judged by, so it belongs in metrics only, never in training.
+The definition is MultiNeRF's, which gsplat offers as quadratic colour correction: a quadratic polynomial from the
+rendering's RGB to each channel of the photograph, fitted by least squares to pixels that neither image clips, in five
+rounds. It uses the photograph that it is compared with, so it must only be used in metrics, never in training.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ import numpy as np
 ROUNDS = 5
 TERMS = 10
 CLIPPED = 0.5 / 255
-"""Values so close to 0 or 1, half a grey level, may stand for darker or brighter ones."""
+"""Values this close to 0 or 1, half a grey level, may be clipped."""
 
 MAX_SAMPLES = 1 << 16
-"""Pixels that the fit looks at, evenly spread: more give the same polynomial."""
+"""Maximum number of pixels for the fit, evenly spread: more give the same polynomial."""
 
 
 def colour_corrected(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
-    """The rendering with the colours that fit the photograph's best.
+    """Fit the rendering's colours to the photograph's.
 
     Args:
         rendered: (H, W, 3) float RGB in [0, 1].
         photo: (H, W, 3) float RGB in [0, 1].
-        mask: (H, W) bool, True for pixels that the fit may look at, or None for all.
+        mask: (H, W) bool, True for pixels that the fit may use, or None for all.
 
     Returns:
         (H, W, 3) float32 in [0, 1].
@@ -42,7 +42,7 @@ def colour_corrected(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray |
 
 
 def _fit(terms: np.ndarray, target: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """(3, 10) coefficients, each channel's fitted where `counts` (3, N); a channel without such pixels stays."""
+    """(3, 10) coefficients, each channel fitted to its pixels in `counts` (3, N); the identity if there are none."""
     coefficients = np.zeros((3, TERMS))
     for channel, own in enumerate(counts):
         if own.any():

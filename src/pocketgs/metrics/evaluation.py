@@ -1,8 +1,8 @@
-"""How close renderings are to photographs: PSNR, plain and colour-corrected, SSIM, FLIP, LPIPS where there is one."""
+"""Image metrics: PSNR, plain and colour-corrected, SSIM, FLIP, and LPIPS if available."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 import cv2
@@ -17,22 +17,22 @@ from pocketgs.splat.constants import SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW
 PSNR_CAP = 100.0
 
 MEANS = ("psnr", "cc_psnr", "ssim", "flip", "lpips")
-"""The figures that files of results hold."""
+"""The figures in result files."""
 
 Pair = tuple[str, np.ndarray, np.ndarray, np.ndarray | None]
 
 
 @dataclass(frozen=True)
 class ImageMetrics:
-    """How close one rendering is to its photograph.
+    """The metrics of a rendering.
 
     Attributes:
         name: the frame's name.
         psnr: in dB, at most 100.
         ssim: 1 for identical images.
-        cc_psnr: PSNR in dB once the rendering's colours are fitted to the photograph's.
-        flip: 0 for identical images, or None where its package is missing.
-        lpips: 0 for identical images, or None where it was not computed.
+        cc_psnr: PSNR in dB after fitting the rendering's colours to the photograph's.
+        flip: 0 for identical images, or None if its package is missing.
+        lpips: 0 for identical images, or None if it was not computed.
     """
 
     name: str
@@ -45,11 +45,11 @@ class ImageMetrics:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The metrics of several images, and their means over images.
+    """The metrics of several images, and their means.
 
     Attributes:
-        images: one entry an image, in the order given.
-        lpips_note: which LPIPS was computed, or why none was; None where it was not asked for.
+        images: one entry per image, in the order given.
+        lpips_note: which LPIPS was computed, or why none was; None if it was not requested.
     """
 
     images: list[ImageMetrics]
@@ -57,33 +57,38 @@ class Evaluation:
 
     @property
     def psnr(self) -> float:
-        """Mean of the images' PSNR in dB, as published results average it."""
+        """Mean PSNR over images in dB, as in published results."""
         return float(np.mean([image.psnr for image in self.images]))
 
     @property
     def ssim(self) -> float:
-        """Mean of the images' SSIM."""
+        """Mean SSIM over images."""
         return float(np.mean([image.ssim for image in self.images]))
 
     @property
     def cc_psnr(self) -> float:
-        """Mean of the images' colour-corrected PSNR in dB."""
+        """Mean colour-corrected PSNR over images in dB."""
         return float(np.mean([image.cc_psnr for image in self.images]))
 
     @property
     def flip(self) -> float | None:
-        """Mean of the FLIP of the images that have one, or None."""
+        """Mean FLIP of the images that have one, or None."""
         return _mean_of_known(image.flip for image in self.images)
 
     @property
     def lpips(self) -> float | None:
-        """Mean of the LPIPS of the images that have one, or None."""
+        """Mean LPIPS of the images that have one, or None."""
         return _mean_of_known(image.lpips for image in self.images)
 
     @property
     def means(self) -> dict[str, float | None]:
-        """The means by name, as files of results have them."""
+        """The means by name, as in result files."""
         return {name: getattr(self, name) for name in MEANS}
+
+    def without(self, names: Collection[str]) -> Evaluation | None:
+        """The evaluation of the other images, or None if there are none."""
+        others = [image for image in self.images if image.name not in names]
+        return replace(self, images=others) if others else None
 
 
 def _mean_of_known(values: Iterable[float | None]) -> float | None:
@@ -96,9 +101,9 @@ def evaluate(pairs: Iterable[Pair], with_lpips: bool = True) -> Evaluation:
 
     Args:
         pairs: (name, rendered, photo, mask) each: the images (H, W, 3) float RGB in [0, 1], the mask (H, W) bool, True
-            where pixels count, or None for all. Taken one at a time, so a generator may render as it goes.
-        with_lpips: whether to add LPIPS if its package and weights can be had. That they cannot is no error:
-            `Evaluation.lpips_note` says why.
+            for pixels that count, or None for all. Consumed one at a time, so a generator may render them.
+        with_lpips: whether to add LPIPS if its package and weights are available. If not, `Evaluation.lpips_note` says
+            why; it is not an error.
 
     Raises:
         PocketGSError: there are no pairs, or one cannot be compared; the message names it.
@@ -127,7 +132,7 @@ def evaluate(pairs: Iterable[Pair], with_lpips: bool = True) -> Evaluation:
 def psnr(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None) -> float:
     """Peak signal-to-noise ratio, −10 log10 of the mean squared error over pixels and channels.
 
-    Identical images would give infinity, which JSON cannot hold: the result is capped at 100 dB, an error of 1e-5.
+    Capped at 100 dB, an error of 1e-5: identical images would give infinity, which JSON does not support.
 
     Args:
         rendered: (H, W, 3) float RGB in [0, 1].
@@ -168,15 +173,15 @@ def cc_psnr(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = N
 def ssim(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None) -> float:
     """Mean structural similarity (Wang, Bovik, Sheikh and Simoncelli, 2004), averaged over the three channels.
 
-    Windows are Gaussian, 11x11 with σ = 1.5; only pixels whose window lies inside the image count. This is
+    Windows are Gaussian, 11x11 with σ = 1.5; only pixels whose window is inside the image count. This equals
     scikit-image's `structural_similarity` with gaussian_weights=True, sigma=1.5, use_sample_covariance=False and
     data_range=1.
 
     Args:
         rendered: (H, W, 3) float RGB in [0, 1].
         photo: (H, W, 3) float RGB in [0, 1].
-        mask: (H, W) bool, True where pixels count, or None for all. The similarity map is averaged there, and the
-            windows weigh other pixels by nothing.
+        mask: (H, W) bool, True for pixels that count, or None for all. The similarity map is averaged over them, and
+            other pixels have zero weight in windows.
 
     Returns:
         A number in [−1, 1], 1 for identical images.
@@ -200,7 +205,7 @@ def ssim(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None
 
 
 def _similarity_map(first: np.ndarray, second: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
-    """(H, W, 3) SSIM of the windows about each pixel; the names are those of the paper's equation 13."""
+    """(H, W, 3) SSIM of the windows around each pixel; the names are those of the paper's equation 13."""
     mean_1, mean_2 = _window_mean(first, mask), _window_mean(second, mask)
     variance_1 = _window_mean(first * first, mask) - mean_1**2
     variance_2 = _window_mean(second * second, mask) - mean_2**2
@@ -210,7 +215,7 @@ def _similarity_map(first: np.ndarray, second: np.ndarray, mask: np.ndarray | No
 
 
 def _window_mean(image: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
-    """The mean over the window about each pixel; with a mask, over those of its pixels that count."""
+    """Mean over the window around each pixel; with a mask, over the pixels that count."""
     if mask is None:
         return _blurred(image)
     share = _blurred(mask.astype(np.float64))

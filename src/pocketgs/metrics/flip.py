@@ -1,7 +1,7 @@
-"""FLIP, a perceptual error (Andersson et al. 2020), by NVIDIA's package `flip-evaluator`.
+"""FLIP, a perceptual error (Andersson et al. 2020), from NVIDIA's package `flip-evaluator`.
 
-It predicts what people notice when they look from one image to the other and back. It needs no weights. Its package has
-wheels for Linux and Windows on x86-64 and for macOS on Apple silicon; elsewhere there is no FLIP, which is no error.
+It predicts the differences that people notice when they flip between two images. It needs no weights. Its package has
+wheels for Linux and Windows on x86-64 and for macOS on Apple silicon; elsewhere FLIP is omitted, without an error.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ import numpy as np
 
 
 def flip(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None) -> float | None:
-    """Mean FLIP error of two images of low dynamic range, at the package's own viewing distance (67 pixels a degree).
+    """Mean FLIP error of two low-dynamic-range images, at the default viewing distance (67 pixels per degree).
 
     Args:
         rendered: (H, W, 3) float RGB in [0, 1].
         photo: (H, W, 3) float RGB in [0, 1].
-        mask: (H, W) bool; pixels outside it are made the photo's in both images, and do not enter the mean. None for
-            none.
+        mask: (H, W) bool, None for all. Pixels outside it are replaced by the photograph's in both images, and excluded
+            from the mean.
 
     Returns:
-        A number from 0, for identical images, to 1; None where the package is not installed.
+        A number from 0, for identical images, to 1; None if the package is not installed.
     """
     try:
         evaluator = import_module("flip_evaluator")

@@ -1,7 +1,7 @@
-"""LPIPS, the perceptual distance, through the optional extra `pocketgs[lpips]`.
+"""LPIPS, a perceptual distance, through the optional extra `pocketgs[lpips]`.
 
-It needs PyTorch and, the first time, a download of the backbone network's weights. Having neither is a normal state
-of affairs, which is reported and never an error.
+It needs PyTorch and, the first time, a download of the backbone network's weights. If either is missing, that is
+reported, without an error.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ MIN_SIDE = 16
 
 @dataclass(frozen=True)
 class Lpips:
-    """LPIPS (Zhang et al., 2018) with the VGG network, as results on Gaussian splatting are published.
+    """LPIPS (Zhang et al., 2018) with the VGG network, as in publications on Gaussian splatting.
 
     Attributes:
         model: an `lpips.LPIPS`.
@@ -31,14 +31,14 @@ class Lpips:
         """Load the network.
 
         Returns:
-            The metric or None, and a note that says which metric this is or why there is none.
+            The metric or None, and a note which metric it is or why there is none.
         """
         try:
             lpips = import_module("lpips")
             model = lpips.LPIPS(net=NETWORK, verbose=False)
         except ModuleNotFoundError as error:
             return None, f"LPIPS not computed: {error}; pip install 'pocketgs[lpips]' adds it"
-        # A PyTorch that does not fit, a download or a cache fail each in their own way: none is worth losing PSNR over.
+        # An incompatible PyTorch, a download and a cache fail each in their own way: none is worth losing PSNR over.
         except Exception as error:
             return None, f"LPIPS not computed: the {NETWORK} network could not be loaded ({error})"
         return Lpips(model.eval()), f"LPIPS version {model.version} with the {NETWORK} network"
@@ -49,10 +49,10 @@ class Lpips:
         Args:
             rendered: (H, W, 3) float RGB in [0, 1].
             photo: (H, W, 3) float RGB in [0, 1].
-            mask: (H, W) bool; pixels outside it are made the photo's in both images. None for none.
+            mask: (H, W) bool; pixels outside it are replaced by the photograph's in both images. None for all.
 
         Returns:
-            The distance, or None where a side is shorter than the 16 pixels that the network needs.
+            The distance, or None if a side is shorter than the 16 pixels that the network needs.
         """
         if min(photo.shape[:2]) < MIN_SIDE:
             return None

@@ -112,7 +112,7 @@ def build_prior(
             if len(fused) + len(coverage.added) > max_points:
                 fused = merged(candidates, max_points - len(coverage.added))
             cloud = joined([fused, coverage.added])
-    wrong = len(found.replaced) + len(found.left_out) + len(found.doubtful)
+    wrong = len(found.contradicted)
     said = (*poses_hint(wrong, len(capture.frames) + len(found.left_out)), *found.warnings())
     if structure is None:
         said = (nothing_found(capture, scale),)

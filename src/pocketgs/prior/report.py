@@ -42,6 +42,11 @@ class Poses:
             doubtful=tuple(name for name in structure.doubtful if name in held_out),
         )
 
+    @property
+    def contradicted(self) -> tuple[str, ...]:
+        """All frames whose given poses the other photographs contradict."""
+        return self.replaced + self.left_out + self.doubtful
+
     def warnings(self) -> tuple[str, ...]:
         """Warnings for the user."""
         said = (

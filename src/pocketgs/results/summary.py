@@ -34,6 +34,7 @@ def summarise(
     return {
         **(evaluation.means if evaluation else dict.fromkeys(MEANS)),
         "lpips_note": evaluation.lpips_note if evaluation else None,
+        "doubtful_views": _doubtful_views(result, evaluation),
         "colours": _learned_colours(result),
         "transients": _transients(result),
         "coverage": result.prior.coverage if result.prior else None,
@@ -69,6 +70,19 @@ def summarise(
         "memory": [asdict(sample) for sample in memory],
         "versions": versions(),
     }
+
+
+def _doubtful_views(result: TrainingResult, evaluation: Evaluation | None) -> dict[str, Any] | None:
+    """The held-out views whose given poses are contradicted, and the means without them; None if there are none.
+
+    Their errors may be those of their poses, not of the scene.
+    """
+    if evaluation is None or result.prior is None:
+        return None
+    contradicted = result.prior.poses.contradicted
+    names = [image.name for image in evaluation.images if image.name in contradicted]
+    others = evaluation.without(names)
+    return {"names": names, "means_without": others.means if others else None} if names else None
 
 
 def _learned_colours(result: TrainingResult) -> dict[str, float] | None:

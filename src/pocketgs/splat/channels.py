@@ -1,4 +1,4 @@
-"""Outputs as channels: what each Gaussian contributes to an image besides its colour, and the way back."""
+"""Conversion between the rasterizer's outputs and composited channels, in both directions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Images:
-    """Outputs by pixel; None where they were not asked for."""
+    """Rendered outputs per pixel; None for those not requested."""
 
     rgb: np.ndarray | None
     depth: np.ndarray | None
@@ -28,13 +28,13 @@ class Images:
 
 @dataclass(frozen=True)
 class Channels:
-    """Which channels of a composited image are which output.
+    """The assignment of outputs to channels of the composited image.
 
     Attributes:
-        values: (N, C) of every Gaussian, without colour, which engines compute.
-        count: of all channels, colour included.
-        rgb, depth, normals, features: where each lies among all channels, or None.
-        facing: which axis is a Gaussian's normal, if normals are asked for.
+        values: (N, C) of each Gaussian, without colours, which engines compute themselves.
+        count: number of channels, including colours.
+        rgb, depth, normals, features: their slices of the channels, or None.
+        facing: the Gaussians' normals, if requested.
     """
 
     values: np.ndarray
@@ -46,7 +46,7 @@ class Channels:
     facing: _Normals | None
 
     def images(self, image: np.ndarray, transmittance: np.ndarray, background: np.ndarray) -> Images:
-        """The outputs, from the (C, H, W) composited channels."""
+        """Convert (C, H, W) composited channels to outputs."""
 
         def pick(channels: slice | None) -> np.ndarray | None:
             return None if channels is None else np.moveaxis(image[channels], 0, 2).copy()
@@ -68,7 +68,7 @@ class Channels:
         """Gradients with respect to the composited channels, (C, H, W), and to the transmittance, (H, W).
 
         Raises:
-            PocketGSError: a gradient belongs to an output that was not asked for, or has another shape.
+            PocketGSError: a gradient belongs to an output that was not requested, or has another shape.
         """
         shape = transmittance.shape
         d_image, d_transmittance = np.zeros((self.count, *shape), dtype), np.zeros(shape, dtype)
@@ -113,12 +113,12 @@ class Channels:
 
 @dataclass(frozen=True)
 class _Normals:
-    """A Gaussian's normal: its shortest axis, on the side of the camera.
+    """Normals of Gaussians: their shortest axes, turned towards the camera.
 
     Attributes:
         axes: (N, 3, 3) rotations from the Gaussians' axes to the world's.
-        shortest: (N,) which axis it is.
-        signs: (N,) 1, or -1 where that axis points away from the camera.
+        shortest: (N,) index of the shortest axis.
+        signs: (N,) 1, or -1 if that axis points away from the camera.
     """
 
     axes: np.ndarray
@@ -140,7 +140,7 @@ class _Normals:
         return np.asarray(self.axes[np.arange(len(self.shortest)), :, self.shortest] * self.signs[:, None])
 
     def d_rotations(self, d_normals: np.ndarray) -> np.ndarray:
-        """(N, 3): R ← R exp([δ]×) moves column k of R by R (δ × e_k)."""
+        """(N, 3) gradient with respect to the rotations: R ← R exp([δ]×) moves column k of R by R (δ × e_k)."""
         own = np.einsum("nij,ni->nj", self.axes, d_normals) * self.signs[:, None]
         turned = np.cross(np.eye(3)[self.shortest], own)
         return np.where(np.any(d_normals != 0.0, axis=1, keepdims=True), turned, 0.0)
@@ -153,10 +153,10 @@ def channels_of(
     features: np.ndarray | None,
     dtype: type[np.floating[Any]],
 ) -> Channels:
-    """The channels that outputs take.
+    """Assign channels to outputs.
 
     Raises:
-        PocketGSError: features do not belong to the Gaussians.
+        PocketGSError: the features do not have one row per Gaussian.
     """
     count = len(parameters.means)
     if ("features" in outputs) != (features is not None):
@@ -185,7 +185,7 @@ def channels_of(
 
 
 def _checked_gradient(name: str, gradient: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """The gradient of an output.
+    """Check the gradient of an output.
 
     Raises:
         PocketGSError: its shape is not the output's.

@@ -1,4 +1,4 @@
-"""Input checks that all engines share, made once, before kernels without bounds checks."""
+"""Input checks shared by all engines. Kernels have no bounds checks of their own."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pocketgs.splat.parameters import ParameterLayout
 
 
 def check_masks(masks: Sequence[np.ndarray | None], sizes: Sequence[tuple[int, int]]) -> None:
-    """Raise PocketGSError unless there is a mask, or None, for each photograph of these widths and heights."""
+    """Raise PocketGSError unless there is one mask or None per photograph, of its (width, height)."""
     if len(masks) != len(sizes):
         raise PocketGSError(f"masks: found {len(masks)}, expected one for each of {len(sizes)} photographs")
     for index, (mask, (width, height)) in enumerate(zip(masks, sizes, strict=True)):
@@ -24,7 +24,7 @@ def check_masks(masks: Sequence[np.ndarray | None], sizes: Sequence[tuple[int, i
 
 
 def checked_scene(gaussians: Gaussians) -> Gaussians:
-    """Validate a scene again: its arrays may have been replaced since it was made.
+    """Check a scene again, whose arrays may have been replaced since it was made.
 
     Raises:
         PocketGSError: it is not a scene, or its arrays disagree.
@@ -35,7 +35,7 @@ def checked_scene(gaussians: Gaussians) -> Gaussians:
 
 
 def check_pinhole(camera: Camera) -> None:
-    """Refuse a camera with a lens, which only the CPU engine and the reference draw through.
+    """Refuse a camera with a lens, which only the CPU engine and the reference support.
 
     Raises:
         PocketGSError: the camera has one.

@@ -1,8 +1,8 @@
-"""An affine transform of RGB for each training photograph: what its exposure and white balance make of the scene.
+"""Affine colour transforms of the training photographs, for differences in exposure and white balance.
 
-The loss compares a photograph with A c + b of each rendered colour c. A table holds a row for each photograph: A and b
-as their difference from the identity, Adam's moments of these twelve numbers, and how often they have been updated.
-The mean of all photographs' transforms is held at the identity, so that the scene is in the mean exposure.
+The loss compares a photograph with A c + b of each rendered colour c. A table has one row per photograph: the
+difference of A and b from the identity, Adam's moments of these twelve numbers, and the number of updates. The mean of
+all transforms is kept at the identity, so that the scene has the mean exposure.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from pocketgs.errors import PocketGSError
 
 CHANGE = slice(0, 12)
-"""Columns of (3, 4) A − I and b, by rows."""
+"""Columns of the (3, 4) matrix [A − I | b], row by row."""
 
 FIRST_MOMENTS, SECOND_MOMENTS = slice(12, 24), slice(24, 36)
 UPDATES = 36
@@ -20,7 +20,7 @@ COLUMNS = 37
 
 
 def no_transforms(photographs: int) -> np.ndarray:
-    """(V, COLUMNS) float32: the identity for each photograph, never updated."""
+    """(V, COLUMNS) float32: the identity for each photograph, without updates."""
     return np.zeros((photographs, COLUMNS), np.float32)
 
 
@@ -30,10 +30,10 @@ def transforms_of(table: np.ndarray) -> np.ndarray:
 
 
 def check_transforms(table: np.ndarray, photographs: int) -> None:
-    """Refuse a table that does not belong to the photographs.
+    """Check that a table fits the photographs.
 
     Raises:
-        PocketGSError: it is of another shape or type, or holds what is no number.
+        PocketGSError: it has another shape or type, or contains NaN or infinity.
     """
     expected = (photographs, COLUMNS)
     if table.shape != expected or table.dtype != np.float32:

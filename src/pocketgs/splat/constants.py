@@ -1,4 +1,4 @@
-"""Numbers of the image formation that every engine shares."""
+"""Constants of the image formation, shared by all engines."""
 
 NEAR = 0.005
 """Gaussians whose centre is nearer to the camera's plane than this share of the scene's extent are not drawn; see
@@ -8,30 +8,30 @@ LOW_PASS = 0.3
 """Added to both variances of a projected Gaussian, in pixels², so that none falls between pixels (3DGS, section 4)."""
 
 MIN_DETERMINANT = 1e-6
-"""A projected Gaussian whose covariance has a determinant under this times the product of its variances is a needle
-thinner than float32 can hold, and is not drawn."""
+"""A projected Gaussian is not drawn if its covariance's determinant is below this fraction of the product of its
+variances: float32 cannot represent such a thin needle."""
 
 MAX_VARIANCE = 1e12
-"""A projected Gaussian with a larger variance, in pixels², has diverged and is not drawn: float32 could not hold its
+"""A projected Gaussian with a larger variance, in pixels², has diverged and is not drawn: float32 cannot represent its
 inverse covariance."""
 
 FRUSTUM_MARGIN = 0.15
-"""Fraction of the image by which x/z and y/z may leave the image before the projection's Jacobian clamps them."""
+"""Margin around the image, as a fraction of it, beyond which the projection's Jacobian clamps x/z and y/z."""
 
 BRIGHTEST = 1e4
-"""A Gaussian with a channel brighter than this has diverged and is not drawn: it would spoil its neighbours."""
+"""A Gaussian with a brighter channel has diverged and is not drawn: it would spoil its neighbours."""
 
 ALPHA_MIN = 1.0 / 255.0
-"""Contributions more transparent than this are skipped."""
+"""Contributions with a smaller α are skipped."""
 
 ALPHA_MAX = 0.99
-"""No single contribution is more opaque than this, so that what lies behind keeps a gradient."""
+"""Maximum α of a contribution, so that Gaussians behind it keep a gradient."""
 
 TRANSMITTANCE_MIN = 1e-4
-"""A pixel whose transmittance has fallen below this takes no more contributions."""
+"""Compositing of a pixel stops when its transmittance is below this."""
 
 RADIUS_SIGMAS = 3.0
-"""Standard deviations that a Gaussian's radius on the image stands for in statistics (3DGS)."""
+"""A Gaussian's radius on the image in standard deviations, for statistics (3DGS)."""
 
 SSIM_WINDOW = 11
 SSIM_SIGMA = 1.5

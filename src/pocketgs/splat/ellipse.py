@@ -1,4 +1,4 @@
-"""The ellipse that a projected Gaussian covers, as the engines hold it."""
+"""The ellipse that a projected Gaussian covers."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pocketgs.splat.constants import ALPHA_MIN
 
 
 def half_sizes(log2_opacities: np.ndarray, exponents: np.ndarray) -> np.ndarray:
-    """(V, 2) half the width and height of the ellipses of α = 1/255, in pixels.
+    """(V, 2) half widths and heights of the ellipses of α = 1/255, in pixels.
 
     Args:
         log2_opacities: (V,).
-        exponents: (V, 3) of dx², dx dy and dy², to base 2.
+        exponents: (V, 3) coefficients of dx², dx dy and dy², to base 2.
     """
     a, b, c = exponents.T
     reach = np.maximum(log2_opacities - np.float32(math.log2(ALPHA_MIN)), 0.0)

@@ -1,4 +1,4 @@
-"""The seam between training and the code that renders and differentiates: what an engine is, and how one is chosen."""
+"""The `Engine` interface between training and rendering, and the choice of an engine."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ Accumulation = Literal["ordered", "atomic"]
 ENGINES = get_args(EngineName)
 
 KEPT_LOSSES = 4096
-"""An engine remembers the losses of so many of the latest steps."""
+"""Number of latest steps whose losses an engine keeps."""
 
 
 @dataclass(frozen=True)
 class Rendering:
-    """What a camera sees of the scene.
+    """A rendered view.
 
     Attributes:
-        image: (H, W, 3) float32 RGB over the background, not cut off above 1.
+        image: (H, W, 3) float32 RGB over the background, not clipped at 1.
         alpha: (H, W) float32 coverage in [0, 1].
         depth: (H, W) float32 expected depth along the optical axis, Σ α_i T_i z_i / alpha; 0 where alpha is 0. None
-            unless asked for.
+            unless requested.
     """
 
     image: np.ndarray
@@ -44,14 +44,14 @@ class Rendering:
 
 @dataclass(frozen=True)
 class OptimiserState:
-    """Adam's memory: what training needs besides the Gaussians to go on where it stopped.
+    """The optimiser's state, needed besides the Gaussians to resume training.
 
     Attributes:
-        first_moments, second_moments: (N, columns) float32, columns as `ParameterLayout` has them.
-        steps: steps taken.
-        near: least depth of what is drawn, which stays what it was when the scene was first given; None to measure it.
-        colours: (V, columns) float32, the photographs' colour transforms as `pocketgs.splat.colours` has them; None
-            where none was learned.
+        first_moments, second_moments: (N, columns) float32; see `ParameterLayout` for the columns.
+        steps: number of steps taken.
+        near: near plane, fixed when the scene was first uploaded; None to measure it.
+        colours: (V, columns) float32 colour transforms of the photographs, see `pocketgs.splat.colours`; None if none
+            were learned.
     """
 
     first_moments: np.ndarray
@@ -63,7 +63,7 @@ class OptimiserState:
 
 @dataclass(frozen=True)
 class MemoryNeed:
-    """What training takes of an engine's memory, in bytes: `process` of this process's, `device` of a GPU's."""
+    """Memory needed for training in bytes: `process` of this process, `device` of a GPU."""
 
     process: int
     device: int = 0
@@ -75,102 +75,101 @@ class Renderer(Protocol):
     def render(
         self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False
     ) -> Rendering:
-        """Render the scene as it stands."""
+        """Render the current scene."""
 
 
 class Engine(Renderer, Protocol):
-    """Renders Gaussians and trains them. All state of a run lives behind this seam.
+    """Renders Gaussians and trains them. It holds all state of a run.
 
-    One thread at a time may call an engine.
+    Only one thread at a time may call an engine.
     """
 
     name: str
     device: str
-    """What it computes on, in words."""
+    """Name of the device that computes."""
 
     def prepare(self) -> None:
-        """Compile whatever has to be compiled, so that no step has to."""
+        """Compile all kernels ahead of the first step."""
 
     def set_views(self, frames: Sequence[Frame]) -> None:
-        """Take the photographs that `step` refers to by index. Their colour transforms start at the identity."""
+        """Set the photographs that `step` indexes. Their colour transforms start at the identity."""
 
     def set_masks(self, masks: Sequence[np.ndarray | None]) -> None:
-        """Replace the photographs' masks: (H, W) bool, true for pixels that count from the next step on; None for all.
+        """Replace the photographs' masks: (H, W) bool, True for pixels in the loss from the next step on; None for all.
 
         Raises:
-            PocketGSError: the masks are not of these photographs.
+            PocketGSError: the masks do not fit the photographs.
         """
 
     def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
-        """Take a copy of the scene, and of the optimiser's state or start it anew.
+        """Copy the scene, and the optimiser's state; without one, the optimiser is reset.
 
         Raises:
-            PocketGSError: the scene or the state cannot be used, or its colours are not of the photographs.
+            PocketGSError: the scene or the state is invalid, or its colour transforms do not fit the photographs.
         """
 
     def step(self, view: int, settings: StepSettings) -> None:
-        """Train on one view: render, compare, differentiate, update. May return before it is done."""
+        """Train on one view: render, compare, differentiate, update. May return before the step is complete."""
 
     @property
     def count(self) -> int:
         """Number of Gaussians."""
 
     def change_rows(self, change: RowChange) -> None:
-        """Select, duplicate and set Gaussians, the optimiser's rows with them. Statistics start anew.
+        """Select, duplicate and set Gaussians, including the optimiser's rows. Statistics restart at zero.
 
         Raises:
-            PocketGSError: the change is not of this scene, or memory does not hold what comes of it.
+            PocketGSError: the change does not fit the scene, or the result does not fit into memory.
         """
 
     def statistics(self) -> Statistics:
-        """What steps with `StepSettings.statistics` have summed up since the last change of rows or start."""
+        """Sums over the steps with `StepSettings.statistics` since the last change of rows or restart."""
 
     def restart_statistics(self, start: Statistics | None = None) -> None:
-        """Sum up from zero, or from sums that were taken before."""
+        """Restart the statistics at zero, or from earlier sums."""
 
     def loss(self, steps: int = 1) -> float:
-        """Mean loss of the last `steps` steps, at most KEPT_LOSSES, measured before their updates. Waits for them."""
+        """Mean loss of the last `steps` steps, at most KEPT_LOSSES, each before its update. Waits for them."""
 
     def download(self) -> Gaussians:
-        """A copy of the scene as it stands."""
+        """Copy the current scene."""
 
     def optimiser_state(self) -> OptimiserState:
-        """A copy of the optimiser's state."""
+        """Copy the optimiser's state."""
 
     def memory(self) -> dict[str, int]:
-        """Bytes that the engine holds, by the name of what they are for."""
+        """Bytes that the engine holds, by purpose."""
 
     def memory_needed(self, gaussians: int, coefficients: int, photographs: Sequence[tuple[int, int]]) -> MemoryNeed:
-        """What training would take, before anything is given to the engine.
+        """Estimate the memory needed for training, before anything is uploaded.
 
         Args:
-            gaussians: their number.
-            coefficients: of spherical harmonics a channel.
+            gaussians: number of Gaussians.
+            coefficients: spherical-harmonics coefficients per channel.
             photographs: width and height of each.
 
         Raises:
-            PocketGSError: its memory does not hold it.
+            PocketGSError: it exceeds the device's memory.
         """
 
 
 @dataclass(frozen=True)
 class EngineOptions:
-    """Which engine, and how it works.
+    """Choice and settings of an engine.
 
     Attributes:
-        engine: "auto" takes a GPU where there is one, else the CPU; "webgpu" takes software adapters too.
-        threads: CPU threads that it may use, or None for one a core.
+        engine: "auto" uses a GPU if there is one, else the CPU; "webgpu" accepts software adapters too.
+        threads: maximum number of CPU threads, or None for one per core.
         gpu: part of the name of the GPU to use, or None for the best.
         precision: of projected splats and of the replay cache on the GPU.
-        replay: how the GPU's backward pass comes by what the forward pass computed: it recomputes it, or keeps it in a
-            cache.
-        accumulation: how the gradients of a GPU's tiles come together: "ordered" gives the same bits every time;
-            "atomic" takes less memory, on GPUs that can add floats atomically.
-        portable: use only what every GPU with WebGPU has.
-        max_memory: megabytes of GPU memory that the engine may take, and, in a command, that reading may.
+        replay: whether the GPU's backward pass recomputes the forward pass's values, or reads them from a cache.
+        accumulation: how gradients of a GPU's tiles are summed: "ordered" gives the same bits every time; "atomic"
+            takes less memory, on GPUs with atomic addition of floats.
+        portable: use only features that every WebGPU device has.
+        max_memory: maximum megabytes of the engine's GPU memory, and, in a command, of the memory for reading.
 
     Raises:
-        PocketGSError: a number is none that there can be of what it counts.
+        PocketGSError: a number is out of range.
     """
 
     engine: EngineName = "auto"
@@ -190,10 +189,10 @@ class EngineOptions:
 
 
 def create_engine(options: EngineOptions | None = None) -> Engine:
-    """Make an engine.
+    """Create an engine.
 
     Args:
-        options: which; all at their defaults if None.
+        options: None for the defaults.
 
     Raises:
         PocketGSError: the engine is not available here.
@@ -209,10 +208,10 @@ def create_engine(options: EngineOptions | None = None) -> Engine:
 
 
 def chosen_engine(options: EngineOptions) -> Literal["cpu", "webgpu"]:
-    """Which engine "auto" stands for here, or the one that is named.
+    """The name of the engine, with "auto" resolved.
 
     Raises:
-        PocketGSError: its name is not known.
+        PocketGSError: the name is unknown.
     """
     if options.engine not in ENGINES:
         raise PocketGSError(f"engine {options.engine!r}: not known, expected one of {', '.join(ENGINES)}")

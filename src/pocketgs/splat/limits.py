@@ -1,4 +1,4 @@
-"""Where compositing stops: the one thing in which rasterizers that else agree differ."""
+"""Limits of compositing, in which otherwise equal rasterizers differ."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from pocketgs.splat.constants import ALPHA_MAX
 
 
 class Limits(NamedTuple):
-    """Where compositing stops.
+    """Limits of compositing.
 
     Attributes:
-        most_opaque: float32, the largest α of one splat on one pixel; where it is cut to that, it has no gradient.
-        stops_before: whether a pixel leaves out the splat that would bring its transmittance to 1e-4, with all behind
-            it, as 3DGS and gsplat do; otherwise that splat is the last one drawn.
+        most_opaque: float32, maximum α of a splat on a pixel; a clamped α has no gradient.
+        stops_before: whether a pixel skips the splat that would bring its transmittance below 1e-4, and all behind it,
+            as 3DGS and gsplat do; otherwise that splat is the last one drawn.
     """
 
     most_opaque: float
@@ -23,4 +23,4 @@ class Limits(NamedTuple):
 
 
 TRAINING = Limits(np.float32(ALPHA_MAX), False)
-"""The limits of training and of whatever renders its scenes."""
+"""The limits of training, and of rendering its scenes."""

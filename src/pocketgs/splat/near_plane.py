@@ -1,4 +1,4 @@
-"""The near plane, in proportion to the scene, whatever its unit of length."""
+"""The near plane, relative to the size of the scene."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ SAMPLES = 4096
 
 
 def near_plane(means: np.ndarray) -> float:
-    """Minimum depth, in scene units, of the centre of a drawn Gaussian; the twin of `nearPlane` in the viewer.
+    """Minimum depth, in scene units, of the centre of a drawn Gaussian. The viewer's `nearPlane` computes the same.
 
     It is NEAR times the median distance of the Gaussians from their median position, rounded to a power of two, so that
     it does not change with every step.
 
     Args:
-        means: (N, 3). Non-finite ones are ignored; if the others are all in one place, or there are none, the scene
-            counts as one unit wide.
+        means: (N, 3). Non-finite ones are ignored. If all others coincide, or there are none, the scene's size counts
+            as 1.
     """
     sample = means[:: max(1, math.ceil(len(means) / SAMPLES))].astype(np.float64)
     sample = sample[np.isfinite(sample).all(axis=1)]
@@ -31,5 +31,5 @@ def near_plane(means: np.ndarray) -> float:
 
 
 def _middle(rows: np.ndarray) -> np.ndarray:
-    """The median of each column, one of its numbers."""
+    """The upper median of each column."""
     return np.sort(rows, axis=0)[len(rows) // 2]

@@ -1,4 +1,4 @@
-"""Loss and optimiser as separate pieces, for custom training loops around a `Rasterizer`."""
+"""The loss and the optimiser on their own, for custom training loops around a `Rasterizer`."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
-"""The renderer for other people's code: images of Gaussians, and gradients from images back to them.
+"""The differentiable rasterizer for custom code: images of Gaussians, and gradients with respect to them.
 
     rasterizer = pocketgs.Rasterizer()
     seen = rasterizer.forward(scene, camera, ("rgb", "depth"))
     gradients = rasterizer.backward(seen, rgb=d_rgb)
 
-Each output becomes some channels per Gaussian, and all channels are composited in one pass. `Backend` is what engines
-do for it; `splat/channels.py` turns outputs into channels and back.
+Each output is converted to channels per Gaussian (`splat/channels.py`), and all channels are composited in one pass.
+Engines implement `Backend`.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ OUTPUTS = get_args(Output)
 CompositorName = Literal["over", "sum"]
 COMPOSITORS = get_args(CompositorName)
 HIDING = ("depth", "median_depth", "contributions")
-"""Outputs that say what hides what, which the compositor "over" alone knows."""
+"""Outputs that depend on occlusion, which only the compositor "over" supports."""
 BLACK = (0.0, 0.0, 0.0)
 
 
 class Parameters(Protocol):
-    """What is rendered: `Gaussians`, or anything else with these arrays, such as a `ParameterStore`'s scene."""
+    """The rendered parameters: `Gaussians`, or any object with these arrays, such as a `ParameterStore`'s scene."""
 
     means: np.ndarray
     log_scales: np.ndarray
@@ -46,12 +46,12 @@ class Parameters(Protocol):
 
 @dataclass(frozen=True)
 class Contributions:
-    """What every Gaussian adds to an image.
+    """Contributions of each Gaussian to an image.
 
     Attributes:
         pixels: (N,) int32, number of pixels that it touches.
-        largest: (N,) float32, largest α T of a pixel.
-        summed: (N,) float32, sum of α T over all pixels.
+        largest: (N,) float32, maximum of α T over pixels.
+        summed: (N,) float32, sum of α T over pixels.
     """
 
     pixels: np.ndarray
@@ -61,14 +61,14 @@ class Contributions:
 
 @dataclass(frozen=True)
 class Composite:
-    """An engine's images of channels, and what it needs to go back.
+    """An engine's composited channels, with its state for the backward pass.
 
     Attributes:
         image: (C, H, W) Σ c_i α_i T_i.
-        transmittance: (H, W) what of a background shows through.
+        transmittance: (H, W) fraction of the background that shows through.
         visible: (V,) indices of the Gaussians that are drawn, ascending.
-        radii: (V, 2) half the width and height, in pixels, of where α is at least 1/255.
-        tape: the engine's own.
+        radii: (V, 2) half the width and height, in pixels, of the region with α of at least 1/255.
+        tape: internal to the engine.
     """
 
     image: np.ndarray
@@ -86,10 +86,10 @@ class CompositeGradient:
         means, log_scales: (N, 3).
         rotations: (N, 3) in the tangent space, q ← q ⊗ exp(½δ).
         opacity_logits: (N,).
-        sh: (N, K, 3); zeros where colours were not composited.
+        sh: (N, K, 3); zeros if colours were not composited.
         channels: (N, C).
         centres, absolute_centres: (N, 2) with respect to the centres on the image in pixels: summed over pixels, and
-            summed magnitudes, which are zeros unless asked for.
+            summed magnitudes, which are zeros unless requested.
     """
 
     means: np.ndarray
@@ -103,10 +103,10 @@ class CompositeGradient:
 
 
 class Backend(Protocol):
-    """What an engine does for a rasterizer."""
+    """The operations that an engine implements for a rasterizer."""
 
     dtype: type[np.floating[Any]]
-    """Of the numbers that it computes with."""
+    """Precision of its computations."""
 
     def forward(
         self,
@@ -117,32 +117,32 @@ class Backend(Protocol):
         channels: np.ndarray,
         antialiased: bool = False,
     ) -> Composite:
-        """Composite colours (three channels, first), if they are asked for, and the (N, C) channels."""
+        """Composite colours (the first three channels), if requested, and the (N, C) channels."""
 
     def backward(
         self, composite: Composite, d_image: np.ndarray, d_transmittance: np.ndarray, absolute: bool
     ) -> CompositeGradient:
-        """From gradients with respect to `image` and `transmittance` to those of the Gaussians."""
+        """Convert gradients with respect to `image` and `transmittance` to gradients of the Gaussians."""
 
     def inspect(self, composite: Composite) -> tuple[Contributions, np.ndarray]:
-        """What every Gaussian adds to the image, and the (H, W) median depth, in one pass; see `Raster`."""
+        """Contributions of each Gaussian, and the (H, W) median depth, in one pass; see `Raster`."""
 
 
 @dataclass(frozen=True)
 class Raster:
-    """What a camera sees. Outputs that were not asked for are None.
+    """A rendered view. Outputs that were not requested are None.
 
     Attributes:
         rgb: (H, W, 3) colour over the background.
         alpha: (H, W) coverage in [0, 1].
-        depth: (H, W) expected depth as `Camera.depths` gives it, Σ α_i T_i z_i / alpha; 0 where alpha is 0.
+        depth: (H, W) expected depth, Σ α_i T_i z_i / alpha with z of `Camera.depths`; 0 where alpha is 0.
         median_depth: (H, W) depth of the Gaussian that brings the transmittance below one half; 0 where none does. It
             has no gradient.
-        normals: (H, W, 3) Σ α_i T_i n_i in the world's axes, n_i the unit vector along a Gaussian's shortest axis,
-            pointing to the camera's side.
+        normals: (H, W, 3) Σ α_i T_i n_i in the world's axes, with n_i the unit vector along a Gaussian's shortest axis,
+            towards the camera.
         features: (H, W, D) Σ α_i T_i f_i.
-        radii: (N, 2) half the width and height, in pixels, of where α is at least 1/255; 0 for what is not drawn.
-        contributions: by Gaussian.
+        radii: (N, 2) half the width and height, in pixels, of the region with α of at least 1/255; 0 if not drawn.
+        contributions: of each Gaussian.
     """
 
     rgb: np.ndarray | None
@@ -158,7 +158,7 @@ class Raster:
 
 @dataclass(frozen=True)
 class _Tape:
-    """What `backward` needs to know of `forward`."""
+    """State that `backward` needs from `forward`."""
 
     parameters: Parameters
     camera: Camera
@@ -169,21 +169,21 @@ class _Tape:
 
 @dataclass(frozen=True)
 class RasterGradient:
-    """Gradient of a loss with respect to all that an image was made from; 0 where a Gaussian is not visible.
+    """Gradient of a loss with respect to all inputs of an image; 0 for Gaussians that are not visible.
 
     Attributes:
         means, log_scales: (N, 3).
-        rotations: (N, 3) in the tangent space, q ← q ⊗ exp(½δ): what the engines' optimiser takes.
-        quaternions: (N, 4) with respect to the quaternions as they were given, of any length.
+        rotations: (N, 3) in the tangent space, q ← q ⊗ exp(½δ), as the engines' optimiser expects.
+        quaternions: (N, 4) with respect to the given quaternions, of any length.
         opacity_logits: (N,).
         sh: (N, K, 3).
         features: (N, D), or None.
         background: (3,) RGB.
         pose: (6,) with respect to ξ = (τ, ω) at 0, where world_to_camera becomes exp(ξ) world_to_camera: a shift along
-            the camera's axes, then a rotation vector about them. None unless asked for.
+            the camera's axes, then a rotation vector about them. None unless requested.
         world_to_camera: (3, 4) the same as a gradient with respect to the matrix's upper rows.
         centres: (N, 2) with respect to the centres on the image, in pixels.
-        absolute_centres: (N, 2) summed over pixels without their signs (AbsGS). None unless asked for.
+        absolute_centres: (N, 2) magnitudes summed over pixels (AbsGS). None unless requested.
     """
 
     means: np.ndarray
@@ -201,16 +201,16 @@ class RasterGradient:
 
 
 class Rasterizer:
-    """Renders Gaussians, and takes gradients of what it rendered back to them. No call depends on those before it.
+    """Renders Gaussians, and differentiates the renderings. Calls are independent of each other.
 
     Args:
-        engine: "cpu"; "webgpu", which keeps the GPU's memory of the last image that it has drawn; or "reference", which
-            computes in float64, readably and slowly.
+        engine: "cpu"; "webgpu", which keeps GPU memory of the last image; or "reference", which computes in float64,
+            readably and slowly.
         threads: CPU threads, or None for one per core.
         gpu: part of the name of the GPU to use, or None for the best.
-        compositor: how splats that cover a pixel come together. "over" blends them front to back, Σ c_i α_i T_i; "sum"
-            adds them up, Σ c_i α_i, in no order and without sorting: the transmittance of both is Π (1 - α_i), but
-            "over" stops at 1e-4. `pocketgs.sort_free` makes images from sums.
+        compositor: how splats on a pixel are combined. "over" blends them front to back, Σ c_i α_i T_i; "sum" adds
+            them without sorting, Σ c_i α_i. The transmittance of both is Π (1 - α_i), but "over" stops at 1e-4.
+            `pocketgs.sort_free` makes images from sums.
 
     Raises:
         PocketGSError: there is no such engine, compositor or GPU.
@@ -253,20 +253,21 @@ class Rasterizer:
         near: float | None = None,
         antialiased: bool = False,
     ) -> Raster:
-        """Render one view. Nothing is computed that was not asked for.
+        """Render one view. Only the requested outputs are computed.
 
         Args:
-            parameters: the Gaussians; not copied, so leave them as they are until `backward` has been called.
-            camera: from where.
+            parameters: the Gaussians; not copied, so do not change them until `backward` has been called.
+            camera: of the view.
             outputs: any of OUTPUTS; see `Raster`.
-            features: (N, D) of any D, for the output of that name: features, or colours that come from elsewhere.
-            background: RGB behind the scene, of the output "rgb".
-            near: least depth of the centre of a Gaussian that is drawn; in proportion to the scene if None.
-            antialiased: whether Gaussians smaller than a pixel fade instead of growing more opaque in all: opacities
-                times √(det Σ / det(Σ + 0.3 I)), as gsplat's rasterize_mode "antialiased" and Mip-Splatting's 2D filter.
+            features: (N, D), any D, for the output "features": features, or colours computed elsewhere.
+            background: RGB behind the scene, for the output "rgb".
+            near: minimum depth of the centre of a drawn Gaussian; None for the default relative to the scene.
+            antialiased: whether Gaussians smaller than a pixel fade instead of becoming more opaque: opacities are
+                multiplied by √(det Σ / det(Σ + 0.3 I)), as gsplat's rasterize_mode "antialiased" and Mip-Splatting's 2D
+                filter.
 
         Raises:
-            PocketGSError: an output is not known or not of this compositor, or features do not belong to the Gaussians.
+            PocketGSError: an output is unknown or not of this compositor, or features do not have one row per Gaussian.
         """
         unknown = [name for name in outputs if name not in OUTPUTS]
         if unknown:
@@ -309,12 +310,12 @@ class Rasterizer:
         pose: bool = False,
         absolute: bool = False,
     ) -> RasterGradient:
-        """From gradients with respect to outputs to those with respect to what they were made from.
+        """Compute gradients with respect to the inputs from gradients with respect to the outputs.
 
         Args:
             raster: what `forward` returned.
-            rgb: (H, W, 3) gradient with respect to the output of that name, as are those that follow; None counts as 0.
-            alpha: (H, W), whether or not that output was asked for.
+            rgb: (H, W, 3) gradient with respect to the output of that name, as the following; None counts as 0.
+            alpha: (H, W), even if that output was not requested.
             depth: (H, W).
             normals: (H, W, 3).
             features: (H, W, D).
@@ -322,7 +323,7 @@ class Rasterizer:
             absolute: whether to sum the magnitudes of gradients with respect to centres on the image.
 
         Raises:
-            PocketGSError: a gradient belongs to an output that was not asked for, or has another shape.
+            PocketGSError: a gradient belongs to an output that was not requested, or has another shape.
         """
         tape = raster._tape
         channels, composite, parameters = tape.channels, tape.composite, tape.parameters

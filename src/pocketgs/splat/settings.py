@@ -1,4 +1,4 @@
-"""What a training step needs to know besides the scene and the view."""
+"""Settings of a training step."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ class LossSettings:
         dssim_weight: share of the structural term.
         scale_weight: weight of the mean over Gaussians of ‖log s‖².
         opacity_weight: weight of the mean over Gaussians of the opacity.
-        size_weight: weight of the mean over Gaussians of the sum of their three standard deviations, in one over the
-            unit of length.
+        size_weight: weight of the mean over Gaussians of the sum of their three standard deviations, in inverse units
+            of length.
     """
 
     photometric: Literal["l2", "l1-dssim"] = "l1-dssim"
@@ -62,14 +62,14 @@ class LossSettings:
 
 @dataclass(frozen=True)
 class AdamSettings:
-    """How gradients are averaged (Kingma and Ba 2015, algorithm 1).
+    """Settings of Adam (Kingma and Ba 2015, algorithm 1).
 
     Attributes:
         beta1, beta2: decay rates of the moments.
         epsilon: guard against division by zero.
-        seen_only: Gaussians that a view does not see keep their parameters and moments. Otherwise they drift on, and
-            what is seen rarely moves the further for it: a gradient that comes every n-th step is divided by a root
-            mean square that has decayed in between.
+        seen_only: Gaussians that a view does not see keep their parameters and moments. Otherwise they drift, and
+            rarely seen ones move too far: a gradient that comes every n-th step is divided by a root mean square that
+            has decayed in between.
     """
 
     beta1: float = 0.9
@@ -80,11 +80,11 @@ class AdamSettings:
 
 @dataclass(frozen=True)
 class ColourSettings:
-    """How the colour transform of a step's photograph is learned; see `pocketgs.splat.colours`.
+    """Settings for learning the colour transform of a photograph; see `pocketgs.splat.colours`.
 
     Attributes:
-        rate: Adam's step size, of factors and of display values.
-        weight: of ‖A − I‖² + ‖b‖². The loss that is reported leaves this term out.
+        rate: Adam's step size, for factors and display values.
+        weight: of ‖A − I‖² + ‖b‖². The reported loss does not include this term.
     """
 
     rate: float
@@ -96,7 +96,7 @@ class PositionNoise:
     """Noise on the positions of transparent Gaussians, added after the update (3DGS-MCMC, equation 8).
 
     Attributes:
-        size: factor on Σ η, in one over the unit of length.
+        size: factor on Σ η, in inverse units of length.
         seed: of the noise of this step, 0 to 2³² - 1.
     """
 
@@ -109,17 +109,16 @@ class StepSettings:
     """One training step.
 
     Attributes:
-        rates: of this iteration.
-        loss: what is minimised.
-        adam: how gradients are averaged.
+        rates: learning rates of this iteration.
+        loss: to minimise.
+        adam: settings of Adam.
         background: behind the scene, RGB in [0, 1].
-        sh_degree: coefficients above this degree are not trained, and nor are their moments; None trains them all.
-        statistics: whether to add this step to what `Engine.statistics` gives.
-        errors: whether to sum up the errors of this step's view too, which takes about a third of a step.
-        noise: what positions are shaken by, or None.
-        colours: how the photograph's colour transform is learned, or None to compare rendered colours as they are.
-        absolute: whether statistics are to hold absolute gradients too; it takes the WebGPU engine another run of its
-            backward pass.
+        sh_degree: maximum degree of the trained coefficients; higher ones and their moments stay. None trains all.
+        statistics: whether to add this step to `Engine.statistics`.
+        errors: whether to add this view's errors to the statistics too, which takes about a third of a step.
+        noise: on positions, or None.
+        colours: for learning the photograph's colour transform, or None to compare rendered colours unchanged.
+        absolute: whether statistics include absolute gradients; the WebGPU engine needs another backward pass for them.
     """
 
     rates: LearningRates

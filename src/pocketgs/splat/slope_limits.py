@@ -1,4 +1,4 @@
-"""Where the linearised projection is held: what lies far outside the image would make it explode."""
+"""Bounds of the slopes at which the projection is linearised: far outside the image it would explode."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ _SAMPLES = 17
 
 
 def slope_limits(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """(2,) least and (2,) largest x/z and y/z at which the Jacobian is evaluated: the image and a margin.
+    """(2,) minimum and (2,) maximum of x/z and y/z at which the Jacobian is evaluated: the image and a margin.
 
-    A pinhole's are gsplat's. A lens's are those that the same pixels show through it.
+    They are gsplat's for a pinhole; for a lens, those of the same pixels.
     """
     size = np.array([camera.width, camera.height])
     focal, centre = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
@@ -28,7 +28,7 @@ def slope_limits(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 @lru_cache(maxsize=64)
 def _through(lens: Lens, low: tuple[float, float], high: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """The least and largest coordinates of what a lens shows in a rectangle."""
+    """Minimum and maximum of the undistorted coordinates of a rectangle."""
     sides = [np.linspace(*ends, _SAMPLES) for ends in zip(low, high, strict=True)]
     seen = undistort(lens, np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2))
     return seen.min(axis=0), seen.max(axis=0)

@@ -10,7 +10,7 @@ from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import RowChange, check_change
 
 GROWTH = 1.5
-"""Factor by which the capacity grows. Memory that no row has used yet costs nothing."""
+"""Factor by which the capacity grows. Unused memory costs nothing."""
 
 
 class ParameterStore:

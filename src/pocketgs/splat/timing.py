@@ -7,7 +7,7 @@ from collections import defaultdict
 
 
 class PassTimer:
-    """Records the time of every pass: `engine.timer = PassTimer()`, and later `engine.timer.milliseconds`.
+    """Records the time of each pass: `engine.timer = PassTimer()`, and later `engine.timer.milliseconds`.
 
     Attributes:
         milliseconds: by pass, one number per execution.
@@ -19,7 +19,7 @@ class PassTimer:
         self._began = 0.0
 
     def begins(self, name: str) -> None:
-        """Start a pass, which ends the one before it."""
+        """Start a pass, and end the previous one."""
         self.ends()
         self._under_way, self._began = name, time.perf_counter()
 
@@ -31,10 +31,10 @@ class PassTimer:
 
 
 class NoTimer(PassTimer):
-    """Collects nothing."""
+    """Records nothing."""
 
     def begins(self, name: str) -> None:
-        """Nothing."""
+        """Does nothing."""
 
     def ends(self) -> None:
-        """Nothing."""
+        """Does nothing."""

@@ -1,11 +1,11 @@
-"""gsplat's contract on PocketGS's kernels: PyTorch functions that need no CUDA.
+"""gsplat's interface on PocketGS's kernels: PyTorch functions that need no CUDA.
 
     from pocketgs.torch import rasterization
 
-The extra `torch` brings PyTorch: `pip install pocketgs[torch]`. See docs/gsplat.md.
+The extra `torch` installs PyTorch: `pip install pocketgs[torch]`. See docs/gsplat.md.
 """
 
-# It sets how threads wait, which PyTorch's own heed if it is loaded later.
+# Sets how threads wait; PyTorch's own threads follow it if it is loaded later.
 import pocketgs.system.compile  # noqa: F401
 
 try:

@@ -1,4 +1,4 @@
-"""Tensors as the arrays that kernels read and write: the same memory, wherever that is possible."""
+"""Conversion of tensors to the arrays of kernels, which share their memory if possible."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pocketgs.system.cores import kernel_threads
 
 
 def array_of(tensor: Tensor) -> np.ndarray:
-    """The tensor's numbers, not copied if it is contiguous."""
+    """The tensor as an array, not copied if it is contiguous."""
     return tensor.detach().contiguous().numpy()
 
 
@@ -24,19 +24,19 @@ def flat(tensor: Tensor, columns: int) -> np.ndarray:
 
 
 def zeros(*shape: int) -> np.ndarray:
-    """Float32 zeros for a gradient to be written to."""
+    """Float32 zeros for a gradient."""
     return np.zeros(shape, np.float32)
 
 
 def torch_threads() -> int:
-    """How many threads kernels take: as many as `torch.set_num_threads` grants."""
+    """Number of threads for kernels: that of `torch.set_num_threads`."""
     threads = kernel_threads(torch.get_num_threads())
     numba.set_num_threads(threads)
     return threads
 
 
 def checked_dtype(tensors: Mapping[str, Tensor | None]) -> torch.dtype:
-    """The floating-point type that all of the tensors have.
+    """Check that all tensors have one floating-point type, and return it.
 
     Args:
         tensors: by the name of their argument.
@@ -57,7 +57,7 @@ def checked_dtype(tensors: Mapping[str, Tensor | None]) -> torch.dtype:
 
 
 def check_shape(name: str, tensor: Tensor, *allowed: tuple[int, ...]) -> None:
-    """Refuse a tensor of a shape that is none of the allowed ones, in which -1 stands for any number.
+    """Check that a tensor has one of the allowed shapes, in which -1 stands for any number.
 
     Raises:
         PocketGSError: it has another shape.

@@ -1,9 +1,9 @@
-"""Clusters, runs of 256 Gaussians in memory, that a camera cannot see: found, and left out of the work that follows.
+"""Culling of clusters: runs of 256 Gaussians in memory that a camera cannot see are skipped.
 
     clusters = ClusterCuller.apply(means, scales, viewmat, K, width, height, near_plane)
     means, quats, scales = ClusterCompactor.apply(clusters, means, quats, scales)
 
-It pays where Gaussians that lie near each other in space lie near each other in memory; see `pocketgs.morton_order`.
+It pays if Gaussians that are neighbours in space are neighbours in memory; see `pocketgs.morton_order`.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ class ClusterCuller(torch.autograd.Function):
     """`ClusterCuller.apply(means, scales, viewmat, K, width, height, near_plane)`: (M,) int64 clusters in view.
 
     Arguments are (N, 3) means and standard deviations, float32, a (4, 4) world_to_camera and (3, 3) intrinsics of a
-    pinhole camera, the image's size, and the least depth of what is seen. The result has no gradient.
+    pinhole camera, the image's size, and the minimum depth. The result has no gradient.
     """
 
     @staticmethod
     def forward(
         ctx: Any, means: Tensor, scales: Tensor, viewmat: Tensor, K: Tensor, width: int, height: int, near_plane: float
     ) -> Tensor:
-        """All clusters of which the camera may see something, ascending."""
+        """All clusters that the camera may see, ascending."""
         matrix, intrinsics = array_of(viewmat.double()), array_of(K.double())
         rotation, shift = np.ascontiguousarray(matrix[:3, :3]), np.ascontiguousarray(matrix[:3, 3])
         (fx, fy), (cx, cy) = intrinsics.diagonal()[:2], intrinsics[:2, 2]
@@ -47,9 +47,9 @@ class ClusterCuller(torch.autograd.Function):
 
 
 class ClusterCompactor(torch.autograd.Function):
-    """`ClusterCompactor.apply(clusters, *tensors)`: the rows of these clusters of every tensor, side by side.
+    """`ClusterCompactor.apply(clusters, *tensors)`: the rows of these clusters in each tensor, concatenated.
 
-    Tensors are (N, ...); the gradient of what is left out is 0.
+    Tensors are (N, ...); the gradient of the other rows is 0.
     """
 
     @staticmethod
@@ -62,7 +62,7 @@ class ClusterCompactor(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *d_outputs: Tensor) -> tuple[Tensor | None, ...]:
-        """Every row back to its place."""
+        """Copy each row's gradient back to its place."""
         gradients = []
         for shape, gradient in zip(ctx.shapes, d_outputs, strict=True):
             whole = gradient.new_zeros(shape)

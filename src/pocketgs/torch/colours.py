@@ -1,4 +1,4 @@
-"""The colours that splats are drawn with: as they are given, or from harmonics in the direction of each camera."""
+"""Colours of splats: as given, or from spherical harmonics in the direction of each camera."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ def drawn_colours(rows: Rows, means: Tensor, colors: Tensor, viewmats: Tensor, s
     """Each row's channels.
 
     Args:
-        rows: which there are.
+        rows: the rows.
         means: (..., N, 3).
-        colors: as `rasterization` takes them.
+        colors: see `rasterization`.
         viewmats: (..., C, 4, 4).
-        sh_degree: of the harmonics that count, or None for colours as they are.
+        sh_degree: maximum degree of the harmonics to use, or None if `colors` are final colours.
 
     Raises:
         PocketGSError: colours have another shape.
@@ -32,7 +32,7 @@ def drawn_colours(rows: Rows, means: Tensor, colors: Tensor, viewmats: Tensor, s
     seen = rows.seen
     places = means.reshape(-1, rows.count, 3)
     coefficients = colors.reshape(-1, rows.count, *colors.shape[-2:])
-    # What does not depend on the direction need not know it.
+    # Degree 0 does not depend on the direction.
     centres = torch.linalg.inv(viewmats)[..., :3, 3].reshape(-1, 3) if sh_degree else None
     found = []
     for image in range(rows.images):

@@ -1,7 +1,7 @@
-"""From scales and rotations to covariances, from the world to a camera, and from there to the image: plain PyTorch.
+"""Covariances from scales and rotations, in the world, in the camera's axes and on the image, in plain PyTorch.
 
-These are gsplat's building blocks of the same names. `Project2D` computes all three in one pass; the tests hold it to
-them, and double precision runs through them.
+These are gsplat's building blocks of the same names. `Project2D` computes all three in one pass; the tests compare it
+with them, and double precision uses them.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ def quat_scale_to_covar_preci(
     Args:
         quats: (..., 4) w, x, y, z of any length.
         scales: (..., 3) standard deviations.
-        compute_covar: whether covariances are wanted.
-        compute_preci: whether their inverses are.
-        triu: whether to give the upper triangle (xx, xy, xz, yy, yz, zz) in place of the matrix.
+        compute_covar: whether to compute covariances.
+        compute_preci: whether to compute their inverses.
+        triu: whether to return the upper triangle (xx, xy, xz, yy, yz, zz) instead of the matrix.
 
     Returns:
-        Both (..., 3, 3), or (..., 6); None where it is not wanted.
+        Both (..., 3, 3), or (..., 6); None if not requested.
     """
     axes = rotations_of(quats)
 
@@ -61,13 +61,13 @@ def upper_triangle(matrices: Tensor) -> Tensor:
 
 
 def from_upper_triangle(triangles: Tensor) -> Tensor:
-    """(..., 3, 3) symmetric matrices of what `upper_triangle` gives."""
+    """(..., 3, 3) symmetric matrices from the output of `upper_triangle`."""
     places = torch.tensor([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
     return triangles[..., places]
 
 
 def world_to_cam(means: Tensor, covars: Tensor, viewmats: Tensor) -> tuple[Tensor, Tensor]:
-    """Bring Gaussians into cameras' axes.
+    """Transform Gaussians into cameras' axes.
 
     Args:
         means: (..., N, 3).
@@ -85,7 +85,7 @@ def world_to_cam(means: Tensor, covars: Tensor, viewmats: Tensor) -> tuple[Tenso
 def proj(
     means: Tensor, covars: Tensor, Ks: Tensor, width: int, height: int, camera_model: str = "pinhole"
 ) -> tuple[Tensor, Tensor]:
-    """Project Gaussians in cameras' axes to the image: the centre, and the covariance by the Jacobian there.
+    """Project Gaussians in cameras' axes to the image: centres, and covariances by the Jacobian.
 
     Args:
         means: (..., C, N, 3).
@@ -133,7 +133,7 @@ def _rows(
 
 
 def _pinhole(means: Tensor, focal: Tensor, centre: Tensor, size: Tensor) -> tuple[Tensor, Tensor]:
-    """Slopes beyond the image and a margin are clamped in the Jacobian, which explodes there."""
+    """Slopes beyond the image and a margin are clamped in the Jacobian, which would explode there."""
     depth = means[..., 2:]
     slopes = means[..., :2] / depth
     low, high = -(centre + FRUSTUM_MARGIN * size) / focal, (size - centre + FRUSTUM_MARGIN * size) / focal
@@ -146,7 +146,7 @@ def _pinhole(means: Tensor, focal: Tensor, centre: Tensor, size: Tensor) -> tupl
 def _fisheye(means: Tensor, focal: Tensor, centre: Tensor) -> tuple[Tensor, Tensor]:
     """Equidistant: u = f θ x/r + c with θ the angle from the axis and r² = x² + y² (Kannala and Brandt 2006)."""
     x, y, z = means.unbind(-1)
-    # On the axis itself, 0/0 has to come out as the limit, 1/z.
+    # On the axis, 0/0 must give the limit, 1/z.
     xx, yy = x * x + _TINY * _TINY, y * y
     square = xx + yy
     r = square.sqrt()

@@ -1,4 +1,4 @@
-"""Our functions under gsplat's name, so that scripts which import gsplat run where there is no CUDA."""
+"""Our functions under gsplat's name, so that scripts that import gsplat run without CUDA."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pocketgs.torch.unsupported import unsupported
 LOG = logging.getLogger("pocketgs.torch")
 
 VERSION = "1.5.3"
-"""Of gsplat, whose contract this is."""
+"""The version of gsplat whose interface this is."""
 
 RADII_HAVE_TWO_SIDES_SINCE = (1, 5)
 
@@ -50,7 +50,7 @@ UNSUPPORTED = (
     "rasterize_to_pixels_2dgs",
     "rasterize_to_pixels_eval3d",
 )
-"""Names that can be imported, so that scripts which might use them start; calling them is an error."""
+"""Names that can be imported, so that scripts that may use them start; calling them is an error."""
 
 FROM_THE_WHEEL = {
     "DefaultStrategy": "strategy",
@@ -59,22 +59,22 @@ FROM_THE_WHEEL = {
     "PngCompression": "compression",
     "export_splats": "exporter",
 }
-"""Names that gsplat's own package brings: they are plain PyTorch, and run on our functions as they are."""
+"""Names that come from gsplat's own package: they are plain PyTorch, and run unchanged on our functions."""
 
 
 def install_as_gsplat(version: str | None = None, *, even_with_cuda: bool = False) -> ModuleType:
-    """Make `import gsplat` give PocketGS's functions, from now on and in this process.
+    """Make `import gsplat` return PocketGS's functions, for the rest of this process.
 
-    Strategies, compression and export come from gsplat's own package where it is installed (`pip install gsplat`, which
-    needs no CUDA): they are plain PyTorch. Where CUDA is available, gsplat is left as it is.
+    Strategies, compression and export come from gsplat's own package, if installed (`pip install gsplat` needs no
+    CUDA): they are plain PyTorch. If CUDA is available, gsplat is not replaced.
 
     Args:
-        version: of gsplat that callers expect; that of the installed package if None. Before 1.5, `meta["radii"]` has
-            one number for each Gaussian, the larger of the two.
-        even_with_cuda: whether to do it where CUDA is available too.
+        version: version of gsplat that callers expect; None for that of the installed package. Before 1.5,
+            `meta["radii"]` has one number per Gaussian, the larger of the two.
+        even_with_cuda: whether to replace gsplat even if CUDA is available.
 
     Returns:
-        The module that `import gsplat` gives.
+        The module returned by `import gsplat`.
     """
     if torch.cuda.is_available() and not even_with_cuda:
         LOG.warning("CUDA is available: gsplat stays as it is")
@@ -83,13 +83,13 @@ def install_as_gsplat(version: str | None = None, *, even_with_cuda: bool = Fals
         del sys.modules[name]
     folders = _installed_folders()
     version = version or _installed_version() or VERSION
-    module = _made("gsplat", folders, version)
+    module = _make_module("gsplat", folders, version)
     LOG.warning("gsplat %s resolves to PocketGS: rasterization runs on the CPU", version)
     return module
 
 
-def _made(name: str, folders: list[str], version: str) -> ModuleType:
-    """The module and those inside it that would need CUDA; what is not among them is found in the given folders."""
+def _make_module(name: str, folders: list[str], version: str) -> ModuleType:
+    """Make the module and its submodules that would need CUDA; all others are imported from the given folders."""
     rasterization = rendering.rasterization if _two_sides(version) else _with_one_radius(rendering.rasterization)
     stubs = {each: _stub(each) for each in UNSUPPORTED}
     shutters = {"RollingShutterType": rendering.RollingShutterType}
@@ -120,7 +120,7 @@ def _made(name: str, folders: list[str], version: str) -> ModuleType:
 
 
 def _looked_up(name: str) -> Any:
-    """What gsplat's own package brings, imported when it is first asked for."""
+    """An object of gsplat's own package, imported on first use."""
     if name not in FROM_THE_WHEEL:
         raise AttributeError(f"module 'gsplat' (PocketGS) has no attribute {name!r}")
     try:
@@ -133,7 +133,7 @@ def _looked_up(name: str) -> Any:
 
 
 def _stub(name: str) -> Callable[..., Any]:
-    """A function that can be imported and not called."""
+    """A function that can be imported but not called."""
 
     def stub(*arguments: Any, **named: Any) -> Any:
         unsupported(f"gsplat.{name}", "it exists in CUDA only")

@@ -1,4 +1,4 @@
-"""Spherical harmonics in given directions, with gradients of directions and coefficients."""
+"""Spherical harmonics in given directions, with gradients with respect to directions and coefficients."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ HIGHEST_DEGREE = 3
 class SphericalHarmonics(torch.autograd.Function):
     """`SphericalHarmonics.apply(directions, coefficients, used, drawn)`: (N, 3) values Σ_k Y_k(d) c_k.
 
-    Arguments are (N, 3) directions of any length and (N, K, 3) coefficients, both float32 or both float64, how many
-    coefficients count (1, 4, 9 or 16), and (N,) bool, where values are wanted.
+    Arguments are (N, 3) directions of any length and (N, K, 3) coefficients, both float32 or both float64, the number
+    of coefficients to use (1, 4, 9 or 16), and an (N,) bool mask of the values to compute.
     """
 
     @staticmethod
     def forward(ctx: Any, directions: Tensor, coefficients: Tensor, used: int, drawn: Tensor) -> Tensor:
-        """Values where they are wanted, else 0."""
+        """Values where requested, otherwise 0."""
         ctx.save_for_backward(directions, coefficients, drawn)
         ctx.used = used
         vectors, numbers, wanted = array_of(directions), array_of(coefficients), array_of(drawn)
@@ -38,7 +38,7 @@ class SphericalHarmonics(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *d_outputs: Tensor) -> tuple[Tensor | None, ...]:
-        """Gradients of directions and coefficients."""
+        """Gradients with respect to directions and coefficients."""
         directions, coefficients, drawn = (array_of(tensor) for tensor in ctx.saved_tensors)
         d_values = array_of(d_outputs[0])
         wanted = ctx.needs_input_grad[0]
@@ -54,7 +54,7 @@ class SphericalHarmonics(torch.autograd.Function):
 
 
 def _basis(directions: np.ndarray, used: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The harmonics in the directions, the directions made to unit length, and their lengths."""
+    """The harmonics in the directions, the normalised directions, and the original lengths."""
     lengths = np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-12)
     return basis(directions / lengths, used), directions / lengths, lengths
 
@@ -73,19 +73,19 @@ def _backward(
 
 
 def spherical_harmonics(degrees_to_use: int, dirs: Tensor, coeffs: Tensor, masks: Tensor | None = None) -> Tensor:
-    """Σ_k Y_k(d) c_k, without the 0.5 that colours have added.
+    """Σ_k Y_k(d) c_k, without the offset 0.5 of colours.
 
     Args:
-        degrees_to_use: 0 to 3; coefficients of higher degrees do not count.
+        degrees_to_use: 0 to 3; coefficients of higher degrees are ignored.
         dirs: (..., 3) of any length.
         coeffs: (..., K, 3).
-        masks: (...) bool, where values are wanted; the others are 0.
+        masks: (...) bool, where to compute values; the others are 0.
 
     Returns:
         (..., 3).
 
     Raises:
-        PocketGSError: shapes disagree, or there are no harmonics of that degree.
+        PocketGSError: shapes disagree, or the degree is not supported.
     """
     checked_dtype({"dirs": dirs, "coeffs": coeffs})
     lead, used = tuple(dirs.shape[:-1]), (degrees_to_use + 1) ** 2

@@ -1,4 +1,4 @@
-"""Tile intersections in gsplat's layout: for callers that look at them, and for `rasterize_to_pixels`."""
+"""Tile intersections in gsplat's layout, for callers that need them, and for `rasterize_to_pixels`."""
 
 from __future__ import annotations
 
@@ -29,25 +29,25 @@ def isect_tiles(
     image_ids: Tensor | None = None,
     gaussian_ids: Tensor | None = None,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Which tiles the rectangles around splats touch.
+    """Find the tiles that the rectangles around splats touch.
 
     Args:
         means2d: (..., N, 2) centres in pixels; with `packed` (nnz, 2).
-        radii: (..., N, 2) int32, half the rectangles' sides; 0 for what is not seen.
+        radii: (..., N, 2) int32, half the rectangles' sides; 0 for invisible Gaussians.
         depths: (..., N).
         tile_size: side of a tile in pixels.
         tile_width: tiles in a row.
         tile_height: tiles in a column.
         sort: whether to sort by image, tile and depth.
-        segmented: how gsplat sorts; the result is the same.
-        packed: whether only what is seen has rows.
-        n_images: how many images there are; with `packed`.
-        image_ids: (nnz,) which image each row lies in; with `packed`.
-        gaussian_ids: not looked at.
+        segmented: ignored: the result does not depend on how it is sorted.
+        packed: whether only visible Gaussians have rows.
+        n_images: number of images; with `packed`.
+        image_ids: (nnz,) image of each row; with `packed`.
+        gaussian_ids: ignored.
 
     Returns:
-        Tiles touched by each splat, int32, of the shape of `depths`; intersections (E,) int64, each image | tile |
-        bits of the depth; and their rows (E,) int32.
+        Number of tiles that each splat touches, int32, of the shape of `depths`; intersections (E,) int64, each image |
+        tile | bits of the depth; and their rows (E,) int32.
 
     Raises:
         PocketGSError: shapes disagree.
@@ -86,11 +86,11 @@ def isect_tiles(
 
 
 def isect_offset_encode(isect_ids: Tensor, n_images: int, tile_width: int, tile_height: int) -> Tensor:
-    """Where every tile's intersections begin.
+    """Find the start of each tile's intersections.
 
     Args:
         isect_ids: (E,) int64 from `isect_tiles`, sorted.
-        n_images: how many images there are.
+        n_images: number of images.
         tile_width: tiles in a row.
         tile_height: tiles in a column.
 

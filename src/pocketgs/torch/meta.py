@@ -1,4 +1,4 @@
-"""What `rasterization` says about how it came to its images: gsplat's dictionary."""
+"""gsplat's dictionary of intermediate results of `rasterization`."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import Any
 
 
 class Meta(dict[str, Any]):
-    """A dictionary of which some values are computed when they are first looked at.
+    """A dictionary with lazily computed values.
 
-    Nothing in training looks at gsplat's tile intersections, and sorting them takes longer than drawing.
+    Training does not use gsplat's tile intersections, and sorting them takes longer than drawing.
 
     Args:
-        known: values.
-        computed: by the names of the values that it gives together, functions.
+        known: values that are available.
+        computed: functions that compute values, by the names of the values that each returns.
     """
 
     def __init__(self, known: dict[str, Any], computed: dict[tuple[str, ...], Callable[[], Iterable[Any]]]) -> None:
@@ -39,12 +39,12 @@ class Meta(dict[str, Any]):
         super().__setitem__(name, value)
 
     def get(self, name: str, default: Any = None) -> Any:
-        """The value of that name, or the default."""
+        """The value of this name, or the default."""
         self._settle(name)
         return super().get(name, default)
 
     def __iter__(self) -> Iterator[str]:
-        """Names; that it is overridden makes `dict(meta)` and `{**meta}` ask for each value."""
+        """Names; overridden so that `dict(meta)` and `{**meta}` look up each value."""
         return super().__iter__()
 
     def __or__(self, other: Any) -> Any:
@@ -65,5 +65,5 @@ class Meta(dict[str, Any]):
         return self.copy().values()
 
     def copy(self) -> dict[str, Any]:
-        """A plain dictionary of the same."""
+        """A plain dictionary with all values."""
         return {name: self[name] for name in self}

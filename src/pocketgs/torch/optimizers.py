@@ -1,4 +1,4 @@
-"""An optimiser that moves only what a view has seen."""
+"""An optimiser that updates only visible Gaussians."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from pocketgs.torch.arrays import array_of, flat, torch_threads
 
 
 class SelectiveAdam(torch.optim.Adam):
-    """Adam whose moments and parameters stay where a Gaussian was not seen, in one pass.
+    """Adam that leaves the moments and parameters of invisible Gaussians unchanged, in one pass.
 
-    As in gsplat, moments are not corrected for their bias towards 0, and every group holds one tensor.
+    Like gsplat's, it has no bias correction, and each group contains one tensor.
 
     Args:
-        params: tensors, or groups of one tensor with its rate.
+        params: tensors, or groups of one tensor with its learning rate.
         eps: guard against division by zero.
         betas: decay rates of the moments.
     """
@@ -29,13 +29,13 @@ class SelectiveAdam(torch.optim.Adam):
 
     @torch.no_grad()
     def step(self, visibility: Tensor) -> None:
-        """Move rows against their gradients.
+        """Update the visible rows.
 
         Args:
-            visibility: (N,) bool, which rows were seen.
+            visibility: (N,) bool, visible rows.
 
         Raises:
-            PocketGSError: a group holds several tensors, or one that is not float32 and contiguous with N rows.
+            PocketGSError: a group contains several tensors, or one that is not float32 and contiguous with N rows.
         """
         seen = array_of(visibility.bool().flatten())
         for group in self.param_groups:

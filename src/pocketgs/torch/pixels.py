@@ -1,4 +1,4 @@
-"""gsplat's `rasterize_to_pixels`, and the same in double precision."""
+"""gsplat's `rasterize_to_pixels`, in single and double precision."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ def rasterize_to_pixels(
     packed: bool = False,
     absgrad: bool = False,
 ) -> tuple[Tensor, Tensor]:
-    """Composite splats front to back, each pixel those that its tile lists.
+    """Composite the splats of each pixel's tile list front to back.
 
     Args:
-        means2d: (..., N, 2) centres in pixels; with `packed` (nnz, 2), as all that follow.
+        means2d: (..., N, 2) centres in pixels; with `packed` (nnz, 2), as the following.
         conics: (..., N, 3) xx, xy, yy of the inverse covariances.
         colors: (..., N, D), any D.
         opacities: (..., N).
@@ -44,15 +44,15 @@ def rasterize_to_pixels(
         isect_offsets: (..., tile_height, tile_width) int32 from `isect_offset_encode`.
         flatten_ids: (E,) int32 from `isect_tiles`.
         backgrounds: (..., D) behind the splats, or None for black.
-        masks: (..., tile_height, tile_width) bool, which tiles are drawn; the others show the background.
-        packed: whether rows are those of what is seen.
-        absgrad: whether backward leaves the summed magnitudes of its pixels' gradients in `means2d.absgrad`.
+        masks: (..., tile_height, tile_width) bool, tiles to draw; the others show the background.
+        packed: whether only visible Gaussians have rows.
+        absgrad: whether backward stores the summed magnitudes of the pixels' gradients in `means2d.absgrad`.
 
     Returns:
         Colours (..., H, W, D) and alphas (..., H, W, 1).
 
     Raises:
-        PocketGSError: shapes or types disagree, or the tiles' size is no multiple of 16.
+        PocketGSError: shapes or types disagree, or the tile size is not a multiple of 16.
     """
     tensors = {"means2d": means2d, "conics": conics, "colors": colors, "opacities": opacities}
     dtype = checked_dtype({**tensors, "backgrounds": backgrounds})
@@ -84,10 +84,10 @@ def rasterize_to_pixels(
 
 
 def _first_rows(offsets: np.ndarray, given: np.ndarray, rows: int) -> list[int]:
-    """Where the rows of every image begin, and where the last one's end.
+    """Start of each image's rows, then the end of the last one's.
 
     Raises:
-        PocketGSError: the lists name rows that there are not, or images share rows.
+        PocketGSError: the lists contain rows that do not exist, or images share rows.
     """
     firsts = [rows] * (len(offsets) + 1)
     ends = [0, *offsets.reshape(-1), len(given)]
@@ -102,7 +102,7 @@ def _first_rows(offsets: np.ndarray, given: np.ndarray, rows: int) -> list[int]:
 
 
 def _masked(offsets: np.ndarray, given: np.ndarray, masks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The lists without those of tiles that are not drawn."""
+    """The lists without those of masked tiles."""
     counts = np.diff(offsets, axis=1)
     kept = np.where(masks, counts, 0)
     shortened = np.zeros(kept.size + 1, np.int64)

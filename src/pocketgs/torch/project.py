@@ -1,4 +1,4 @@
-"""Gaussians to splats on the image, in one pass over each camera's Gaussians."""
+"""Projection of Gaussians to splats on the image, in one pass per camera."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from pocketgs.torch.arrays import array_of, torch_threads, zeros
 
 @dataclass(frozen=True)
 class Projection:
-    """How Gaussians are projected; gsplat's arguments of the same names.
+    """Settings of the projection; gsplat's arguments of the same names.
 
     Attributes:
         width, height: of the image, in pixels.
         eps2d: added to both variances on the image, in pixels².
-        near_plane, far_plane: least and largest depth of what is seen.
-        radius_clip: what is no larger in both directions, in pixels, is not seen.
+        near_plane, far_plane: minimum and maximum depth of visible Gaussians.
+        radius_clip: Gaussians with radii up to this in both directions, in pixels, are not visible.
         compensated: whether the opacities will be multiplied by the compensations.
-        packed: whether only what is seen has rows in the result.
-        sparse_grad: whether the gradients of Gaussians are sparse tensors, with rows for what is seen.
+        packed: whether the result has rows only for visible Gaussians.
+        sparse_grad: whether the gradients of Gaussians are sparse tensors, with rows for visible ones.
     """
 
     width: int
@@ -43,17 +43,17 @@ class Projection:
 
 
 class Splats(NamedTuple):
-    """Gaussians as images see them: M = B C N rows in that order, or, packed, one for each that is seen.
+    """Projected Gaussians: M = B C N rows in that order, or, if packed, one row per visible Gaussian.
 
-    What is not seen has zeros everywhere.
+    Rows of invisible Gaussians are zeros.
 
     Attributes:
         centres: (M, 2) in pixels.
         depths: (M,) along the optical axis.
         conics: (M, 3) xx, xy, yy of the inverse covariance, in 1/pixels².
-        compensations: (M,) what the blur makes of the opacity: √(|Σ'| / |Σ' + eps2d|).
-        radii: (M, 2) int32, half the width and height of where α is at least 1/255, in pixels, rounded up.
-        seen: (V,) int64, ascending, which of the B C N rows are seen.
+        compensations: (M,) factor on the opacity that compensates the blur: √(|Σ'| / |Σ' + eps2d|).
+        radii: (M, 2) int32, half the width and height of the region with α of at least 1/255, in pixels, rounded up.
+        seen: (V,) int64, ascending, visible rows among all B C N.
     """
 
     centres: Tensor
@@ -65,11 +65,11 @@ class Splats(NamedTuple):
 
 
 class Project2D(torch.autograd.Function):
-    """`Project2D.apply(means, quats, scales, opacities, viewmats, Ks, projection)` gives a `Splats`'s tensors.
+    """`Project2D.apply(means, quats, scales, opacities, viewmats, Ks, projection)` returns a `Splats`'s tensors.
 
     Arguments are float32: (..., N, 3), (..., N, 4) of any length, (..., N, 3), (..., N) or (..., 0) for opaque ones,
-    (..., C, 4, 4), (..., C, 3, 3), and a `Projection`; B is the product of what the dots stand for. Means, quaternions,
-    scales and viewmats get gradients; opacities only bound what is seen.
+    (..., C, 4, 4), (..., C, 3, 3), and a `Projection`; B is the product of the dimensions that the dots stand for.
+    Means, quaternions, scales and viewmats get gradients; opacities only bound the visible extent.
     """
 
     @staticmethod
@@ -179,7 +179,7 @@ class Project2D(torch.autograd.Function):
 
 
 def _views(viewmats: Tensor, Ks: Tensor, projection: Projection) -> list[View]:
-    """One view for every camera of every batch."""
+    """One view per camera of every batch."""
     matrices, intrinsics = (array_of(each.detach().double().flatten(0, -3)) for each in (viewmats, Ks))
     return [
         View(
@@ -199,7 +199,7 @@ def _views(viewmats: Tensor, Ks: Tensor, projection: Projection) -> list[View]:
 
 
 def _sparse(gradient: np.ndarray, seen: np.ndarray, count: int, cameras: int) -> Tensor:
-    """A sparse tensor of the rows of what each camera has seen."""
+    """A sparse tensor of the visible rows; a Gaussian's rows of several cameras add up."""
     places = torch.from_numpy(seen % count)[None]
     size = (count, gradient.shape[1])
     values = torch.from_numpy(gradient)

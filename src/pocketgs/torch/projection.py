@@ -1,4 +1,4 @@
-"""gsplat's `fully_fused_projection`: the fast pass where it applies, and plain PyTorch for the rest."""
+"""gsplat's `fully_fused_projection`: the fast pass where possible, otherwise plain PyTorch."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def fully_fused_projection(
 
     Args:
         means: (..., N, 3).
-        covars: (..., N, 6) upper triangles of covariances, in place of quaternions and scales, or None.
+        covars: (..., N, 6) upper triangles of covariances, instead of quaternions and scales, or None.
         quats: (..., N, 4) w, x, y, z of any length.
         scales: (..., N, 3) standard deviations.
         viewmats: (..., C, 4, 4) world_to_camera.
@@ -49,22 +49,22 @@ def fully_fused_projection(
         width: of the images.
         height: of the images.
         eps2d: added to both variances on the image, in pixels².
-        near_plane: least depth of what is seen.
-        far_plane: largest depth.
-        radius_clip: what is no larger, in pixels, is not seen.
-        packed: whether only what is seen has rows.
+        near_plane: minimum depth of visible Gaussians.
+        far_plane: maximum depth.
+        radius_clip: Gaussians with radii up to this, in pixels, are not visible.
+        packed: whether only visible Gaussians have rows.
         sparse_grad: whether gradients of means, quats and scales are sparse; only with `packed`.
-        calc_compensations: whether compensations are wanted.
+        calc_compensations: whether to compute compensations.
         camera_model: "pinhole", "ortho" or "fisheye".
-        opacities: (..., N), so that bounds are no larger than they need be; None for opaque ones.
+        opacities: (..., N), which give tighter bounds; None for opaque Gaussians.
 
     Returns:
         Radii (..., C, N, 2) int32, means (..., C, N, 2), depths (..., C, N), conics (..., C, N, 3), compensations
-        (..., C, N) or None. With `packed`, numbers of batches, cameras and Gaussians (nnz,) int64 come first, and the
-        others have nnz rows in place of (..., C, N). What is not seen has zeros everywhere.
+        (..., C, N) or None. With `packed`, indices of batches, cameras and Gaussians (nnz,) int64 come first, and the
+        others have nnz rows instead of (..., C, N). Rows of invisible Gaussians are zeros.
 
     Raises:
-        PocketGSError: shapes or types disagree, or something is not supported.
+        PocketGSError: shapes or types disagree, or an argument is not supported.
     """
     tensors = {"means": means, "covars": covars, "quats": quats, "scales": scales}
     dtype = checked_dtype({**tensors, "viewmats": viewmats, "opacities": opacities})
@@ -107,12 +107,12 @@ def _project(
     projection: Projection,
     camera_model: str,
 ) -> Splats:
-    """What `Project2D` does, in plain PyTorch: for every camera model and for double precision."""
+    """`Project2D` in plain PyTorch, for every camera model and for double precision."""
     size = (projection.width, projection.height)
     local, turned = world_to_cam(means, covars, viewmats)
     depths = local[..., 2]
     in_range = (depths >= projection.near_plane) & (depths <= projection.far_plane)
-    # What is not seen must not divide by a depth of 0: its gradient would be no number.
+    # Invisible Gaussians must not divide by a depth of 0, or their gradients become NaN.
     local = torch.where(in_range[..., None], local, local.new_tensor([0.0, 0.0, 1.0]))
     centres, covariances = proj(local, turned, Ks, *size, camera_model)
     xx, xy, yy = covariances[..., 0, 0], covariances[..., 0, 1], covariances[..., 1, 1]
@@ -142,7 +142,7 @@ def _project(
 
 
 def _as_returned(splats: Splats, projection: Projection, shape: tuple[int, ...]) -> tuple[Any, ...]:
-    """In gsplat's order and shapes."""
+    """The results in gsplat's order and shapes."""
     centres, depths, conics, compensations, radii, seen = splats
     factors = compensations if projection.compensated else None
     if projection.packed:

@@ -1,4 +1,4 @@
-"""Splats to pixels: compositing front to back, with every gradient."""
+"""Rasterization of splats: compositing front to back, with all gradients."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from pocketgs.torch.arrays import array_of, flat, torch_threads, zeros
 from pocketgs.torch.tiles import Tiles, splat_rows
 
 GSPLAT = Limits(np.float32(0.999), True)
-"""Where gsplat's compositing stops."""
+"""gsplat's limits of compositing."""
 
 _NO_PLANE = np.empty((0, 0), np.float32)
 _scratch = threading.local()
 
 
 def _sums(size: int) -> np.ndarray:
-    """Memory for the sums of tiles, kept from one backward pass to the next: fresh memory costs page faults."""
+    """A buffer for the sums of tiles, kept between backward passes: fresh memory costs page faults."""
     kept: np.ndarray | None = getattr(_scratch, "sums", None)
     if kept is None or len(kept) < size:
         kept = _scratch.sums = np.empty(size * 5 // 4, np.float32)
@@ -35,7 +35,7 @@ def _sums(size: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Tape:
-    """What the replay of an image needs: channels lie beside each other in memory, as in gsplat's images."""
+    """State for the replay of an image. Channels are innermost in memory, as in gsplat's images."""
 
     splats: np.ndarray
     image: np.ndarray
@@ -46,8 +46,8 @@ class _Tape:
 class TileRasterizer(torch.autograd.Function):
     """`TileRasterizer.apply(centres, conics, colours, opacities, backgrounds, tiles, absgrad)`: images and alphas.
 
-    Arguments are float32: (..., 2), (..., 3), (..., D), (...), (I, D) or None, then `Tiles`, and whether backward is to
-    leave the summed magnitudes of the gradients of the centres in `centres.absgrad`. The dots stand for all rows.
+    Arguments are float32: (..., 2), (..., 3), (..., D), (...), (I, D) or None, then `Tiles`, and whether backward
+    stores the summed magnitudes of the gradients of the centres in `centres.absgrad`. The dots stand for all rows.
     Images are (I, H, W, D) and alphas (I, H, W, 1). All tensors have gradients.
     """
 
@@ -62,7 +62,7 @@ class TileRasterizer(torch.autograd.Function):
         tiles: Tiles,
         absgrad: bool,
     ) -> tuple[Tensor, Tensor]:
-        """Composite every image's splats front to back: C = Σ c_i α_i T_i + T · background."""
+        """Composite the splats of each image front to back: C = Σ c_i α_i T_i + T · background."""
         threads, channels = torch_threads(), colours.shape[-1]
         arrays: list[np.ndarray] = [flat(centres, 2), flat(conics, 3), array_of(opacities).reshape(-1)]
         values = flat(colours, channels)
@@ -82,14 +82,14 @@ class TileRasterizer(torch.autograd.Function):
         ctx.tapes, ctx.tiles, ctx.absgrad, ctx.has_background = tapes, tiles, absgrad, backgrounds is not None
         images = _batch([tape.image[:channels].transpose(1, 2, 0) for tape in tapes])
         alphas = _batch([1.0 - tape.transmittance for tape in tapes])
-        # A single image shares its memory with the tape. Since it is saved, PyTorch raises if it was changed in place.
+        # A single image shares its memory with the tape. Saving it makes PyTorch raise if it was changed in place.
         ctx.save_for_backward(centres, conics, colours, opacities, images)
         ctx.set_materialize_grads(False)
         return images, alphas[..., None]
 
     @staticmethod
     def backward(ctx: Any, *d_outputs: Tensor) -> tuple[Tensor | None, ...]:
-        """Replay every image."""
+        """Replay all images."""
         given = ctx.saved_tensors[:-1]
         centres, conics, colours, opacities = given
         tiles, threads, channels = ctx.tiles, torch_threads(), colours.shape[-1]

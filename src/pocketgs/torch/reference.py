@@ -1,4 +1,4 @@
-"""Compositing in float64 by the readable reference: slow, and exact enough for `torch.autograd.gradcheck`."""
+"""Compositing in float64 by the reference: slow, but exact enough for `torch.autograd.gradcheck`."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from pocketgs.torch.rasterize import GSPLAT
 
 @dataclass(frozen=True)
 class GivenLists:
-    """Tiles' lists in gsplat's layout.
+    """Tile lists in gsplat's layout.
 
     Attributes:
-        offsets: (I, tiles + 1) where each tile's list begins in `given`, and where the image's last one ends.
-        given: rows of splats, nearest first in every list.
+        offsets: (I, tiles + 1) start of each tile's list in `given`, then the end of the image's last one.
+        given: rows of splats, nearest first in each list.
         tile_size: side of a tile in pixels.
-        size: width and height of every image.
+        size: width and height of the images.
     """
 
     offsets: np.ndarray
@@ -36,7 +36,7 @@ class GivenLists:
 
 @dataclass(frozen=True)
 class _Tile:
-    """A tile as an image of its own: its splats in order, and which pixels of which image it stands for."""
+    """A tile as a separate image: its splats in order, and its pixels in the original image."""
 
     image: int
     rows: slice
@@ -63,7 +63,7 @@ class ReferenceRasterizer(torch.autograd.Function):
         lists: GivenLists,
         absgrad: bool,
     ) -> tuple[Tensor, Tensor]:
-        """Composite tile after tile."""
+        """Composite all tiles."""
         channels, (width, height) = colours.shape[-1], lists.size
         shape = (len(lists.offsets), height, width)
         behind = np.zeros((shape[0], channels)) if backgrounds is None else array_of(backgrounds)
@@ -79,7 +79,7 @@ class ReferenceRasterizer(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *d_outputs: Tensor) -> tuple[Tensor | None, ...]:
-        """Replay tile after tile."""
+        """Replay all tiles."""
         d_images, d_alphas = (array_of(gradient) for gradient in d_outputs)
         arrays = _arrays(*ctx.saved_tensors)
         d_centres, d_conics, d_colours, d_opacities = (np.zeros_like(array) for array in arrays)
@@ -104,13 +104,13 @@ class ReferenceRasterizer(torch.autograd.Function):
 
 
 def _arrays(*splats: Tensor) -> list[np.ndarray]:
-    """Centres, conics, colours and opacities with one row for each splat."""
+    """Centres, conics, colours and opacities, with one row per splat."""
     count = splats[3].numel()
     return [array_of(tensor).reshape(count, -1) for tensor in splats[:3]] + [array_of(splats[3]).reshape(count)]
 
 
 def _tiles(splats: list[np.ndarray], lists: GivenLists) -> Iterator[_Tile]:
-    """Every tile of every image."""
+    """All tiles of all images."""
     centres, conics, colours, opacities = splats
     (width, height), side = lists.size, lists.tile_size
     across = -(-width // side)
@@ -128,7 +128,7 @@ def _tiles(splats: list[np.ndarray], lists: GivenLists) -> Iterator[_Tile]:
                 np.ones(len(own)),
                 colours[own],
                 np.zeros((len(own), 2)),
-                np.arange(len(own), dtype=float),  # the list's order is the order
+                np.arange(len(own), dtype=float),  # the list defines the order
                 np.ones(len(own), bool),
             )
             yield _Tile(image, rows, columns, own, projection, camera)

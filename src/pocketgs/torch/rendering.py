@@ -1,4 +1,4 @@
-"""gsplat's `rasterization`: from Gaussians and cameras to images, with gradients of all of them."""
+"""gsplat's `rasterization`: images of Gaussians and cameras, with gradients with respect to both."""
 
 from __future__ import annotations
 
@@ -73,38 +73,38 @@ def rasterization(
     rolling_shutter: Any = None,
     viewmats_rs: Tensor | None = None,
 ) -> tuple[Tensor, Tensor, dict[str, Any]]:
-    """Render Gaussians into cameras, as gsplat 1.5.3 does.
+    """Render Gaussians into cameras, like gsplat 1.5.3.
 
         image, alpha, meta = rasterization(means, quats, scales, opacities, colors, viewmats, Ks, 640, 480)
 
     Args:
-        means: (..., N, 3) centres in the world; the dots stand for batches, of which all that follow have as many.
+        means: (..., N, 3) centres in the world; the dots stand for batch dimensions, which all arguments share.
         quats: (..., N, 4) w, x, y, z of any length.
         scales: (..., N, 3) standard deviations.
         opacities: (..., N) in [0, 1].
         colors: (..., N, D) or (..., C, N, D), any D; with `sh_degree` coefficients (..., N, K, 3) or (..., C, N, K, 3).
-        viewmats: (..., C, 4, 4) world_to_camera, OpenCV's axes.
+        viewmats: (..., C, 4, 4) world_to_camera, in OpenCV's axes.
         Ks: (..., C, 3, 3) intrinsics in pixels; they get no gradient.
         width: of the images.
         height: of the images.
-        near_plane: least depth of what is seen.
-        far_plane: largest depth.
-        radius_clip: what is no larger on the image, in pixels, is not seen.
+        near_plane: minimum depth of visible Gaussians.
+        far_plane: maximum depth.
+        radius_clip: Gaussians with radii up to this on the image, in pixels, are not visible.
         eps2d: added to both variances on the image, in pixels².
-        sh_degree: 0 to 3, of the harmonics that count; None for colours as they are.
-        packed: whether `meta` has rows only for what is seen.
+        sh_degree: maximum degree of the harmonics to use, 0 to 3; None if `colors` are final colours.
+        packed: whether `meta` has rows only for visible Gaussians.
         tile_size: of the intersections in `meta`; images do not depend on it.
         backgrounds: (..., C, D) behind the Gaussians, or None for black.
         render_mode: "RGB", the colours; "D", Σ α T z; "ED", that over the alpha; "RGB+D" and "RGB+ED", both.
         sparse_grad: with `packed`, whether gradients of means, quats and scales are sparse.
-        absgrad: whether backward leaves the summed magnitudes of its pixels' gradients in `meta["means2d"].absgrad`.
-        rasterize_mode: "classic", or "antialiased", which takes from the opacity what `eps2d` adds to the area.
-        channel_chunk: not looked at: any number of channels takes one pass.
+        absgrad: whether backward stores the magnitudes of the pixels' gradients, summed, in `meta["means2d"].absgrad`.
+        rasterize_mode: "classic", or "antialiased", which lowers opacities by as much as `eps2d` increases the area.
+        channel_chunk: ignored: any number of channels takes one pass.
         distributed: not supported.
         camera_model: "pinhole", "ortho" or "fisheye".
-        segmented: not looked at.
-        covars: (..., N, 3, 3) in place of quats and scales, or None.
-        with_ut: not supported, nor is what follows.
+        segmented: ignored.
+        covars: (..., N, 3, 3) instead of quats and scales, or None.
+        with_ut: not supported, nor are the following.
         with_eval3d: not supported.
         radial_coeffs: not supported.
         tangential_coeffs: not supported.
@@ -114,11 +114,11 @@ def rasterization(
         viewmats_rs: not supported.
 
     Returns:
-        Images (..., C, H, W, X), alphas (..., C, H, W, 1), and a dictionary of intermediate results. X is D, or 1 for
-        depths, which come last where both are asked for.
+        Images (..., C, H, W, X), alphas (..., C, H, W, 1), and a dictionary of intermediate results. X is D, plus 1 for
+        depth, which comes last; 1 for depth alone.
 
     Raises:
-        PocketGSError: shapes or types disagree, or something is not supported.
+        PocketGSError: shapes or types disagree, or an argument is not supported.
     """
     check_modes(render_mode, rasterize_mode)
     refuse_arguments(
@@ -178,10 +178,10 @@ def rasterization(
 
 
 def check_modes(render_mode: str, rasterize_mode: str) -> None:
-    """Refuse modes that there are not.
+    """Check the modes.
 
     Raises:
-        PocketGSError: one is none of RENDER_MODES or RASTERIZE_MODES.
+        PocketGSError: one is not in RENDER_MODES or RASTERIZE_MODES.
     """
     if render_mode not in RENDER_MODES:
         raise PocketGSError(f"render_mode: found {render_mode!r}, expected one of {', '.join(RENDER_MODES)}")
@@ -199,7 +199,7 @@ class Splatted(NamedTuple):
 
 
 def described(rows: Rows, splats: Splatted, width: int, height: int, tile_size: int) -> Meta:
-    """The dictionary that gsplat gives; its tile intersections are found when somebody looks at them."""
+    """The dictionary of gsplat; its tile intersections are computed when they are first used."""
     across, down = math.ceil(width / tile_size), math.ceil(height / tile_size)
     packed = rows.image_ids is not None
 
@@ -239,7 +239,7 @@ def described(rows: Rows, splats: Splatted, width: int, height: int, tile_size: 
 def composited(
     rows: Rows, meta: Meta, values: Tensor, backgrounds: Tensor | None, absgrad: bool
 ) -> tuple[Tensor, Tensor]:
-    """Images and alphas of what `described` describes, with the given channels."""
+    """Images and alphas of the splats of `described`, with the given channels."""
     splats = (meta["means2d"], meta["conics"], values, meta["opacities"])
     width, height = meta["width"], meta["height"]
     if values.dtype == torch.float64:

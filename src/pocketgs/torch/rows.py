@@ -1,4 +1,4 @@
-"""Rows of splats: one for each Gaussian and camera, or, packed, one for each that is seen."""
+"""Rows of splats: one per Gaussian and camera, or, if packed, one per visible Gaussian."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class Rows:
-    """Which Gaussian and camera every row stands for.
+    """The Gaussian and the camera of each row.
 
     Attributes:
-        lead: the batches' shape.
-        cameras: in every batch, C.
-        count: of Gaussians in every batch, N.
+        lead: shape of the batch dimensions.
+        cameras: number of cameras per batch, C.
+        count: number of Gaussians per batch, N.
         radii: (..., C, N, 2), or (nnz, 2).
-        batch_ids, camera_ids, gaussian_ids: (nnz,) int64, or None where there is a row for each.
+        batch_ids, camera_ids, gaussian_ids: (nnz,) int64, or None if not packed.
     """
 
     lead: tuple[int, ...]
@@ -31,19 +31,19 @@ class Rows:
 
     @property
     def images(self) -> int:
-        """How many images there are."""
+        """Number of images."""
         return math.prod(self.lead) * self.cameras
 
     @property
     def image_ids(self) -> Tensor | None:
-        """(nnz,) which image each row lies in; None where there is a row for each."""
+        """(nnz,) image of each row; None if not packed."""
         if self.batch_ids is None or self.camera_ids is None:
             return None
         return self.batch_ids * self.cameras + self.camera_ids
 
     @property
     def first_rows(self) -> list[int]:
-        """Where each image's rows begin, and where the last one's end."""
+        """Start of each image's rows, then the end of the last one's."""
         ids = self.image_ids
         if ids is None:
             return [image * self.count for image in range(self.images + 1)]
@@ -51,7 +51,7 @@ class Rows:
 
     @property
     def seen(self) -> Tensor:
-        """(I, N) bool, which Gaussians each image shows."""
+        """(I, N) bool, Gaussians that are visible in each image."""
         ids = self.image_ids
         if ids is None or self.gaussian_ids is None:
             # NumPy: waking PyTorch's threads for so little takes longer.

@@ -1,4 +1,4 @@
-"""Which splats the tiles of images draw: found here, or given in gsplat's layout."""
+"""Tile lists of images: computed here, or given in gsplat's layout."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ NO_COLOURS = np.empty((0, 0), np.float32)
 _NO_DEPTHS = np.empty(0, np.float32)
 
 MAX_KEPT = 8
-"""So many binners wait for the next images: fresh memory costs a page fault every 4 KB."""
+"""Maximum number of binners kept for later images: fresh memory costs a page fault every 4 KB."""
 
 _waiting: list[tuple[int, Binner]] = []
 
 
 @dataclass(frozen=True)
 class Tiles:
-    """Which splats the tiles of some images draw.
+    """The tile lists of some images.
 
     Attributes:
         width, height: of every image.
-        first_rows: (I + 1) where each image's splats begin among all rows, and where the last one's end.
-        lists: of each image; splats count from the image's first row.
+        first_rows: (I + 1) start of each image's splats among all rows, then the end of the last one's.
+        lists: of each image; splats are counted from the image's first row.
         visible: (V,) int32 for each image, splats that are drawn.
     """
 
@@ -48,9 +48,9 @@ class Tiles:
 
 
 class TileBinner(torch.autograd.Function):
-    """`TileBinner.apply(centres, conics, opacities, depths, first_rows, width, height)` gives `Tiles`.
+    """`TileBinner.apply(centres, conics, opacities, depths, first_rows, width, height)` returns `Tiles`.
 
-    Arguments are those of a `Splats`, float32, for all images one after the other. Nothing here has a gradient.
+    Arguments are those of a `Splats`, float32, of all images in turn. The result has no gradient.
     """
 
     @staticmethod
@@ -64,7 +64,7 @@ class TileBinner(torch.autograd.Function):
         width: int,
         height: int,
     ) -> Tiles:
-        """Sort every image's splats by depth, and list them for the tiles that they reach."""
+        """Sort each image's splats by depth, and list them for the tiles that they reach."""
         threads = torch_threads()
         arrays = [flat(centres, 2), flat(conics, 3), *(array_of(each).reshape(-1) for each in (opacities, depths))]
         lists, visible, binners = [], [], []
@@ -91,9 +91,9 @@ def tiles_from(
     """Tiles from intersections in gsplat's layout.
 
     Args:
-        splats: centres, conics and opacities, as `TileBinner` takes them.
-        first_rows: where each image's splats begin.
-        offsets: (I, tiles + 1) int32, where each tile's list begins in `given`, and where the image's last one ends.
+        splats: centres, conics and opacities, as for `TileBinner`.
+        first_rows: start of each image's splats.
+        offsets: (I, tiles + 1) int32, start of each tile's list in `given`, then the end of the image's last one.
         given: int32 rows of splats.
         tile_size: side of gsplat's tiles, a multiple of 16.
         size: width and height of every image.
@@ -112,7 +112,7 @@ def tiles_from(
 
 
 def _take_binner(threads: int) -> Binner:
-    """A binner that nobody uses."""
+    """An unused binner."""
     for place, (own_threads, binner) in enumerate(_waiting):
         if own_threads == threads:
             del _waiting[place]
@@ -121,13 +121,13 @@ def _take_binner(threads: int) -> Binner:
 
 
 def _give_back(threads: int, binners: Sequence[Binner]) -> None:
-    """Let the next images have the binners of tiles that are gone."""
+    """Return the binners of deleted tiles for later images."""
     room = max(MAX_KEPT - len(_waiting), 0)
     _waiting.extend((threads, binner) for binner in binners[:room])
 
 
 def splat_rows(arrays: Sequence[np.ndarray], colours: np.ndarray, threads: int) -> tuple[np.ndarray, np.ndarray]:
-    """The splats' rows and depth keys, as kernels take them, of centres, conics, opacities and maybe depths."""
+    """The splats' rows and depth keys for kernels, from centres, conics, opacities and optionally depths."""
     centres, conics, opacities = arrays[:3]
     depths = arrays[3] if len(arrays) > 3 else _NO_DEPTHS
     splats = np.empty((len(centres), FIRST_CHANNEL + max(COLOURS, colours.shape[1])), np.float32)
@@ -137,5 +137,5 @@ def splat_rows(arrays: Sequence[np.ndarray], colours: np.ndarray, threads: int) 
 
 
 def _image(width: int, height: int) -> View:
-    """A view of which only the size counts."""
+    """A view that only defines an image size."""
     return View(np.eye(3), np.zeros(3), np.zeros(3), 1.0, 1.0, 0.0, 0.0, width, height, False)

@@ -1,4 +1,4 @@
-"""What of gsplat's contract is not here, said in one way."""
+"""Errors for parts of gsplat's interface that are not supported."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ INSTEAD = {
     "rolling_shutter": "rolling shutters",
     "viewmats_rs": "rolling shutters",
 }
-"""Arguments of `rasterization` that must be left out, and what they stand for."""
+"""Arguments of `rasterization` that are not supported, and the features that they belong to."""
 
 
 def unsupported(what: str, reason: str) -> NoReturn:
-    """Say that something is not supported.
+    """Report that something is not supported.
 
     Raises:
         PocketGSError: always.
@@ -32,10 +32,10 @@ def unsupported(what: str, reason: str) -> NoReturn:
 
 
 def refuse_arguments(arguments: dict[str, Any]) -> None:
-    """Refuse what must be left out.
+    """Refuse unsupported arguments.
 
     Args:
-        arguments: by name; None and False count as left out, and so does a global shutter.
+        arguments: by name; None, False and a global shutter are accepted.
 
     Raises:
         PocketGSError: one is given.
@@ -47,10 +47,10 @@ def refuse_arguments(arguments: dict[str, Any]) -> None:
 
 
 def check_camera_model(camera_model: str) -> None:
-    """Refuse a camera model that is not supported.
+    """Check a camera model.
 
     Raises:
-        PocketGSError: it is none of CAMERA_MODELS.
+        PocketGSError: it is not in CAMERA_MODELS.
     """
     if camera_model not in CAMERA_MODELS:
         raise PocketGSError(f"camera_model: found {camera_model!r}, expected one of {', '.join(CAMERA_MODELS)}")

@@ -34,17 +34,17 @@ GROWTH = 1.25
 
 SLOWS_FROM = 500
 """Iterations after which rates decay with the inverse square root of the iteration: the length of the run is unknown,
-and averaging noise over many steps needs smaller ones (Robbins and Monro 1951)."""
+and averaging noise over many steps needs smaller rates (Robbins and Monro 1951)."""
 
 
 class OpenEndedPace:
-    """See the module's docstring; also schedules the growth of the strategy `budgeted`.
+    """The pace of open-ended training; it also schedules the growth of the strategy `budgeted`.
 
     Args:
         iterations: maximum number.
         seconds: maximum training time, or None.
         initial: initial learning rates.
-        frames: the training views, enough of them for `validation_views`.
+        frames: the training views, enough for `validation_views`.
         background: of the renderings.
         most: maximum number of Gaussians.
         course: of the run to resume, or None.
@@ -85,7 +85,7 @@ class OpenEndedPace:
         return min(max(iteration / self.iterations, share_of_time(seconds, self._seconds)), 1.0)
 
     def rates(self, iteration: int, seconds: float) -> LearningRates:
-        """Constant, then slowly decaying; at the end a half cosine."""
+        """Constant at first, then slowly decaying; at the end a half cosine."""
         decays_from = self.course.decays_from
         reached = iteration if decays_from is None else decays_from
         factor = math.sqrt(SLOWS_FROM / max(reached, SLOWS_FROM))
@@ -97,7 +97,7 @@ class OpenEndedPace:
         return self._initial.scaled(factor)
 
     def views(self, iteration: int) -> Sequence[int]:
-        """All but the validation views during exploration, then all."""
+        """All but the validation views during exploration, all of them afterwards."""
         return self._shown if self.course.decays_from is None else self._all
 
     def after_step(self, iteration: int, seconds: float, engine: Engine) -> None:
@@ -124,7 +124,7 @@ class OpenEndedPace:
 
 
 def end_of(course: Course, longest: int) -> int | None:
-    """The iteration at which a run ends, or None before that is decided; `longest` bounds it."""
+    """The iteration at which a run ends, or None while that is undecided; at most `longest`."""
     return None if course.decays_from is None else _end(course.decays_from, longest)
 
 

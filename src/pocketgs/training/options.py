@@ -22,11 +22,11 @@ class TrainingOptions:
     Attributes:
         effort: preset for sizes that the options below do not set: "quick" is 500 iterations on 50,000 Gaussians;
             "standard" sizes both, and the keyframes, to the capture; "best" trains with the recipe "long" until
-            validation views, held back for a while, show that it no longer pays.
+            validation views, held back for a while, show that more training no longer pays.
         iterations: number of training steps, one view each; None for the recipe's, or the effort's.
-        time_budget: seconds until the work is done, or None: of the whole command, or, in Python, of `train`. A command
-            plans by it, and refuses one that is too short. Learning rates decay by iterations or time, whichever is
-            further along.
+        time_budget: maximum seconds of the whole command, or, in Python, of `train`; None for no limit. A command plans
+            for it, and refuses one that is too short. Learning rates decay by iterations or time, whichever is further
+            along.
         engine: rendering and training engine: "auto" uses a GPU if there is one, else the CPU; "webgpu" accepts
             software adapters too.
         prior: initial points: "dense" computes depth maps; "sparse" uses the points of matched features; "colmap" the
@@ -38,8 +38,8 @@ class TrainingOptions:
         max_keyframes: maximum number of keyframes; None for the effort's.
         exposure: compensate exposure differences of the training photographs: "auto" does so if similar views differ.
         colours: learn an affine colour transform for each training photograph beside the scene.
-        transients: "mask" leaves things out of the loss that were not there when other photographs were taken, such as
-            people who walk by; "keep" trains on all pixels.
+        transients: "mask" masks things that other photographs do not show, such as people who walk by, in the loss;
+            "keep" trains on all pixels.
         recipe: name of a recipe, see `pocketgs.training.recipes`; None for the effort's.
         strategy: how the number of Gaussians changes: "fixed" keeps it; "adc" clones, splits and prunes as 3DGS does;
             "mcmc" relocates transparent Gaussians; "budgeted" grows where the training views have errors; None for the
@@ -54,7 +54,7 @@ class TrainingOptions:
         replay: whether the GPU's backward pass recomputes the forward pass, or reads a cache.
         accumulation: whether gradients on the GPU are summed in order, or atomically in less memory.
         portable: use only features that every WebGPU device has.
-        max_memory: megabytes for the process, and megabytes for buffers on the GPU. To keep to it, a command uses
+        max_memory: megabytes for the process, and megabytes for buffers on the GPU. To stay within it, a command uses
             smaller photographs, unless --downscale is given, or fewer Gaussians.
         evaluate_every: iterations between evaluations on the held-out views; 0 for none until the end.
     """

@@ -19,7 +19,7 @@ class Pace(Protocol):
 
     @property
     def iterations(self) -> int:
-        """End of the run, as far as it is known."""
+        """End of the run, as far as known."""
 
     @property
     def course(self) -> Course | None:
@@ -46,7 +46,7 @@ def share_of_time(seconds: float, budget: float | None) -> float:
 
 
 class SetPace:
-    """A run with a fixed number of iterations, or seconds, whichever ends first.
+    """A run of a given length: a number of iterations, or seconds, whichever ends first.
 
     Args:
         iterations: of the run.
@@ -54,7 +54,7 @@ class SetPace:
         schedule: of the learning rates.
         initial: initial learning rates.
         views: number of training views.
-        course: of an open-ended run that goes on with a given length, to be kept.
+        course: of an open-ended run that continues with a given length, or None.
     """
 
     def __init__(
@@ -71,12 +71,12 @@ class SetPace:
 
     @property
     def iterations(self) -> int:
-        """As given."""
+        """The given number."""
         return self._iterations
 
     @property
     def course(self) -> Course | None:
-        """As given."""
+        """The given course."""
         return self._course
 
     def fraction(self, iteration: int, seconds: float) -> float:
@@ -84,7 +84,7 @@ class SetPace:
         return min(max(iteration / self._iterations, share_of_time(seconds, self._seconds)), 1.0)
 
     def rates(self, iteration: int, seconds: float) -> LearningRates:
-        """As in the schedule."""
+        """The schedule's rates."""
         return self._schedule(self._initial, self.fraction(iteration, seconds))
 
     def views(self, iteration: int) -> Sequence[int]:
@@ -92,4 +92,4 @@ class SetPace:
         return self._views
 
     def after_step(self, iteration: int, seconds: float, engine: Engine) -> None:
-        """Nothing."""
+        """Does nothing."""

@@ -33,7 +33,7 @@ MIN_POINTS = 16
 def prepare(
     capture: Capture, options: TrainingOptions | None = None, stopwatch: Stopwatch | None = None
 ) -> PreparedCapture:
-    """Build the prior that the options select.
+    """Build the prior selected by the options.
 
     Without one, or if a sparse one finds too few points, the capture's own points are used, or random points where the
     photographs agree.
@@ -75,10 +75,10 @@ def prepare(
 def _prepared_through_lenses(
     capture: Capture, options: TrainingOptions, stopwatch: Stopwatch | None
 ) -> PreparedCapture:
-    """The prior of undistorted copies, with the photographs as they were taken: it knows pinhole cameras only.
+    """The prior of undistorted copies, with the original photographs: the prior needs pinhole cameras.
 
     Raises:
-        PocketGSError: exposures are to be compensated, which the prior does to its copies.
+        PocketGSError: exposures are to be compensated, which the prior does on its copies.
     """
     if options.exposure == "on":
         raise PocketGSError("exposure: found on, expected auto or off with --lens direct")
@@ -88,7 +88,7 @@ def _prepared_through_lenses(
 
 
 def _with_points(prepared: PreparedCapture, points: PointCloud) -> PreparedCapture:
-    """Replace the cloud, and note it in the report."""
+    """Replace the cloud, and record it in the report."""
     report = replace(prepared.report, points=len(points)) if prepared.report else None
     return replace(prepared, points=points, report=report)
 
@@ -96,7 +96,7 @@ def _with_points(prepared: PreparedCapture, points: PointCloud) -> PreparedCaptu
 def _with_colmap_cloud(
     capture: Capture, prepared: PreparedCapture, options: SizedOptions, stopwatch: Stopwatch
 ) -> PreparedCapture:
-    """A sparse cloud instead of the prior's own: the capture's if its poses are unchanged, else COLMAP's."""
+    """Replace a sparse cloud: by the capture's if its poses are unchanged, otherwise by COLMAP's."""
     assert prepared.report is not None
     with stopwatch.stage("points"):
         points = None if prepared.report.poses_refined else capture.points
@@ -106,7 +106,7 @@ def _with_colmap_cloud(
 
 
 def starting_points(capture: Capture, options: SizedOptions) -> PointCloud:
-    """The capture's own points, or random ones if it has none; at most as many as the run may start with."""
+    """The capture's own points, or random ones if it has none; at most the maximum number at the start."""
     if capture.points is None or len(capture.points) < 4:
         random_points = recipe_named(options.recipe).random_points
         if random_points is not None:

@@ -1,4 +1,4 @@
-"""What a caller is told after every training iteration."""
+"""The progress reported after each training iteration."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ class Progress:
         iterations: end of the run, as far as it is known.
         fraction: progress from 0 to 1, by iterations or by time.
         loss: mean training loss over the last epoch, updated at intervals.
-        held_out_psnr: when the held-out views were last looked at, or None.
+        held_out_psnr: PSNR of the last evaluation on held-out views, or None.
         iteration_rate: iterations per second.
         seconds_left: estimate of the time until iterations or the time budget run out.
         gain_per_minute: gain in dB per minute on validation views, or None without any.
         gaussians: current number.
-        interrupt: an observer can request a stop after this iteration, like Ctrl-C; it also tells whether one was
-            requested, so that an observer that waits can stop waiting.
+        interrupt: lets an observer request a stop after this iteration, like Ctrl-C, and tells whether one was
+            requested, so that a waiting observer can stop waiting.
         scene: returns a copy of the current Gaussians.
         checkpoint: returns a copy of the current state, which is larger.
     """

@@ -75,7 +75,7 @@ def camera_extent(cameras: Sequence[Camera], points: PointCloud) -> float:
     """3DGS's extent of a scene: 1.1 times the largest distance of a camera from the cameras' mean.
 
     Raises:
-        PocketGSError: the cameras are in one place, or there is only one: nothing would move.
+        PocketGSError: all cameras are in one place, so that nothing would move.
     """
     centres = np.array([camera.centre for camera in cameras])
     extent = 1.1 * float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max())
@@ -97,7 +97,7 @@ class Recipe:
         rates: initial learning rates; that of the means in units of `length`.
         length: computes the unit of length from the training cameras and the initial points.
         schedule: of the learning rates.
-        loss: to minimise.
+        loss: of training.
         adam: settings of the optimiser.
         opacity: initial opacity of the seeds.
         seed_size: scale of a seed, as a multiple of the distance to its neighbours.
@@ -140,7 +140,7 @@ class Recipe:
         return None if self.sh_every is None else min(iteration // self.sh_every, MAX_DEGREE)
 
     def rates_for(self, iterations: int, unit: float) -> LearningRates:
-        """The initial rates of a run.
+        """Initial learning rates of a run.
 
         Args:
             iterations: of the run.
@@ -151,7 +151,7 @@ class Recipe:
         return replace(self.rates, means=self.rates.means * unit, log_scales=self.rates.log_scales * slower)
 
     def rates_for_scene(self, iterations: int, cameras: Sequence[Camera], scene: Gaussians) -> LearningRates:
-        """The initial rates to train a scene further, which gives the unit of length.
+        """Initial learning rates for training a scene further; the scene gives the unit of length.
 
         Args:
             iterations: of the run.
@@ -173,7 +173,7 @@ _3DGS_ITERATIONS = 30_000
 
 
 def _3dgs(iterations: int) -> Recipe:
-    """3DGS's complete recipe, up to an iteration: rates decay as in the run of 30,000 (Kerbl et al. 2023)."""
+    """3DGS's complete recipe, up to an iteration, with the decay of the run of 30,000 (Kerbl et al. 2023)."""
     return Recipe(
         name=f"3dgs-{iterations // 1000}k",
         rates=_3DGS_RATES,
@@ -213,7 +213,7 @@ RECIPES = {
         Recipe(name="reference", rates=_3DGS_RATES, length=camera_extent, schedule=exponential_means(final=0.01)),
         _3dgs(7000),
         _3dgs(30_000),
-        # For as long as it pays: from the dense cloud, growing where there are errors.
+        # Trains as long as it pays: from the dense cloud, growing where there are errors.
         replace(_POCKETGS, name="long", strategy="budgeted", open_ended=True, sh_degree=3, sh_every=250),
     )
 }

@@ -20,8 +20,8 @@ class LossSample:
     Attributes:
         iteration: steps done.
         seconds: of training so far.
-        elapsed: seconds of all stages so far, without evaluations on held-out views: when a run without them would have
-            come this far.
+        elapsed: seconds of all stages so far, except evaluations on held-out views: the time that a run without them
+            would have taken.
         loss: of training.
         held_out_psnr: in dB.
         gaussians: number of Gaussians.
@@ -42,10 +42,10 @@ class Checkpoint:
     Attributes:
         iteration: iterations done.
         gaussians: the scene.
-        state: the optimiser's.
-        statistics: collected by its strategy, or None if it collects nothing.
-        course: what an open-ended run has learnt so far; None if its length was given.
-        transients: (h, w) bool for each training view, its cells that are left out; None if none were looked for.
+        state: the optimiser's state.
+        statistics: collected by its strategy, or None.
+        course: state of an open-ended run; None if its length was given.
+        transients: (h, w) bool for each training view, its masked cells; None if transients were not searched for.
     """
 
     iteration: int
@@ -64,7 +64,7 @@ class TrainingResult:
         scene: the Gaussians.
         optimiser_state: for resuming.
         engine, recipe: their names.
-        device: that the engine computed on.
+        device: of the engine.
         iterations: iterations done, including those before resuming.
         resumed_from: iterations of the earlier run, or None; `seconds` and `losses` are of this run only.
         interrupted: whether Ctrl-C ended it.
@@ -76,8 +76,8 @@ class TrainingResult:
         strategy: name of the strategy.
         statistics: collected by the strategy since its last change, for resuming; None if nothing.
         course: evaluations on the validation views of an open-ended run; None if its length was given.
-        transients: (h, w) bool for each training view, its cells that were left out, see
-            `pocketgs.training.transients`; None if none were looked for.
+        transients: (h, w) bool for each training view, its masked cells, see `pocketgs.training.transients`; None if
+            transients were not searched for.
     """
 
     scene: Gaussians
@@ -100,7 +100,7 @@ class TrainingResult:
 
     @property
     def checkpoint(self) -> Checkpoint:
-        """The checkpoint that a later run can resume from."""
+        """The checkpoint for resuming."""
         return Checkpoint(
             self.iterations, self.scene, self.optimiser_state, self.statistics, self.course, self.transients
         )

@@ -1,12 +1,12 @@
-"""Transients: things in a photograph that were not there when the others were taken, such as people who walk by.
+"""Transients: parts of photographs that other photographs do not show, such as people who walk by.
 
-Training cannot explain them with one scene, so it puts fog in front of the views that show them. Here their pixels are
-found and left out of the loss. The evidence is the training residual: a place in a photograph is transient if it
-differs from the rendering by much more than neighbouring views of the same surface do. What is hard to render, such as
-fine texture or reflections, has high residuals in all views and stays.
+Training cannot explain them with one scene, so it puts fog in front of the views that show them. This module finds
+their pixels and masks them in the loss. The evidence is the training residual: a place in a photograph is transient
+if it differs from the rendering by much more than neighbouring views of the same surface do. Surfaces that are hard
+to render, such as fine texture or reflections, have high residuals in all views and are kept.
 
-SpotLessSplats (Sabour et al. 2024) and WildGaussians (Kulhanek et al. 2024) find transients by residuals too, but learn
-a network on image features; comparing views of the same surface takes its place here.
+SpotLessSplats (Sabour et al. 2024) and WildGaussians (Kulhanek et al. 2024) find transients by residuals too, but
+learn a network on image features; here, comparison with views of the same surface replaces it.
 """
 
 from __future__ import annotations
@@ -21,43 +21,43 @@ from pocketgs.capture.capture import Frame
 from pocketgs.splat.engine import Engine
 
 FIRST_LOOK, FIRST_EPOCHS = 150, 2
-"""Iterations before the first look, at least, and how often every view must have been trained on by then."""
+"""Minimum iterations before the first search, and minimum steps per view by then."""
 
 CELLS = 80
-"""Number of cells along a photograph's longer side. Residuals are means over cells, which evens out texture."""
+"""Number of cells along a photograph's longer side. Residuals are means over cells, which averages out texture."""
 
 PIXELS_PER_CELL = 4
-"""Side of a cell in the renderings that are compared."""
+"""Side of a cell in the compared renderings, in pixels."""
 
 NEIGHBOURS, MIN_NEIGHBOURS = 8, 3
-"""Number of neighbouring views that are asked, and how many of them must see a surface."""
+"""Number of neighbouring views to compare with, and how many of them must see a surface."""
 
 SAME_DEPTH = 0.1
 """Relative difference up to which two views see the same surface."""
 
 CERTAIN, LIKELY = 4.0, 2.0
-"""A region is transient if its residuals are LIKELY times what is expected, and those of a part of it CERTAIN times."""
+"""A region is transient if its residuals are LIKELY times the expected ones, and in a part of it CERTAIN times."""
 
 MIN_RESIDUAL = 0.04
-"""Residual, in display values, below which nothing is transient: half a step of exposure in the dark is less."""
+"""Residual, in display values, below which no cell is transient; half a step of exposure in the dark is less."""
 
 WINDOW, MAX_GAIN = 5, 2.0
-"""Side in cells of the surroundings whose light is compared, and the largest factor between two lights."""
+"""Side in cells of the surroundings for comparing brightness, and the maximum ratio of brightness."""
 
 MIN_REGION = 0.002
-"""Minimum area of a region without its rim, relative to the photograph; as much of it must be certain."""
+"""Minimum area of a region without its rim, relative to the photograph; also of the certain cells in it."""
 
 MAX_SHARE = 0.5
-"""Of a photograph that differs in more than this share nothing is left out: it is its pose or exposure that differs."""
+"""A photograph that differs in more than this share is not masked: its pose or exposure is wrong."""
 
 
 class Transients:
-    """Leaves transients out of the loss, as they are found in the course of a run.
+    """Masks transients in the loss, as they are found during a run.
 
     Args:
         frames: the training views.
         background: of the renderings.
-        cells: what an earlier part of the run has found, or None.
+        cells: transients found earlier in the run, or None.
     """
 
     def __init__(
@@ -68,18 +68,18 @@ class Transients:
         self.cells = None if cells is None else tuple(cells)
 
     def start(self, engine: Engine) -> None:
-        """Leave out what is known, once the engine has the photographs."""
+        """Apply the known masks, once the engine has the photographs."""
         if self.cells is not None and _any(self.cells):
             engine.set_masks(self._masks(self.cells))
 
     def after_step(self, iteration: int, engine: Engine, trained: Sequence[int]) -> None:
-        """Look for transients after the first iterations and, if there are any, whenever their number has doubled.
+        """Search for transients after the first iterations and, while there are any, whenever their number has doubled.
 
         Args:
             iteration: number of steps taken.
             engine: with the scene.
-            trained: indices of the views that are trained on. The others are not judged: a scene that does not know
-                them differs from them anyway.
+            trained: indices of the trained views. The others are not judged: the scene differs from them anyway, since
+                it was not trained on them.
         """
         doublings, rest = divmod(iteration, self._first)
         is_due = rest == 0 and doublings & (doublings - 1) == 0
@@ -121,7 +121,7 @@ class _Compared:
 def transient_cells(
     engine: Engine, frames: Sequence[Frame], background: tuple[float, float, float]
 ) -> list[np.ndarray]:
-    """Find the cells of each training view that show transients, as the scene stands.
+    """Find the cells of each training view that show transients, given the current scene.
 
     Args:
         engine: with the scene.
@@ -145,7 +145,7 @@ def transient_cells(
 
 
 def mask_without(frame: Frame, cells: np.ndarray) -> np.ndarray | None:
-    """The (H, W) bool mask of a frame without its (h, w) transient cells; None if all pixels count."""
+    """The (H, W) bool mask of a frame without its (h, w) transient cells; None if no pixel is masked."""
     if not cells.any():
         return frame.mask
     kept = ~pixels_of(cells, frame)
@@ -160,7 +160,7 @@ def pixels_of(cells: np.ndarray, frame: Frame) -> np.ndarray:
 
 
 def _grid(frame: Frame) -> tuple[int, int]:
-    """Number of rows and columns of a photograph's cells."""
+    """Number of rows and columns of cells of a photograph."""
     height, width = frame.image.shape[:2]
     scale = min(1.0, CELLS * PIXELS_PER_CELL / max(height, width)) / PIXELS_PER_CELL
     return max(1, round(height * scale)), max(1, round(width * scale))
@@ -196,11 +196,11 @@ def _means(image: np.ndarray) -> np.ndarray:
 
 
 def _differences(seen: np.ndarray, shown: np.ndarray) -> np.ndarray:
-    """(h, w) mean absolute difference of colours, in the light that suits best.
+    """(h, w) mean absolute difference of colours, after matching brightness.
 
-    Shadows, such as the photographer's, and changes of exposure are not transients: they only scale the light. So the
-    rendering is multiplied by what brings it nearest to the photograph around the cell, or to one side of it, since
-    shadows have edges.
+    Shadows, such as the photographer's, and changes of exposure are not transients: they only scale the brightness.
+    So the rendering is multiplied by the factor that best matches the photograph around the cell, or on one side of
+    it, since shadows have edges.
     """
     products = cv2.blur((seen * shown).sum(axis=2), (WINDOW, WINDOW))
     squares = cv2.blur((shown * shown).sum(axis=2), (WINDOW, WINDOW))
@@ -214,7 +214,7 @@ def _differences(seen: np.ndarray, shown: np.ndarray) -> np.ndarray:
 
 
 def _neighbours(index: int, centres: np.ndarray, forwards: np.ndarray) -> np.ndarray:
-    """Indices of the views whose cameras are nearest, of those that look about the same way."""
+    """Indices of the nearest cameras among those with a similar viewing direction."""
     alike = forwards @ forwards[index] > 0.5
     alike[index] = False
     candidates = np.flatnonzero(alike)
@@ -223,7 +223,7 @@ def _neighbours(index: int, centres: np.ndarray, forwards: np.ndarray) -> np.nda
 
 
 def _expected(view: _Compared, neighbours: Sequence[_Compared]) -> np.ndarray:
-    """(h, w) median residual of the same surface in neighbouring views; infinite where too few of them see it."""
+    """(h, w) median residual of the same surface in neighbouring views; infinite if too few of them see it."""
     shape = view.residuals.shape
     points = view.points.reshape(-1, 3)
     found = np.full((len(neighbours), len(points)), np.nan)
@@ -244,7 +244,7 @@ def _expected(view: _Compared, neighbours: Sequence[_Compared]) -> np.ndarray:
 
 
 def _regions(residuals: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """(h, w) connected regions of likely cells with certain ones in them, and their rims.
+    """(h, w) connected regions of likely cells that contain certain ones, with their rims.
 
     Strips along edges are not regions: they come from poses that are slightly off.
     """

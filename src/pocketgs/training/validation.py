@@ -16,7 +16,7 @@ EVERY, FIRST = 8, 4
 """Every eighth training view, starting with the fifth, is a validation view."""
 
 MIN_VIEWS, MAX_VIEWS = 2, 12
-"""Minimum and maximum number of validation views: fewer are not reliable, more only take time."""
+"""Minimum and maximum number of validation views: fewer are unreliable, more only take time."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Look:
 
     Attributes:
         iteration: steps done.
-        psnr: mean over the validation views, in dB.
+        psnr: mean PSNR over the validation views, in dB.
         gaussians: number of Gaussians.
         seconds: of training until then.
     """
@@ -42,7 +42,7 @@ class Course:
 
     Attributes:
         looks: evaluations on the validation views, in order.
-        decays_from: iteration at which the final decay of the learning rates starts, or None while it is undecided.
+        decays_from: iteration at which the final decay of the learning rates starts, or None if undecided.
     """
 
     looks: tuple[Look, ...] = ()

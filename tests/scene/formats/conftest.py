@@ -1,4 +1,4 @@
-"""Other programs that read and write our formats."""
+"""Other programs that read and write the formats."""
 
 from __future__ import annotations
 

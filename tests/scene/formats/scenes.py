@@ -1,4 +1,4 @@
-"""Scenes to write and read, and how far two of them are apart."""
+"""Random scenes for the tests of formats, and differences between two scenes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 
 
 def random_scene(count: int, degree: int, seed: int = 0, extent: float = 3.0, offset: float = 0.0) -> Gaussians:
-    """Gaussians all over the ranges that every format can hold; centres within `extent` of `offset`."""
+    """Random Gaussians within the ranges of all formats, with centres within `extent` of `offset`."""
     rng = np.random.default_rng(seed)
     return Gaussians(
         offset + rng.uniform(-extent, extent, (count, 3)),
@@ -48,7 +48,7 @@ def scenes(draw: st.DrawFn) -> Gaussians:
 
 
 def turns_between(first: Gaussians, second: Gaussians) -> np.ndarray:
-    """(N,) angles in degrees between the Gaussians' rotations; of length 0 counts as none."""
+    """(N,) angles in degrees between the Gaussians' rotations; quaternions of length 0 count as the identity."""
     one, other = (_unit(scene.quaternions.astype(np.float64)) for scene in (first, second))
     chord = np.minimum(np.linalg.norm(one - other, axis=1), np.linalg.norm(one + other, axis=1))
     return np.degrees(4 * np.arcsin(np.clip(chord / 2, 0, 1)))
@@ -60,7 +60,7 @@ def _unit(quaternions: np.ndarray) -> np.ndarray:
 
 
 def covariances(scene: Gaussians) -> np.ndarray:
-    """(N, 3, 3) of the Gaussians, which is all that shows of their scales and rotations."""
+    """(N, 3, 3) covariances, the visible effect of scales and rotations."""
     axes = rotation_matrices(_unit(scene.quaternions.astype(np.float64))) * np.exp(
         scene.log_scales.astype(np.float64)[:, None]
     )

@@ -1,4 +1,4 @@
-"""`.compressed.ply`: its words bit by bit, earlier writers' files, and broken ones."""
+"""`.compressed.ply`: packed words, files of earlier writers, and broken ones."""
 
 from __future__ import annotations
 

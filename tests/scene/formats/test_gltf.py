@@ -117,7 +117,7 @@ def test_buffer_outside_the_folder(tmp_path: Path, parts: tuple[dict[str, Any], 
 def test_quantised_and_interleaved_numbers(
     tmp_path: Path, parts: tuple[dict[str, Any], bytes], scene: Gaussians
 ) -> None:
-    """Rotations as normalised shorts and opacities as bytes, side by side in records of 12 bytes."""
+    """Rotations as normalised shorts and opacities as bytes, interleaved in records of 12 bytes."""
     document, binary = parts
     unit = scene.quaternions / np.linalg.norm(scene.quaternions, axis=1, keepdims=True) * [1, -1, -1, 1]
     records = np.zeros(5, [("rotation", "<i2", 4), ("opacity", "u1"), ("rest", "u1", 3)])

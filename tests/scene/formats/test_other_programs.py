@@ -39,7 +39,7 @@ def close(found: Gaussians, expected: Gaussians, means: float, log_scales: float
 def test_ours_elsewhere(
     tmp_path: Path, as_read_elsewhere: Callable[[Path], Gaussians], scene: Gaussians, suffix: str
 ) -> None:
-    """splat-transform reads the same from our files as our own readers."""
+    """Splat-transform and our readers read the same scene from our files."""
     path = tmp_path / f"ours{suffix}"
     write_scene(path, scene)
     theirs = as_read_elsewhere(path)
@@ -49,7 +49,7 @@ def test_ours_elsewhere(
 
 @DEGREES
 def test_theirs_in_sog(tmp_path: Path, splat_transform: Callable[..., None], scene: Gaussians) -> None:
-    """We read what splat-transform writes."""
+    """We read the files of splat-transform."""
     write_scene(tmp_path / "ours.ply", scene)
     splat_transform("-g", "cpu", tmp_path / "ours.ply", tmp_path / "theirs.sog")
     splat_transform(tmp_path / "theirs.sog", tmp_path / "again.ply")
@@ -110,7 +110,7 @@ def test_theirs_in_glb(tmp_path: Path, splat_transform: Callable[..., None], sce
 
 @DEGREES
 def test_our_glb_elsewhere(tmp_path: Path, run_node: Callable[..., str], scene: Gaussians) -> None:
-    """Khronos' validator objects to nothing but a name it does not know; glTF-Transform reads the same numbers."""
+    """Khronos' validator only reports an extension it does not know; glTF-Transform reads the same numbers."""
     path = tmp_path / "ours.glb"
     write_scene(path, scene)
     program = """
@@ -149,7 +149,7 @@ def test_reference_implementation_of_spz(
     ours: spz.Version,
     precision: Precision,
 ) -> None:
-    """It reads our file, writes each version that it supports, and reads the same again."""
+    """Adobe's library reads our file, writes each version that it supports, and reads the same numbers again."""
     spz.write_gaussians(tmp_path / "ours.spz", scene, ours, precision)
     program = """
         import { readFileSync, writeFileSync } from "node:fs";
@@ -179,7 +179,7 @@ def test_reference_implementation_of_spz(
 
 @DEGREES
 def test_turned_like_elsewhere(tmp_path: Path, splat_transform: Callable[..., None], scene: Gaussians) -> None:
-    """Their turns are about axes that point left and up: ours about x and y go the other way."""
+    """Splat-transform rotates about axes left, up and forward: rotations about our x and y have the opposite sign."""
     from scipy.spatial.transform import Rotation
 
     scene.save(tmp_path / "ours.ply")

@@ -1,4 +1,4 @@
-"""The .ply of a scene: bit-exact round trips in the reference layout, and broken files of every kind."""
+"""Scenes as `.ply`: bit-exact round trips in the reference layout, and broken files of every kind."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LAYOUT_END = ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot
 
 
 def numbered(count: int, degree: int) -> Gaussians:
-    """A scene in which every number is another."""
+    """A scene with unique numbers."""
     shapes = [(count, 3), (count, 3), (count, 4), (count,), (count, SH_COEFFICIENTS[degree], 3)]
     start, arrays = 1, []
     for shape in shapes:
@@ -45,7 +45,7 @@ def scene_file(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def module_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """For tests that run several examples in one call."""
+    """A folder for tests that run several examples in one call."""
     return tmp_path_factory.mktemp("ply")
 
 
@@ -95,7 +95,7 @@ def test_layout_is_that_of_the_reference(tmp_path: Path, degree: int) -> None:
 
 @pytest.mark.parametrize("byte_order", ["<", ">", "text"])
 def test_other_writers_files_are_read(tmp_path: Path, byte_order: str) -> None:
-    """Other byte orders, text, doubles, more properties, another order of them, more elements, no normals."""
+    """Other byte orders, text, doubles, more or reordered properties, more elements, no normals."""
     scene = numbered(4, 1)
     scene.save(tmp_path / "ours.ply")
     ours = PlyData.read(tmp_path / "ours.ply")["vertex"].data
@@ -130,7 +130,7 @@ def test_file_cut_off_anywhere(scene_file: Path) -> None:
 @given(garbage=st.binary(max_size=300), head=st.integers(0, 700))
 @settings(deadline=None)
 def test_garbage(module_folder: Path, garbage: bytes, head: int) -> None:
-    """Random bytes alone, and behind the beginning of a sound file."""
+    """Random bytes alone, and after the beginning of a valid file."""
     sound, path = module_folder / "sound.ply", module_folder / "garbage.ply"
     numbered(2, 1).save(sound)
     for content in (garbage, sound.read_bytes()[:head] + garbage):
@@ -235,7 +235,7 @@ def test_paths_that_cannot_be_written(scene_file: Path) -> None:
 
 
 def test_disk_that_fills_up(scene_file: Path) -> None:
-    """A limit on the size of files stops the writer half-way, as a full disk does."""
+    """A file size limit stops the writer half-way, like a full disk."""
     pytest.importorskip("resource")
     before = scene_file.read_bytes()
     program = (

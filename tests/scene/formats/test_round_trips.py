@@ -1,4 +1,4 @@
-"""What each format states to keep, it keeps: scenes of all kinds, written and read back."""
+"""Round trips of random scenes through each format stay within its stated rounding errors."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from scene.formats.scenes import load_or_refuse, opacity_error, random_scene, sc
 
 LOSSY = (".compressed.ply", ".spz", ".splat", ".glb", ".pgs", ".sog")
 COLOUR_RANGE = 0.4
-"""Range of colours in .spz beyond 0 to 1."""
+"""Range of colours in .spz beyond 0 and 1."""
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """For tests that run several examples in one call."""
+    """A folder for tests that run several examples in one call."""
     return tmp_path_factory.mktemp("formats")
 
 
@@ -163,7 +163,7 @@ def test_file_cut_off_anywhere(tmp_path: Path, suffix: str, degree: int) -> None
 @given(suffix=st.sampled_from(LOSSY), garbage=st.binary(max_size=300), head=st.integers(0, 900))
 @settings(deadline=None)
 def test_garbage(folder: Path, suffix: str, garbage: bytes, head: int) -> None:
-    """Random bytes alone, and behind the beginning of a sound file."""
+    """Random bytes alone, and after the beginning of a valid file."""
     write_scene(folder / f"sound{suffix}", random_scene(5, 1))
     for content in (garbage, (folder / f"sound{suffix}").read_bytes()[:head] + garbage):
         (folder / f"garbage{suffix}").write_bytes(content)

@@ -1,4 +1,4 @@
-"""PlayCanvas' SOG: what it rounds, and files that are broken in its own ways."""
+"""PlayCanvas' SOG: its rounding, and its kinds of broken files."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def packed(path: Path, parts: dict[str, bytes], method: int = zipfile.ZIP_STORED
 
 
 def changed(path: Path, change: Callable[[dict[str, Any]], object]) -> Path:
-    """A copy whose `meta.json` is changed."""
+    """A copy of a file with changes to `meta.json`."""
     parts = parts_of(path)
     meta = json.loads(parts["meta.json"])
     change(meta)

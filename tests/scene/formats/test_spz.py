@@ -1,4 +1,4 @@
-"""`.spz` byte by byte: files of every version made by hand, and files that state wrong sizes."""
+"""`.spz` byte by byte: hand-made files of every version, and files with wrong sizes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def header(version: int, count: int = 1, degree: int = 0, bits: int = 12, flags:
 
 
 def streams(version: int, degree: int = 0) -> list[bytes]:
-    """One Gaussian at (1, 2, 3) in our axes, turned by 120 degrees about (1, 1, 1), of half opacity."""
+    """Streams of one Gaussian at (1, 2, 3) in our axes, turned by 120 degrees about (1, 1, 1), of opacity 0.5."""
     if version == 1:
         position = struct.pack("<3e", 1, -2, -3)
     else:
@@ -99,7 +99,7 @@ def test_every_version(tmp_path: Path, version: int, degree: int) -> None:
 
 
 def test_harmonics_are_turned_with_the_axes(tmp_path: Path) -> None:
-    """Colours seen from the same side must be the same: the harmonics are evaluated in both axes."""
+    """Colours seen from the same side are equal: the harmonics are evaluated in both axes."""
     from pocketgs.scene.spherical_harmonics import basis
 
     parts = [part for part in streams(4, 3) if part]
@@ -125,7 +125,7 @@ def test_what_is_written(tmp_path: Path, version: spz.Version) -> None:
 
 
 def placed(coordinates: list[float], size: float = 1.0) -> Gaussians:
-    """Discs of a size, and a tenth as thick, at these places along x."""
+    """Discs of a given size, a tenth as thick, at these positions along x."""
     scene = random_scene(len(coordinates), 0)
     scene.means[:] = np.array(coordinates)[:, None] * [1, 0, 0]
     scene.log_scales[:] = np.log([size, size / 10, size])
@@ -141,7 +141,7 @@ def test_fixed_point_uses_its_24_bits(largest: float, bits: int) -> None:
     ("size", "bits"), [(1.0, 2), (1.01, 2), (0.99, 3), (0.26, 4), (4.1, 0), (100.0, 0), (1e-9, 16)]
 )
 def test_steps_that_suit_the_size_of_gaussians(size: float, bits: int) -> None:
-    """At least four steps in the size of nine in ten Gaussians, as far as 24 bits allow it."""
+    """At least four steps in the size of nine in ten Gaussians, if 24 bits suffice."""
     assert fractional_bits_for(placed([-100.0, 100.0], size), SMALL) == bits
 
 
@@ -265,7 +265,7 @@ def test_too_few_streams(tmp_path: Path) -> None:
 
 
 def test_extensions(tmp_path: Path) -> None:
-    """Unknown ones are skipped, our own axes accepted, and others refused."""
+    """Unknown extensions are skipped, our own axes accepted, and others refused."""
     parts = [part for part in streams(4) if part]
     unknown = struct.pack("<II5s", 0x12340001, 5, b"hello")
     same_axes, other_axes = (struct.pack("<III", 0xADBE0003, 4, axes) for axes in (4, 6))

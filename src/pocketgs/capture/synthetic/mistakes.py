@@ -114,7 +114,7 @@ def _displaced(cameras: Sequence[Camera]) -> list[Taken]:
     taken = []
     for number, shot in enumerate(_good(cameras)):
         way = generator.normal(size=3)
-        shift = WRONG_BY * way / np.linalg.norm(way) * (number % 2)
+        shift = WRONG_BY * way / np.linalg.norm(way) * ((number + 1) % 2)
         pose = shot.camera.world_to_camera.copy()
         pose[:3, 3] -= pose[:3, :3] @ shift
         taken.append(replace(shot, believed=replace(shot.camera, world_to_camera=pose)))

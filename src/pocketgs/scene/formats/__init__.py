@@ -36,7 +36,7 @@ class SceneFormat:
     write: Callable[[Path, Gaussians], None]
 
 
-# Numba and Pillow are slow to load: the next four import what needs them.
+# Numba and Pillow are slow to load: the next four functions import them.
 
 
 def _read_pgs(path: Path) -> Gaussians:

@@ -1,4 +1,4 @@
-"""Codebooks: few numbers, or few vectors, that are close to many, by rounds of Lloyd's algorithm."""
+"""Codebooks: few numbers or vectors that approximate many, by Lloyd's algorithm."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import numpy as np
 
 ROUNDS = 4
 PER_ENTRY = 8
-"""Vectors per entry that a codebook is fitted to; more hardly change it."""
+"""Number of vectors per entry that a codebook is fitted to; more hardly change it."""
 
 BLOCK = 1 << 22
-"""Distances in memory at a time."""
+"""Maximum number of distances in memory."""
 
 
 def scalar_codebook(values: np.ndarray, entries: int) -> tuple[np.ndarray, np.ndarray]:
-    """Up to `entries` numbers that are close to all values.
+    """Up to `entries` numbers that approximate all values.
 
     Returns:
         (entries,) ascending float64 numbers, the last repeated if fewer are needed, and each value's index.
@@ -35,7 +35,7 @@ def scalar_codebook(values: np.ndarray, entries: int) -> tuple[np.ndarray, np.nd
 
 
 def vector_codebook(vectors: np.ndarray, entries: int, weights: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Vectors that are close to many, by weighted squared distance.
+    """Vectors that approximate all vectors, by weighted squared distance.
 
     Args:
         vectors: (N, D).

@@ -1,4 +1,4 @@
-"""Reading glTF accessors, with bounds checks."""
+"""Reading of glTF accessors, with bounds checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much Gaussians matter when few vectors must stand for many."""
+"""Importance of Gaussians in vector codebooks."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
 """An adaptive binary range coder for columns of integers.
 
-A number is a sequence of binary decisions, and every decision has a probability that adapts to the decisions before it
-in the same context. Reader and writer adapt alike, so no table is stored. Arithmetic is on integers of at most 32 bits,
-so that `viewer/page/formats/range_decoder.js` decodes the same.
+A number is a sequence of binary decisions; the probability of each adapts to earlier decisions in the same context.
+Reader and writer adapt in the same way, so no table is stored. Arithmetic uses integers of at most 32 bits, so that
+`viewer/page/formats/range_decoder.js` decodes the same numbers.
 
-A number v is coded as the length of |v| in bits (a unary code), the sign, and the bits of |v| after the leading one, of
-which the first three have probabilities.
+A number v is coded as the length of |v| in bits (a unary code), the sign, and the bits of |v| after the leading one;
+the first three of these have probabilities.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from pocketgs.system.compile import kernel, part
 
 SLOTS = 112
-"""Probabilities of a context: 26 of the length, one of the sign, and 7 of the leading bits for each of 12 lengths."""
+"""Probabilities per context: 26 for the length, one for the sign, and 7 for the leading bits of each of 12 lengths."""
 
 LONGEST = 26
 """Bits of the largest number's magnitude."""
@@ -24,16 +24,16 @@ SIGN, BITS = 26, 28
 TREES = 12
 CERTAIN, LEAST = 1 << 16, 32
 SETTLED = 255
-"""Decisions after which a probability adapts no slower."""
+"""Number of decisions after which a probability adapts at a constant rate."""
 
 # A probability moves by 1 / (n + 1.5) of the distance to the n-th decision, in units of 2^-14.
 RATES = np.array([int((1 << 14) / (n + 1.5)) for n in range(SETTLED + 1)], np.int64)
 LOW, RANGE, CACHE, PENDING, CODE, PLACE = range(6)
 ROOM = 512
-"""More bytes than one number can take."""
+"""Upper bound of the bytes of one number."""
 
 ACTIVITIES = 6
-"""A context is divided by how far the two numbers of a prediction are apart."""
+"""Number of classes of the distance between a prediction's two numbers, which divide a context."""
 
 UNPREDICTED = np.full((0, 2), -1)
 
@@ -59,9 +59,9 @@ class RangeEncoder:
 
         Args:
             values: (N,) integers of a magnitude below 2^26.
-            contexts: (N,) indices of models: numbers of one context are expected to be alike.
+            contexts: (N,) indices of models; numbers of one context are expected to be similar.
             models: from `new_models`; they adapt.
-            predictions: (N, 2) indices of earlier rows of which the mean is expected, negative to expect 0.
+            predictions: (N, 2) indices of earlier rows whose mean is the prediction; negative to predict 0.
         """
         values = np.ascontiguousarray(values, np.int64)
         done = 0
@@ -93,7 +93,7 @@ class RangeDecoder:
 
 @part
 def _expected(values: np.ndarray, predictions: np.ndarray, index: int) -> tuple[int, int]:
-    """The prediction of a number, and how far the two that it is made from are apart, as a length in bits."""
+    """The prediction of a number, and the distance between its two numbers, as a length in bits."""
     if len(predictions) == 0 or predictions[index, 0] < 0:
         return 0, 0
     first, second = values[predictions[index, 0]], values[predictions[index, 1]]
@@ -115,7 +115,7 @@ def _adapt(models: np.ndarray, context: int, slot: int, bit: int) -> None:
 
 @part
 def _shift_low(state: np.ndarray, sink: np.ndarray) -> None:
-    """Move the highest byte of the low end to the stream, once no carry can change it any more."""
+    """Move the highest byte of the low end to the stream, once no carry can change it."""
     if state[LOW] < 0xFF000000 or state[LOW] > 0xFFFFFFFF:
         carry = state[LOW] >> 32
         sink[state[PLACE]] = (state[CACHE] + carry) & 0xFF

@@ -32,23 +32,23 @@ from pocketgs.scene.morton import morton_order
 
 META = "meta.json"
 IMAGES = ("WEBP", "PNG")
-"""Pillow's names of what images may be. It knows many more, whose decoders a file from elsewhere must not choose."""
+"""Image formats that may be decoded, by Pillow's names; files from elsewhere must not choose its other decoders."""
 
 ACROSS = 64
 """Palette entries in a row of the image of the palette."""
 
 LARGEST = 252
-"""Alpha of a rotation whose largest component is w; x, y and z follow."""
+"""Alpha of a rotation whose largest component is w; those of x, y and z follow."""
 
 ENTRIES = 256
 """Numbers in a codebook."""
 
 MAX_PALETTE, MAX_WRITTEN = 1 << 16, 1 << 12
-"""Entries of a palette: those that can be read, and those that we write, since more take minutes."""
+"""Maximum palette entries: for reading, and for writing, where more take minutes."""
 
 MAX_PIXELS = 1 << 28
 MAX_TOLD = 200
-"""Characters of an archive's error, which may quote the file."""
+"""Maximum characters of an archive's error, which may quote the file."""
 # Maximum bytes that reading takes per Gaussian and per spherical-harmonics coefficient, as measured.
 READING = (300, 30)
 

@@ -56,7 +56,7 @@ ZSTD_OPTIONS: tuple[dict[int, int], ...] = (
     {zstd.CompressionParameter.compression_level: 19},
     {zstd.CompressionParameter.compression_level: 19, zstd.CompressionParameter.min_match: 5},
 )
-"""The better one is used for each stream: it depends on how often runs of three bytes repeat by chance."""
+"""Settings to try for each stream; which is better depends on how often runs of three bytes repeat by chance."""
 
 
 def write_gaussians(path: Path, gaussians: Gaussians, version: Version = CURRENT, precision: Precision = FINE) -> None:

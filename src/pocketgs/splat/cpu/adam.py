@@ -1,4 +1,4 @@
-"""Adam over all parameters in one pass, each group in its own space and with its own rate."""
+"""Adam over all parameters in one pass, each group in its own space and at its own rate."""
 
 from __future__ import annotations
 
@@ -64,14 +64,14 @@ def adam(
         gradients: (N, C) float32.
         first_moments: (N, C) float32, updated.
         second_moments: (N, C) float32, updated.
-        rates: (C,) float32 by column; where they are fewer, the parameters and moments of the last columns stay.
+        rates: (C,) float32 by column; if shorter, the parameters and moments of the last columns stay unchanged.
         decay1: β₁.
         decay2: β₂.
         epsilon: ε.
         steps: number of steps including this one.
-        seen_only: leave Gaussians alone whose gradient is zero, their moments too.
-        clusters: (M,) int32, which clusters to update; the others are left alone.
-        threads: number of threads that share the work.
+        seen_only: skip Gaussians whose gradient is zero, including their moments.
+        clusters: (M,) int32 clusters to update; the others stay unchanged.
+        threads: number of threads.
     """
     columns = len(rates)
     keep1, take1 = np.float32(decay1), np.float32(1.0 - decay1)
@@ -109,7 +109,7 @@ def adam(
 def update(
     store: ParameterStore, rates: np.ndarray, settings: AdamSettings, steps: int, clusters: np.ndarray, threads: int
 ) -> None:
-    """Move a store's parameters against the gradients that stand in it; see `adam`."""
+    """Update a store's parameters from its gradients; see `adam`."""
     scene = store.scene
     adam(
         scene.means,
@@ -142,7 +142,7 @@ def regularise(
     """Add the gradient of λ_s mean ‖log s‖² + λ_α mean α + λ_r mean Σ s to `gradients`; return the value."""
     count = len(log_scales)
     scales = slice(GRADIENT_LOG_SCALE, GRADIENT_LOG_SCALE + 3)
-    # What has diverged may overflow: it is not drawn, and must not be complained about at every step.
+    # Diverged Gaussians may overflow: they are not drawn, and must not cause a warning at every step.
     with np.errstate(over="ignore", invalid="ignore"):
         opacities = 1.0 / (1.0 + np.exp(-opacity_logits))
         gradients[:, scales] += 2.0 * scale_weight / count * log_scales

@@ -1,7 +1,7 @@
-"""Bin splats into tiles, each tile's list in order of depth.
+"""Bin splats into tiles, with each tile's list ordered by depth.
 
-A tile is a strip of TILE_WIDTH x TILE_HEIGHT pixels. A splat enters only the tiles where its ellipse of α = 1/255
-reaches a row of pixel centres, and its intersection says which rows, so that rasterizing visits few pixels in vain.
+A tile is a strip of TILE_WIDTH x TILE_HEIGHT pixels. A splat intersects only the tiles where its ellipse of α = 1/255
+reaches a row of pixel centres. The intersection stores these rows, so that rasterization visits few pixels in vain.
 """
 
 from __future__ import annotations
@@ -36,24 +36,23 @@ from pocketgs.system.compile import inlined, kernel, parallel_kernel, part
 from pocketgs.system.dealing import first_piece, take
 
 SHARES_PER_THREAD = 4
-"""Shares of the splats are dealt out to threads; each takes a row of counts, of which there is one for every tile."""
+"""Number of shares of the splats, dealt out to threads; each has a row of counts per tile."""
 
 AHEAD = 12
-"""Splats are asked of memory so many before they are needed."""
+"""Number of splats to prefetch ahead."""
 
 _LISTED_TILE, _LISTED_SPLAT, _LISTED_ROWS = range(3)
 
 
 class TileLists(NamedTuple):
-    """Which splats each tile draws.
+    """The splats that each tile draws.
 
     Attributes:
         intersections: (E, INTERSECTION_FIELDS) int32, tile after tile, nearest splat first.
-        ranges: (tiles + 1,) int32, where each tile's intersections begin.
-        slots: (N, 2) int32, of visible Gaussians only: SLOTS_FIRST and SLOTS_COUNT of the slots of their
-            intersections. A slot is a row for an intersection's gradients that nobody else writes to. Slots follow the
-            order of the Gaussians in memory, not that of their depths, so that gradients are gathered from memory that
-            is read in one go.
+        ranges: (tiles + 1,) int32, start of each tile's intersections.
+        slots: (N, 2) int32, valid for visible Gaussians: SLOTS_FIRST and SLOTS_COUNT of their intersections' slots. A
+            slot is the intersection's own row for gradients. Slots are in memory order of the Gaussians, not in depth
+            order, so that gradients are gathered from contiguous memory.
     """
 
     intersections: np.ndarray
@@ -62,7 +61,7 @@ class TileLists(NamedTuple):
 
 
 class Ellipse(NamedTuple):
-    """The ellipse A dx² + B dx dy + C dy² + reach = 0 with A, C < 0, ready to be cut by vertical strips.
+    """The ellipse A dx² + B dx dy + C dy² + reach = 0 with A, C < 0, prepared for intersection with vertical strips.
 
     At a given dx its rows are dy = slope·dx ± √(offset - curvature·dx²).
     """
@@ -109,7 +108,8 @@ def columns_reached(ellipse: Ellipse, width: int) -> tuple[int, int]:
 def rows_reached(ellipse: Ellipse, column: int, width: int, height: int) -> tuple[int, int]:
     """First and one past the last row of pixels that the ellipse reaches within a column of tiles.
 
-    The extremes lie at the ellipse's own top and bottom if the column holds them, else at the column's nearer edge.
+    The extremes are the ellipse's own top and bottom if the column contains them, otherwise at the column's nearer
+    edge.
     """
     left = column * TILE_WIDTH + 0.5 - ellipse.mean_x
     right = min((column + 1) * TILE_WIDTH, width) - 0.5 - ellipse.mean_x
@@ -136,7 +136,7 @@ def _list_range(
 ) -> int:
     """List the intersections of the splats from `first_rank` up to `end_rank`, and count them by tile.
 
-    Writes no further than `listed` has room, but returns how many intersections there are.
+    Writes only as much as fits into `listed`, but returns the total number of intersections.
     """
     down = tiles_down(height)
     found = 0
@@ -174,7 +174,7 @@ def _list_intersections(
     listed: np.ndarray,
     found: np.ndarray,
 ) -> None:
-    """Each share lists the intersections of its run of `order`."""
+    """List the intersections of each share of `order`."""
     shares = len(counts)
     counter = first_piece()
     for _ in prange(threads):
@@ -189,7 +189,7 @@ def _list_intersections(
 
 @kernel
 def _place(counts: np.ndarray, ranges: np.ndarray) -> None:
-    """Turn counts by share and tile into the places where each share's part of each tile's list begins."""
+    """Convert counts by share and tile to the start of each share's part of each tile's list."""
     place = 0
     for tile in range(counts.shape[1]):
         ranges[tile] = place
@@ -202,7 +202,7 @@ def _place(counts: np.ndarray, ranges: np.ndarray) -> None:
 
 @kernel
 def _number_slots(visible: np.ndarray, slots: np.ndarray) -> None:
-    """Give every Gaussian's slots their place after those of the Gaussians before it."""
+    """Number the Gaussians' slots consecutively."""
     place = 0
     for i in visible:
         slots[i, SLOTS_FIRST] = place
@@ -240,11 +240,11 @@ def _distribute(
 
 
 class Binner:
-    """Makes tiles' lists, and keeps the working memory from one image to the next.
+    """Makes tile lists, and keeps working memory between images.
 
     Args:
-        threads: number of threads that share the work. The lists do not depend on it: each share is a run of the splats
-            in order of depth, and a tile takes the shares' parts in turn.
+        threads: number of threads. The lists do not depend on it: each share is a run of the splats in depth order, and
+            a tile's list concatenates the parts of the shares.
     """
 
     def __init__(self, threads: int) -> None:
@@ -259,13 +259,13 @@ class Binner:
         return self._listed.nbytes + self._intersections.nbytes + self._slots.nbytes
 
     def bin(self, splats: np.ndarray, visible: np.ndarray, order: np.ndarray, view: View) -> TileLists:
-        """Make the tiles' lists of one image.
+        """Make the tile lists of one image.
 
         Args:
             splats: (N, SPLAT_FIELDS) from `project`.
-            visible: (V,) int32 visible splats, in the order of memory.
+            visible: (V,) int32 visible splats, in memory order.
             order: (V,) int32 visible splats, nearest first.
-            view: gives the image's size.
+            view: the camera.
         """
         shares = len(self._listed)
         if len(self._slots) < len(splats):
@@ -279,7 +279,7 @@ class Binner:
             _list_intersections(splats, order, *size, slots, counts, self._listed, found)
         ranges = np.empty(view.tiles + 1, np.int32)
         _place(counts, ranges)
-        # Fresh memory costs a page fault every 4 KB, so the intersections' is kept too.
+        # Kept as well: fresh memory costs a page fault every 4 KB.
         if len(self._intersections) < ranges[-1]:
             self._intersections = np.empty((ranges[-1] * 5 // 4, INTERSECTION_FIELDS), np.int32)
         intersections = self._intersections[: ranges[-1]]

@@ -1,7 +1,7 @@
-"""Clusters: runs of Gaussians in the order of memory, skipped whole where the view does not see their bounds.
+"""Clusters: runs of Gaussians in memory, skipped as a whole if their bounds are outside the view.
 
-Whoever gives an engine Gaussians that lie near each other in space near each other in memory (`morton_order`) has most
-clusters outside a view that sees a part of the scene. In any other order nothing is wrong, only slower.
+If Gaussians that are neighbours in space are neighbours in memory (`morton_order`), most clusters are outside a view of
+a part of the scene. Any other order gives the same results, more slowly.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pocketgs.system.dealing import first_piece, take
 
 _LOW, _HIGH, _LOG_SCALE = 0, 3, 6
 BOUNDS = 7
-"""A cluster's bounds: least and largest coordinates of its means, and its largest log scale."""
+"""A cluster's bounds: minimum and maximum of its means, and its largest log scale."""
 
 
 class Clusters:
@@ -42,32 +42,32 @@ class Clusters:
         return self._bounds.nbytes
 
     def have_moved(self, clusters: np.ndarray) -> None:
-        """Say that Gaussians of these clusters, and of no others, have moved or changed size since the last view."""
+        """Mark clusters whose Gaussians have changed since the last view; all others must be unchanged."""
         self._moved = clusters
 
     def in_view(self, scene: Gaussians, view: View, lens: KernelLens, near: float, threads: int) -> np.ndarray:
-        """(M,) int32, ascending: all clusters of which the view may show something."""
+        """(M,) int32 ascending indices of the clusters that may be visible."""
         fit(scene.means, scene.log_scales, self._moved, threads, self._bounds)
         self._moved = self.all[:0]
         return np.flatnonzero(~outside(self._bounds, view, lens, near)).astype(np.int32)
 
 
 def outside(bounds: np.ndarray, view: View, lens: KernelLens, near: float) -> np.ndarray:
-    """(M,) bool: clusters of which no Gaussian can be drawn.
+    """(M,) bool: clusters without visible Gaussians.
 
-    With r the reach and σ the largest standard deviation, a Gaussian at camera-space (x, y, z) reaches to the right at
-    most to f x/z + c + r (f/z √(1 + s²) σ + √0.3), s being the largest slope that its Jacobian is evaluated at. If that
-    is left of the first pixel's centre, all of it times z is a linear function of the mean that is below 0; over a box
-    it is largest at a corner. That is of a pinhole; see `lenses/clusters.py` for others.
+    With r the reach and σ the largest standard deviation, a Gaussian at camera-space (x, y, z) extends to the right at
+    most to f x/z + c + r (f/z √(1 + s²) σ + √0.3), where s is the largest slope at which its Jacobian is evaluated. If
+    that is left of the first pixel's centre, its product with z is a linear function of the mean that is below 0; over
+    a box it is largest at a corner. This holds for pinhole cameras; see `lenses/clusters.py` for others.
 
     Args:
         bounds: (M, BOUNDS).
         view: the camera.
-        lens: what it is seen through.
-        near: least depth of what is drawn.
+        lens: of the camera.
+        near: minimum depth of drawn Gaussians.
     """
     low, high = bounds[:, _LOW:_HIGH].astype(np.float64), bounds[:, _HIGH:_LOG_SCALE].astype(np.float64)
-    # What is not finite is never outside: comparisons with it are false.
+    # Non-finite bounds are never outside: comparisons with NaN are false.
     with np.errstate(all="ignore"):
         centres = 0.5 * (low + high) - view.centre
         halves = 0.5 * (high - low)
@@ -96,13 +96,13 @@ def outside(bounds: np.ndarray, view: View, lens: KernelLens, near: float) -> np
 
 @parallel_kernel
 def fit(means: np.ndarray, log_scales: np.ndarray, clusters: np.ndarray, threads: int, bounds: np.ndarray) -> None:
-    """Bound some clusters. Numbers that are no numbers do not count: nothing of such a Gaussian is drawn.
+    """Compute the bounds of some clusters. Gaussians with NaN or infinity are ignored: they are not drawn.
 
     Args:
         means: (N, 3) float32.
         log_scales: (N, 3) float32.
-        clusters: (M,) int32, which.
-        threads: number of threads that share the work.
+        clusters: (M,) int32 indices.
+        threads: number of threads.
         bounds: (clusters, BOUNDS) float32, written.
     """
     counter = first_piece()

@@ -1,6 +1,6 @@
-"""What a photograph's colour transform makes of the rendered image, and the way back; see `splat/reference/colours.py`.
+"""Colour transforms of the rendered image, and their gradients; see `splat/reference/colours.py`.
 
-Learning a transform moves twelve numbers: the reference's NumPy does it.
+The update of a transform's twelve numbers uses the reference's NumPy code.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def transform(image: np.ndarray, matrix: np.ndarray, threads: int, out: np.ndarr
     Args:
         image: (3, H, W) float32.
         matrix: (3, 4) float32 [A | b].
-        threads: number of threads that share the work.
+        threads: number of threads.
         out: (3, H, W) float32, written.
     """
     counter = first_piece()
@@ -38,13 +38,14 @@ def transform(image: np.ndarray, matrix: np.ndarray, threads: int, out: np.ndarr
 def transform_backward(
     image: np.ndarray, matrix: np.ndarray, threads: int, gradient: np.ndarray, row_sums: np.ndarray
 ) -> None:
-    """From the gradient with respect to transformed colours to that with respect to the image and the transform.
+    """Gradients with respect to the image and the transform, from that with respect to the transformed colours.
 
     Args:
         image: (3, H, W) float32.
         matrix: (3, 4) float32 [A | b].
-        threads: number of threads that share the work.
-        gradient: (3, H, W) float32, with respect to what `transform` wrote; afterwards with respect to `image`.
+        threads: number of threads.
+        gradient: (3, H, W) float32, with respect to the output of `transform`; overwritten by that with respect to
+            `image`.
         row_sums: (H, 3, 4) float32, written: parts of the gradient with respect to `matrix`, to be summed.
     """
     counter = first_piece()

@@ -1,4 +1,4 @@
-"""Compositing rules. A rule is one object, and tiles do not depend on which."""
+"""Compositing rules of the CPU engine."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Compositor:
         order: a kernel with the arguments of `sort_by_depth`.
         forward: a kernel with the arguments of `rasterize`.
         replay: a kernel with the arguments of `rasterize_backward`.
-        inspect: a kernel with the arguments of `inspect`, or None for a rule in which no splat hides another.
+        inspect: a kernel with the arguments of `inspect`, or None for a rule without occlusion.
     """
 
     name: str

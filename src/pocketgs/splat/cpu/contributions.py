@@ -1,4 +1,4 @@
-"""What every Gaussian adds to an image, and which one the median of a pixel's opacity falls on."""
+"""Contributions of each Gaussian to an image, and the median depth."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _inspect(
     median: np.ndarray,
     intersection: np.ndarray,
 ) -> None:
-    """Draw one splat in one tile without its colour, and write its contributions there."""
+    """Process one splat in one tile without its colour, and write its contributions there."""
     dx = column_offsets(splat, left)
     terms = exponent_terms(splat, dx)
     zero, one = broadcast(ZERO), broadcast(ONE)
@@ -88,13 +88,13 @@ def inspect(
     by_intersection: np.ndarray,
     median_image: np.ndarray,
 ) -> None:
-    """Go through every tile as `rasterize` does.
+    """Compute contributions and median depth of all tiles, in the order of `rasterize`.
 
     Args:
         splats: (N, FIRST_CHANNEL + C) from `project`.
-        intersections: (E, INTERSECTION_FIELDS) int32, the tiles' lists; see `TileLists`.
-        ranges: (tiles + 1,) int32, where each tile's intersections begin.
-        drawn_ends: (tiles,) int32 that `rasterize` wrote.
+        intersections: (E, INTERSECTION_FIELDS) int32, the tile lists; see `TileLists`.
+        ranges: (tiles + 1,) int32, start of each tile's intersections.
+        drawn_ends: (tiles,) int32 from `rasterize`.
         width: of the image.
         threads: number of threads that share the work.
         by_intersection: (E, 3) float32, all 0; written at each intersection's slot.
@@ -123,7 +123,7 @@ def inspect(
 def gather_contributions(
     visible: np.ndarray, slots: np.ndarray, by_intersection: np.ndarray, by_splat: np.ndarray
 ) -> None:
-    """Bring the intersections' contributions together, in the order of their slots.
+    """Reduce the contributions of each Gaussian's intersections, in the order of their slots.
 
     Args:
         visible: (V,) int32 indices of the Gaussians that are drawn.

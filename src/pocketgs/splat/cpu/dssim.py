@@ -22,7 +22,7 @@ _WEIGHTS = ssim_window().astype(np.float32)
 _C1, _C2 = np.float32(SSIM_C1), np.float32(SSIM_C2)
 _ZERO, _TWO = np.float32(0.0), np.float32(2.0)
 
-# The windowed means of the first pass and the derivatives of the second, as rows of the ring buffers.
+# Rows of the ring buffers: the windowed means of the first pass, and the derivatives of the second.
 _MEAN_X, _MEAN_Y, _SQUARES, _PRODUCT = range(4)
 _D_MEAN, _D_SQUARES, _D_PRODUCT = range(3)
 
@@ -175,7 +175,7 @@ def _dssim_band(
                 _gradient_row(spread, window_row, x, y, weights, stride, out)
                 for column in range(width):
                     gradient[window_row, column] -= scale * out[column]
-    # No windows begin in the last rows, nor before the first: zeros stand for these.
+    # No windows begin in the last rows, nor before the first: use zeros.
     for row in range(max(first, windows_down), end):
         start = row % WINDOW * 3 * stride
         spread[start : start + 3 * stride] = _ZERO

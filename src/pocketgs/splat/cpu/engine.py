@@ -1,4 +1,4 @@
-"""The CPU engine: owns the scene's arrays and calls the kernels of a step in their order."""
+"""The CPU engine: owns the scene's arrays and calls the kernels of a step in order."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ from pocketgs.splat.timing import NoTimer, PassTimer
 from pocketgs.system.cores import kernel_threads
 
 _NO_PLANE, _NO_CENTRES, _NO_CHANNELS = (np.empty(shape, np.float32) for shape in ((0, 0), (0, 4), (0, 3)))
-"""What a step does not ask of the kernels."""
+"""Empty arrays for unused optional arguments of kernels."""
 
 
 @dataclass(frozen=True)
 class Raster:
-    """The forward pass's results that the backward pass needs; the next forward pass writes over them."""
+    """Results of the forward pass for the backward pass; overwritten by the next forward pass."""
 
     clusters: np.ndarray
     visible: np.ndarray
@@ -59,10 +59,10 @@ class CpuEngine:
 
     Args:
         threads: number of threads, or None for one per core that this process may use.
-        compositor: how splats come together.
+        compositor: the compositing rule.
 
     Attributes:
-        timer: give it a `PassTimer` to time the passes of steps.
+        timer: set it to a `PassTimer` to time the passes of steps.
     """
 
     name = "cpu"
@@ -79,9 +79,9 @@ class CpuEngine:
         self._photographs = Photographs([], self.threads)
 
     def prepare(self) -> None:
-        """Compile the kernels, or load what an earlier process compiled, by training a throw-away scene.
+        """Compile the kernels, or load them from the cache, by training a dummy scene.
 
-        Those of views through lenses wait for `set_views`, which knows which lenses there are.
+        Kernels of lenses are compiled in `set_views`, when the lenses are known.
         """
         self._prepare_for(PINHOLE)
 
@@ -94,13 +94,13 @@ class CpuEngine:
         rates = LearningRates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         settings = StepSettings(rates, statistics=True, noise=PositionNoise(0.0, 0), colours=ColourSettings(0.0))
         engine = CpuEngine(self.threads)
-        engine._take_views([Frame("", camera, np.zeros((16, 16, 3), np.uint8))])
+        engine._set_views([Frame("", camera, np.zeros((16, 16, 3), np.uint8))])
         engine.upload(scene)
         engine.step(0, settings)
 
     def set_views(self, frames: Sequence[Frame]) -> None:
-        """Take the photographs that `step` refers to by index."""
-        self._take_views(frames)
+        """Set the photographs that `step` indexes."""
+        self._set_views(frames)
         kinds = {
             type(view.lens): frame.camera.lens for view, frame in zip(self._photographs.views, frames, strict=True)
         }
@@ -112,11 +112,11 @@ class CpuEngine:
         """Replace the photographs' masks."""
         self._photographs.set_masks(masks)
 
-    def _take_views(self, frames: Sequence[Frame]) -> None:
+    def _set_views(self, frames: Sequence[Frame]) -> None:
         self._photographs = Photographs(frames, self.threads)
 
     def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
-        """Take a copy of the scene, and of the optimiser's state or start it anew."""
+        """Copy the scene, and the optimiser's state; without one, the optimiser is reset."""
         gaussians = checked_scene(gaussians)
         if state is not None:
             check_state(gaussians, state)
@@ -124,17 +124,17 @@ class CpuEngine:
         self._store = ParameterStore(gaussians, state)
         self._near = near_plane(gaussians.means) if state is None or state.near is None else state.near
         self._steps = 0 if state is None else state.steps
-        self._take_rows()
+        self._allocate_rows()
 
-    def _take_rows(self) -> None:
-        """Make what a step writes by Gaussian, for as many as there are now."""
+    def _allocate_rows(self) -> None:
+        """Allocate a step's outputs per Gaussian for the current number of Gaussians."""
         count = self._store.count
         self._scene = self._store.scene
         self.restart_statistics()
         self._splats = np.zeros((count, SPLAT_FIELDS), np.float32)
         self._depth_keys = np.zeros(count, np.uint32)
         self._clusters = Clusters(count)
-        # Clusters whose rows of gradients are not 0; a change of rows leaves anything there.
+        # Clusters with non-zero gradients; after a change of rows, gradients are undefined.
         self._written = self._clusters.all
         self._visible, self._order, self._order_scratch = np.zeros((3, count), np.int32)
 
@@ -146,10 +146,10 @@ class CpuEngine:
     def change_rows(self, change: RowChange) -> None:
         """Select, duplicate and set Gaussians."""
         self._store.change_rows(change)
-        self._take_rows()
+        self._allocate_rows()
 
     def statistics(self) -> Statistics:
-        """What steps have summed up."""
+        """Sums over steps so far."""
         found = Statistics.none_yet(self.count)
         if len(self._statistics):
             columns = (SCREEN_GRADIENT, SEEN, RADIUS, ABSOLUTE_GRADIENT)
@@ -158,7 +158,7 @@ class CpuEngine:
         return replace(found, errors=self._errors.copy()) if len(self._errors) else found
 
     def restart_statistics(self, start: Statistics | None = None) -> None:
-        """Sum up from zero, or from sums that were taken before."""
+        """Restart the statistics at zero, or from earlier sums."""
         self._statistics = np.zeros((0 if start is None else self.count, STATISTICS), np.float32)
         if start is not None:
             self._statistics[:, SCREEN_GRADIENT] = start.screen_gradients
@@ -189,7 +189,7 @@ class CpuEngine:
     def render(
         self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False
     ) -> Rendering:
-        """Render the scene as it stands."""
+        """Render the current scene."""
         numba.set_num_threads(self.threads)
         view = View.of(camera)
         raster = self._forward(view, kernel_lens(camera), np.array(checked_background(background), np.float32))
@@ -197,24 +197,24 @@ class CpuEngine:
         alpha = 1.0 - raster.canvas.transmittance
         expected_depth = None
         if depth:
-            # Depth composites as a colour does.
+            # Depth is composited like a colour.
             self._splats[:, RED : BLUE + 1] = self._splats[:, DEPTH : DEPTH + 1]
             total = self._rasterize(view, raster.lists, np.zeros(3, np.float32)).image[0]
             expected_depth = np.divide(total, alpha, out=np.zeros_like(alpha), where=alpha > 0.0)
         return Rendering(image, alpha, expected_depth)
 
     def download(self) -> Gaussians:
-        """A copy of the scene as it stands."""
+        """Copy the current scene."""
         return Gaussians(*(getattr(self._scene, name).copy() for name in PARAMETERS))
 
     def optimiser_state(self) -> OptimiserState:
-        """A copy of the optimiser's state."""
+        """Copy the optimiser's state."""
         store = self._store
         colours = self._photographs.colours
         return OptimiserState(store.first_moments.copy(), store.second_moments.copy(), self._steps, self._near, colours)
 
     def memory(self) -> dict[str, int]:
-        """Bytes that the engine holds, by the name of what they are for."""
+        """Bytes that the engine holds, by purpose."""
         return {
             "photographs": self._photographs.nbytes,
             **self._store.nbytes(),
@@ -226,7 +226,7 @@ class CpuEngine:
         }
 
     def memory_needed(self, gaussians: int, coefficients: int, photographs: Sequence[tuple[int, int]]) -> MemoryNeed:
-        """What training would take."""
+        """Estimate the memory needed for training."""
         return MemoryNeed(training_bytes(gaussians, coefficients, photographs))
 
     def _forward(self, view: View, lens: KernelLens, background: np.ndarray) -> Raster:
@@ -278,7 +278,7 @@ class CpuEngine:
         return canvas
 
     def _backward(self, view: TrainingView, raster: Raster, settings: StepSettings) -> None:
-        """Rasterize backward → project backward: fills in the gradients."""
+        """Rasterize backward → project backward: writes the gradients."""
         scene, lists = self._scene, raster.lists
         self._replay(raster, settings.statistics and settings.absolute)
         gradients = self._store.gradients
@@ -305,7 +305,7 @@ class CpuEngine:
         )
 
     def _add_errors(self, view: int, raster: Raster, settings: StepSettings) -> None:
-        """Sum up what of the view's error each Gaussian takes part in."""
+        """Add each Gaussian's contribution to the view's error."""
         if len(self._errors) == 0:
             self._errors = np.zeros(self.count, np.float32)
         self._photographs.write_error(view, raster.canvas, settings)
@@ -315,7 +315,7 @@ class CpuEngine:
         )
 
     def _replay(self, raster: Raster, absolute: bool = False) -> None:
-        """Rasterize backward, from the gradient that stands on the canvas."""
+        """Rasterize backward, from the canvas's gradient."""
         lists = raster.lists
         size = len(lists.intersections) * LANES
         if len(self._intersection_sums) < size:
@@ -337,7 +337,7 @@ class CpuEngine:
         )
 
     def _update(self, settings: StepSettings, in_view: np.ndarray) -> float:
-        """Regularise → adam; returns the regularisers' value."""
+        """Regularise → Adam; returns the regularisers' value."""
         scene, store, weights = self._scene, self._store, settings.loss
         self.timer.begins("Adam")
         value = 0.0
@@ -359,13 +359,13 @@ class CpuEngine:
         self._steps += 1
         update(store, layout.rates_by_column(settings.rates), settings.adam, self._steps, moving, self.threads)
         if settings.noise is not None:
-            self._shake(settings.noise)
+            self._add_noise(settings.noise)
             moving = self._clusters.all
         self._clusters.have_moved(moving)
         self.timer.ends()
         return value
 
-    def _shake(self, noise: PositionNoise) -> None:
+    def _add_noise(self, noise: PositionNoise) -> None:
         scene = self._scene
         add_noise(
             scene.means,

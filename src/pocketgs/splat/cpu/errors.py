@@ -1,6 +1,6 @@
 """Each Gaussian's contribution to a view's error: Σ over pixels of α T |rendered - photograph|.
 
-The backward pass sums α T times the gradient of a pixel's colour; this passes the error instead of that gradient.
+The backward pass sums α T times the gradient of a pixel's colour; here the error replaces that gradient.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def write_error(image: np.ndarray, photo: np.ndarray, mask: np.ndarray, d_image:
     Args:
         image: (3, H, W) float32.
         photo: (3, H, W) uint8.
-        mask: (H, W) bool, or (0, 0) for none; outside it there is no error.
+        mask: (H, W) bool, or (0, 0) for none; the error is 0 outside it.
         d_image: (3, H, W) float32, written.
     """
     d_image[1:] = 0.0
@@ -30,7 +30,7 @@ def write_error(image: np.ndarray, photo: np.ndarray, mask: np.ndarray, d_image:
 
 
 def error_sums(visible: np.ndarray, lists: TileLists, intersection_sums: np.ndarray) -> np.ndarray:
-    """(V,) float64: the sum of each of the (V,) visible Gaussians, from what `rasterize_backward` wrote."""
+    """(V,) float64: the sum of each of the (V,) visible Gaussians, from the output of `rasterize_backward`."""
     by_slot = intersection_sums[: len(lists.intersections) * LANES].reshape(-1, LANES)[:, SUM_RED]
     up_to = np.zeros(len(by_slot) + 1)
     np.cumsum(by_slot, dtype=np.float64, out=up_to[1:])

@@ -22,7 +22,7 @@ def read_row(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray, row: int
 
 @part
 def row_sum(row: np.ndarray) -> float:
-    """Sum of a row of complete vectors, lane by lane first."""
+    """Sum of a row that consists of whole vectors, lane by lane first."""
     total = broadcast(np.float32(0.0))
     for column in range(0, len(row), LANES):
         total = total + load(row, column)

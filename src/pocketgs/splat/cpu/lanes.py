@@ -1,4 +1,4 @@
-"""A vector of LANES float32 as a Numba type, so that kernels say what runs in parallel instead of hoping for it.
+"""A vector of LANES float32 as a Numba type, so that kernels are explicitly vectorised.
 
 LLVM legalises the vector for any processor (two or four NEON or SSE registers, one or two AVX registers). Arithmetic
 operators work lane by lane and accept a number on either side; a comparison gives a mask for `select`.
@@ -21,10 +21,10 @@ LANES = 16
 _FLOATS = ir.VectorType(ir.FloatType(), LANES)
 _INTEGERS = ir.VectorType(ir.IntType(32), LANES)
 _BITS = ir.VectorType(ir.IntType(1), LANES)
-# Lets LLVM fuse a·b + c into one instruction, and nothing else: sums keep the order they are written in.
+# Allows LLVM to fuse a·b + c into one instruction, but not to reorder sums.
 _FLAGS = ("contract",)
 
-# Type hints of a vector and of what comparing two gives: mypy cannot know Numba's types.
+# Type hints of vectors and of masks: mypy cannot know Numba's types.
 Floats = Any
 Mask = Any
 
@@ -62,7 +62,7 @@ def _vector_pointer(context: Any, builder: Any, array_type: Any, array: Any, ind
 
 @intrinsic
 def load(typing_context: Any, array: Any, index: Any) -> Any:
-    """LANES consecutive elements of a contiguous 1-D float32 array, from `index` on. Bounds are the caller's."""
+    """LANES consecutive elements of a contiguous 1-D float32 array, from `index` on, unchecked."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.load(_vector_pointer(context, builder, signature.args[0], *arguments), align=4)
@@ -72,7 +72,7 @@ def load(typing_context: Any, array: Any, index: Any) -> Any:
 
 @intrinsic
 def store(typing_context: Any, array: Any, index: Any, vector: Any) -> Any:
-    """Write a vector to LANES consecutive elements of a contiguous 1-D float32 array. Bounds are the caller's."""
+    """Write a vector to LANES consecutive elements of a contiguous 1-D float32 array, unchecked."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         pointer = _vector_pointer(context, builder, signature.args[0], arguments[0], arguments[1])
@@ -84,7 +84,7 @@ def store(typing_context: Any, array: Any, index: Any, vector: Any) -> Any:
 
 @intrinsic
 def prefetch(typing_context: Any, rows: Any, index: Any) -> Any:
-    """Ask for a row of a contiguous 2-D array before it is needed: rows met in random order come late otherwise."""
+    """Prefetch a row of a contiguous 2-D array; the processor does not foresee rows in random order."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array = cgutils.create_struct_proxy(signature.args[0])(context, builder, arguments[0])
@@ -102,7 +102,7 @@ def prefetch(typing_context: Any, rows: Any, index: Any) -> Any:
 
 @intrinsic
 def broadcast(typing_context: Any, value: Any) -> Any:
-    """A vector whose lanes all hold the float32 `value`."""
+    """A vector with the float32 `value` in all lanes."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         undefined = ir.Constant(_FLOATS, ir.Undefined)
@@ -113,7 +113,7 @@ def broadcast(typing_context: Any, value: Any) -> Any:
 
 
 def constant(values: Sequence[float] | np.ndarray) -> Callable[[], Floats]:
-    """A function for kernels that takes nothing and gives the vector of these LANES numbers."""
+    """A function for kernels, without arguments, that returns the vector of these LANES numbers."""
     numbers = [float(value) for value in np.asarray(values, dtype=np.float32)]
 
     @intrinsic
@@ -124,7 +124,7 @@ def constant(values: Sequence[float] | np.ndarray) -> Callable[[], Floats]:
 
 
 def _lane_by_lane(emit: Callable[[Any, Any, Any], Any], result: types.Type) -> Any:
-    """An intrinsic of two vectors whose instruction `emit(builder, left, right)` writes."""
+    """An intrinsic of two vectors; `emit(builder, left, right)` writes its instruction."""
 
     @intrinsic
     def function(typing_context: Any, left: Any, right: Any) -> Any:
@@ -172,7 +172,7 @@ def _and(left, right):
 
 @intrinsic
 def select(typing_context: Any, mask: Any, where_true: Any, where_false: Any) -> Any:
-    """Lane by lane, `where_true` where the mask holds, else `where_false`."""
+    """Lane by lane, `where_true` where the mask is true, otherwise `where_false`."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.select(*arguments)
@@ -182,7 +182,7 @@ def select(typing_context: Any, mask: Any, where_true: Any, where_false: Any) ->
 
 @intrinsic
 def any_lane(typing_context: Any, mask: Any) -> Any:
-    """Whether the mask holds in any lane."""
+    """Whether the mask is true in any lane."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         bits = builder.bitcast(arguments[0], ir.IntType(LANES))
@@ -193,9 +193,9 @@ def any_lane(typing_context: Any, mask: Any) -> Any:
 
 @intrinsic
 def sums(typing_context: Any, vectors: Any) -> Any:
-    """From a tuple of at most LANES vectors, the vector whose lane i is the sum of vector i's lanes; the rest 0.
+    """Vector whose lane i is the sum of vector i's lanes, from a tuple of at most LANES vectors; other lanes are 0.
 
-    Adding neighbours of two vectors into one, level by level, takes fewer instructions than summing each.
+    Pairwise horizontal additions, level by level, take fewer instructions than separate sums.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -218,7 +218,7 @@ def sums(typing_context: Any, vectors: Any) -> Any:
 
 @intrinsic
 def truncate(typing_context: Any, vector: Any) -> Any:
-    """Each lane without its fraction, as a float."""
+    """Each lane rounded towards zero, as a float."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.sitofp(builder.fptosi(arguments[0], _INTEGERS), _FLOATS)
@@ -228,7 +228,7 @@ def truncate(typing_context: Any, vector: Any) -> Any:
 
 @intrinsic
 def times_power_of_two(typing_context: Any, vector: Any, exponent: Any) -> Any:
-    """Vector · 2^exponent for whole-numbered exponents, by adding to the exponent bits of normal numbers."""
+    """Vector · 2^exponent for integral exponents, by adding to the exponent bits of normal numbers."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         bits = builder.bitcast(arguments[0], _INTEGERS)
@@ -240,7 +240,7 @@ def times_power_of_two(typing_context: Any, vector: Any, exponent: Any) -> Any:
 
 @intrinsic
 def magnitude(typing_context: Any, vector: Any) -> Any:
-    """|x| lane by lane: the sign's bit is cleared."""
+    """|x| lane by lane: clears the sign bit."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         bits = builder.bitcast(arguments[0], _INTEGERS)

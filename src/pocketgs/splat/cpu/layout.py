@@ -1,4 +1,4 @@
-"""How the CPU engine lays out views, splats, tiles and parameters in memory: names for columns and sizes."""
+"""Memory layout of views, splats, tiles and parameters: names of columns and sizes."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ TILE_WIDTH = 8
 TILE_HEIGHT = 16
 TILE_PIXELS = TILE_WIDTH * TILE_HEIGHT
 
-# One projected splat: a row of float32. The exponent of its falloff is held to base 2, with the opacity inside:
+# One projected splat: a row of float32. The exponent of its falloff is to base 2, and includes the opacity:
 # log2 α(dx, dy) = LOG2_OPACITY + EXPONENT_XX dx² + EXPONENT_XY dx dy + EXPONENT_YY dy².
-# Then come the channels to composite: red, green and blue first, where colour is asked for.
+# The channels to composite follow: red, green and blue first, if colours are composited.
 MEAN_X, MEAN_Y, EXPONENT_XX, EXPONENT_XY, EXPONENT_YY, LOG2_OPACITY, DEPTH, RED, GREEN, BLUE = range(10)
 FIRST_CHANNEL, COLOURS = RED, 3
 SPLAT_FIELDS = FIRST_CHANNEL + COLOURS
 
-# A tile intersection: a row of int32. ROWS holds the first and one past the last row of the tile that the splat
+# A tile intersection: a row of int32. ROWS stores the first and one past the last of the tile's rows that the splat
 # reaches, as first << 8 | end.
 INTERSECTION_SPLAT, INTERSECTION_SLOT, INTERSECTION_ROWS = range(3)
 INTERSECTION_FIELDS = 3
 
-# The slots of a Gaussian's intersections: a row of int32, the first and their number.
+# Slots of a Gaussian's intersections: a row of int32, the first slot and their number.
 SLOTS_FIRST, SLOTS_COUNT = range(2)
 
 # One row of gradients, and of each of Adam's moments, per Gaussian.
@@ -42,13 +42,13 @@ LOG2_ALPHA_MIN = np.float32(math.log2(ALPHA_MIN))
 
 
 CLUSTER = 256
-"""Gaussians in a cluster: the piece of work in which a view's Gaussians are looked for and updated."""
+"""Number of Gaussians in a cluster, the unit of culling and of updates."""
 
 
 class View(NamedTuple):
-    """A camera as the kernels take it: `rotation` and `translation` of world_to_camera, `centre` in the world.
+    """A camera for kernels: `rotation` and `translation` of world_to_camera, `centre` in the world.
 
-    Its lens goes to them beside it: see `pocketgs.splat.cpu.lenses.lens`.
+    Its lens is passed separately: see `pocketgs.splat.cpu.lenses.lens`.
     """
 
     rotation: np.ndarray

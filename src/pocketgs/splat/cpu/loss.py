@@ -48,14 +48,14 @@ def photometric(
     gradient: np.ndarray,
     row_losses: np.ndarray,
 ) -> None:
-    """The loss of an image against its photograph.
+    """Compute the loss of an image against its photograph.
 
     Args:
         rendered: (3, H, W) float32.
         photo: (3, H, W) uint8.
-        mask: (H, W) bool, or (0, 0) for none. Outside it the photograph counts as showing what was rendered.
-        settings: which loss. Images too small for a window of SSIM have no structural term.
-        threads: number of threads that share the work.
+        mask: (H, W) bool, or (0, 0) for none. Outside it the photograph counts as equal to the rendering.
+        settings: of the loss. Images smaller than a window of SSIM have no structural term.
+        threads: number of threads.
         gradient: (3, H, W) float32, written: ∂loss/∂rendered.
         row_losses: (3, H) float32, written: parts of the loss, to be summed.
     """

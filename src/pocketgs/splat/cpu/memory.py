@@ -1,4 +1,4 @@
-"""What the CPU engine will hold, from the size of a run alone."""
+"""Memory estimate of the CPU engine for a given size of run."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from pocketgs.splat.cpu.statistics import STATISTICS
 from pocketgs.splat.parameters import FLOAT_BYTES, ParameterLayout
 
 INTERSECTIONS_PER_GAUSSIAN, INTERSECTIONS_PER_PIXEL = 2.5, 0.9
-"""Tile intersections, as measured at most: a Gaussian reaches more than one tile, and large ones cover the image."""
+"""Tile intersections per Gaussian and per pixel, measured maxima: large Gaussians cover the image."""
 
 INTERSECTION_BYTES = 2 * 5 * INTERSECTION_FIELDS + 5 * 16
-"""The intersection listed and distributed, and its 16 sums of 4 bytes each, with a quarter more to grow into."""
+"""The intersection, listed and distributed, and its 16 sums of 4 bytes each, with a quarter of reserve."""
 
 PHOTOGRAPH_PIXEL = 3 + 1
-"""Colour, and a mask where there is one."""
+"""Colour, and the mask if there is one."""
 
 CANVAS_PIXEL = 4 * (3 + 1 + 3 + 3)
-"""Colour, transmittance, the colour's gradient, and the colour as a photograph's transform makes it."""
+"""Colour, transmittance, the colour's gradient, and the colour after a photograph's transform."""
 
 
 def training_bytes(gaussians: int, coefficients: int, photographs: Sequence[tuple[int, int]]) -> int:
-    """Bytes that training takes at most.
+    """Maximum bytes for training.
 
     Args:
-        gaussians: their number.
-        coefficients: of spherical harmonics a channel.
+        gaussians: number of Gaussians.
+        coefficients: spherical-harmonics coefficients per channel.
         photographs: width and height of each.
     """
     layout = ParameterLayout(coefficients)

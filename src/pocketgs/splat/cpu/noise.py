@@ -47,9 +47,9 @@ def add_noise(
         log_scales: (N, 3) float32.
         quaternions: (N, 4) float32 of unit length.
         opacity_logits: (N,) float32.
-        size: factor, in one over the unit of length.
+        size: factor, in inverse units of length.
         seed: determines the noise, on any number of threads.
-        threads: number of threads that share the work.
+        threads: number of threads.
     """
     counter = first_piece()
     for _ in prange(threads):

@@ -1,4 +1,4 @@
-"""The training photographs, and how the engine compares a rendered image with one of them."""
+"""The training photographs, and the loss of a rendered image against one of them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pocketgs.splat.settings import LossSettings, StepSettings
 
 
 class Canvas:
-    """What a step writes by pixel and by tile. Fresh memory costs a page fault every 4 KB, so it is kept."""
+    """Buffers of a step per pixel and per tile. They are kept: fresh memory costs a page fault every 4 KB."""
 
     def __init__(self, view: View) -> None:
         self.shape = (view.height, view.width)
@@ -30,12 +30,12 @@ class Canvas:
         self.d_image = np.empty_like(self.image)
         self.row_losses = np.empty((3, view.height), np.float32)
         self.transformed = np.empty((0, *self.shape), np.float32)
-        """The image as the photograph's camera would show it, where its colours are learned."""
+        """The image after the photograph's colour transform, if transforms are learned."""
 
 
 @dataclass(frozen=True)
 class TrainingView:
-    """One photograph, as planes of uint8; `mask` is (0, 0) where there is none."""
+    """One photograph, as planes of uint8; `mask` is (0, 0) if there is none."""
 
     view: View
     lens: KernelLens
@@ -50,11 +50,11 @@ class TrainingView:
 
 
 class Photographs:
-    """The training views, and a colour transform for each.
+    """The training views, with their colour transforms.
 
     Args:
         frames: of the capture.
-        threads: number of threads that compare.
+        threads: number of threads.
     """
 
     def __init__(self, frames: Sequence[Frame], threads: int) -> None:
@@ -66,16 +66,16 @@ class Photographs:
         """Replace the masks.
 
         Raises:
-            PocketGSError: they are not of these photographs.
+            PocketGSError: they do not fit the photographs.
         """
         check_masks(masks, [(each.view.width, each.view.height) for each in self.views])
         self.views = [replace(each, mask=_plane_of(mask)) for each, mask in zip(self.views, masks, strict=True)]
 
     def restart_colours(self, table: np.ndarray | None) -> None:
-        """Take a copy of the table of colour transforms, or begin with the identity.
+        """Copy the table of colour transforms, or reset them to the identity.
 
         Raises:
-            PocketGSError: the table does not belong to the photographs.
+            PocketGSError: the table does not fit the photographs.
         """
         if table is not None:
             check_transforms(table, len(self.views))
@@ -92,7 +92,7 @@ class Photographs:
         return sum(view.photo.nbytes + view.mask.nbytes for view in self.views) + self._colours.nbytes
 
     def compare(self, index: int, canvas: Canvas, settings: StepSettings) -> float:
-        """The loss; its gradient is left on the canvas, and the photograph's colour transform takes a step."""
+        """Compute the loss, write its gradient to the canvas, and update the photograph's colour transform."""
         if settings.colours is None:
             return self._photometric(index, canvas.image, canvas, settings.loss)
         matrix = transforms_of(self._colours[index : index + 1])[0].astype(np.float32)
@@ -106,7 +106,7 @@ class Photographs:
         return loss
 
     def write_error(self, index: int, canvas: Canvas, settings: StepSettings) -> None:
-        """Put the error of the image that was compared last in place of its gradient; see `errors.write_error`."""
+        """Replace the gradient of the last compared image by its error; see `errors.write_error`."""
         view = self.views[index]
         compared = canvas.image if settings.colours is None else canvas.transformed
         write_error(compared, view.photo, view.mask, canvas.d_image)

@@ -1,4 +1,4 @@
-"""Project Gaussians into a view: Σ' = J W Σ Wᵀ Jᵀ + 0.3 I, colours from spherical harmonics, and what is visible."""
+"""Project Gaussians into a view: Σ' = J W Σ Wᵀ Jᵀ + 0.3 I, colours from spherical harmonics, and visibility."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from pocketgs.system.dealing import first_piece, take
 
 LOG2_E = 1.0 / math.log(2.0)
 CULLED = np.uint32(0xFFFFFFFF)
-"""Depth key of a Gaussian that is not drawn."""
+"""Depth key of a Gaussian that is not visible."""
 
 
 @inlined
@@ -50,9 +50,9 @@ def to_camera(view: View, mean: np.ndarray) -> Vector:
 
 @inlined
 def footprint(view: View, jacobian: Jacobian, axis: Vector, scale: float) -> tuple[Vector, tuple[float, float]]:
-    """One axis of the Gaussian in camera space (3 numbers), and its projection (2 numbers).
+    """One axis of the Gaussian in camera space (3 numbers), and projected (2 numbers).
 
-    The projected covariance is the sum over the three axes of the projection's outer product with itself.
+    The projected covariance is the sum of the outer products of the three projected axes with themselves.
     """
     a = times(view.rotation, scaled(axis, scale))
     return a, along(jacobian, a)
@@ -60,7 +60,7 @@ def footprint(view: View, jacobian: Jacobian, axis: Vector, scale: float) -> tup
 
 @inlined
 def sharp_determinant(p: tuple[float, float], q: tuple[float, float], r: tuple[float, float]) -> float:
-    """Det of Σ' - 0.3 I from the three projected axes: the sum of their squared areas, in which nothing cancels."""
+    """Det of Σ' - 0.3 I from the three projected axes: the sum of their squared areas, which avoids cancellation."""
     pq, qr, rp = p[0] * q[1] - p[1] * q[0], q[0] * r[1] - q[1] * r[0], r[0] * p[1] - r[1] * p[0]
     return pq * pq + qr * qr + rp * rp
 
@@ -82,7 +82,7 @@ def _project_shape(
     logit: float,
     splat: np.ndarray,
 ) -> bool:
-    """Fill in a splat's centre, falloff, opacity and depth; False if it cannot be seen."""
+    """Write a splat's centre, conic, opacity and depth; False if it is not visible."""
     opacity = 1.0 / (1.0 + math.exp(-float(logit)))
     depth = depth_of(view, lens, local)
     if not (depth >= near and opacity >= ALPHA_MIN):
@@ -106,7 +106,7 @@ def _project_shape(
         if not opacity >= ALPHA_MIN:
             return False
     log2_opacity = math.log2(opacity)
-    # log2 α falls to that of 1/255 on the ellipse dᵀ Σ'⁻¹ d = reach².
+    # On the ellipse dᵀ Σ'⁻¹ d = reach², α is 1/255.
     reach = math.sqrt(max(0.0, 2.0 * (log2_opacity - LOG2_ALPHA_MIN) / LOG2_E))
     radius_x, radius_y = reach * math.sqrt(xx), reach * math.sqrt(yy)
     sound = math.isfinite(mean_x + mean_y) and xx < MAX_VARIANCE and yy < MAX_VARIANCE
@@ -133,7 +133,7 @@ def direction_to(view: View, mean: np.ndarray) -> tuple[Vector, float]:
 
 @inlined
 def _unclipped_colour(sh: np.ndarray, basis: np.ndarray, channel: int) -> float:
-    """0.5 + Σ_k Y_k sh_k of one channel, before negative colours are cut to 0."""
+    """0.5 + Σ_k Y_k sh_k of one channel, before clamping to 0."""
     value = 0.5
     for k in range(sh.shape[0]):
         value += basis[k] * sh[k, channel]
@@ -199,14 +199,14 @@ def project(
         log_scales: (N, 3) float32.
         quaternions: (N, 4) float32 of unit length.
         opacity_logits: (N,) float32.
-        sh: (N, K, 3) float32. K may be 0: then no colours are written.
+        sh: (N, K, 3) float32. With K = 0, no colours are written.
         view: the camera.
-        lens: what it is seen through.
-        near: least depth of what is drawn.
-        clusters: (M,) int32, which clusters may be in view.
-        threads: number of threads that project.
+        lens: of the camera.
+        near: minimum depth of drawn Gaussians.
+        clusters: (M,) int32, clusters that may be in view.
+        threads: number of threads.
         splats: (N, FIRST_CHANNEL + C) float32, written where visible.
-        depth_keys: (N,) uint32, written in these clusters: the bits of the depth, which sort as it does, or CULLED.
+        depth_keys: (N,) uint32, written in these clusters: the bits of the depth, which have its order, or CULLED.
     """
     counter = first_piece()
     for _ in prange(threads):

@@ -1,7 +1,7 @@
 """Gradients from the image back to the Gaussians: ∇θ[π(i)] += g_i.
 
-Gaussians are visited in the order of memory, sixteen at a time: their rows are turned into columns of LANES, one for
-each number, so that the same formulas as in `project` work on sixteen Gaussians at once, in float32.
+Gaussians are processed in memory order, sixteen at a time: their rows are transposed to columns of LANES, so that the
+formulas of `project` apply to sixteen Gaussians at once, in float32.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ from pocketgs.system.dealing import PIECE, first_piece, take
 
 LN2 = math.log(2.0)
 
-# Columns of a block of LANES Gaussians: inputs, the sums of their intersections, and their gradients but for colour.
+# Columns of a block of LANES Gaussians: inputs, the sums of their intersections, and their gradients except for colour.
 _MEAN, _LOG_SCALE, _QUATERNION, _SPLAT = 0, 3, 6, 10
 _SUMS = _SPLAT + LOG2_OPACITY + 1
 _GRADIENT = _SUMS + LANES
@@ -80,7 +80,7 @@ def _set_column(block: np.ndarray, number: int, values: Floats) -> None:
 
 @part
 def _add_up(intersection_sums: np.ndarray, slots: np.ndarray, row: int, total: np.ndarray) -> None:
-    """Sum a splat's rows, one per tile that it entered."""
+    """Sum a splat's rows, one per intersected tile."""
     for part_of_row in range(0, row, LANES):
         vector = broadcast(np.float32(0.0))
         for slot in range(slots[SLOTS_FIRST], slots[SLOTS_FIRST] + slots[SLOTS_COUNT]):
@@ -99,7 +99,7 @@ def _read(
     total: np.ndarray,
     block: np.ndarray,
 ) -> None:
-    """Turn Gaussian i's rows into the lane's place in every column."""
+    """Copy Gaussian i's rows to one lane of every column."""
     for k in range(3):
         block[(_MEAN + k) * LANES + lane] = means[i, k]
         block[(_LOG_SCALE + k) * LANES + lane] = log_scales[i, k]
@@ -113,7 +113,7 @@ def _read(
 
 @inlined
 def _covariance_gradient(block: np.ndarray) -> tuple[tuple[Floats, Floats], CovarianceGradient]:
-    """Gradient with respect to the projected centre, and to Σ'.
+    """Gradients with respect to the projected centre and to Σ'.
 
     With Q = Σ'⁻¹ and v the gradient of each pixel's exponent, ∂L/∂μ = Q Σ v d and ∂L/∂Q = -½ Σ v d dᵀ, and
     ∂L/∂Σ' = -Q ∂L/∂Q Q.
@@ -133,7 +133,7 @@ def _covariance_gradient(block: np.ndarray) -> tuple[tuple[Floats, Floats], Cova
 
 @inlined
 def _shape_backward(view: View, jacobian: Jacobian, block: np.ndarray, d_covariance: CovarianceGradient) -> Jacobian:
-    """Write the gradients of scales and rotation; return that of the Jacobian's entries."""
+    """Write the gradients of scales and rotation; return that of the Jacobian."""
     w, (x, y, z) = _column(block, _QUATERNION), _columns3(block, _QUATERNION + 1)
     axes = axes_of((w, x, y, z))
     d_jacobian = no_gradient(jacobian)
@@ -157,7 +157,7 @@ def _axis_backward(
     d_covariance: CovarianceGradient,
     d_jacobian: Jacobian,
 ) -> tuple[Jacobian, Vector]:
-    """The part that one of the Gaussian's axes has in `_shape_backward`: ∂L/∂J so far, and ∂L/∂axis along the axes."""
+    """One axis's part of `_shape_backward`: ∂L/∂J so far, and ∂L/∂axis along the axes."""
     d_xx, d_xy, d_yy = d_covariance
     scale = exp(_column(block, _LOG_SCALE + k))
     a, u = footprint(view, jacobian, axes[k], scale)
@@ -172,9 +172,10 @@ def _axis_backward(
 def _compensation_backward(
     view: View, jacobian: Jacobian, block: np.ndarray, d_covariance: CovarianceGradient
 ) -> tuple[CovarianceGradient, Floats]:
-    """∂L/∂Σ' with what comes through √(det S / det Σ') for S = Σ' - 0.3 I, and that factor itself.
+    """∂L/∂Σ' including that through the factor √(det S / det Σ') for S = Σ' - 0.3 I, and the factor itself.
 
-    The gradient of its logarithm is ½ (S⁻¹ - Σ'⁻¹), and an opacity's logarithm has that of the pixels' exponents.
+    The gradient of its logarithm is ½ (S⁻¹ - Σ'⁻¹); the logarithm of an opacity has the gradient of the pixels'
+    exponents.
     """
     w, (x, y, z) = _column(block, _QUATERNION), _columns3(block, _QUATERNION + 1)
     axes = axes_of((w, x, y, z))
@@ -197,7 +198,7 @@ def _compensation_backward(
 
 @part
 def _block_backward(view: View, lens: KernelLens, block: np.ndarray) -> None:
-    """From the columns that have been read to those of the gradients."""
+    """Compute the columns of the gradients from those of the inputs."""
     offset_x, offset_y, offset_z = _columns3(block, _MEAN)
     offset = (offset_x - view.centre[0], offset_y - view.centre[1], offset_z - view.centre[2])
     local = times(view.rotation, offset)
@@ -229,12 +230,12 @@ def _colour_backward(
     basis_gradient: np.ndarray,
     gradient: np.ndarray,
 ) -> None:
-    """Write the gradient of the SH coefficients; add that of the world position through the viewing direction."""
+    """Write the gradient of the SH coefficients; add that of the mean through the viewing direction."""
     count = sh.shape[0]
     direction, distance = direction_to(view, mean)
     sh_basis(direction[0], direction[1], direction[2], count, basis)
     red, green, blue = 0.0, 0.0, 0.0
-    # A colour that was cut to 0 has no gradient.
+    # A colour clamped to 0 has no gradient.
     if splat[RED] > 0.0:
         red = float(total[SUM_RED])
     if splat[RED + 1] > 0.0:
@@ -252,7 +253,7 @@ def _colour_backward(
             d_x += basis_gradient[k, 0] * weight
             d_y += basis_gradient[k, 1] * weight
             d_z += basis_gradient[k, 2] * weight
-        # A unit vector's derivative keeps only what is across it.
+        # Normalisation removes the component along the direction.
         along = dot(direction, (d_x, d_y, d_z))
         gradient[GRADIENT_MEAN] += (d_x - along * direction[0]) / distance
         gradient[GRADIENT_MEAN + 1] += (d_y - along * direction[1]) / distance
@@ -277,7 +278,7 @@ def _project_range_backward(
     d_centres: np.ndarray,
     d_channels: np.ndarray,
 ) -> None:
-    """`project_backward` for some visible Gaussians."""
+    """`project_backward` for a range of the visible Gaussians."""
     basis, basis_gradient = np.empty(16), np.empty((16, 3))
     block, totals = np.zeros(_COLUMNS * LANES, np.float32), np.zeros((LANES, row), np.float32)
     for first in range(0, len(visible), LANES):
@@ -332,19 +333,19 @@ def project_backward(
         means: (N, 3) float32.
         log_scales: (N, 3) float32.
         quaternions: (N, 4) float32 of unit length.
-        sh: (N, K, 3) float32. K is 0 if the first three channels are no colours.
+        sh: (N, K, 3) float32. K is 0 if the first three channels are not colours.
         view: the camera.
-        lens: what it is seen through.
-        threads: number of threads that share the work.
-        splats: what `project` wrote.
-        visible: (V,) the visible Gaussians, in the order of memory.
+        lens: of the camera.
+        threads: number of threads.
+        splats: from `project`.
+        visible: (V,) the visible Gaussians, in memory order.
         slots: (N, 2) int32 of `TileLists`.
         row: length of a row of `intersection_sums`.
-        intersection_sums: what `rasterize_backward` wrote.
-        statistics: (N, STATISTICS) float32 sums, added to where visible, or (0, STATISTICS) for none.
+        intersection_sums: from `rasterize_backward`.
+        statistics: (N, STATISTICS) float32 sums, updated where visible, or (0, STATISTICS) for none.
         gradients: (N, GRADIENT_SH + 3 K) float32, all 0; written where visible.
-        d_centres: (N, 4) float32, written where visible: the gradient of the projected centre, and the sums over pixels
-            of its magnitudes, which have to have been asked for. Or (0, 4).
+        d_centres: (N, 4) float32, written where visible: the gradient of the projected centre, and its magnitudes
+            summed over pixels, which `rasterize_backward` must have computed. Or (0, 4).
         d_channels: (N, C) float32, written where visible: the gradient of the channels. Or (0, C).
     """
     counter = first_piece()

@@ -1,4 +1,4 @@
-"""Composite the splats of every tile front to back: C = Σ c_i α_i T_i + T · background, for any number of channels."""
+"""Composite the splats of each tile front to back: C = Σ c_i α_i T_i + T · background, for any number of channels."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import first_piece, take
 
 AHEAD = 4
-"""Splats are asked of memory so many intersections before they are drawn."""
+"""Number of intersections to prefetch ahead."""
 
-# Asking whether a whole tile is saturated costs about as much as drawing one splat.
+# Testing a whole tile for saturation costs about as much as drawing one splat.
 INTERSECTIONS_PER_CHECK = 16
 
 
@@ -68,7 +68,7 @@ def _draw(
 
 @part
 def write_tile(tile_pixels: np.ndarray, left: int, top: int, image: np.ndarray) -> None:
-    """Copy the part of a tile that lies inside the image to it."""
+    """Copy the part of a tile inside the image to it."""
     for row in range(min(TILE_HEIGHT, image.shape[0] - top)):
         for column in range(min(TILE_WIDTH, image.shape[1] - left)):
             image[top + row, left + column] = tile_pixels[row * TILE_WIDTH + column]
@@ -84,7 +84,7 @@ def write_over(
     transmittance_image: np.ndarray,
     image: np.ndarray,
 ) -> None:
-    """Copy a tile to the images of transmittance and of channels, which get the background where it shows through."""
+    """Copy a tile to the images of transmittance and channels, blended over the background."""
     write_tile(transmittance, left, top, transmittance_image)
     for channel in range(image.shape[0]):
         plane = colours[channel * TILE_PIXELS : (channel + 1) * TILE_PIXELS]
@@ -105,15 +105,15 @@ def rasterize(
     transmittance_image: np.ndarray,
     drawn_ends: np.ndarray,
 ) -> None:
-    """Draw every tile.
+    """Draw all tiles.
 
     Args:
         splats: (N, FIRST_CHANNEL + C) from `project`.
-        intersections: (E, INTERSECTION_FIELDS) int32, the tiles' lists; see `TileLists`.
-        ranges: (tiles + 1,) int32, where each tile's intersections begin.
+        intersections: (E, INTERSECTION_FIELDS) int32, the tile lists; see `TileLists`.
+        ranges: (tiles + 1,) int32, start of each tile's intersections.
         background: (C,) float32.
-        limits: where compositing stops.
-        threads: number of threads that draw.
+        limits: of compositing.
+        threads: number of threads.
         image: (C, H, W) float32, written.
         transmittance_image: (H, W) float32, written.
         drawn_ends: (tiles,) int32, written: one past the last intersection drawn before the tile saturated.
@@ -132,7 +132,7 @@ def rasterize(
                 if index + AHEAD < ranges[tile + 1]:
                     prefetch(splats, intersections[index + AHEAD, INTERSECTION_SPLAT])
                 splat, rows = splats[intersection[INTERSECTION_SPLAT]], intersection[INTERSECTION_ROWS]
-                # With a constant the compiler leaves out the rest.
+                # A constant lets the compiler remove unused branches.
                 if limits.stops_before:
                     _draw(splat, rows, left, top, channels, limits.most_opaque, True, transmittance, colours)
                 else:

@@ -1,8 +1,8 @@
-"""The gradient of the image by replaying each tile front to back.
+"""The gradient of rasterization, by replaying each tile front to back.
 
-The paper caches {C_in, α} of every contribution. Here nothing is cached: with D_i = c_i · ∂L/∂C, what lies behind
-splat i enters its gradient only through the number H_i = Σ_{j>i} w_j D_j + T·background·∂L/∂C, which starts at
-C · ∂L/∂C and loses w_i D_i at every contribution. Recomputing α takes some twenty instructions a vector, and no memory.
+The paper caches {C_in, α} of every contribution. No cache is needed here: with D_i = c_i · ∂L/∂C, the splats behind
+splat i enter its gradient only as the number H_i = Σ_{j>i} w_j D_j + T·background·∂L/∂C. It starts at C · ∂L/∂C, and
+every contribution subtracts w_i D_i. Recomputing α takes some twenty instructions per vector, and no memory.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ from pocketgs.splat.limits import Limits
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import first_piece, take
 
-# What a splat's replay in one tile leaves behind: sums over pixels of v = ∂L/∂(ln α) times 1, dx, dy, dx², dx dy, dy²,
-# the gradient of its first three channels, and the absolute gradients of its centre. Those of other channels follow.
+# Sums of a splat's replay in one tile: over pixels, v = ∂L/∂(ln α) times 1, dx, dy, dx², dx dy, dy²; the gradients of
+# its first three channels; and the absolute gradients of its centre. Sums of other channels follow.
 SUM_EXPONENT, SUM_X, SUM_Y, SUM_XX, SUM_XY, SUM_YY, SUM_RED, SUM_GREEN, SUM_BLUE, SUM_ABSOLUTE_X, SUM_ABSOLUTE_Y = (
     range(11)
 )
@@ -55,7 +55,7 @@ LN2 = np.float32(math.log(2.0))
 
 @part
 def sums_per_intersection(channels: int) -> int:
-    """Length of an intersection's row of sums: LANES, and as many times LANES again as channels past the third take."""
+    """Length of an intersection's row of sums: a multiple of LANES, with room for the channels after the third."""
     return LANES * (1 + (max(channels, COLOURS) - COLOURS + LANES - 1) // LANES)
 
 
@@ -63,9 +63,9 @@ def sums_per_intersection(channels: int) -> int:
 def take_gradient(
     splat: np.ndarray, pixel: int, channels: int, weight: Floats, d_colours: np.ndarray, more_sums: np.ndarray
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """At some pixels, the gradient of the image's first three channels, and of all with the splat's colour, c · ∂L/∂C.
+    """Gradients of the image's first three channels at some pixels, and c · ∂L/∂C over all channels.
 
-    That of further channels, times the splat's weight, is added to `more_sums`.
+    Gradients of further channels, times the splat's weight, are added to `more_sums`.
     """
     r, g = load(d_colours, pixel), load(d_colours, TILE_PIXELS + pixel)
     b = load(d_colours, 2 * TILE_PIXELS + pixel)
@@ -79,7 +79,7 @@ def take_gradient(
 
 @inlined
 def pulls(splat: np.ndarray, dx: Floats, dy: Floats, v: Floats) -> tuple[Floats, Floats]:
-    """Magnitudes of what some pixels ask of the splat's centre, in x and y, from v = ∂L/∂(ln α); to be times ln 2."""
+    """Magnitudes of pixels' gradients of the splat's centre, x and y, from v = ∂L/∂(ln α); to be multiplied by ln 2."""
     slope_x = splat[EXPONENT_XX] * (dx + dx) + splat[EXPONENT_XY] * dy
     slope_y = splat[EXPONENT_XY] * dx + splat[EXPONENT_YY] * (dy + dy)
     return magnitude(v * slope_x), magnitude(v * slope_y)
@@ -93,7 +93,7 @@ def summed_up(
     absolute: bool,
     pulled: tuple[Floats, Floats],
 ) -> Floats:
-    """The vector of a splat's sums over a tile's pixels, from sums over rows of v, v dy and v dy²."""
+    """Vector of a splat's sums over a tile's pixels, from sums over rows of v, v dy and v dy²."""
     v_sum, vy_sum, vyy_sum = moments
     # dx is the same in every row, so its powers multiply once.
     vx_sum = v_sum * dx
@@ -118,10 +118,10 @@ def _replay(
     d_colours: np.ndarray,
     more_sums: np.ndarray,
 ) -> Floats:
-    """One splat in one tile; returns the vector of its sums.
+    """Replay one splat in one tile; returns the vector of its sums.
 
-    The first three channels' sums stay in registers; those of further channels go through memory, to `more_sums`, a
-    vector for each.
+    Sums of the first three channels stay in registers; those of further channels are in memory, in `more_sums`, one
+    vector each.
     """
     dx = column_offsets(splat, left)
     terms = exponent_terms(splat, dx)
@@ -143,7 +143,7 @@ def _replay(
         gain = weight * product
         rest = load(behind, pixel) - gain
         store(behind, pixel, rest)
-        # ∂L/∂(ln α) = α ∂L/∂α = α (T D - H / (1 - α)); α is flat where it is clamped.
+        # ∂L/∂(ln α) = α ∂L/∂α = α (T D - H / (1 - α)); 0 where α is clamped.
         v = gain - rest * (alpha / (ONE - alpha))
         v = select(unclamped < broadcast(most_opaque), v, broadcast(ZERO))
         vy = v * dy
@@ -167,7 +167,7 @@ def write_sums(intersection_sums: np.ndarray, first: int, total: Floats, channel
 
 @part
 def read_tile(image: np.ndarray, left: int, top: int, tile_pixels: np.ndarray) -> None:
-    """Copy the part of an image that a tile covers; the rest of the tile is 0."""
+    """Copy a tile of an image; pixels outside the image are 0."""
     tile_pixels[:] = 0.0
     for row in range(min(TILE_HEIGHT, image.shape[0] - top)):
         for column in range(min(TILE_WIDTH, image.shape[1] - left)):
@@ -198,21 +198,21 @@ def rasterize_backward(
     absolute: bool,
     intersection_sums: np.ndarray,
 ) -> None:
-    """Replay every tile.
+    """Replay all tiles.
 
     Args:
         splats: (N, FIRST_CHANNEL + C) from `project`, C at least 3.
-        intersections: (E, INTERSECTION_FIELDS) int32, the tiles' lists; see `TileLists`.
-        ranges: (tiles + 1,) int32, where each tile's intersections begin.
-        drawn_ends: (tiles,) int32 that `rasterize` wrote.
-        limits: as `rasterize` was given.
-        threads: number of threads that replay.
-        image: (C, H, W) float32 that `rasterize` wrote.
+        intersections: (E, INTERSECTION_FIELDS) int32, the tile lists; see `TileLists`.
+        ranges: (tiles + 1,) int32, start of each tile's intersections.
+        drawn_ends: (tiles,) int32 from `rasterize`.
+        limits: the limits of the forward pass.
+        threads: number of threads.
+        image: (C, H, W) float32 from `rasterize`.
         d_image: (C, H, W) float32 gradient with respect to `image`.
-        transmittance_image: (H, W) float32 that `rasterize` wrote.
+        transmittance_image: (H, W) float32 from `rasterize`.
         d_transmittance: (H, W) float32 gradient with respect to it, besides that through the image's background, or
             (0, 0) for none.
-        absolute: whether to sum the magnitudes of what every pixel asks of the splat's centre.
+        absolute: whether to sum the magnitudes of the pixels' gradients of the splat's centre.
         intersection_sums: (intersections · sums_per_intersection(C),) float32, written: one row per
             intersection, at its slot.
     """
@@ -238,7 +238,7 @@ def rasterize_backward(
                     prefetch(splats, intersections[index + AHEAD, INTERSECTION_SPLAT])
                 splat, rows = splats[intersection[INTERSECTION_SPLAT]], intersection[INTERSECTION_ROWS]
                 first, most_opaque = intersection[INTERSECTION_SLOT] * row, limits.most_opaque
-                # With constants the compiler leaves out the rest.
+                # Constants let the compiler remove unused branches.
                 if channels == COLOURS and not absolute and not limits.stops_before:
                     total = _replay(
                         splat, rows, left, top, COLOURS, False, most_opaque, False,

@@ -1,4 +1,4 @@
-"""The rasterizer's operations in Numba: the kernels of a training step, with as many channels as are asked for."""
+"""The CPU engine's backend of the rasterizer: the kernels of a training step, for any number of channels."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class CpuBackend:
 
     Args:
         threads: number of threads, or None for one per core that this process may use.
-        compositor: how splats come together: one of COMPOSITORS.
+        compositor: name of the compositing rule, one of COMPOSITORS.
     """
 
     dtype: type[np.floating[Any]] = np.float32
@@ -86,7 +86,7 @@ class CpuBackend:
         view, lens, count = View.of(camera, antialiased), kernel_lens(camera), len(scene)
         shown = COLOURS if colours else 0
         composited = shown + channels.shape[1]
-        # The backward pass takes three channels at least.
+        # The backward pass needs at least three channels.
         splats = np.zeros((count, FIRST_CHANNEL + max(composited, COLOURS)), np.float32)
         splats[:, FIRST_CHANNEL + shown : FIRST_CHANNEL + composited] = channels
         depth_keys, buffers = np.zeros(count, np.uint32), np.zeros((3, count), np.int32)
@@ -185,7 +185,7 @@ class CpuBackend:
         )
 
     def inspect(self, composite: Composite) -> tuple[Contributions, np.ndarray]:
-        """What every Gaussian adds to the image, and the median depth."""
+        """Contributions of each Gaussian, and the median depth."""
         numba.set_num_threads(self.threads)
         tape: _Tape = composite.tape
         assert self._compositor.inspect is not None

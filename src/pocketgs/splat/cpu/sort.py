@@ -1,4 +1,4 @@
-"""The orders in which the visible Gaussians are drawn: by depth, or as they lie in memory."""
+"""Drawing orders of the visible Gaussians: by depth, or in memory order."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def sort_by_depth(
 def in_memory_order(
     depth_keys: np.ndarray, clusters: np.ndarray, visible: np.ndarray, order: np.ndarray, scratch: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The visible Gaussians as they lie in memory, twice: arguments and results as `sort_by_depth` has them."""
+    """The visible Gaussians in memory order, twice; arguments and results as those of `sort_by_depth`."""
     count = 0
     for cluster in clusters:
         for i in range(cluster * CLUSTER, min((cluster + 1) * CLUSTER, len(depth_keys))):

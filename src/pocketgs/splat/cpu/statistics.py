@@ -1,4 +1,4 @@
-"""What the backward pass sums up by Gaussian for strategies that change their number."""
+"""Statistics per Gaussian from the backward pass, for densification strategies."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LN2 = math.log(2.0)
 
 @inlined
 def _norm(view: View, d_mean: tuple[float, float]) -> float:
-    """Of a gradient by half the image's width and height."""
+    """Norm of a gradient in half the image's width and height."""
     x, y = d_mean[0] * 0.5 * view.width, d_mean[1] * 0.5 * view.height
     return math.sqrt(x * x + y * y)
 
@@ -32,9 +32,9 @@ def collect(
 
     Args:
         view: the camera.
-        splat: (SPLAT_FIELDS,) what `project` wrote.
+        splat: (SPLAT_FIELDS,) from `project`.
         d_mean: gradient of the loss with respect to the projected centre, in pixels.
-        absolute: its magnitudes summed over pixels; zeros where they were not asked for.
+        absolute: its magnitudes summed over pixels; zeros unless requested.
         sums: (STATISTICS,) float32, updated.
     """
     sums[SCREEN_GRADIENT] += _norm(view, d_mean)

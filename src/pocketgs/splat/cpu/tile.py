@@ -1,4 +1,4 @@
-"""What rasterizing and replaying share: one splat's α on the LANES pixels of a tile that a vector covers."""
+"""Tile operations shared by forward and backward pass: one splat's α on the LANES pixels of a vector."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ def origin(tile: int, height: int) -> tuple[int, int]:
 
 @inlined
 def first_and_end_pixel(rows: int) -> tuple[int, int]:
-    """Where in a tile's row-major pixels the vectors begin and end that cover an intersection's rows."""
+    """First and end pixel, row-major in the tile, of the vectors that cover an intersection's rows."""
     return (rows >> 8) // ROWS_PER_VECTOR * LANES, (rows & 255) * TILE_WIDTH
 
 
 @inlined
 def column_offsets(splat: np.ndarray, left: int) -> Floats:
-    """Dx from the splat's centre to the pixels of any vector of a tile: the same for all of them."""
+    """Dx from the splat's centre to the pixels of a vector: the same for all vectors of a tile."""
     return _columns() + np.float32(left - splat[MEAN_X])
 
 
@@ -67,7 +67,7 @@ def exponent_terms(splat: np.ndarray, dx: Floats) -> ExponentTerms:
 
 @inlined
 def alpha_at(terms: ExponentTerms, dy: Floats, transmittance: Floats, most_opaque: float) -> tuple[Floats, Floats]:
-    """α before and after it is clamped; 0 after where it is under 1/255 or the pixel is saturated."""
+    """α before and after clamping; the latter is 0 where α is under 1/255 or the pixel is saturated."""
     constant_term, linear, quadratic = terms
     exponent = constant_term + dy * (linear + quadratic * dy)
     unclamped = exp2_of_negative(exponent)
@@ -77,9 +77,9 @@ def alpha_at(terms: ExponentTerms, dy: Floats, transmittance: Floats, most_opaqu
 
 @inlined
 def fills(transmittance: Floats, rest: Floats) -> tuple[Mask, Floats]:
-    """Which pixels a splat that leaves `rest` of the light would fill, and what is left where those leave it out.
+    """Mask of pixels that a splat would saturate, and the transmittance if they skip it; `rest` is that behind it.
 
-    The sign keeps in mind that a pixel takes no more: `alpha_at` draws nothing where the transmittance is negative.
+    A negative transmittance marks a pixel as full: `alpha_at` draws nothing there.
     """
     full = broadcast(_SATURATED) >= rest
     return full, select(full, magnitude(transmittance) * -ONE, rest)
@@ -87,14 +87,14 @@ def fills(transmittance: Floats, rest: Floats) -> tuple[Mask, Floats]:
 
 @part
 def forget_full_pixels(transmittance: np.ndarray) -> None:
-    """Take the signs off that `fills` has set."""
+    """Remove the negative signs that `fills` has set."""
     for pixel in range(TILE_PIXELS):
         transmittance[pixel] = abs(transmittance[pixel])
 
 
 @part
 def pixels_inside(left: int, top: int, width: int, height: int, inside: np.ndarray) -> None:
-    """Write 1 for every pixel of a tile that lies inside the image, and 0 for the others."""
+    """Write 1 for every pixel of a tile inside the image, and 0 for the others."""
     for row in range(TILE_HEIGHT):
         for column in range(TILE_WIDTH):
             inside[row * TILE_WIDTH + column] = 1.0 if top + row < height and left + column < width else 0.0
@@ -102,7 +102,7 @@ def pixels_inside(left: int, top: int, width: int, height: int, inside: np.ndarr
 
 @part
 def is_saturated(transmittance: np.ndarray) -> bool:
-    """Whether no pixel of the tile takes any more contributions."""
+    """Whether all pixels of the tile are saturated."""
     clearest = load(transmittance, 0)
     for pixel in range(LANES, TILE_PIXELS, LANES):
         clearest = max(clearest, load(transmittance, pixel))

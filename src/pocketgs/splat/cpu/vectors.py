@@ -1,4 +1,4 @@
-"""Three-component vectors as tuples, and 3 x 3 matrices as tuples of rows, which kernels keep in registers."""
+"""Three-component vectors and 3 x 3 matrices as tuples, which kernels keep in registers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def dot(a: Vector, b: Vector) -> float:
 
 @inlined
 def scaled(a: Vector, factor: float) -> Vector:
-    """A times a number."""
+    """A scaled by a number."""
     return (a[0] * factor, a[1] * factor, a[2] * factor)
 
 

@@ -1,4 +1,4 @@
-"""Adam on the Gaussians' parameters, rotations in their tangent space."""
+"""Adam on the Gaussians' parameters, with rotations in their tangent space."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def adam(scene: Scene, gradient: SceneGradient, moments: Moments, rates: Learnin
 
 
 def _has_gradient(gradient: SceneGradient) -> np.ndarray:
-    """(N,) bool: Gaussians that the loss depends on."""
+    """(N,) bool: Gaussians with a non-zero gradient."""
     groups = [getattr(gradient, group.name) for group in fields(gradient)]
     return np.any([np.any(g.reshape(len(g), -1) != 0, axis=1) for g in groups], axis=0)
 

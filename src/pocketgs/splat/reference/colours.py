@@ -1,4 +1,4 @@
-"""The photographs' colour transforms, their gradients, and how they are learned."""
+"""Colour transforms of the photographs: application, gradients and updates."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from pocketgs.splat.settings import AdamSettings, ColourSettings
 
 
 def transformed(image: np.ndarray, transform: np.ndarray) -> np.ndarray:
-    """(H, W, 3) A c + b of every colour c, for the (3, 4) transform [A | b]."""
+    """(H, W, 3) A c + b of each colour c, for the (3, 4) transform [A | b]."""
     return image @ transform[:, :3].T + transform[:, 3]
 
 
 def transformed_backward(
     image: np.ndarray, transform: np.ndarray, d_transformed: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """From the gradient with respect to what `transformed` gives to those with respect to its arguments.
+    """Gradients with respect to the arguments of `transformed`, from that with respect to its result.
 
     Returns:
         (H, W, 3) and (3, 4).
@@ -29,14 +29,14 @@ def transformed_backward(
 def learn_transform(
     table: np.ndarray, view: int, gradient: np.ndarray, settings: ColourSettings, adam: AdamSettings
 ) -> None:
-    """One step of Adam on a photograph's transform, in place; then the mean of all goes back to the identity.
+    """Update a photograph's transform by one step of Adam, in place, and reset the mean of all to the identity.
 
     Args:
         table: (V, COLUMNS), see `pocketgs.splat.colours`.
-        view: the photograph's number.
+        view: index of the photograph.
         gradient: (3, 4) of the loss.
-        settings: the rate, and the weight of what pulls the transform to the identity.
-        adam: how gradients are averaged; `seen_only` means nothing here.
+        settings: the rate, and the weight of the regularisation towards the identity.
+        adam: settings of Adam; `seen_only` has no effect.
     """
     row = table[view].astype(np.float64)
     change, first, second = row[CHANGE], row[FIRST_MOMENTS], row[SECOND_MOMENTS]

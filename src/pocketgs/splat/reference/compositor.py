@@ -1,4 +1,4 @@
-"""How splats that cover the same pixel come together; the twin of `pocketgs.splat.cpu.compositor`."""
+"""Compositing rules of the reference; see `pocketgs.splat.cpu.compositor`."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from pocketgs.splat.reference.sum import add_up, add_up_backward
 
 @dataclass(frozen=True)
 class Compositor:
-    """A rule of compositing.
+    """A compositing rule.
 
     Attributes:
         name: of the rule.
         forward: with the arguments of `rasterize`.
         replay: with the arguments of `rasterize_backward`.
-        inspect: with the arguments of `contributions`, or None for a rule in which no splat hides another.
+        inspect: with the arguments of `contributions`, or None for a rule without occlusion.
     """
 
     name: str

@@ -1,8 +1,7 @@
-"""How lenses show small things: the derivative J of the projection, and the gradient back through it.
+"""Linearised projection through lenses: the derivative J, and gradients through it.
 
-Every lens is a function of a point (x, y, z) in the camera's axes. EWA splatting takes it as linear around a Gaussian's
-centre (Zwicker et al. 2002, section 6), so Σ' = J W Σ Wᵀ Jᵀ, and a gradient with respect to J asks for second
-derivatives.
+Every lens maps a point (x, y, z) in the camera's axes to the image. EWA splatting linearises it around a Gaussian's
+centre (Zwicker et al. 2002, section 6), so Σ' = J W Σ Wᵀ Jᵀ, and gradients through J need second derivatives.
 """
 
 from __future__ import annotations
@@ -17,17 +16,17 @@ from pocketgs.geometry.lens import Lens
 from pocketgs.splat.slope_limits import slope_limits
 
 NEAR_AXIS = 0.01
-"""Where (r/z)² is less, a fisheye's quotients by r are taken from their series."""
+"""A fisheye's quotients by r use a power series if (r/z)² is less than this."""
 
 
 @dataclass(frozen=True)
 class Linearised:
-    """The projection around (N, 3) points in the camera's axes.
+    """The projection, linearised around (N, 3) points in the camera's axes.
 
     Attributes:
-        jacobian: (N, 2, 3) that covariances are projected with; held at the image's margin where it would explode.
+        jacobian: (N, 2, 3) for projecting covariances; clamped to the image's margin, beyond which it would explode.
         exact: (N, 2, 3) derivative of the projected centres themselves.
-        backward: from the (N, 2, 3) gradient with respect to `jacobian` to the (N, 3) one with respect to the points.
+        backward: maps the (N, 2, 3) gradient with respect to `jacobian` to the (N, 3) one with respect to the points.
     """
 
     jacobian: np.ndarray
@@ -36,7 +35,7 @@ class Linearised:
 
 
 def linearised(local: np.ndarray, camera: Camera) -> Linearised:
-    """The projection of a camera around (N, 3) points in its axes."""
+    """Linearise the projection of a camera around (N, 3) points in its axes."""
     focal = np.array([camera.fx, camera.fy])
     if camera.lens.model == "orthographic":
         jacobian = np.tile(np.diag(focal) @ np.eye(2, 3), (len(local), 1, 1))
@@ -47,7 +46,7 @@ def linearised(local: np.ndarray, camera: Camera) -> Linearised:
 
 
 def is_beside(local: np.ndarray, camera: Camera) -> np.ndarray:
-    """(N,) bool: which points are so far beside the image that `linearised` holds their slopes."""
+    """(N,) bool: whether points are so far beside the image that `linearised` clamps their slopes."""
     if camera.lens.model in ("orthographic", "fisheye"):
         return np.zeros(len(local), np.bool_)
     slopes, (low, high) = local[:, :2] / local[:, 2:], slope_limits(camera)
@@ -78,7 +77,7 @@ def _perspective(local: np.ndarray, camera: Camera, focal: np.ndarray) -> Linear
 
 
 def _through_slopes(first: np.ndarray, slopes: np.ndarray, depth: np.ndarray, focal: np.ndarray) -> np.ndarray:
-    """(N, 2, 3) derivative of f d(x/z, y/z), from d's own."""
+    """(N, 2, 3) derivative of f d(x/z, y/z), from the derivative of d."""
     columns = focal[:, None] * first / depth[:, None, None]
     return np.concatenate([columns, -np.einsum("nij,nj->ni", columns, slopes)[:, :, None]], axis=2)
 
@@ -126,7 +125,7 @@ class _Distortion:
 def _fisheye(local: np.ndarray, lens: Lens, focal: np.ndarray) -> Linearised:
     """(x, y, z) ↦ f s (x, y) + c, where s = θ_d / r for r² = x² + y² and θ = atan2(r, z).
 
-    s depends on x and y through r alone, so its derivatives are ∂s/∂x_i = A x_i, ∂s/∂z = B, and those of A and B are
+    s depends on x and y only through r, so its derivatives are ∂s/∂x_i = A x_i, ∂s/∂z = B, and those of A and B are
     C x_i and E, and E x_i and F.
     """
     across = local[:, :2]
@@ -171,7 +170,7 @@ def _fisheye_derivatives(local: np.ndarray, lens: Lens) -> tuple[np.ndarray, ...
 
 
 def _equidistant(z: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """s0 = θ/r, A0 = (∂s0/∂r)/r and C0 = (∂A0/∂r)/r, from z and q = r². Close to the axis they are power series."""
+    """s0 = θ/r, A0 = (∂s0/∂r)/r and C0 = (∂A0/∂r)/r, from z and q = r². Power series are used close to the axis."""
     with np.errstate(all="ignore"):
         r, square = np.sqrt(q), q + z * z
         s0 = np.arctan2(r, z) / r

@@ -18,7 +18,7 @@ def ssim_window() -> np.ndarray:
 
 
 def _blur(image: np.ndarray) -> np.ndarray:
-    """Windowed mean at every pixel whose window lies inside the image: (H, W, 3) to (H-10, W-10, 3)."""
+    """Windowed mean at every pixel whose window is inside the image: (H, W, 3) to (H-10, W-10, 3)."""
     margin = SSIM_WINDOW // 2
     window = ssim_window()
     full = correlate1d(correlate1d(image, window, axis=0, mode="constant"), window, axis=1, mode="constant")
@@ -66,7 +66,7 @@ def photometric_loss(
 ) -> tuple[float, np.ndarray]:
     """Loss of an image and its gradient with respect to `rendered`, both (H, W, 3).
 
-    Pixels outside `mask` (H, W) count as if the photograph showed what was rendered there. Images too small for a
+    Pixels outside `mask` (H, W) count as if the photograph equalled the rendering there. Images smaller than a
     window of SSIM have no structural term.
     """
     if mask is not None:
@@ -89,7 +89,7 @@ def photometric_loss(
 def regularise(scene: Scene, settings: LossSettings, gradient: SceneGradient) -> float:
     """Value of λ_s mean ‖log s‖² + λ_α mean α (the PocketGS paper's total loss); adds its gradient in place.
 
-    The paper sums over the Gaussians; the mean makes the weights independent of their number.
+    The paper sums over the Gaussians; with the mean, weights do not depend on their number.
     """
     count = max(len(scene.means), 1)
     opacities = 1.0 / (1.0 + np.exp(-scene.opacity_logits))

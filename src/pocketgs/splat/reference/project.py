@@ -1,4 +1,4 @@
-"""Project Gaussians into a camera's image, and gradients back to the Gaussians."""
+"""Project Gaussians into a camera's image, and the gradient with respect to the Gaussians."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from pocketgs.splat.reference.scene import Scene, SceneGradient
 
 @dataclass(frozen=True)
 class Projection:
-    """Gaussians as the image sees them, in canonical order.
+    """Projected Gaussians, in canonical order.
 
     Attributes:
         means: (N, 2) centres in pixels.
         conics: (N, 2, 2) inverse covariances in 1/pixels².
-        opacities: (N,) in (0, 1), of what is composited.
-        compensations: (N,) what opacities have been lowered by, 1 unless anti-aliased.
-        colours: (N, C) RGB, or whatever other channels are to be composited.
-        radii: (N, 2) half the width and height, in pixels, of where α is at least 1/255.
+        opacities: (N,) in (0, 1), after compensation.
+        compensations: (N,) factors on the opacities, 1 unless anti-aliased.
+        colours: (N, C) RGB, or other channels to composite.
+        radii: (N, 2) half the width and height, in pixels, of the region with α of at least 1/255.
         depths: (N,) that splats are sorted by, see `Camera.depths`.
         visible: (N,) whether the Gaussian is drawn.
     """
@@ -49,9 +49,9 @@ class Projection:
 
 @dataclass(frozen=True)
 class ProjectionGradient:
-    """Gradient of the loss with respect to a `Projection`'s arrays, of the same shapes; `conics` symmetric.
+    """Gradient of the loss with respect to a `Projection`'s arrays, of the same shapes; `conics` is symmetric.
 
-    `absolute_means` (N, 2) sums the magnitudes of what every pixel adds to `means` (AbsGS, Ye et al. 2024, section 3).
+    `absolute_means` (N, 2) sums the magnitudes of what pixels add to `means` (AbsGS, Ye et al. 2024, section 3).
     """
 
     means: np.ndarray
@@ -64,13 +64,13 @@ class ProjectionGradient:
 def project(scene: Scene, camera: Camera, near: float | None = None, antialiased: bool = False) -> Projection:
     """Project every Gaussian: Σ' = J W Σ Wᵀ Jᵀ + 0.3 I (3DGS, equation 5).
 
-    Anti-aliased, the 0.3 I spreads a Gaussian without making it more opaque in all: its opacity is lowered by
-    √(det(Σ' - 0.3 I) / det Σ') (Mip-Splatting's 2D filter, Yu et al. 2024, section 4.2).
+    If anti-aliased, opacities are multiplied by √(det(Σ' - 0.3 I) / det Σ'), so that the 0.3 I spreads a Gaussian
+    without making it more opaque in all (Mip-Splatting's 2D filter, Yu et al. 2024, section 4.2).
 
-    Gaussians before the near plane, the scene's if none is given, that the lens does not show, with an opacity under
-    1/255, with parameters that are not finite, thinner than float32 can hold, or whose bounds at that opacity hold no
-    pixel centre, are not visible. Neither are those beside the image that reach the camera's plane within a standard
-    deviation: no ellipse is their image, and the linearised projection would draw them as a veil.
+    A Gaussian is not visible if it is nearer than the near plane (by default the scene's), outside the lens's valid
+    field, or of an opacity under 1/255; if its parameters are not finite, it is thinner than float32 can represent, or
+    its bounds at that opacity contain no pixel centre; or if it is beside the image and reaches the camera's plane
+    within a standard deviation: its image is no ellipse, and the linearised projection would draw it as a veil.
     """
     with np.errstate(all="ignore"):
         rotation, translation = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
@@ -83,7 +83,7 @@ def project(scene: Scene, camera: Camera, near: float | None = None, antialiased
         if antialiased:
             compensations = np.sqrt(np.maximum(np.linalg.det(sharp), 0.0) / np.linalg.det(covariances))
         opacities = compensations / (1.0 + np.exp(-scene.opacity_logits))
-        # Where α falls to 1/255: dᵀ Σ'⁻¹ d = 2 ln(255 o).
+        # α is 1/255 where dᵀ Σ'⁻¹ d = 2 ln(255 o).
         reach = np.sqrt(np.maximum(2.0 * np.log(opacities / ALPHA_MIN), 0.0))
         radii = reach[:, None] * np.sqrt(np.stack([covariances[:, 0, 0], covariances[:, 1, 1]], axis=1))
         focal, centre = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
@@ -158,7 +158,7 @@ def project_backward(
     d_colours = gradient.colours[seen] * lit
     d_sh = basis(directions, part.sh.shape[1])[:, :, None] * d_colours[:, None, :]
     d_directions = np.einsum("nki,nkc,nc->ni", basis_gradient(directions, part.sh.shape[1]), part.sh, d_colours)
-    # A unit vector's derivative keeps only what is across it.
+    # Normalisation removes the component along the direction.
     d_means += (d_directions - directions * np.sum(directions * d_directions, axis=1, keepdims=True)) / distances
     d_logits = gradient.opacities[seen] * opacities * (1.0 - opacities / compensations)
     return SceneGradient.scatter(len(scene.means), seen, d_means, d_log_scales, d_rotations, d_logits, d_sh)

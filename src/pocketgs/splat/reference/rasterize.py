@@ -1,4 +1,4 @@
-"""Composite projected Gaussians front to back, and the gradient by replaying the same order."""
+"""Composite projected Gaussians front to back, and compute the gradient by replaying the same order."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from pocketgs.splat.reference.project import Projection, ProjectionGradient
 
 @dataclass(frozen=True)
 class Raster:
-    """An image of the scene.
+    """A rendered image.
 
     Attributes:
         image: (H, W, C) colour, or other channels, over the background.
-        transmittance: (H, W) what of the background shows through; alpha is 1 - transmittance.
-        depth: (H, W) Σ α_i T_i z_i; divided by alpha it is the expected depth.
+        transmittance: (H, W) fraction of the background that shows through; alpha is 1 - transmittance.
+        depth: (H, W) Σ α_i T_i z_i; divided by alpha, it is the expected depth.
     """
 
     image: np.ndarray
@@ -30,7 +30,7 @@ class Raster:
 
 @dataclass(frozen=True)
 class Contribution:
-    """One splat on the whole image: offsets (H, W, 2), the Gaussian's value and α, both (H, W)."""
+    """One splat on the whole image: offsets (H, W, 2), the Gaussian's values and α, both (H, W)."""
 
     index: int
     offsets: np.ndarray
@@ -39,7 +39,7 @@ class Contribution:
 
 
 def splats_in(order: np.ndarray, projection: Projection, camera: Camera, most_opaque: float) -> Iterator[Contribution]:
-    """The visible splats of an order, with α_i = min(most, o_i exp(-½ dᵀ Σ'⁻¹ d)), 0 where under 1/255."""
+    """The visible splats in a given order, with α_i = min(most, o_i exp(-½ dᵀ Σ'⁻¹ d)), 0 where under 1/255."""
     columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     pixels = np.stack([columns, rows], axis=-1)
     for index in order[projection.visible[order]]:
@@ -55,9 +55,9 @@ def _front_to_back(projection: Projection, camera: Camera, most_opaque: float) -
 
 
 def _drawn(alpha: np.ndarray, transmittance: np.ndarray, limits: Limits) -> tuple[np.ndarray, np.ndarray]:
-    """α where a splat is drawn, else 0, and the transmittance behind it.
+    """α where a splat is drawn, otherwise 0, and the transmittance behind it.
 
-    A negative transmittance marks a pixel that takes no more, though it would not be full without what it leaves out.
+    A negative transmittance marks a pixel that has skipped a splat and accepts no more, although it is not full.
     """
     alpha = np.where(transmittance >= TRANSMITTANCE_MIN, alpha, 0.0)
     rest = transmittance - alpha * transmittance
@@ -72,9 +72,9 @@ def rasterize(projection: Projection, camera: Camera, background: np.ndarray, li
 
     Args:
         projection: from `project`.
-        camera: gives the image's size.
+        camera: of the view.
         background: (C,) of each channel.
-        limits: where compositing stops.
+        limits: of compositing.
     """
     shape = (camera.height, camera.width)
     image, depth, transmittance = np.zeros((*shape, len(background))), np.zeros(shape), np.ones(shape)
@@ -99,8 +99,8 @@ def rasterize_backward(
     """Gradient of the loss with respect to the projected Gaussians.
 
     With C_in the colour composited behind a splat, C_out = C_in (1 - α) + α c gives ∂L/∂α = T ∂L/∂C · (c - C_in)
-    (the PocketGS paper, on operator T). What lies behind is the final colour less what the replay has added so far,
-    divided by the transmittance behind the splat, so nothing but the final colour need be kept.
+    (the PocketGS paper, on operator T). C_in is the final colour minus the replay's sum so far, divided by the
+    transmittance behind the splat, so only the final colour is stored.
 
     Args:
         projection: as in the forward pass.
@@ -120,11 +120,11 @@ def rasterize_backward(
         weight = alpha * transmittance
         behind -= weight[..., None] * colour
         d_alpha = np.sum(d_image * (transmittance[..., None] * colour - behind / (1.0 - alpha)[..., None]), axis=-1)
-        # T = Π (1 - α_j): every splat but this one stays as it is.
+        # T = Π (1 - α_j): the other factors stay constant.
         d_alpha -= d_transmittance * raster.transmittance / (1.0 - alpha)
         transmittance = rest
         gradient.colours[index] = np.einsum("hw,hwc->c", weight, d_image)
-        # α is flat where it is clamped or skipped.
+        # α is constant where it is clamped or skipped.
         d_alpha = np.where((alpha > 0.0) & (alpha < limits.most_opaque), d_alpha, 0.0)
         set_shape_gradient(gradient, contribution, projection.conics[index], d_alpha, alpha)
     return gradient
@@ -149,7 +149,7 @@ def set_shape_gradient(
 
 @dataclass(frozen=True)
 class Contributions:
-    """What every Gaussian adds to the image: pixels that it touches, the largest and the summed α T, all (N,)."""
+    """Contributions of each Gaussian to the image: pixels it touches, the largest and the summed α T, all (N,)."""
 
     pixels: np.ndarray
     largest: np.ndarray
@@ -157,9 +157,9 @@ class Contributions:
 
 
 def contributions(projection: Projection, camera: Camera) -> tuple[Contributions, np.ndarray]:
-    """The contributions of Gaussians, and the (H, W) median depth.
+    """Contributions of the Gaussians, and the (H, W) median depth.
 
-    The median depth is that of the splat which brings the transmittance below one half, 0 where none does.
+    The median depth is that of the splat that brings the transmittance below one half, 0 if none does.
     """
     count, shape = len(projection.means), (camera.height, camera.width)
     found = Contributions(np.zeros(count, int), np.zeros(count), np.zeros(count))

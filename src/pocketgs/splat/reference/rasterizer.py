@@ -1,4 +1,4 @@
-"""The rasterizer's operations in the reference."""
+"""The reference's backend of the rasterizer."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class ReferenceBackend:
     def backward(
         self, composite: Composite, d_image: np.ndarray, d_transmittance: np.ndarray, absolute: bool
     ) -> CompositeGradient:
-        """From gradients of images to gradients of Gaussians."""
+        """Convert gradients of images to gradients of Gaussians."""
         tape: _Tape = composite.tape
         found = self._compositor.replay(
             tape.projection, tape.camera, tape.raster, np.moveaxis(d_image, 0, 2), d_transmittance
@@ -78,7 +78,7 @@ class ReferenceBackend:
         )
 
     def inspect(self, composite: Composite) -> tuple[Contributions, np.ndarray]:
-        """What every Gaussian adds to the image, and the median depth."""
+        """Contributions of each Gaussian, and the median depth."""
         assert self._compositor.inspect is not None
         found, median = self._compositor.inspect(composite.tape.projection, composite.tape.camera)
         return Contributions(found.pixels, found.largest, found.summed), median

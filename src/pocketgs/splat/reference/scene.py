@@ -25,13 +25,13 @@ class Scene:
         return Scene(*(getattr(gaussians, name).astype(np.float64) for name in PARAMETERS))
 
     def select(self, indices: np.ndarray) -> Scene:
-        """The Gaussians that an index array names."""
+        """The Gaussians selected by an index array."""
         return Scene(*(getattr(self, name)[indices] for name in PARAMETERS))
 
 
 @dataclass
 class SceneGradient:
-    """Gradient of the loss in the spaces in which Adam updates: `rotations` (N, 3) is in the tangent space."""
+    """Gradient of the loss in the spaces of Adam's updates: `rotations` (N, 3) is in the tangent space."""
 
     means: np.ndarray
     log_scales: np.ndarray

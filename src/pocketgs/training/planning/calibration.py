@@ -1,4 +1,4 @@
-"""Calibration: the speed of this machine, from timing part of a sweep and a few training steps on synthetic images."""
+"""Calibration: the speed of this machine, from parts of a sweep and a few training steps on synthetic images."""
 
 from __future__ import annotations
 
@@ -26,19 +26,18 @@ HYPOTHESES = 128
 
 SWEEP_SECONDS, STEP_SECONDS = 0.068, 0.0095
 """Seconds of one sweep and of one step on the machine that `time_model` was measured on."""
-"""Time relative to the machine that the model was measured on, of the prior and of training."""
 
 
 @dataclass(frozen=True)
 class Speed:
-    """How much longer than on the machine that the model was measured on work takes: of the prior, and of training."""
+    """Duration of the prior and of training relative to the machine that the time model was measured on."""
 
     prior: float
     training: float
 
 
 def measure_speed(engine: Engine, threads: int, with_prior: bool) -> Speed:
-    """Time this machine, which takes a few tenths of a second once kernels are compiled.
+    """Measure the speed of this machine, within a few tenths of a second once kernels are compiled.
 
     Args:
         engine: an engine whose scene may be overwritten.
@@ -77,7 +76,7 @@ def _least_seconds(work: Callable[[], object]) -> float:
 
 
 def _step_seconds(engine: Engine, frame: Frame, rng: np.random.Generator) -> float:
-    """Seconds of one step on Gaussians that tile the image once, as those of a dense cloud do."""
+    """Seconds of one step on Gaussians that cover the image once, like those of a dense cloud."""
     across, down = WIDTH / FOCAL * DISTANCE, HEIGHT / FOCAL * DISTANCE
     means = rng.uniform(-0.5, 0.5, (GAUSSIANS, 3)) * (across, down, 0.2) + (0, 0, DISTANCE)
     size = np.log(np.sqrt(across * down / GAUSSIANS))

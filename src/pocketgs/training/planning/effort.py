@@ -31,16 +31,16 @@ GAUSSIANS_POWER, SECONDS_POWER = 0.5, 0.75
 MIN_ITERATIONS, MAX_ITERATIONS = 500, 3000
 
 MAX_OPEN_ENDED = 20_000
-"""Iterations of a run that trains until it stops paying."""
+"""Maximum iterations of a run that trains until it stops paying."""
 
 OPEN_ENDED_GAUSSIANS = 2
-"""How many times the Gaussians of `standard` such a run may have. It begins with half of them, or with 0.8
-of them if the user gives its iterations, and grows."""
+"""Maximum number of Gaussians of such a run relative to `standard`. It begins with half of them, or with 0.8 of them
+if the user sets the iterations, and grows."""
 
 OPEN_ENDED_STRATEGIES = ("budgeted", "fixed")
 
 OF_THE_RECIPE = ("iterations", "max_gaussians", "prior", "seeds", "strategy")
-"""Options that a recipe may set. The user's values take precedence over it, and it over the effort."""
+"""Options that a recipe may set. The user's values take precedence over it, and it takes precedence over the effort."""
 
 MAX_EPOCHS = 40
 """Maximum number of times that each photograph is trained on: with few photographs, more would overfit."""
@@ -60,7 +60,7 @@ def sized(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> SizedOp
     recipe = recipe_named(options.recipe or ("long" if options.effort == "best" else "pocketgs"))
     options = replace(options, recipe=recipe.name)
     strategy = options.strategy or recipe.strategy
-    # Other strategies act at shares of a run's length, which nobody knows here.
+    # Other strategies act at shares of a run's length, which is unknown here.
     grows = recipe.open_ended and strategy in OPEN_ENDED_STRATEGIES and bool(validation_views(len(views)))
     open_ended = grows and options.iterations is None
     given = {field.name: getattr(options, field.name) for field in fields(options)}

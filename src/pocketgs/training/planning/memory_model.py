@@ -28,14 +28,13 @@ OBJECTS = 1.1
 
 DECODING, DECODING_ALPHA = 24, 40
 """Bytes per pixel while a photograph is read, and with alpha."""
-"""Bytes per pixel during feature detection: grey levels at double size, six blurred copies, and their differences."""
 
 SIFT_PIXEL = 210
-"""Bytes by pixel of features being found: grey levels at twice the size, six blurred copies, and their differences."""
+"""Bytes per pixel during feature detection: grey levels at double size, six blurred copies, and their differences."""
 
 MATCHING = 70 * MB
 SPARSE = 75 * MB
-"""Features and tables of their products; what is kept of them, with the kernels of the prior."""
+"""Features and tables of their products during matching; what remains of them, with the kernels of the prior."""
 
 ADJUSTMENT = 110 * MB
 """Machine code and equations of bundle adjustment, assuming that poses are refined."""

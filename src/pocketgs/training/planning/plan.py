@@ -32,7 +32,7 @@ ENOUGH_ITERATIONS, MIN_ITERATIONS = 0.5, 50
 """Share of the requested iterations that a size must leave time for; and the minimum number at the last size."""
 
 OPEN_ENDED_ITERATIONS = 3000
-"""Iterations that count as requested in a run that trains until it stops paying."""
+"""Number of iterations that counts as requested in a run that trains until it stops paying."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Plan:
         peak_rss_mb: peak memory of the process, in MB of 10^6 bytes.
         rss_by_stage_mb: the same by stage.
         device_mb: buffers on the GPU.
-        iterations: that there is time for.
+        iterations: number of iterations that fit into the time.
         seconds: of the whole run, or None if time is not bounded, and so not estimated.
         reserve: seconds from the last iteration until the result is written, or None.
     """

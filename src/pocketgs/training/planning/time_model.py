@@ -51,7 +51,7 @@ class Timetable:
     after: float
 
     def steps_within(self, seconds: float) -> int:
-        """Number of steps that there is time for; 0 if not even the rest fits."""
+        """Number of steps that fit into the time; 0 if not even the other stages fit."""
         return max(0, int((seconds - self.before - self.after) / self.step))
 
     def total(self, steps: int) -> float:
@@ -97,7 +97,7 @@ def step_seconds(gaussians: int, coefficients: int, pixels: float) -> float:
 
 
 def _poses(work: Work) -> float:
-    """Seconds for features and matches of all frames, and for bundle adjustment, assuming that it will be needed."""
+    """Seconds for features and matches of all frames, and for bundle adjustment, which is assumed to be needed."""
     outline = work.outline
     views = len(outline.training) + len(outline.held_out)
     looked_at = min(outline.stored_pixels, MAX_SIDE**2, PIXELS / views)

@@ -1,1 +1,1 @@
-"""Strategies: how the number of Gaussians changes over a run. One file per strategy, chosen in `choose.py`."""
+"""Strategies: control of the number of Gaussians during training. One file per strategy, listed in `choose.py`."""

@@ -1,4 +1,4 @@
-"""3DGS's adaptive density control: clone, split, prune, reset opacities (Kerbl et al. 2023, section 5.2)."""
+"""3DGS's adaptive density control: cloning, splitting, pruning, and opacity resets (Kerbl et al. 2023, section 5.2)."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from pocketgs.training.strategies.strategy import Collected, Quiet, Situation
 
 @dataclass(frozen=True)
 class DensityControl:
-    """Thresholds and times, those of 3DGS.
+    """Settings of adaptive density control; those of 3DGS.
 
     Attributes:
-        start, stop, every: iterations after which Gaussians multiply for the first and the last time, and in between.
-        gradient: mean gradient of the centre on the image above which a Gaussian multiplies.
-        small: share of the scene's extent up to which it is cloned; larger ones are split.
-        faint: opacity under which it goes.
-        large: share of the extent above which it goes, once opacities have been reset.
-        reset_every: iterations from one reset of opacities to the next.
-        reset_to: opacity that those above it are reset to, as a multiple of `faint`.
+        start, stop, every: iterations between which Gaussians are densified, and the interval.
+        gradient: minimum mean gradient of the centre on the image for densification.
+        small: maximum size of a cloned Gaussian, as a share of the scene's extent; larger ones are split.
+        faint: Gaussians of a lower opacity are pruned.
+        large: maximum size, as a share of the extent; larger Gaussians are pruned after the first opacity reset.
+        reset_every: iterations between opacity resets.
+        reset_to: maximum opacity after a reset, as a multiple of `faint`.
     """
 
     start: int = 500
@@ -39,7 +39,7 @@ class DensityControl:
 
 
 class AdaptiveDensityControl(Quiet):
-    """3DGS's strategy, bounded: where there is no room for all that would multiply, those with most gradient do."""
+    """3DGS's strategy, with a maximum number: if there is no room, the largest gradients take precedence."""
 
     name = "adc"
 
@@ -48,11 +48,11 @@ class AdaptiveDensityControl(Quiet):
         self._extent = situation.measure_extent()
 
     def collected(self, iteration: int) -> Collected:
-        """Gradients on the image, as long as Gaussians multiply."""
+        """Gradients on the image, until densification ends."""
         return Collected(statistics=iteration < self._control.stop)
 
     def after_step(self, iteration: int, engine: Engine) -> None:
-        """Multiply and prune, then reset; not after the last step, which nothing would train on."""
+        """Densify and prune, then reset opacities; not after the last step, since no training would follow."""
         control = self._control
         if iteration >= min(control.stop, self._situation.iterations):
             return
@@ -65,7 +65,7 @@ class AdaptiveDensityControl(Quiet):
             engine.restart_statistics(collected)
 
     def _refined(self, iteration: int, scene: Gaussians, statistics: Statistics) -> RowChange:
-        """Clones and parts in place of what is split, less what is pruned."""
+        """Clone or split the Gaussians with large gradients, then prune."""
         control, situation = self._control, self._situation
         largest = scene.scales.max(axis=1)
         gradient = statistics.screen_gradients / np.maximum(statistics.seen, 1.0)
@@ -94,7 +94,7 @@ class AdaptiveDensityControl(Quiet):
         )
 
     def _reset(self, scene: Gaussians) -> RowChange:
-        """No opacity above that of the reset."""
+        """Reduce opacities to at most that of the reset."""
         highest = logit(np.array(self._control.reset_to * self._control.faint))
         rows = np.arange(len(scene), dtype=np.int32)
         return RowChange.of_values(len(scene), {"opacity_logits": (rows, np.minimum(scene.opacity_logits, highest))})

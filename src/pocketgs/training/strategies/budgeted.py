@@ -1,8 +1,8 @@
-"""Growth towards a given number along a schedule, where the errors of the training views say so.
+"""Budgeted growth: a scheduled number of Gaussians, added where the training views have errors.
 
-Taming 3DGS (Mallick et al. 2024) grows along a parabola to an exact number and weighs what to densify by scores;
-FastGS (Ren et al. 2025) lets errors of several views vote. Here one score decides: how much of the views' error a
-Gaussian takes part in, summed over the views that were looked at before each growth.
+Taming 3DGS (Mallick et al. 2024) grows along a parabola to an exact number, and chooses what to densify by scores;
+FastGS (Ren et al. 2025) uses the errors of several views. Here the score is a Gaussian's contribution to the views'
+errors, summed over the last views before each growth.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from pocketgs.training.strategies.strategy import Collected, Quiet, Situation
 
 @dataclass(frozen=True)
 class Growth:
-    """When and how.
+    """Settings of budgeted growth.
 
     Attributes:
-        start, stop: shares of the run between which Gaussians multiply.
-        times: how often they do.
-        first: share of the final number that a run starts with, at most.
-        looks: views whose errors are summed up before each time, at most.
-        faint: opacity under which a Gaussian goes.
+        start, stop: shares of the run between which the number grows.
+        times: number of growths.
+        first: maximum initial number, as a share of the final number.
+        looks: maximum number of views whose errors are summed before each growth.
+        faint: Gaussians of a lower opacity are pruned.
     """
 
     start: float = 0.02
@@ -39,12 +39,12 @@ class Growth:
 
 
 class Parabola:
-    """Fast growth first, then ever slower, at fixed shares of a run of known length.
+    """A parabolic schedule, fast at first, at fixed shares of a run of known length.
 
     Args:
-        growth: the shares.
+        growth: the settings.
         iterations: of the run.
-        most: Gaussians that there are to be at last.
+        most: final number of Gaussians.
     """
 
     def __init__(self, growth: Growth, iterations: int, most: int) -> None:
@@ -53,19 +53,19 @@ class Parabola:
         self._iterations = np.unique(np.maximum(grows.astype(int), 1))
 
     def next_growth(self, iteration: int) -> int | None:
-        """The first of its iterations, from this one on."""
+        """The next iteration with a growth, from this one on."""
         ahead = self._iterations[self._iterations >= iteration]
         return int(ahead[0]) if len(ahead) else None
 
     def target(self, iteration: int, count: int) -> int:
-        """Along a parabola in the iterations, whatever the number is."""
+        """The target of the parabola, whatever the current number."""
         last, first = self._iterations[-1], self._iterations[0]
         left = np.clip((last - iteration) / max(last - first, 1), 0.0, 1.0)
         return int(self._most * (1.0 - (1.0 - self._first) * left**2))
 
 
 class Budgeted(Quiet):
-    """Splits what takes part in most error, and prunes what is faint, so that the number follows its plan."""
+    """Splits the Gaussians that contribute most to errors, and prunes faint ones, according to a schedule."""
 
     name = "budgeted"
 
@@ -74,13 +74,13 @@ class Budgeted(Quiet):
         self._plan = situation.growth or Parabola(self._growth, situation.iterations, situation.most)
 
     def collected(self, iteration: int) -> Collected:
-        """Errors, in the steps that lead to a growth."""
+        """Errors, in the last steps before a growth."""
         ahead = self._plan.next_growth(iteration)
         looks = min(self._growth.looks, self._situation.views)
         return Collected(errors=ahead is not None and ahead - iteration < looks)
 
     def after_step(self, iteration: int, engine: Engine) -> None:
-        """Prune and split."""
+        """Prune and split, if the schedule says so."""
         if self._plan.next_growth(iteration) == iteration:
             target = self._plan.target(iteration, engine.count)
             engine.change_rows(self._grown(engine.download(), engine.statistics().errors, target))

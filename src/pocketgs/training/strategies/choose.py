@@ -1,4 +1,4 @@
-"""Strategies by name, and with how many Gaussians each begins."""
+"""Strategies by name, and their initial numbers of Gaussians."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ MIN_GAUSSIANS = 4
 class _Kind:
     make: Callable[[Situation], Strategy]
     first: float
-    """Share of the final number that a run may begin with."""
+    """Maximum initial number of Gaussians, as a share of the final number."""
 
 
 FIRST_OPEN_ENDED = 0.5
-"""Share of the final number that an open-ended run begins with, if its strategy grows: it may never grow so far."""
+"""The same for an open-ended run, if its strategy grows: it may end before it reaches the maximum."""
 
 _KINDS: dict[str, _Kind] = {
     "fixed": _Kind(Fixed, 1.0),
@@ -38,12 +38,12 @@ _KINDS: dict[str, _Kind] = {
 
 
 def create_strategy(name: StrategyName, situation: Situation) -> Strategy:
-    """Make a strategy."""
+    """Create a strategy."""
     return _KINDS[name].make(situation)
 
 
 def most_at_start(name: StrategyName, most: int, open_ended: bool = False) -> int:
-    """How many Gaussians a run of at most `most` may begin with."""
+    """Maximum initial number of Gaussians of a run of at most `most`."""
     first = _KINDS[name].first
     first = min(first, FIRST_OPEN_ENDED) if open_ended and first < 1.0 else first
     return max(int(first * most), min(MIN_GAUSSIANS, most))

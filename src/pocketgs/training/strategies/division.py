@@ -1,4 +1,4 @@
-"""One Gaussian becomes two: where they stand, and how large they are."""
+"""Splitting a Gaussian into two: positions and sizes of the parts."""
 
 from __future__ import annotations
 
@@ -8,29 +8,30 @@ from pocketgs.geometry.quaternions import rotation_matrices
 from pocketgs.scene.gaussians import Gaussians
 
 SHRINKING = 1.6
-"""Parts of a Gaussian that is split are smaller by this factor (3DGS, section 5.2)."""
+"""Factor by which the parts of a split Gaussian are smaller (3DGS, section 5.2)."""
 
 
 def drawn_within(scene: Gaussians, rows: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(R, 3) points drawn from the Gaussians of those rows, in float32."""
+    """(R, 3) float32 points sampled from the Gaussians of some rows."""
     offsets = rng.standard_normal((len(rows), 3)) * np.exp(scene.log_scales[rows].astype(np.float64))
     turned = np.einsum("nij,nj->ni", axes_of(scene, rows), offsets)
     return (scene.means[rows] + turned).astype(np.float32)
 
 
 def axes_of(scene: Gaussians, rows: np.ndarray) -> np.ndarray:
-    """(R, 3, 3) whose columns are the Gaussians' axes in the world."""
+    """(R, 3, 3) matrices whose columns are the Gaussians' axes in the world."""
     return rotation_matrices(scene.quaternions[rows].astype(np.float64))
 
 
 def halves(scene: Gaussians, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Two parts of each Gaussian, side by side along its longest axis, that together have its mean and covariance.
+    """Split Gaussians along their longest axis into two parts that together keep the mean and covariance.
 
-    Parts whose standard deviation along the axis is σ/1.6 stand d to either side of the middle, d² = σ² - (σ/1.6)².
-    Their opacities make the sum of what both hide as large as what the one did: o' = 1.6/2 o.
+    The parts have the standard deviation σ/1.6 along the axis, and are at distance d on either side of the mean, with
+    d² = σ² - (σ/1.6)². Their opacities o' = 1.6/2 o keep the sum of opacity times length.
 
     Returns:
-        offset (R, 3) of one part, that of the other is its negative; log scales (R, 3) and opacity logits (R,) of both.
+        Offsets (R, 3) of the first parts, whose negatives are those of the second; log scales (R, 3) and opacity logits
+        (R,) of both.
     """
     log_scales = scene.log_scales[rows].astype(np.float64)
     each, longest = np.arange(len(rows)), log_scales.argmax(axis=1)

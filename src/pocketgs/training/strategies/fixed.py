@@ -1,4 +1,4 @@
-"""The number of Gaussians stays what it was at the start."""
+"""A strategy that keeps the number of Gaussians."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from pocketgs.training.strategies.strategy import Collected, Quiet, Situation
 
 
 class Fixed(Quiet):
-    """Does nothing."""
+    """Keeps the number of Gaussians."""
 
     name = "fixed"
 
     def __init__(self, situation: Situation) -> None:
-        """Nothing of the situation matters."""
+        """Ignores the situation."""
 
     def collected(self, iteration: int) -> Collected:
         """Nothing."""
         return Collected()
 
     def after_step(self, iteration: int, engine: Engine) -> None:
-        """Nothing."""
+        """Does nothing."""

@@ -1,4 +1,4 @@
-"""3DGS-MCMC: the dead move onto the living, and positions are shaken (Kheradmand et al. 2024)."""
+"""3DGS-MCMC: relocation of dead Gaussians, and noise on positions (Kheradmand et al. 2024)."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ MAX_OPACITY = 1.0 - 1e-6
 
 @dataclass(frozen=True)
 class Relocation:
-    """Times and sizes, those of the paper where they do not depend on how long a run is.
+    """Settings of 3DGS-MCMC; the paper's, except that times are relative to the length of the run.
 
     Attributes:
-        start, stop: shares of the run at which Gaussians begin and end to move: 500 and 25,000 of the paper's 30,000.
-        every: iterations in between.
-        dead: opacity up to which a Gaussian is dead.
-        growth: by which the number grows each time, until there are as many as there may be.
+        start, stop: shares of the run between which Gaussians are relocated: 500 and 25,000 of the paper's 30,000.
+        every: iterations between relocations.
+        dead: maximum opacity of a dead Gaussian.
+        growth: relative growth of the number of Gaussians per relocation, up to the run's maximum.
         noise: λ_noise times the paper's rate of the means, 5e5 x 1.6e-4, for a scene of extent 1.
         opacity_weight, size_weight: of the mean opacity, and of the mean standard deviation in a scene of extent 1.
     """
@@ -41,7 +41,7 @@ class Relocation:
 
 
 class MarkovChain:
-    """Relocation with its exact formula, growth by a twentieth, noise, and weights on opacity and size."""
+    """The strategy of 3DGS-MCMC: relocation, growth, noise, and regularisation of opacity and size."""
 
     name = "mcmc"
 
@@ -54,25 +54,25 @@ class MarkovChain:
         return Collected()
 
     def loss(self, loss: LossSettings) -> LossSettings:
-        """Opacities and sizes have a price, so that what is not needed dies and can be used elsewhere."""
-        # The mean is over the three axes of a Gaussian, the weight is of their sum.
+        """Regularise opacity and size, so that Gaussians that are not needed die and can be relocated."""
+        # Our term is the mean over a Gaussian's three axes, the weight is for their sum.
         size_weight = self._relocation.size_weight / 3.0 / self._extent
         return replace(loss, opacity_weight=self._relocation.opacity_weight, size_weight=size_weight)
 
     def noise(self, iteration: int, slowness: float) -> PositionNoise | None:
-        """As large as the rate of the means lets it be."""
+        """Noise in proportion to the learning rate of the means."""
         seed = int(np.random.default_rng((self._situation.seed, iteration, 2)).integers(2**32))
         return PositionNoise(self._relocation.noise * slowness / self._extent, seed)
 
     def after_step(self, iteration: int, engine: Engine) -> None:
-        """Relocate the dead and grow."""
+        """Relocate dead Gaussians, and grow."""
         relocation, iterations = self._relocation, self._situation.iterations
         is_time = relocation.start * iterations < iteration < relocation.stop * iterations
         if is_time and iteration % relocation.every == 0:
             self._relocate(engine, iteration)
 
     def _relocate(self, engine: Engine, iteration: int) -> None:
-        """The dead first, and then, among what they have become, those that are added."""
+        """Relocate dead Gaussians, then add copies."""
         rng = self._situation.random(iteration)
         scene = engine.download()
         is_dead = ~(scene.opacities > self._relocation.dead) | ~np.isfinite(scene.means).all(axis=1)
@@ -88,7 +88,7 @@ class MarkovChain:
             engine.change_rows(self._sharing(scene, sources))
 
     def _sharing(self, scene: Gaussians, sources: np.ndarray) -> RowChange:
-        """Copies share with what they are copied from."""
+        """Copy rows, and divide opacity and size among the copies of each source."""
         sharing = np.bincount(sources, minlength=len(scene))
         rows = np.flatnonzero(sharing[sources] > 1).astype(np.int32)
         opacities, shrinking = shared(scene.opacities[sources[rows]], sharing[sources[rows]])
@@ -100,6 +100,6 @@ class MarkovChain:
 
 
 def _shares(opacities: np.ndarray) -> np.ndarray:
-    """Probabilities in proportion to opacities."""
+    """Probabilities proportional to opacities."""
     weights = np.nan_to_num(opacities.astype(np.float64))
     return weights / weights.sum()

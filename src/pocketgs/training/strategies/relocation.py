@@ -1,4 +1,4 @@
-"""What n Gaussians in one place must be to look as the one did (Kheradmand et al. 2024, equation 9)."""
+"""Relocation: opacity and scale of n coinciding copies that render like one Gaussian (3DGS-MCMC, equation 9)."""
 
 from __future__ import annotations
 
@@ -6,18 +6,19 @@ import numpy as np
 from scipy.special import comb
 
 MAX_SHARING = 51
-"""Terms of alternating sign grow with the number of Gaussians; more than so many count as so many."""
+"""Maximum number of copies in the formula: its terms alternate in sign and grow. Larger numbers are clamped."""
 
 
 def shared(opacities: np.ndarray, sharing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Opacity of each of n Gaussians in one place, and by what factor they are smaller than the one.
+    """Opacity of each of n copies of a Gaussian, and the factor on its scales (Kheradmand et al. 2024, equation 9).
 
-    Composited, their centres hide as much as the one's did, 1 - (1 - o')^n = o. Their standard deviations shrink by
-    o / Σ_{i=1}^{n} Σ_{k=0}^{i-1} C(i-1, k) (-1)^k o'^{k+1} / √(k+1), so that a line hides as much in all.
+    At their centres, the composited copies have the opacity of the original: 1 - (1 - o')^n = o. The factor on their
+    standard deviations, o / Σ_{i=1}^{n} Σ_{k=0}^{i-1} C(i-1, k) (-1)^k o'^{k+1} / √(k+1), preserves the total opacity
+    along a line.
 
     Args:
-        opacities: (R,) of the one, in (0, 1).
-        sharing: (R,) how many there are to be, 1 or more.
+        opacities: (R,) of the original, in (0, 1).
+        sharing: (R,) number of copies n, at least 1.
 
     Returns:
         Both (R,) float64.

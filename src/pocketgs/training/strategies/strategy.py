@@ -1,4 +1,4 @@
-"""What a strategy is: asked before every step what to collect, and given the engine after it."""
+"""The `Strategy` interface: called before every step for its settings, and after it with the engine."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from pocketgs.splat.settings import LossSettings, PositionNoise
 
 
 class GrowthPlan(Protocol):
-    """When Gaussians multiply, and to what number."""
+    """A schedule of the number of Gaussians."""
 
     def next_growth(self, iteration: int) -> int | None:
-        """The first iteration, from this one on, after which Gaussians multiply; None if they will not."""
+        """The next iteration, from this one on, after which the number grows; None if it will not."""
 
     def target(self, iteration: int, count: int) -> int:
-        """How many there may be after this iteration, where there are `count` before."""
+        """Maximum number of Gaussians after this iteration, given the current `count`."""
 
 
 @dataclass(frozen=True)
 class Situation:
-    """What a strategy knows of its run. All that is random follows from the seed and the iteration.
+    """The run that a strategy is for. Everything random is determined by the seed and the iteration.
 
     Attributes:
         iterations: of the run.
-        most: Gaussians that it may come to have.
-        measure_extent: gives 3DGS's measure of the scene, see `pocketgs.training.recipes.camera_extent`.
+        most: maximum number of Gaussians.
+        measure_extent: returns 3DGS's extent of the scene, see `pocketgs.training.recipes.camera_extent`.
         views: number of training views.
-        seed: of everything random.
+        seed: random seed.
         bright: whether the background is not black.
-        growth: what the run knows of when to grow, or None where that is the strategy's to say.
+        growth: the run's schedule of growth, or None if the strategy chooses its own.
     """
 
     iterations: int
@@ -45,13 +45,13 @@ class Situation:
     growth: GrowthPlan | None = None
 
     def random(self, iteration: int) -> np.random.Generator:
-        """Random numbers of an iteration."""
+        """Random number generator of an iteration."""
         return np.random.default_rng((self.seed, iteration, 1))
 
 
 @dataclass(frozen=True)
 class Collected:
-    """What a step is to collect: see `StepSettings`."""
+    """Statistics to collect in a step; see `StepSettings`."""
 
     statistics: bool = False
     errors: bool = False
@@ -59,32 +59,31 @@ class Collected:
 
 
 class Strategy(Protocol):
-    """Decides which Gaussians go, stay and multiply.
+    """Controls the number of Gaussians.
 
-    It keeps nothing from one iteration to the next but what the engine holds, so that a resumed run ends as an unbroken
-    one.
+    It has no state of its own: the engine holds all statistics, so that a resumed run ends like an uninterrupted one.
     """
 
     name: str
 
     def collected(self, iteration: int) -> Collected:
-        """What the step that ends iteration `iteration`, counted from 1, is to collect."""
+        """Statistics to collect in the step that ends iteration `iteration`, counted from 1."""
 
     def loss(self, loss: LossSettings) -> LossSettings:
-        """The recipe's loss with what the strategy adds to it."""
+        """The recipe's loss, with the strategy's regularisers."""
 
     def noise(self, iteration: int, slowness: float) -> PositionNoise | None:
-        """What positions are shaken by in a step; `slowness` is how far the rate of the means has fallen, 1 to 0."""
+        """Noise on positions in a step; `slowness` is the learning rate of the means relative to its initial value."""
 
     def after_step(self, iteration: int, engine: Engine) -> None:
-        """Change the rows of the engine, or leave them."""
+        """Change the engine's rows, if it is time."""
 
 
 class Quiet:
-    """What a strategy does that neither adds to the loss nor shakes positions."""
+    """Defaults for strategies without regularisers and noise."""
 
     def loss(self, loss: LossSettings) -> LossSettings:
-        """The recipe's."""
+        """The recipe's loss, unchanged."""
         return loss
 
     def noise(self, iteration: int, slowness: float) -> PositionNoise | None:

@@ -1,1 +1,1 @@
-"""Camera models in kernels: one file per kind of lens, and what kernels ask of any of them."""
+"""Camera models for kernels: one file per model, and the dispatch that kernels call."""

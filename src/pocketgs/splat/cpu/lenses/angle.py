@@ -1,4 +1,4 @@
-"""Roots, angles and choices, of one number or lane by lane: for formulas that both passes of a lens share."""
+"""Square roots, angles and selection for numbers and for vectors, so that both passes share a lens's formulas."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ def root(x: Floats) -> Floats:
 
 
 def where(condition: Any, yes: Floats, no: Floats) -> Floats:
-    """`yes` where the condition holds, else `no`, in kernels only."""
+    """`yes` where the condition is true, otherwise `no`, in kernels only."""
     raise NotImplementedError("for kernels only")
 
 
 def angle(y: Floats, x: Floats) -> Floats:
-    """atan2(y, x) for y >= 0 that are not both 0, in kernels only."""
+    """atan2(y, x) for y >= 0, not both 0, in kernels only."""
     raise NotImplementedError("for kernels only")
 
 

@@ -1,4 +1,4 @@
-"""Clusters that a view through a lens cannot show: by cones about the optical axis, where straight sides would bend."""
+"""Culling of clusters for views through a lens: by cones about the optical axis, since straight sides would bend."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from pocketgs.splat.cpu.layout import View
 from pocketgs.splat.cpu.lenses.lens import Fisheye, Perspective
 
 REACH = 1.001 * math.sqrt(-2.0 * math.log(ALPHA_MIN))
-"""At least the reach of the most opaque Gaussian, in standard deviations, with some room for rounding."""
+"""At least the reach of the most opaque Gaussian, in standard deviations, with a margin for rounding."""
 
 _BLUR = REACH * math.sqrt(LOW_PASS) + 0.5
 
 _SLACK = 0.02
-"""What tables of a lens may miss between their samples, as a share."""
+"""Relative margin for extrema of a lens between samples."""
 
 
 def outside_parallel(centres: np.ndarray, halves: np.ndarray, sigma: np.ndarray, view: View, near: float) -> np.ndarray:
-    """(M,) bool: boxes of which an orthographic view shows nothing; arguments as `outside_cone`."""
+    """(M,) bool: boxes outside an orthographic view; arguments as `outside_cone`."""
     rotation = view.rotation
 
     def largest(normal: np.ndarray) -> np.ndarray:
@@ -44,19 +44,19 @@ def outside_cone(
     lens: Perspective | Fisheye,
     near: float,
 ) -> np.ndarray:
-    """(M,) bool: boxes of which a view through a lens shows nothing.
+    """(M,) bool: boxes outside a view through a lens.
 
-    A ball around the box holds all means, so none lies nearer to the axis than a certain angle. The lens shows what
-    lies there at least so far from the principal point, and no Gaussian reaches further than its largest standard
-    deviation allows at the ball's nearest distance.
+    A ball around the box contains all means, so none is closer to the axis than a certain angle. The lens projects
+    points beyond that angle at least a certain distance from the principal point, and no Gaussian extends further than
+    its largest standard deviation allows at the ball's minimum distance.
 
     Args:
-        centres: (M, 3) middles of boxes around the means, from the camera, in the world's axes.
-        halves: (M, 3) half their sides.
+        centres: (M, 3) centres of boxes around the means, relative to the camera, in the world's axes.
+        halves: (M, 3) half the boxes' sides.
         sigma: (M,) largest standard deviation.
         view: the camera.
-        lens: what it is seen through.
-        near: least depth of what is drawn.
+        lens: of the camera.
+        near: minimum depth of drawn Gaussians.
     """
     shape = _shape_of(lens)
     angles, radii = least_radii(shape)
@@ -80,13 +80,13 @@ def outside_cone(
 
 
 def _shape_of(lens: Perspective | Fisheye) -> Lens:
-    """The lens as the rest of the program knows it."""
+    """The `Lens` of a kernel's lens."""
     return Lens("fisheye", tuple(lens[:4])) if isinstance(lens, Fisheye) else Lens("opencv", tuple(lens[:12]))
 
 
 @lru_cache(maxsize=64)
 def _stretch_of_angles(lens: Lens) -> float:
-    """Most units on the image plane that a fisheye makes of a unit of length at a distance of one."""
+    """Maximum stretch of a fisheye: length on the image plane per unit of length at distance 1."""
     angles = np.linspace(1e-4, largest_angle(lens), 512)
     radii = fisheye_radius(lens, angles)
     slopes = np.gradient(radii, angles)
@@ -95,7 +95,7 @@ def _stretch_of_angles(lens: Lens) -> float:
 
 @lru_cache(maxsize=64)
 def _stretch_of_slopes(lens: Perspective) -> float:
-    """Most units on the image plane that a lens makes of a unit of length at a depth of one, where J is evaluated."""
+    """Maximum stretch of a lens: length on the image plane per unit of length at depth 1, where J is evaluated."""
     sides = [np.linspace(*ends, 65) for ends in ((lens.low_x, lens.high_x), (lens.low_y, lens.high_y))]
     points = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
     points = points[np.sum(points * points, axis=1) <= lens.largest_square]

@@ -1,7 +1,7 @@
-"""The formulas of a fisheye: (x, y, z) ↦ f s (x, y) + c with s = θ_d/r, r² = x² + y² and θ = atan2(r, z).
+"""The fisheye projection: (x, y, z) ↦ f s (x, y) + c with s = θ_d/r, r² = x² + y² and θ = atan2(r, z).
 
-θ_d = θ P(θ²) with P(w) = 1 + k1 w + k2 w² + k3 w³ + k4 w⁴ (Kannala and Brandt 2006). s depends on x and y through r
-alone: ∂s/∂x = A x and ∂s/∂z = B; the derivatives of A are C x and E, those of B are E x and F.
+θ_d = θ P(θ²) with P(w) = 1 + k1 w + k2 w² + k3 w³ + k4 w⁴ (Kannala and Brandt 2006). s depends on x and y only through
+r: ∂s/∂x = A x and ∂s/∂z = B; the derivatives of A are C x and E, those of B are E x and F.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from pocketgs.splat.cpu.vectors import Vector, dot
 from pocketgs.system.compile import inlined
 
 _NEAR_AXIS = 0.01
-"""Where (r/z)² is less, quotients by r are taken from their series."""
+"""Quotients by r use a power series if (r/z)² is less than this."""
 
 Derivatives = tuple[float, float, float, float, float, float]
 """s, A, B, C, E, F."""
 
 
 def depth_of(view: View, lens: Fisheye, local: Vector) -> float:
-    """What splats are sorted by: z would say nothing of what lies at the image plane or behind it."""
+    """The depth that splats are sorted by: the distance, since z does not order points at or behind the image plane."""
     return root(dot(local, local))
 
 
 def shows(view: View, lens: Fisheye, local: Vector, largest: float) -> bool:
-    """Whether a Gaussian beyond the near plane is shown: the lens has not turned back there."""
+    """Whether a Gaussian beyond the near plane is visible: it is within the lens's valid angle."""
     return local[2] >= lens.least_cosine * root(dot(local, local))
 
 
@@ -48,7 +48,7 @@ def _equidistant(q: float, z: float) -> tuple[float, float, float]:
 
 @inlined
 def _derivatives(lens: Fisheye, local: Vector) -> Derivatives:
-    """S and its derivatives; those that are not used cost nothing."""
+    """S and its derivatives; the compiler removes unused ones."""
     x, y, z = local
     q = x * x + y * y
     square = q + z * z
@@ -69,7 +69,7 @@ def _derivatives(lens: Fisheye, local: Vector) -> Derivatives:
 
 
 def centre_of(view: View, lens: Fisheye, local: Vector) -> tuple[float, float]:
-    """The pixel that a camera-space position falls on."""
+    """Pixel coordinates of a camera-space position."""
     s, _, _, _, _, _ = _derivatives(lens, local)
     return view.fx * s * local[0] + view.cx, view.fy * s * local[1] + view.cy
 

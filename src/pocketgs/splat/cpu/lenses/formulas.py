@@ -1,4 +1,4 @@
-"""What kernels ask of a lens: Numba chooses the formulas of its kind when it compiles them."""
+"""Dispatch of a lens's formulas: Numba chooses them when it compiles a kernel."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ _FORMULAS = {Pinhole: pinhole, Perspective: perspective, Fisheye: fisheye, Ortho
 
 
 def _formulas(lens: Any) -> ModuleType:
-    """The module of a lens, from Numba's type of it."""
+    """The module of a lens, from its Numba type."""
     return _FORMULAS[lens.instance_class]
 
 
 def depth_of(view: View, lens: KernelLens, local: Vector) -> float:
-    """What splats are sorted by, in kernels only: see `pocketgs.geometry.lens.depths`."""
+    """The depth that splats are sorted by, in kernels only; see `pocketgs.geometry.lens.depths`."""
     raise NotImplementedError("for kernels only")
 
 
 def shows(view: View, lens: KernelLens, local: Vector, largest: float) -> bool:
-    """Whether a Gaussian beyond the near plane is shown, whose largest standard deviation is given; in kernels only."""
+    """Whether a Gaussian beyond the near plane is visible, given its largest standard deviation; in kernels only."""
     raise NotImplementedError("for kernels only")
 
 
 def centre_of(view: View, lens: KernelLens, local: Vector) -> tuple[float, float]:
-    """The pixel that a camera-space position falls on, in kernels only."""
+    """Pixel coordinates of a camera-space position, in kernels only."""
     raise NotImplementedError("for kernels only")
 
 
 def jacobian_at(view: View, lens: KernelLens, local: Vector) -> Jacobian:
-    """The projection's derivative at a camera-space position, a number or lanes each, in kernels only."""
+    """The projection's derivative at a camera-space position of numbers or vectors, in kernels only."""
     raise NotImplementedError("for kernels only")
 
 

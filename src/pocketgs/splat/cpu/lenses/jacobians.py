@@ -1,6 +1,6 @@
-"""The projection's derivative, 2 x 3, as a tuple of the entries that are not always 0, and products with it.
+"""The projection's derivative, 2 x 3, as a tuple of the entries that may be non-zero, and products with it.
 
-A pinhole's has four: xx, xz, yy, yz. Others have six: xx, xy, xz, yx, yy, yz.
+A pinhole camera has four entries: xx, xz, yy, yz. Others have six: xx, xy, xz, yx, yy, yz.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Lenses as kernels take them, one type for each kind, and what kernels ask of them.
+"""Lenses for kernels, one type per camera model.
 
-Numba compiles a kernel anew for every type of lens, so that each runs its own formulas and no other. `pinhole.py`,
-`perspective.py`, `fisheye.py` and `orthographic.py` each hold those of one kind, `splat/reference/lenses.py` all of
-them in readable NumPy.
+Numba compiles a kernel for each type of lens, with the formulas of that model only. `pinhole.py`, `perspective.py`,
+`fisheye.py` and `orthographic.py` contain those of one model each; `splat/reference/lenses.py` has all of them in
+readable NumPy.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pocketgs.splat.slope_limits import slope_limits
 
 
 class Pinhole(NamedTuple):
-    """No lens. Kernels know all that they need from the view."""
+    """No lens. The view contains all parameters."""
 
     kind: int = 0
 
@@ -24,8 +24,8 @@ class Pinhole(NamedTuple):
 class Perspective(NamedTuple):
     """OpenCV's distortion of x/z and y/z.
 
-    Its coefficients, the least and largest slopes that the Jacobian is evaluated at, and the square of the largest
-    slope that the lens shows.
+    Its coefficients, the minimum and maximum slopes at which the Jacobian is evaluated, and the square of the largest
+    valid slope.
     """
 
     k1: float
@@ -48,7 +48,7 @@ class Perspective(NamedTuple):
 
 
 class Fisheye(NamedTuple):
-    """Kannala and Brandt's polynomial of the angle off axis, and the cosine of the largest that the lens shows."""
+    """Kannala and Brandt's polynomial of the angle off axis, and the cosine of the largest valid angle."""
 
     k1: float
     k2: float

@@ -1,4 +1,4 @@
-"""The formulas of parallel rays: (x, y, z) ↦ (fx x + cx, fy y + cy), with focal lengths in pixels per unit."""
+"""The orthographic projection: (x, y, z) ↦ (fx x + cx, fy y + cy), with focal lengths in pixels per unit."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from pocketgs.splat.cpu.vectors import Vector
 
 
 def depth_of(view: View, lens: Orthographic, local: Vector) -> float:
-    """What splats are sorted by."""
+    """The depth that splats are sorted by."""
     return local[2]
 
 
 def shows(view: View, lens: Orthographic, local: Vector, largest: float) -> bool:
-    """Whether a Gaussian beyond the near plane is shown."""
+    """Whether a Gaussian beyond the near plane is visible."""
     return True
 
 
 def centre_of(view: View, lens: Orthographic, local: Vector) -> tuple[float, float]:
-    """The pixel that a camera-space position falls on."""
+    """Pixel coordinates of a camera-space position."""
     return view.fx * local[0] + view.cx, view.fy * local[1] + view.cy
 
 
 def jacobian_at(view: View, lens: Orthographic, local: Vector) -> Jacobian:
-    """The projection's derivative, the same everywhere."""
+    """The projection's derivative, which is constant."""
     return (view.fx, 0.0, view.fy, 0.0)
 
 

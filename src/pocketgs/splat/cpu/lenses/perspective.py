@@ -1,4 +1,4 @@
-"""The formulas of OpenCV's lens: (x, y, z) ↦ f d(x/z, y/z) + c with d radial, tangential and thin-prism distortion.
+"""OpenCV's lens: (x, y, z) ↦ f d(x/z, y/z) + c with d radial, tangential and thin-prism distortion.
 
 With q = x² + y² and the radial factor R(q), d = (x R + 2 p1 x y + p2 (q + 2 x²) + s1 q + s2 q²,
 y R + p1 (q + 2 y²) + 2 p2 x y + s3 q + s4 q²).
@@ -17,12 +17,12 @@ from pocketgs.system.compile import inlined
 
 
 def depth_of(view: View, lens: Perspective, local: Vector) -> float:
-    """What splats are sorted by."""
+    """The depth that splats are sorted by."""
     return local[2]
 
 
 def shows(view: View, lens: Perspective, local: Vector, largest: float) -> bool:
-    """Whether a Gaussian beyond the near plane is shown: as `pinhole.shows`, and the lens has not turned back there."""
+    """Whether a Gaussian beyond the near plane is visible: as `pinhole.shows`, and within the lens's valid angle."""
     across = local[0] * local[0] + local[1] * local[1]
     x, y = local[0] / local[2], local[1] / local[2]
     is_beside = x < lens.low_x or x > lens.high_x or y < lens.low_y or y > lens.high_y
@@ -44,7 +44,7 @@ def _radial(lens: Perspective, q: float) -> tuple[float, float, float]:
 
 
 def centre_of(view: View, lens: Perspective, local: Vector) -> tuple[float, float]:
-    """The pixel that a camera-space position falls on."""
+    """Pixel coordinates of a camera-space position."""
     x, y = local[0] / local[2], local[1] / local[2]
     q = x * x + y * y
     radial, _, _ = _radial(lens, q)
@@ -55,7 +55,7 @@ def centre_of(view: View, lens: Perspective, local: Vector) -> tuple[float, floa
 
 @inlined
 def _held_slopes(lens: Perspective, local: Vector) -> tuple[float, float]:
-    """x/z and y/z held within the image and a margin around it."""
+    """x/z and y/z clamped to the image and a margin around it."""
     x = min(max(local[0] / local[2], lens.low_x), lens.high_x)
     y = min(max(local[1] / local[2], lens.low_y), lens.high_y)
     return x, y
@@ -123,7 +123,7 @@ def _second_derivatives(
     """Gradient with respect to (x, y) from that with respect to `_slopes_jacobian`."""
     q = x * x + y * y
     _, first, second = _radial(lens, q)
-    # What both of d's components have of x² and of y², and of x y.
+    # Terms that both components of d have in common: of x² and y², and of x y.
     bend_x, bend_y = x * second + 2.0 * lens.s2, y * second + 2.0 * lens.s4
     even_x = 2.0 * (x * first + lens.s1 + 2.0 * lens.s2 * q)
     even_y = 2.0 * (y * first + lens.s3 + 2.0 * lens.s4 * q)

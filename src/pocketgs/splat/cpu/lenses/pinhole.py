@@ -1,4 +1,4 @@
-"""The formulas of a camera without a lens: (x, y, z) ↦ (fx x/z + cx, fy y/z + cy)."""
+"""The projection of a pinhole camera: (x, y, z) ↦ (fx x/z + cx, fy y/z + cy)."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from pocketgs.system.compile import inlined
 
 
 def depth_of(view: View, lens: Pinhole, local: Vector) -> float:
-    """What splats are sorted by."""
+    """The depth that splats are sorted by."""
     return local[2]
 
 
 def shows(view: View, lens: Pinhole, local: Vector, largest: float) -> bool:
-    """Whether a Gaussian beyond the near plane is shown.
+    """Whether a Gaussian beyond the near plane is visible.
 
-    One beside the image that reaches the camera's plane is not: no ellipse is its image, and the linearised projection
-    would draw it as a veil.
+    Gaussians beside the image that reach the camera's plane are not: their image is no ellipse, and the linearised
+    projection would draw them as a veil.
     """
     low_x, high_x, low_y, high_y = slope_bounds(view)
     x, y = local[0] / local[2], local[1] / local[2]
@@ -31,13 +31,13 @@ def shows(view: View, lens: Pinhole, local: Vector, largest: float) -> bool:
 
 
 def centre_of(view: View, lens: Pinhole, local: Vector) -> tuple[float, float]:
-    """The pixel that a camera-space position falls on."""
+    """Pixel coordinates of a camera-space position."""
     return view.fx * local[0] / local[2] + view.cx, view.fy * local[1] / local[2] + view.cy
 
 
 @inlined
 def slope_bounds(view: View) -> tuple[float, float, float, float]:
-    """Least and largest x/z, then y/z, in the image and a margin around it."""
+    """Minimum and maximum x/z, then y/z, in the image and a margin around it."""
     margin_x, margin_y = FRUSTUM_MARGIN * view.width, FRUSTUM_MARGIN * view.height
     return (
         -(view.cx + margin_x) / view.fx,
@@ -49,7 +49,7 @@ def slope_bounds(view: View) -> tuple[float, float, float, float]:
 
 @inlined
 def clamped_slopes(view: View, local: Vector) -> tuple[float, float]:
-    """x/z and y/z held within `slope_bounds`, beyond which the linearised projection explodes."""
+    """x/z and y/z clamped to `slope_bounds`, beyond which the linearised projection explodes."""
     low_x, high_x, low_y, high_y = slope_bounds(view)
     return min(max(local[0] / local[2], low_x), high_x), min(max(local[1] / local[2], low_y), high_y)
 

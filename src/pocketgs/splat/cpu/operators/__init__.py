@@ -1,1 +1,1 @@
-"""The passes of a step as operators of their own, which `pocketgs.torch` puts together."""
+"""The passes of a step as separate operators, for `pocketgs.torch`."""

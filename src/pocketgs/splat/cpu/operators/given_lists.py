@@ -1,4 +1,4 @@
-"""Tiles' lists from intersections that were found elsewhere, in gsplat's layout, in place of `Binner`."""
+"""Tile lists from given intersections in gsplat's layout, in place of `Binner`."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _list_tile(
     height: int,
     intersections: np.ndarray,
 ) -> int:
-    """Write which of the given splats reach a tile, in the given order, as far as there is room; return how many."""
+    """List the given splats that reach a tile, in the given order, as far as space allows; return their number."""
     down = tiles_down(height)
     column, top = tile // down, tile % down * TILE_HEIGHT
     found = 0
@@ -66,7 +66,7 @@ def _list_tiles(
     counts: np.ndarray,
     intersections: np.ndarray,
 ) -> None:
-    """Every tile takes its part of the list of the given tile that it lies in."""
+    """List the splats of all tiles, each from the list of the given tile that contains it."""
     tiles, across, down = len(counts), -(-width // tile_size), tiles_down(height)
     counter = first_piece()
     for _ in prange(threads):
@@ -81,7 +81,7 @@ def _list_tiles(
 
 @kernel
 def _number_slots(intersections: np.ndarray, slots: np.ndarray) -> None:
-    """Give every splat's intersections slots beside each other, those of one splat after those of the one before."""
+    """Number the splats' slots consecutively, so that each splat's are contiguous."""
     slots[:] = 0
     for index in range(len(intersections)):
         slots[intersections[index, INTERSECTION_SPLAT], SLOTS_COUNT] += 1
@@ -105,16 +105,16 @@ def lists_from(
     size: tuple[int, int],
     threads: int,
 ) -> TileLists:
-    """The lists of one image's tiles.
+    """Make the tile lists of one image.
 
     Args:
         splats: (N, FIRST_CHANNEL + C) float32.
-        depth_keys: (N,) uint32, CULLED for what is not drawn.
-        offsets: (given tiles + 1,) int32, where the list of each given tile begins; they are numbered along the rows.
-        given: int32 splats, nearest first in every list.
+        depth_keys: (N,) uint32, CULLED for splats that are not drawn.
+        offsets: (given tiles + 1,) int32, start of each given tile's list; tiles are numbered row by row.
+        given: int32 splats, nearest first in each list.
         tile_size: side of a given tile, a multiple of both of our tiles' sides.
         size: width and height of the image.
-        threads: number of threads that share the work.
+        threads: number of threads.
     """
     width, height = size
     tiles = -(-width // TILE_WIDTH) * (-(-height // TILE_HEIGHT))
@@ -141,15 +141,15 @@ def list_intersections(
     intersection_ids: np.ndarray,
     splat_ids: np.ndarray,
 ) -> None:
-    """Write gsplat's intersections: every tile of the rectangle around every splat.
+    """Write gsplat's intersections: all tiles in the rectangle around each splat.
 
     Args:
         first_tiles: (N, 2) int64 column and row of the rectangle's first tile.
         end_tiles: (N, 2) int64, one past its last.
-        images: (N,) int64, which image each splat lies in.
+        images: (N,) int64, image of each splat.
         depth_bits: (N,) int64, the bits of the depth as a float32.
-        across: tiles in a row.
-        tile_bits: bits that a tile's number takes.
+        across: number of tiles in a row.
+        tile_bits: number of bits of a tile's index.
         intersection_ids: (E,) int64, written: image, tile, depth.
         splat_ids: (E,) int32, written.
     """

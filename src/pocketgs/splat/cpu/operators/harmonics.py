@@ -1,4 +1,4 @@
-"""Spherical harmonics as a step of their own: values in given directions, and gradients back."""
+"""Spherical harmonics as an operator: values in given directions, and gradients."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def harmonics(
     threads: int,
     values: np.ndarray,
 ) -> None:
-    """Σ_k Y_k(d) c_k.
+    """Compute Σ_k Y_k(d) c_k.
 
     Args:
         directions: (N, 3) float32 of any length.
         coefficients: (N, K, 3) float32.
-        used: how many coefficients count: 1, 4, 9 or 16.
-        drawn: (N,) bool, where values are wanted; the others are 0.
-        threads: number of threads that share the work.
+        used: number of coefficients to use: 1, 4, 9 or 16.
+        drawn: (N,) bool, where to compute values; the others are 0.
+        threads: number of threads.
         values: (N, 3) float32, written.
     """
     counter = first_piece()
@@ -68,16 +68,16 @@ def harmonics_backward(
     d_directions: np.ndarray,
     d_coefficients: np.ndarray,
 ) -> None:
-    """Gradients of directions and coefficients.
+    """Gradients with respect to directions and coefficients.
 
     Args:
         directions: (N, 3) float32.
         coefficients: (N, K, 3) float32.
-        used: how many coefficients count.
+        used: number of coefficients to use.
         drawn: (N,) bool, as in the forward pass.
         d_values: (N, 3) float32 gradient with respect to the values.
-        threads: number of threads that share the work.
-        d_directions: (N, 3) float32, all 0; written where drawn. Or (0, 3) where it is not wanted.
+        threads: number of threads.
+        d_directions: (N, 3) float32, all 0; written where drawn. Or (0, 3) for none.
         d_coefficients: (N, K, 3) float32, all 0; written where drawn.
     """
     counter = first_piece()
@@ -103,7 +103,7 @@ def harmonics_backward(
                             d_x += gradient[k, 0] * weight
                             d_y += gradient[k, 1] * weight
                             d_z += gradient[k, 2] * weight
-                        # A unit vector's derivative keeps only what is across it.
+                        # Normalisation removes the component along the direction.
                         along = x * d_x + y * d_y + z * d_z
                         d_directions[i, 0] = (d_x - along * x) / length
                         d_directions[i, 1] = (d_y - along * y) / length

@@ -1,7 +1,7 @@
-"""Projection as a step of its own: Gaussians with activated parameters to arrays of splats, and every gradient back.
+"""Projection as an operator: from Gaussians with activated parameters to arrays of splats, and all gradients.
 
-`project` and `project_backward` do the same within a training step, where nothing but the sums of tiles comes back.
-Here each array of the projection may have a gradient, and so has the camera's matrix.
+`project` and `project_backward` do the same within a training step, where only the sums of tiles have gradients. Here
+each output of the projection may have a gradient, and the camera's matrix gets one too.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import PIECE, first_piece, take
 
 MATRIX = 12
-"""Numbers of a world_to_camera: the upper three rows of four."""
+"""Number of stored entries of world_to_camera: its upper three rows."""
 
 REACH = 3.33
-"""Standard deviations that a splat reaches at most; those of an opaque one, as gsplat rounds them."""
+"""Maximum extent of a splat in standard deviations: that of an opaque one, as rounded by gsplat."""
 
 UNBOUNDED = 1e30
-"""Stands for the opacity where none is given, so that all reach REACH."""
+"""Replaces missing opacities, so that all splats extend to REACH."""
 
 _MIN_COMPENSATION = 1e-6
 
 
 @inlined
 def _unit(quaternion: np.ndarray) -> tuple[tuple[float, float, float, float], float]:
-    """The quaternion made to unit length, and its length."""
+    """The normalised quaternion, and its original length."""
     w, x, y, z = float(quaternion[0]), float(quaternion[1]), float(quaternion[2]), float(quaternion[3])
     length = max(math.sqrt(w * w + x * x + y * y + z * z), 1e-12)
     return (w / length, x / length, y / length, z / length), length
@@ -46,7 +46,7 @@ def _unit(quaternion: np.ndarray) -> tuple[tuple[float, float, float, float], fl
 def _covariance(
     view: View, lens: Pinhole, local: Vector, scale: np.ndarray, quaternion: np.ndarray
 ) -> tuple[float, float, float]:
-    """Σ' before it is blurred: xx, xy, yy."""
+    """Σ' before the blur: xx, xy, yy."""
     jacobian = jacobian_at(view, lens, local)
     unit, _ = _unit(quaternion)
     axes = axes_of(unit)
@@ -75,7 +75,7 @@ def _project_one(
     conic: np.ndarray,
     radius: np.ndarray,
 ) -> float:
-    """Write one Gaussian's splat; its compensation, or -1 where it cannot be seen."""
+    """Write one Gaussian's splat; return its compensation, or -1 if it is not visible."""
     xx, xy, yy = _covariance(view, lens, local, scale, quaternion)
     before = max(xx * yy - xy * xy, 0.0)
     xx, yy = xx + low_pass, yy + low_pass
@@ -89,7 +89,7 @@ def _project_one(
         opacity *= compensation
     if not opacity >= ALPHA_MIN:
         return -1.0
-    # No further than where α falls to 1/255 of the most opaque.
+    # At most the radius at which the most opaque splat's α is 1/255.
     reach = math.sqrt(2.0 * math.log(opacity / ALPHA_MIN))
     radius_x, radius_y = math.ceil(min(reach, REACH) * math.sqrt(xx)), math.ceil(min(reach, REACH) * math.sqrt(yy))
     if radius_x <= least_radius and radius_y <= least_radius:
@@ -124,26 +124,26 @@ def project_ewa(
     compensations: np.ndarray,
     radii: np.ndarray,
 ) -> None:
-    """Project Gaussians into one view. What is not seen has zeros everywhere.
+    """Project Gaussians into one view. Rows of invisible Gaussians are zeros.
 
     Args:
         means: (N, 3) float32.
         quaternions: (N, 4) float32 of any length.
         scales: (N, 3) float32 standard deviations.
-        opacities: (N,) float32, or (0,) where all are to reach as far as any can.
+        opacities: (N,) float32, or (0,) to give all Gaussians the maximum extent.
         view: the camera; its matrix need not be a rotation.
         lens: none.
         low_pass: added to both variances on the image, in pixels².
-        near: least depth of what is seen.
-        far: largest depth.
-        least_radius: what is no larger in both directions, in pixels, is not seen.
-        compensated: whether opacities will be multiplied by `compensations`, so that bounds must be.
-        threads: number of threads that share the work.
+        near: minimum depth.
+        far: maximum depth.
+        least_radius: Gaussians with radii up to this in both directions, in pixels, are not visible.
+        compensated: whether opacities will be multiplied by `compensations`, so that the extents must be too.
+        threads: number of threads.
         centres: (N, 2) float32, written, in pixels.
         depths: (N,) float32, written.
         conics: (N, 3) float32, written: xx, xy, yy of the inverse covariance.
         compensations: (N,) float32, written: √(|Σ'| / |Σ' + low pass|).
-        radii: (N, 2) int32, written: half the width and height of where α is at least 1/255, rounded up.
+        radii: (N, 2) int32, written: half the width and height of the region with α of at least 1/255, rounded up.
     """
     counter = first_piece()
     for _ in prange(threads):
@@ -173,7 +173,7 @@ def _covariance_gradient(
 ) -> tuple[float, float, float]:
     """Gradient with respect to Σ', as the xx, xy, yy of a symmetric matrix.
 
-    With Q the inverse, ∂L/∂Σ' = -Q ∂L/∂Q Q, and of ρ² = |Σ| / |Σ + εI| it is (1 - ρ²) Q - ε |Q| I.
+    With Q the inverse, ∂L/∂Σ' = -Q ∂L/∂Q Q; the gradient of ρ² = |Σ| / |Σ + εI| is (1 - ρ²) Q - ε |Q| I.
     """
     xx, xy, yy = conic
     g_xx, g_xy, g_yy = float(d_conic[0]), 0.5 * float(d_conic[1]), float(d_conic[2])
@@ -223,7 +223,7 @@ def _axis_backward(
     d_jacobian: Jacobian,
     d_matrix: np.ndarray,
 ) -> tuple[Jacobian, Vector, float]:
-    """The part of one of the Gaussian's axes: ∂L/∂J so far, ∂L/∂axis along the axes, and ∂L/∂scale."""
+    """One axis's part of the gradient: ∂L/∂J so far, ∂L/∂axis along the axes, and ∂L/∂scale."""
     d_xx, d_xy, d_yy = d_covariance
     size = float(scale[k])
     a, u = footprint(view, jacobian, axes[k], size)
@@ -257,7 +257,7 @@ def _back_one(
     d_scale: np.ndarray,
     d_matrix: np.ndarray,
 ) -> None:
-    """Add one Gaussian's gradients to its rows, and to the camera's matrix if that has one."""
+    """Add one Gaussian's gradients to its rows, and to the camera's matrix if it needs one."""
     local = to_camera(view, mean)
     jacobian = jacobian_at(view, lens, local)
     unit, length = _unit(quaternion)
@@ -311,7 +311,7 @@ def project_ewa_backward(
     d_scales: np.ndarray,
     d_matrices: np.ndarray,
 ) -> None:
-    """Gradients of Gaussians and camera from those of the splats.
+    """Gradients with respect to Gaussians and camera, from those with respect to the splats.
 
     Args:
         means: (N, 3) float32.
@@ -320,12 +320,12 @@ def project_ewa_backward(
         view: the camera.
         lens: none.
         low_pass: added to both variances on the image.
-        threads: number of threads that share the work.
-        seen: (V,) int64 Gaussians that are seen, each once.
+        threads: number of threads.
+        seen: (V,) int64 visible Gaussians, each once.
         rows: (V,) int64 their rows in `conics` and in the gradients of the splats.
         targets: (V,) int64 their rows in the gradients that are written.
-        conics: (M, 3) float32 that `project_ewa` wrote.
-        compensations: (M,) float32 that it wrote, or (0,) where they have no gradient.
+        conics: (M, 3) float32 from `project_ewa`.
+        compensations: (M,) float32 from `project_ewa`, or (0,) if they have no gradient.
         d_centres: (M, 2) float32 gradient with respect to the centres.
         d_depths: (M,) float32, with respect to the depths.
         d_conics: (M, 3) float32, with respect to the conics.
@@ -333,7 +333,7 @@ def project_ewa_backward(
         d_means: (G, 3) float32, added to.
         d_quaternions: (G, 4) float32, added to.
         d_scales: (G, 3) float32, added to.
-        d_matrices: (pieces of PIECE of V, MATRIX) float64, added to, or (0, MATRIX) where the camera has no gradient.
+        d_matrices: (pieces of PIECE of V, MATRIX) float64, added to, or (0, MATRIX) if the camera needs no gradient.
     """
     counter = first_piece()
     for _ in prange(threads):

@@ -1,4 +1,4 @@
-"""Adam on the rows of one array that a view has seen."""
+"""Adam on the rows of one array that are visible in a view."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ def adam_of_rows(
     epsilon: float,
     threads: int,
 ) -> None:
-    """One step of Adam without the correction of its moments' bias, in place; rows that are not seen stay.
+    """One step of Adam without bias correction, in place; rows that are not visible stay unchanged.
 
     Args:
         values: (N, M) float32, updated.
         gradients: (N, M) float32.
         first_moments: (N, M) float32, updated.
         second_moments: (N, M) float32, updated.
-        seen: (N,) bool.
+        seen: (N,) bool, visible rows.
         rate: learning rate.
         decay1: β₁.
         decay2: β₂.
         epsilon: ε.
-        threads: number of threads that share the work.
+        threads: number of threads.
     """
     keep1, take1 = np.float32(decay1), np.float32(1.0 - decay1)
     keep2, take2 = np.float32(decay2), np.float32(1.0 - decay2)

@@ -1,4 +1,4 @@
-"""Arrays of splats to the rows that tiles draw, and the sums of tiles back to gradients of the arrays."""
+"""Conversion of arrays of splats to the rows that tiles draw, and of tile sums to gradients of the arrays."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _HALF_LOG2_E = 0.5 / math.log(2.0)
 
 @part
 def _write_shape(centre: np.ndarray, conic: np.ndarray, opacity: float, splat: np.ndarray) -> bool:
-    """Write a splat's centre, falloff and opacity; False if it cannot be drawn."""
+    """Write a splat's centre, conic and opacity; False if it cannot be drawn."""
     xx, xy, yy = float(conic[0]), float(conic[1]), float(conic[2])
     splat[MEAN_X], splat[MEAN_Y] = centre[0], centre[1]
     splat[EXPONENT_XX] = -_HALF_LOG2_E * xx
@@ -69,13 +69,13 @@ def write_rows(
 
     Args:
         centres: (N, 2) float32 in pixels.
-        conics: (N, 3) float32: xx, xy, yy of the inverse covariance. Where it is none, the splat is not drawn.
+        conics: (N, 3) float32: xx, xy, yy of the inverse covariance. If it is invalid, the splat is not drawn.
         opacities: (N,) float32.
-        depths: (N,) float32, or (0,) where their order does not matter.
-        colours: (N, C) float32, or (0, 0) where they do not matter.
-        threads: number of threads that share the work.
-        splats: (N, FIRST_CHANNEL + max(C, 3)) float32, written, the channels past C with zeros.
-        depth_keys: (N,) uint32, written: numbers that sort as the depths do, or CULLED.
+        depths: (N,) float32, or (0,) if the order is not needed.
+        colours: (N, C) float32, or (0, 0) if colours are not needed.
+        threads: number of threads.
+        splats: (N, FIRST_CHANNEL + max(C, 3)) float32, written, with zeros in channels past C.
+        depth_keys: (N,) uint32, written: numbers in the order of the depths, or CULLED.
     """
     counter = first_piece()
     for _ in prange(threads):
@@ -89,7 +89,7 @@ def write_rows(
                 splat[DEPTH] = depths[i] if len(depths) else np.float32(1.0)
                 if _write_shape(centres[i], conics[i], opacities[i], splat):
                     depth[0] = splat[DEPTH]
-                    # Negative numbers' bits sort the other way round.
+                    # The bits of negative numbers sort in reverse.
                     negative = bits[0] >> np.uint32(31)
                     depth_keys[i] = ~bits[0] if negative else bits[0] | np.uint32(0x80000000)
                 if len(colours):
@@ -115,18 +115,18 @@ def gather_sums(
     d_opacities: np.ndarray,
     d_colours: np.ndarray,
 ) -> None:
-    """Gradients of the arrays of splats from the sums of their intersections.
+    """Gradients with respect to the arrays of splats, from the sums of their intersections.
 
     Args:
         conics: (N, 3) float32.
         opacities: (N,) float32.
         visible: (V,) int32 splats that are drawn.
-        slots: (N, 2) int32, which intersections are theirs.
+        slots: (N, 2) int32 of `TileLists`.
         row: length of a row of `intersection_sums`.
-        intersection_sums: what `rasterize_backward` wrote.
-        threads: number of threads that share the work.
-        d_centres: (N, 2) float32, written where visible, as are those that follow.
-        d_absolute: (N, 2) float32 summed magnitudes of `d_centres` over pixels, or (0, 2).
+        intersection_sums: from `rasterize_backward`.
+        threads: number of threads.
+        d_centres: (N, 2) float32, written where visible, as the following.
+        d_absolute: (N, 2) float32 magnitudes of `d_centres` summed over pixels, or (0, 2).
         d_conics: (N, 3) float32.
         d_opacities: (N,) float32.
         d_colours: (N, C) float32.
