@@ -33,10 +33,30 @@ DROP = """([name, content]) => {
 PICTURE = "() => document.getElementById('picture').toDataURL()"
 
 
+HOLD_DEVICE = """
+const request = GPUAdapter.prototype.requestDevice;
+GPUAdapter.prototype.requestDevice = async function (...given) {
+    return (self.device = await request.apply(this, given));
+};
+"""
+
+
+def prefix_worker(context: BrowserContext, script: str) -> None:
+    """Run a script in the page's worker before its own."""
+
+    def answer(route: Route) -> None:
+        response = route.fetch()
+        route.fulfill(response=response, body=script + response.text())
+
+    context.route("**/worker.js", answer)
+
+
 @pytest.fixture(scope="module")
 def visit(browser: Browser, host: Host) -> Iterator[Visit]:
     """The page, loaded, its shaders compiled. Tests use it one after the other, as people may."""
-    with visiting(browser, host.address, 720, 420) as visit:
+    with visiting(browser, "about:blank", 720, 420) as visit:
+        prefix_worker(visit.page.context, HOLD_DEVICE)
+        visit.page.goto(host.address)
         visit["body[data-gpu=ready]"].wait_for(timeout=PATIENCE)
         yield visit
 
@@ -61,9 +81,9 @@ def drop(visit: Visit, name: str, content: bytes) -> None:
     visit.page.evaluate(DROP, [name, base64.b64encode(content).decode()])
 
 
-def saved(visit: Visit, path: Path, patience: float = PATIENCE) -> Path:
+def saved(visit: Visit, path: Path) -> Path:
     """The scene, once it is trained."""
-    visit["#save"].wait_for(timeout=patience)
+    visit["#save"].wait_for(timeout=PATIENCE)
     with visit.page.expect_download() as download:
         visit["#save"].click()
     download.value.save_as(path)
@@ -180,53 +200,19 @@ def paused_and_kept(visit: Visit) -> int:
 def test_a_run_goes_on_after_the_page_was_closed(visit: Visit, capture_folder: Path, tmp_path: Path) -> None:
     """To the same bits as without the break."""
     visit.page.on("dialog", lambda dialog: dialog.accept())  # whether to leave while it trains
-    choose(visit, most=32, iterations=60, gaussians=200)
+    choose(visit, most=32, iterations=24, gaussians=200)
     drop(visit, "toys.zip", zipped(capture_folder))
     done = paused_and_kept(visit)
     visit.page.reload()
     visit["#go-on"].wait_for(timeout=PATIENCE)
-    expect(visit["#go-on"]).to_have_text(f"Go on with toys, {done} of 60")
+    expect(visit["#go-on"]).to_have_text(f"Go on with toys, {done} of 24")
     visit["#go-on"].click()
     interrupted = saved(visit, tmp_path / "interrupted.ply").read_bytes()
-    choose(visit, most=32, iterations=60, gaussians=200)
+    choose(visit, most=32, iterations=24, gaussians=200)
     drop(visit, "toys.zip", zipped(capture_folder))
     assert saved(visit, tmp_path / "whole.ply").read_bytes() == interrupted
-    assert 0 < done < 60
+    assert 0 < done < 24
     assert visit.complaints == []
-
-
-HOLD_DEVICE = """
-const request = GPUAdapter.prototype.requestDevice;
-GPUAdapter.prototype.requestDevice = async function (...given) {
-    return (self.device = await request.apply(this, given));
-};
-"""
-
-
-def test_a_run_survives_a_lost_gpu(browser: Browser, host: Host, capture_folder: Path, tmp_path: Path) -> None:
-    with visiting(browser, "about:blank", 720, 420) as visit:
-        prefix_worker(visit.page.context, HOLD_DEVICE)
-        visit.page.goto(host.address)
-        visit["#start"].wait_for(timeout=PATIENCE)
-        choose(visit, most=32, iterations=20_000, gaussians=100)
-        drop(visit, "toys.zip", zipped(capture_folder))
-        paused_and_kept(visit)
-        visit.page.workers[0].evaluate("device.destroy()")
-        expect(visit["#message-text"]).to_contain_text("The GPU was lost", timeout=PATIENCE)
-        visit["#message-close"].click()
-        visit["#go-on"].click()
-        visit["#stop:enabled"].click(timeout=PATIENCE)
-        assert b"element vertex 100\n" in saved(visit, tmp_path / "scene.ply").read_bytes()[:200]
-
-
-def prefix_worker(context: BrowserContext, script: str) -> None:
-    """Run a script in the page's worker before its own."""
-
-    def answer(route: Route) -> None:
-        response = route.fetch()
-        route.fulfill(response=response, body=script + response.text())
-
-    context.route("**/worker.js", answer)
 
 
 def test_a_browser_without_webgpu_is_told_so(browser: Browser, host: Host) -> None:
@@ -237,16 +223,28 @@ def test_a_browser_without_webgpu_is_told_so(browser: Browser, host: Host) -> No
         expect(page.locator("#message-text")).to_contain_text("no WebGPU: expected a browser that supports it")
 
 
-@pytest.mark.slow
 def test_fern(visit: Visit, data_folder: Path, tmp_path: Path) -> None:
     """A real capture, whose lens is undone by Python first: LLFF states it in a file that the page does not read."""
     folder = tmp_path / "fern"
-    export_capture(folder, open_capture(data_folder / "fern", images="images_8", max_size=248))
-    size = ("--max-size", "124")
-    choose(visit, most=124, iterations=100, gaussians=50_000)
+    export_capture(folder, open_capture(data_folder / "fern", images="images_8", max_size=126))
+    size = ("--max-size", "63")
+    choose(visit, most=63, iterations=40, gaussians=3000)
     drop(visit, "fern.zip", zipped(folder))
-    scene = saved(visit, tmp_path / "fern.ply", 4 * PATIENCE)
+    scene = saved(visit, tmp_path / "fern.ply")
     assert visit.complaints == []
     found = held_out_psnr(scene, folder, *size)
-    expected = psnr_in_python(folder, tmp_path / "python", "--iterations", "100", *size)
+    sizes = ("--iterations", "40", "--max-gaussians", "3000", *size)
+    expected = psnr_in_python(folder, tmp_path / "python", *sizes)
     assert abs(found - expected) < TOLERANCE
+
+
+def test_a_run_survives_a_lost_gpu(visit: Visit, capture_folder: Path, tmp_path: Path) -> None:
+    choose(visit, most=32, iterations=20_000, gaussians=100)
+    drop(visit, "toys.zip", zipped(capture_folder))
+    paused_and_kept(visit)
+    visit.page.workers[0].evaluate("device.destroy()")
+    expect(visit["#message-text"]).to_contain_text("The GPU was lost", timeout=PATIENCE)
+    visit["#message-close"].click()
+    visit["#go-on"].click()
+    visit["#stop:enabled"].click(timeout=PATIENCE)
+    assert b"element vertex 100\n" in saved(visit, tmp_path / "scene.ply").read_bytes()[:200]
