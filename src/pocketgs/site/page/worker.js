@@ -120,7 +120,8 @@ function open() {
 /** @returns {Promise<never>} rejects when the GPU is lost */
 async function lossOf({ lost }) {
     const { message } = await lost;
-    throw new Error(`The GPU was lost: ${message || "the browser gives no reason"}. Go on, or train again with smaller photographs.`);
+    const reason = message || "the browser gives no reason";
+    throw new Error(`The GPU was lost: ${reason}. Go on, or train again with smaller photographs.`);
 }
 
 /** What a lost GPU makes fail fails first: let its loss be told before. */
@@ -131,7 +132,9 @@ async function thrownLater(error) {
 
 async function opened({ archive, files }, most) {
     tell("stage", { text: "opening the capture" });
-    const stored = archive ? await filesInZip(archive, archive.name) : files.map(({ path, file }) => StoredFile.ofDisk(file, path));
+    const stored = archive
+        ? await filesInZip(archive, archive.name)
+        : files.map(({ path, file }) => StoredFile.ofDisk(file, path));
     const listing = await readListing(new FileTree(stored), settings.capture);
     const capture = await loadCapture(listing, most, settings, (done, of) => {
         tell("stage", { text: `photograph ${done} of ${of}`, share: done / of });

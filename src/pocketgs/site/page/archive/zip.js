@@ -55,9 +55,10 @@ async function findDirectory(archive, refused) {
         if (end.getUint32(at, true) !== END_MARK) {
             continue;
         }
-        const [count, bytes, offset] = [end.getUint16(at + 10, true), end.getUint32(at + 12, true), end.getUint32(at + 16, true)];
+        const count = end.getUint16(at + 10, true);
+        const [bytes, offset] = [12, 16].map((field) => end.getUint32(at + field, true));
         if (offset === ELSEWHERE || count === 0xffff) {
-            throw refused("is a zip file of more than 4 GB or 65,534 files: expected a smaller one, or the folder itself");
+            throw refused("is of more than 4 GB or 65,534 files: expected a smaller zip file, or the folder itself");
         }
         if (offset + bytes > start + at || bytes > MAX_DIRECTORY_BYTES || count > MAX_FILES) {
             throw refused("its list of files is broken: expected a whole zip file");
@@ -98,8 +99,8 @@ async function unpacked(archive, { path, flags, method, sum, packed, size, offse
     }
     const start = offset + LOCAL_BYTES + local.getUint16(26, true) + local.getUint16(28, true);
     const content = archive.slice(start, start + packed);
-    const stream = method === DEFLATED ? content.stream().pipeThrough(new DecompressionStream("deflate-raw")) : content.stream();
-    const bytes = await taken(stream, size).catch(() => null);
+    const inflate = () => content.stream().pipeThrough(new DecompressionStream("deflate-raw"));
+    const bytes = await taken(method === DEFLATED ? inflate() : content.stream(), size).catch(() => null);
     if (bytes === null || crc32(bytes) !== sum) {
         throw refused(`${path} is damaged: its content is not what was packed`);
     }

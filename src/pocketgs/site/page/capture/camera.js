@@ -129,7 +129,7 @@ const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const determinant = ([a, b, c]) =>
     a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0]);
 
-/** The orthogonal factor of the polar decomposition by Newton's iteration R ← (R + R⁻ᵀ) / 2 (Higham 1986, section 3). */
+/** The orthogonal factor of the polar decomposition, by Newton's iteration R ← (R + R⁻ᵀ) / 2 (Higham 1986). */
 function nearestRotation(rows) {
     let nearest = rows;
     for (let round = 0; round < 8; round++) {

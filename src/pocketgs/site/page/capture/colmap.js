@@ -31,7 +31,9 @@ export async function read(tree, bounds) {
         throw new Error(`${imageFile.path}: registers no image, expected at least one`);
     }
     const [files, warnings] = matchFiles(registered, tree, bounds);
-    const frames = registered.flatMap((image, i) => (files[i] ? [frameOf(image, files[i], cameras, imageFile, bounds)] : []));
+    const frames = registered.flatMap((image, i) => {
+        return files[i] ? [frameOf(image, files[i], cameras, imageFile, bounds)] : [];
+    });
     const cloud = await readPoints(part("points3D"), bounds);
     return { format: "colmap", frames, heldOut: null, cloud, background: [0, 0, 0], warnings };
 }
@@ -62,9 +64,11 @@ function matchFiles(registered, tree, { image_folders: usual, usual_images: firs
         return [files, absent.length ? [found] : []];
     }
     // Smaller copies are often renamed, but stay in order.
-    const present = tree.paths.filter((path) => path.slice(0, path.lastIndexOf("/")) === folder && /\.(jpe?g|png)$/i.test(path));
+    const folderOf = (path) => path.slice(0, Math.max(path.lastIndexOf("/"), 0));
+    const present = tree.paths.filter((path) => folderOf(path) === folder && /\.(jpe?g|png)$/i.test(path));
     if (present.length !== names.length) {
-        throw new Error(`${folder || first}: holds none of the ${names.length} registered images, such as ${absent[0]}`);
+        const found = `holds none of the ${names.length} registered images, such as ${absent[0]}`;
+        throw new Error(`${folder || first}: ${found}`);
     }
     const ordered = names.toSorted(byCodePoint);
     const renamed = present.toSorted(byCodePoint);
@@ -79,7 +83,8 @@ function frameOf(image, file, cameras, imageFile, bounds) {
         throw new Error(`${where}: taken by camera ${image.cameraId}, which the model does not have`);
     }
     const rotation = rotationOf(where, image.quaternion);
-    return { name: file.path, file, camera: cameraAt(where, camera, rotation, image.translation, bounds), lens: camera.lens };
+    const posed = cameraAt(where, camera, rotation, image.translation, bounds);
+    return { name: file.path, file, camera: posed, lens: camera.lens };
 }
 
 async function readPoints(part, bounds) {

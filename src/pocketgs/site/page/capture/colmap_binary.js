@@ -6,7 +6,12 @@
 
 import { cameraFrom, unknownModel } from "./colmap_model.js";
 
-/** @typedef {import("../archive/tree.js").StoredFile} StoredFile */
+/**
+ * @typedef {import("../archive/tree.js").StoredFile} StoredFile
+ * @typedef {import("./colmap_model.js").CameraModel} CameraModel
+ * @typedef {import("./colmap_model.js").ColmapCamera} ColmapCamera
+ * @typedef {import("./colmap_model.js").ColmapImage} ColmapImage
+ */
 
 const CAMERA_BYTES = 24;
 const IMAGE_BYTES = 64;
@@ -58,7 +63,7 @@ class Cursor {
     }
 }
 
-/** @type {(file: StoredFile, models: import("./colmap_model.js").CameraModel[]) => Promise<Map<number, import("./colmap_model.js").ColmapCamera>>} */
+/** @type {(file: StoredFile, models: CameraModel[]) => Promise<Map<number, ColmapCamera>>} */
 export async function readCameras(file, models) {
     const cursor = new Cursor(await file.bytes(), file.path);
     const cameras = new Map();
@@ -75,7 +80,7 @@ export async function readCameras(file, models) {
     return cameras;
 }
 
-/** @type {(file: StoredFile) => Promise<import("./colmap_model.js").ColmapImage[]>} */
+/** @type {(file: StoredFile) => Promise<ColmapImage[]>} */
 export async function readImages(file) {
     const cursor = new Cursor(await file.bytes(), file.path);
     return Array.from({ length: cursor.count(IMAGE_BYTES + 9) }, () => {

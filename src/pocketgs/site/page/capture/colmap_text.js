@@ -6,9 +6,14 @@
 
 import { cameraFrom, unknownModel } from "./colmap_model.js";
 
-/** @typedef {import("../archive/tree.js").StoredFile} StoredFile */
+/**
+ * @typedef {import("../archive/tree.js").StoredFile} StoredFile
+ * @typedef {import("./colmap_model.js").CameraModel} CameraModel
+ * @typedef {import("./colmap_model.js").ColmapCamera} ColmapCamera
+ * @typedef {import("./colmap_model.js").ColmapImage} ColmapImage
+ */
 
-/** @type {(file: StoredFile, models: import("./colmap_model.js").CameraModel[]) => Promise<Map<number, import("./colmap_model.js").ColmapCamera>>} */
+/** @type {(file: StoredFile, models: CameraModel[]) => Promise<Map<number, ColmapCamera>>} */
 export async function readCameras(file, models) {
     const cameras = new Map();
     for (const [where, line] of content(await linesOf(file))) {
@@ -29,7 +34,7 @@ export async function readCameras(file, models) {
     return cameras;
 }
 
-/** Two lines each, the second of which lists the image's points. @type {(file: StoredFile) => Promise<import("./colmap_model.js").ColmapImage[]>} */
+/** Two lines each, the second of which lists the image's points. @type {(file: StoredFile) => Promise<ColmapImage[]>} */
 export async function readImages(file) {
     const images = [];
     const lines = (await linesOf(file))[Symbol.iterator]();

@@ -85,7 +85,7 @@ export class Fields {
         return value.map((one, i) => new Fields(one, `${this.where}, ${name}[${i}]`));
     }
 
-    /** @type {(name: string, rows: number[], columns: number) => number[][]} rows of so many numbers, as many as allowed */
+    /** @type {(name: string, rows: number[], columns: number) => number[][]} `rows` are the numbers of rows allowed */
     matrix(name, rows, columns) {
         const value = this.values[name];
         const isRow = (row) => Array.isArray(row) && row.length === columns && row.every(Number.isFinite);

@@ -44,7 +44,8 @@ function split(document, listed) {
     const present = listed.filter(Boolean);
     const part = (name) => {
         const wanted = document.optionalTexts(`${name}_filenames`)?.map(normalised);
-        return wanted && new Set(listed.filter((frame, i) => frame && wanted.includes(stated[i])).map(({ name }) => name));
+        const frames = listed.filter((frame, i) => frame && wanted?.includes(stated[i]));
+        return wanted && new Set(frames.map(({ name }) => name));
     };
     const [train, validation, test] = ["train", "val", "test"].map(part);
     const heldOut = test?.size ? test : validation;

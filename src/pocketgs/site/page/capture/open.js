@@ -39,7 +39,7 @@ export async function readListing(tree, bounds) {
     const place = located(tree, bounds);
     const reader = READERS.find(({ recognises }) => place && recognises(place, bounds));
     if (!reader) {
-        const expected = "transforms.json (nerfstudio), transforms_train.json (Blender) or COLMAP's sparse/0 beside the images";
+        const expected = "transforms.json (nerfstudio), transforms_train.json (Blender) or COLMAP's sparse/0 with images";
         throw new Error(`not a capture of a format that this page reads: expected ${expected}`);
     }
     const listing = await reader.read(place, bounds);
@@ -76,8 +76,8 @@ export async function loadCapture(listing, most, settings, onProgress) {
         loaded.push(await loadPhotograph(source, background, most, settings.capture));
         onProgress(loaded.length, frames.length);
     }
-    const [tests, train] = [true, false].map((isHeldOut) => loaded.filter(({ name }) => heldOut.has(name) === isHeldOut));
-    return { train, heldOut: tests, cloud, background, warnings };
+    const part = (isHeldOut) => loaded.filter(({ name }) => heldOut.has(name) === isHeldOut);
+    return { train: part(false), heldOut: part(true), cloud, background, warnings };
 }
 
 /** The tree itself, or the only folder in it that is a capture. */
@@ -86,7 +86,8 @@ function located(tree, bounds) {
     if (holds(tree)) {
         return tree;
     }
-    const folders = new Set(tree.paths.filter((path) => path.includes("/")).map((path) => path.slice(0, path.indexOf("/"))));
+    const inFolders = tree.paths.filter((path) => path.includes("/"));
+    const folders = new Set(inFolders.map((path) => path.slice(0, path.indexOf("/"))));
     const captures = [...folders].map((folder) => tree.below(folder)).filter(holds);
     return captures.length === 1 ? captures[0] : null;
 }
@@ -95,7 +96,7 @@ function located(tree, bounds) {
 function requireNearOrigin({ frames }, { far }) {
     const centres = frames.map(({ camera }) => centreOf(camera));
     const middle = [0, 1, 2].map((axis) => medianOf(centres.map((centre) => centre[axis])));
-    const extent = Math.max(...centres.map((centre) => Math.max(...centre.map((value, i) => Math.abs(value - middle[i])))));
+    const extent = Math.max(...centres.flatMap((centre) => centre.map((value, i) => Math.abs(value - middle[i]))));
     const distance = Math.max(...middle.map(Math.abs));
     if (extent > 0 && distance > far * extent) {
         throw new Error(

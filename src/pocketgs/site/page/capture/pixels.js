@@ -69,7 +69,10 @@ export function composite({ rgba }, background) {
  */
 export function sizeWithin(width, height, most) {
     const longer = Math.max(width, height);
-    return longer <= most ? [width, height] : [width, height].map((side) => Math.max(1, roundedToEven((side * most) / longer)));
+    if (longer <= most) {
+        return [width, height];
+    }
+    return [width, height].map((side) => Math.max(1, roundedToEven((side * most) / longer)));
 }
 
 /**

@@ -27,7 +27,8 @@ import { readHeader } from "./image_header.js";
 export async function readFrames(document, tree, bounds) {
     const listed = document.objects("frames").map((own) => own.over(document));
     const paths = listed.map((fields) => normalised(fields.text("file_path")));
-    const found = (find) => paths.map((path) => bounds.extensions_tried.map((suffix) => find(path + suffix)).find(Boolean));
+    const withSuffix = (find, path) => bounds.extensions_tried.map((suffix) => find(path + suffix)).find(Boolean);
+    const found = (find) => paths.map((path) => withSuffix(find, path));
     const stated = found((path) => tree.find(path));
     // Captures get moved, and tools write paths of the machine that they ran on.
     const files = stated.some(Boolean) ? stated : found((path) => tree.findByName(path));
@@ -109,7 +110,8 @@ function readPose(fields, bounds) {
     const axes = [1, -1, -1].flatMap((sign, column) => [0, 1, 2].map((row) => sign * matrix[row][column]));
     const rotation = exactRotation(fields.where, axes, bounds);
     const centre = matrix.slice(0, 3).map((row) => row[3]);
-    const translation = [0, 3, 6].map((first) => -centre.reduce((sum, value, i) => sum + rotation[first + i] * value, 0));
+    const turned = (first) => centre.reduce((sum, value, i) => sum + rotation[first + i] * value, 0);
+    const translation = [0, 3, 6].map((first) => -turned(first));
     return [rotation, translation];
 }
 

@@ -71,7 +71,11 @@ export class ScenePicture {
         this.#loop.invalidate();
     }
 
-    /** A picture that was asked for. @type {(picture: {width: number, height: number, rgba: Uint8ClampedArray}) => void} */
+    /**
+     * A picture that was asked for.
+     *
+     * @param {{width: number, height: number, rgba: Uint8ClampedArray}} picture
+     */
     show({ width, height, rgba }) {
         [this.#canvas.width, this.#canvas.height] = [width, height];
         this.#canvas.getContext("2d").putImageData(new ImageData(rgba, width, height), 0, 0);

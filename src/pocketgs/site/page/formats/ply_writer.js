@@ -19,8 +19,9 @@ export function plyOf(scene) {
         }
     });
     const properties = columns.map(([name]) => `property float ${name}`);
-    const lines = ["ply", "format binary_little_endian 1.0", `element vertex ${scene.count}`, ...properties, "end_header"];
-    return new Blob([lines.join("\n"), "\n", table], { type: "application/octet-stream" });
+    const begin = ["ply", "format binary_little_endian 1.0", `element vertex ${scene.count}`];
+    const header = [...begin, ...properties, "end_header", ""].join("\n");
+    return new Blob([header, table], { type: "application/octet-stream" });
 }
 
 /** Names and numbers of all columns, in their order; normals are zero. */

@@ -4,7 +4,8 @@
  * @module
  */
 
-import { dcOf, GaussianColumns, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../../page/scene/gaussian_columns.js";
+import { dcOf, GaussianColumns } from "../../page/scene/gaussian_columns.js";
+import { LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../../page/scene/gaussian_columns.js";
 import { cross, rotationTo } from "../../page/scene/vectors.js";
 import { eigenvectors } from "./eigenvectors.js";
 import { NeighbourTree } from "./neighbours.js";
@@ -38,7 +39,9 @@ export function seedDiscs({ positions, colours }, recipe, seeding) {
     const least = 0.01 * medianOf(spacing) + 1.1754944e-38;
     for (let i = 0; i < count; i++) {
         const size = recipe.seed_size * Math.max(spacing[i], least);
-        [1, 1, seeding.thickness].forEach((share, axis) => (scene.column(LOG_SCALE + axis)[i] = Math.log(size * share)));
+        [1, 1, seeding.thickness].forEach((share, axis) => {
+            scene.column(LOG_SCALE + axis)[i] = Math.log(size * share);
+        });
     }
     scene.column(OPACITY_LOGIT).fill(Math.log(recipe.opacity / (1 - recipe.opacity)));
     return scene;

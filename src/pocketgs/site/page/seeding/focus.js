@@ -18,7 +18,8 @@ import { eigenvectors } from "./eigenvectors.js";
 export function focusPoint(cameras, settings) {
     const [centres, forwards] = [cameras.map(centreOf), cameras.map(forwardOf)];
     const centre = meanOf(centres);
-    const spread = Math.sqrt(centres.reduce((sum, one) => sum + length(subtract(one, centre)) ** 2, 0) / centres.length);
+    const squares = centres.map((one) => length(subtract(one, centre)) ** 2);
+    const spread = Math.sqrt(squares.reduce((sum, square) => sum + square, 0) / squares.length);
     const guess = add(centre, meanDirection(forwards), spread > 0 ? settings.guessed_distance * spread : 1);
     const across = [0, 1, 2].map((i) =>
         [0, 1, 2].map((j) => forwards.reduce((sum, f) => sum + (i === j) - f[i] * f[j], 0) / forwards.length),

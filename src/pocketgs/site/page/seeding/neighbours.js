@@ -43,7 +43,7 @@ export class NeighbourTree {
         this.#split(middle + 1, end, (axis + 1) % 3);
     }
 
-    /** Put at `middle` what sorting would put there, smaller ones before and larger ones behind (Hoare's quickselect). */
+    /** Put at `middle` what sorting would put there, smaller ones before and larger ones behind (Hoare 1961). */
     #place(low, high, middle, axis) {
         const order = this.#order;
         const value = (i) => this.#positions[3 * order[i] + axis];

@@ -31,8 +31,8 @@ export class PatchCosts {
     }
 
     /**
-     * Mean absolute difference, in grey levels, at each depth of a pixel's ray; infinite where fewer than two neighbours
-     * (or all, if there are fewer) see the whole patch.
+     * Mean absolute difference, in grey levels, at each depth of a pixel's ray; infinite where fewer than two
+     * neighbours (or all, if there are fewer) see the whole patch.
      *
      * @param {number} column
      * @param {number} row

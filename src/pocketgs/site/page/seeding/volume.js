@@ -26,7 +26,8 @@ export function drawPoints(frames, count, seed, settings) {
     const cameras = frames.map(({ camera }) => camera);
     const focus = focusPoint(cameras, settings);
     if (frames.length > 1 && !looksAt(cameras, focus)) {
-        throw new Error(`the ${frames.length} cameras face outwards and there is no cloud: expected a capture with points`);
+        const found = `the ${frames.length} cameras face outwards and there is no cloud`;
+        throw new Error(`${found}: expected a capture with points`);
     }
     const rays = Math.ceil(Math.trunc(count / settings.kept) / frames.length);
     const drawn = frames.flatMap((frame) => {

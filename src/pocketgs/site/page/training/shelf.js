@@ -1,6 +1,6 @@
 /**
- * Which photograph lies where on the GPU; the twin of `Shelf` in `splat/webgpu/photographs.py`. As many as there is room
- * for have places of their own. The others share one, and are written there before the step that needs them.
+ * Which photograph lies where on the GPU; the twin of `Shelf` in `splat/webgpu/photographs.py`. As many as there is
+ * room for have places of their own. The others share one, and are written there before the step that needs them.
  *
  * @module
  */
