@@ -34,7 +34,7 @@ export async function readCameras(file, models) {
     return cameras;
 }
 
-/** Two lines each, the second of which lists the image's points. @type {(file: StoredFile) => Promise<ColmapImage[]>} */
+/** Two lines each, the second of which lists points. @type {(file: StoredFile) => Promise<ColmapImage[]>} */
 export async function readImages(file) {
     const images = [];
     const lines = (await linesOf(file))[Symbol.iterator]();

@@ -39,7 +39,7 @@ export async function readListing(tree, bounds) {
     const place = located(tree, bounds);
     const reader = READERS.find(({ recognises }) => place && recognises(place, bounds));
     if (!reader) {
-        const expected = "transforms.json (nerfstudio), transforms_train.json (Blender) or COLMAP's sparse/0 with images";
+        const expected = "transforms.json (nerfstudio), transforms_train.json (Blender) or COLMAP's sparse/0";
         throw new Error(`not a capture of a format that this page reads: expected ${expected}`);
     }
     const listing = await reader.read(place, bounds);
