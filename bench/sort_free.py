@@ -28,9 +28,11 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.camera_path import path
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.scene.morton import morton_order
+from pocketgs.sort_free.drawing import drawing_of
 from pocketgs.sort_free.file import read_sort_free
 from pocketgs.sort_free.renderer import SortFreeRenderer
 from pocketgs.sort_free.scene import SortFreeScene, sort_free
+from pocketgs.splat.engine import EngineOptions, create_engine
 from pocketgs.splat.rasterizer import Rasterizer
 
 Draw = Callable[[Camera], np.ndarray]
@@ -65,25 +67,27 @@ def main(
         frames: Of the path.
         reading: How to read the capture.
     """
-    over, free = Rasterizer(engine, threads), SortFreeRenderer(engine, threads)
+    over, free, options = Rasterizer(engine, threads), SortFreeRenderer(engine, threads), EngineOptions(engine, threads)
     console = Console(width=150)
     if teacher is not None and scene is not None and capture is not None:
         gaussians, distilled = Gaussians.load(teacher), read_sort_free(scene)
         opened = in_world_of(teacher, reading.open(capture))
         cameras = [frame.camera for frame in opened.train[:CAMERAS]]
         slow = path(cameras, len(cameras) * STEPS_BETWEEN_VIEWS)[:frames]
-        ways = drawings(over, free, gaussians, distilled)
+        ways = drawings(over, free, gaussians, distilled, options)
         console.print(times("trained", ways, slow[0], rounds), popping(ways, slow))
         return
     for count in sizes:
         gaussians, [frame] = random_scene(count, width, height)
         gaussians = gaussians.select(morton_order(gaussians.means))
-        ways = drawings(over, free, gaussians, sort_free(gaussians, "visibility", 2.5))
+        ways = drawings(over, free, gaussians, sort_free(gaussians, "visibility", 2.5), options)
         console.print(times("random", ways, frame.camera, rounds))
 
 
-def drawings(over: Rasterizer, free: SortFreeRenderer, gaussians: Gaussians, scene: SortFreeScene) -> dict[str, Draw]:
-    """What draws an image, by name; "sum" draws what a sort-free image is divided from."""
+def drawings(
+    over: Rasterizer, free: SortFreeRenderer, gaussians: Gaussians, scene: SortFreeScene, options: EngineOptions
+) -> dict[str, Draw]:
+    """What draws an image, by name: whole images as the commands draw them, and sums that they are divided from."""
     channels = np.ones((len(scene), 4), np.float32)
 
     def drawn(renderer: Rasterizer, of: Gaussians) -> Draw:
@@ -94,14 +98,11 @@ def drawings(over: Rasterizer, free: SortFreeRenderer, gaussians: Gaussians, sce
 
         return draw
 
-    def sorted_colours(camera: Camera) -> np.ndarray:
-        found = over.forward(gaussians, camera).rgb
-        assert found is not None
-        return found
-
+    sorted_engine, sort_free_drawing = create_engine(options), drawing_of(scene, options)
+    sorted_engine.upload(gaussians)
     return {
-        "sorted": sorted_colours,
-        "sort-free": lambda camera: free.forward(scene, camera).rgb,
+        "sorted": lambda camera: sorted_engine.render(camera).image,
+        "sort-free": lambda camera: sort_free_drawing.render(camera).image,
         "sorted, 4 channels": drawn(over, scene.gaussians),
         "sum, 4 channels": drawn(free.rasterizer, scene.gaussians),
     }

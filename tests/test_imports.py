@@ -86,7 +86,7 @@ ROOMS = {
     "gpu": "errors",
     "capture": "errors files geometry scene system",
     "structure_from_motion": "capture errors files geometry scene system",
-    "prior": "capture errors geometry scene system",
+    "prior": "capture errors geometry gpu scene system",
     "splat": "capture errors geometry gpu scene system",
     "torch": "errors geometry scene splat system",
     "metrics": "errors splat",

@@ -20,6 +20,8 @@ from pocketgs.capture.synthetic import true_capture
 from pocketgs.results.cameras_file import write_cameras
 from pocketgs.scene.formats import spz, write_scene
 from pocketgs.scene.gaussians import Gaussians
+from pocketgs.sort_free.file import write_sort_free
+from pocketgs.sort_free.scene import sort_free
 
 TO_OPENGL = np.array([1.0, -1.0, -1.0, 1.0])
 
@@ -51,7 +53,7 @@ def write_captures(capture: Capture, folder: Path) -> dict[str, Path]:
 
 
 def write_scenes(folder: Path) -> dict[str, Path]:
-    """What `read_scene` reads, by a name; each in a folder of its own."""
+    """What `load_any` reads, by a name; each in a folder of its own."""
     rng = np.random.default_rng(0)
     scene = Gaussians(*(rng.normal(size=(300, *shape)) for shape in ((3,), (3,), (4,), (), (4, 3))))
     found = {}
@@ -67,6 +69,10 @@ def write_scenes(folder: Path) -> dict[str, Path]:
         (folder / name).mkdir(parents=True)
         found[name] = folder / name / name
         write_scene(found[name], scene)
+    for name in ("free.ply", "free.pgs"):
+        (folder / name).mkdir()
+        found[name] = folder / name / name
+        write_sort_free(found[name], sort_free(scene, "lc", 1.0))
     (folder / "old").mkdir()
     found["old.spz"] = folder / "old" / "old.spz"
     spz.write_gaussians(found["old.spz"], scene, version=3)

@@ -30,6 +30,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from attack.mutations import break_tree, mutated
 from attack.originals import small_capture, write_captures, write_result, write_scenes
 from pocketgs.capture import open_capture
+from pocketgs.cli.scene_file import load_any
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import memory_bound
 from pocketgs.scene.formats import read_scene
@@ -79,7 +80,7 @@ def read(kind: Kind, path: Path) -> None:
     if kind == "capture":
         open_capture(path)
     elif kind == "scene":
-        read_scene(path)
+        load_any(path)
     else:
         scene_content("result", path / "scene.ply", read_scene(path / "scene.ply"), path, None).to_json()
 

@@ -19,7 +19,7 @@ from pocketgs.compression.spz_file import as_spz
 from pocketgs.compression.views import Views, cameras_around, photographed, rendered
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.formats import read_scene
-from pocketgs.scene.formats.pgs_coding import FINE
+from pocketgs.scene.formats.pgs_coding import FINE, Coding
 from pocketgs.scene.formats.pgs_rounding import rounded as rounded_scene
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.engine import Engine
@@ -138,14 +138,14 @@ def test_ctrl_c_before_there_is_a_file(scene: Gaussians, views: Views, engine: E
 def test_ctrl_c_keeps_the_best_file_so_far(
     scene: Gaussians, views: Views, engine: Engine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    make = candidates.Workshop.make
+    keep = candidates.Workshop._keep
 
-    def and_press_ctrl_c(workshop: candidates.Workshop, count: int) -> candidates.Candidate:
-        found = make(workshop, count)
+    def and_press_ctrl_c(workshop: candidates.Workshop, scene: Gaussians, coding: Coding) -> candidates.Candidate:
+        found = keep(workshop, scene, coding)
         signal.raise_signal(signal.SIGINT)
         return found
 
-    monkeypatch.setattr(candidates.Workshop, "make", and_press_ctrl_c)
+    monkeypatch.setattr(candidates.Workshop, "_keep", and_press_ctrl_c)
     found = compress(scene, views, engine, CompressionOptions(quality=5.0))
     assert found.interrupted
     assert found.within_bound

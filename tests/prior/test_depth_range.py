@@ -24,6 +24,7 @@ from pocketgs.prior.depth_range import (
     small_copy,
     wide_range,
 )
+from pocketgs.prior.stereo import create_stereo
 from pocketgs.prior.sweep import MAX_PIXELS, DepthMap, SweepSettings
 
 DISTANCE = 4.0
@@ -168,7 +169,7 @@ def test_depth_maps_tell_near_wall_and_sky(know_points: bool) -> None:
     frames = [three_layers(x) for x in (-0.5, -0.25, 0.0, 0.25, 0.5)]
     bare = [replace(one, depth=None) for one in frames]
     points = [points_at(4.0) if know_points else np.zeros((0, 3))]
-    (keyframe,), (found,) = depth_maps(bare[2:3], bare, points, DISTANCE, SweepSettings())
+    (keyframe,), (found,) = depth_maps(bare[2:3], bare, points, DISTANCE, SweepSettings(), create_stereo())
     assert isinstance(found, DepthMap)
     assert keyframe.name == bare[2].name
     depth = frames[2].depth

@@ -11,11 +11,13 @@ from scipy.spatial import cKDTree
 from pocketgs import Camera, PointCloud
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.synthetic import true_capture
-from pocketgs.geometry.camera import look_at
-from pocketgs.prior.consistency import Views, compare_depths
+from pocketgs.prior.consistency import Views
+from pocketgs.prior.cpu.consistency import compare_depths
 from pocketgs.prior.fuse import SHELL_EXTENT, FusionSettings, confidence, fuse
 from pocketgs.prior.merge import merged
+from pocketgs.prior.stereo import create_stereo
 from pocketgs.prior.sweep import DepthMap
+from prior.random_depth_maps import random_views
 
 SETTINGS = FusionSettings()
 
@@ -36,20 +38,7 @@ def certain(depth: np.ndarray, step: float = 1e-5) -> DepthMap:
 
 
 def cloud_of(keyframes: list[Frame], maps: list[DepthMap], frames: list[Frame], count: int) -> PointCloud:
-    return merged(fuse(keyframes, maps, frames, SETTINGS), count)
-
-
-def random_views(seed: int) -> Views:
-    """Three views from around of something at a distance of 4, of different sizes, some of whose depths are unknown."""
-    rng = np.random.default_rng(seed)
-    sizes = np.array([[9, 13], [11, 8], [7, 15]])
-    depths = rng.choice([0.0, 3.9, 4.0, 4.03, 6.0], (3, 11, 15)).astype(np.float32)
-    poses = [look_at(rng.normal(0, 0.7, 3) - [0, 0, 4], rng.normal(0, 0.2, 3), rng.normal(size=3)) for _ in sizes]
-    for depth, (height, width) in zip(depths, sizes, strict=True):
-        depth[height:], depth[:, width:] = 4.0, 4.0  # never to be looked at
-    intrinsics = np.array([(12.0, 13.0, width / 2, height / 2 + 1) for height, width in sizes])
-    rotations, translations = np.array([p[:3, :3] for p in poses]), np.array([p[:3, 3] for p in poses])
-    return Views(depths, intrinsics, sizes, rotations, translations, np.array([1e-4, 0.005, 0.001]))
+    return merged(fuse(keyframes, maps, frames, SETTINGS, create_stereo()), count)
 
 
 def cameras_of(views: Views) -> list[Camera]:
@@ -268,7 +257,7 @@ def test_what_is_too_far_to_tell_lies_on_one_sphere(step: float) -> None:
     resolved = 1 / step
     maps = [certain(np.full((64, 64), resolved * far, np.float32), step) for far in (1.5, 3.0, 40.0)]
     maps[0].depth[:32] = 0.05 * resolved  # what can be told stays where it is
-    found = fuse(frames, maps, frames, SETTINGS)
+    found = fuse(frames, maps, frames, SETTINGS, create_stereo())
     far = np.abs(found.positions[:, 2] - 0.05 * resolved) > 0.04 * resolved
     assert np.count_nonzero(far) > 2.4 * 64 * 64
     middle = eyes.mean(axis=0)
@@ -291,7 +280,7 @@ def test_stars_that_three_views_see_are_at_the_same_pixels_of_all() -> None:
     frames = [wall_frame(f"{index}", eye, 64) for index, eye in enumerate(eyes)]
     step = 1 / (64 * 3.0)  # a pixel's shift over the widest baseline
     maps = [certain(np.full((64, 64), far / step, np.float32), step) for far in (1.2, 3.0, 40.0)]
-    found = fuse(frames, maps, frames, SETTINGS)
+    found = fuse(frames, maps, frames, SETTINGS, create_stereo())
     for frame in frames:
         pixels, depth = frame.camera.project(found.positions)
         assert np.all(depth > 0)

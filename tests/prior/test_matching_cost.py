@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pocketgs.prior.matching_cost import BITS, RADIUS, SourceViews, matching_costs, squares_of
+from pocketgs.prior.cpu.matching_cost import SourceViews, matching_costs, squares_of
+from pocketgs.prior.sweep_constants import BITS, RADIUS
 
 HEIGHT, WIDTH = 19, 23
 INVERSE_DEPTHS = np.linspace(0.2, 1.0, 9, dtype=np.float32)

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pocketgs.prior.semi_global import EDGE, EIGHT_PATHS, FOUR_PATHS, RIVAL_DISTANCE, aggregate, winners
+from pocketgs.prior.cpu.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners
+from pocketgs.prior.sweep_constants import EDGE, RIVAL_DISTANCE
 
 SHAPES = [(1, 1, 8), (1, 7, 8), (6, 1, 9), (5, 9, 11), (13, 8, 16), (70, 3, 8)]
 

@@ -13,9 +13,12 @@ from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import look_at
 from pocketgs.prior.depth_range import DepthRange
-from pocketgs.prior.sweep import MAX_PIXELS, DepthMap, SweepSettings, at_sweep_size, choose_source_views, sweep
+from pocketgs.prior.source_views import choose_source_views
+from pocketgs.prior.stereo import create_stereo
+from pocketgs.prior.sweep import MAX_PIXELS, DepthMap, SweepSettings, at_sweep_size
 
 SETTINGS = SweepSettings()
+STEREO = create_stereo()
 PLANE = np.array([0.25, -0.4, 1.0]), 3.0
 """Normal n and offset d of the plane n · x = d that the frames of `plane` see."""
 
@@ -57,7 +60,7 @@ def depth_of(frame: Frame) -> np.ndarray:
 def swept(frame: Frame, source_views: list[Frame], settings: SweepSettings = SETTINGS) -> DepthMap:
     """Swept over a range as wide as a run's."""
     near, far = np.quantile(depth_of(frame), [0.05, 0.95])
-    return sweep(frame, source_views, DepthRange(0.7 * near, 1.6 * far, 128), settings)
+    return STEREO.sweep(frame, source_views, DepthRange(0.7 * near, 1.6 * far, 128), settings)
 
 
 def seen_by(frame: Frame) -> np.ndarray:
@@ -149,7 +152,7 @@ def test_references_that_see_nothing_give_nothing(plane: list[Frame]) -> None:
     behind = np.diag([-1.0, 1, -1, 1]) @ plane[1].camera.world_to_camera
     away = replace(plane[1], camera=replace(plane[1].camera, world_to_camera=behind))
     for range_ in (DepthRange(2.0, 5.0, 64), DepthRange(2.0, np.inf, 64)):
-        found = sweep(plane[0], [away], range_, SETTINGS)
+        found = STEREO.sweep(plane[0], [away], range_, SETTINGS)
         assert not found.margin.any()
         assert not found.depth.any()
 
@@ -162,12 +165,12 @@ def test_what_is_infinitely_far_is_found_there(plane: list[Frame]) -> None:
             plane[1:], map(moved_by, ([0.3, 0, 0], [-0.3, 0, 0], [0, 0.3, 0], [0, -0.3, 0])), strict=True
         )
     ]
-    found = sweep(plane[0], alike, DepthRange(1.5, np.inf, 64), SETTINGS)
+    found = STEREO.sweep(plane[0], alike, DepthRange(1.5, np.inf, 64), SETTINGS)
     beyond = found.depth > found.resolved
     assert np.mean(beyond) > 0.98
     assert np.median(found.margin[beyond]) > 0.3
     # A range that ends somewhere knows that the truth may lie beyond.
-    assert np.mean(sweep(plane[0], alike, DepthRange(1.5, 300.0, 64), SETTINGS).depth > 0) < 0.05
+    assert np.mean(STEREO.sweep(plane[0], alike, DepthRange(1.5, 300.0, 64), SETTINGS).depth > 0) < 0.05
 
 
 def moved_by(step: list[float]) -> np.ndarray:

@@ -34,7 +34,7 @@ def teacher(small_capture: Capture) -> Gaussians:
 
 
 def closeness(scene: SortFreeScene, capture: Capture) -> float:
-    drawing = SortFreeDrawing(scene, CPU)
+    drawing = SortFreeDrawing(scene)
     frame = capture.held_out[0]
     image = np.clip(drawing.render(frame.camera, capture.background).image, 0.0, 1.0)
     return psnr(image, frame.image / 255.0, frame.mask)
@@ -56,7 +56,7 @@ def test_what_is_seen_is_a_good_start(small_capture: Capture, teacher: Gaussians
     frame = small_capture.train[0]
     wanted = render(teacher, frame.camera, small_capture.background, engine=CPU).image
     errors = [
-        np.abs(SortFreeDrawing(scene, CPU).render(frame.camera, small_capture.background).image - wanted).mean()
+        np.abs(SortFreeDrawing(scene).render(frame.camera, small_capture.background).image - wanted).mean()
         for scene in (fitted, flat)
     ]
     assert errors[0] < 0.85 * errors[1]

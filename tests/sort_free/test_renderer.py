@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -13,16 +13,18 @@ import pytest
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
-from pocketgs.sort_free.forms import FORMS, LARGEST_EXPONENT
+from pocketgs.sort_free.drawing import drawing_of
+from pocketgs.sort_free.forms import FORMS, LARGEST_EXPONENT, FormName
 from pocketgs.sort_free.renderer import SortFreeImage, SortFreeRenderer
 from pocketgs.sort_free.scene import SortFreeScene, sort_free
-from pocketgs.splat.reference import project as reference_project
-from pocketgs.splat.reference import rasterize as reference_rasterize
+from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.reference.scene import Scene
+from pocketgs.splat.webgpu.passes import COVERAGES, Variant, Weights, describe
 
 MakeGaussians = Callable[..., Gaussians]
 every_form = pytest.mark.parametrize("form", FORMS)
 BACKGROUND = (0.2, 0.5, 0.9)
+GPU = EngineOptions("webgpu")
 
 
 @cache
@@ -56,10 +58,7 @@ def copied(scene: SortFreeScene) -> SortFreeScene:
 
 
 @every_form
-def test_gradients(monkeypatch: pytest.MonkeyPatch, camera: Camera, make_gaussians: MakeGaussians, form: str) -> None:
-    # The loss jumps where a contribution crosses 1/255.
-    for module in (reference_project, reference_rasterize):
-        monkeypatch.setattr(module, "ALPHA_MIN", 1e-12)
+def test_gradients(camera: Camera, make_gaussians: MakeGaussians, form: str) -> None:
     scene = in_float64(weighted_scene(make_gaussians(count=5, sh_degree=1, seed=3, size=0.3), form))
     image = drawn("reference", scene, camera)
     weights = weights_of(image)
@@ -102,6 +101,65 @@ def test_engines_agree_with_the_reference(
         one, other = getattr(d_found.gaussians, name), getattr(d_expected.gaussians, name)
         assert np.quantile(np.abs(one - other), 0.98) < 1e-2 * np.abs(other).max(), name
     np.testing.assert_allclose(d_found.numbers, d_expected.numbers, rtol=1e-2, atol=1e-3)
+
+
+@every_form
+def test_fused_passes_draw_what_the_reference_draws(
+    adapter: None, camera: Camera, make_gaussians: MakeGaussians, form: str
+) -> None:
+    """From weights and colours that the GPU makes itself; and with the scene turned round, where no order counts."""
+    scene = weighted_scene(make_gaussians(count=300, sh_degree=1), form)
+    expected = drawn("reference", in_float64(scene), camera)
+    backwards = np.arange(300)[::-1]
+    other = replace(scene, gaussians=scene.gaussians.select(backwards), views=scene.views[backwards])
+    with_depth = form == "visibility"
+    first = drawing_of(scene, GPU).render(camera, BACKGROUND, depth=with_depth)
+    second = drawing_of(other, GPU).render(camera, BACKGROUND)
+    for found, wanted in ((first.image, expected.rgb), (first.alpha, expected.alpha), (first.depth, expected.depth)):
+        if found is None:
+            assert not with_depth
+            continue
+        assert wanted is not None
+        assert np.mean(np.abs(found - wanted) > 2e-3) < 0.005
+        assert np.abs(found - wanted).mean() < 2e-4
+    np.testing.assert_allclose(first.image, second.image, atol=2e-5)
+
+
+@pytest.mark.parametrize("form", ["mobile", "visibility"])
+def test_fused_passes_keep_to_the_bounds_of_weights(
+    adapter: None, camera: Camera, make_gaussians: MakeGaussians, form: str
+) -> None:
+    scene = weighted_scene(make_gaussians(count=40, sh_degree=1), form)
+    scene.gaussians.means[0] = camera.centre + 0.03 * camera.forward
+    scene.gaussians.log_scales[0] = 1.0
+    scene.gaussians.means[1] = camera.centre
+    scene.gaussians.means[2], scene.gaussians.sh[3] = np.nan, np.inf
+    scene.views[4], scene.views[5], scene.views[6] = 1e6, -1e6, np.nan
+    image = drawing_of(scene, GPU).render(camera, BACKGROUND).image
+    assert np.mean(np.abs(image - drawn("cpu", scene, camera).rgb) > 2e-3) < 0.01
+    everything_behind = replace(scene, gaussians=replace(scene.gaussians, means=scene.gaussians.means * 0 + 1e3))
+    np.testing.assert_allclose(
+        drawing_of(everything_behind, GPU).render(camera, BACKGROUND).image,
+        np.broadcast_to(BACKGROUND, image.shape),
+        atol=1e-6,
+    )
+
+
+def test_fused_passes_keep_to_the_memory_that_they_may_take(
+    adapter: None, camera: Camera, make_gaussians: MakeGaussians
+) -> None:
+    drawing = drawing_of(weighted_scene(make_gaussians(), "lc"), replace(GPU, max_memory=1))
+    with pytest.raises(PocketGSError, match=r"would take \d MB of GPU memory, the limit is 1 MB"):
+        drawing.render(camera)
+
+
+def test_names_of_weights_in_the_shaders_are_those_of_forms() -> None:
+    assert get_args(Weights) == get_args(FormName)
+    assert {name: form.covers for name, form in FORMS.items()} == {
+        name: section == "weighted.by_transmittance" for name, section in COVERAGES.items()
+    }
+    shader = describe(Variant(weights="mobile"), training=False).shaders["project"].source
+    assert f"LARGEST_EXPONENT: f32 = {LARGEST_EXPONENT}" in shader
 
 
 def test_no_order_matters(camera: Camera, make_gaussians: MakeGaussians) -> None:

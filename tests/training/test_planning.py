@@ -20,14 +20,25 @@ from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.loading import Preparation
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
+from pocketgs.prior.cpu.stereo import CpuStereo
+from pocketgs.prior.stereo import StereoExtent, create_stereo, need_of
+from pocketgs.prior.webgpu.stereo import WebGpuStereo
 from pocketgs.splat.cpu.engine import CpuEngine
-from pocketgs.splat.engine import EngineOptions, MemoryNeed, create_engine
+from pocketgs.splat.engine import EngineOptions, create_engine
+from pocketgs.system.memory_need import MemoryNeed
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.planning.calibration import Speed, measure_speed
 from pocketgs.training.planning.machine import Machine, this_machine
 from pocketgs.training.planning.plan import MIN_GAUSSIANS, MIN_SIDE, Plan, make_plan, shrinking_warning
 
-MACHINE = Machine(threads=2, readers=2, resident=160_000_000, compiles=False, memory_needed=CpuEngine(1).memory_needed)
+MACHINE = Machine(
+    threads=2,
+    readers=2,
+    resident=160_000_000,
+    compiles=False,
+    memory_needed=CpuEngine(1).memory_needed,
+    stereo_needed=CpuStereo().memory_needed,
+)
 
 
 class Photographs(ListedCapture):
@@ -57,7 +68,7 @@ OPTIONS = st.builds(
     sh_degree=st.integers(0, 3),
     iterations=st.integers(1, 5000),
 )
-SPEEDS = st.builds(Speed, st.floats(0.1, 20), st.floats(0.1, 20))
+SPEEDS = st.builds(Speed, st.floats(0.1, 20), st.floats(0.1, 20), st.floats(0.1, 20))
 
 
 def planned(listed: ListedCapture, options: SizedOptions, machine: Machine = MACHINE) -> Plan | None:
@@ -112,7 +123,7 @@ def test_a_refusal_names_a_budget_that_will_do(listed: ListedCapture, options: S
 
 
 def test_a_refusal_of_time_names_a_budget_that_will_do() -> None:
-    machine = replace(MACHINE, speed=Speed(1.0, 1.0), elapsed=2.0)
+    machine = replace(MACHINE, speed=Speed(1.0, 1.0, 1.0), elapsed=2.0)
     with pytest.raises(PocketGSError, match="time budget: found 3 s") as refusal:
         make_plan(photographs(), SizedOptions(time_budget=3.0), machine)
     enough = float(str(refusal.value).split("--time-budget ")[1].split()[0])
@@ -261,13 +272,30 @@ def test_the_cpu_engine_holds_no_more_than_it_says(written_capture: Path) -> Non
     assert held <= needed.process < 3 * held
 
 
+@pytest.mark.usefixtures("adapter")
+def test_a_gpu_holds_what_depth_takes_before_training() -> None:
+    """Of large photographs and few Gaussians, that is more than training takes."""
+    options = SizedOptions(engine="webgpu", max_gaussians=1000, max_memory=3000)
+    needed = WebGpuStereo().memory_needed
+    plain = make_plan(photographs(1008, 756), options, MACHINE)
+    plan = make_plan(photographs(1008, 756), options, replace(MACHINE, stereo_needed=needed))
+    assert plain.device_mb == 0
+    extent = StereoExtent.of([(731, 548)], options.source_views, 17)
+    assert plan.device_mb == pytest.approx(needed(extent).sweeping.device / 1e6, rel=0.01)
+    assert plan.rss_by_stage_mb["depth"] > plain.rss_by_stage_mb["depth"]
+    # What a GPU does not hold is swept by the CPU, and planned so.
+    assert need_of(WebGpuStereo(max_memory=100), extent) == CpuStereo().memory_needed(extent)
+
+
 def test_speed_is_measured_on_any_engine() -> None:
     options = SizedOptions(engine="cpu")
     engine = create_engine(EngineOptions(engine="cpu"))
-    machine = this_machine(engine, options)
+    stereo = create_stereo()
+    machine = this_machine(engine, stereo, options)
     assert machine.resident > 50_000_000
-    speed = measure_speed(engine, 1, with_prior=True)
+    speed = measure_speed(engine, stereo, 1, with_prior=True)
     assert speed.prior > 0
+    assert speed.sweeps == speed.prior
     assert speed.training > 0
-    without = measure_speed(engine, 1, with_prior=False)
+    without = measure_speed(engine, stereo, 1, with_prior=False)
     assert without.prior == without.training

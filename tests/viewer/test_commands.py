@@ -9,16 +9,21 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
+from plyfile import PlyData
 
 from pocketgs import Capture, Gaussians
 from pocketgs.cli import main
 from pocketgs.results.cameras_file import write_cameras
 from pocketgs.scene.formats import read_scene, write_scene
+from pocketgs.sort_free.file import read_sort_free, write_sort_free
+from pocketgs.sort_free.scene import sort_free
+from pocketgs.viewer.readable import readable_file
 from viewer.client import fetch, following
 
 # A shell starts jobs in the background with Ctrl-C ignored.
@@ -89,6 +94,24 @@ def test_view_until_ctrl_c(started: Callable[..., tuple[subprocess.Popen[str], s
     assert (process.returncode, errors) == (0, "")
     with pytest.raises(ConnectionError):
         fetch(url)
+
+
+def test_view_of_a_sort_free_scene(
+    started: Callable[..., tuple[subprocess.Popen[str], str]], scene: Gaussians, tmp_path: Path
+) -> None:
+    """A file that the page can read is served as it is; of another, a copy that has the weights."""
+    write_sort_free(tmp_path / "free.pgs", sort_free(scene, "visibility", 2.0))
+    _, url = started("view", tmp_path / "free.pgs")
+    told = fetch(url, "viewer.json").json
+    assert fetch(url, told["scene"]["url"]).body == (tmp_path / "free.pgs").read_bytes()
+    write_sort_free(tmp_path / "little.ply", sort_free(scene, "lc", 2.0))
+    path, data = tmp_path / "big.ply", PlyData.read(str(tmp_path / "little.ply"))
+    data.byte_order = ">"
+    data.write(str(path))
+    free = read_sort_free(path)
+    with readable_file(path, partial(write_sort_free, scene=free)) as copy:
+        assert copy != path
+        assert read_sort_free(copy).views.tobytes() == free.views.tobytes()
 
 
 def test_view_of_a_result(

@@ -117,6 +117,9 @@ def test_modules_and_passes(page: Page, monkeypatch: pytest.MonkeyPatch, tmp_pat
     for appearance in ("splats", "points", "discs"):
         expected = describe(Variant(appearance=appearance), training=False).to_json()
         assert fetch(page.url, f"passes.json?appearance={appearance}").json == json.loads(json.dumps(expected))
+    expected = describe(Variant(weights="lc"), training=False).to_json()
+    assert fetch(page.url, "passes.json?weights=lc").json == json.loads(json.dumps(expected))
+    assert fetch(page.url, "passes.json?weights=magic").status == 404
     assert fetch(page.url, "passes.json").json == fetch(page.url, "passes.json?appearance=splats").json
     for path in ("passes.json?appearance=cubes", "page/main.ts", "page/drawing", "gpu/sort.py", "gpu/shaders", "live"):
         assert fetch(page.url, path).status == 404, path

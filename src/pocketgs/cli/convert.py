@@ -10,7 +10,7 @@ from typing import Annotated, Literal, TypeAlias
 import numpy as np
 import tyro
 
-from pocketgs.cli.scene_file import load_scene
+from pocketgs.cli.scene_file import load_any
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
@@ -19,6 +19,9 @@ from pocketgs.scene.formats import SceneFormat, format_of, spz, write_pgs
 from pocketgs.scene.formats.pgs_coding import CODINGS
 from pocketgs.scene.formats.spz_precision import PRECISIONS, Detail
 from pocketgs.scene.gaussians import Gaussians
+from pocketgs.sort_free.edits import edited
+from pocketgs.sort_free.file import check_name, write_sort_free
+from pocketgs.sort_free.scene import SortFreeScene
 
 Triple: TypeAlias = tuple[float, float, float]
 Box: TypeAlias = tuple[float, float, float, float, float, float]
@@ -39,7 +42,8 @@ def convert(
 ) -> None:
     """Convert a scene to another format, optionally cropped, thinned out or moved.
 
-    The options apply in the order listed here, whatever their order on the command line.
+    The options apply in the order listed here, whatever their order on the command line. A scene that is drawn without
+    sorting becomes a .ply or a .pgs.
 
     Args:
         scene: A .pgs, .ply, .compressed.ply, .spz, .sog, .splat, .glb or .gltf, or a result folder.
@@ -58,22 +62,35 @@ def convert(
     """
     chosen = _chosen_format(output, detail, spz_version)
     with memory_bound(max_memory):
-        original = load_scene(scene)
-    edited = original
-    if crop_box is not None:
-        edited = cropped(edited, np.array(crop_box[:3]), np.array(crop_box[3:]))
-    if min_opacity:
-        edited = without_faint(edited, min_opacity)
-    if sh_degree is not None:
-        edited = with_sh_degree(edited, min(sh_degree, edited.sh_degree))
-    if len(edited) == 0:
-        raise PocketGSError(f"{output}: none of {len(original):,} Gaussians is left, nothing was written")
-    edited = _moved(edited, scale, rotate, translate)
-    chosen.write(output, edited)
-    lines = [f"{len(edited):,} Gaussians in {output}, {output.stat().st_size:,} bytes"]
+        original = load_any(scene)
+
+    def edit(gaussians: Gaussians) -> Gaussians:
+        if crop_box is not None:
+            gaussians = cropped(gaussians, np.array(crop_box[:3]), np.array(crop_box[3:]))
+        if min_opacity:
+            gaussians = without_faint(gaussians, min_opacity)
+        if len(gaussians) == 0:
+            raise PocketGSError(f"{output}: none of {len(original):,} Gaussians is left, nothing was written")
+        return _moved(gaussians, scale, rotate, translate)
+
+    if isinstance(original, SortFreeScene):
+        check_name(output)
+        free = edited(original, edit, scale)
+        free = replace(free, gaussians=_of_degree(free.gaussians, sh_degree))
+        write_sort_free(output, free, detail or "fine")
+        count = len(free)
+    else:
+        gaussians = _of_degree(edit(original), sh_degree)
+        chosen.write(output, gaussians)
+        count = len(gaussians)
+    lines = [f"{count:,} Gaussians in {output}, {output.stat().st_size:,} bytes"]
     lines += [f"{chosen.name} drops {chosen.drops}"] if chosen.drops else []
     lines += [f"{chosen.name} rounds {chosen.rounds}"] if chosen.rounds else []
     Terminal().say(*lines)
+
+
+def _of_degree(gaussians: Gaussians, degree: int | None) -> Gaussians:
+    return gaussians if degree is None else with_sh_degree(gaussians, min(degree, gaussians.sh_degree))
 
 
 def _chosen_format(output: Path, detail: Detail | None, spz_version: spz.Version) -> SceneFormat:

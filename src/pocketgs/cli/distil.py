@@ -31,7 +31,7 @@ def distil(
     Args:
         scene: A trained scene: a file (.ply, .spz, .splat, .glb …), or a result folder.
         capture: The capture that it was trained on.
-        output: The file to write, a .ply. Commands of PocketGS draw it as it was trained; other programs would sort it.
+        output: The file to write: a .ply, or a small .pgs. PocketGS draws it as it was trained; others sort a .ply.
         options: Options of distilling.
         reading: Options for reading the capture.
         max_memory: Megabytes that reading may take; larger files are refused.

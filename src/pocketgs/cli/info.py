@@ -12,11 +12,12 @@ from pocketgs.capture import Capture
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.devices import device_lines
 from pocketgs.cli.display import capture_lines
-from pocketgs.cli.scene_file import load_scene, names_scene
+from pocketgs.cli.scene_file import load_any, names_scene
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
-from pocketgs.scene.gaussians import Gaussians
+from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
+from pocketgs.sort_free.scene import SortFreeScene
 
 
 def info(
@@ -45,7 +46,12 @@ def info(
 
 
 def _path_lines(path: Path, reading: CaptureOptions) -> list[str]:
-    return _scene_lines(load_scene(path)) if names_scene(path) else _capture_lines(reading.listed(path).load())
+    if not names_scene(path):
+        return _capture_lines(reading.listed(path).load())
+    scene = load_any(path)
+    if isinstance(scene, SortFreeScene):
+        return [*_scene_lines(scene.gaussians), _weights_line(scene)]
+    return _scene_lines(scene)
 
 
 def _device_lines() -> list[str]:
@@ -89,3 +95,11 @@ def _scene_lines(scene: Gaussians) -> list[str]:
         f"opacity: median {np.median(scene.opacities):.3f}, {np.mean(scene.opacities < 0.05):.1%} under 0.05",
         f"largest scale: median {np.median(scales.max(axis=1)):.3g}; smallest is {flatness:.2f} of it in the median",
     ]
+
+
+def _weights_line(scene: SortFreeScene) -> str:
+    numbers = zip(scene.form.numbers, np.exp(scene.numbers), strict=True)
+    parts = [f"unit {scene.unit:.3g}", *(f"{name} {value:.3g}" for name, value in numbers)]
+    if scene.views.shape[1]:
+        parts.append(f"view-dependent weights of degree {SH_COEFFICIENTS.index(scene.views.shape[1])}")
+    return f"drawn without sorting, compositor {scene.form.name}: {', '.join(parts)}"

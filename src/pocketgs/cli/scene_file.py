@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TypeAlias
 
 from pocketgs.capture.capture import Capture
 from pocketgs.errors import PocketGSError
@@ -12,9 +13,13 @@ from pocketgs.results.folder import CAMERAS, RECORD, SCENE
 from pocketgs.results.transients import without_transients_of
 from pocketgs.scene.formats import is_scene_name, read_scene
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.sort_free.drawing import SortFreeDrawing
+from pocketgs.sort_free.drawing import drawing_of
 from pocketgs.sort_free.file import is_sort_free, read_sort_free
+from pocketgs.sort_free.scene import SortFreeScene
 from pocketgs.splat.engine import EngineOptions, Renderer, create_engine
+
+AnyScene: TypeAlias = Gaussians | SortFreeScene
+"""A scene that is drawn sorted, or one that is drawn without sorting."""
 
 
 def names_scene(path: Path) -> bool:
@@ -24,14 +29,23 @@ def names_scene(path: Path) -> bool:
 
 
 def load_scene(path: Path) -> Gaussians:
-    """Read a scene file of any format, or the scene of a result folder.
+    """Read a scene file of any format, or the scene of a result folder, which is drawn sorted.
 
     Raises:
-        PocketGSError: there is no readable scene, or it would have to be drawn without sorting.
+        PocketGSError: there is no readable scene, or it is drawn without sorting.
     """
     if is_sort_free(path):
-        raise PocketGSError(f"{path}: a scene that is drawn without sorting, which only render and eval can do yet")
+        raise PocketGSError(f"{path}: a scene that is drawn without sorting, expected one that is sorted")
     return read_scene(path / SCENE if path.is_dir() else path)
+
+
+def load_any(path: Path) -> AnyScene:
+    """Read a scene, sorted or sort-free.
+
+    Raises:
+        PocketGSError: there is no readable scene.
+    """
+    return read_sort_free(path) if is_sort_free(path) else load_scene(path)
 
 
 def drawn_by(path: Path, options: EngineOptions) -> tuple[Renderer, int]:
@@ -42,7 +56,7 @@ def drawn_by(path: Path, options: EngineOptions) -> tuple[Renderer, int]:
     """
     if is_sort_free(path):
         scene = read_sort_free(path)
-        return SortFreeDrawing(scene, options), len(scene)
+        return drawing_of(scene, options), len(scene)
     gaussians = load_scene(path)
     engine = create_engine(options)
     engine.upload(gaussians)

@@ -9,6 +9,7 @@ import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,12 +17,14 @@ import tyro
 
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.display import STAGES
-from pocketgs.cli.scene_file import in_world_of, load_scene
+from pocketgs.cli.scene_file import in_world_of, load_any
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
 from pocketgs.files.opening import reading_inside
 from pocketgs.results.folder import SCENE
+from pocketgs.sort_free.file import write_sort_free
+from pocketgs.sort_free.scene import SortFreeScene
 
 if TYPE_CHECKING:
     from pocketgs.viewer.live import LiveRun
@@ -86,13 +89,15 @@ def view(
 
     with memory_bound(max_memory):
         with reading_inside(scene if scene.is_dir() else None):
-            gaussians = load_scene(scene)
+            shown = load_any(scene)
         opened = in_world_of(scene, reading.open(capture)) if capture else None
-    if len(gaussians) == 0:
+    if len(shown) == 0:
         raise PocketGSError(f"{scene}: holds no Gaussians, expected at least one")
     is_result = scene.is_dir()
     title = scene.resolve().name if is_result else scene.stem
-    with readable_file(scene / SCENE if is_result else scene, gaussians) as file:
+    gaussians = shown.gaussians if isinstance(shown, SortFreeScene) else shown
+    write = partial(write_sort_free, scene=shown) if isinstance(shown, SortFreeScene) else shown.save
+    with readable_file(scene / SCENE if is_result else scene, write) as file:
         content = scene_content(title, file, gaussians, scene if is_result else None, opened)
         with serving(content, network=page.host, port=page.port) as served:
             _announce(served, page)

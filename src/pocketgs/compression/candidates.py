@@ -101,13 +101,20 @@ class Workshop:
         """
         starts = [*(level.scene for level in self.levels), *self.tuned]
         start = min((scene for scene in starts if len(scene) >= count), key=len)
-        share = min(self.timekeeper.steps_left() / (CANDIDATES * STEPS), 1.0)
-        scene = self.tuner.tune(self.pruner.down_to(start, count), round(share * TUNING_STEPS))
+        scene = self.tuner.tune(self.pruner.down_to(start, count), round(self._share() * TUNING_STEPS))
         self.tuned.append(scene)
-        steps, weights = round(share * ROUNDING_STEPS), self.pruner.weights(scene)
+        return self.rounded_in_turn(scene)
+
+    def rounded_in_turn(self, scene: Gaussians) -> Candidate:
+        """Make the candidate of a scene without pruning; raises the errors of `make`."""
+        steps, weights = round(self._share() * ROUNDING_STEPS), self.pruner.weights(scene)
         scene = rounded_in_turn(scene, self.tuner, self.coding, steps, weights)
         self.timekeeper.expected = max(self.timekeeper.expected, self.timekeeper.done + STEPS)
         return self._keep(scene, self.coding)
+
+    def _share(self) -> float:
+        """Share of the training steps that time allows."""
+        return min(self.timekeeper.steps_left() / (CANDIDATES * STEPS), 1.0)
 
     def only_rounded(self, scene: Gaussians, coding: Coding) -> Candidate:
         """Make the candidate of a scene without pruning or training; raises the errors of `make`."""

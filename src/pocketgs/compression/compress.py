@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from pocketgs.compression.candidates import CANDIDATES, Candidate, Level, Workshop
+from pocketgs.compression.candidates import (
+    CANDIDATES,
+    PRUNING_ROUNDS,
+    PRUNING_STEPS,
+    STEPS,
+    Candidate,
+    Level,
+    Workshop,
+)
+from pocketgs.compression.codings import CODINGS, finer
 from pocketgs.compression.fine_tuning import FineTuner
 from pocketgs.compression.judgement import Judge
 from pocketgs.compression.options import QUALITY, CompressionOptions
@@ -47,11 +56,18 @@ PSNR_TOLERANCE, SIZE_TOLERANCE = 0.04, 0.04
 FEWER = 0.8
 """Number of Gaussians of the next candidate, relative to the number that would fit if size were proportional to it."""
 
-FINER, GRIDS = 0.7, 5
-"""Steps of a grid relative to those of the next coarser one, and number of grids to choose from."""
+GRIDS = 5
+"""Number of grids to choose from for rounding alone."""
 
 MAKES_UP = 0.5
 """Approximate loss by rounding, in dB, that training on renderings recovers."""
+
+WORTH_PRUNING = 0.8
+"""Largest share of the Gaussians to try on grids that are not the finest: if they need more, finer ones are better."""
+
+PACES, TRIAL_STEPS, TRIAL_TIME = (1.0, 0.3), 80, 0.02
+"""Learning rates of fine-tuning relative to the recipe's to choose from, training steps to try each, and their maximum
+share of the steps that the time limit allows."""
 
 STEP = 3.0
 """Approximate time of a training step relative to a rendering, to estimate the speed before the first step."""
@@ -124,8 +140,7 @@ def compress(
         timekeeper.first_speed = 1.0 / (STEP * rendering)
         timekeeper.reserve(TABLE_ROWS * len(views.reported) * rendering)
         bound = None if options.size is not None else _least_psnr(scene, views, judge, options.quality)
-        pace = 1.0 if views.photographs else PACE
-        tuner = FineTuner(engine, views.train, views.background, scene, options.seed, timekeeper.step, pace)
+        tuner = FineTuner(engine, views.train, views.background, scene, options.seed, timekeeper.step)
         cameras = [frame.camera for frame in views.train]
         pruner = Pruner(tuner, cameras, options.prune, rasterizer or Rasterizer("cpu"))
 
@@ -135,15 +150,15 @@ def compress(
         workshop = Workshop(tuner, pruner, judge, timekeeper, DEFAULT, is_within)
         try:
             timekeeper.check()
+            tuner.pace = _best_pace(scene, workshop) if views.photographs else PACE
             if bound is None:
                 assert options.size is not None
                 _search_by_size(scene, workshop, options.size * MB)
+            elif views.photographs:
+                _search_on_photographs(scene, workshop, bound)
             else:
-                if not views.photographs:
-                    workshop.coding = _round_only(scene, workshop, bound)
-                _search_by_quality(scene, workshop, bound)
-                if views.photographs and not any(map(is_within, workshop.candidates)):
-                    _round_only(scene, workshop, bound)  # training did not bring back what rounding cost
+                workshop.coding = _round_only(scene, workshop, bound)
+                _search_by_quality(scene, workshop, bound, len(scene))
         except StoppedError:
             if not any(map(is_within, workshop.candidates)):
                 raise KeyboardInterrupt from None
@@ -215,10 +230,28 @@ def _round_only(scene: Gaussians, workshop: Workshop, bound: float) -> Coding:
     return chosen or coding
 
 
-def finer(coding: Coding) -> Coding:
-    """The next finer grids."""
-    names = ("position", "log_scale", "rotation", "opacity", "colour", "harmonics")
-    return replace(coding, **{name: FINER * getattr(coding, name) for name in names})
+def _best_pace(scene: Gaussians, workshop: Workshop) -> float:
+    """The pace at which a few training steps leave the scene best.
+
+    A scene that was trained for long loses quality by steps as large as those that improve another.
+    """
+    steps = int(min(TRIAL_STEPS, TRIAL_TIME * workshop.timekeeper.steps_left()))
+    workshop.timekeeper.expected = len(PACES) * steps + PRUNING_ROUNDS * PRUNING_STEPS + CANDIDATES * STEPS
+
+    def psnr(pace: float) -> float:
+        workshop.tuner.pace = pace
+        return workshop.judge.psnr(workshop.tuner.tune(scene, steps))
+
+    return max(PACES, key=psnr) if steps else PACES[0]
+
+
+def _affordable(scene: Gaussians, workshop: Workshop, bound: float) -> Sequence[Coding]:
+    """The codings from the coarsest one that keeps the whole scene within the bound; at least the finest."""
+    for place, coding in enumerate(CODINGS[:-1]):
+        workshop.coding = coding
+        if workshop.rounded_in_turn(scene).psnr >= bound:
+            return CODINGS[place:]
+    return CODINGS[-1:]
 
 
 def _search_by_size(scene: Gaussians, workshop: Workshop, size: float) -> None:
@@ -235,12 +268,23 @@ def _search_by_size(scene: Gaussians, workshop: Workshop, size: float) -> None:
         fewest = workshop.make(max(int(fewer), LEAST))
 
 
-def _search_by_quality(scene: Gaussians, workshop: Workshop, bound: float) -> None:
-    workshop.prune(scene, lambda level: level.psnr > bound - SLACK)
+def _search_on_photographs(scene: Gaussians, workshop: Workshop, bound: float) -> None:
+    for coding in _affordable(scene, workshop, bound):
+        workshop.coding = coding
+        share = 1.0 if coding == CODINGS[-1] else WORTH_PRUNING
+        _search_by_quality(scene, workshop, bound, max(int(share * len(scene)), 1))
+        if any(map(workshop.is_within, workshop.candidates)):
+            return
+    _round_only(scene, workshop, bound)
+
+
+def _search_by_quality(scene: Gaussians, workshop: Workshop, bound: float, most: int) -> None:
+    if not workshop.levels:
+        workshop.prune(scene, lambda level: level.psnr > bound - SLACK)
     good: list[Level] = [level for level in workshop.levels if level.psnr >= bound - RECOVERS]
-    guess = len(min(good, key=lambda level: len(level.scene)).scene) if good else len(scene)
+    guess = len(min(good, key=lambda level: len(level.scene)).scene) if good else most
     goal = Goal(bound, DB_PER_FACTOR, PSNR_TOLERANCE, from_above=True)
-    search(lambda count: workshop.make(count).psnr, goal, guess, LEAST, len(scene), workshop.timekeeper.is_up)
+    search(lambda count: workshop.make(count).psnr, goal, guess, LEAST, most, workshop.timekeeper.is_up)
 
 
 def _within(candidates: list[Candidate], size: float | None, bound: float | None) -> list[Candidate]:

@@ -38,6 +38,8 @@ class FineTuner:
         scene: gives the unit of length, by its distance from the cameras.
         seed: of the order of views.
         after_step: called after every step.
+
+    Attributes:
         pace: factor on all learning rates.
     """
 
@@ -49,13 +51,13 @@ class FineTuner:
         scene: Gaussians,
         seed: int,
         after_step: Callable[[], None] = lambda: None,
-        pace: float = 1.0,
     ) -> None:
+        self.pace = 1.0
         self._recipe = recipe_named("pocketgs")
         self._engine, self._background, self._after_step = engine, background, after_step
         self._views, self._seed, self._taken = len(frames), seed, 0
         cameras = [frame.camera for frame in frames]
-        self._rates = self._recipe.rates_for_scene(self._recipe.scales_for or 1, cameras, scene).scaled(pace)
+        self._rates = self._recipe.rates_for_scene(self._recipe.scales_for or 1, cameras, scene)
         engine.set_views(frames)
 
     def tune(
@@ -79,7 +81,7 @@ class FineTuner:
         rates = replace(self._rates, **{RATE_OF_GROUP[group]: 0.0 for group in frozen})
         self._engine.upload(scene)
         for step in range(steps):
-            share = end + (start - end) * 0.5 * (1.0 + float(np.cos(np.pi * step / steps)))
+            share = self.pace * (end + (start - end) * 0.5 * (1.0 + float(np.cos(np.pi * step / steps))))
             settings = StepSettings(rates.scaled(share), self._recipe.loss, self._recipe.adam, self._background)
             self._engine.step(view_of_step(self._taken, self._views, self._seed), settings)
             self._taken += 1

@@ -23,6 +23,9 @@ BUFFER_LIMITS = ("max-buffer-size", "max-storage-buffer-binding-size")
 TIMESTAMPS = "timestamp-query"
 """Optional feature: timestamps at the start and end of passes."""
 
+DRIVER_BYTES = 150_000_000
+"""Of this process's memory that a GPU's driver takes, with its compiled shaders."""
+
 NEEDED = {
     "max-storage-buffers-per-shader-stage": 8,
     "max-compute-invocations-per-workgroup": THREADS,
@@ -59,6 +62,16 @@ class Adapter:
     def is_software(self) -> bool:
         """Whether it runs on the CPU."""
         return self.kind == "CPU" or any(name in self.name.lower() for name in _SOFTWARE)
+
+    @property
+    def shares_memory(self) -> bool:
+        """Whether it and the CPU have one memory: buffers then count as the process's too."""
+        return self.kind != "DiscreteGPU"
+
+    @property
+    def largest_buffer(self) -> int:
+        """Bytes of the largest buffer that a shader can use whole."""
+        return min(self.limits[name] for name in BUFFER_LIMITS)
 
     def lacks(self) -> list[str]:
         """The limits that fall short of what the passes need, as text."""

@@ -92,6 +92,12 @@ class Executor:
                 self._buffers[name] = self.device.create_buffer(label=name, size=size, usage=_STORAGE)
                 self._recordings.clear()
 
+    def release(self) -> None:
+        """Destroy all buffers but the uniform ones."""
+        for name in [name for name in self._buffers if name not in self.description.uniforms]:
+            self._buffers.pop(name).destroy()
+        self._recordings.clear()
+
     def sizes(self) -> dict[str, int]:
         """Sizes of all allocated buffers in bytes."""
         return {name: buffer.size for name, buffer in self._buffers.items()}

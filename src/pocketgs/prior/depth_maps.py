@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from pocketgs.capture.capture import Frame
 from pocketgs.prior.depth_range import depths_of, narrowed, small_copy, wide_range
 from pocketgs.prior.sensor_depth import SURE_MARGIN, completed
-from pocketgs.prior.sweep import MAX_PIXELS, DepthMap, SweepSettings, at_sweep_size, choose_source_views, sweep
+from pocketgs.prior.source_views import choose_source_views
+from pocketgs.prior.stereo import Stereo, StereoExtent
+from pocketgs.prior.sweep import MAX_PIXELS, DepthMap, SweepSettings, at_sweep_size
 
 MAX_SWEPT_PIXELS = 16_000_000
 """Pixels of all keyframes together: with more keyframes, each is swept at a smaller size, which bounds the time."""
@@ -25,12 +28,28 @@ def sweep_pixels(keyframes: int) -> int:
     return min(MAX_PIXELS, MAX_SWEPT_PIXELS // max(keyframes, 1))
 
 
+def stereo_extent(sizes: Iterable[tuple[int, int]], keyframes: int, settings: SweepSettings) -> StereoExtent:
+    """What the depth maps of a capture will ask for.
+
+    Args:
+        sizes: width and height of the frames.
+        keyframes: their number.
+        settings: of the sweeps.
+    """
+    reduced = []
+    for width, height in sizes:
+        reduction = min(1.0, math.sqrt(sweep_pixels(keyframes) / (width * height)))
+        reduced.append((math.ceil(width * reduction), math.ceil(height * reduction)))
+    return StereoExtent.of(reduced, settings.source_views, keyframes)
+
+
 def depth_maps(
     keyframes: Sequence[Frame],
     frames: Sequence[Frame],
     points: Sequence[np.ndarray],
     distance: float,
     settings: SweepSettings,
+    stereo: Stereo,
 ) -> tuple[list[Frame], list[DepthMap]]:
     """Compute the depth maps of all keyframes, one after the other.
 
@@ -40,6 +59,7 @@ def depth_maps(
         points: for each keyframe, (N, 3) the sparse points that it sees.
         distance: typical distance to the scene.
         settings: of the sweeps.
+        stereo: computes them.
 
     Returns:
         The keyframes at the size of their sweeps, and their depth maps.
@@ -47,21 +67,26 @@ def depth_maps(
     most = sweep_pixels(len(keyframes))
     sized = {frame.name: at_sweep_size(frame, most) for frame in frames}
     found = [
-        _depth_map(sized[keyframe.name], list(sized.values()), seen, distance, settings)
+        _depth_map(sized[keyframe.name], list(sized.values()), seen, distance, settings, stereo)
         for keyframe, seen in zip(keyframes, points, strict=True)
     ]
     return [sized[keyframe.name] for keyframe in keyframes], found
 
 
 def _depth_map(
-    keyframe: Frame, frames: Sequence[Frame], points: np.ndarray, distance: float, settings: SweepSettings
+    keyframe: Frame,
+    frames: Sequence[Frame],
+    points: np.ndarray,
+    distance: float,
+    settings: SweepSettings,
+    stereo: Stereo,
 ) -> DepthMap:
     source_views = choose_source_views(keyframe, frames, _representative(keyframe, points, distance), settings)
     wide = wide_range(keyframe, points, distance)
-    first = sweep(small_copy(keyframe), [small_copy(frame) for frame in source_views], wide, settings)
+    first = stereo.sweep(small_copy(keyframe), [small_copy(frame) for frame in source_views], wide, settings)
     sure = first.depth[(first.depth > 0) & (first.margin >= SURE_MARGIN)]
     search = narrowed(wide, np.concatenate([sure, depths_of(keyframe, points)]), keyframe, source_views)
-    return completed(sweep(keyframe, source_views, search, settings), keyframe)
+    return completed(stereo.sweep(keyframe, source_views, search, settings), keyframe)
 
 
 def _representative(keyframe: Frame, points: np.ndarray, distance: float) -> np.ndarray:

@@ -9,9 +9,10 @@ import cv2
 import numpy as np
 
 from pocketgs.capture.capture import Frame
-from pocketgs.prior.consistency import Views, compare_depths
+from pocketgs.prior.consistency import Agreement, Views
 from pocketgs.prior.detail import detail
 from pocketgs.prior.merge import Candidates
+from pocketgs.prior.stereo import Stereo
 from pocketgs.prior.sweep import DepthMap
 from pocketgs.prior.visual_hull import outside_hull
 
@@ -52,6 +53,7 @@ def fuse(
     maps: Sequence[DepthMap],
     frames: Sequence[Frame],
     settings: FusionSettings,
+    stereo: Stereo,
 ) -> Candidates:
     """Fuse pixels that other keyframes confirm, and in the holes between them those that none contradicts.
 
@@ -60,13 +62,14 @@ def fuse(
         maps: their depth maps.
         frames: training frames, whose alpha bounds the cloud.
         settings: thresholds.
+        stereo: compares the depth maps.
     """
-    views = _views(keyframes, maps)
+    views = views_of(keyframes, maps)
     shell = _far_shell(keyframes, maps)
     stride = max(1, int(np.ceil(sum(map_.depth.size for map_ in maps) / MAX_CANDIDATES)))
     found = [
-        _candidates(keyframe, map_, views, index, stride, shell, settings)
-        for index, (keyframe, map_) in enumerate(zip(keyframes, maps, strict=True))
+        _candidates(keyframe, map_, agreement, stride, shell, settings)
+        for keyframe, map_, agreement in zip(keyframes, maps, stereo.compare(views, settings.tolerance), strict=True)
     ]
     names = Candidates.__dataclass_fields__
     together = Candidates(**{name: np.concatenate([getattr(some, name) for some in found]) for name in names})
@@ -89,7 +92,8 @@ def confidence(agreeing: np.ndarray, contradicting: np.ndarray, margin: np.ndarr
     return support * np.minimum(margin / np.float32(CLEAR_MARGIN), 1)
 
 
-def _views(keyframes: Sequence[Frame], maps: Sequence[DepthMap]) -> Views:
+def views_of(keyframes: Sequence[Frame], maps: Sequence[DepthMap]) -> Views:
+    """The depth maps of keyframes, to compare."""
     sizes = np.array([map_.depth.shape for map_ in maps], np.int64)
     depths = np.zeros((len(maps), *sizes.max(axis=0)), np.float32)
     for padded, map_ in zip(depths, maps, strict=True):
@@ -108,14 +112,13 @@ def _views(keyframes: Sequence[Frame], maps: Sequence[DepthMap]) -> Views:
 def _candidates(
     keyframe: Frame,
     map_: DepthMap,
-    views: Views,
-    index: int,
+    agreement: Agreement,
     stride: int,
     shell: tuple[np.ndarray, float],
     settings: FusionSettings,
 ) -> Candidates:
     """The pixels of a keyframe with enough confidence."""
-    agreeing, contradicting, footprints = compare_depths(views, index, settings.tolerance)
+    agreeing, contradicting, footprints = agreement
     confidences = confidence(agreeing, contradicting, map_.margin)
     believed = confidences >= settings.confidence
     fillers = _holes(believed) & (map_.depth > 0) & (contradicting == 0) & (map_.margin >= FILLER_MARGIN)

@@ -13,13 +13,14 @@ from pocketgs.capture.pinhole_copy import has_lenses
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.advice import exposure_hint, nothing_found, photograph_hints, poses_hint
 from pocketgs.prior.complete import completion, joined
-from pocketgs.prior.depth_maps import depth_maps
+from pocketgs.prior.depth_maps import depth_maps, stereo_extent
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
 from pocketgs.prior.fuse import FusionSettings, fuse
 from pocketgs.prior.keyframes import KeyframeSettings, select_keyframes
 from pocketgs.prior.merge import merged
 from pocketgs.prior.report import Poses, PriorReport
 from pocketgs.prior.scale import Scale, estimate_scale
+from pocketgs.prior.stereo import Stereo, create_stereo, with_room
 from pocketgs.prior.structure import Structure, StructureSettings, build_structure
 from pocketgs.prior.sweep import SweepSettings
 from pocketgs.scene.point_cloud import PointCloud
@@ -64,7 +65,11 @@ class PreparedCapture(Capture):
 
 
 def build_prior(
-    capture: Capture, max_points: int, settings: PriorSettings | None = None, stopwatch: Stopwatch | None = None
+    capture: Capture,
+    max_points: int,
+    settings: PriorSettings | None = None,
+    stopwatch: Stopwatch | None = None,
+    stereo: Stereo | None = None,
 ) -> PreparedCapture:
     """Build the geometry prior.
 
@@ -75,6 +80,7 @@ def build_prior(
         max_points: maximum size of the cloud.
         settings: None for the defaults.
         stopwatch: times the stages; None for a new one.
+        stereo: computes depth; None for the CPU.
 
     Raises:
         PocketGSError: a frame's camera has a lens.
@@ -96,13 +102,19 @@ def build_prior(
         decisions = select_keyframes(capture.train, seen, scale.distance, settings.keyframes)
         chosen = [index for index, decision in enumerate(decisions) if decision.kept]
     cloud, coverage = _sparse_cloud(capture.train, structure), None
+    swept_on: str | None = None
     if settings.dense:
         with stopwatch.stage("depth"):
             keyframes = [capture.train[index] for index in chosen]
             points = [seen[index] for index in chosen]
-            keyframes, maps = depth_maps(keyframes, capture.train, points, scale.distance, settings.sweep)
+            sizes = [(frame.camera.width, frame.camera.height) for frame in capture.train]
+            extent = stereo_extent(sizes, len(chosen), settings.sweep)
+            stereo, warnings = with_room(stereo or create_stereo(), extent)
+            swept_on, hints = stereo.name, (*hints, *warnings)
+            keyframes, maps = depth_maps(keyframes, capture.train, points, scale.distance, settings.sweep, stereo)
         with stopwatch.stage("fusion"):
-            candidates = fuse(keyframes, maps, capture.train, settings.fusion)
+            candidates = fuse(keyframes, maps, capture.train, settings.fusion, stereo)
+            stereo.release()
             del maps
             fused = merged(candidates, max_points)
         with stopwatch.stage("coverage"):
@@ -125,6 +137,7 @@ def build_prior(
         poses=found,
         gains=gains,
         points=len(cloud),
+        swept_on=swept_on,
         coverage=coverage.covered if coverage else None,
         coverage_known=coverage.known if coverage else None,
         guessed=coverage.guessed if coverage else 0,

@@ -78,6 +78,7 @@ class PriorReport:
         poses: frames whose poses were wrong or could not be refined.
         gains: minimum and maximum exposure, if it was compensated.
         points: number of points of the cloud.
+        swept_on: device that computed depth, "cpu" or "webgpu", or None if none was computed.
         coverage: share of the training pixels that the cloud covers, or None if no depth was computed.
         coverage_known: share that points of known depth cover; the rest is interpolated.
         guessed: number of points with interpolated depth.
@@ -92,6 +93,7 @@ class PriorReport:
     poses: Poses
     gains: tuple[float, float] | None
     points: int
+    swept_on: str | None
     coverage: float | None
     coverage_known: float | None
     guessed: int

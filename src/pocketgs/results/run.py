@@ -16,6 +16,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.plain_names import plain_names
 from pocketgs.metrics.evaluation import Evaluation, Pair, evaluate
 from pocketgs.prior.prior import PreparedCapture
+from pocketgs.prior.stereo import Stereo
 from pocketgs.results import folder as result_folder
 from pocketgs.results.cameras_file import write_cameras
 from pocketgs.results.checkpoint import (
@@ -46,7 +47,7 @@ from pocketgs.training.planning.calibration import measure_speed
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.planning.machine import this_machine
 from pocketgs.training.planning.plan import Plan, make_plan, plan_again, shrinking_warning
-from pocketgs.training.preparation import prepare
+from pocketgs.training.preparation import prepare, stereo_of
 from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint, TrainingResult
 from pocketgs.training.validation import render_frame
@@ -122,12 +123,13 @@ def _run(
 ) -> RunResult:
     folder = claim.folder
     engine = create_engine(options.engine_options)  # fails before the work starts if there is no such engine
+    stereo = stereo_of(options)
     with stopwatch.stage("capture"):
         listed = list_capture()
     with stopwatch.stage("planning"):
         options = sized(options, listed.outline().training)
         size = read_size(folder) if resume else None
-        plan = _plan(listed, options, engine, size)
+        plan = _plan(listed, options, engine, stereo, size)
     if size is None and (warning := shrinking_warning(plan, options)):
         reporter.on_warning(warning)
     reporter.on_plan(plan)
@@ -150,7 +152,7 @@ def _run(
         saver.observe(progress)
 
     planned = replace(options, max_gaussians=plan.gaussians)
-    prepared = prepare(capture, planned, stopwatch)
+    prepared = prepare(capture, planned, stopwatch, stereo)
     if prepared.report:
         reporter.on_prior(prepared.report)
     reporter.on_prepared(prepared)
@@ -175,18 +177,21 @@ def _end(checkpoint: Checkpoint, options: SizedOptions) -> int:
     return decided or options.iterations
 
 
-def _plan(listed: ListedCapture, options: SizedOptions, engine: Engine, size: tuple[int, int] | None) -> Plan:
+def _plan(
+    listed: ListedCapture, options: SizedOptions, engine: Engine, stereo: Stereo, size: tuple[int, int] | None
+) -> Plan:
     """Plan the run; `size` is that of a run to resume, see `read_size`."""
     if options.time_budget is not None and options.prior == "colmap":
         raise PocketGSError("time budget: the time that COLMAP takes is unknown, expected another --prior or no budget")
-    machine = this_machine(engine, options)
+    machine = this_machine(engine, stereo, options)
     if size is not None:
         return plan_again(listed, options, machine, *size)
     plan = make_plan(listed, options, machine)
     if options.time_budget is None:
         return plan
     # A GPU's speed says nothing about the CPU's, which does the rest of the work.
-    speed = measure_speed(engine, machine.threads, with_prior=options.prior == "dense" or engine.name != "cpu")
+    with_prior = options.prior == "dense" or engine.name != "cpu"
+    speed = measure_speed(engine, stereo, machine.threads, with_prior)
     return make_plan(listed, options, replace(machine, speed=speed, elapsed=seconds_since_start()))
 
 

@@ -2,26 +2,42 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from pocketgs.geometry.camera import Camera
-from pocketgs.sort_free.renderer import SortFreeRenderer
 from pocketgs.sort_free.scene import SortFreeScene
-from pocketgs.splat.engine import EngineOptions, Rendering, chosen_engine
+from pocketgs.splat.engine import EngineOptions, Renderer, Rendering, chosen_engine
 
 
-class SortFreeDrawing:
-    """See `pocketgs.splat.engine.Renderer`.
-
-    Args:
-        scene: to draw.
-        options: of the engine.
+def drawing_of(scene: SortFreeScene, options: EngineOptions) -> Renderer:
+    """What draws a scene on the engine that is asked for.
 
     Raises:
         PocketGSError: the engine is not available here.
     """
+    if chosen_engine(options) == "cpu":
+        return SortFreeDrawing(scene, options.threads)
+    from pocketgs.splat.webgpu.weighted import WeightedDrawing
 
-    def __init__(self, scene: SortFreeScene, options: EngineOptions) -> None:
+    numbers = dict(zip(scene.form.numbers, np.exp(scene.numbers), strict=True))
+    given = scene.gaussians, scene.form.name, scene.unit, numbers, scene.views
+    return WeightedDrawing(*given, options.gpu, options.max_memory)
+
+
+class SortFreeDrawing:
+    """Draws on the CPU; see `pocketgs.splat.engine.Renderer`.
+
+    Args:
+        scene: to draw.
+        threads: number of threads, or None for one per core.
+    """
+
+    def __init__(self, scene: SortFreeScene, threads: int | None = None) -> None:
+        # Imported here because Numba is slow to load.
+        from pocketgs.sort_free.renderer import SortFreeRenderer
+
         self._scene = scene
-        self._renderer = SortFreeRenderer(chosen_engine(options), options.threads, options.gpu)
+        self._renderer = SortFreeRenderer("cpu", threads)
 
     def render(
         self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False

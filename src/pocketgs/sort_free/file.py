@@ -1,61 +1,57 @@
-"""Sort-free scenes as files: a 3DGS `.ply` with what its weights are made from.
-
-Each vertex has the properties view_0, view_1, … beside those of the layout, and comments of the header say the rest:
-
-    comment sort_free visibility
-    comment sort_free_unit 3.75
-    comment sort_free_sigma 2.5
-
-Other programs read such a file as a scene that is drawn sorted, which is not how it was trained.
-"""
+"""Sort-free scenes as files, by their suffix: `.ply` is lossless, `.pgs` small."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from pocketgs.errors import PocketGSError
-from pocketgs.files.ply_file import read_comments, read_vertices
-from pocketgs.scene.formats.ply import read_gaussians, write_gaussians
-from pocketgs.sort_free.forms import form_named
+from pocketgs.scene.formats.pgs_sections import WEIGHTS, section_names
+from pocketgs.scene.formats.spz_precision import Detail
+from pocketgs.sort_free import ply_file
 from pocketgs.sort_free.scene import SortFreeScene
 
-MARK = "sort_free"
 
-
-def write_sort_free(path: Path, scene: SortFreeScene) -> None:
+def write_sort_free(path: Path, scene: SortFreeScene, detail: Detail = "fine") -> None:
     """Write a scene atomically.
 
+    Args:
+        path: of the file.
+        scene: to write.
+        detail: how finely a `.pgs` rounds it.
+
     Raises:
-        PocketGSError: the name does not end in .ply, the scene holds numbers out of range, or the file cannot be
-            written.
+        PocketGSError: the name is none for a sort-free scene, the scene holds numbers out of range, or the file cannot
+            be written.
     """
     check_name(path)
     # The arrays may have changed since the scene was checked.
     scene = replace(scene)
-    comments = [f"{MARK} {scene.form.name}", f"{MARK}_unit {float(scene.unit)!r}"]
-    numbers = np.exp(scene.numbers)
-    comments += [f"{MARK}_{name} {float(value)!r}" for name, value in zip(scene.form.numbers, numbers, strict=True)]
-    properties = {f"view_{k}": scene.views[:, k] for k in range(scene.views.shape[1])}
-    write_gaussians(path, scene.gaussians, properties, comments)
+    if not _is_pgs(path):
+        ply_file.write_ply(path, scene)
+        return
+    # Imported here because Numba is slow to load.
+    from pocketgs.sort_free.pgs_file import write_pgs
+
+    write_pgs(path, scene, detail)
 
 
 def check_name(path: Path) -> None:
     """Refuse a file name that is none for a sort-free scene.
 
     Raises:
-        PocketGSError: it does not end in .ply, or ends in .compressed.ply.
+        PocketGSError: it ends neither in .ply nor in .pgs, or in .compressed.ply.
     """
-    if path.suffix.lower() != ".ply" or path.name.lower().endswith(".compressed.ply"):
-        raise PocketGSError(f"{path}: not a name for a sort-free scene, expected one that ends in .ply")
+    if not _may_be(path):
+        expected = "one that ends in .ply or .pgs: other formats hold no weights"
+        raise PocketGSError(f"{path}: not a name for a sort-free scene, expected {expected}")
 
 
 def is_sort_free(path: Path) -> bool:
     """Whether a file is a sort-free scene."""
-    return path.suffix.lower() == ".ply" and path.is_file() and MARK in _comments(path)
+    if not (_may_be(path) and path.is_file()):
+        return False
+    return WEIGHTS in section_names(path) if _is_pgs(path) else ply_file.is_marked(path)
 
 
 def read_sort_free(path: Path) -> SortFreeScene:
@@ -64,36 +60,17 @@ def read_sort_free(path: Path) -> SortFreeScene:
     Raises:
         PocketGSError: the file is missing or broken, or is no sort-free scene.
     """
-    comments = _comments(path)
-    if MARK not in comments:
-        raise PocketGSError(f"{path}: found no comment '{MARK} …', expected a sort-free scene")
-    try:
-        form = form_named(comments[MARK])
-    except PocketGSError as error:
-        raise PocketGSError(f"{path}: {error}") from error
-    unit, *numbers = (_positive(path, comments, f"{MARK}_{name}") for name in ("unit", *form.numbers))
-    gaussians, vertices = read_gaussians(path), read_vertices(path)
-    columns: list[np.ndarray] = []
-    while (name := f"view_{len(columns)}") in (vertices.dtype.names or ()) and vertices.dtype[name].kind != "O":
-        columns.append(np.asarray(vertices[name], np.float32))
-    views = np.stack(columns, axis=1) if columns else np.zeros((len(gaussians), 0), np.float32)
-    try:
-        return SortFreeScene(gaussians, form, unit, np.log(numbers), views)
-    except PocketGSError as error:
-        raise PocketGSError(f"{path}: {error}") from error
+    if not _is_pgs(path):
+        return ply_file.read_ply(path)
+    from pocketgs.sort_free.pgs_file import read_pgs
+
+    return read_pgs(path)
 
 
-def _comments(path: Path) -> dict[str, str]:
-    """The header's comments of ours, by their first word."""
-    words = [comment.split(maxsplit=1) for comment in read_comments(path)]
-    return {found[0]: found[1] for found in words if len(found) == 2 and found[0].startswith(MARK)}
+def _may_be(path: Path) -> bool:
+    name = path.name.lower()
+    return name.endswith((".ply", ".pgs")) and not name.endswith(".compressed.ply")
 
 
-def _positive(path: Path, comments: dict[str, str], name: str) -> float:
-    try:
-        value = float(comments.get(name, ""))
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value > 0.0):
-        raise PocketGSError(f"{path}: comment {name!r} is {comments.get(name)!r}, expected a positive number")
-    return value
+def _is_pgs(path: Path) -> bool:
+    return path.suffix.lower() == ".pgs"

@@ -9,23 +9,22 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numba
 import numpy as np
 
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.background import checked_background
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.scene.spherical_harmonics import basis, basis_gradient
+from pocketgs.sort_free import kernels
+from pocketgs.sort_free.appearance import Appearance, appearance_of, directions_to
 from pocketgs.sort_free.forms import Pullback, Seen
 from pocketgs.sort_free.scene import SortFreeScene
-from pocketgs.splat.constants import ALPHA_MIN, BRIGHTEST
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.rasterizer import Raster, RasterGradient, Rasterizer
+from pocketgs.system.cores import kernel_threads
 
 BLACK = (0.0, 0.0, 0.0)
-_LEAST = -1e30
-"""v of what is not drawn."""
-
-_LEAST_LOGIT = np.log(ALPHA_MIN / (1.0 - ALPHA_MIN))
-"""Fainter Gaussians are not drawn by any engine."""
 
 
 @dataclass(frozen=True)
@@ -39,15 +38,10 @@ class SceneGradient:
 
 @dataclass(frozen=True)
 class _Weighted:
-    """What Gaussians look like from a camera, and the way back."""
+    """What Gaussians look like from a camera, how much they count, and the way back."""
 
-    directions: np.ndarray
-    lengths: np.ndarray
-    harmonics: np.ndarray
-    colours: np.ndarray
+    look: Appearance
     weights: np.ndarray
-    depths: np.ndarray
-    seen: Seen
     pull: Pullback
 
 
@@ -91,6 +85,7 @@ class SortFreeRenderer:
         gpu: str | None = None,
     ) -> None:
         self.rasterizer = Rasterizer(engine, threads, gpu, "sum")
+        self._threads = None if engine == "reference" else kernel_threads(threads)
 
     def forward(
         self,
@@ -112,22 +107,42 @@ class SortFreeRenderer:
         """
         parameters = scene.gaussians
         near = near_plane(parameters.means) if near is None else near
-        weighted = _weigh(scene, camera, near)
-        columns = [weighted.colours, np.ones_like(weighted.weights)[:, None]]
-        columns += [weighted.depths[:, None]] if depth else []
-        channels = weighted.weights[:, None] * np.concatenate(columns, axis=1)
-        raster = self.rasterizer.forward(parameters, camera, ("alpha", "features"), features=channels, near=near)
+        if self._threads is None:
+            look = appearance_of(scene, camera, near)
+        else:
+            numba.set_num_threads(self._threads)
+            look = kernels.appearance_of(scene, camera, near, self._threads)
+        weights, pull = scene.form.weigh(_seen(scene, look), np.exp(scene.numbers))
+        weighted = _Weighted(look, np.where(look.drawn, weights, 0.0).astype(look.colours.dtype), pull)
+        raster = self.rasterizer.forward(
+            _without_what_spoils(parameters, look, near),
+            camera,
+            ("alpha", "features"),
+            features=_channels(weighted, depth),
+            near=near,
+        )
         assert raster.features is not None
         assert raster.alpha is not None
-        totals, behind = raster.features, np.array(checked_background(background), raster.features.dtype)
-        means = _means(totals)
-        if scene.form.covers:
-            alpha = np.where(totals[..., 3] > 0.0, raster.alpha, 0.0)
-        else:
-            alpha = totals[..., 3] / (totals[..., 3] + np.exp(scene.numbers[-1]).astype(totals.dtype))
+        behind = np.array(checked_background(background), raster.features.dtype)
+        rgb, alpha, depths = self._divided(scene, raster.features, raster.alpha, behind)
+        return SortFreeImage(
+            rgb, alpha, depths if depth else None, scene, camera, behind, weighted, raster, raster.features
+        )
+
+    def _divided(
+        self, scene: SortFreeScene, totals: np.ndarray, covered: np.ndarray, behind: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Colours, coverage and depths of an image, from sums, 1 - T, and what is behind."""
+        behind_weight = 0.0 if scene.form.covers else float(np.exp(scene.numbers[-1]))
+        if self._threads is not None:
+            alpha, depths = np.empty_like(covered), np.zeros_like(covered)
+            rgb = np.empty((*covered.shape, 3), np.float32)
+            kernels.divide(totals, covered, np.float32(behind_weight), behind, self._threads, rgb, alpha, depths)
+            return rgb, alpha, depths
+        means, total = _means(totals), totals[..., 3]
+        alpha = np.where(total > 0.0, covered if scene.form.covers else total / (total + behind_weight), 0.0)
         rgb = alpha[..., None] * means[..., :3] + (1.0 - alpha)[..., None] * behind
-        found = means[..., 4] if depth else None
-        return SortFreeImage(rgb, alpha, found, scene, camera, behind, weighted, raster, totals)
+        return rgb, alpha, means[..., -1]
 
     def backward(self, image: SortFreeImage, *, rgb: np.ndarray, depth: np.ndarray | None = None) -> SceneGradient:
         """From gradients with respect to an image to those of the scene.
@@ -166,38 +181,28 @@ def _means(totals: np.ndarray) -> np.ndarray:
     return np.divide(totals, total, out=np.zeros_like(totals), where=total > 0.0)
 
 
-def _weigh(scene: SortFreeScene, camera: Camera, near: float) -> _Weighted:
-    parameters = scene.gaussians
-    kind = parameters.means.dtype
-    with np.errstate(all="ignore"):
-        offsets = (parameters.means - camera.centre).astype(kind)
-        depths = camera.depths(parameters.means).astype(kind)
-        # What is not drawn must not spoil the others: it may be as near as it likes, or nowhere.
-        drawn = np.isfinite(offsets).all(axis=1) & (depths >= near)
-        offsets = np.where(drawn[:, None], offsets, np.array([0.0, 0.0, scene.unit], kind))
-        lengths = np.sqrt(np.einsum("ni,ni->n", offsets, offsets))
-        directions = offsets / lengths[:, None]
-        harmonics = basis(directions, max(parameters.sh.shape[1], scene.views.shape[1]))
-        colours = 0.5 + np.einsum("nk,nkc->nc", harmonics[:, : parameters.sh.shape[1]], parameters.sh)
-        views = np.einsum("nk,nk->n", harmonics[:, : scene.views.shape[1]], scene.views)
-        sizes = np.exp(parameters.log_scales.max(axis=1)) / scene.unit
-        drawn &= np.all(np.abs(colours) < BRIGHTEST, axis=1) & np.isfinite(views) & np.isfinite(sizes)
-        in_image = drawn & (parameters.opacity_logits >= _LEAST_LOGIT) & _centre_in_image(parameters.means, camera)
-    colours = np.where(drawn[:, None], np.maximum(colours, 0.0), 0.0).astype(kind)
-    seen = Seen(
-        lengths / kind.type(scene.unit),
-        np.where(drawn, views, _LEAST).astype(kind),
-        np.where(drawn, sizes, 0.0).astype(kind),
-        in_image,
-    )
-    weights, pull = scene.form.weigh(seen, np.exp(scene.numbers))
-    return _Weighted(directions, lengths, harmonics, colours, np.where(drawn, weights, 0.0), depths, seen, pull)
+def _seen(scene: SortFreeScene, look: Appearance) -> Seen:
+    kind = look.lengths.dtype
+    return Seen(look.lengths / kind.type(scene.unit), look.views, look.sizes, look.in_image)
 
 
-def _centre_in_image(means: np.ndarray, camera: Camera) -> np.ndarray:
-    pixels, depths = camera.project(means)
-    # What a lens does not show has depth 0.
-    return (depths > 0.0) & np.all((pixels >= 0.0) & (pixels <= (camera.width, camera.height)), axis=1)
+def _channels(weighted: _Weighted, depth: bool) -> np.ndarray:
+    """(N, C) weighted colours, weights, and weighted depths if asked for."""
+    look, weights = weighted.look, weighted.weights
+    channels = np.empty((len(weights), 5 if depth else 4), weights.dtype)
+    np.multiply(look.colours, weights[:, None], out=channels[:, :3])
+    channels[:, 3] = weights
+    if depth:
+        channels[:, 4] = np.where(look.drawn, weights * look.depths, 0.0)
+    return channels
+
+
+def _without_what_spoils(parameters: Gaussians, look: Appearance, near: float) -> Gaussians:
+    """The Gaussians, transparent where a colour or weight cannot be drawn: the rasterizer knows of shapes alone."""
+    spoils = ~look.drawn & (look.depths >= near)
+    if not spoils.any():
+        return parameters
+    return replace(parameters, opacity_logits=np.where(spoils, -np.inf, parameters.opacity_logits))
 
 
 def _weigh_backward(
@@ -206,19 +211,22 @@ def _weigh_backward(
     """From the gradient with respect to channels to that of what they were made from; adds to that of the numbers."""
     parameters, d_channels = scene.gaussians, found.features
     assert d_channels is not None
-    weights, directions, harmonics = weighted.weights, weighted.directions, weighted.harmonics
+    weights, look = weighted.weights, weighted.look
     coefficients, views = parameters.sh.shape[1], scene.views.shape[1]
-    d_weights = np.einsum("nc,nc->n", d_channels[:, :3], weighted.colours) + d_channels[:, 3]
+    with np.errstate(all="ignore"):
+        directions, lengths = directions_to(scene, camera, look.drawn)
+    harmonics = basis(directions, max(coefficients, views))
+    d_weights = np.einsum("nc,nc->n", d_channels[:, :3], look.colours) + d_channels[:, 3]
     d_means = found.means.copy()
     touched = np.any(d_channels != 0.0, axis=1)
     if d_channels.shape[1] > 4:
-        depths = np.where(touched, weighted.depths, 0.0)
+        depths = np.where(touched, look.depths, 0.0)
         d_weights += d_channels[:, 4] * depths
         ways = directions if camera.lens.model == "fisheye" else camera.forward.astype(weights.dtype)
         d_means += (weights * d_channels[:, 4])[:, None] * ways
     back = weighted.pull(d_weights)
     # A colour that was cut to 0 has no gradient.
-    d_colours = np.where(weighted.colours > 0.0, weights[:, None] * d_channels[:, :3], 0.0)
+    d_colours = np.where(look.colours > 0.0, weights[:, None] * d_channels[:, :3], 0.0)
     d_sh = harmonics[:, :coefficients, None] * d_colours[:, None, :]
     d_harmonics = np.zeros_like(harmonics)
     d_harmonics[:, :coefficients] = np.einsum("nkc,nc->nk", parameters.sh, d_colours)
@@ -226,10 +234,10 @@ def _weigh_backward(
     d_directions = np.einsum("nk,nki->ni", d_harmonics, basis_gradient(directions, harmonics.shape[1]))
     # A unit vector's derivative keeps only what is across it.
     across = d_directions - np.einsum("ni,ni->n", d_directions, directions)[:, None] * directions
-    d_means += across / weighted.lengths[:, None] + (back.distances / scene.unit)[:, None] * directions
+    d_means += across / lengths[:, None] + (back.distances / scene.unit)[:, None] * directions
     d_log_scales = found.log_scales.copy()
     rows, largest = np.arange(len(weights)), parameters.log_scales.argmax(axis=1)
-    d_log_scales[rows, largest] += back.sizes * weighted.seen.sizes
+    d_log_scales[rows, largest] += back.sizes * look.sizes
     kind = found.means.dtype
     gaussians = replace(
         found, means=d_means.astype(kind), log_scales=d_log_scales, sh=(found.sh + d_sh).astype(kind), features=None

@@ -14,6 +14,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.rows import RowChange, Statistics
 from pocketgs.splat.settings import StepSettings
+from pocketgs.system.memory_need import MemoryNeed
 
 EngineName = Literal["auto", "cpu", "webgpu"]
 Precision = Literal["f32", "f16"]
@@ -59,14 +60,6 @@ class OptimiserState:
     steps: int
     near: float | None = None
     colours: np.ndarray | None = None
-
-
-@dataclass(frozen=True)
-class MemoryNeed:
-    """Memory needed for training in bytes: `process` of this process, `device` of a GPU."""
-
-    process: int
-    device: int = 0
 
 
 class Renderer(Protocol):

@@ -209,8 +209,8 @@ class Rasterizer:
         threads: CPU threads, or None for one per core.
         gpu: part of the name of the GPU to use, or None for the best.
         compositor: how splats on a pixel are combined. "over" blends them front to back, Σ c_i α_i T_i; "sum" adds
-            them without sorting, Σ c_i α_i. The transmittance of both is Π (1 - α_i), but "over" stops at 1e-4.
-            `pocketgs.sort_free` makes images from sums.
+            them without sorting, Σ c_i α_i, with α less 1/255. The transmittance of both is Π (1 - α_i), but "over"
+            stops at 1e-4. `pocketgs.sort_free` makes images from sums.
 
     Raises:
         PocketGSError: there is no such engine, compositor or GPU.

@@ -13,10 +13,12 @@ from pocketgs.errors import PocketGSError
 from pocketgs.prior.advice import check_photographs
 from pocketgs.prior.keyframes import KeyframeSettings
 from pocketgs.prior.prior import PreparedCapture, PriorSettings, build_prior
+from pocketgs.prior.stereo import Stereo, create_stereo
 from pocketgs.prior.structure import StructureSettings
 from pocketgs.prior.sweep import SweepSettings
 from pocketgs.prior.volume import draw_points
 from pocketgs.scene.point_cloud import PointCloud
+from pocketgs.splat.engine import chosen_engine
 from pocketgs.structure_from_motion.process import check_installed
 from pocketgs.structure_from_motion.sparse_cloud import triangulate
 from pocketgs.system.cores import kernel_threads
@@ -31,7 +33,10 @@ MIN_POINTS = 16
 
 
 def prepare(
-    capture: Capture, options: TrainingOptions | None = None, stopwatch: Stopwatch | None = None
+    capture: Capture,
+    options: TrainingOptions | None = None,
+    stopwatch: Stopwatch | None = None,
+    stereo: Stereo | None = None,
 ) -> PreparedCapture:
     """Build the prior selected by the options.
 
@@ -42,6 +47,7 @@ def prepare(
         capture: to train on.
         options: None for the defaults.
         stopwatch: times the stages; None for a new one.
+        stereo: computes depth maps; None for the one that the options name.
 
     Raises:
         PocketGSError: there is no training view, there are too few photographs, or there is nothing to start from.
@@ -49,7 +55,7 @@ def prepare(
     if not capture.train:
         raise PocketGSError(f"{capture.path}: no training view, expected at least one")
     if has_lenses(capture):
-        return _prepared_through_lenses(capture, options or TrainingOptions(), stopwatch)
+        return _prepared_through_lenses(capture, options or TrainingOptions(), stopwatch, stereo)
     check_photographs(capture)
     options = sized(options or TrainingOptions(), [(f.camera.width, f.camera.height) for f in capture.train])
     stopwatch = stopwatch or Stopwatch()
@@ -58,7 +64,8 @@ def prepare(
         check_installed()
     if options.prior != "none":
         numba.set_num_threads(kernel_threads(options.threads))
-        prepared = build_prior(capture, options.most_at_start, _settings(options), stopwatch)
+        stereo = stereo or stereo_of(options)
+        prepared = build_prior(capture, options.most_at_start, _settings(options), stopwatch, stereo)
         if options.prior == "colmap":
             prepared = _with_colmap_cloud(capture, prepared, options, stopwatch)
         if prepared.points and len(prepared.points) >= MIN_POINTS:
@@ -72,8 +79,17 @@ def prepare(
     return replace(prepared, points=points, report=report)
 
 
+def stereo_of(options: TrainingOptions) -> Stereo:
+    """What computes depth maps: the device of the engine that the options choose.
+
+    Raises:
+        PocketGSError: there is no such device.
+    """
+    return create_stereo(chosen_engine(options.engine_options), options.gpu, options.max_memory)
+
+
 def _prepared_through_lenses(
-    capture: Capture, options: TrainingOptions, stopwatch: Stopwatch | None
+    capture: Capture, options: TrainingOptions, stopwatch: Stopwatch | None, stereo: Stereo | None
 ) -> PreparedCapture:
     """The prior of undistorted copies, with the original photographs: the prior needs pinhole cameras.
 
@@ -82,7 +98,7 @@ def _prepared_through_lenses(
     """
     if options.exposure == "on":
         raise PocketGSError("exposure: found on, expected auto or off with --lens direct")
-    found = prepare(without_lenses(capture), replace(options, exposure="off"), stopwatch)
+    found = prepare(without_lenses(capture), replace(options, exposure="off"), stopwatch, stereo)
     train, held_out = frames_at(capture.train, found.train), frames_at(capture.held_out, found.held_out)
     return replace(found, train=train, held_out=held_out)
 

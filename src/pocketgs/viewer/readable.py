@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-
-from pocketgs.scene.gaussians import Gaussians
 
 MAX_PLY_HEADER_BYTES = 1 << 16
 
 
 @contextmanager
-def readable_file(path: Path, gaussians: Gaussians) -> Iterator[Path]:
+def readable_file(path: Path, write: Callable[[Path], None]) -> Iterator[Path]:
     """The scene's own file if the page can read it, otherwise a temporary `.ply` copy while the block runs.
 
     Args:
         path: the file.
-        gaussians: what is in it.
+        write: writes what is in it to another file.
 
     Raises:
         PocketGSError: the copy cannot be written.
@@ -28,7 +26,7 @@ def readable_file(path: Path, gaussians: Gaussians) -> Iterator[Path]:
         return
     with TemporaryDirectory(prefix="pocketgs-") as folder:
         copy = Path(folder) / "scene.ply"
-        gaussians.save(copy)
+        write(copy)
         yield copy
 
 

@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 from collections.abc import Awaitable, Callable, Mapping
+from itertools import product
 from pathlib import Path
 from typing import BinaryIO, get_args
 
@@ -15,7 +16,7 @@ from aiohttp.typedefs import Middleware
 import pocketgs.gpu
 import pocketgs.viewer
 from pocketgs.files.opening import open_in_place
-from pocketgs.splat.webgpu.passes import Appearance, Variant, describe
+from pocketgs.splat.webgpu.passes import Appearance, Variant, Weights, describe
 from pocketgs.viewer.access import Access, is_same_origin
 from pocketgs.viewer.content import Content, jpeg
 from pocketgs.viewer.following import Followers
@@ -125,11 +126,12 @@ class _Routes:
         return await _file_named(request, {path.name: path for path in EXECUTOR.glob("*.js")})
 
     async def passes(self, request: web.Request) -> web.StreamResponse:
-        known: tuple[Appearance, ...] = get_args(Appearance)
-        asked = request.query.get("appearance", "splats")
-        for appearance in known:
-            if asked == appearance:
-                return _json(describe(Variant(appearance=appearance), training=False).to_json())
+        appearances: tuple[Appearance, ...] = get_args(Appearance)
+        forms: tuple[Weights | None, ...] = (None, *get_args(Weights))
+        asked = request.query.get("appearance", "splats"), request.query.get("weights")
+        for appearance, weights in product(appearances, forms):
+            if asked == (appearance, weights):
+                return _json(describe(Variant(appearance=appearance, weights=weights), training=False).to_json())
         raise web.HTTPNotFound
 
     async def viewer(self, _: web.Request) -> web.StreamResponse:

@@ -17,9 +17,14 @@ from playwright.sync_api import Browser, Error, Page
 
 import pocketgs.gpu
 from pocketgs.capture.capture import Frame
+from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import Camera
 from pocketgs.gpu.adapters import Adapter
 from pocketgs.gpu.sizes import evaluate
+from pocketgs.prior.depth_range import DepthRange
+from pocketgs.prior.sweep import SweepSettings
+from pocketgs.prior.webgpu.stereo import WebGpuStereo
+from pocketgs.prior.webgpu.sweep_inputs import SweepInputs
 from pocketgs.scene.gaussians import SH_DC, Gaussians
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.near_plane import near_plane
@@ -190,6 +195,36 @@ def test_same_steps(replayed: dict[str, Any], variant: Variant, engine: WebGpuEn
         assert np.abs(after - before).max() > 0.02, name
         error = np.abs(np.reshape(replayed[name], after.shape) - after).max()
         assert error < TOLERANCES[variant.precision], name
+
+
+@pytest.mark.usefixtures("adapter")
+def test_same_sweep(page: Page) -> None:
+    """The prior's passes, of which the browser is only given data."""
+    key, *others = true_capture(40, 30, frames=4, points=10).train
+    search, settings, stereo = DepthRange(1.5, np.inf, 33), SweepSettings(), WebGpuStereo()
+    expected = stereo.sweep(key, others, search, settings)
+    inputs, description = SweepInputs.of(key, others, search, settings), stereo.sweeping.description
+    given = {**inputs.given, "bands": 1}
+    of_words = {name for name, content in inputs.buffers.items() if content.dtype == np.uint32}
+    contents = {name: content.reshape(-1) for name, content in inputs.buffers.items()}
+    job = {
+        "description": description.to_json(),
+        "given": given,
+        "sequence": "sweep",
+        "floats": plain({name: content for name, content in contents.items() if name not in of_words}),
+        "words": plain({name: contents[name] for name in of_words}),
+        "uniforms": {"sweep": plain(inputs.uniform(description.symbols(given)))},
+        "results": {"depths": expected.depth.size, "margins": expected.margin.size},
+    }
+    found = page.evaluate("job => runSequence(job)", job)
+    assert found["complaints"] == []
+    assert np.count_nonzero(expected.depth) > 1000
+    depth = np.reshape(found["depths"], expected.depth.shape)
+    np.testing.assert_array_equal(depth > 0, expected.depth > 0)
+    known = depth > 0
+    steps = np.abs(1 / depth[known] - 1 / expected.depth[known]) / expected.step
+    assert np.mean(steps < 0.01) > 0.98
+    assert np.mean(np.abs(np.reshape(found["margins"], known.shape) - expected.margin) < 1e-3) > 0.98
 
 
 def test_same_sizes(page: Page, scene: Gaussians, camera: Camera) -> None:

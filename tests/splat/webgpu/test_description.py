@@ -6,13 +6,16 @@ import json
 import re
 from itertools import product
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 import pocketgs
 from pocketgs.gpu.description import Description, Pass
 from pocketgs.gpu.sizes import ceil_div, evaluate
-from pocketgs.splat.webgpu.passes import Variant, describe
+from pocketgs.prior.webgpu import passes as prior
+from pocketgs.prior.webgpu.shader_files import SHADERS as PRIOR_SHADERS
+from pocketgs.splat.webgpu.passes import Variant, Weights, describe
 from pocketgs.splat.webgpu.rasterizer_passes import CENTRE_WORDS, describe_rasterizer
 from pocketgs.splat.webgpu.shader_files import SHADERS
 from splat.webgpu.wgsl_layout import constant, workgroup_bytes, workgroup_size
@@ -24,14 +27,17 @@ TRAINING = [
     )
 ]
 RENDERING = [Variant(appearance="points"), Variant(appearance="discs")]
+RENDERING += [Variant(weights=weights) for weights in get_args(Weights)]
 DESCRIPTIONS = {str(variant): describe(variant) for variant in TRAINING}
 DESCRIPTIONS |= {str(variant): describe(variant, training=False) for variant in RENDERING}
 DESCRIPTIONS |= {f"rasterizer {subgroups}": describe_rasterizer(subgroups) for subgroups in (False, True)}
-DESCRIPTIONS |= {"rasterizer sum": describe_rasterizer(False, "sum")}
+DESCRIPTIONS |= {"rasterizer sum": describe_rasterizer(False, "sum"), "sweep": prior.describe_sweep()}
+DESCRIPTIONS |= {"comparison": prior.describe_comparison()}
 CASE = {
     "gaussians": 1000,
     "capacity": 1000,
     "coefficients": 4,
+    "view_coefficients": 4,
     "width": 650,
     "height": 480,
     "intersections": 65_536,
@@ -45,6 +51,13 @@ CASE = {
     "listed": 300,
     "channel_groups": 5,
     "colours": 1,
+    "image_width": 700,
+    "image_height": 480,
+    "images": 5,
+    "hypotheses": 192,
+    "paths": 8,
+    "bands": 4,
+    "views": 20,
 }
 
 
@@ -134,10 +147,10 @@ def test_rendering_needs_fewer_buffers_than_training() -> None:
 def test_every_shader_file_is_of_use() -> None:
     texts = [shader.source for description in DESCRIPTIONS.values() for shader in description.shaders.values()]
     named = {name for description in DESCRIPTIONS.values() for name in description.shaders}
-    for room in ("gpu", "splat/webgpu"):
+    for room in ("gpu", "prior/webgpu", "splat/webgpu"):
         for path in (Path(pocketgs.__file__).parent / room / "shaders").glob("*.wgsl"):
             assert path.stem in named, path
-    for name, section in SHADERS.sections.items():
+    for name, section in (*SHADERS.sections.items(), *PRIOR_SHADERS.sections.items()):
         lines = [line for line in section.splitlines() if not line.startswith(("import ", "enable "))]
         assert any("\n".join(lines) in text for text in texts), name
 
@@ -173,7 +186,9 @@ def test_a_description_survives_json(description: Description) -> None:
     for name, shader in description.shaders.items():
         assert restored["shaders"][name]["source"].endswith(shader.source)
         assert [one["name"] for one in restored["shaders"][name]["bindings"]] == [one.name for one in shader.bindings]
-    assert restored["uniforms"]["view"]["fields"]["focal"] == {"type": "vec2f", "offset": 80}
+    for name, uniform in restored["uniforms"].items():
+        for field, place in uniform["fields"].items():
+            assert tuple(place.values()) == description.uniforms[name].fields[field]
 
 
 def test_sizes_are_those_worked_out_by_hand() -> None:
@@ -235,6 +250,9 @@ def test_words_of_the_shaders_are_the_bytes_of_the_buffers() -> None:
             if replay == "cache":
                 record = 4 * constant("RECORD_WORDS", backward)
                 assert evaluate(description.buffers["replay_cache"], symbols) == 4 + record
+    weighted = describe(Variant(weights="lc"), training=False)
+    splat = 4 * constant("SPLAT_WORDS", weighted.shaders["rasterize"].source)
+    assert evaluate(weighted.buffers["splats"], {"capacity": 1}) == splat
 
 
 def test_rows_of_channels_are_as_long_in_the_shaders_as_in_the_buffers() -> None:

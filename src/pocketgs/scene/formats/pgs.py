@@ -23,7 +23,16 @@ from pocketgs.scene.formats.pgs_columns import MAX_NUMBER, Columns, ReadColumns,
 from pocketgs.scene.formats.pgs_positions import MAX_BITS, decode_positions, encode_positions, morton_sorted
 from pocketgs.scene.formats.pgs_rotations import fineness_of, quaternions_of, steps_of, turn_levels
 from pocketgs.scene.formats.pgs_rounding import MAX_ENTRIES, distinct_rows, grid_exponent, levels, rounded
-from pocketgs.scene.formats.pgs_sections import COLUMNS, FIELDS, TREE, Section, join_sections, split_sections
+from pocketgs.scene.formats.pgs_sections import (
+    COLUMNS,
+    FIELDS,
+    TREE,
+    WEIGHTS,
+    Section,
+    join_sections,
+    section_names,
+    split_sections,
+)
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 
 SCENE = struct.Struct("<IIBBh3i5f")
@@ -83,6 +92,14 @@ def encode(gaussians: Gaussians, coding: Coding = DEFAULT, path: Path = Path("sc
     Raises:
         PocketGSError: the scene is empty, too large, or holds NaN or infinity.
     """
+    return join_sections(encoded(gaussians, coding, path)[0])
+
+
+def encoded(gaussians: Gaussians, coding: Coding, path: Path) -> tuple[list[Section], np.ndarray]:
+    """Encode a scene, rounded, as sections; and (N,) the indices of its Gaussians in the order of the file.
+
+    Arguments and errors are those of `encode`.
+    """
     require_sound(path, gaussians)
     _require_count(path, len(gaussians))
     coding = coding.in_single_precision()
@@ -116,18 +133,18 @@ def encode(gaussians: Gaussians, coding: Coding = DEFAULT, path: Path = Path("sc
     sections = [
         Section("scene", FIELDS, fields),
         Section("position", TREE, encode_positions(cells, bits)),
-        _columns("scale", attributes.code_scales, scales, around),
-        _columns(
+        columns_of("scale", attributes.code_scales, scales, around),
+        columns_of(
             "rotation",
             attributes.code_turns,
             turn_levels(scene.quaternions, steps),
             fineness_of(scales * coding.log_scale),
         ),
-        _columns("opacity", attributes.code_opacities, levels(scene.opacity_logits, coding.opacity)),
-        _columns("colour", attributes.code_colours, levels(scene.sh[:, 0], coding.colour), around),
+        columns_of("opacity", attributes.code_opacities, levels(scene.opacity_logits, coding.opacity)),
+        columns_of("colour", attributes.code_colours, levels(scene.sh[:, 0], coding.colour), around),
         *harmonics,
     ]
-    return join_sections(sections)
+    return sections, order
 
 
 def _harmonics(rest: np.ndarray) -> tuple[int, list[Section]]:
@@ -137,15 +154,23 @@ def _harmonics(rest: np.ndarray) -> tuple[int, list[Section]]:
     book, labels = distinct_rows(rest.reshape(len(rest), -1))
     choices: list[tuple[int, list[Section]]] = []
     if len(book) <= MAX_ENTRIES:
-        entries = _columns("codebook", attributes.code_harmonics, book.reshape(-1, *rest.shape[1:]))
-        choices.append((len(book), [entries, _columns("harmonic", attributes.code_labels, labels)]))
+        entries = columns_of("codebook", attributes.code_harmonics, book.reshape(-1, *rest.shape[1:]))
+        choices.append((len(book), [entries, columns_of("harmonic", attributes.code_labels, labels)]))
     if not choices or 2 * len(book) > len(rest):
         # Where hardly any Gaussians share an entry, it may take less to store what each has.
-        choices.append((0, [_columns("harmonic", attributes.code_harmonics, rest)]))
+        choices.append((0, [columns_of("harmonic", attributes.code_harmonics, rest)]))
     return min(choices, key=lambda choice: sum(len(section.content) for section in choice[1]))
 
 
-def _columns(name: str, code: Callable[..., None], table: np.ndarray, *given: object) -> Section:
+def columns_of(name: str, code: Callable[..., None], table: np.ndarray, *given: object) -> Section:
+    """A section of a table's columns.
+
+    Args:
+        name: of the section.
+        code: describes the columns, see `pgs_attributes.py`.
+        table: (N, …) integers.
+        given: what the description needs besides.
+    """
     columns = WrittenColumns()
     code(columns, table, *given)
     return Section(name, COLUMNS, columns.finish())
@@ -155,19 +180,27 @@ def read_gaussians(path: Path) -> Gaussians:
     """Read a scene.
 
     Raises:
-        PocketGSError: the file is missing, damaged, of another version, or exceeds the memory bound.
+        PocketGSError: the file is missing, damaged, of another version, or exceeds the memory bound, or the scene is
+            drawn without sorting.
     """
-    sections = split_sections(path, read_contents(path), KNOWN)
+    if WEIGHTS in section_names(path):
+        raise PocketGSError(f"{path}: a scene that is drawn without sorting, expected one that is sorted")
+    return decoded(path, split_sections(path, read_contents(path), KNOWN))
+
+
+def decoded(path: Path, sections: dict[str, bytes]) -> Gaussians:
+    """Decode a scene from the sections of a file, which errors name.
+
+    Raises:
+        PocketGSError: a section is missing or broken, or the scene exceeds the memory bound.
+    """
     layout = _layout(path, sections)
     count = layout.count
     cells = decode_positions(sections["position"], count, layout.bits)
     around = attributes.surroundings_of(cells)
 
     def read(name: str, code: Callable[..., None], shape: tuple[int, ...], *given: object) -> np.ndarray:
-        table = np.zeros(shape, np.int64)
-        columns: Columns = ReadColumns(path, sections[name])
-        code(columns, table, *given)
-        return table
+        return table_of(path, sections[name], code, shape, *given)
 
     log_scales = read("scale", attributes.code_scales, (count, 3), around) * layout.log_scale
     turns = read("rotation", attributes.code_turns, (count, 3), fineness_of(log_scales))
@@ -194,6 +227,20 @@ def read_gaussians(path: Path) -> Gaussians:
         )
     require_sound(path, gaussians)
     return gaussians
+
+
+def table_of(
+    path: Path, section: bytes, code: Callable[..., None], shape: tuple[int, ...], *given: object
+) -> np.ndarray:
+    """The table whose columns are in a section, (N, …) int64; `columns_of` describes the arguments.
+
+    Raises:
+        PocketGSError: it holds numbers beyond all bounds.
+    """
+    table = np.zeros(shape, np.int64)
+    columns: Columns = ReadColumns(path, section)
+    code(columns, table, *given)
+    return table
 
 
 def _layout(path: Path, sections: dict[str, bytes]) -> Layout:

@@ -79,6 +79,12 @@ def code_harmonics(columns: Columns, table: np.ndarray) -> None:
         table[:, place] = np.stack([red, green, blue], axis=1)
 
 
+def code_views(columns: Columns, table: np.ndarray) -> None:
+    """Code (N, K) levels of the coefficients that weights depend on: of these, neighbours tell next to nothing."""
+    for place in range(table.shape[1]):
+        table[:, place] = columns.code(table[:, place], _no_context(table))
+
+
 def code_labels(columns: Columns, table: np.ndarray) -> None:
     """Code (N,) indices of entries of the codebook."""
     table[:] = columns.code(table, _no_context(table))

@@ -27,6 +27,9 @@ FIELDS, TREE, COLUMNS = 1, 2, 3
 OPTIONAL = 1
 """Flag of a section that readers may skip."""
 
+WEIGHTS = "weights"
+"""The section that a scene has if it is drawn without sorting."""
+
 
 @dataclass(frozen=True)
 class Section:
@@ -50,6 +53,19 @@ def join_sections(sections: list[Section]) -> bytes:
     table = [ROW.pack(each.name.encode("ascii"), each.kind, each.flags, 0, len(each.content)) for each in sections]
     body = b"".join([*table, *(each.content for each in sections)])
     return HEADER.pack(MAGIC, VERSION, len(sections), zlib.crc32(body)) + body
+
+
+def section_names(path: Path) -> set[str]:
+    """Names of a file's sections, from its first bytes alone; none if it is no `.pgs` or cannot be read."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(HEADER.size)
+            if len(start) < HEADER.size or start[:4] != MAGIC:
+                return set()
+            table = file.read(HEADER.unpack(start)[2] * ROW.size)
+    except OSError:
+        return set()
+    return {_text(row[0]) for row in ROW.iter_unpack(table[: len(table) // ROW.size * ROW.size])}
 
 
 def split_sections(path: Path, contents: bytes, known: Collection[tuple[str, int]]) -> dict[str, bytes]:
@@ -77,10 +93,14 @@ def split_sections(path: Path, contents: bytes, known: Collection[tuple[str, int
         raise PocketGSError(f"{path}: a damaged .pgs: its checksum differs from that of its content")
     found: dict[str, bytes] = {}
     for name, kind, flags, _, size in rows:
-        text = name.rstrip(b"\0").decode("ascii", "backslashreplace")
+        text = _text(name)
         if (text, kind) in known and text not in found:
             found[text] = contents[start : start + size]
         elif not flags & OPTIONAL:
             raise PocketGSError(f"{path}: section {text!r} of type {kind} is repeated or unknown to this version")
         start += size
     return found
+
+
+def _text(name: bytes) -> str:
+    return name.rstrip(b"\0").decode("ascii", "backslashreplace")

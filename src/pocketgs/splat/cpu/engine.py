@@ -29,7 +29,7 @@ from pocketgs.splat.cpu.photographs import Canvas, Photographs, TrainingView
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
 from pocketgs.splat.cpu.statistics import ABSOLUTE_GRADIENT, RADIUS, SCREEN_GRADIENT, SEEN, STATISTICS
-from pocketgs.splat.engine import KEPT_LOSSES, MemoryNeed, OptimiserState, Rendering
+from pocketgs.splat.engine import KEPT_LOSSES, OptimiserState, Rendering
 from pocketgs.splat.limits import TRAINING
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.parameters import ParameterLayout
@@ -38,6 +38,7 @@ from pocketgs.splat.settings import ColourSettings, LearningRates, PositionNoise
 from pocketgs.splat.store import ParameterStore
 from pocketgs.splat.timing import NoTimer, PassTimer
 from pocketgs.system.cores import kernel_threads
+from pocketgs.system.memory_need import MemoryNeed
 
 _NO_PLANE, _NO_CENTRES, _NO_CHANNELS = (np.empty(shape, np.float32) for shape in ((0, 0), (0, 4), (0, 3)))
 """Empty arrays for unused optional arguments of kernels."""

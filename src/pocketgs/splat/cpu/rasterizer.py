@@ -55,6 +55,11 @@ class _Tape:
     drawn_ends: np.ndarray
 
 
+def _copied(lists: TileLists) -> TileLists:
+    """Lists that outlive the next image, for which the binner uses its memory again."""
+    return TileLists(lists.intersections.copy(), lists.ranges, lists.slots.copy())
+
+
 class CpuBackend:
     """See `pocketgs.splat.rasterizer.Backend`.
 
@@ -68,6 +73,7 @@ class CpuBackend:
     def __init__(self, threads: int | None = None, compositor: str = "over") -> None:
         self._compositor = COMPOSITORS[compositor]
         self.threads = kernel_threads(threads)
+        self._binner = Binner(self.threads)
 
     def forward(
         self,
@@ -106,7 +112,7 @@ class CpuBackend:
             depth_keys,
         )
         visible, order = self._compositor.order(depth_keys, clusters, *buffers)
-        lists = Binner(self.threads).bin(splats, visible, order, view)
+        lists = _copied(self._binner.bin(splats, visible, order, view))
         shape = (view.height, view.width)
         image = np.empty((splats.shape[1] - FIRST_CHANNEL, *shape), np.float32)
         transmittance, drawn_ends = np.empty(shape, np.float32), np.empty(view.tiles, np.int32)

@@ -1,7 +1,10 @@
 """Add up the splats of every tile, in whatever order they are listed: C = Σ c_i α_i + T · background, T = Π (1 - α_i).
 
-No splat hides another and no pixel is ever full, so nothing has to be sorted by depth. The gradient needs no replay in
-order either: ∂L/∂α_i = c_i · ∂L/∂C - T / (1 - α_i) ∂L/∂T takes the finished pixel's T alone.
+No splat hides another and no pixel is ever full, so nothing has to be sorted by depth. α_i counts from the cut of 1/255
+on, so that a splat comes into a pixel little by little: nothing that is in front of it takes it back.
+
+The gradient needs no replay in order either: ∂L/∂α_i = c_i · ∂L/∂C - T / (1 - α_i) ∂L/∂T takes the finished pixel's T
+alone.
 """
 
 from __future__ import annotations
@@ -9,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
+from pocketgs.splat.constants import ALPHA_MIN
 from pocketgs.splat.cpu.lanes import LANES, Floats, broadcast, load, prefetch, select, store
 from pocketgs.splat.cpu.layout import (
     COLOURS,
@@ -45,6 +49,13 @@ from pocketgs.system.dealing import first_piece, take
 _WEIGHTED = COLOURS + 1
 """Weighted colours, and the weight: the channels of sort-free images, which the compiler unrolls."""
 
+_CUT = np.float32(ALPHA_MIN)
+
+
+@inlined
+def _beyond_cut(alpha: Floats) -> Floats:
+    return max(alpha - _CUT, broadcast(ZERO))
+
 
 @inlined
 def _add(
@@ -60,7 +71,8 @@ def _add(
     terms = exponent_terms(splat, column_offsets(splat, left))
     first, end = first_and_end_pixel(rows)
     for pixel in range(first, end, LANES):
-        _, alpha = alpha_at(terms, row_offsets(splat, top, pixel), broadcast(ONE), most_opaque)
+        _, drawn = alpha_at(terms, row_offsets(splat, top, pixel), broadcast(ONE), most_opaque)
+        alpha = _beyond_cut(drawn)
         t = load(transmittance, pixel)
         store(transmittance, pixel, t - t * alpha)
         for channel in range(channels):
@@ -125,10 +137,11 @@ def _add_backward(
     first, end = first_and_end_pixel(rows)
     for pixel in range(first, end, LANES):
         dy = row_offsets(splat, top, pixel)
-        unclamped, alpha = alpha_at(terms, dy, broadcast(ONE), most_opaque)
+        unclamped, drawn = alpha_at(terms, dy, broadcast(ONE), most_opaque)
+        alpha = _beyond_cut(drawn)
         r, g, b, product = take_gradient(splat, pixel, channels, alpha, d_totals, more_sums)
-        # ∂L/∂(ln α) = α ∂L/∂α; α is flat where it is clamped.
-        v = alpha * (product - load(behind, pixel) / (ONE - alpha))
+        # By the logarithm of what is drawn, which is more by the cut; it is flat where it is clamped.
+        v = drawn * (product - load(behind, pixel) / (ONE - alpha))
         v = select(unclamped < broadcast(most_opaque), v, broadcast(ZERO))
         vy = v * dy
         v_sum, vy_sum, vyy_sum = v_sum + v, vy_sum + vy, vyy_sum + vy * dy

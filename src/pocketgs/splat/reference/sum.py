@@ -1,10 +1,16 @@
-"""Add up projected Gaussians: a sum and a product by pixel, which do not depend on any order."""
+"""Add up projected Gaussians: a sum and a product by pixel, which do not depend on any order.
+
+α counts from the cut on, α_i = max(0, min(most, o_i exp(-½ dᵀ Σ'⁻¹ d)) - 1/255), so that it is continuous. Where splats
+hide each other, a faint one that comes in changes a pixel by 1/255 of its colour at most; here it comes with a weight,
+which may be many times that of all others in the pixel.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from pocketgs.geometry.camera import Camera
+from pocketgs.splat.constants import ALPHA_MIN
 from pocketgs.splat.limits import TRAINING, Limits
 from pocketgs.splat.reference.project import Projection, ProjectionGradient
 from pocketgs.splat.reference.rasterize import Raster, no_gradient, set_shape_gradient, splats_in
@@ -15,9 +21,10 @@ def add_up(projection: Projection, camera: Camera, background: np.ndarray, limit
     shape = (camera.height, camera.width)
     image, depth, transmittance = np.zeros((*shape, len(background))), np.zeros(shape), np.ones(shape)
     for contribution in splats_in(np.arange(len(projection.means)), projection, camera, limits.most_opaque):
-        image += contribution.alpha[..., None] * projection.colours[contribution.index]
-        depth += contribution.alpha * projection.depths[contribution.index]
-        transmittance *= 1.0 - contribution.alpha
+        alpha = _beyond_cut(contribution.alpha)
+        image += alpha[..., None] * projection.colours[contribution.index]
+        depth += alpha * projection.depths[contribution.index]
+        transmittance *= 1.0 - alpha
     return Raster(image + transmittance[..., None] * background, transmittance, depth)
 
 
@@ -33,9 +40,14 @@ def add_up_backward(
     gradient = no_gradient(len(projection.means), d_image.shape[2])
     d_log_transmittance = d_transmittance * raster.transmittance
     for contribution in splats_in(np.arange(len(projection.means)), projection, camera, limits.most_opaque):
-        index, alpha = contribution.index, contribution.alpha
+        index, drawn = contribution.index, contribution.alpha
+        alpha = _beyond_cut(drawn)
         gradient.colours[index] = np.einsum("hw,hwc->c", alpha, d_image)
         d_alpha = d_image @ projection.colours[index] - d_log_transmittance / (1.0 - alpha)
-        d_alpha = np.where((alpha > 0.0) & (alpha < limits.most_opaque), d_alpha, 0.0)
-        set_shape_gradient(gradient, contribution, projection.conics[index], d_alpha, alpha)
+        d_alpha = np.where((alpha > 0.0) & (drawn < limits.most_opaque), d_alpha, 0.0)
+        set_shape_gradient(gradient, contribution, projection.conics[index], d_alpha, drawn)
     return gradient
+
+
+def _beyond_cut(alpha: np.ndarray) -> np.ndarray:
+    return np.maximum(alpha - ALPHA_MIN, 0.0)

@@ -10,14 +10,14 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
-from pocketgs.gpu.adapters import BUFFER_LIMITS, choose_adapter
+from pocketgs.gpu.adapters import BUFFER_LIMITS, DRIVER_BYTES, choose_adapter
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
 from pocketgs.scene.background import checked_background
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.checks import check_masks, check_pinhole, check_state, check_view, checked_scene
 from pocketgs.splat.colours import check_transforms
-from pocketgs.splat.engine import EngineOptions, MemoryNeed, OptimiserState, Rendering
+from pocketgs.splat.engine import EngineOptions, OptimiserState, Rendering
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import RowChange, Statistics, check_change
@@ -46,9 +46,7 @@ from pocketgs.splat.webgpu.tables import (
     write_scene,
     write_statistics,
 )
-
-DRIVER_BYTES = 150_000_000
-"""Of this process's memory that a GPU's driver takes, with its compiled shaders."""
+from pocketgs.system.memory_need import MemoryNeed
 
 INTERSECTION_BYTES = {"ordered": 36, "atomic": 4}
 """What the largest of the buffers with something for every intersection holds of each."""
@@ -81,7 +79,7 @@ class WebGpuEngine:
         variant = Variant(options.precision, options.replay, options.accumulation, subgroups)
         self.executor = Executor(shared_device(adapter, variant.features), describe(variant))
         largest = min(self.executor.device.limits[name] for name in BUFFER_LIMITS)
-        self._shares_memory = adapter.kind != "DiscreteGPU"
+        self._shares_memory = adapter.shares_memory
         self._limits = Limits(options.max_memory * 1_000_000, largest)
         self._frames: list[Frame] = []
         self._ahead = StepsAhead(self.executor)

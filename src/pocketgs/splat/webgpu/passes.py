@@ -28,6 +28,16 @@ DEFINITIONS = {
 
 
 Appearance = Literal["splats", "points", "discs"]
+Weights = Literal["direct", "exponential", "lc", "mobile", "visibility"]
+
+COVERAGES: dict[Weights, str] = {
+    "direct": "weighted.against_background",
+    "exponential": "weighted.against_background",
+    "lc": "weighted.against_background",
+    "mobile": "weighted.by_transmittance",
+    "visibility": "weighted.by_transmittance",
+}
+"""How much of the background shows where splats have these weights: see `common/weighted.wgsl`."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +50,7 @@ class Variant:
         accumulation: how tiles' gradients come together: "ordered" in rows that are added up later, or "atomic".
         subgroups: whether threads of a subgroup add up without workgroup memory.
         appearance: what Gaussians are drawn as; training is always of splats.
+        weights: what Gaussians are weighted by where nothing is sorted, which is for rendering only; None to sort.
     """
 
     precision: Precision = "f32"
@@ -47,6 +58,7 @@ class Variant:
     accumulation: Accumulation = "ordered"
     subgroups: bool = False
     appearance: Appearance = "splats"
+    weights: Weights | None = None
 
     @property
     def sections(self) -> dict[str, str]:
@@ -65,6 +77,25 @@ class Variant:
             "gradient_rows.gather": f"gradient_rows.gather_{self.accumulation}",
             "appearance.kind": f"appearance.{self.appearance}",
             "scan.exclusive": "scan.subgroup" if self.subgroups else "scan.shared",
+            "depth_keys.kind": "depth_keys.written",
+            "weights.kind": "weights.none",
+            "weights.finished": "weights.as_made",
+            **self._weighted,
+        }
+
+    @property
+    def _weighted(self) -> dict[str, str]:
+        """The sections of drawing without sorting."""
+        if self.weights is None:
+            return {}
+        assert self.precision == "f32", "weights are stored in full precision"
+        return {
+            "splats.words": "splats.words_weighted",
+            "compositor.forward": "weighted.forward",
+            "weighted.coverage": COVERAGES[self.weights],
+            "depth_keys.kind": "depth_keys.none",
+            "weights.kind": f"weights.{self.weights}",
+            "weights.finished": "weights.by_largest" if self.weights == "visibility" else "weights.as_made",
         }
 
     @property
@@ -75,6 +106,7 @@ class Variant:
 
 
 SPLAT_BYTES = {"f32": 40, "f16": 28}
+WEIGHTED_SPLAT_BYTES = 44
 RECORD_BYTES = {"f32": 20, "f16": 12}
 BOUND_WORDS = 8
 """Of a cluster's bounds: see `common/clusters.wgsl`."""
@@ -85,6 +117,22 @@ STATISTICS = 5
 
 def rendering_buffers(variant: Variant) -> dict[str, str]:
     """Sizes in bytes of the buffers that rendering needs."""
+    buffers = _sorted_buffers(variant)
+    if variant.weights is not None:
+        for name in ("depth_keys", *SORTING_BUFFERS):
+            del buffers[name]
+        buffers["splats"] = f"{WEIGHTED_SPLAT_BYTES} * capacity"
+        buffers["views"] = "4 * view_coefficients * capacity"
+    if variant.weights == "visibility":
+        buffers["largest_exponents"] = "8"
+    return buffers
+
+
+SORTING_BUFFERS = ("depth_keys_spare", "order_spare", "depth_digit")
+"""Buffers that only sorting by depth needs."""
+
+
+def _sorted_buffers(variant: Variant) -> dict[str, str]:
     return {
         "shape": f"{4 * SHAPE_COLUMNS} * capacity",
         "sh": "12 * coefficients * capacity",
@@ -238,17 +286,19 @@ def _row_sequences() -> dict[str, Sequence]:
 def describe(variant: Variant, training: bool = True) -> Description:
     """Describe rendering, and training if asked for.
 
-    The numbers that the expressions are computed from: gaussians, capacity (room for them), coefficients, width,
-    height, intersections (room for them), photographs, photograph_pixels, replay_depth, listed (rows to set),
-    structural, regularised, collecting and colours_learned (0 or 1).
+    The numbers that the expressions are computed from: gaussians, capacity (room for them), coefficients,
+    view_coefficients (of weights, where there are any), width, height, intersections (room for them), photographs,
+    photograph_pixels, replay_depth, listed (rows to set), structural, regularised, collecting and colours_learned (0 or
+    1).
     """
-    assert not training or variant.appearance == "splats", variant.appearance
-    bins = bin_passes()
-    sequences = {
-        "render": Sequence(CLEARED, (*bins, _RASTERIZE)),
-        "render depth": Sequence(CLEARED, (*bins, _RASTERIZE_DEPTH)),
-    }
+    assert not training or (variant.appearance == "splats" and variant.weights is None), variant
+    bins = bin_passes(variant.weights is None)
     buffers = rendering_buffers(variant)
+    cleared = tuple(name for name in (*CLEARED, "largest_exponents") if name in buffers)
+    sequences = {
+        "render": Sequence(cleared, (*bins, _RASTERIZE)),
+        "render depth": Sequence(cleared, (*bins, _RASTERIZE_DEPTH)),
+    }
     if training:
         sequences["step"] = _step(variant)
         sequences["errors"] = _errors(variant)
@@ -264,6 +314,8 @@ def describe(variant: Variant, training: bool = True) -> Description:
     if training:
         uniforms["update"] = UniformLayout.of("Update", shaders["adam"].source)
         uniforms["rows"] = UniformLayout.of("Rows", shaders["gather_rows"].source)
+    if variant.weights is not None:
+        uniforms["weighting"] = UniformLayout.of("Weighting", shaders["project"].source)
     return Description(variant.sections, DEFINITIONS, buffers, uniforms, shaders, sequences)
 
 

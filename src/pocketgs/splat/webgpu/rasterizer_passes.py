@@ -6,7 +6,15 @@ from functools import cache
 
 from pocketgs.gpu.description import Description, Pass, Sequence
 from pocketgs.gpu.uniforms import UniformLayout
-from pocketgs.splat.webgpu.passes import CLEARED, DEFINITIONS, SORTED, Variant, bin_passes, rendering_buffers
+from pocketgs.splat.webgpu.passes import (
+    CLEARED,
+    DEFINITIONS,
+    SORTED,
+    SORTING_BUFFERS,
+    Variant,
+    bin_passes,
+    rendering_buffers,
+)
 from pocketgs.splat.webgpu.shader_files import SHADERS
 
 GROUP = 3
@@ -47,7 +55,6 @@ def _backward(absolute: bool) -> Sequence:
     )
 
 
-_SORTING_BUFFERS = ("depth_digit", "depth_keys_spare", "order_spare")
 _INSPECT = Sequence(
     ("contribution_rows", "contributions"),
     (
@@ -78,7 +85,7 @@ def describe_rasterizer(subgroups: bool, compositor: str = "over") -> Descriptio
     by_depth = compositor == "over"
     sequences = {
         "forward": Sequence(
-            CLEARED if by_depth else tuple(name for name in CLEARED if name not in _SORTING_BUFFERS),
+            CLEARED if by_depth else tuple(name for name in CLEARED if name not in SORTING_BUFFERS),
             (
                 *bin_passes(by_depth),
                 Pass("take colours", "take_colours", "groups", when="colours"),
@@ -92,7 +99,7 @@ def describe_rasterizer(subgroups: bool, compositor: str = "over") -> Descriptio
         sequences["inspect"] = _INSPECT
     buffers = {**rendering_buffers(Variant()), **_FORWARD_BUFFERS, **_BACKWARD_BUFFERS, **_INSPECTION_BUFFERS}
     if not by_depth:
-        for name in (*_SORTING_BUFFERS, *_INSPECTION_BUFFERS):
+        for name in (*SORTING_BUFFERS, *_INSPECTION_BUFFERS):
             del buffers[name]
     names = dict.fromkeys(one.shader for sequence in sequences.values() for one in sequence.passes)
     shaders = {name: SHADERS.link(name, sections) for name in names}

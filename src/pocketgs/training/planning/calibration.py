@@ -12,7 +12,8 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.depth_range import DepthRange
-from pocketgs.prior.sweep import SweepSettings, sweep
+from pocketgs.prior.stereo import Stereo, create_stereo
+from pocketgs.prior.sweep import SweepSettings
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.settings import LearningRates, StepSettings
@@ -30,17 +31,25 @@ SWEEP_SECONDS, STEP_SECONDS = 0.068, 0.0095
 
 @dataclass(frozen=True)
 class Speed:
-    """Duration of the prior and of training relative to the machine that the time model was measured on."""
+    """Duration of work relative to the machine that the time model was measured on.
+
+    Attributes:
+        prior: on the CPU.
+        sweeps: of keyframes, on the device that sweeps them.
+        training: of the engine.
+    """
 
     prior: float
+    sweeps: float
     training: float
 
 
-def measure_speed(engine: Engine, threads: int, with_prior: bool) -> Speed:
+def measure_speed(engine: Engine, stereo: Stereo, threads: int, with_prior: bool) -> Speed:
     """Measure the speed of this machine, within a few tenths of a second once kernels are compiled.
 
     Args:
         engine: an engine whose scene may be overwritten.
+        stereo: computes depth maps.
         threads: CPU threads.
         with_prior: whether to time the prior too; otherwise the engine's speed is used for both.
     """
@@ -48,7 +57,12 @@ def measure_speed(engine: Engine, threads: int, with_prior: bool) -> Speed:
     rng = np.random.default_rng(0)
     frames = [_frame(rng, index) for index in range(3)]
     training = _step_seconds(engine, frames[0], rng) / STEP_SECONDS
-    return Speed(_sweep_seconds(frames) / SWEEP_SECONDS if with_prior else training, training)
+    if not with_prior:
+        return Speed(training, training, training)
+    prior = _sweep_seconds(create_stereo(), frames) / SWEEP_SECONDS
+    sweeps = prior if stereo.name == "cpu" else _sweep_seconds(stereo, frames) / SWEEP_SECONDS
+    stereo.release()
+    return Speed(prior, sweeps, training)
 
 
 def _frame(rng: np.random.Generator, index: int) -> Frame:
@@ -58,11 +72,10 @@ def _frame(rng: np.random.Generator, index: int) -> Frame:
     return Frame(str(index), camera, rng.integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8))
 
 
-def _sweep_seconds(frames: list[Frame]) -> float:
+def _sweep_seconds(stereo: Stereo, frames: list[Frame]) -> float:
     """Seconds of one sweep with two source views."""
-    return _least_seconds(
-        lambda: sweep(frames[0], frames[1:], DepthRange(DISTANCE / 2, DISTANCE * 2, HYPOTHESES), SweepSettings())
-    )
+    search = DepthRange(DISTANCE / 2, DISTANCE * 2, HYPOTHESES)
+    return _least_seconds(lambda: stereo.sweep(frames[0], frames[1:], search, SweepSettings()))
 
 
 def _least_seconds(work: Callable[[], object]) -> float:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from pocketgs.splat.engine import Engine, MemoryNeed
+from pocketgs.prior.stereo import Stereo, StereoExtent, StereoNeed, need_of
+from pocketgs.splat.engine import Engine
 from pocketgs.system.compile import is_compiled
 from pocketgs.system.cores import kernel_threads, usable_cores
+from pocketgs.system.memory_need import MemoryNeed
 from pocketgs.system.process import resident_bytes
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.planning.calibration import Speed
@@ -23,6 +25,7 @@ class Machine:
         resident: resident memory of the process in bytes.
         compiles: whether kernels must still be compiled.
         memory_needed: the engine's memory, see `Engine.memory_needed`.
+        stereo_needed: the memory of depth, see `Stereo.memory_needed`.
         speed: relative speed; None if time is not bounded.
         elapsed: seconds since the command began.
     """
@@ -32,19 +35,23 @@ class Machine:
     resident: int
     compiles: bool
     memory_needed: Callable[[int, int, Sequence[tuple[int, int]]], MemoryNeed]
+    stereo_needed: Callable[[StereoExtent], StereoNeed]
     speed: Speed | None = None
     elapsed: float = 0.0
 
 
-def this_machine(engine: Engine, options: SizedOptions) -> Machine:
+def this_machine(engine: Engine, stereo: Stereo, options: SizedOptions) -> Machine:
     """Describe this machine; its speed is measured only if time is bounded."""
     rooms = ["splat.cpu"] if engine.name == "cpu" else []
     if options.prior != "none":
         rooms.append("prior")
+    if options.prior == "dense" and stereo.name == "cpu":
+        rooms.append("prior.cpu")
     return Machine(
         threads=kernel_threads(options.threads),
         readers=usable_cores(),
         resident=resident_bytes(),
         compiles=not all(map(is_compiled, rooms)),
         memory_needed=engine.memory_needed,
+        stereo_needed=lambda extent: need_of(stereo, extent),
     )

@@ -7,9 +7,9 @@ whole runs. They are upper bounds: in a capture without texture, for example, fu
 from __future__ import annotations
 
 from pocketgs.capture.loading import MAX_WORKERS
-from pocketgs.prior.depth_range import MOST as MAX_HYPOTHESES
+from pocketgs.prior.stereo import StereoNeed
 from pocketgs.prior.volume import DEPTHS, KEPT
-from pocketgs.splat.engine import MemoryNeed
+from pocketgs.system.memory_need import MemoryNeed
 from pocketgs.training.planning.work import Work
 
 MB = 1_000_000
@@ -39,10 +39,6 @@ SPARSE = 75 * MB
 ADJUSTMENT = 110 * MB
 """Machine code and equations of bundle adjustment, assuming that poses are refined."""
 
-SWEEP_DEPTH, SWEEP_PIXEL, SWEEP_SOURCE = 3, 40, 4
-"""Bytes per pixel and hypothesis: a cost of one byte, and a sum of two. Bytes per pixel: its copies and source
-views."""
-
 MAP_PIXEL = 8
 """Depth and margin as float32."""
 
@@ -56,12 +52,15 @@ COMPARED_PIXEL = 240
 """Bytes per pixel of SSIM: ten images in float64."""
 
 
-def stage_bytes(work: Work, engine: MemoryNeed, resident: int, compiles: bool, readers: int) -> dict[str, int]:
+def stage_bytes(
+    work: Work, engine: MemoryNeed, stereo: StereoNeed, resident: int, compiles: bool, readers: int
+) -> dict[str, int]:
     """Resident memory by stage in bytes, including what earlier stages have left.
 
     Args:
         work: the run.
         engine: memory that the engine will use.
+        stereo: memory that depth will use.
         resident: current resident memory of the process.
         compiles: whether kernels must still be compiled.
         readers: threads that decode photographs.
@@ -81,10 +80,8 @@ def stage_bytes(work: Work, engine: MemoryNeed, resident: int, compiles: bool, r
     if work.has_depth:
         copies = _sweep_copies(work)
         maps = work.keyframes * MAP_PIXEL * work.sweep_pixels
-        by_pixel = SWEEP_PIXEL + SWEEP_SOURCE * work.options.source_views
-        volume = work.sweep_pixels * (SWEEP_DEPTH * MAX_HYPOTHESES + by_pixel)
-        stages["depth"] = held + copies + maps + volume + KERNELS
-        stages["fusion"] = held + copies + maps + CANDIDATE * work.candidates + KERNELS // 2
+        stages["depth"] = held + copies + maps + stereo.sweeping.process + KERNELS
+        stages["fusion"] = held + copies + maps + CANDIDATE * work.candidates + stereo.comparing.process + KERNELS // 2
     else:
         rays = int(work.gaussians / KEPT) // len(outline.training) + 1
         stages["points"] = held + rays * DEPTHS * RAY_DEPTH

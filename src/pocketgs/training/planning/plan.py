@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 
 from pocketgs.capture.listed import ListedCapture, Outline
 from pocketgs.errors import PocketGSError
+from pocketgs.prior.stereo import StereoNeed
+from pocketgs.system.memory_need import MemoryNeed
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.planning.machine import Machine
 from pocketgs.training.planning.memory_model import MB, stage_bytes
@@ -161,11 +163,13 @@ def _size(shrink: int, outline: Outline, options: SizedOptions, machine: Machine
         engine = machine.memory_needed(work.gaussians, work.coefficients, outline.training)
     except PocketGSError as error:
         return _Size(shrink, work, {"training": 0}, 0, times, error)
+    stereo = machine.stereo_needed(work.stereo_extent) if work.has_depth else StereoNeed(MemoryNeed(0), MemoryNeed(0))
     return _Size(
         shrink,
         work,
-        stage_bytes(work, engine, machine.resident, machine.compiles, machine.readers),
-        engine.device,
+        stage_bytes(work, engine, stereo, machine.resident, machine.compiles, machine.readers),
+        # Each gives its buffers back before the next makes its own.
+        max(engine.device, stereo.sweeping.device, stereo.comparing.device),
         times,
     )
 

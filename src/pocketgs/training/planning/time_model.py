@@ -63,12 +63,12 @@ def timetable(work: Work, speed: Speed) -> Timetable:
     """Estimate the duration of a run, from planning on."""
     outline = work.outline
     decoded = outline.stored_pixels * (len(outline.training) + len(outline.held_out)) / MEGA
-    prior = DECODED_MEGAPIXEL * decoded
+    prior, sweeps = DECODED_MEGAPIXEL * decoded, 0.0
     if work.has_prior:
         prior += _poses(work)
     if work.has_depth:
         megapixels = work.keyframes * work.sweep_pixels / MEGA
-        prior += megapixels * (SWEPT_MEGAPIXEL + SWEPT_MEGAPIXEL_AND_SOURCE * work.options.source_views)
+        sweeps = megapixels * (SWEPT_MEGAPIXEL + SWEPT_MEGAPIXEL_AND_SOURCE * work.options.source_views)
         prior += MERGED_MILLION * work.candidates / MEGA
     millions, megapixels = work.gaussians / MEGA, outline.pixels / MEGA
     seeding = SEEDED_MILLION * millions
@@ -78,7 +78,7 @@ def timetable(work: Work, speed: Speed) -> Timetable:
     after = WRITTEN + WRITTEN_MILLION * millions + held_out * (EVALUATED_VIEW + EVALUATED_MEGAPIXEL * megapixels)
     looks = look / work.options.evaluate_every if work.options.evaluate_every else 0.0
     return Timetable(
-        before=speed.prior * (prior + seeding),
+        before=speed.prior * (prior + seeding) + speed.sweeps * sweeps,
         step=speed.training * step + max(speed.prior, speed.training) * looks,
         after=max(speed.prior, speed.training) * after,
     )

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pocketgs.capture.listed import Outline
-from pocketgs.prior.depth_maps import sweep_pixels
+from pocketgs.prior.depth_maps import stereo_extent, sweep_pixels
 from pocketgs.prior.fuse import MAX_CANDIDATES
+from pocketgs.prior.stereo import StereoExtent
+from pocketgs.prior.sweep import SweepSettings
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.recipes import recipe_named
@@ -61,6 +63,12 @@ class Work:
     def sweep_pixels(self) -> int:
         """Pixels of a swept photograph."""
         return min(self.outline.pixels, sweep_pixels(self.keyframes))
+
+    @property
+    def stereo_extent(self) -> StereoExtent:
+        """What depth maps will ask for."""
+        settings = SweepSettings(source_views=self.options.source_views)
+        return stereo_extent(self.outline.training, self.keyframes, settings)
 
     @property
     def candidates(self) -> int:

@@ -123,9 +123,20 @@ function follow(view, cameras) {
     });
 }
 
-function showStatistics(count, framesPerSecond) {
-    const rate = framesPerSecond < 10 ? framesPerSecond.toFixed(1) : Math.round(framesPerSecond);
-    document.getElementById("stats").textContent = `${count.toLocaleString("en")} splats · ${rate} fps`;
+function showStatistics({ count, compositor, bytes, milliseconds }) {
+    const parts = [`${count.toLocaleString("en")} splats`, compositor, bytes && sizeOf(bytes), timeOf(milliseconds)];
+    document.getElementById("stats").textContent = parts.filter(Boolean).join(" · ");
+}
+
+function timeOf(milliseconds) {
+    if (milliseconds >= 1000) {
+        return `${(milliseconds / 1000).toFixed(1)}\u00a0s`;
+    }
+    return `${milliseconds < 10 ? milliseconds.toFixed(1) : Math.round(milliseconds)}\u00a0ms`;
+}
+
+function sizeOf(bytes) {
+    return bytes < 1e6 ? `${Math.ceil(bytes / 1e3)}\u00a0KB` : `${(bytes / 1e6).toFixed(1)}\u00a0MB`;
 }
 
 start().catch((error) => showMessage(error.message));

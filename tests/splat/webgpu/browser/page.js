@@ -38,6 +38,32 @@ async function replay({ description: json, given, floats, words, view, updates, 
     return found;
 }
 
+/**
+ * Run a sequence on given content, and say what became of it and what the browser has to complain of.
+ *
+ * @param {Object} job `description`; `given` numbers; `sequence`; `floats` and `words`, contents of buffers; `uniforms`,
+ *     fields by uniform; `results`, from buffers to how many floats to read of them in the end
+ */
+async function runSequence({ description: json, given, sequence, floats, words, uniforms, results }) {
+    const description = new Description(json);
+    const device = await openDevice();
+    const complaints = await shaderErrors(device, description.shaders);
+    device.addEventListener("uncapturederror", ({ error }) => complaints.push(error.message));
+    const executor = new Executor(device, description);
+    const symbols = description.symbols(given);
+    await executor.reserve(description.sizes(symbols));
+    Object.entries(floats).forEach(([name, values]) => executor.write(name, new Float32Array(values)));
+    Object.entries(words).forEach(([name, values]) => executor.write(name, new Uint32Array(values)));
+    Object.entries(uniforms).forEach(([name, values]) => executor.writeUniform(name, values));
+    executor.submit(sequence, symbols);
+    const found = {};
+    for (const [name, count] of Object.entries(results)) {
+        found[name] = Array.from(await executor.read(name, Float32Array, count));
+    }
+    device.destroy();
+    return { ...found, complaints };
+}
+
 /** What the browser refuses of the shaders, and in which lines. */
 async function shaderErrors(device, shaders) {
     const messages = [];
@@ -59,4 +85,4 @@ async function reserve(json, sizes) {
     await new Executor(await openDevice(), new Description(json)).reserve(sizes);
 }
 
-Object.assign(window, { replay, evaluateAll, reserve });
+Object.assign(window, { replay, runSequence, evaluateAll, reserve });

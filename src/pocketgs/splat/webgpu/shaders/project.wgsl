@@ -1,20 +1,16 @@
 // Project every Gaussian of the clusters in view into the image: Σ' = J W Σ Wᵀ Jᵀ + 0.3 I (3DGS, equation 5). Writes its
-// splat, the bits of its depth, which sort as the depth does, and in how many tiles' lists it will stand. One thread per
-// Gaussian, one workgroup per cluster.
+// splat, what its place in an image follows from, its depth or its weight, and in how many tiles' lists it will stand. One
+// thread per Gaussian, one workgroup per cluster.
 import view, gaussians.read, gaussians.read_sh, projection, spherical_harmonics, splats.words, appearance.kind, tiles
-import clusters, finite, workgroups
+import depth_keys.kind, weights.kind, clusters, finite, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> shape: array<f32>;
 @group(0) @binding(2) var<storage, read> sh: array<f32>;
 @group(0) @binding(3) var<storage, read_write> splats: array<u32>;
-@group(0) @binding(4) var<storage, read_write> depth_keys: array<u32>;
-@group(0) @binding(5) var<storage, read_write> order: array<u32>;
-@group(0) @binding(6) var<storage, read_write> tile_counts: array<u32>;
-@group(0) @binding(7) var<storage, read> cluster_places: array<u32>;
-
-// The key of what is not drawn: greater than any depth's.
-const CULLED: u32 = 0xffffffffu;
+@group(0) @binding(4) var<storage, read_write> order: array<u32>;
+@group(0) @binding(5) var<storage, read_write> tile_counts: array<u32>;
+@group(0) @binding(6) var<storage, read> cluster_places: array<u32>;
 
 struct Projected {
     splat: Splat,
@@ -99,7 +95,7 @@ fn main(
     }
     let key = cluster_places[cluster] * THREADS + thread;
     order[key] = i;
-    depth_keys[key] = CULLED;
+    leave_out(key);
     tile_counts[i] = 0u;
     let gaussian = read_gaussian(i);
     var projected = project_shape(gaussian);
@@ -107,15 +103,18 @@ fn main(
         return;
     }
     let colour = colour_of(gaussian.mean, i);
-    if (!(all_finite(vec4f(colour, 0.0)) && all(abs(colour) < vec3f(BRIGHTEST)))) {
+    let weight = weight_of(gaussian, i);
+    if (!(all_finite(vec4f(colour, weight)) && all(abs(colour) < vec3f(BRIGHTEST)))) {
         return;
     }
     projected.splat.colour = max(colour, vec3f());
+    projected.splat.weight = weight;
     let words = pack_splat(appear(projected.splat));
     for (var w = 0u; w < SPLAT_WORDS; w++) {
         splats[i * SPLAT_WORDS + w] = words[w];
     }
-    depth_keys[key] = bitcast<u32>(projected.splat.depth);
+    enter(key, projected.splat.depth);
+    note_weight(projected.splat);
     // As the lists will see it: stored precision included.
     tile_counts[i] = count_tiles(unpack_splat(words));
 }

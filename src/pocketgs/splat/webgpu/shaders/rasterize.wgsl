@@ -1,6 +1,6 @@
-// Composite each tile's splats front to back (3DGS, equation 3). One workgroup per tile and group of three channels, one
+// Composite each tile's splats, in the order of its list: front to back (3DGS, equation 3), or in any. One workgroup per tile and group of three channels, one
 // thread per pixel.
-import view, splats.read, tiles, compositor.forward, channels.kind, replay.record, workgroups
+import view, splats.read, tiles, compositor.forward, channels.kind, weights.finished, replay.record, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> tile_starts: array<u32>;
@@ -43,7 +43,7 @@ fn main(
         atomicStore(&clear_pixels, 0u);
     }
     workgroupBarrier();
-    var gathered = vec4f(vec3f(), select(0.0, 1.0, inside));
+    var gathered = nothing_yet(inside);
     var contributions = 0u;
     var last = first;
     for (var start = first; start < end; start += TILE_PIXELS) {
@@ -51,13 +51,15 @@ fn main(
             let gaussian = slot_splats[sorted_slots[start + thread]];
             batch[thread] = read_splat(gaussian);
             batch[thread].colour = shown(batch[thread], gaussian, group);
+            batch[thread].weight = finished_weight(batch[thread].weight);
         }
         workgroupBarrier();
         for (var k = 0u; k < min(TILE_PIXELS, end - start); k++) {
             let splat = batch[k];
             let alpha = alpha_at(exponent_at(splat, centre - splat.mean), gathered.a);
             if (alpha > 0.0) {
-                gathered = with_splat(gathered, alpha, select(splat.colour, vec3f(splat.depth), draw_depth));
+                let colour = select(splat.colour, vec3f(splat.depth), draw_depth);
+                gathered = with_splat(gathered, alpha, colour, splat.weight);
                 last = start + k + 1u;
                 remember(index, contributions, start + k, alpha, gathered.rgb);
                 contributions++;

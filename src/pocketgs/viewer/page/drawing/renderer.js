@@ -21,6 +21,10 @@ import { viewValues } from "./view_values.js";
  * @property {number} share of the full resolution
  * @property {[number, number, number]} background RGB
  * @property {boolean} asDepth
+ *
+ * @typedef {Object} Passes
+ * @property {"splats" | "points" | "discs"} appearance of Gaussians
+ * @property {string | null} weights the form of those that are drawn without sorting
  */
 
 /** Initial capacity for tile intersections, and its growth: as in `engine.py`. */
@@ -37,6 +41,8 @@ export class Renderer {
     /** @type {Executor} */
     #executor;
     #appearance = "splats";
+    /** What the executor's passes draw. @type {Passes} */
+    #passes;
     /** @type {GaussianColumns | null} */
     #scene = null;
     #intersections = 0;
@@ -56,7 +62,8 @@ export class Renderer {
      */
     static async open(canvas, onFault) {
         const renderer = new Renderer();
-        const description = fetchDescription(renderer.#appearance);
+        renderer.#passes = { appearance: renderer.#appearance, weights: null };
+        const description = fetchDescription(renderer.#passes);
         description.catch(() => {});
         renderer.#device = await openDevice(BUFFER_LIMITS);
         renderer.#device.addEventListener("uncapturederror", ({ error }) => onFault(error.message));
@@ -86,7 +93,7 @@ export class Renderer {
      */
     setScene(scene) {
         return this.#inTurn(async () => {
-            await this.#upload(scene);
+            await this.#show(scene, this.#appearance);
             this.#scene = scene;
         });
     }
@@ -98,14 +105,9 @@ export class Renderer {
      */
     setAppearance(appearance) {
         return this.#inTurn(async () => {
-            if (appearance === this.#appearance) {
-                return;
-            }
-            const executor = await this.#executorOf(await fetchDescription(appearance));
-            this.#executor.destroy();
-            [this.#executor, this.#appearance] = [executor, appearance];
-            if (this.#scene) {
-                await this.#upload(this.#scene);
+            if (appearance !== this.#appearance) {
+                await this.#show(this.#scene, appearance);
+                this.#appearance = appearance;
             }
         });
     }
@@ -146,6 +148,19 @@ export class Renderer {
         return executor;
     }
 
+    /** Change to the passes for a scene, if others are there, and upload it. */
+    async #show(scene, appearance) {
+        const passes = passesFor(scene, appearance);
+        if (JSON.stringify(passes) !== JSON.stringify(this.#passes)) {
+            const executor = await this.#executorOf(await fetchDescription(passes));
+            this.#executor.destroy();
+            [this.#executor, this.#passes] = [executor, passes];
+        }
+        if (scene) {
+            await this.#upload(scene);
+        }
+    }
+
     async #upload(scene) {
         const expected = INTERSECTIONS_PER_GAUSSIAN * scene.count;
         const intersections = Math.max(this.#intersections, MIN_INTERSECTIONS, expected);
@@ -154,6 +169,10 @@ export class Renderer {
         this.#near = nearPlane([0, 1, 2].map((axis) => scene.column(MEAN + axis)), scene.count);
         this.#executor.write("shape", scene.shape);
         this.#executor.write("sh", scene.sh);
+        if (this.#passes.weights) {
+            this.#executor.write("views", scene.weighting.views);
+            this.#executor.writeUniform("weighting", scene.weighting.uniform);
+        }
         // No bounds hold of a scene that has not been drawn.
         this.#executor.write("cluster_bounds", new Uint8Array(this.#executor.buffer("cluster_bounds").size));
         this.#resume();
@@ -195,11 +214,12 @@ export class Renderer {
         }
     }
 
-    #symbols(width, height, { count, coefficients }, intersections) {
+    #symbols(width, height, { count, coefficients, weighting }, intersections) {
         return this.#executor.description.symbols({
             gaussians: count,
             capacity: count,
             coefficients,
+            view_coefficients: weighting?.coefficients ?? 0,
             width,
             height,
             intersections,
@@ -215,8 +235,14 @@ export class Renderer {
     }
 }
 
-async function fetchDescription(appearance) {
-    const response = await fetch(`passes.json?appearance=${appearance}`);
+/** Points and discs are opaque and hide each other, so those of any scene are sorted. @returns {Passes} */
+function passesFor(scene, appearance) {
+    return { appearance, weights: appearance === "splats" ? (scene?.weighting?.form ?? null) : null };
+}
+
+/** @param {Passes} passes */
+async function fetchDescription({ appearance, weights }) {
+    const response = await fetch(`passes.json?appearance=${appearance}${weights ? `&weights=${weights}` : ""}`);
     if (!response.ok) {
         throw new Error(`passes.json: the server answers ${response.status}`);
     }

@@ -47,6 +47,17 @@ export class SceneRenderer {
         return this.#drawing.count;
     }
 
+    /** Size of the scene's file, or 0. */
+    get fileBytes() {
+        return this.#scene?.fileBytes ?? 0;
+    }
+
+    /** How Gaussians come together in an image. */
+    get compositor() {
+        const weighting = this.#appearance === "splats" && this.#scene?.weighting;
+        return this.#pointsOnly ? "points" : weighting ? `sort-free: ${weighting.form}` : "sorted";
+    }
+
     /** Whether no other renderer will replace the current one soon. */
     get isSettled() {
         return this.#pointsOnly || this.#drawing === this.#gpu;

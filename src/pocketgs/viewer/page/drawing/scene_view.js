@@ -13,6 +13,12 @@ import { SceneRenderer } from "./scene_renderer.js";
  * @typedef {import("../scene/camera.js").Pose} Pose
  * @typedef {import("../scene/gaussian_columns.js").GaussianColumns} GaussianColumns
  * @typedef {import("./point_renderer.js").PointRenderer} PointRenderer
+ *
+ * @typedef {Object} Statistics
+ * @property {number} count of Gaussians
+ * @property {string} compositor how they come together in an image
+ * @property {number} bytes size of the scene's file, or 0
+ * @property {number} milliseconds mean duration of the last frames
  */
 
 /** Duration of the animation from one camera to another, in seconds. */
@@ -24,7 +30,7 @@ const BACKGROUNDS = [
     [1, 1, 1],
 ];
 
-/** Number of frames that the frame rate is averaged over. */
+/** Number of frames that the frame time is averaged over. */
 const FRAMES_COUNTED = 20;
 
 /** Pause before the next frame of a loading scene, as a multiple of the last frame's duration. */
@@ -48,7 +54,7 @@ export class SceneView {
     /**
      * @param {HTMLCanvasElement} canvas that receives pointer events
      * @param {PointRenderer} points
-     * @param {{onStatistics: (count: number, framesPerSecond: number) => void, onFault: (text: string) => void}} told
+     * @param {{onStatistics: (found: Statistics) => void, onFault: (text: string) => void}} told
      */
     constructor(canvas, points, { onStatistics, onFault }) {
         this.#canvas = canvas;
@@ -193,7 +199,8 @@ export class SceneView {
         this.#times = [...this.#times, took].slice(-FRAMES_COUNTED);
         if (this.#renderer.isSettled) {
             const mean = this.#times.reduce((sum, time) => sum + time, 0) / this.#times.length;
-            this.#onStatistics(this.#renderer.count, 1000 / mean);
+            const { count, compositor, fileBytes } = this.#renderer;
+            this.#onStatistics({ count, compositor, bytes: fileBytes, milliseconds: mean });
         }
     }
 }

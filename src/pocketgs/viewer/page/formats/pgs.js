@@ -9,6 +9,7 @@ import { coarsenessOf, nearestBefore, readColours, readHarmonics, readScales, re
 import { decodePositions } from "./pgs_positions.js";
 import { finenessOf, quaternionOf, stepOf } from "./pgs_rotations.js";
 import { splitSections } from "./pgs_sections.js";
+import { readWeighting } from "./pgs_weights.js";
 import { MAX_NUMBER, RangeDecoder } from "./range_decoder.js";
 
 /** Bytes of the section of fields. */
@@ -46,6 +47,9 @@ export async function readPgs(source) {
     });
     if (coefficients > 1) {
         fillHarmonics(coderOf, layout, gaussians);
+    }
+    if (sections.has("weights")) {
+        gaussians.weighting = readWeighting(sections, count);
     }
     return gaussians;
 }

@@ -11,7 +11,18 @@ const ROW = 16;
 const OPTIONAL = 1;
 
 /** The sections that can be read, and their types. */
-const KNOWN = { scene: 1, position: 2, scale: 3, rotation: 3, opacity: 3, colour: 3, codebook: 3, harmonic: 3 };
+const KNOWN = {
+    scene: 1,
+    position: 2,
+    scale: 3,
+    rotation: 3,
+    opacity: 3,
+    colour: 3,
+    codebook: 3,
+    harmonic: 3,
+    weights: 1,
+    view: 3,
+};
 
 const CRC_TABLE = Uint32Array.from({ length: 256 }, (_, byte) => {
     for (let bit = 0; bit < 8; bit++) {

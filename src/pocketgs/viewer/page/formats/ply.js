@@ -1,10 +1,12 @@
 /**
- * The `.ply` of the reference 3DGS implementation; the twin of `formats/ply.py`.
+ * The `.ply` of the reference 3DGS implementation, and with weights; the twin of `formats/ply.py` and
+ * `sort_free/ply_file.py`.
  *
  * @module
  */
 
 import { GaussianColumns, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../scene/gaussian_columns.js";
+import { Weighting, numbersOf } from "../scene/weighting.js";
 
 /**
  * @typedef {import("./byte_stream.js").ByteStream} ByteStream
@@ -45,7 +47,7 @@ const COEFFICIENTS = { 0: 1, 9: 4, 24: 9, 45: 16 };
  * @throws {Error} it is broken, or holds no Gaussians
  */
 export async function readPly(source, bytes, onPart) {
-    const { count, properties, stride, littleEndian } = parseHeader(await takeHeader(source));
+    const { count, properties, stride, littleEndian, comments } = parseHeader(await takeHeader(source));
     if (count * stride > bytes) {
         throw new Error(`the file is cut short: ${bytes} bytes cannot hold ${count} Gaussians of ${stride} bytes`);
     }
@@ -54,6 +56,7 @@ export async function readPly(source, bytes, onPart) {
         throw new Error(`the .ply has ${rest} f_rest properties, expected 0, 9, 24 or 45`);
     }
     const gaussians = new GaussianColumns(count, COEFFICIENTS[rest]);
+    gaussians.weighting = weightingIn(comments, properties, count);
     const targets = targetsIn(gaussians, properties);
     for (let first = 0; first < count; first += ROWS_AT_ONCE) {
         const rows = Math.min(ROWS_AT_ONCE, count - first);
@@ -107,7 +110,23 @@ function parseHeader(text) {
         properties.set(name, { type: method, offset: stride });
         stride += size;
     }
-    return { count: Number(elements[0][2]), properties, stride, littleEndian: format === "binary_little_endian" };
+    const comments = new Map(lines.filter((words) => words[0] === "comment" && words.length === 3).map(([, ...of]) => of));
+    const littleEndian = format === "binary_little_endian";
+    return { count: Number(elements[0][2]), properties, stride, littleEndian, comments };
+}
+
+/** Room for the weights that the header states, or null. */
+function weightingIn(comments, properties, count) {
+    const form = comments.get("sort_free");
+    if (form === undefined) {
+        return null;
+    }
+    const valueOf = (name) => Number(comments.get(`sort_free_${name}`));
+    let coefficients = 0;
+    while (properties.has(`view_${coefficients}`)) {
+        coefficients++;
+    }
+    return new Weighting(form, valueOf("unit"), numbersOf(form).map(valueOf), coefficients, count);
 }
 
 /** The target column of each property. */
@@ -124,6 +143,9 @@ function targetsIn(gaussians, properties) {
     const higher = gaussians.coefficients - 1;
     for (let i = 0; i < 3 * higher; i++) {
         columns.set(`f_rest_${i}`, gaussians.harmonics(1 + (i % higher), Math.floor(i / higher)));
+    }
+    for (let k = 0; k < (gaussians.weighting?.coefficients ?? 0); k++) {
+        columns.set(`view_${k}`, gaussians.weighting.column(k));
     }
     return [...columns].map(([name, values]) => {
         if (!properties.has(name)) {

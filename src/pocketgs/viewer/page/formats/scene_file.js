@@ -38,6 +38,7 @@ export async function readScene(name, stream, bytes, onProgress = () => {}, onPa
         if (gaussians.count === 0) {
             throw new Error("the file holds no Gaussians");
         }
+        gaussians.fileBytes = bytes ?? 0;
         return gaussians;
     } catch (error) {
         throw new Error(`${name}: ${error.message}`, { cause: error });

@@ -50,6 +50,10 @@ export class GaussianColumns {
         this.shape = new Float32Array(SHAPE_COLUMNS * count);
         /** (3 K, N): coefficient by coefficient, RGB each. */
         this.sh = new Float32Array(3 * coefficients * count);
+        /** @type {import("./weighting.js").Weighting | null} of a scene that is drawn without sorting */
+        this.weighting = null;
+        /** Size of the file that it was read from, or 0. */
+        this.fileBytes = 0;
     }
 
     /**

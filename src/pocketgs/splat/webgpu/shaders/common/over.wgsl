@@ -9,10 +9,14 @@ fn alpha_at(exponent: f32, transmittance: f32) -> f32 {
 }
 
 section forward
-// What a pixel has gathered so far, front to back, is a colour and the transmittance.
-fn with_splat(gathered: vec4f, alpha: f32, colour: vec3f) -> vec4f {
-    let weight = alpha * gathered.a;
-    return vec4f(gathered.rgb + weight * colour, gathered.a - weight);
+// What a pixel has gathered so far, front to back, is a colour and the transmittance, which is 0 beside the image.
+fn nothing_yet(inside: bool) -> vec4f {
+    return vec4f(vec3f(), select(0.0, 1.0, inside));
+}
+
+fn with_splat(gathered: vec4f, alpha: f32, colour: vec3f, weight: f32) -> vec4f {
+    let amount = alpha * gathered.a;
+    return vec4f(gathered.rgb + amount * colour, gathered.a - amount);
 }
 
 // Whether a pixel takes more splats.

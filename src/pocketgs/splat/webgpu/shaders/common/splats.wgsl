@@ -5,6 +5,8 @@ struct Splat {
     depth: f32,
     log2_opacity: f32,
     exponents: vec3f,
+    // How much it counts in an image that is not sorted; 1 in others.
+    weight: f32,
     colour: vec3f,
 }
 
@@ -44,7 +46,41 @@ fn unpack_splat(words: array<u32, SPLAT_WORDS>) -> Splat {
         bitcast<f32>(words[2]),
         bitcast<f32>(words[3]),
         vec3f(bitcast<f32>(words[4]), bitcast<f32>(words[5]), bitcast<f32>(words[6])),
+        1.0,
         vec3f(bitcast<f32>(words[7]), bitcast<f32>(words[8]), bitcast<f32>(words[9])),
+    );
+}
+
+section words_weighted
+// How a splat with a weight is stored: in full precision.
+const SPLAT_WORDS: u32 = 11u;
+
+fn pack_splat(splat: Splat) -> array<u32, SPLAT_WORDS> {
+    let e = bitcast<vec3u>(splat.exponents);
+    let c = bitcast<vec3u>(splat.colour);
+    return array<u32, SPLAT_WORDS>(
+        bitcast<u32>(splat.mean.x),
+        bitcast<u32>(splat.mean.y),
+        bitcast<u32>(splat.depth),
+        bitcast<u32>(splat.log2_opacity),
+        e.x,
+        e.y,
+        e.z,
+        c.r,
+        c.g,
+        c.b,
+        bitcast<u32>(splat.weight),
+    );
+}
+
+fn unpack_splat(words: array<u32, SPLAT_WORDS>) -> Splat {
+    return Splat(
+        bitcast<vec2f>(vec2u(words[0], words[1])),
+        bitcast<f32>(words[2]),
+        bitcast<f32>(words[3]),
+        bitcast<vec3f>(vec3u(words[4], words[5], words[6])),
+        bitcast<f32>(words[10]),
+        bitcast<vec3f>(vec3u(words[7], words[8], words[9])),
     );
 }
 
@@ -82,6 +118,7 @@ fn unpack_splat(words: array<u32, SPLAT_WORDS>) -> Splat {
         bitcast<f32>(words[2]),
         c_opacity.y,
         -vec3f(ab.x * ab.x, 2.0 * ab.x * ab.y, ab.y * ab.y + c * c),
+        1.0,
         vec3f(unpack2x16float(words[5]), unpack2x16float(words[6]).x),
     );
 }

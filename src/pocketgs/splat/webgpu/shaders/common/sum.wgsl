@@ -1,15 +1,20 @@
 // The compositing rule "sum": in any order, C = Σ c_i α_i + T background, T = Π (1 - α_i). No pixel is ever full.
 import appearance.kind
 
-// α where the exponent (to base 2) lets it be drawn, else 0. A negative transmittance marks what is not in the image.
+// α from the cut of 1/255 on, so that a splat comes into a pixel little by little, where the exponent (to base 2) lets it
+// be drawn, else 0. A negative transmittance marks what is not in the image.
 fn alpha_at(exponent: f32, transmittance: f32) -> f32 {
     let drawn = exponent >= LOG2_ALPHA_MIN && transmittance >= 0.0;
-    return select(0.0, opacity_at(exponent), drawn);
+    return select(0.0, max(opacity_at(exponent) - ALPHA_MIN, 0.0), drawn);
 }
 
 section forward
 // What a pixel has gathered so far is a sum and the transmittance.
-fn with_splat(gathered: vec4f, alpha: f32, colour: vec3f) -> vec4f {
+fn nothing_yet(inside: bool) -> vec4f {
+    return vec4f(vec3f(), select(0.0, 1.0, inside));
+}
+
+fn with_splat(gathered: vec4f, alpha: f32, colour: vec3f, weight: f32) -> vec4f {
     return vec4f(gathered.rgb + alpha * colour, gathered.a - alpha * gathered.a);
 }
 
@@ -44,7 +49,9 @@ fn rest_behind(behind: f32, gain: f32) -> f32 {
     return behind;
 }
 
-// ∂L/∂(ln α) = α ∂L/∂α = α (D - H / (1 - α)), from the gain α D; α is flat where it is clamped.
+// By the logarithm of what is drawn, a = α + 1/255: a ∂L/∂α = a (D - H / (1 - α)), from the gain α D. It is flat where it
+// is clamped.
 fn d_log_alpha(gain: f32, behind: f32, alpha: f32) -> f32 {
-    return select(0.0, gain - behind * (alpha / (1.0 - alpha)), alpha < ALPHA_MAX);
+    let drawn = alpha + ALPHA_MIN;
+    return select(0.0, drawn * (gain / alpha - behind / (1.0 - alpha)), alpha < ALPHA_MAX - ALPHA_MIN);
 }

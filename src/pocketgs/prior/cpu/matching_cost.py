@@ -11,15 +11,14 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
+from pocketgs.prior.sweep_constants import BITS, RADIUS
 from pocketgs.system.compile import parallel_kernel, part
 
-RADIUS = 3
 NEIGHBOURS = np.array(
     [(y, x) for y in range(-RADIUS, RADIUS + 1) for x in range(-RADIUS, RADIUS + 1) if (y, x) != (0, 0)], np.int64
 )
 """(row, column) offsets of the neighbours that each pixel is compared with."""
 
-BITS = len(NEIGHBOURS)
 UNSEEN = np.uint8(255)
 
 ROWS_AT_ONCE = 32

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
+from pocketgs.prior.sweep_constants import EDGE, NOISE, OUT_OF_REACH, RIVAL_DISTANCE
 from pocketgs.system.compile import parallel_kernel, part
 
 FOUR_PATHS = np.array([(0, 1), (0, -1), (1, 0), (-1, 0)], np.int64)
@@ -14,16 +15,7 @@ EIGHT_PATHS = np.concatenate([FOUR_PATHS, np.array([(1, 1), (-1, -1), (1, -1), (
 STRIPS = 64
 """Number of strips of neighbouring paths that are distributed to threads."""
 
-EDGE = 16
-"""Difference in grey level that halves the penalty of a large step."""
-
-NOISE = 8
-"""Noise floor in bits per path: margins are measured relative to at least this."""
-
-RIVAL_DISTANCE = 2
-"""Hypotheses within this distance of the winner are not rivals."""
-
-OUT_OF_REACH = np.int16(16000)
+BEYOND = np.int16(OUT_OF_REACH)
 
 
 @parallel_kernel
@@ -49,7 +41,7 @@ def aggregate(costs: np.ndarray, view: np.ndarray, paths: np.ndarray, small_step
         lines, length = lines_of(down, across, height, width)
         for strip in prange(STRIPS):
             first, last = lines * strip // STRIPS, lines * (strip + 1) // STRIPS
-            reached = np.full((last - first, hypotheses + 2), OUT_OF_REACH)
+            reached = np.full((last - first, hypotheses + 2), BEYOND)
             least = np.zeros(last - first, np.int16)
             for step in range(length):
                 for line in range(first, last):
@@ -92,7 +84,7 @@ def place_on_line(line: int, step: int, down: int, across: int, height: int, wid
 @part
 def begin(costs: np.ndarray, reached: np.ndarray, total: np.ndarray) -> np.int16:
     """Start a path: L(d) = C(d). Returns min L."""
-    least = OUT_OF_REACH
+    least = BEYOND
     for d in range(len(costs)):
         value = np.int16(costs[d])
         reached[d + 1] = value
@@ -122,7 +114,7 @@ def extend(
     for d in range(hypotheses):
         near = np.int16(min(below[d], above[d]) + small_step)
         fresh[d] = np.int16(np.int16(costs[d]) + np.int16(min(min(here[d], near), far) - least))
-    smallest = OUT_OF_REACH
+    smallest = BEYOND
     for d in range(hypotheses):
         value = fresh[d]
         here[d] = value

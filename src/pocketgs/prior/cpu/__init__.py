@@ -1,0 +1,1 @@
+"""The plane sweep on the CPU, in Numba kernels."""

@@ -1,0 +1,85 @@
+"""What Gaussians look like from a camera, before they are weighted: in NumPy, of any precision.
+
+The engine "reference" uses it as it stands; `kernels.py` has the same in Numba.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.spherical_harmonics import basis
+from pocketgs.sort_free.scene import SortFreeScene
+from pocketgs.splat.constants import ALPHA_MIN, BRIGHTEST
+
+LEAST_VIEW = -1e30
+"""v of what is not drawn."""
+
+LEAST_LOGIT = float(np.log(ALPHA_MIN / (1.0 - ALPHA_MIN)))
+"""Fainter Gaussians are not drawn by any engine."""
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """What is seen of N Gaussians.
+
+    Attributes:
+        drawn: (N,) whether they lie beyond the near plane and hold numbers that can be drawn.
+        in_image: (N,) whether they are drawn, with their centres in the image.
+        lengths: (N,) distances from the camera, in scene units.
+        depths: (N,).
+        colours: (N, 3), cut to 0 where negative; 0 of what is not drawn.
+        views: (N,) v; `LEAST_VIEW` of what is not drawn.
+        sizes: (N,) largest scales, in the scene's unit; 0 of what is not drawn.
+    """
+
+    drawn: np.ndarray
+    in_image: np.ndarray
+    lengths: np.ndarray
+    depths: np.ndarray
+    colours: np.ndarray
+    views: np.ndarray
+    sizes: np.ndarray
+
+
+def appearance_of(scene: SortFreeScene, camera: Camera, near: float) -> Appearance:
+    """What a camera sees of the Gaussians of depth `near` and more."""
+    parameters = scene.gaussians
+    kind = parameters.means.dtype
+    with np.errstate(all="ignore"):
+        depths = camera.depths(parameters.means).astype(kind)
+        drawn = np.isfinite(parameters.means).all(axis=1) & (depths >= near)
+        directions, lengths = directions_to(scene, camera, drawn)
+        harmonics = basis(directions, max(parameters.sh.shape[1], scene.views.shape[1]))
+        colours = 0.5 + np.einsum("nk,nkc->nc", harmonics[:, : parameters.sh.shape[1]], parameters.sh)
+        views = np.einsum("nk,nk->n", harmonics[:, : scene.views.shape[1]], scene.views)
+        sizes = np.exp(parameters.log_scales.max(axis=1)) / scene.unit
+        drawn &= np.all(np.abs(colours) < BRIGHTEST, axis=1) & np.isfinite(views) & np.isfinite(sizes)
+        in_image = drawn & (parameters.opacity_logits >= LEAST_LOGIT) & _centre_in_image(parameters.means, camera)
+    return Appearance(
+        drawn,
+        in_image,
+        lengths,
+        depths,
+        np.where(drawn[:, None], np.maximum(colours, 0.0), 0.0).astype(kind),
+        np.where(drawn, views, LEAST_VIEW).astype(kind),
+        np.where(drawn, sizes, 0.0).astype(kind),
+    )
+
+
+def directions_to(scene: SortFreeScene, camera: Camera, drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 3) unit vectors from the camera to the Gaussians, and their distances; of those not drawn, some that can be
+    computed with: they may be as near as they like, or nowhere.
+    """
+    means = scene.gaussians.means
+    offsets = np.where(drawn[:, None], means - camera.centre, (0.0, 0.0, scene.unit)).astype(means.dtype)
+    lengths = np.sqrt(np.einsum("ni,ni->n", offsets, offsets))
+    return offsets / lengths[:, None], lengths
+
+
+def _centre_in_image(means: np.ndarray, camera: Camera) -> np.ndarray:
+    pixels, depths = camera.project(means)
+    # What a lens does not show has depth 0.
+    return (depths > 0.0) & np.all((pixels >= 0.0) & (pixels <= (camera.width, camera.height)), axis=1)

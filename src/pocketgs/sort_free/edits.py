@@ -1,0 +1,28 @@
+"""Edits of sort-free scenes: those of other scenes, with the weights going along."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.sort_free.scene import SortFreeScene
+
+
+def edited(scene: SortFreeScene, edit: Callable[[Gaussians], Gaussians], factor: float = 1.0) -> SortFreeScene:
+    """A scene after an edit of its Gaussians.
+
+    Args:
+        scene: to edit.
+        edit: selects, moves, rotates or scales Gaussians; it leaves the degree of their harmonics as it is.
+        factor: that it scales by.
+    """
+    gaussians = edit(scene.gaussians)
+    views = np.zeros((len(gaussians), 0), np.float32)
+    if scene.views.shape[1]:
+        # v depends on directions as colours do, so what happens to colours happens to it.
+        twin = replace(scene.gaussians, sh=np.repeat(scene.views[..., None], 3, axis=2))
+        views = np.ascontiguousarray(edit(twin).sh[..., 0])
+    return replace(scene, gaussians=gaussians, unit=scene.unit * factor, views=views)

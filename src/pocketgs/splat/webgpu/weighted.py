@@ -1,0 +1,125 @@
+"""Drawing without sorting in compute shaders: weights and colours are made on the GPU, view by view."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
+from pocketgs.gpu.adapters import BUFFER_LIMITS, choose_adapter
+from pocketgs.gpu.device import shared_device
+from pocketgs.gpu.executor import Executor
+from pocketgs.scene.background import checked_background
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.checks import checked_scene
+from pocketgs.splat.engine import EngineOptions, Rendering
+from pocketgs.splat.near_plane import near_plane
+from pocketgs.splat.webgpu.frame_values import view_values
+from pocketgs.splat.webgpu.memory import GROWTH, INTERSECTIONS_PER_GAUSSIAN, MIN_INTERSECTIONS, check_buffers
+from pocketgs.splat.webgpu.passes import Variant, Weights, describe
+from pocketgs.splat.webgpu.scene_columns import to_columns, transposed
+
+NUMBERS = ("sigma", "beta", "background")
+"""That weights may be made with: see `common/weights.wgsl`."""
+
+
+class WeightedDrawing:
+    """Draws a scene whose Gaussians have weights; see `pocketgs.splat.engine.Renderer`.
+
+    Args:
+        gaussians: the scene.
+        weights: what Gaussians are weighted by.
+        unit: length that distances are measured in, in scene units.
+        numbers: those of `NUMBERS` that the weights are made with.
+        views: (N, K) spherical harmonics of what a weight depends on, K = 0, 1, 4, 9 or 16.
+        gpu: part of the name of the GPU to use, or None for the best.
+        max_memory: megabytes of GPU memory that buffers may take.
+
+    Raises:
+        PocketGSError: there is no such device, or it lacks something.
+    """
+
+    def __init__(
+        self,
+        gaussians: Gaussians,
+        weights: Weights,
+        unit: float,
+        numbers: Mapping[str, float],
+        views: np.ndarray,
+        gpu: str | None = None,
+        max_memory: int = EngineOptions.max_memory,
+    ) -> None:
+        adapter = choose_adapter(gpu)
+        variant = Variant(subgroups="subgroup" in adapter.features, weights=weights)
+        device = shared_device(adapter, variant.features)
+        self._executor = Executor(device, describe(variant, training=False))
+        self._largest = min(device.limits[name] for name in BUFFER_LIMITS)
+        self._max_memory = max_memory
+        scene = checked_scene(gaussians)
+        count = len(scene)
+        self._near = near_plane(scene.means)
+        self._counts = {
+            "gaussians": count,
+            "capacity": count,
+            "coefficients": scene.sh.shape[1],
+            "view_coefficients": views.shape[1],
+        }
+        self._intersections = max(MIN_INTERSECTIONS, INTERSECTIONS_PER_GAUSSIAN * count)
+        shape, sh = to_columns(scene)
+        self._columns = {"shape": shape, "sh": sh, "views": transposed(views)}
+        values = {name: numbers.get(name, 0.0) for name in NUMBERS}
+        self._weighting = {"unit": unit, "view_coefficients": views.shape[1], **values}
+        self._made: dict[str, int] = {}
+
+    def render(
+        self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False
+    ) -> Rendering:
+        """Render the scene.
+
+        Raises:
+            PocketGSError: it does not fit in the GPU's memory, or the camera has a lens.
+        """
+        image = self._draw("render", camera, checked_background(background))
+        alpha, expected_depth = 1.0 - image[..., 3], None
+        if depth:
+            total = self._draw("render depth", camera, (0.0, 0.0, 0.0))[..., 0]
+            expected_depth = np.divide(total, alpha, out=np.zeros_like(alpha), where=alpha > 0.0)
+        return Rendering(np.ascontiguousarray(image[..., :3]), alpha, expected_depth)
+
+    def _draw(self, sequence: str, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:
+        """(H, W, 4) float32: colour and how much of the background shows."""
+        while True:
+            symbols = self._make_room(camera)
+            self._executor.write_uniform("view", view_values(camera, background, self._near, symbols))
+            self._executor.submit(sequence, symbols)
+            pixels = self._executor.read("image", np.float32, 4 * symbols["pixels"])
+            _, halted, needed = self._executor.read("status", np.uint32, 3)
+            if not halted:
+                return pixels.reshape(camera.height, camera.width, 4)
+            self._intersections = int(needed * GROWTH)
+            self._executor.write("status", np.zeros(3, np.uint32))
+
+    def _make_room(self, camera: Camera) -> dict[str, int]:
+        """Make the buffers for an image, and write the scene to them if they are new."""
+        description = self._executor.description
+        given = {"width": camera.width, "height": camera.height, "replay_depth": 0}
+        symbols = description.symbols({**self._counts, **given, "intersections": self._intersections})
+        sizes = description.sizes(symbols, description.buffers_of(description.sequences))
+        if sizes != self._made:
+            check_buffers(sizes, self._largest, "fewer Gaussians or smaller images")
+            total = sum(sizes.values()) / 1e6
+            if total > self._max_memory:
+                expected = "expected a larger --max-memory, or smaller images (--downscale)"
+                raise PocketGSError(
+                    f"this would take {total:.0f} MB of GPU memory, the limit is {self._max_memory} MB: {expected}"
+                )
+            self._executor.reserve(sizes)
+            if not self._made:
+                for name, values in self._columns.items():
+                    self._executor.write(name, values)
+                self._executor.write_uniform("weighting", self._weighting)
+                self._executor.clear("cluster_bounds")
+            self._made = sizes
+        return symbols

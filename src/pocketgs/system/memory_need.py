@@ -1,0 +1,13 @@
+"""What a piece of work takes of memory, worked out before it starts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class MemoryNeed:
+    """Bytes of memory: `process` of this process's, `device` of a GPU's."""
+
+    process: int
+    device: int = 0

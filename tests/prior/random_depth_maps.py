@@ -1,0 +1,21 @@
+"""Depth maps at random, to compare."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pocketgs.geometry.camera import look_at
+from pocketgs.prior.consistency import Views
+
+
+def random_views(seed: int) -> Views:
+    """Three views from around of something at a distance of 4, of different sizes, some of whose depths are unknown."""
+    rng = np.random.default_rng(seed)
+    sizes = np.array([[9, 13], [11, 8], [7, 15]])
+    depths = rng.choice([0.0, 3.9, 4.0, 4.03, 6.0], (3, 11, 15)).astype(np.float32)
+    poses = [look_at(rng.normal(0, 0.7, 3) - [0, 0, 4], rng.normal(0, 0.2, 3), rng.normal(size=3)) for _ in sizes]
+    for depth, (height, width) in zip(depths, sizes, strict=True):
+        depth[height:], depth[:, width:] = 4.0, 4.0  # never to be looked at
+    intrinsics = np.array([(12.0, 13.0, width / 2, height / 2 + 1) for height, width in sizes])
+    rotations, translations = np.array([p[:3, :3] for p in poses]), np.array([p[:3, 3] for p in poses])
+    return Views(depths, intrinsics, sizes, rotations, translations, np.array([1e-4, 0.005, 0.001]))
