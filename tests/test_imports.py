@@ -95,8 +95,9 @@ ROOMS = {
     "sort_free": "capture errors files geometry scene splat system training",
     "results": "capture errors files geometry metrics prior scene splat system training",
     "viewer": "capture errors files geometry gpu results scene splat system training",
+    "site": "capture errors geometry gpu prior results scene splat training viewer",
     "bench": "capture errors files results scene system training",
-    "cli": "bench capture compression errors files geometry gpu metrics prior results scene sort_free splat"
+    "cli": "bench capture compression errors files geometry gpu metrics prior results scene site sort_free splat"
     " structure_from_motion system training viewer",
 }
 """The rooms of the house, each below those that follow, and which others each may import."""

@@ -27,6 +27,7 @@ SUBCOMMANDS = {
     "distil": "distil",
     "convert": "convert",
     "export-colmap": "export_colmap",
+    "site": "site",
     "demo": "demo",
     "bench": "bench",
 }

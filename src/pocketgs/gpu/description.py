@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pocketgs.gpu.shader_library import Shader
@@ -73,6 +73,28 @@ class Description:
     uniforms: Mapping[str, UniformLayout]
     shaders: Mapping[str, Shader]
     sequences: Mapping[str, Sequence]
+
+    def part(self, sequences: Iterable[str], never: Iterable[str] = ()) -> Description:
+        """What a host needs that runs only some of the sequences, and of these leaves passes out.
+
+        Args:
+            sequences: names of those that it runs.
+            never: names of passes that it leaves out.
+        """
+        kept = {
+            name: replace(one, passes=tuple(each for each in one.passes if each.name not in never))
+            for name, one in ((name, self.sequences[name]) for name in sequences)
+        }
+        run = {each.shader for one in kept.values() for each in one.passes}
+        shaders = {name: shader for name, shader in self.shaders.items() if name in run}
+        smaller = replace(self, sequences=kept, shaders=shaders)
+        buffers = set(smaller.buffers_of(kept))
+        used = {binding.name for shader in shaders.values() for binding in shader.bindings}
+        return replace(
+            smaller,
+            buffers={name: size for name, size in self.buffers.items() if name in buffers},
+            uniforms={name: layout for name, layout in self.uniforms.items() if name in used},
+        )
 
     def symbols(self, given: Symbols) -> dict[str, int]:
         """The given numbers and all that are derived from them."""

@@ -1,0 +1,1 @@
+"""A static site that trains captures in the browser, and the command's part that writes it."""

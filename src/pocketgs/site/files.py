@@ -1,0 +1,53 @@
+"""The files of the site: the page, the modules that it shares with the viewer, the passes, and the settings."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pocketgs.gpu
+import pocketgs.viewer
+from pocketgs.site.settings import settings
+from pocketgs.splat.webgpu.passes import Variant, describe
+
+PAGE = Path(__file__).parent / "page"
+VIEWER = Path(pocketgs.viewer.__file__).parent / "page"
+EXECUTOR = Path(pocketgs.gpu.__file__).parent
+
+SHARED = (
+    "controls/pointer.js",
+    "drawing/frame_loop.js",
+    "drawing/view_values.js",
+    "icon.svg",
+    "live/curves.js",
+    "scene/camera.js",
+    "scene/gaussian_columns.js",
+    "scene/near_plane.js",
+    "scene/vectors.js",
+    "styles/live.css",
+    "styles/messages.css",
+    "styles/style.css",
+)
+"""Of the viewer's files, those that the page uses."""
+
+SEQUENCES = ("render", "step")
+NEVER = ("learn colours", "collect statistics", "regularise")
+"""Passes that no step of the page's recipe has."""
+
+HTML = "index.html"
+
+
+def site_files() -> dict[str, bytes]:
+    """The content of every file, by its path in the site."""
+    files = {f"page/{name}": (VIEWER / name).read_bytes() for name in SHARED}
+    files |= {f"gpu/{path.name}": path.read_bytes() for path in sorted(EXECUTOR.glob("*.js"))}
+    own = [path for path in sorted(PAGE.rglob("*")) if path.is_file()]
+    files |= {f"train/{path.relative_to(PAGE).as_posix()}": path.read_bytes() for path in own}
+    files[HTML] = files.pop(f"train/{HTML}")
+    files["train/passes.json"] = _encoded(describe(Variant()).part(SEQUENCES, NEVER).to_json())
+    files["train/settings.json"] = _encoded(settings())
+    return files
+
+
+def _encoded(content: object) -> bytes:
+    return json.dumps(content, separators=(",", ":")).encode()

@@ -1,0 +1,131 @@
+/**
+ * Reading zip files without unpacking them (PKWARE's APPNOTE, section 4.3): stored and deflated files.
+ *
+ * @module
+ */
+
+import { crc32 } from "./crc32.js";
+import { MAX_FILE_BYTES, StoredFile } from "./tree.js";
+
+const END_BYTES = 22;
+const MAX_COMMENT = 0xffff;
+const ENTRY_BYTES = 46;
+const LOCAL_BYTES = 30;
+const END_MARK = 0x0605_4b50;
+const ENTRY_MARK = 0x0201_4b50;
+const LOCAL_MARK = 0x0403_4b50;
+const ENCRYPTED = 1;
+const STORED = 0;
+const DEFLATED = 8;
+/** What a field of 32 bits holds where the number stands in a field of 64 bits elsewhere. */
+const ELSEWHERE = 0xffff_ffff;
+const MAX_FILES = 50_000;
+const MAX_DIRECTORY_BYTES = 1 << 26;
+
+/**
+ * List the files of an archive. Nothing is unpacked before it is read.
+ *
+ * @param {Blob} archive
+ * @param {string} name of the archive, for messages
+ * @returns {Promise<StoredFile[]>}
+ * @throws {Error} it is no zip file, or a broken one
+ */
+export async function filesInZip(archive, name) {
+    const refused = (found) => new Error(`${name}: ${found}`);
+    const { count, offset, bytes } = await findDirectory(archive, refused);
+    const directory = await viewOf(archive, offset, bytes);
+    const files = [];
+    for (let at = 0, i = 0; i < count; i++) {
+        if (at + ENTRY_BYTES > directory.byteLength || directory.getUint32(at, true) !== ENTRY_MARK) {
+            throw refused(`its list of files is broken after ${i} of ${count}: expected a whole zip file`);
+        }
+        const entry = readEntry(directory, at);
+        at += entry.bytes;
+        if (!entry.path.endsWith("/")) {
+            files.push(new StoredFile(entry.path, entry.size, () => unpacked(archive, entry, refused)));
+        }
+    }
+    return files;
+}
+
+async function findDirectory(archive, refused) {
+    const start = Math.max(0, archive.size - END_BYTES - MAX_COMMENT);
+    const end = await viewOf(archive, start, archive.size - start);
+    for (let at = end.byteLength - END_BYTES; at >= 0; at--) {
+        if (end.getUint32(at, true) !== END_MARK) {
+            continue;
+        }
+        const count = end.getUint16(at + 10, true);
+        const [bytes, offset] = [12, 16].map((field) => end.getUint32(at + field, true));
+        if (offset === ELSEWHERE || count === 0xffff) {
+            throw refused("is of more than 4 GB or 65,534 files: expected a smaller zip file, or the folder itself");
+        }
+        if (offset + bytes > start + at || bytes > MAX_DIRECTORY_BYTES || count > MAX_FILES) {
+            throw refused("its list of files is broken: expected a whole zip file");
+        }
+        return { count, offset, bytes };
+    }
+    throw refused("is no zip file, or cut short: it has no list of files at its end");
+}
+
+function readEntry(directory, at) {
+    const lengths = [28, 30, 32].map((field) => directory.getUint16(at + field, true));
+    const name = new Uint8Array(directory.buffer, directory.byteOffset + at + ENTRY_BYTES);
+    return {
+        bytes: ENTRY_BYTES + lengths[0] + lengths[1] + lengths[2],
+        flags: directory.getUint16(at + 8, true),
+        method: directory.getUint16(at + 10, true),
+        sum: directory.getUint32(at + 16, true),
+        packed: directory.getUint32(at + 20, true),
+        size: directory.getUint32(at + 24, true),
+        offset: directory.getUint32(at + 42, true),
+        path: new TextDecoder().decode(name.subarray(0, lengths[0])),
+    };
+}
+
+async function unpacked(archive, { path, flags, method, sum, packed, size, offset }, refused) {
+    if (flags & ENCRYPTED) {
+        throw refused(`${path} is encrypted: expected a zip file without a password`);
+    }
+    if (method !== STORED && method !== DEFLATED) {
+        throw refused(`${path} is compressed by method ${method}: expected a file that is stored or deflated`);
+    }
+    if (size > MAX_FILE_BYTES) {
+        throw refused(`${path} would take ${Math.ceil(size / 1e6)} MB: expected at most ${MAX_FILE_BYTES / 1e6} MB`);
+    }
+    const local = offset + LOCAL_BYTES <= archive.size ? await viewOf(archive, offset, LOCAL_BYTES) : null;
+    if (local?.getUint32(0, true) !== LOCAL_MARK) {
+        throw refused(`${path} is not where its list of files says: expected a whole zip file`);
+    }
+    const start = offset + LOCAL_BYTES + local.getUint16(26, true) + local.getUint16(28, true);
+    const content = archive.slice(start, start + packed);
+    const inflate = () => content.stream().pipeThrough(new DecompressionStream("deflate-raw"));
+    const bytes = await taken(method === DEFLATED ? inflate() : content.stream(), size).catch(() => null);
+    if (bytes === null || crc32(bytes) !== sum) {
+        throw refused(`${path} is damaged: its content is not what was packed`);
+    }
+    return bytes;
+}
+
+/** All of a stream, or null where it is not of the size that was stated: no more than that is ever kept. */
+async function taken(stream, size) {
+    const bytes = new Uint8Array(size);
+    let filled = 0;
+    const reader = stream.getReader();
+    for (;;) {
+        const { value, done } = await reader.read();
+        if (done) {
+            return filled === size ? bytes : null;
+        }
+        if (filled + value.length > size) {
+            await reader.cancel();
+            return null;
+        }
+        bytes.set(value, filled);
+        filled += value.length;
+    }
+}
+
+async function viewOf(blob, start, bytes) {
+    return new DataView(await blob.slice(start, start + bytes).arrayBuffer());
+}

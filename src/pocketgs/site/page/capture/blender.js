@@ -1,0 +1,39 @@
+/**
+ * Reader of NeRF-Synthetic scenes, rendered by Blender; see `capture/blender.py`.
+ *
+ * @module
+ */
+
+import { Fields } from "./json_fields.js";
+import { absentWarning, readFrames } from "./transforms_file.js";
+
+/** What makes a folder such a capture. */
+export const MARK = "transforms_train.json";
+
+const TEST = "transforms_test.json";
+
+/** @type {(tree: import("../archive/tree.js").FileTree) => boolean} */
+export const recognises = (tree) => tree.find(MARK) !== undefined;
+
+/**
+ * @param {import("../archive/tree.js").FileTree} tree
+ * @param {Object} bounds the settings' `capture`
+ * @returns {Promise<import("./listing.js").Listing>}
+ * @throws {Error} a file is malformed
+ */
+export async function read(tree, bounds) {
+    const [train, warnings] = await readSplit(tree.find(MARK), tree, bounds);
+    const listing = { format: "blender", cloud: null, background: [1, 1, 1] };
+    if (!tree.find(TEST)) {
+        return { ...listing, frames: train, heldOut: null, warnings };
+    }
+    const [test, moreWarnings] = await readSplit(tree.find(TEST), tree, bounds);
+    const heldOut = new Set(test.map(({ name }) => name));
+    return { ...listing, frames: [...train, ...test], heldOut, warnings: [...warnings, ...moreWarnings] };
+}
+
+async function readSplit(file, tree, bounds) {
+    const document = await Fields.of(file);
+    const frames = await readFrames(document, tree, bounds);
+    return [frames.filter(Boolean), absentWarning(frames, document)];
+}

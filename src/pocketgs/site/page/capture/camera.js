@@ -1,0 +1,144 @@
+/**
+ * Cameras that files state: checked, and in OpenCV axes with pixel centres at + 0.5; see `capture/poses.py`.
+ *
+ * @module
+ */
+
+/**
+ * @typedef {Object} Camera
+ * @property {number} width pixels
+ * @property {number} height
+ * @property {number} fx focal lengths and principal point in pixels
+ * @property {number} fy
+ * @property {number} cx
+ * @property {number} cy
+ * @property {number[]} world_to_camera 4 x 4, row by row
+ */
+
+/**
+ * Make a camera from numbers that a file states.
+ *
+ * @param {string} where file and frame, for messages
+ * @param {{size: number[], focal: number[], centre: number[]}} intrinsics in pixels
+ * @param {number[]} rotation world to camera, 3 x 3 row by row, from `exactRotation` or `rotationOf`
+ * @param {number[]} translation
+ * @param {Object<string, number>} bounds the settings' `capture`
+ * @returns {Camera}
+ * @throws {Error} a number is not usable
+ */
+export function cameraAt(where, { size, focal, centre }, rotation, translation, bounds) {
+    if (!size.every((side) => side >= 1 && side <= 2 ** 24)) {
+        throw new Error(`${where}: image size ${size.join("x")}, expected 1 to ${2 ** 24} pixels a side`);
+    }
+    if (!focal.every((value) => value >= bounds.min_focal_length && value <= bounds.max_intrinsic)) {
+        throw new Error(`${where}: focal lengths ${focal.join(", ")}, expected positive numbers of pixels`);
+    }
+    if (!centre.every((value) => Math.abs(value) <= bounds.max_intrinsic)) {
+        throw new Error(`${where}: principal point ${centre.join(", ")}, expected pixels of the image`);
+    }
+    if (!translation.every((value) => Math.abs(value) < bounds.max_coordinate)) {
+        throw new Error(`${where}: the pose holds NaN or coordinates beyond ${bounds.max_coordinate}`);
+    }
+    const pose = [0, 1, 2].flatMap((row) => [...rotation.slice(3 * row, 3 * row + 3), translation[row]]);
+    const [[width, height], [fx, fy], [cx, cy]] = [size.map(Math.round), focal, centre];
+    return { width, height, fx, fy, cx, cy, world_to_camera: [...pose, 0, 0, 0, 1] };
+}
+
+/**
+ * The rotation nearest to one that is off by rounding.
+ *
+ * @param {string} where file and frame, for messages
+ * @param {number[]} rotation 3 x 3 row by row
+ * @param {Object<string, number>} bounds the settings' `capture`
+ * @returns {number[]} 3 x 3 row by row
+ * @throws {Error} it is no rotation
+ */
+export function exactRotation(where, rotation, bounds) {
+    const rows = [0, 3, 6].map((first) => rotation.slice(first, first + 3));
+    const product = rows.flatMap((a, i) => rows.map((b, j) => dot(a, b) - (i === j ? 1 : 0)));
+    if (!(Math.max(...product.map(Math.abs)) <= bounds.rotation_tolerance)) {
+        throw new Error(`${where}: the pose is not rigid, expected a rotation without scale or shear`);
+    }
+    if (determinant(rows) < 0) {
+        throw new Error(`${where}: the pose mirrors the scene, expected a rotation with determinant +1`);
+    }
+    return nearestRotation(rows).flat();
+}
+
+/** The same view in an image of another size. @type {(camera: Camera, width: number, height: number) => Camera} */
+export function resized(camera, width, height) {
+    const [across, down] = [width / camera.width, height / camera.height];
+    const { fx, fy, cx, cy } = camera;
+    return { ...camera, width, height, fx: fx * across, fy: fy * down, cx: cx * across, cy: cy * down };
+}
+
+/** Position in the world. @type {(camera: Camera) => [number, number, number]} */
+export function centreOf({ world_to_camera: m }) {
+    return [0, 1, 2].map((axis) => -(m[axis] * m[3] + m[4 + axis] * m[7] + m[8 + axis] * m[11]));
+}
+
+/** Unit vector along the optical axis. @type {(camera: Camera) => [number, number, number]} */
+export const forwardOf = ({ world_to_camera: m }) => [m[8], m[9], m[10]];
+
+/**
+ * Column, row and depth of a point; the depth is positive in front of the camera.
+ *
+ * @param {Camera} camera
+ * @param {number} x
+ * @param {number} y
+ * @param {number} z
+ * @returns {[number, number, number]}
+ */
+export function projected({ fx, fy, cx, cy, world_to_camera: m }, x, y, z) {
+    const depth = m[8] * x + m[9] * y + m[10] * z + m[11];
+    const safe = Math.abs(depth) > 1e-12 ? depth : 1e-12;
+    const column = (fx * (m[0] * x + m[1] * y + m[2] * z + m[3])) / safe + cx;
+    const row = (fy * (m[4] * x + m[5] * y + m[6] * z + m[7])) / safe + cy;
+    return [column, row, depth];
+}
+
+/** World direction of a place in the image, of length 1 along the optical axis. */
+export function rayOf({ fx, fy, cx, cy, world_to_camera: m }, column, row) {
+    const [x, y] = [(column - cx) / fx, (row - cy) / fy];
+    return [0, 1, 2].map((axis) => x * m[axis] + y * m[4 + axis] + m[8 + axis]);
+}
+
+/**
+ * Rotation of a quaternion w, x, y, z of any length, row by row.
+ *
+ * @param {string} where file and frame, for messages
+ * @param {number[]} quaternion
+ * @returns {number[]}
+ * @throws {Error} it is zero or not finite
+ */
+export function rotationOf(where, quaternion) {
+    const length = Math.hypot(...quaternion);
+    if (!(length > 0 && length < Infinity)) {
+        throw new Error(`${where}: rotation quaternion ${quaternion.join(", ")}, expected finite and not zero`);
+    }
+    const [w, x, y, z] = quaternion.map((value) => value / length);
+    return [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ].flat();
+}
+
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+
+const determinant = ([a, b, c]) =>
+    a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0]);
+
+/** The orthogonal factor of the polar decomposition, by Newton's iteration R ← (R + R⁻ᵀ) / 2 (Higham 1986). */
+function nearestRotation(rows) {
+    let nearest = rows;
+    for (let round = 0; round < 8; round++) {
+        const [a, b, c] = nearest;
+        const share = determinant(nearest);
+        const cofactors = [cross(b, c), cross(c, a), cross(a, b)];
+        nearest = nearest.map((row, i) => row.map((value, j) => (value + cofactors[i][j] / share) / 2));
+    }
+    return nearest;
+}
+
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];

@@ -1,0 +1,100 @@
+/**
+ * Reader of COLMAP captures: a sparse model and a folder of images; see `capture/colmap.py`.
+ *
+ * @module
+ */
+
+import { cameraAt, rotationOf } from "./camera.js";
+import * as binary from "./colmap_binary.js";
+import * as text from "./colmap_text.js";
+import { byCodePoint } from "./listing.js";
+
+/** @typedef {import("../archive/tree.js").FileTree} FileTree */
+
+/** @type {(tree: FileTree, bounds: Object) => boolean} */
+export const recognises = (tree, bounds) => modelFolder(tree, bounds) !== undefined;
+
+/**
+ * @param {FileTree} tree
+ * @param {Object} bounds the settings' `capture`
+ * @returns {Promise<import("./listing.js").Listing>}
+ * @throws {Error} a file is malformed, a camera model is not supported, or no registered image exists
+ */
+export async function read(tree, bounds) {
+    const folder = modelFolder(tree, bounds);
+    const part = (name) => findPart(tree, folder, name);
+    const [inCameras, cameraFile] = part("cameras");
+    const [inImages, imageFile] = part("images");
+    const cameras = await inCameras.readCameras(cameraFile, bounds.camera_models);
+    const registered = await inImages.readImages(imageFile);
+    if (!registered.length) {
+        throw new Error(`${imageFile.path}: registers no image, expected at least one`);
+    }
+    const [files, warnings] = matchFiles(registered, tree, bounds);
+    const frames = registered.flatMap((image, i) => {
+        return files[i] ? [frameOf(image, files[i], cameras, imageFile, bounds)] : [];
+    });
+    const cloud = await readPoints(part("points3D"), bounds);
+    return { format: "colmap", frames, heldOut: null, cloud, background: [0, 0, 0], warnings };
+}
+
+function modelFolder(tree, bounds) {
+    return bounds.model_folders.find((folder) => ["cameras", "images"].every((name) => findPart(tree, folder, name)));
+}
+
+/** A part's reader and file, the binary one if both exist. */
+function findPart(tree, folder, name) {
+    for (const [reader, suffix] of [[binary, ".bin"], [text, ".txt"]]) {
+        const file = tree.find(`${folder}/${name}${suffix}`);
+        if (file) {
+            return [reader, file];
+        }
+    }
+    return undefined;
+}
+
+/** Each registered image's file, undefined where it is missing, and warnings. */
+function matchFiles(registered, tree, { image_folders: usual, usual_images: first }) {
+    const folder = usual.find((name) => tree.paths.some((path) => path.startsWith(`${name}/`))) ?? "";
+    const names = registered.map(({ name }) => name);
+    const files = names.map((name) => tree.find(`${folder}/${name}`));
+    const absent = names.filter((_, i) => !files[i]);
+    if (absent.length < names.length) {
+        const found = `${absent.length} of ${names.length} registered images are absent, the first ${absent[0]}`;
+        return [files, absent.length ? [found] : []];
+    }
+    // Smaller copies are often renamed, but stay in order.
+    const folderOf = (path) => path.slice(0, Math.max(path.lastIndexOf("/"), 0));
+    const present = tree.paths.filter((path) => folderOf(path) === folder && /\.(jpe?g|png)$/i.test(path));
+    if (present.length !== names.length) {
+        const found = `holds none of the ${names.length} registered images, such as ${absent[0]}`;
+        throw new Error(`${folder || first}: ${found}`);
+    }
+    const ordered = names.toSorted(byCodePoint);
+    const renamed = present.toSorted(byCodePoint);
+    const message = `${folder} names its files otherwise: matched to the model in sorted order`;
+    return [names.map((name) => tree.find(renamed[ordered.indexOf(name)])), [message]];
+}
+
+function frameOf(image, file, cameras, imageFile, bounds) {
+    const where = `${imageFile.path}, image ${image.name}`;
+    const camera = cameras.get(image.cameraId);
+    if (!camera) {
+        throw new Error(`${where}: taken by camera ${image.cameraId}, which the model does not have`);
+    }
+    const rotation = rotationOf(where, image.quaternion);
+    const posed = cameraAt(where, camera, rotation, image.translation, bounds);
+    return { name: file.path, file, camera: posed, lens: camera.lens };
+}
+
+async function readPoints(part, bounds) {
+    if (!part) {
+        return null;
+    }
+    const [reader, file] = part;
+    const cloud = await reader.readPoints(file);
+    if (!cloud.positions.every((value) => Math.abs(value) < bounds.max_coordinate)) {
+        throw new Error(`${file.path}: holds NaN or coordinates beyond ${bounds.max_coordinate}`);
+    }
+    return cloud.positions.length ? cloud : null;
+}

@@ -1,0 +1,53 @@
+/**
+ * What COLMAP's sparse models hold, in text or binary; see `capture/colmap_model.py`.
+ *
+ * @module
+ */
+
+/**
+ * @typedef {{number: number, name: string, parameters: string[], fisheye: boolean}} CameraModel
+ *
+ * @typedef {Object} ColmapCamera
+ * @property {number[]} size width and height
+ * @property {number[]} focal
+ * @property {number[]} centre
+ * @property {import("./lens.js").Lens} lens
+ *
+ * @typedef {Object} ColmapImage
+ * @property {string} name
+ * @property {number} cameraId
+ * @property {number[]} quaternion w, x, y, z of world to camera
+ * @property {number[]} translation
+ */
+
+/**
+ * @param {CameraModel} model
+ * @param {number[]} size
+ * @param {number[]} values of its parameters
+ * @param {string} where for messages
+ * @returns {ColmapCamera}
+ */
+export function cameraFrom(model, size, values, where) {
+    if (!values.every(Number.isFinite)) {
+        throw new Error(`${where}: parameters ${values.join(", ")}, expected finite numbers`);
+    }
+    const named = Object.fromEntries(model.parameters.map((name, i) => [name, values[i]]));
+    const order = model.fisheye ? ["k1", "k2", "k3", "k4"] : ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"];
+    return {
+        size,
+        focal: [named.fx ?? named.f, named.fy ?? named.f],
+        centre: [named.cx, named.cy],
+        lens: { model: model.fisheye ? "fisheye" : "opencv", coefficients: order.map((name) => named[name] ?? 0) },
+    };
+}
+
+/**
+ * @param {string} where
+ * @param {string} found
+ * @param {CameraModel[]} models those that are known
+ * @returns {Error}
+ */
+export function unknownModel(where, found, models) {
+    const known = models.map(({ name }) => name).join(", ");
+    return new Error(`${where}: camera model ${found}, expected one of ${known}; undistort with COLMAP first`);
+}

@@ -1,0 +1,85 @@
+/**
+ * What the headers of JPEG and PNG files say, before anything is decoded.
+ *
+ * @module
+ */
+
+/**
+ * @typedef {Object} ImageHeader
+ * @property {number} width pixels as stored
+ * @property {number} height
+ * @property {string} type
+ * @property {Uint8Array} plain the file without EXIF, by which browsers would turn it
+ */
+
+/** A photograph of more pixels would not fit into a phone's memory. */
+const MAX_PIXELS = 120e6;
+
+const START_OF_IMAGE = 0xffd8;
+const START_OF_SCAN = 0xda;
+const EXIF = 0xe1;
+const PNG = [0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0x0a];
+
+/**
+ * @param {Uint8Array} bytes of the file
+ * @param {string} path for messages
+ * @returns {ImageHeader}
+ * @throws {Error} it is neither a JPEG nor a PNG, or too large
+ */
+export function readHeader(bytes, path) {
+    const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+    const header = PNG.every((byte, i) => bytes[i] === byte) ? readPng(view, bytes) : readJpeg(view, bytes);
+    if (!header || header.width < 1 || header.height < 1) {
+        throw new Error(`${path}: not a whole JPEG or PNG image`);
+    }
+    if (header.width * header.height > MAX_PIXELS) {
+        const found = `${header.width}x${header.height} pixels`;
+        throw new Error(`${path}: ${found}, expected at most ${MAX_PIXELS / 1e6} million`);
+    }
+    return header;
+}
+
+function readPng(view, plain) {
+    const whole = view.byteLength >= 24;
+    return whole && { width: view.getUint32(16), height: view.getUint32(20), type: "image/png", plain };
+}
+
+/** Segment by segment, up to where the pixels begin (ITU T.81, annex B). */
+function readJpeg(view, bytes) {
+    if (view.byteLength < 4 || view.getUint16(0) !== START_OF_IMAGE) {
+        return null;
+    }
+    const kept = [bytes.subarray(0, 2)];
+    let size = null;
+    for (let at = 2; at + 4 <= view.byteLength; ) {
+        const kind = view.getUint8(at + 1);
+        if (view.getUint8(at) !== 0xff || kind === START_OF_SCAN) {
+            kept.push(bytes.subarray(at));
+            break;
+        }
+        const end = at + 2 + view.getUint16(at + 2);
+        if (isFrame(kind) && at + 9 <= view.byteLength) {
+            size = { height: view.getUint16(at + 5), width: view.getUint16(at + 7) };
+        }
+        if (kind !== EXIF) {
+            kept.push(bytes.subarray(at, end));
+        }
+        at = end;
+    }
+    return size && { ...size, type: "image/jpeg", plain: joined(kept) };
+}
+
+/** Whether a segment begins a frame, and so states the size: SOF0 to SOF15 but for three that are none. */
+function isFrame(kind) {
+    return kind >= 0xc0 && kind <= 0xcf && ![0xc4, 0xc8, 0xcc].includes(kind);
+}
+
+function joined(parts) {
+    const whole = new Uint8Array(parts.reduce((sum, part) => sum + part.length, 0));
+    let at = 0;
+    for (const part of parts) {
+        whole.set(part, at);
+        at += part.length;
+    }
+    return whole;
+}

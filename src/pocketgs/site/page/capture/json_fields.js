@@ -1,0 +1,103 @@
+/**
+ * Typed access to JSON, with messages that name the file, the field and what was found; see `files/json_fields.py`.
+ *
+ * @module
+ */
+
+/** One object of a JSON file. */
+export class Fields {
+    /**
+     * @param {Object<string, any>} values
+     * @param {string} where the file and the place in it, for messages
+     */
+    constructor(values, where) {
+        this.values = values;
+        this.where = where;
+    }
+
+    /**
+     * @param {import("../archive/tree.js").StoredFile} file
+     * @returns {Promise<Fields>}
+     * @throws {Error} it is no JSON object
+     */
+    static async of(file) {
+        const text = await file.text();
+        let values;
+        try {
+            values = JSON.parse(text);
+        } catch (error) {
+            throw new Error(`${file.path}: not JSON (${error.message})`);
+        }
+        if (typeof values !== "object" || values === null || Array.isArray(values)) {
+            throw new Error(`${file.path}: not a JSON object`);
+        }
+        return new Fields(values, file.path);
+    }
+
+    /** These fields, with others where they are missing. @type {(others: Fields) => Fields} */
+    over(others) {
+        return new Fields({ ...others.values, ...this.values }, this.where);
+    }
+
+    /** @type {(name: string) => number | null} a finite number, or null where there is none */
+    optionalNumber(name) {
+        const value = this.values[name] ?? null;
+        if (value !== null && !Number.isFinite(value)) {
+            throw this.#wrong(name, "a finite number");
+        }
+        return value;
+    }
+
+    /** @type {(name: string) => string} */
+    text(name) {
+        const value = this.optionalText(name);
+        if (value === null) {
+            throw this.#wrong(name, "text");
+        }
+        return value;
+    }
+
+    /** @type {(name: string) => string | null} */
+    optionalText(name) {
+        const value = this.values[name] ?? null;
+        if (value !== null && (typeof value !== "string" || !value)) {
+            throw this.#wrong(name, "text");
+        }
+        return value;
+    }
+
+    /** @type {(name: string) => string[] | null} */
+    optionalTexts(name) {
+        const value = this.values[name] ?? null;
+        if (value !== null && !(Array.isArray(value) && value.every((text) => typeof text === "string"))) {
+            throw this.#wrong(name, "a list of texts");
+        }
+        return value;
+    }
+
+    /** @type {(name: string) => Fields[]} the objects of a list, with their places */
+    objects(name) {
+        const value = this.values[name];
+        const isObject = (one) => typeof one === "object" && one !== null && !Array.isArray(one);
+        if (!Array.isArray(value) || !value.every(isObject)) {
+            throw this.#wrong(name, "a list of objects");
+        }
+        return value.map((one, i) => new Fields(one, `${this.where}, ${name}[${i}]`));
+    }
+
+    /** @type {(name: string, rows: number[], columns: number) => number[][]} `rows` are the numbers of rows allowed */
+    matrix(name, rows, columns) {
+        const value = this.values[name];
+        const isRow = (row) => Array.isArray(row) && row.length === columns && row.every(Number.isFinite);
+        if (!Array.isArray(value) || !rows.includes(value.length) || !value.every(isRow)) {
+            throw this.#wrong(name, `a matrix of ${rows.join(" or ")} rows of ${columns} numbers`);
+        }
+        return value;
+    }
+
+    #wrong(name, expected) {
+        const value = this.values[name];
+        const found = value === undefined ? "nothing" : JSON.stringify(value)?.slice(0, 60);
+        return new Error(`${this.where}: field '${name}' is ${found}, expected ${expected}`);
+    }
+}

@@ -1,0 +1,50 @@
+/**
+ * What the readers find: files, cameras and lenses as a capture states them. No image is decoded yet.
+ *
+ * @module
+ */
+
+/**
+ * @typedef {Object} FrameSource
+ * @property {string} name the image's path in the capture
+ * @property {import("../archive/tree.js").StoredFile} file
+ * @property {import("./camera.js").Camera} camera of the image as the capture states it; the file may be smaller
+ * @property {import("./lens.js").Lens} lens
+ *
+ * @typedef {Object} Cloud
+ * @property {Float64Array} positions (N, 3)
+ * @property {Float32Array} colours (N, 3) RGB in [0, 1]
+ *
+ * @typedef {Object} Listing
+ * @property {string} format
+ * @property {FrameSource[]} frames
+ * @property {Set<string> | null} heldOut names of the capture's own test frames
+ * @property {Cloud | null} cloud
+ * @property {number[]} background RGB in [0, 1]
+ * @property {string[]} warnings
+ */
+
+/**
+ * Which frames are held out; the twin of `capture/hold_out.py`.
+ *
+ * @param {Listing} listing
+ * @param {number} every n-th frame by name, if the capture has no split of its own
+ * @returns {Set<string>} their names
+ */
+export function heldOutOf({ frames, heldOut }, every) {
+    if (heldOut) {
+        return heldOut;
+    }
+    const names = frames.map(({ name }) => name).sort(byCodePoint);
+    return new Set(names.filter((_, i) => i % every === 0));
+}
+
+/** As Python sorts text: by code points, not by the halves of UTF-16. */
+export function byCodePoint(a, b) {
+    const [left, right] = [Array.from(a), Array.from(b)];
+    const at = left.findIndex((character, i) => character !== right[i]);
+    if (at < 0) {
+        return left.length - right.length;
+    }
+    return right[at] === undefined ? 1 : left[at].codePointAt(0) - right[at].codePointAt(0);
+}

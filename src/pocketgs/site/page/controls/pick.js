@@ -1,0 +1,80 @@
+/**
+ * What the user drops on the page, or chooses: a zip file, or a folder.
+ *
+ * @module
+ */
+
+/** @typedef {import("../worker.js").Picked} Picked */
+
+/**
+ * Listen for captures.
+ *
+ * @param {(picked: Picked) => void} onPicked
+ */
+export function listenForCaptures(onPicked) {
+    const hint = document.getElementById("drop");
+    window.addEventListener("dragover", (event) => {
+        event.preventDefault();
+        hint.hidden = false;
+    });
+    window.addEventListener("dragleave", (event) => {
+        // The pointer has left the page.
+        hint.hidden = event.relatedTarget === null;
+    });
+    window.addEventListener("drop", async (event) => {
+        event.preventDefault();
+        hint.hidden = true;
+        // Both before the first wait: afterwards the browser has emptied the transfer.
+        const entries = [...event.dataTransfer.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
+        const files = [...event.dataTransfer.files];
+        const found = entries.some(({ isDirectory }) => isDirectory) ? await filesBelow(entries) : files.map(asFound);
+        pick(found, onPicked);
+    });
+    for (const kind of ["archive", "folder"]) {
+        const input = document.getElementById(`${kind}-input`);
+        document.getElementById(`choose-${kind}`).addEventListener("click", () => input.click());
+        input.addEventListener("change", () => {
+            pick([...input.files].map(asFound), onPicked);
+            input.value = "";
+        });
+    }
+}
+
+/** A lone file counts as an archive: what is none is refused when it is read. */
+function pick(found, onPicked) {
+    if (found.length === 1) {
+        onPicked({ name: found[0].file.name.replace(/\.zip$/i, ""), archive: found[0].file, files: [] });
+    } else if (found.length) {
+        onPicked({ name: found[0].path.split("/")[0], archive: null, files: found });
+    }
+}
+
+const asFound = (file) => ({ path: file.webkitRelativePath || file.name, file });
+
+/** All files below dropped folders. */
+async function filesBelow(entries) {
+    const found = [];
+    for (const waiting = [...entries]; waiting.length; ) {
+        const entry = waiting.pop();
+        if (entry.isDirectory) {
+            waiting.push(...(await entriesOf(entry)));
+        } else {
+            const file = await new Promise((resolve, reject) => entry.file(resolve, reject));
+            found.push({ path: entry.fullPath.replace(/^\//, ""), file });
+        }
+    }
+    return found;
+}
+
+/** Browsers give a folder's entries a hundred at a time, and at last none. */
+async function entriesOf(folder) {
+    const reader = folder.createReader();
+    const all = [];
+    for (;;) {
+        const some = await new Promise((resolve, reject) => reader.readEntries(resolve, reject));
+        if (!some.length) {
+            return all;
+        }
+        all.push(...some);
+    }
+}

@@ -1,0 +1,55 @@
+/**
+ * Where a set of cameras looks; the twin of `geometry/camera_geometry.py`.
+ *
+ * @module
+ */
+
+import { centreOf, forwardOf } from "../capture/camera.js";
+import { add, dot, length, normalised, subtract } from "../../page/scene/vectors.js";
+import { eigenvectors } from "./eigenvectors.js";
+
+/**
+ * The point nearest to all optical axes. Where the axes are parallel it is placed in front of the cameras.
+ *
+ * @param {import("../capture/camera.js").Camera[]} cameras
+ * @param {{min_convergence: number, guessed_distance: number}} settings the settings' `volume`
+ * @returns {[number, number, number]}
+ */
+export function focusPoint(cameras, settings) {
+    const [centres, forwards] = [cameras.map(centreOf), cameras.map(forwardOf)];
+    const centre = meanOf(centres);
+    const squares = centres.map((one) => length(subtract(one, centre)) ** 2);
+    const spread = Math.sqrt(squares.reduce((sum, square) => sum + square, 0) / squares.length);
+    const guess = add(centre, meanDirection(forwards), spread > 0 ? settings.guessed_distance * spread : 1);
+    const across = [0, 1, 2].map((i) =>
+        [0, 1, 2].map((j) => forwards.reduce((sum, f) => sum + (i === j) - f[i] * f[j], 0) / forwards.length),
+    );
+    const residual = meanOf(centres.map((one, i) => withoutPart(subtract(one, guess), forwards[i])));
+    return add(guess, leastSquares(across, residual, settings.min_convergence));
+}
+
+/** Whether the point lies in front of more than half of the cameras. */
+export function looksAt(cameras, point) {
+    const inFront = cameras.filter((camera) => dot(forwardOf(camera), subtract(point, centreOf(camera))) > 0);
+    return 2 * inFront.length > cameras.length;
+}
+
+/** The shortest solution of a symmetric system, without directions that it hardly determines. */
+function leastSquares(matrix, right, least) {
+    const vectors = eigenvectors(matrix);
+    const values = vectors.map((v) => dot(v, matrix.map((row) => dot(row, v))));
+    const largest = Math.max(...values);
+    return vectors.reduce(
+        (sum, v, i) => (values[i] > least * largest ? add(sum, v, dot(v, right) / values[i]) : sum),
+        [0, 0, 0],
+    );
+}
+
+const withoutPart = (vector, direction) => add(vector, direction, -dot(vector, direction));
+
+const meanOf = (vectors) => [0, 1, 2].map((axis) => vectors.reduce((sum, v) => sum + v[axis], 0) / vectors.length);
+
+function meanDirection(directions) {
+    const mean = meanOf(directions);
+    return length(mean) > 1e-9 ? normalised(mean) : directions[0];
+}

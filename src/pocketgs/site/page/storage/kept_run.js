@@ -1,0 +1,148 @@
+/**
+ * A run kept in the browser's own storage, so that it goes on after the page was closed, or killed by the system. Only
+ * the last run is kept, by one page at a time.
+ *
+ * @module
+ */
+
+/**
+ * @typedef {import("../capture/open.js").Capture} Capture
+ * @typedef {import("../training/run.js").Options} Options
+ *
+ * @typedef {Object} Checkpoint
+ * @property {Object} header plain numbers
+ * @property {Float32Array[]} arrays
+ */
+
+const FOLDER = "run";
+const CAPTURE = "capture.json";
+const PHOTOGRAPHS = "photographs.bin";
+const CHECKPOINT = "checkpoint.bin";
+const LOCK = "pocketgs run";
+const MS_TO_WAIT = 1000;
+
+/** The folder with the run. Every file is replaced as a whole or not at all. */
+export class KeptRun {
+    #folder;
+    #number = "";
+
+    /** @param {FileSystemDirectoryHandle} folder */
+    constructor(folder) {
+        this.#folder = folder;
+    }
+
+    /** @returns {Promise<KeptRun | null>} null where the browser keeps nothing, or another page does */
+    static async open() {
+        try {
+            await lockForGood();
+            const root = await navigator.storage.getDirectory();
+            return new KeptRun(await root.getDirectoryHandle(FOLDER, { create: true }));
+        } catch {
+            return null;
+        }
+    }
+
+    /**
+     * Keep another run from now on, instead of the one before.
+     *
+     * @param {string} name
+     * @param {Capture} capture
+     * @param {Options} options
+     */
+    async begin(name, { train, heldOut, background }, options) {
+        await this.#folder.removeEntry(CHECKPOINT).catch(() => {});
+        this.#number = crypto.randomUUID();
+        const frames = [...train, ...heldOut];
+        await this.#write(PHOTOGRAPHS, frames.map(({ rgba }) => rgba));
+        const described = frames.map(({ name, camera, hasAlpha }) => ({ name, camera, hasAlpha }));
+        const content = { number: this.#number, name, options, background, frames: described, training: train.length };
+        await this.#write(CAPTURE, [JSON.stringify(content)]);
+    }
+
+    /**
+     * Keep how far the run is.
+     *
+     * @param {Checkpoint} checkpoint
+     */
+    async keep({ header, arrays }) {
+        const sizes = arrays.map(({ length }) => length);
+        const text = new TextEncoder().encode(JSON.stringify({ number: this.#number, header, sizes }));
+        await this.#write(CHECKPOINT, [Uint32Array.of(text.length), text, ...arrays]);
+    }
+
+    /** @returns {Promise<{name: string, iteration: number, iterations: number} | null>} of the run that can go on */
+    async summary() {
+        try {
+            const { number, name, options } = await this.#description();
+            const { header } = await readHeader(await this.#file(CHECKPOINT), number);
+            return { name, iteration: header.losses.length, iterations: options.iterations };
+        } catch {
+            return null;
+        }
+    }
+
+    /** @returns {Promise<{capture: Capture, options: Options, checkpoint: Checkpoint}>} the run that `summary` is of */
+    async read() {
+        const { number, options, background, frames, training } = await this.#description();
+        const checkpoint = await readCheckpoint(await this.#file(CHECKPOINT), number);
+        const photographs = await this.#file(PHOTOGRAPHS);
+        let at = 0;
+        for (const frame of frames) {
+            const bytes = 4 * frame.camera.width * frame.camera.height;
+            frame.rgba = new Uint8ClampedArray(await photographs.slice(at, at + bytes).arrayBuffer());
+            at += bytes;
+        }
+        this.#number = number;
+        const [train, heldOut] = [frames.slice(0, training), frames.slice(training)];
+        return { capture: { train, heldOut, background, cloud: null, warnings: [] }, options, checkpoint };
+    }
+
+    async #description() {
+        return JSON.parse(await (await this.#file(CAPTURE)).text());
+    }
+
+    async #file(name) {
+        return (await this.#folder.getFileHandle(name)).getFile();
+    }
+
+    /** The file is replaced when it is closed. */
+    async #write(name, parts) {
+        const file = await (await this.#folder.getFileHandle(name, { create: true })).createWritable();
+        for (const part of parts) {
+            await file.write(part);
+        }
+        await file.close();
+    }
+}
+
+/** Keep other pages from the folder as long as this one is open. */
+function lockForGood() {
+    return new Promise((resolve, reject) => {
+        const holdForGood = () => {
+            resolve();
+            return new Promise(() => {});
+        };
+        // A page that is loaded again waits for the worker that it had before.
+        navigator.locks.request(LOCK, { signal: AbortSignal.timeout(MS_TO_WAIT) }, holdForGood).catch(reject);
+    });
+}
+
+async function readHeader(file, number) {
+    const [length] = new Uint32Array(await file.slice(0, 4).arrayBuffer());
+    const { number: found, header, sizes } = JSON.parse(await file.slice(4, 4 + length).text());
+    if (found !== number) {
+        throw new Error("the kept checkpoint is of another run");
+    }
+    return { header, sizes, start: 4 + length };
+}
+
+async function readCheckpoint(file, number) {
+    const { header, sizes, start } = await readHeader(file, number);
+    const arrays = [];
+    let at = start;
+    for (const size of sizes) {
+        arrays.push(new Float32Array(await file.slice(at, at + 4 * size).arrayBuffer()));
+        at += 4 * size;
+    }
+    return { header, arrays };
+}

@@ -1,0 +1,34 @@
+/**
+ * How close renderings are to photographs; see `metrics/evaluation.py`.
+ *
+ * @module
+ */
+
+const LEAST_ERROR = 1e-10;
+
+/**
+ * Peak signal-to-noise ratio of a rendering that is cut off at 0 and 1, as on a screen.
+ *
+ * @param {Float32Array} rendered (H, W, 4)
+ * @param {Uint8ClampedArray} photograph (H, W, 4), 0 to 255
+ * @returns {number} dB, at most 100
+ */
+export function psnr(rendered, photograph) {
+    let sum = 0;
+    for (let i = 0; i < rendered.length; i++) {
+        if (i % 4 < 3) {
+            sum += (Math.min(Math.max(rendered[i], 0), 1) - photograph[i] / 255) ** 2;
+        }
+    }
+    return -10 * Math.log10(Math.max(sum / (0.75 * rendered.length), LEAST_ERROR));
+}
+
+/**
+ * A rendering as an image for the screen.
+ *
+ * @param {Float32Array} rendered (H, W, 4)
+ * @returns {Uint8ClampedArray} (H, W, 4), opaque
+ */
+export function onScreen(rendered) {
+    return Uint8ClampedArray.from(rendered, (value, i) => (i % 4 < 3 ? 255 * value : 255));
+}

@@ -1,0 +1,251 @@
+/**
+ * A training run: starts from a capture, and reports what becomes of it; see `training/loop.py`.
+ *
+ * @module
+ */
+
+import { GaussianColumns } from "../../page/scene/gaussian_columns.js";
+import { mortonOrder } from "../seeding/morton.js";
+import { seedDiscs } from "../seeding/discs.js";
+import { selected, startingPoints } from "../seeding/points.js";
+import { onScreen, psnr } from "./evaluation.js";
+import { initialRates, pixelFootprint, ratesAt } from "./rates.js";
+import { ViewOrder } from "./view_order.js";
+
+/**
+ * @typedef {import("../capture/open.js").Capture} Capture
+ * @typedef {import("./trainer.js").Trainer} Trainer
+ *
+ * @typedef {Object} Options
+ * @property {number} iterations
+ * @property {number} gaussians maximum number
+ * @property {number} seed
+ *
+ * @typedef {Object} Progress
+ * @property {number} iteration
+ * @property {number | null} loss mean over the last epoch
+ * @property {number | null} held_out_psnr mean over the held-out views, as of the last look
+ * @property {number} rate steps per second
+ * @property {number} gaussians
+ * @property {number} bytes of the GPU's buffers
+ *
+ * @typedef {Object} Listener
+ * @property {(progress: Progress) => void} onProgress
+ * @property {(picture: {width: number, height: number, rgba: Uint8ClampedArray}) => void} onPicture
+ * @property {(checkpoint: import("../storage/kept_run.js").Checkpoint) => Promise<void>} onCheckpoint
+ */
+
+/** Milliseconds of training after which the run is kept again. */
+const BETWEEN_CHECKPOINTS = 20_000;
+
+/** Can be paused, stopped, and looked at. */
+export class Run {
+    #trainer;
+    #settings;
+    #options;
+    #listener;
+    /** @type {Capture | null} until training begins: then the photographs lie on the GPU */
+    #capture;
+    #heldOut;
+    #views;
+    #iteration = 0;
+    #first = 0;
+    #psnr = null;
+    #spent = 0;
+    #isPaused = false;
+    #isStopped = false;
+    #isClosed = false;
+    #asked = null;
+    #wake = () => {};
+    #mustKeep = true;
+    #kept = 0;
+    /** @type {import("./rates.js").Rates} */
+    #initial;
+
+    /**
+     * @param {Trainer} trainer
+     * @param {Capture} capture
+     * @param {Object} settings
+     * @param {Options} options
+     * @param {Listener} listener
+     */
+    constructor(trainer, capture, settings, options, listener) {
+        this.#trainer = trainer;
+        this.#capture = capture;
+        this.#heldOut = capture.heldOut;
+        this.#views = capture.train.length;
+        this.#settings = settings;
+        this.#options = options;
+        this.#listener = listener;
+    }
+
+    /** Stop after the steps under way, until `resume`. */
+    pause() {
+        this.#isPaused = true;
+        this.keep();
+    }
+
+    /** Keep a checkpoint after the steps under way: the page may be closed soon. */
+    keep() {
+        this.#mustKeep = true;
+        this.#wake();
+    }
+
+    resume() {
+        this.#isPaused = false;
+        this.#wake();
+    }
+
+    /** End after the steps under way, and keep the scene. */
+    stop() {
+        this.#isStopped = true;
+        this.#wake();
+    }
+
+    /**
+     * Ask for a picture, which comes once the steps under way are done; of several that were asked for, the last.
+     *
+     * @param {import("../capture/camera.js").Camera} camera
+     */
+    look(camera) {
+        this.#asked = camera;
+        this.#wake();
+    }
+
+    /** No more pictures are wanted of the finished run. */
+    close() {
+        this.#isClosed = true;
+        this.#wake();
+    }
+
+    /**
+     * Train.
+     *
+     * @returns {Promise<GaussianColumns>} the trained scene
+     * @throws {Error} there is nothing to start from, or the GPU's memory does not hold it
+     */
+    async go() {
+        const { train, background } = this.#capture;
+        const points = startingPoints(this.#capture, this.#options.gaussians, this.#options.seed, this.#settings);
+        const { recipe, seeding } = this.#settings;
+        const unit = pixelFootprint(train.map(({ camera }) => camera), points.positions);
+        const order = mortonOrder(Float64Array.from(Float32Array.from(points.positions)), seeding.morton_bits);
+        this.#initial = initialRates(recipe, this.#options.iterations, unit);
+        await this.#trainer.begin(train, background, seedDiscs(selected(points, order), recipe, seeding));
+        return this.#finish();
+    }
+
+    /**
+     * Go on with a run that was kept. It gives the same scene as if it had not been interrupted.
+     *
+     * @param {import("../storage/kept_run.js").Checkpoint} checkpoint
+     * @returns {Promise<GaussianColumns>} the trained scene
+     * @throws {Error} the GPU's memory does not hold it
+     */
+    async goOn({ header, arrays: [shape, sh, ...moments] }) {
+        const { train, background } = this.#capture;
+        const scene = new GaussianColumns(header.count, header.coefficients);
+        scene.shape.set(shape);
+        scene.sh.set(sh);
+        [this.#initial, this.#psnr] = [header.initial, header.psnr];
+        this.#iteration = header.losses.length;
+        this.#first = this.#iteration;
+        await this.#trainer.begin(train, background, scene, { losses: header.losses, near: header.near, moments });
+        return this.#finish();
+    }
+
+    /** Draw what is asked for, until `close`. */
+    async serve() {
+        await this.#waitWhile(() => !this.#isClosed);
+    }
+
+    async #finish() {
+        this.#capture = null;
+        await this.#iterate();
+        await this.#lookAtHeldOut();
+        await this.#keep();
+        return this.#trainer.download();
+    }
+
+    async #iterate() {
+        const { iterations, seed } = this.#options;
+        const order = new ViewOrder(this.#views, seed);
+        const every = this.#settings.run.evaluate_every;
+        this.#report();
+        let began = performance.now();
+        while (this.#iteration < iterations && !this.#isStopped) {
+            const rates = ratesAt(this.#initial, this.#settings.recipe.schedule, this.#iteration / iterations);
+            const isTimeToLook = this.#trainer.step(order.at(this.#iteration), rates);
+            this.#iteration++;
+            if (!isTimeToLook && this.#iteration % every && this.#iteration < iterations) {
+                continue;
+            }
+            await this.#trainer.settle();
+            this.#spent += performance.now() - began;
+            if (this.#iteration % every === 0 && this.#iteration < iterations) {
+                await this.#lookAtHeldOut();
+            }
+            this.#report();
+            this.#mustKeep ||= this.#spent > this.#kept + BETWEEN_CHECKPOINTS;
+            await this.#doWhatIsAsked();
+            await this.#waitWhile(() => this.#isPaused && !this.#isStopped);
+            began = performance.now();
+        }
+    }
+
+    async #keep() {
+        [this.#mustKeep, this.#kept] = [false, this.#spent];
+        const [scene, { losses, near, moments }] = [await this.#trainer.download(), await this.#trainer.state()];
+        const { count, coefficients } = scene;
+        const header = { count, coefficients, losses, near, psnr: this.#psnr, initial: this.#initial };
+        await this.#listener.onCheckpoint({ header, arrays: [scene.shape, scene.sh, ...moments] });
+    }
+
+    async #waitWhile(goesOn) {
+        while (goesOn()) {
+            if (!this.#asked && !this.#mustKeep) {
+                await new Promise((resolve) => (this.#wake = resolve));
+            }
+            await this.#doWhatIsAsked();
+        }
+    }
+
+    async #doWhatIsAsked() {
+        await this.#draw();
+        if (this.#mustKeep) {
+            await this.#keep();
+        }
+    }
+
+    async #draw() {
+        if (this.#asked) {
+            const camera = this.#asked;
+            this.#asked = null;
+            const rgba = onScreen(await this.#trainer.render(camera));
+            this.#listener.onPicture({ width: camera.width, height: camera.height, rgba });
+        }
+    }
+
+    async #lookAtHeldOut() {
+        if (this.#heldOut.length) {
+            let sum = 0;
+            for (const { camera, rgba } of this.#heldOut) {
+                sum += psnr(await this.#trainer.render(camera), rgba);
+            }
+            this.#psnr = sum / this.#heldOut.length;
+        }
+        this.#report();
+    }
+
+    #report() {
+        const latest = this.#trainer.losses.slice(-this.#views);
+        this.#listener.onProgress({
+            iteration: this.#iteration,
+            loss: latest.length ? latest.reduce((sum, loss) => sum + loss, 0) / latest.length : null,
+            held_out_psnr: this.#psnr,
+            rate: this.#spent ? (1000 * (this.#iteration - this.#first)) / this.#spent : 0,
+            gaussians: this.#trainer.count,
+            bytes: this.#trainer.bytes,
+        });
+    }
+}

@@ -1,0 +1,283 @@
+/**
+ * Trains a scene on the GPU by replaying the engine's passes; the twin of `splat/webgpu/engine.py`. Steps are submitted
+ * and not waited for. A step that needs more room for tiles' lists than there is changes nothing, and neither do those
+ * after it: they are submitted again once there is room, so a run gives the same result however often that happens.
+ *
+ * @module
+ */
+
+import { Description } from "../../gpu/description.js";
+import { BUFFER_LIMITS, openDevice } from "../../gpu/device.js";
+import { Executor } from "../../gpu/executor.js";
+import { viewValues } from "../../page/drawing/view_values.js";
+import { GaussianColumns, MEAN } from "../../page/scene/gaussian_columns.js";
+import { nearPlane } from "../../page/scene/near_plane.js";
+import { PIXEL_BYTES, Shelf } from "./shelf.js";
+import { structuralShare, updateValues } from "./update_values.js";
+
+/**
+ * @typedef {import("../capture/camera.js").Camera} Camera
+ * @typedef {import("../capture/photograph.js").Frame} Frame
+ * @typedef {import("./rates.js").Rates} Rates
+ *
+ * @typedef {Object} State what training needs besides the scene to go on where it stopped
+ * @property {number[]} losses of all steps
+ * @property {number} near
+ * @property {Float32Array[]} moments first and second
+ */
+
+/** Bytes for each intersection in the largest of the buffers that hold something of each. */
+const INTERSECTION_BYTES = 36;
+
+const MOMENTS = ["first_moments", "second_moments"];
+
+/** Holds the device, the scene, and the optimiser's state. */
+export class Trainer {
+    #executor;
+    #settings;
+    #limit;
+    /** @type {{camera: Camera, pixels: Uint8Array | null}[]} pixels of photographs without a place of their own */
+    #frames = [];
+    #background = [0, 0, 0];
+    #shelf;
+    #scene;
+    #near = 0;
+    #intersections = 0;
+    #pending = [];
+    #firstPending = 0;
+    /** Steps that are submitted before the host looks. Until it is known how long one takes, it looks after each. */
+    #most = 1;
+
+    /** Steps completed. */
+    completed = 0;
+    /** @type {number[]} loss of every completed step, before its update */
+    losses = [];
+
+    /**
+     * Open the GPU, and compile all passes.
+     *
+     * @param {Object} passes from `passes.json`
+     * @param {Object} settings from `settings.json`
+     * @param {(text: string) => void} onComplaint called with what the GPU complains of
+     * @returns {Promise<Trainer>}
+     * @throws {Error} there is no WebGPU, or no GPU
+     */
+    static async open(passes, settings, onComplaint) {
+        const device = await openDevice(BUFFER_LIMITS);
+        device.addEventListener("uncapturederror", ({ error }) => onComplaint(error.message));
+        const executor = new Executor(device, new Description(passes));
+        await executor.prepare();
+        const limit = Math.min(...BUFFER_LIMITS.map((name) => device.limits[name]));
+        return new Trainer(executor, limit, settings, device.lost);
+    }
+
+    constructor(executor, limit, settings, lost) {
+        /** @type {Promise<GPUDeviceLostInfo>} resolves when the GPU is lost */
+        this.lost = lost;
+        this.#executor = executor;
+        this.#limit = limit;
+        this.#settings = settings;
+    }
+
+    /** Number of Gaussians. */
+    get count() {
+        return this.#scene?.count ?? 0;
+    }
+
+    /** Bytes of all buffers on the GPU. */
+    get bytes() {
+        const names = Object.keys(this.#executor.description.buffers);
+        return names.reduce((sum, name) => sum + (this.#executor.buffer(name)?.size ?? 0), 0);
+    }
+
+    /**
+     * Take photographs and a scene, and start the optimiser anew.
+     *
+     * @param {Frame[]} frames to train on; of those that lie on the GPU no other copy is kept
+     * @param {number[]} background RGB in [0, 1]
+     * @param {GaussianColumns} scene
+     * @param {State | null} state of a run that goes on
+     * @throws {Error} the GPU's memory does not hold it
+     */
+    async begin(frames, background, scene, state = null) {
+        const { engine } = this.#settings;
+        const executor = this.#executor;
+        [this.#background, this.#scene] = [background, scene];
+        this.#shelf = new Shelf(frames.map(({ rgba }) => rgba.length / 4), Math.floor(this.#limit / PIXEL_BYTES));
+        this.#frames = frames.map(({ camera }) => ({ camera, pixels: null }));
+        await this.#makeRoom(engine.intersections_per_gaussian * scene.count, engine.min_intersections);
+        frames.forEach(({ rgba }, view) => {
+            if (this.#shelf.isResident(view)) {
+                this.#shelve(view, countedPixels(rgba));
+            } else {
+                this.#frames[view].pixels = countedPixels(rgba);
+            }
+        });
+        executor.write("shape", scene.shape);
+        executor.write("sh", scene.sh);
+        for (const name of ["cluster_bounds", "colours", ...MOMENTS]) {
+            executor.write(name, new Uint8Array(executor.buffer(name).size));
+        }
+        state?.moments.forEach((values, i) => executor.write(MOMENTS[i], values));
+        this.#near = state?.near ?? nearPlane([0, 1, 2].map((axis) => scene.column(MEAN + axis)), scene.count);
+        [this.completed, this.losses, this.#pending] = [state?.losses.length ?? 0, state?.losses ?? [], []];
+        this.#resume();
+    }
+
+    /**
+     * Submit a step.
+     *
+     * @param {number} view number of the photograph
+     * @param {Rates} rates
+     * @returns {boolean} whether it is time to `settle`
+     */
+    step(view, rates) {
+        this.#firstPending ||= performance.now();
+        this.#submit({ view, rates });
+        return this.#pending.length >= this.#most;
+    }
+
+    /** Wait until all steps are completed. */
+    async settle() {
+        const [taken, began] = [this.#pending.length, this.#firstPending];
+        if (!taken) {
+            return;
+        }
+        const before = this.completed;
+        while (this.#pending.length) {
+            const [completed, halted, needed] = await this.#executor.read("status", Uint32Array, 3);
+            const waiting = this.#pending.slice(completed - this.completed);
+            [this.completed, this.#pending] = [completed, []];
+            if (halted) {
+                await this.#makeRoom(needed * this.#settings.engine.growth, needed);
+                this.#resume();
+            }
+            waiting.forEach((step) => this.#submit(step));
+        }
+        this.#firstPending = 0;
+        await this.#readLosses(before);
+        const seconds = (performance.now() - began) / 1000 / taken;
+        const { seconds_ahead: ahead, most_ahead: most } = this.#settings.engine;
+        this.#most = Math.min(Math.max(Math.floor(ahead / seconds), 1), most);
+    }
+
+    /**
+     * Draw the scene as it stands.
+     *
+     * @param {Camera} camera
+     * @returns {Promise<Float32Array>} (H, W, 4): colour, not cut off above 1, and transmittance
+     */
+    async render(camera) {
+        await this.settle();
+        for (;;) {
+            const symbols = this.#symbols(camera);
+            await this.#executor.reserve(this.#executor.description.sizes(symbols));
+            this.#writeView(camera, symbols, 0);
+            this.#executor.submit("render", symbols);
+            const image = await this.#executor.read("image", Float32Array, 4 * symbols.pixels);
+            const [, halted, needed] = await this.#executor.read("status", Uint32Array, 3);
+            if (!halted) {
+                return image;
+            }
+            await this.#makeRoom(needed * this.#settings.engine.growth, needed);
+            this.#resume();
+        }
+    }
+
+    /** @returns {Promise<GaussianColumns>} a copy of the scene as it stands */
+    async download() {
+        await this.settle();
+        const scene = new GaussianColumns(this.#scene.count, this.#scene.coefficients);
+        scene.shape.set(await this.#executor.read("shape", Float32Array, scene.shape.length));
+        scene.sh.set(await this.#executor.read("sh", Float32Array, scene.sh.length));
+        return scene;
+    }
+
+    /** @returns {Promise<State>} a copy */
+    async state() {
+        await this.settle();
+        const numbers = this.#symbols({ width: 1, height: 1 }).columns * this.#scene.count;
+        const moments = [];
+        for (const name of MOMENTS) {
+            moments.push(await this.#executor.read(name, Float32Array, numbers));
+        }
+        return { losses: [...this.losses], near: this.#near, moments };
+    }
+
+    #submit(step) {
+        const { camera, pixels } = this.#frames[step.view];
+        if (pixels) {
+            this.#shelve(step.view, pixels);
+        }
+        const { recipe, engine } = this.#settings;
+        const symbols = this.#symbols(camera, structuralShare(recipe.loss, camera, engine.ssim_window) > 0);
+        const number = this.completed + this.#pending.length + 1;
+        this.#writeView(camera, symbols, this.#shelf.place(step.view));
+        const update = updateValues(recipe, step.rates, camera, symbols, number, step.view, engine);
+        this.#executor.writeUniform("update", update);
+        this.#executor.submit("step", symbols);
+        this.#pending.push(step);
+    }
+
+    #writeView(camera, symbols, photograph) {
+        const values = viewValues(camera, this.#background, this.#near, symbols);
+        this.#executor.writeUniform("view", { ...values, photograph });
+    }
+
+    #shelve(view, pixels) {
+        this.#executor.write("photographs", pixels, PIXEL_BYTES * this.#shelf.place(view));
+    }
+
+    /** Let the lists of tiles hold as many intersections as are wanted, or at least those that are needed. */
+    async #makeRoom(wanted, needed) {
+        const most = Math.floor(this.#limit / INTERSECTION_BYTES);
+        this.#intersections = Math.max(this.#intersections, needed, Math.min(Math.ceil(wanted), most));
+        const { description } = this.#executor;
+        const sizes = this.#frames.map(({ camera }) => camera);
+        for (const size of new Map(sizes.map((one) => [`${one.width}x${one.height}`, one])).values()) {
+            await this.#executor.reserve(description.sizes(this.#symbols(size, true)));
+        }
+    }
+
+    /** Let the GPU know how many steps are completed, and that nothing stands in the way of the next. */
+    #resume() {
+        this.#executor.write("status", Uint32Array.of(this.completed, 0, 0));
+    }
+
+    async #readLosses(before) {
+        const { kept_losses: kept } = this.#settings.engine;
+        const ring = await this.#executor.read("losses", Float32Array, kept);
+        for (let step = before; step < this.completed; step++) {
+            this.losses.push(ring[step % kept]);
+        }
+    }
+
+    #symbols({ width, height }, structural = false) {
+        const { count, coefficients } = this.#scene;
+        return this.#executor.description.symbols({
+            gaussians: count,
+            capacity: count,
+            coefficients,
+            intersections: this.#intersections,
+            photographs: this.#frames.length,
+            photograph_pixels: this.#shelf.pixels,
+            replay_depth: 0,
+            listed: 0,
+            width,
+            height,
+            structural: Number(structural),
+            regularised: 0,
+            collecting: 0,
+            colours_learned: 0,
+        });
+    }
+}
+
+/** A photograph with 255 in the fourth byte of pixels that count: all of them. */
+function countedPixels(rgba) {
+    const pixels = new Uint8Array(rgba);
+    for (let i = 3; i < pixels.length; i += 4) {
+        pixels[i] = 255;
+    }
+    return pixels;
+}

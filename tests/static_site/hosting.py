@@ -1,0 +1,40 @@
+"""A static host, which knows what it was asked for."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+
+@dataclass
+class Host:
+    """What serves the site: its address, and the paths that were asked for, in order."""
+
+    address: str = ""
+    asked: list[str] = field(default_factory=list)
+
+
+class _Handler(SimpleHTTPRequestHandler):
+    def __init__(self, *args: Any, host: Host, **options: Any) -> None:
+        self.host = host
+        super().__init__(*args, **options)
+
+    def log_message(self, *_: object) -> None:
+        self.host.asked.append(self.path)
+
+
+@contextmanager
+def hosting(folder: Path) -> Iterator[Host]:
+    """Serve a folder from this very machine, where browsers allow WebGPU without https."""
+    host = Host()
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(_Handler, host=host, directory=folder)) as server:
+        host.address = f"http://127.0.0.1:{server.server_port}/"
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield host
+        server.shutdown()

@@ -1,0 +1,139 @@
+"""Zip files: whole ones are read, and everything else ends in one sentence."""
+
+from __future__ import annotations
+
+import base64
+import io
+import struct
+import zipfile
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from playwright.sync_api import Error
+
+Call = Callable[..., Any]
+
+READ = """
+    const {FileTree} = await import(new URL("archive/tree.js", location.href));
+    const bytes = Uint8Array.from(atob(given), (character) => character.charCodeAt(0));
+    const tree = new FileTree(await module.filesInZip(new Blob([bytes]), "capture.zip"));
+    const found = {};
+    for (const path of tree.paths) {
+        found[path] = [...await tree.find(path).bytes()];
+    }
+    return found;
+"""
+
+CONTENTS = {"a/transforms.json": b"{}" * 1000, "a/images/ä.png": bytes(range(256)) * 40, "empty": b""}
+
+
+def packed(files: dict[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", method) as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+    return stream.getvalue()
+
+
+def read(call: Call, archive: bytes) -> dict[str, bytes]:
+    found = call("archive/zip.js", READ, base64.b64encode(archive).decode())
+    return {path: bytes(content) for path, content in found.items()}
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
+def test_whole_archives(call: Call, method: int) -> None:
+    assert read(call, packed(CONTENTS, method)) == CONTENTS
+
+
+def test_with_a_comment_and_what_systems_add(call: Call) -> None:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        archive.comment = b"PK\x05\x06 what a comment"
+        archive.mkdir("a") if hasattr(archive, "mkdir") else archive.writestr("a/", b"")
+        archive.writestr("a/b", b"c")
+        archive.writestr("__MACOSX/a/._b", b"d")
+        archive.writestr("a/.DS_Store", b"e")
+    assert read(call, stream.getvalue()) == {"a/b": b"c"}
+
+
+def stating(archive: bytes, offset: int, value: int) -> bytes:
+    """With another number in the first entry of the list of files."""
+    at = archive.index(b"PK\x01\x02") + offset
+    return archive[:at] + struct.pack("<I", value) + archive[at + 4 :]
+
+
+def damaged(archive: bytes) -> bytes:
+    return archive[:60] + bytes([archive[60] ^ 255]) + archive[61:]
+
+
+WHOLE = packed({"a.json": b'{"some": "text"}' * 50}, zipfile.ZIP_STORED)
+BOMB = packed({"a.json": bytes(3_000_000)})
+
+
+@pytest.mark.parametrize(
+    ("archive", "words"),
+    [
+        (b"", "no zip file, or cut short"),
+        (b"not a zip file at all" * 100, "no zip file, or cut short"),
+        (WHOLE[: len(WHOLE) // 2], "no zip file, or cut short"),
+        (WHOLE[:-30], "no zip file, or cut short"),
+        (WHOLE[100:], "its list of files is broken|is not where"),
+        (damaged(WHOLE), "a.json is damaged"),
+        (damaged(packed(CONTENTS)), "is damaged"),
+        (stating(BOMB, 24, 2_000_000_000), "would take 2000 MB: expected at most 512 MB"),
+        (stating(BOMB, 24, 100), "a.json is damaged"),
+        (stating(BOMB, 24, 4_000_000), "a.json is damaged"),
+        (stating(WHOLE, 42, 5_000_000), "a.json is not where its list of files says"),
+        (stating(WHOLE, 8, 1), "encrypted"),
+        (packed({"a.json": b"text" * 100}, zipfile.ZIP_BZIP2), "compressed by method 12"),
+        (packed({"../a.json": b"{}"}), "leads out of its folder"),
+        (packed({"a/../../b": b"{}"}), "leads out of its folder"),
+        (packed({"/etc/passwd": b"{}"}), "leads out of its folder"),
+        (packed({"a\\b": b"{}"}), "leads out of its folder"),
+        (packed({"C:/b": b"{}"}), "leads out of its folder"),
+    ],
+)
+def test_what_is_no_sound_archive(call: Call, archive: bytes, words: str) -> None:
+    with pytest.raises(Error, match=words):
+        read(call, archive)
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_the_same_path_twice(call: Call) -> None:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        archive.writestr("a", b"1")
+        archive.writestr("a", b"2")
+    with pytest.raises(Error, match="the file a is there twice"):
+        read(call, stream.getvalue())
+
+
+def test_cut_anywhere_or_with_any_byte_changed(call: Call) -> None:
+    """What is not read as it was packed is refused, by a sentence that names the archive or the file."""
+    script = f"""
+        const {{FileTree}} = await import(new URL("archive/tree.js", location.href));
+        const whole = Uint8Array.from(atob(given), (character) => character.charCodeAt(0));
+        const outcome = async (bytes) => {{
+            const given = btoa(String.fromCharCode(...bytes));
+            try {{
+                return JSON.stringify(await (async () => {{ {READ} }})());
+            }} catch (error) {{
+                return error.message;
+            }}
+        }};
+        const outcomes = [];
+        for (let i = 0; i < whole.length; i++) {{
+            const changed = whole.slice();
+            changed[i] ^= 0x5a;
+            outcomes.push(await outcome(changed), await outcome(whole.subarray(0, i)));
+        }}
+        return [await outcome(whole), outcomes];
+    """
+    archive = packed({"a.json": b"some text, some text", "b": b"x"})
+    whole, outcomes = call("archive/zip.js", script, base64.b64encode(archive).decode())
+    assert whole.startswith('{"a.json"')
+    for outcome in outcomes:
+        assert outcome == whole or outcome.startswith(("capture.zip: ", "the file ", "{")), outcome
+        if outcome.startswith("{"):  # names and fields that nobody reads may have changed, contents may not
+            assert str(list(b"some text, some text")).replace(" ", "") in outcome or "a.json" not in outcome

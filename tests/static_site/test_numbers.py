@@ -1,0 +1,230 @@
+"""What the page computes before and beside the passes is what Python computes, number by number."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from pocketgs.capture import Capture
+from pocketgs.capture.loading import composite, size_after
+from pocketgs.capture.synthetic import true_capture
+from pocketgs.capture.undistortion import undistortion
+from pocketgs.geometry.camera import Camera
+from pocketgs.geometry.lens import Lens
+from pocketgs.prior.volume import draw_points
+from pocketgs.scene.morton import morton_order
+from pocketgs.scene.point_cloud import PointCloud
+from pocketgs.site.settings import RECIPE
+from pocketgs.splat.settings import StepSettings
+from pocketgs.splat.webgpu.frame_values import update_values
+from pocketgs.splat.webgpu.photographs import Shelf
+from pocketgs.splat.webgpu.scene_columns import from_columns
+from pocketgs.training.recipes import RECIPES, pixel_footprint
+from pocketgs.training.seeding import seed_discs
+from pocketgs.training.view_choice import view_of_step
+
+Call = Callable[..., Any]
+
+
+@pytest.fixture(scope="module")
+def capture() -> Capture:
+    return true_capture(width=64, height=48, frames=6, points=500)
+
+
+def plain(camera: Camera) -> dict[str, Any]:
+    return {**asdict(camera), "world_to_camera": camera.world_to_camera.reshape(-1).tolist(), "lens": None}
+
+
+def frames_of(capture: Capture) -> list[dict[str, Any]]:
+    frames = []
+    for frame in capture.train:
+        alpha = np.full((*frame.image.shape[:2], 1), 255, np.uint8) if frame.alpha is None else frame.alpha[..., None]
+        rgba = np.concatenate([frame.image, alpha], axis=2).reshape(-1).tolist()
+        frames.append({"camera": plain(frame.camera), "rgba": rgba, "hasAlpha": frame.alpha is not None})
+    return frames
+
+
+@pytest.mark.parametrize(("seed", "views"), [(0, 1), (0, 17), (3, 40), (12345, 300)])
+def test_views_come_in_the_same_order(call: Call, seed: int, views: int) -> None:
+    script = """
+        const order = new module.ViewOrder(given.views, given.seed);
+        return given.steps.map((step) => order.at(step));
+    """
+    steps = [0, 1, views - 1, views, 2 * views + 1, 5 * views, 7 * views + views // 2]
+    found = call("training/view_order.js", script, {"views": views, "seed": seed, "steps": steps})
+    assert found == [view_of_step(step, views, seed) for step in steps]
+
+
+def test_random_numbers_are_numpys(call: Call) -> None:
+    script = """
+        const random = new module.Generator(...given.seeds);
+        return given.ends.flatMap((end) => [random.integer(end), random.uniform(-0.5, 2)]);
+    """
+    ends = [1, 2, 7, 1000, 2**31, 2**32 - 1, 12]
+    found = call("random/generator.js", script, {"seeds": [7, 4], "ends": ends})
+    random = np.random.default_rng((7, 4))
+    assert found == [number for end in ends for number in (int(random.integers(end)), random.uniform(-0.5, 2))]
+
+
+def test_seeds_are_the_same_discs(call: Call) -> None:
+    random = np.random.default_rng(1)
+    positions = random.normal(0, [3.0, 1.0, 0.05], (700, 3))
+    positions[100:103] = positions[99]  # coincident
+    points = PointCloud(positions, random.uniform(0, 1, (700, 3)))
+    recipe = RECIPES[RECIPE]
+    script = """
+        const cloud = {positions: Float64Array.from(given.positions), colours: Float32Array.from(given.colours)};
+        const scene = module.seedDiscs(cloud, settings.recipe, settings.seeding);
+        return [[...scene.shape], [...scene.sh]];
+    """
+    given = {"positions": points.positions.reshape(-1).tolist(), "colours": points.colours.reshape(-1).tolist()}
+    shape, sh = (np.float32(values).reshape(-1, 700) for values in call("seeding/discs.js", script, given))
+    found, expected = from_columns(shape, sh), seed_discs(points, recipe.opacity, recipe.sh_degree, recipe.seed_size)
+    for name in ("means", "log_scales", "opacity_logits", "sh"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=0, atol=2e-6)
+    alike = np.abs(np.sum(normals(found.quaternions) * normals(expected.quaternions), axis=1))
+    assert np.quantile(alike, 0.01) > 1 - 1e-6  # three coincident points may have no plane
+
+
+def normals(quaternions: np.ndarray) -> np.ndarray:
+    w, x, y, z = quaternions.T.astype(np.float64)
+    return np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=1)
+
+
+def test_morton_order(call: Call) -> None:
+    random = np.random.default_rng(2)
+    means = random.normal(0, 1, (3000, 3)).astype(np.float32)
+    means[::50] *= 100
+    means[10:20] = means[9]
+    script = "return [...module.mortonOrder(Float64Array.from(given), settings.seeding.morton_bits)];"
+    np.testing.assert_array_equal(
+        call("seeding/morton.js", script, means.reshape(-1).tolist()), morton_order(means.astype(np.float64))
+    )
+
+
+def test_points_are_drawn_where_photographs_agree(call: Call, capture: Capture) -> None:
+    script = """
+        const frames = given.map((frame) => ({...frame, rgba: Uint8ClampedArray.from(frame.rgba)}));
+        const {positions, colours} = module.drawPoints(frames, 300, 5, settings.volume);
+        return [[...positions], [...colours]];
+    """
+    positions, colours = (np.reshape(x, (-1, 3)) for x in call("seeding/volume.js", script, frames_of(capture)))
+    expected = draw_points(capture.train, 300, 5)
+    # float32 in Python and doubles here: single choices between equal depths may differ.
+    same = np.linalg.norm(positions - expected.positions, axis=1) < 1e-4
+    assert len(positions) == len(expected) == 300
+    assert np.mean(same) > 0.9
+    np.testing.assert_allclose(colours[same], expected.colours[same], atol=1e-6)
+
+
+@pytest.mark.parametrize("iterations", [40, 500, 2500])
+def test_rates(call: Call, capture: Capture, iterations: int) -> None:
+    recipe = RECIPES[RECIPE]
+    assert capture.points is not None
+    cameras = [frame.camera for frame in capture.train]
+    unit = pixel_footprint(cameras, capture.points)
+    script = """
+        const unit = module.pixelFootprint(given.cameras, Float64Array.from(given.positions));
+        const initial = module.initialRates(settings.recipe, given.iterations, unit);
+        return given.shares.map((share) => module.ratesAt(initial, settings.recipe.schedule, share));
+    """
+    shares = [0.0, 0.1234, 0.5, 0.97, 1.0]
+    given = {
+        "cameras": [plain(camera) for camera in cameras],
+        "positions": capture.points.positions.reshape(-1).tolist(),
+        "iterations": iterations,
+        "shares": shares,
+    }
+    initial = recipe.rates_for(iterations, unit)
+    for share, found in zip(shares, call("training/rates.js", script, given), strict=True):
+        assert found == pytest.approx(asdict(recipe.schedule(initial, share)), rel=1e-3)
+
+
+@pytest.mark.parametrize(("width", "height"), [(126, 94), (9, 40)])
+def test_values_of_an_update(call: Call, width: int, height: int) -> None:
+    recipe = RECIPES[RECIPE]
+    camera = Camera(width, height, 100.0, 100.0, 50.0, 50.0, np.eye(4))
+    symbols = {"gaussians": 1000, "coefficients": 9, "photographs": 7}
+    rates = recipe.rates_for(500, 0.01)
+    script = """
+        const {rates, camera, symbols} = given;
+        return module.updateValues(settings.recipe, rates, camera, symbols, 4100, 3, settings.engine);
+    """
+    given = {"rates": asdict(rates), "camera": plain(camera), "symbols": symbols}
+    expected = update_values(StepSettings(rates, recipe.loss, recipe.adam), camera, symbols, 4100, 3)
+    assert call("training/update_values.js", script, given) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("room", [60, 100, 35, 30])
+def test_places_of_photographs(call: Call, room: int) -> None:
+    sizes = [10, 30, 20, 5, 30]
+    script = """
+        const shelf = new module.Shelf(given.sizes, given.room);
+        return [shelf.pixels, given.sizes.map((_, i) => [shelf.place(i), shelf.isResident(i)])];
+    """
+    shelf = Shelf(sizes, room)
+    expected = [shelf.pixels, [[shelf.place(i), shelf.is_resident(i)] for i in range(len(sizes))]]
+    assert call("training/shelf.js", script, {"sizes": sizes, "room": room}) == expected
+
+
+@pytest.mark.parametrize(
+    "lens",
+    [Lens("opencv", (-0.25, 0.09, 0.001, -0.002, 0.01, 0.0, 0.0, 0.0)), Lens("fisheye", (0.03, -0.01, 0.004, -0.001))],
+    ids=["opencv", "fisheye"],
+)
+def test_undistorted_images(call: Call, lens: Lens) -> None:
+    camera = Camera(97, 71, 80.0, 82.0, 47.0, 36.5, np.eye(4))
+    image = cv2.GaussianBlur(np.random.default_rng(3).integers(0, 256, (71, 97, 3)).astype(np.uint8), (7, 7), 2)
+    undoing = undistortion(camera, lens)
+    script = """
+        const {camera, lens, image} = given;
+        const view = module.undistortedView(camera, lens, settings.capture);
+        const pixels = {width: camera.width, height: camera.height, rgba: Uint8ClampedArray.from(image)};
+        return [view, [...module.resampled(pixels, lens, view.camera, view.left, view.top).rgba]];
+    """
+    given = {
+        "camera": plain(camera),
+        "lens": {"model": lens.model, "coefficients": lens.coefficients},
+        "image": np.dstack([image, np.full((71, 97), 255, np.uint8)]).reshape(-1).tolist(),
+    }
+    view, rgba = call("capture/undistortion.js", script, given)
+    assert (view["left"], view["top"]) == (undoing.left, undoing.top)
+    numbers = ("width", "height", "fx", "fy", "cx", "cy")
+    assert [view["camera"][name] for name in numbers] == pytest.approx(
+        [getattr(undoing.view(camera), n) for n in numbers]
+    )
+    found = np.reshape(rgba, (undoing.height, undoing.width, 4))[..., :3]
+    assert np.abs(found - undoing.apply(image, cv2.INTER_LINEAR).astype(int)).max() <= 2  # OpenCV: 1/32 pixel
+
+
+@pytest.mark.parametrize("most", [96, 50, 32, 7])
+def test_smaller_images(call: Call, most: int) -> None:
+    image = np.random.default_rng(4).integers(0, 256, (66, 97, 4)).astype(np.uint8)
+    script = """
+        const [width, height] = module.sizeWithin(97, 66, given.most);
+        const rgba = Uint8ClampedArray.from(given.image);
+        return [width, height, [...module.averaged({width: 97, height: 66, rgba}, width, height).rgba]];
+    """
+    width, height, rgba = call("capture/pixels.js", script, {"most": most, "image": image.reshape(-1).tolist()})
+    assert (width, height) == size_after(97, 66, 1.0, most)
+    expected = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA).astype(int)
+    assert np.abs(np.reshape(rgba, expected.shape) - expected).max() <= 1
+
+
+def test_transparent_images_on_a_background(call: Call) -> None:
+    image = np.random.default_rng(5).integers(0, 256, (20, 30, 4)).astype(np.uint8)
+    script = """
+        const rgba = Uint8ClampedArray.from(given);
+        module.composite({width: 30, height: 20, rgba}, [1, 0.5, 0]);
+        return [...rgba];
+    """
+    found = np.reshape(call("capture/pixels.js", script, image.reshape(-1).tolist()), (20, 30, 4))
+    expected = composite(image[..., :3], image[..., 3], (1.0, 0.5, 0.0))
+    off = np.abs(found[..., :3] - expected.astype(int))  # by one where a half is one of doubles, but not of float32
+    assert off.max() <= 1
+    assert off.mean() < 0.01

@@ -1,0 +1,250 @@
+"""A capture is dropped on the page, trains there, and comes out as Python would have trained it."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import time
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, BrowserContext, Route, expect
+
+from pocketgs.capture.colmap_export import export_capture
+from pocketgs.capture.open import open_capture
+from pocketgs.cli import main
+from static_site.hosting import Host
+from viewer.browsing import PATIENCE, Visit, visiting
+
+TOLERANCE = 0.2
+"""dB."""
+
+DROP = """([name, content]) => {
+    const bytes = Uint8Array.from(atob(content), (character) => character.charCodeAt(0));
+    const dataTransfer = new DataTransfer();
+    dataTransfer.items.add(new File([bytes], name));
+    window.dispatchEvent(new DragEvent("drop", { dataTransfer, bubbles: true, cancelable: true }));
+}"""
+
+
+PICTURE = "() => document.getElementById('picture').toDataURL()"
+
+
+HOLD_DEVICE = """
+const request = GPUAdapter.prototype.requestDevice;
+GPUAdapter.prototype.requestDevice = async function (...given) {
+    return (self.device = await request.apply(this, given));
+};
+"""
+
+
+def prefix_worker(context: BrowserContext, script: str) -> None:
+    """Run a script in the page's worker before its own."""
+
+    def answer(route: Route) -> None:
+        response = route.fetch()
+        route.fulfill(response=response, body=script + response.text())
+
+    context.route("**/worker.js", answer)
+
+
+@pytest.fixture(scope="module")
+def visit(browser: Browser, host: Host) -> Iterator[Visit]:
+    """The page, loaded, its shaders compiled. Tests use it one after the other, as people may."""
+    with visiting(browser, "about:blank", 720, 420) as visit:
+        prefix_worker(visit.page.context, HOLD_DEVICE)
+        visit.page.goto(host.address)
+        visit["body[data-gpu=ready]"].wait_for(timeout=PATIENCE)
+        yield visit
+
+
+def choose(visit: Visit, **options: int) -> None:
+    """Set the page's options."""
+    if visit["#another"].is_visible():
+        visit["#another"].click()
+    for name, value in options.items():
+        visit[f"#{name}"].fill(str(value))
+
+
+def zipped(folder: Path) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted(folder.rglob("*")):
+            archive.write(path, Path(folder.name) / path.relative_to(folder))
+    return stream.getvalue()
+
+
+def drop(visit: Visit, name: str, content: bytes) -> None:
+    visit.page.evaluate(DROP, [name, base64.b64encode(content).decode()])
+
+
+def saved(visit: Visit, path: Path) -> Path:
+    """The scene, once it is trained."""
+    visit["#save"].wait_for(timeout=PATIENCE)
+    with visit.page.expect_download() as download:
+        visit["#save"].click()
+    download.value.save_as(path)
+    return path
+
+
+def held_out_psnr(scene: Path, capture: Path, *options: str) -> float:
+    metrics = scene.parent / f"{scene.name}.metrics.json"
+    main(["eval", str(scene), str(capture), "--json", str(metrics), "--engine", "cpu", *options])
+    return float(json.loads(metrics.read_text())["psnr"])
+
+
+def psnr_in_python(capture: Path, folder: Path, *options: str) -> float:
+    """On the held-out views, of a run that does nothing that the page does not: neither poses nor things that move."""
+    same = ["--effort", "quick", "--prior", "none", "--transients", "keep", "--engine", "cpu", "--evaluate-every", "0"]
+    main(["train", str(capture), "--output", str(folder), *same, *options])
+    return float(json.loads((folder / "run.json").read_text())["psnr"])
+
+
+def picture(visit: Visit) -> str:
+    """What the page shows of the scene."""
+    return str(visit.page.evaluate(PICTURE))
+
+
+def until_turned(visit: Visit, before: str) -> None:
+    """Wait for another picture, by asking: the page's policy forbids Playwright's own way."""
+    deadline = time.monotonic() + PATIENCE / 1000
+    while picture(visit) == before:
+        assert time.monotonic() < deadline
+        visit.page.wait_for_timeout(100)
+
+
+def shown_psnr(visit: Visit) -> float:
+    return float(visit["#psnr"].inner_text().removesuffix(" dB"))
+
+
+def test_a_dropped_zip_trains_as_in_python(visit: Visit, host: Host, capture_folder: Path, tmp_path: Path) -> None:
+    choose(visit, most=64, iterations=60)
+    loaded = list(host.asked)
+    requests: list[str] = []
+    visit.page.on("request", lambda request: requests.append(request.url))
+    drop(visit, "toys.zip", zipped(capture_folder))
+    scene = saved(visit, tmp_path / "toys.ply")
+    expect(visit["#title"]).to_have_text("toys")
+    assert float(visit["#memory"].inner_text().removesuffix(" MB")) < 100
+    # Blobs are of the page itself; the network is asked for nothing.
+    assert [url for url in requests if not url.startswith("blob:")] == []
+    assert host.asked == loaded
+    assert visit.complaints == []
+    size = ("--max-size", "64")
+    found = held_out_psnr(scene, capture_folder, *size)
+    assert shown_psnr(visit) == pytest.approx(found, abs=0.02)
+    expected, less = (
+        psnr_in_python(capture_folder, tmp_path / count, "--iterations", count, *size) for count in ("60", "10")
+    )
+    assert abs(found - expected) < TOLERANCE
+    assert found > less + 3 * TOLERANCE
+
+
+def test_paused_turned_stopped_and_kept(visit: Visit, capture_folder: Path, tmp_path: Path) -> None:
+    choose(visit, most=48, iterations=20_000, gaussians=300)
+    visit["#folder-input"].set_input_files(capture_folder)
+    visit["#pause:enabled"].click(timeout=PATIENCE)
+    expect(visit["#pause"]).to_have_text("Resume")
+    visit.page.wait_for_timeout(500)
+    before, still = visit["#iteration"].inner_text(), picture(visit)
+    visit.page.wait_for_timeout(500)
+    assert visit["#iteration"].inner_text() == before
+    assert picture(visit) == still
+    visit["#picture"].drag_to(visit["#picture"], source_position={"x": 60, "y": 60}, target_position={"x": 90, "y": 60})
+    expect(visit["#photograph"]).to_be_hidden()
+    until_turned(visit, still)
+    visit["#beside"].click()
+    expect(visit["#photograph"]).to_be_visible()
+    visit["#pause"].click()
+    expect(visit["#iteration"]).not_to_have_text(before)
+    drop(visit, "other.zip", b"")
+    expect(visit["#message-text"]).to_contain_text("stop it first")
+    visit["#message-close"].click()
+    visit["#stop"].click()
+    scene = saved(visit, tmp_path / "scene.ply")
+    assert int(visit["#iteration"].inner_text().split(" / ")[0]) < 20_000
+    assert b"element vertex 300\n" in scene.read_bytes()[:200]
+    assert visit.complaints == []
+
+
+def test_a_broken_capture_leaves_the_page_usable(visit: Visit, capture_folder: Path, tmp_path: Path) -> None:
+    drop(visit, "broken.zip", zipped(capture_folder)[:2000])
+    expect(visit["#message-text"]).to_contain_text("broken.zip: is no zip file, or cut short")
+    image = next((capture_folder / "images").iterdir())
+    whole = image.read_bytes()
+    image.write_bytes(whole[:200])
+    drop(visit, "damaged.zip", zipped(capture_folder))
+    expect(visit["#message-text"]).to_contain_text(f"images/{image.name}: cannot be decoded", timeout=PATIENCE)
+    image.write_bytes(whole)
+    choose(visit, most=32, iterations=1, gaussians=100)
+    drop(visit, "sound.zip", zipped(capture_folder))
+    assert b"element vertex 100\n" in saved(visit, tmp_path / "scene.ply").read_bytes()[:200]
+    assert visit.complaints == []
+
+
+def paused_and_kept(visit: Visit) -> int:
+    """Pause the run, and wait until it is kept as it stands. Returns how many iterations that are."""
+    visit["#pause:enabled"].click(timeout=PATIENCE)
+    deadline = time.monotonic() + PATIENCE / 1000
+    while True:
+        visit.page.wait_for_timeout(300)
+        done, end = visit["#iteration"].inner_text().split(" / ")
+        if visit["#go-on"].text_content() == f"Go on with toys, {done} of {end}":
+            return int(done)
+        assert time.monotonic() < deadline
+
+
+def test_a_run_goes_on_after_the_page_was_closed(visit: Visit, capture_folder: Path, tmp_path: Path) -> None:
+    """To the same bits as without the break."""
+    visit.page.on("dialog", lambda dialog: dialog.accept())  # whether to leave while it trains
+    choose(visit, most=32, iterations=24, gaussians=200)
+    drop(visit, "toys.zip", zipped(capture_folder))
+    done = paused_and_kept(visit)
+    visit.page.reload()
+    visit["#go-on"].wait_for(timeout=PATIENCE)
+    expect(visit["#go-on"]).to_have_text(f"Go on with toys, {done} of 24")
+    visit["#go-on"].click()
+    interrupted = saved(visit, tmp_path / "interrupted.ply").read_bytes()
+    choose(visit, most=32, iterations=24, gaussians=200)
+    drop(visit, "toys.zip", zipped(capture_folder))
+    assert saved(visit, tmp_path / "whole.ply").read_bytes() == interrupted
+    assert 0 < done < 24
+    assert visit.complaints == []
+
+
+def test_a_browser_without_webgpu_is_told_so(browser: Browser, host: Host) -> None:
+    with browser.new_context() as context:
+        prefix_worker(context, "delete WorkerNavigator.prototype.gpu;")
+        page = context.new_page()
+        page.goto(host.address)
+        expect(page.locator("#message-text")).to_contain_text("no WebGPU: expected a browser that supports it")
+
+
+def test_fern(visit: Visit, data_folder: Path, tmp_path: Path) -> None:
+    """A real capture, whose lens is undone by Python first: LLFF states it in a file that the page does not read."""
+    folder = tmp_path / "fern"
+    export_capture(folder, open_capture(data_folder / "fern", images="images_8", max_size=126))
+    size = ("--max-size", "63")
+    choose(visit, most=63, iterations=40, gaussians=3000)
+    drop(visit, "fern.zip", zipped(folder))
+    scene = saved(visit, tmp_path / "fern.ply")
+    assert visit.complaints == []
+    found = held_out_psnr(scene, folder, *size)
+    sizes = ("--iterations", "40", "--max-gaussians", "3000", *size)
+    expected = psnr_in_python(folder, tmp_path / "python", *sizes)
+    assert abs(found - expected) < TOLERANCE
+
+
+def test_a_run_survives_a_lost_gpu(visit: Visit, capture_folder: Path, tmp_path: Path) -> None:
+    choose(visit, most=32, iterations=20_000, gaussians=100)
+    drop(visit, "toys.zip", zipped(capture_folder))
+    paused_and_kept(visit)
+    visit.page.workers[0].evaluate("device.destroy()")
+    expect(visit["#message-text"]).to_contain_text("The GPU was lost", timeout=PATIENCE)
+    visit["#message-close"].click()
+    visit["#go-on"].click()
+    visit["#stop:enabled"].click(timeout=PATIENCE)
+    assert b"element vertex 100\n" in saved(visit, tmp_path / "scene.ply").read_bytes()[:200]
