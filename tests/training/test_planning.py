@@ -21,7 +21,7 @@ from pocketgs.capture.loading import Preparation
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.cpu.stereo import CpuStereo
-from pocketgs.prior.stereo import StereoExtent, create_stereo, need_of
+from pocketgs.prior.stereo import StereoExtent, StereoNeed, create_stereo, need_of
 from pocketgs.prior.webgpu.stereo import WebGpuStereo
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.engine import EngineOptions, create_engine
@@ -285,6 +285,45 @@ def test_a_gpu_holds_what_depth_takes_before_training() -> None:
     assert plan.rss_by_stage_mb["depth"] > plain.rss_by_stage_mb["depth"]
     # What a GPU does not hold is swept by the CPU, and planned so.
     assert need_of(WebGpuStereo(max_memory=100), extent) == CpuStereo().memory_needed(extent)
+
+
+def on_a_gpu(extent: StereoExtent) -> StereoNeed:
+    return StereoNeed(MemoryNeed(0, 1_000_000), MemoryNeed(0, 1_000_000))
+
+
+def test_sweeps_in_place_of_a_gpu_are_planned_as_the_cpus() -> None:
+    """In time, and in memory for their kernels; a GPU that has room needs neither."""
+    options = SizedOptions(engine="webgpu", max_gaussians=1000, time_budget=1000.0)
+    fast = replace(MACHINE, speed=Speed(1.0, 0.01, 1.0), compiles_sweeps=True)
+    full, roomy = (
+        make_plan(photographs(), options, replace(fast, stereo_needed=need))
+        for need in (MACHINE.stereo_needed, on_a_gpu)
+    )
+    slow, compiled = replace(fast, speed=Speed(1.0, 1.0, 1.0)), replace(fast, compiles_sweeps=False)
+    assert full.seconds == make_plan(photographs(), options, slow).seconds
+    assert full.seconds is not None
+    assert roomy.seconds is not None
+    assert roomy.seconds < full.seconds
+    assert full.peak_rss_mb == pytest.approx(make_plan(photographs(), options, compiled).peak_rss_mb + 350)
+    without = replace(compiled, stereo_needed=on_a_gpu)
+    assert roomy.peak_rss_mb == make_plan(photographs(), options, without).peak_rss_mb
+
+
+@pytest.mark.parametrize(("budget", "compiles"), [(None, False), (60.0, True)])
+def test_calibration_beside_a_gpu_compiles_the_cpus_sweeps(
+    monkeypatch: pytest.MonkeyPatch, budget: float | None, compiles: bool
+) -> None:
+    monkeypatch.setattr("pocketgs.training.planning.machine.is_compiled", lambda room: room != "prior.cpu")
+    engine, stereo = CpuEngine(1), CpuStereo()
+    monkeypatch.setattr(engine, "name", "webgpu", raising=False)
+    machine = this_machine(engine, stereo, SizedOptions(engine="webgpu", time_budget=budget))
+    assert (machine.compiles, machine.compiles_sweeps) == (compiles, True)
+
+
+@pytest.mark.usefixtures("adapter")
+def test_speed_beside_a_gpu_without_room_is_the_cpus() -> None:
+    speed = measure_speed(create_engine(EngineOptions(engine="cpu")), WebGpuStereo(max_memory=20), 1, with_prior=True)
+    assert speed.sweeps == speed.prior
 
 
 def test_speed_is_measured_on_any_engine() -> None:

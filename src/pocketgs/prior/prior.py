@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, fields, replace
 from typing import Literal
 
@@ -17,12 +18,12 @@ from pocketgs.prior.depth_maps import depth_maps, stereo_extent
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
 from pocketgs.prior.fuse import FusionSettings, fuse
 from pocketgs.prior.keyframes import KeyframeSettings, select_keyframes
-from pocketgs.prior.merge import merged
+from pocketgs.prior.merge import Candidates, merged
 from pocketgs.prior.report import Poses, PriorReport
 from pocketgs.prior.scale import Scale, estimate_scale
 from pocketgs.prior.stereo import Stereo, create_stereo, with_room
 from pocketgs.prior.structure import Structure, StructureSettings, build_structure
-from pocketgs.prior.sweep import SweepSettings
+from pocketgs.prior.sweep import DepthMap, SweepSettings
 from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.system.stopwatch import Stopwatch
 
@@ -104,19 +105,22 @@ def build_prior(
     cloud, coverage = _sparse_cloud(capture.train, structure), None
     swept_on: str | None = None
     if settings.dense:
-        with stopwatch.stage("depth"):
-            keyframes = [capture.train[index] for index in chosen]
-            points = [seen[index] for index in chosen]
-            sizes = [(frame.camera.width, frame.camera.height) for frame in capture.train]
-            extent = stereo_extent(sizes, len(chosen), settings.sweep)
-            stereo, warnings = with_room(stereo or create_stereo(), extent)
-            swept_on, hints = stereo.name, (*hints, *warnings)
-            keyframes, maps = depth_maps(keyframes, capture.train, points, scale.distance, settings.sweep, stereo)
-        with stopwatch.stage("fusion"):
-            candidates = fuse(keyframes, maps, capture.train, settings.fusion, stereo)
-            stereo.release()
-            del maps
-            fused = merged(candidates, max_points)
+        with ExitStack() as held:
+            with stopwatch.stage("depth"):
+                keyframes = [capture.train[index] for index in chosen]
+                points = [seen[index] for index in chosen]
+                sizes = [(frame.camera.width, frame.camera.height) for frame in capture.train]
+                extent = stereo_extent(sizes, len(chosen), settings.sweep)
+                stereo, warnings = with_room(stereo or create_stereo(), extent)
+                held.callback(stereo.release)
+                swept_on, hints = stereo.name, (*hints, *warnings)
+                keyframes, maps = depth_maps(keyframes, capture.train, points, scale.distance, settings.sweep, stereo)
+            with stopwatch.stage("fusion"):
+                candidates, warnings = _candidates(keyframes, maps, capture.train, settings.fusion, stereo)
+                hints = (*hints, *warnings)
+                held.close()
+                del maps
+                fused = merged(candidates, max_points)
         with stopwatch.stage("coverage"):
             # The capture's own cloud is in the world of its original poses.
             own = [capture.points] if capture.points and not (structure and structure.refined) else []
@@ -166,6 +170,23 @@ def _with_one_exposure(
     if settings.exposure == "auto" and not needs_compensation(capture.train, gains, scale):
         return capture, None
     return replace(capture, train=compensated(capture.train, gains)), (float(gains.min()), float(gains.max()))
+
+
+def _candidates(
+    keyframes: Sequence[Frame],
+    maps: Sequence[DepthMap],
+    frames: Sequence[Frame],
+    settings: FusionSettings,
+    stereo: Stereo,
+) -> tuple[Candidates, tuple[str, ...]]:
+    """See `fuse`; on the CPU if the GPU fails, so that its sweeps are not lost; and warnings."""
+    try:
+        return fuse(keyframes, maps, frames, settings, stereo), ()
+    except PocketGSError as error:
+        if stereo.name == "cpu":
+            raise
+        warning = f"depth maps are compared on the CPU: {error}"
+    return fuse(keyframes, maps, frames, settings, create_stereo()), (warning,)
 
 
 def _seen_points(structure: Structure | None, frames: int) -> list[np.ndarray]:

@@ -13,6 +13,9 @@ from pocketgs.prior.depth_range import DepthRange
 from pocketgs.prior.sweep import DepthMap, SweepSettings
 from pocketgs.system.memory_need import MemoryNeed
 
+MAP_BYTES = 4
+"""Bytes per pixel of a depth map, padded, while all are compared."""
+
 
 @dataclass(frozen=True)
 class StereoExtent:
@@ -44,12 +47,22 @@ class StereoExtent:
         """Pixels of the largest frame."""
         return self.width * self.height
 
+    @property
+    def padded_pixels(self) -> int:
+        """Pixels of each frame when all are padded to one size."""
+        return self.image_width * self.image_height
+
 
 class StereoNeed(NamedTuple):
     """The memory that depth takes: while keyframes are swept, and then while their depth maps are compared."""
 
     sweeping: MemoryNeed
     comparing: MemoryNeed
+
+    @property
+    def on_gpu(self) -> bool:
+        """Whether a GPU sweeps: the CPU takes no device's memory."""
+        return self.sweeping.device > 0
 
 
 class Stereo(Protocol):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +12,7 @@ from pocketgs.capture.capture import Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.errors import PocketGSError
 from pocketgs.gpu.description import MIN_BUFFER
+from pocketgs.prior.consistency import Agreement, Views
 from pocketgs.prior.cpu.stereo import CpuStereo
 from pocketgs.prior.depth_maps import stereo_extent
 from pocketgs.prior.depth_range import DepthRange
@@ -129,6 +133,35 @@ def test_a_prior_without_room_on_the_gpu_is_the_cpus() -> None:
     np.testing.assert_array_equal(found.points.positions, expected.points.positions)
 
 
+def test_a_gpu_that_fails_after_its_sweeps_leaves_comparing_to_the_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    capture, stereo = true_capture(64, 48, frames=5, points=10), WebGpuStereo()
+    expected = build_prior(capture, 500, stereo=stereo)
+
+    def fails(views: Views, tolerance: float) -> Iterator[Agreement]:
+        raise PocketGSError("the GPU is out of memory")
+
+    monkeypatch.setattr(stereo, "compare", fails)
+    found = build_prior(capture, 500, stereo=stereo)
+    assert found.report is not None
+    assert expected.report is not None
+    assert found.report.swept_on == "webgpu"
+    assert "depth maps are compared on the CPU: the GPU is out of memory" in found.report.warnings
+    assert len(found.report.warnings) == len(expected.report.warnings) + 1
+    assert found.report.points == pytest.approx(expected.report.points, rel=0.02)
+
+
+def test_memory_is_given_back_when_a_sweep_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*given: object) -> None:
+        raise KeyboardInterrupt
+
+    stereo = WebGpuStereo()
+    uniforms = stereo.sweeping.sizes()
+    monkeypatch.setattr(stereo, "sweep", fails)
+    with pytest.raises(KeyboardInterrupt):
+        build_prior(true_capture(64, 48, frames=5, points=10), 500, stereo=stereo)
+    assert stereo.sweeping.sizes() == uniforms
+
+
 def test_more_hypotheses_than_threads_are_refused(frames: list[Frame]) -> None:
     with pytest.raises(PocketGSError, match="hypotheses: found 513, expected at most 512"):
         WebGpuStereo().sweep(frames[0], frames[1:], DepthRange(1.0, 5.0, 513), SETTINGS)
@@ -144,6 +177,12 @@ def test_frames_of_both_orientations_get_their_room() -> None:
     assert sizes["photographs"] == 4 * 5 * 731 * 731
     assert sum(size for name, size in sizes.items() if name.startswith("costs")) < 1.01 * 192 * 731 * 548
     assert stereo.memory_needed(extent).comparing.device >= 4 * 10 * 731 * 731
+    padded = 731 * 731 - 731 * 548
+    one_way = replace(extent, image_height=548)
+    for device, images in ((stereo, 8 * 5), (CpuStereo(), 4 * 4)):
+        more, less = device.memory_needed(extent), device.memory_needed(one_way)
+        assert more.sweeping.process - less.sweeping.process >= images * padded
+        assert more.comparing.process - less.comparing.process >= 4 * 10 * padded
 
 
 def test_the_engine_chooses_the_device() -> None:

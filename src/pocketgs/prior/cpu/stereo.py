@@ -16,14 +16,14 @@ from pocketgs.prior.cpu.matching_cost import ALL_USABLE, SourceViews, matching_c
 from pocketgs.prior.cpu.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners
 from pocketgs.prior.depth_range import MOST, DepthRange
 from pocketgs.prior.source_views import mapping
-from pocketgs.prior.stereo import StereoExtent, StereoNeed
+from pocketgs.prior.stereo import MAP_BYTES, StereoExtent, StereoNeed
 from pocketgs.prior.sweep import DepthMap, SweepSettings, no_depth, step_of
 from pocketgs.prior.sweep_constants import BITS, SMOOTHING_STEPS, SMOOTHING_WIDTH, SMOOTHING_WINDOW
 from pocketgs.system.memory_need import MemoryNeed
 
 HYPOTHESIS_BYTES, PIXEL_BYTES, SOURCE_BYTES = 3, 40, 4
-"""Bytes per pixel and hypothesis: a cost of one byte, and a sum of two. Bytes per pixel: its copies and source
-views."""
+"""Bytes per pixel and hypothesis: a cost of one byte, and a sum of two. Bytes per pixel of its copies, and of a
+source view padded to the size of the others."""
 
 
 class CpuStereo:
@@ -32,9 +32,11 @@ class CpuStereo:
     name: Literal["cpu", "webgpu"] = "cpu"
 
     def memory_needed(self, extent: StereoExtent) -> StereoNeed:
-        """Of this process alone; comparisons take next to none."""
-        by_pixel = HYPOTHESIS_BYTES * MOST + PIXEL_BYTES + SOURCE_BYTES * extent.source_views
-        return StereoNeed(MemoryNeed(extent.pixels * by_pixel), MemoryNeed(0))
+        """Of this process alone; comparisons take the padded depth maps."""
+        sweeping = extent.pixels * (HYPOTHESIS_BYTES * MOST + PIXEL_BYTES)
+        sources = SOURCE_BYTES * extent.source_views * extent.padded_pixels
+        comparing = MAP_BYTES * extent.keyframes * extent.padded_pixels
+        return StereoNeed(MemoryNeed(sweeping + sources), MemoryNeed(comparing))
 
     def reserve(self, extent: StereoExtent) -> None:
         """Nothing to do: each sweep takes what it needs."""

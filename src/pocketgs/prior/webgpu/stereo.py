@@ -17,7 +17,7 @@ from pocketgs.gpu.executor import Executor
 from pocketgs.gpu.sizes import Symbols
 from pocketgs.prior.consistency import Agreement, Views
 from pocketgs.prior.depth_range import MOST, DepthRange
-from pocketgs.prior.stereo import StereoExtent, StereoNeed
+from pocketgs.prior.stereo import MAP_BYTES, StereoExtent, StereoNeed
 from pocketgs.prior.sweep import DepthMap, SweepSettings, no_depth, step_of
 from pocketgs.prior.webgpu.comparison_inputs import comparison_fields, comparison_numbers, other_records
 from pocketgs.prior.webgpu.layout import MOST_BANDS, MOST_HYPOTHESES
@@ -25,11 +25,9 @@ from pocketgs.prior.webgpu.passes import COMPARE, SWEEP, describe_comparison, de
 from pocketgs.prior.webgpu.sweep_inputs import SweepInputs
 from pocketgs.system.memory_need import MemoryNeed
 
-PIXEL_BYTES, SOURCE_BYTES = 40, 8
-"""Bytes of this process per pixel: copies of the view and the result; and per pixel of a source view."""
-
-MAP_BYTES = 4
-"""Bytes of this process per pixel of a depth map, while all are written to the GPU."""
+PIXEL_BYTES, IMAGE_BYTES = 40, 8
+"""Bytes of this process per pixel: copies of the view and the result; and per pixel of each packed image, which is
+there twice while it is written to the GPU."""
 
 MAX_PATHS = 8
 
@@ -70,10 +68,11 @@ class WebGpuStereo:
         """Of the GPU's memory, and of this process's, which holds the same where they share one."""
         sweeping = sum(self._plan_sweep(_numbers_of(extent)).sizes.values())
         comparing = sum(self._sizes(self.comparing.description, _numbers_of(extent)).values())
-        by_pixel = PIXEL_BYTES + SOURCE_BYTES * extent.source_views
+        images = IMAGE_BYTES * (1 + extent.source_views) * extent.padded_pixels
+        maps = 2 * MAP_BYTES * extent.keyframes * extent.padded_pixels  # twice while they are written to the GPU
         return StereoNeed(
-            self._need(sweeping, by_pixel * extent.pixels),
-            self._need(comparing, MAP_BYTES * extent.keyframes * extent.pixels),
+            self._need(sweeping, PIXEL_BYTES * extent.pixels + images),
+            self._need(comparing, maps),
         )
 
     def reserve(self, extent: StereoExtent) -> None:

@@ -22,7 +22,7 @@ class SweepInputs:
     """One sweep for the GPU.
 
     Attributes:
-        given: the numbers that `describe` names, but for `bands`.
+        given: the numbers that `describe_sweep` names, but for `bands`.
         buffers: contents by name.
         fields: of the uniform buffer, but for those that follow from the numbers.
     """
@@ -33,7 +33,7 @@ class SweepInputs:
 
     @staticmethod
     def of(keyframe: Frame, source_views: Sequence[Frame], search: DepthRange, settings: SweepSettings) -> SweepInputs:
-        """The inputs of a keyframe's sweep; see `pocketgs.prior.sweep.Stereo.sweep`."""
+        """The inputs of a keyframe's sweep; see `pocketgs.prior.stereo.Stereo.sweep`."""
         photographs = packed([keyframe, *source_views])
         inverse_depths = search.inverse_depths
         images, image_height, image_width = photographs.shape

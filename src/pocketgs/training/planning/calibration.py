@@ -12,7 +12,7 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.depth_range import DepthRange
-from pocketgs.prior.stereo import Stereo, create_stereo
+from pocketgs.prior.stereo import Stereo, StereoExtent, create_stereo, with_room
 from pocketgs.prior.sweep import SweepSettings
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
@@ -35,7 +35,7 @@ class Speed:
 
     Attributes:
         prior: on the CPU.
-        sweeps: of keyframes, on the device that sweeps them.
+        sweeps: of keyframes, on the device of the engine; where it has too little memory, the CPU's is theirs.
         training: of the engine.
     """
 
@@ -60,9 +60,13 @@ def measure_speed(engine: Engine, stereo: Stereo, threads: int, with_prior: bool
     if not with_prior:
         return Speed(training, training, training)
     prior = _sweep_seconds(create_stereo(), frames) / SWEEP_SECONDS
-    sweeps = prior if stereo.name == "cpu" else _sweep_seconds(stereo, frames) / SWEEP_SECONDS
-    stereo.release()
-    return Speed(prior, sweeps, training)
+    stereo, _ = with_room(stereo, StereoExtent.of([(WIDTH, HEIGHT)], len(frames) - 1, len(frames)))
+    if stereo.name == "cpu":
+        return Speed(prior, prior, training)
+    try:
+        return Speed(prior, _sweep_seconds(stereo, frames) / SWEEP_SECONDS, training)
+    finally:
+        stereo.release()
 
 
 def _frame(rng: np.random.Generator, index: int) -> Frame:

@@ -23,7 +23,8 @@ class Machine:
         threads: CPU threads.
         readers: threads that decode photographs.
         resident: resident memory of the process in bytes.
-        compiles: whether kernels must still be compiled.
+        compiles: whether kernels must still be compiled, whatever the size of the run.
+        compiles_sweeps: whether the CPU's sweeps must still be compiled, if it sweeps.
         memory_needed: the engine's memory, see `Engine.memory_needed`.
         stereo_needed: the memory of depth, see `Stereo.memory_needed`.
         speed: relative speed; None if time is not bounded.
@@ -36,6 +37,7 @@ class Machine:
     compiles: bool
     memory_needed: Callable[[int, int, Sequence[tuple[int, int]]], MemoryNeed]
     stereo_needed: Callable[[StereoExtent], StereoNeed]
+    compiles_sweeps: bool = False
     speed: Speed | None = None
     elapsed: float = 0.0
 
@@ -45,7 +47,7 @@ def this_machine(engine: Engine, stereo: Stereo, options: SizedOptions) -> Machi
     rooms = ["splat.cpu"] if engine.name == "cpu" else []
     if options.prior != "none":
         rooms.append("prior")
-    if options.prior == "dense" and stereo.name == "cpu":
+    if options.time_budget is not None and (options.prior == "dense" or engine.name != "cpu"):  # calibration sweeps
         rooms.append("prior.cpu")
     return Machine(
         threads=kernel_threads(options.threads),
@@ -54,4 +56,5 @@ def this_machine(engine: Engine, stereo: Stereo, options: SizedOptions) -> Machi
         compiles=not all(map(is_compiled, rooms)),
         memory_needed=engine.memory_needed,
         stereo_needed=lambda extent: need_of(stereo, extent),
+        compiles_sweeps=not is_compiled("prior.cpu"),
     )

@@ -16,6 +16,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.prior.stereo import StereoNeed
 from pocketgs.system.memory_need import MemoryNeed
 from pocketgs.training.options import SizedOptions
+from pocketgs.training.planning.calibration import Speed
 from pocketgs.training.planning.machine import Machine
 from pocketgs.training.planning.memory_model import MB, stage_bytes
 from pocketgs.training.planning.time_model import Timetable, timetable
@@ -67,13 +68,14 @@ class Plan:
 
 @dataclass(frozen=True)
 class _Size:
-    """A candidate size with its requirements; `refusal` if the engine cannot hold it."""
+    """A candidate size with its requirements, and whether it compiles; `refusal` if the engine cannot hold it."""
 
     shrink: int
     work: Work
     rss: dict[str, int]
     device: int
     times: Timetable | None
+    compiles: bool
     refusal: PocketGSError | None = None
 
     @property
@@ -158,20 +160,27 @@ def _sizes_to_try(listed: ListedCapture, gaussians: int) -> Iterator[tuple[int, 
 
 def _size(shrink: int, outline: Outline, options: SizedOptions, machine: Machine) -> _Size:
     work = Work(outline, options, machine.threads)
-    times = timetable(work, machine.speed) if machine.speed else None
+    stereo = machine.stereo_needed(work.stereo_extent) if work.has_depth else StereoNeed(MemoryNeed(0), MemoryNeed(0))
+    times = timetable(work, _speed_with(stereo, machine.speed)) if machine.speed else None
+    compiles = machine.compiles or (machine.compiles_sweeps and work.has_depth and not stereo.on_gpu)
     try:
         engine = machine.memory_needed(work.gaussians, work.coefficients, outline.training)
     except PocketGSError as error:
-        return _Size(shrink, work, {"training": 0}, 0, times, error)
-    stereo = machine.stereo_needed(work.stereo_extent) if work.has_depth else StereoNeed(MemoryNeed(0), MemoryNeed(0))
+        return _Size(shrink, work, {"training": 0}, 0, times, compiles, error)
     return _Size(
         shrink,
         work,
-        stage_bytes(work, engine, stereo, machine.resident, machine.compiles, machine.readers),
+        stage_bytes(work, engine, stereo, machine.resident, compiles, machine.readers),
         # Each gives its buffers back before the next makes its own.
         max(engine.device, stereo.sweeping.device, stereo.comparing.device),
         times,
+        compiles,
     )
+
+
+def _speed_with(stereo: StereoNeed, speed: Speed) -> Speed:
+    """The speed with the CPU's for sweeps that the GPU has too little memory for."""
+    return speed if stereo.on_gpu else replace(speed, sweeps=speed.prior)
 
 
 def _fits(size: _Size, options: SizedOptions) -> bool:
@@ -211,7 +220,7 @@ def _plan(size: _Size, options: SizedOptions, machine: Machine) -> Plan:
 def _too_little_memory(size: _Size, listed: ListedCapture, options: SizedOptions, machine: Machine) -> str:
     needed = -(-max(size.peak, size.device) // (10 * MB)) * 10
     stage = max(size.rss, key=lambda name: size.rss[name])
-    first = ", since kernels are compiled in the first run," if machine.compiles else ""
+    first = ", since kernels are compiled in the first run," if size.compiles else ""
     return (
         f"max memory: found {options.max_memory:,} MB, but {_described(size, listed)}{first} up to {needed:,} MB are "
         f"held (stage {stage}): expected --max-memory {needed} or more{_instead(listed)}"

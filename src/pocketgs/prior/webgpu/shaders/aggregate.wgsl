@@ -1,10 +1,10 @@
 // Add up, along the paths of one direction, the least cost of reaching each pixel and hypothesis (Hirschmüller 2008,
 // equation 13): L(d) = C(d) + min(L'(d), L'(d ± 1) + P1, min L' + P2) - min L'.
 //
-// A lane of threads is a group of LANE hypotheses; `lanes` of them follow a line, and a workgroup takes as many lines as
-// it has threads for. Lines that are not rows go down or up by one row at each step. Oblique ones that leave the image at
-// one side come back at the other, where another path begins: so there are as many lines as columns. Where a band ends,
-// `carried` hands the paths over to the next.
+// A lane of threads is a group of LANE hypotheses; `lanes` of them follow a line, and a workgroup takes as many lines
+// as it has threads for. Lines that are not rows go down or up by one row at each step. Oblique ones that leave the
+// image at one side come back at the other, where another path begins: so there are as many lines as columns. Where a
+// band ends, `carried` hands the paths over to the next.
 import sweep, sweep.band, photographs, workgroups
 
 @group(0) @binding(0) var<uniform> sweep: Sweep;

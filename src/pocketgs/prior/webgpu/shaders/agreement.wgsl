@@ -4,8 +4,8 @@ import comparison, workgroups
 
 @group(0) @binding(0) var<uniform> comparison: Comparison;
 @group(0) @binding(1) var<storage, read> maps: array<f32>;
-// For each view: rows of the transform from this view's camera axes to its own; focal lengths and principal point; width,
-// height, and the step of the coarser of the two sweeps.
+// For each view: rows of the transform from this view's camera axes to its own; focal lengths and principal point;
+// width, height, and the step of the coarser of the two sweeps.
 @group(0) @binding(2) var<storage, read> others: array<vec4f>;
 // Agreeing views in the lower half of a word, contradicting ones in the upper.
 @group(0) @binding(3) var<storage, read_write> votes: array<u32>;

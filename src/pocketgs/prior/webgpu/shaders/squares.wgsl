@@ -1,5 +1,5 @@
-// For every pixel of the source views the grey levels of four, one byte each: its own, its right neighbour's and the two
-// below. One read then gives all that is interpolated between. Border pixels are repeated. One thread per pixel.
+// For every pixel of the source views the grey levels of four, one byte each: its own, its right neighbour's and the
+// two below. One read then gives all that is interpolated between. Border pixels are repeated. One thread per pixel.
 import sweep, photographs, workgroups
 
 @group(0) @binding(0) var<uniform> sweep: Sweep;

@@ -1,5 +1,5 @@
-// The cheapest hypothesis of every pixel: its depth, with sub-step precision by a parabola through it and its neighbours,
-// and the margin by which it is cheaper than its best rival. One thread per pixel of a band.
+// The cheapest hypothesis of every pixel: its depth, with sub-step precision by a parabola through it and its
+// neighbours, and the margin by which it is cheaper than its best rival. One thread per pixel of a band.
 //
 // A winner at the near end of the range is none: the true depth may be outside. So is one at the far end, unless the
 // range reaches to infinity.
