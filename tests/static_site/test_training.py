@@ -228,12 +228,12 @@ def test_fern(visit: Visit, data_folder: Path, tmp_path: Path) -> None:
     folder = tmp_path / "fern"
     export_capture(folder, open_capture(data_folder / "fern", images="images_8", max_size=126))
     size = ("--max-size", "63")
-    choose(visit, most=63, iterations=40, gaussians=3000)
+    choose(visit, most=63, iterations=20, gaussians=1500)
     drop(visit, "fern.zip", zipped(folder))
     scene = saved(visit, tmp_path / "fern.ply")
     assert visit.complaints == []
     found = held_out_psnr(scene, folder, *size)
-    sizes = ("--iterations", "40", "--max-gaussians", "3000", *size)
+    sizes = ("--iterations", "20", "--max-gaussians", "1500", *size)
     expected = psnr_in_python(folder, tmp_path / "python", *sizes)
     assert abs(found - expected) < TOLERANCE
 

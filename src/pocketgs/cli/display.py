@@ -189,8 +189,8 @@ def print_result(console: Terminal, result: RunResult) -> None:
     """Print quality, time and memory of a run, and the path of its result."""
     summary = result.summary
     if result.evaluation:
-        doubtful = summary["doubtful_views"]
-        print_evaluation(console, result.evaluation, doubtful["names"] if doubtful else ())
+        contradicted = summary["contradicted_views"]
+        print_evaluation(console, result.evaluation, contradicted["names"] if contradicted else ())
     seconds = summary["seconds"]
     stages = ", ".join(f"{name} {value:.1f}" for name, value in seconds.items() if name != "total" and value >= 0.05)
     stopped = " (stopped early)" if summary["interrupted"] else ""
@@ -237,13 +237,13 @@ COLUMNS = (
 )
 
 
-def print_evaluation(console: Terminal, evaluation: Evaluation, doubtful: Collection[str] = ()) -> None:
+def print_evaluation(console: Terminal, evaluation: Evaluation, apart: Collection[str] = ()) -> None:
     """Print a table of metrics per image, with means.
 
     Args:
         console: to print on.
         evaluation: of the held-out views.
-        doubtful: names of views that get a second mean, without them, because their given poses are contradicted.
+        apart: names of views whose given poses are contradicted; there is a second mean, without them.
     """
     columns = [column for column in COLUMNS if getattr(evaluation, column.name) is not None]
     table = Table("held-out view", *(column.title for column in columns))
@@ -251,9 +251,9 @@ def print_evaluation(console: Terminal, evaluation: Evaluation, doubtful: Collec
         table.add_row(Text(printable(image.name)), *(column.text_of(image) for column in columns))
     table.add_section()
     table.add_row("mean", *(column.text_of(evaluation) for column in columns))
-    others = evaluation.without(doubtful) if doubtful else None
+    others = evaluation.without(apart) if apart else None
     if others:
-        title = f"without {len(doubtful)} of doubtful pose"
+        title = f"without {len(apart)} with contradicted poses"
         table.add_row(title, *(column.text_of(others) for column in columns))
     console.print(table, soft_wrap=False)
     if evaluation.lpips_note:

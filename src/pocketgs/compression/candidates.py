@@ -10,7 +10,7 @@ from pocketgs.compression.judgement import Judge
 from pocketgs.compression.pruning import Pruner
 from pocketgs.compression.rounding import ORDER, rounded_in_turn
 from pocketgs.compression.timekeeper import StoppedError, Timekeeper
-from pocketgs.scene.formats.pgs import encode
+from pocketgs.scene.formats.pgs import decode, encode
 from pocketgs.scene.formats.pgs_coding import Coding
 from pocketgs.scene.formats.pgs_rounding import rounded
 from pocketgs.scene.gaussians import Gaussians
@@ -27,22 +27,27 @@ PRUNING_STEPS, PRUNING_ROUNDS = 40, 8
 """Training steps of a round of pruning, and the expected number of rounds."""
 
 PRUNING_TIME = 0.35
-"""Share of the time budget for pruning in rounds."""
+"""Share of the remaining time for pruning in rounds."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A compressed scene.
+    """A compressed scene. It is kept encoded, since a search keeps many.
 
     Attributes:
-        scene: the Gaussians, as the file holds them.
+        count: number of Gaussians.
         contents: of the file.
         psnr: expected on views that it was not trained on, in dB; see `Judge`.
     """
 
-    scene: Gaussians
+    count: int
     contents: bytes
     psnr: float
+
+    @property
+    def scene(self) -> Gaussians:
+        """The Gaussians, as the file stores them; decoded anew each time."""
+        return decode(self.contents)
 
     @property
     def megabytes(self) -> float:
@@ -87,9 +92,10 @@ class Workshop:
     def prune(self, scene: Gaussians, goes_on: Callable[[Level], bool]) -> None:
         """Prune in rounds, and keep the scene after each, as long as it `goes_on` and time allows."""
         self.timekeeper.expected = PRUNING_ROUNDS * PRUNING_STEPS + CANDIDATES * STEPS
+        used = self.timekeeper.used()
         for left in self.pruner.rounds(scene, PRUNING_STEPS):
             self.levels.append(Level(left, self.judge.psnr(left)))
-            if self.timekeeper.used() > PRUNING_TIME or not goes_on(self.levels[-1]):
+            if self.timekeeper.used() > used + (1.0 - used) * PRUNING_TIME or not goes_on(self.levels[-1]):
                 break
         self.timekeeper.expected = self.timekeeper.done + CANDIDATES * STEPS
 
@@ -121,7 +127,7 @@ class Workshop:
         return self._keep(rounded(scene, coding), coding)
 
     def _keep(self, scene: Gaussians, coding: Coding) -> Candidate:
-        self.candidates.append(Candidate(scene, encode(scene, coding), self.judge.psnr(scene)))
+        self.candidates.append(Candidate(len(scene), encode(scene, coding), self.judge.psnr(scene)))
         self.timekeeper.check()
         if self.timekeeper.is_up() and any(map(self.is_within, self.candidates)):
             raise StoppedError

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,9 +62,6 @@ GRIDS = 5
 MAKES_UP = 0.5
 """Approximate loss by rounding, in dB, that training on renderings recovers."""
 
-WORTH_PRUNING = 0.8
-"""Largest share of the Gaussians to try on grids that are not the finest: if they need more, finer ones are better."""
-
 GENTLE = 0.3
 """Learning rates on photographs, relative to the recipe's, for scenes that training at these makes worse."""
 
@@ -78,7 +75,7 @@ TABLE_ROWS = CANDIDATES + 3
 """Approximate number of scenes in the final comparison: candidates, one on fine grids, original, .spz."""
 
 COPIES = 12
-"""Number of scenes in memory: five from rounds of pruning; the rest are candidates, before and after rounding."""
+"""Number of scenes in memory: five from rounds of pruning, five before rounding, and those in work."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +157,7 @@ def compress(
                 _search_on_photographs(scene, workshop, bound)
             else:
                 workshop.coding = _round_only(scene, workshop, bound)
-                _search_by_quality(scene, workshop, bound, len(scene))
+                _search_by_quality(scene, workshop, bound)
         except StoppedError:
             if not any(map(is_within, workshop.candidates)):
                 raise KeyboardInterrupt from None
@@ -242,13 +239,15 @@ def _suitable_pace(scene: Gaussians, workshop: Workshop) -> float:
     return 1.0 if workshop.judge.psnr(trained) >= workshop.judge.original_psnr else GENTLE
 
 
-def _affordable(scene: Gaussians, workshop: Workshop, bound: float) -> Sequence[Coding]:
-    """The codings from the coarsest one that keeps the whole scene within the bound; at least the finest."""
-    for place, coding in enumerate(CODINGS[:-1]):
+def _affordable_coding(scene: Gaussians, workshop: Workshop, bound: float) -> Coding:
+    """The coarsest coding that keeps the whole scene within the bound; the finest if none does, or time is up."""
+    for coding in CODINGS[:-1]:
+        if workshop.timekeeper.is_up():
+            break
         workshop.coding = coding
         if workshop.rounded_in_turn(scene).psnr >= bound:
-            return CODINGS[place:]
-    return CODINGS[-1:]
+            return coding
+    return CODINGS[-1]
 
 
 def _search_by_size(scene: Gaussians, workshop: Workshop, size: float) -> None:
@@ -260,28 +259,24 @@ def _search_by_size(scene: Gaussians, workshop: Workshop, size: float) -> None:
     search(lambda count: float(np.log(len(workshop.make(count).contents))), goal, guess, LEAST, len(scene), is_time_up)
     # The size of small files shrinks less than in proportion to the number of Gaussians, which the search assumes.
     fewest = min(workshop.candidates, key=lambda each: len(each.contents))
-    while len(fewest.contents) > size and len(fewest.scene) > LEAST:
-        fewer = FEWER * len(fewest.scene) * size / len(fewest.contents)
+    while len(fewest.contents) > size and fewest.count > LEAST:
+        fewer = FEWER * fewest.count * size / len(fewest.contents)
         fewest = workshop.make(max(int(fewer), LEAST))
 
 
 def _search_on_photographs(scene: Gaussians, workshop: Workshop, bound: float) -> None:
-    for coding in _affordable(scene, workshop, bound):
-        workshop.coding = coding
-        share = 1.0 if coding == CODINGS[-1] else WORTH_PRUNING
-        _search_by_quality(scene, workshop, bound, max(int(share * len(scene)), 1))
-        if any(map(workshop.is_within, workshop.candidates)):
-            return
-    _round_only(scene, workshop, bound)
+    workshop.coding = _affordable_coding(scene, workshop, bound)
+    _search_by_quality(scene, workshop, bound)
+    if not any(map(workshop.is_within, workshop.candidates)):
+        _round_only(scene, workshop, bound)
 
 
-def _search_by_quality(scene: Gaussians, workshop: Workshop, bound: float, most: int) -> None:
-    if not workshop.levels:
-        workshop.prune(scene, lambda level: level.psnr > bound - SLACK)
+def _search_by_quality(scene: Gaussians, workshop: Workshop, bound: float) -> None:
+    workshop.prune(scene, lambda level: level.psnr > bound - SLACK)
     good: list[Level] = [level for level in workshop.levels if level.psnr >= bound - RECOVERS]
-    guess = len(min(good, key=lambda level: len(level.scene)).scene) if good else most
+    guess = len(min(good, key=lambda level: len(level.scene)).scene) if good else len(scene)
     goal = Goal(bound, DB_PER_FACTOR, PSNR_TOLERANCE, from_above=True)
-    search(lambda count: workshop.make(count).psnr, goal, guess, LEAST, most, workshop.timekeeper.is_up)
+    search(lambda count: workshop.make(count).psnr, goal, guess, LEAST, len(scene), workshop.timekeeper.is_up)
 
 
 def _within(candidates: list[Candidate], size: float | None, bound: float | None) -> list[Candidate]:

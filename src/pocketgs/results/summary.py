@@ -34,7 +34,7 @@ def summarise(
     return {
         **(evaluation.means if evaluation else dict.fromkeys(MEANS)),
         "lpips_note": evaluation.lpips_note if evaluation else None,
-        "doubtful_views": _doubtful_views(result, evaluation),
+        "contradicted_views": _contradicted_views(result, evaluation),
         "colours": _learned_colours(result),
         "transients": _transients(result),
         "coverage": result.prior.coverage if result.prior else None,
@@ -72,7 +72,7 @@ def summarise(
     }
 
 
-def _doubtful_views(result: TrainingResult, evaluation: Evaluation | None) -> dict[str, Any] | None:
+def _contradicted_views(result: TrainingResult, evaluation: Evaluation | None) -> dict[str, Any] | None:
     """The held-out views whose given poses are contradicted, and the means without them; None if there are none.
 
     Their errors may be those of their poses, not of the scene.

@@ -95,6 +95,12 @@ def encode(gaussians: Gaussians, coding: Coding = DEFAULT, path: Path = Path("sc
     return join_sections(encoded(gaussians, coding, path)[0])
 
 
+def decode(contents: bytes) -> Gaussians:
+    """Decode a scene from the contents of a file; raises what `read_gaussians` does."""
+    path = Path("scene.pgs")
+    return decoded(path, split_sections(path, contents, KNOWN))
+
+
 def encoded(gaussians: Gaussians, coding: Coding, path: Path) -> tuple[list[Section], np.ndarray]:
     """Encode a scene, rounded, as sections; and (N,) the indices of its Gaussians in the order of the file.
 
