@@ -20,6 +20,7 @@ from pocketgs.sort_free.scene import SortFreeScene, sort_free
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.reference.scene import Scene
 from pocketgs.splat.webgpu.passes import COVERAGES, Variant, Weights, describe
+from splat.training_step import camera_in_front
 
 MakeGaussians = Callable[..., Gaussians]
 every_form = pytest.mark.parametrize("form", FORMS)
@@ -151,6 +152,17 @@ def test_fused_passes_keep_to_the_memory_that_they_may_take(
     drawing = drawing_of(weighted_scene(make_gaussians(), "lc"), replace(GPU, max_memory=1))
     with pytest.raises(PocketGSError, match=r"would take \d MB of GPU memory, the limit is 1 MB"):
         drawing.render(camera)
+
+
+def test_a_view_that_does_not_fit_leaves_room_for_others(adapter: None, make_gaussians: MakeGaussians) -> None:
+    scene = make_gaussians(count=3000)
+    scene.log_scales += 2.0
+    drawing = drawing_of(weighted_scene(scene, "lc"), replace(GPU, max_memory=10))
+    small = camera_in_front(32, 32, 32.0, 3.0)
+    before = drawing.render(small, BACKGROUND).image
+    with pytest.raises(PocketGSError, match="the limit is 10 MB"):
+        drawing.render(camera_in_front(512, 512, 512.0, 3.0), BACKGROUND)
+    np.testing.assert_array_equal(drawing.render(small, BACKGROUND).image, before)
 
 
 def test_names_of_weights_in_the_shaders_are_those_of_forms() -> None:

@@ -152,6 +152,7 @@ def test_view_of_any_format(
     told = fetch(url, "viewer.json").json
     body = fetch(url, told["scene"]["url"]).body
     assert told["scene"]["bytes"] == len(body)
+    assert told["scene"]["is_copy"] == (told["scene"]["url"] == "scene.ply")
     if name in ("toys.pgs", "toys.spz", "toys.splat"):
         assert told["scene"]["url"] == f"scene.{name.rpartition('.')[2]}"
         assert body == (tmp_path / name).read_bytes()

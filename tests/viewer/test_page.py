@@ -206,6 +206,28 @@ def test_appearances(visit: Visit) -> None:
     assert np.ptp(brightness) > 1.0
 
 
+def test_an_appearance_without_room_leaves_the_picture(visit: Visit) -> None:
+    """The GPU's memory is full once: the page says so, goes on as before, and the next try works."""
+    before = visit.picture()
+    visit.page.evaluate(
+        """() => {
+            const own = GPUDevice.prototype.popErrorScope;
+            GPUDevice.prototype.popErrorScope = async function () {
+                GPUDevice.prototype.popErrorScope = own;
+                await own.call(this);
+                return new GPUOutOfMemoryError("full");
+            };
+        }"""
+    )
+    visit.page.keyboard.press("2")
+    expect(visit["#message"]).to_contain_text("the GPU's memory is full", timeout=PATIENCE)
+    expect(visit["[data-appearance=splats]"]).to_have_attribute("aria-pressed", "true")
+    assert psnr(visit.picture(), before) > 60
+    visit.page.keyboard.press("2")
+    expect(visit["[data-appearance=points]"]).to_have_attribute("aria-pressed", "true", timeout=PATIENCE)
+    visit["#message-close"].click()
+
+
 def test_background(visit: Visit, engine: CpuEngine, cameras: list[Camera]) -> None:
     seen = []
     for _ in range(3):

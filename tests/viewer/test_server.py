@@ -62,7 +62,7 @@ def test_what_the_page_is_told(page: Page, content: Content, small_capture: Capt
     told = fetch(page.url, "viewer.json").json
     size = content.scene.stat().st_size if content.scene else 0
     assert told["title"] == "toys"
-    assert told["scene"] == {"url": "scene.ply", "bytes": size}
+    assert told["scene"] == {"url": "scene.ply", "bytes": size, "is_copy": False}
     assert told["live"] is False
     assert told["background"] == [0, 0, 0]
     assert told["previews"] == ["previews/a%20b%231.png"]

@@ -31,7 +31,8 @@ def distil(
     Args:
         scene: A trained scene: a file (.ply, .spz, .splat, .glb …), or a result folder.
         capture: The capture that it was trained on.
-        output: The file to write: a .ply, or a small .pgs. PocketGS draws it as it was trained; others sort a .ply.
+        output: The file to write: a .ply, or a small .pgs. PocketGS draws both as trained; other programs read the
+            .ply but sort its Gaussians.
         options: Options of distilling.
         reading: Options for reading the capture.
         max_memory: Megabytes that reading may take; larger files are refused.

@@ -8,7 +8,7 @@ import time
 import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -97,8 +97,10 @@ def view(
     title = scene.resolve().name if is_result else scene.stem
     gaussians = shown.gaussians if isinstance(shown, SortFreeScene) else shown
     write = partial(write_sort_free, scene=shown) if isinstance(shown, SortFreeScene) else shown.save
-    with readable_file(scene / SCENE if is_result else scene, write) as file:
+    original = scene / SCENE if is_result else scene
+    with readable_file(original, write) as file:
         content = scene_content(title, file, gaussians, scene if is_result else None, opened)
+        content = replace(content, is_copy=file != original)
         with serving(content, network=page.host, port=page.port) as served:
             _announce(served, page)
             Terminal().say("Ctrl-C stops it")

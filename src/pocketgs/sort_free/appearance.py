@@ -70,8 +70,10 @@ def appearance_of(scene: SortFreeScene, camera: Camera, near: float) -> Appearan
 
 
 def directions_to(scene: SortFreeScene, camera: Camera, drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(N, 3) unit vectors from the camera to the Gaussians, and their distances; of those not drawn, some that can be
-    computed with: they may be as near as they like, or nowhere.
+    """(N, 3) unit vectors from the camera to the Gaussians, and (N,) distances.
+
+    Gaussians that are not drawn may be at the camera itself or not finite, so they get a finite direction and distance
+    of no meaning.
     """
     means = scene.gaussians.means
     offsets = np.where(drawn[:, None], means - camera.centre, (0.0, 0.0, scene.unit)).astype(means.dtype)

@@ -1,4 +1,4 @@
-"""Edits of sort-free scenes: those of other scenes, with the weights going along."""
+"""Edits of sort-free scenes: the same as of other scenes, applied to the weights too."""
 
 from __future__ import annotations
 

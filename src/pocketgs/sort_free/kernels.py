@@ -1,6 +1,6 @@
-"""What sort-free images take besides adding up, in Numba: what Gaussians look like, and the division by pixel.
+"""Numba kernels of sort-free images: how each Gaussian looks from the camera, and the division at each pixel.
 
-`appearance.py` and `renderer.py` have the same in NumPy, which is exact and takes half as long as all the rest.
+`appearance.py` and `renderer.py` have the same in NumPy, for the engine "reference".
 """
 
 from __future__ import annotations

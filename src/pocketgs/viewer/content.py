@@ -46,6 +46,7 @@ class Content:
     Attributes:
         title: a short name.
         scene: the file with the Gaussians, or None if they come over the WebSocket.
+        is_copy: whether `scene` was made for the page, which cannot read the user's file.
         live: whether the page follows a run.
         background: RGB in [0, 1].
         views: the capture's cameras, sorted by name.
@@ -62,6 +63,7 @@ class Content:
     up: Sequence[float] = UP
     target: Sequence[float] = (0.0, 0.0, 0.0)
     previews: Mapping[str, Path] = field(default_factory=dict)
+    is_copy: bool = False
 
     def __post_init__(self) -> None:
         # The file is opened at its real path, so that a link that replaces it later is not served: see `open_in_place`.
@@ -79,7 +81,10 @@ class Content:
         Raises:
             OSError: the scene's file does not exist any more.
         """
-        scenes = [{"url": name, "bytes": path.stat().st_size} for name, path in self.scene_files.items()]
+        scenes = [
+            {"url": name, "bytes": path.stat().st_size, "is_copy": self.is_copy}
+            for name, path in self.scene_files.items()
+        ]
         return {
             "title": self.title,
             "scene": scenes[0] if scenes else None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from pathlib import Path
 from random import Random
 
@@ -17,7 +18,7 @@ from pocketgs.files.memory_bound import memory_bound
 from pocketgs.scene.formats import pgs, read_scene
 from pocketgs.scene.formats.pgs_coding import DEFAULT, FINE, Coding
 from pocketgs.scene.formats.pgs_rounding import GROUPS, rounded
-from pocketgs.scene.formats.pgs_sections import OPTIONAL, Section, join_sections, split_sections
+from pocketgs.scene.formats.pgs_sections import OPTIONAL, Section, join_sections, section_names, split_sections
 from pocketgs.scene.formats.range_coder import RangeDecoder, RangeEncoder, new_models
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from scene.formats.scenes import covariances, load_or_refuse, opacity_error, random_scene, scenes
@@ -174,3 +175,21 @@ def test_broken_behind_a_right_checksum(folder: Path) -> None:
         for number in range(200):
             path.write_bytes(broken_sections(Random(number), without_and_with_book[number % 2]))
             load_or_refuse(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes on this system")
+def test_named_pipe_is_refused_unread(tmp_path: Path) -> None:
+    """Opening one would wait for a writer; here there is one, so that a reader that opens it fails the test instead."""
+    path = tmp_path / "scene.pgs"
+    os.mkfifo(path)
+    pipe = os.open(path, os.O_RDWR | os.O_NONBLOCK)
+    try:
+        written = pgs.encode(random_scene(3, 0))
+        os.write(pipe, written)
+        with pytest.raises(PocketGSError, match=r"no such file"):
+            pgs.read_gaussians(path)
+        assert os.read(pipe, 2 * len(written)) == written
+        os.write(pipe, written)
+        assert section_names(path) == set()
+    finally:
+        os.close(pipe)

@@ -30,7 +30,7 @@ from pocketgs.scene.formats.pgs_sections import (
     WEIGHTS,
     Section,
     join_sections,
-    section_names,
+    names_in,
     split_sections,
 )
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
@@ -189,9 +189,10 @@ def read_gaussians(path: Path) -> Gaussians:
         PocketGSError: the file is missing, damaged, of another version, or exceeds the memory bound, or the scene is
             drawn without sorting.
     """
-    if WEIGHTS in section_names(path):
+    contents = read_contents(path)
+    if WEIGHTS in names_in(contents):
         raise PocketGSError(f"{path}: a scene that is drawn without sorting, expected one that is sorted")
-    return decoded(path, split_sections(path, read_contents(path), KNOWN))
+    return decoded(path, split_sections(path, contents, KNOWN))
 
 
 def decoded(path: Path, sections: dict[str, bytes]) -> Gaussians:

@@ -80,7 +80,7 @@ def code_harmonics(columns: Columns, table: np.ndarray) -> None:
 
 
 def code_views(columns: Columns, table: np.ndarray) -> None:
-    """Code (N, K) levels of the coefficients that weights depend on: of these, neighbours tell next to nothing."""
+    """Code (N, K) levels of the coefficients that weights depend on, without context: neighbours predict little."""
     for place in range(table.shape[1]):
         table[:, place] = columns.code(table[:, place], _no_context(table))
 

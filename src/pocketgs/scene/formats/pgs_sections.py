@@ -16,10 +16,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pocketgs.errors import PocketGSError
+from pocketgs.files.opening import open_file
 
 MAGIC, VERSION = b"PGSC", 1
 HEADER = struct.Struct("<4sHHI")
 ROW = struct.Struct("<8sBBHI")
+MAX_SECTIONS = 0xFFFF
 
 FIELDS, TREE, COLUMNS = 1, 2, 3
 """Types: fields of fixed sizes, a tree of positions, and range-coded columns."""
@@ -56,15 +58,25 @@ def join_sections(sections: list[Section]) -> bytes:
 
 
 def section_names(path: Path) -> set[str]:
-    """Names of a file's sections, from its first bytes alone; none if it is no `.pgs` or cannot be read."""
+    """Names of a file's sections, from its first bytes alone; none if it is no `.pgs` or cannot be read.
+
+    Raises:
+        PocketGSError: it lies outside the folder that is being read.
+    """
     try:
-        with path.open("rb") as file:
-            start = file.read(HEADER.size)
-            if len(start) < HEADER.size or start[:4] != MAGIC:
-                return set()
-            table = file.read(HEADER.unpack(start)[2] * ROW.size)
+        if not path.is_file():
+            return set()
+        with open_file(path) as file:
+            return names_in(file.read(HEADER.size + MAX_SECTIONS * ROW.size))
     except OSError:
         return set()
+
+
+def names_in(contents: bytes) -> set[str]:
+    """Names of the sections in the first bytes of a file; none if it is no `.pgs`."""
+    if len(contents) < HEADER.size or contents[:4] != MAGIC:
+        return set()
+    table = contents[HEADER.size :][: HEADER.unpack_from(contents)[2] * ROW.size]
     return {_text(row[0]) for row in ROW.iter_unpack(table[: len(table) // ROW.size * ROW.size])}
 
 

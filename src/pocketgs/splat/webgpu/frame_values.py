@@ -1,4 +1,4 @@
-"""What a host writes into the uniform buffers before every image and every step."""
+"""The values of the uniform buffers, which the host writes before every image and every step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run will take of the GPU's memory, worked out before any of it is taken."""
+"""The GPU memory that a run needs, computed before any of it is allocated."""
 
 from __future__ import annotations
 

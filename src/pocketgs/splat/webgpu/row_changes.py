@@ -1,4 +1,4 @@
-"""Rows of the scene and of the optimiser that go, stay and are copied, without leaving the GPU."""
+"""Removing, keeping and copying rows of the scene and of the optimiser on the GPU."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Steps that the GPU has before it: the host submits them, and looks only now and then what became of them."""
+"""Steps that are submitted to the GPU ahead of time: the host checks only now and then how far they have got."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the host writes into a run's tables on the GPU, and what it reads back."""
+"""Writing a run's tables on the GPU, and reading them back."""
 
 from __future__ import annotations
 

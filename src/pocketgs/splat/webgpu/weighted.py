@@ -21,9 +21,6 @@ from pocketgs.splat.webgpu.memory import GROWTH, INTERSECTIONS_PER_GAUSSIAN, MIN
 from pocketgs.splat.webgpu.passes import Variant, Weights, describe
 from pocketgs.splat.webgpu.scene_columns import to_columns, transposed
 
-NUMBERS = ("sigma", "beta", "background")
-"""That weights may be made with: see `common/weights.wgsl`."""
-
 
 class WeightedDrawing:
     """Draws a scene whose Gaussians have weights; see `pocketgs.splat.engine.Renderer`.
@@ -32,7 +29,7 @@ class WeightedDrawing:
         gaussians: the scene.
         weights: what Gaussians are weighted by.
         unit: length that distances are measured in, in scene units.
-        numbers: those of `NUMBERS` that the weights are made with.
+        numbers: those of the struct `Weighting` in `common/weights.wgsl` that the weights are made with, by name.
         views: (N, K) spherical harmonics of what a weight depends on, K = 0, 1, 4, 9 or 16.
         gpu: part of the name of the GPU to use, or None for the best.
         max_memory: megabytes of GPU memory that buffers may take.
@@ -69,8 +66,8 @@ class WeightedDrawing:
         self._intersections = max(MIN_INTERSECTIONS, INTERSECTIONS_PER_GAUSSIAN * count)
         shape, sh = to_columns(scene)
         self._columns = {"shape": shape, "sh": sh, "views": transposed(views)}
-        values = {name: numbers.get(name, 0.0) for name in NUMBERS}
-        self._weighting = {"unit": unit, "view_coefficients": views.shape[1], **values}
+        absent = dict.fromkeys(self._executor.description.uniforms["weighting"].fields, 0.0)
+        self._weighting = {**absent, **numbers, "unit": unit, "view_coefficients": views.shape[1]}
         self._made: dict[str, int] = {}
 
     def render(
@@ -90,22 +87,25 @@ class WeightedDrawing:
 
     def _draw(self, sequence: str, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:
         """(H, W, 4) float32: colour and how much of the background shows."""
+        intersections = self._intersections
         while True:
-            symbols = self._make_room(camera)
+            symbols = self._make_room(camera, intersections)
             self._executor.write_uniform("view", view_values(camera, background, self._near, symbols))
             self._executor.submit(sequence, symbols)
             pixels = self._executor.read("image", np.float32, 4 * symbols["pixels"])
             _, halted, needed = self._executor.read("status", np.uint32, 3)
             if not halted:
                 return pixels.reshape(camera.height, camera.width, 4)
-            self._intersections = int(needed * GROWTH)
+            intersections = int(needed * GROWTH)
             self._executor.write("status", np.zeros(3, np.uint32))
 
-    def _make_room(self, camera: Camera) -> dict[str, int]:
-        """Make the buffers for an image, and write the scene to them if they are new."""
+    def _make_room(self, camera: Camera, intersections: int) -> dict[str, int]:
+        """Make the buffers for an image, and write the scene to them if they are new. What does not fit is refused
+        before anything is changed.
+        """
         description = self._executor.description
         given = {"width": camera.width, "height": camera.height, "replay_depth": 0}
-        symbols = description.symbols({**self._counts, **given, "intersections": self._intersections})
+        symbols = description.symbols({**self._counts, **given, "intersections": intersections})
         sizes = description.sizes(symbols, description.buffers_of(description.sequences))
         if sizes != self._made:
             check_buffers(sizes, self._largest, "fewer Gaussians or smaller images")
@@ -122,4 +122,5 @@ class WeightedDrawing:
                 self._executor.write_uniform("weighting", self._weighting)
                 self._executor.clear("cluster_bounds")
             self._made = sizes
+        self._intersections = intersections
         return symbols

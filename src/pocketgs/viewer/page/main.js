@@ -70,7 +70,7 @@ async function load({ scene, title, up }, view, cameras) {
         }
     };
     const onPart = paced(showPart, () => view.pauseBetweenParts);
-    const read = (onProgress) => fetchScene(scene.url, scene.bytes, onProgress, onPart);
+    const read = (onProgress) => fetchScene(scene, onProgress, onPart);
     try {
         const gaussians = await whileLoading(title, read);
         if (mayShow()) {

@@ -1,5 +1,5 @@
-// Project every Gaussian of the clusters in view into the image: Σ' = J W Σ Wᵀ Jᵀ + 0.3 I (3DGS, equation 5). Writes its
-// splat, what its place in an image follows from, its depth or its weight, and in how many tiles' lists it will stand. One
+// Project every Gaussian of the clusters in view into the image: Σ' = J W Σ Wᵀ Jᵀ + 0.3 I (3DGS, equation 5). Writes
+// its splat, the depth that it is sorted by or the weight that it has instead, and the number of tiles it reaches. One
 // thread per Gaussian, one workgroup per cluster.
 import view, gaussians.read, gaussians.read_sh, projection, spherical_harmonics, splats.words, appearance.kind, tiles
 import depth_keys.kind, weights.kind, clusters, finite, workgroups

@@ -1,5 +1,5 @@
-// Composite each tile's splats, in the order of its list: front to back (3DGS, equation 3), or in any. One workgroup per tile and group of three channels, one
-// thread per pixel.
+// Composite each tile's splats in the order of its list: front to back (3DGS, equation 3), or in any order. One
+// workgroup per tile and group of three channels, one thread per pixel.
 import view, splats.read, tiles, compositor.forward, channels.kind, weights.finished, replay.record, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;

@@ -148,34 +148,44 @@ export class Renderer {
         return executor;
     }
 
-    /** Change to the passes for a scene, if others are there, and upload it. */
+    /** Change to the passes for a scene, if others are there, and upload it. The old ones stay if the upload fails. */
     async #show(scene, appearance) {
         const passes = passesFor(scene, appearance);
-        if (JSON.stringify(passes) !== JSON.stringify(this.#passes)) {
-            const executor = await this.#executorOf(await fetchDescription(passes));
-            this.#executor.destroy();
-            [this.#executor, this.#passes] = [executor, passes];
+        if (JSON.stringify(passes) === JSON.stringify(this.#passes)) {
+            await this.#upload(scene, this.#executor);
+            return;
         }
-        if (scene) {
-            await this.#upload(scene);
+        const executor = await this.#executorOf(await fetchDescription(passes));
+        try {
+            await this.#upload(scene, executor);
+        } catch (error) {
+            executor.destroy();
+            throw error;
         }
+        this.#executor.destroy();
+        [this.#executor, this.#passes] = [executor, passes];
     }
 
-    async #upload(scene) {
+    async #upload(scene, executor) {
+        if (!scene) {
+            return;
+        }
         const expected = INTERSECTIONS_PER_GAUSSIAN * scene.count;
         const intersections = Math.max(this.#intersections, MIN_INTERSECTIONS, expected);
-        this.#reserved.clear();
-        await this.#makeRoom(this.#symbols(1, 1, scene, intersections));
-        this.#near = nearPlane([0, 1, 2].map((axis) => scene.column(MEAN + axis)), scene.count);
-        this.#executor.write("shape", scene.shape);
-        this.#executor.write("sh", scene.sh);
-        if (this.#passes.weights) {
-            this.#executor.write("views", scene.weighting.views);
-            this.#executor.writeUniform("weighting", scene.weighting.uniform);
+        const symbols = symbolsOf(executor.description, [1, 1], scene, intersections);
+        await executor.reserve(executor.description.sizes(symbols));
+        executor.write("shape", scene.shape);
+        executor.write("sh", scene.sh);
+        if (executor.description.uniforms.weighting) {
+            executor.write("views", scene.weighting.views);
+            executor.writeUniform("weighting", scene.weighting.uniform);
         }
         // No bounds hold of a scene that has not been drawn.
-        this.#executor.write("cluster_bounds", new Uint8Array(this.#executor.buffer("cluster_bounds").size));
-        this.#resume();
+        executor.write("cluster_bounds", new Uint8Array(executor.buffer("cluster_bounds").size));
+        executor.write("status", new Uint32Array(3));
+        this.#near = nearPlane([0, 1, 2].map((axis) => scene.column(MEAN + axis)), scene.count);
+        this.#intersections = intersections;
+        this.#reserved = new Set([JSON.stringify(symbols)]);
     }
 
     async #draw({ camera, background, asDepth }) {
@@ -186,7 +196,7 @@ export class Renderer {
         const behind = asDepth ? [0, 0, 0] : background;
         let intersections = this.#intersections;
         for (;;) {
-            const symbols = this.#symbols(camera.width, camera.height, this.#scene, intersections);
+            const symbols = symbolsOf(this.#executor.description, [camera.width, camera.height], this.#scene, intersections);
             await this.#makeRoom(symbols);
             this.#executor.writeUniform("view", viewValues(camera, behind, this.#near, symbols));
             this.#executor.submit(sequence, symbols);
@@ -213,26 +223,27 @@ export class Renderer {
             this.#intersections = symbols.intersections;
         }
     }
+}
 
-    #symbols(width, height, { count, coefficients, weighting }, intersections) {
-        return this.#executor.description.symbols({
-            gaussians: count,
-            capacity: count,
-            coefficients,
-            view_coefficients: weighting?.coefficients ?? 0,
-            width,
-            height,
-            intersections,
-            photograph_pixels: 0,
-            replay_depth: 0,
-            structural: 0,
-            regularised: 0,
-            colours_learned: 0,
-            photographs: 0,
-            collecting: 0,
-            listed: 0,
-        });
-    }
+/** The numbers that the passes of one image of a scene depend on. */
+function symbolsOf(description, [width, height], { count, coefficients, weighting }, intersections) {
+    return description.symbols({
+        gaussians: count,
+        capacity: count,
+        coefficients,
+        view_coefficients: weighting?.coefficients ?? 0,
+        width,
+        height,
+        intersections,
+        photograph_pixels: 0,
+        replay_depth: 0,
+        structural: 0,
+        regularised: 0,
+        colours_learned: 0,
+        photographs: 0,
+        collecting: 0,
+        listed: 0,
+    });
 }
 
 /** Points and discs are opaque and hide each other, so those of any scene are sorted. @returns {Passes} */

@@ -118,7 +118,9 @@ function readRotations(coder, scales, { count, steps }, gaussians) {
 function fillHarmonics(coderOf, { count, entries, coefficients, steps }, gaussians) {
     if (!entries) {
         readHarmonics(coderOf("harmonic"), count, coefficients - 1).forEach((channels, place) => {
-            channels.forEach((levels, channel) => scaled(gaussians.harmonics(place + 1, channel), levels, steps.harmonics));
+            channels.forEach((levels, channel) => {
+                scaled(gaussians.harmonics(place + 1, channel), levels, steps.harmonics);
+            });
         });
         return;
     }

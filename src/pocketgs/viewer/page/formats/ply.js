@@ -110,7 +110,8 @@ function parseHeader(text) {
         properties.set(name, { type: method, offset: stride });
         stride += size;
     }
-    const comments = new Map(lines.filter((words) => words[0] === "comment" && words.length === 3).map(([, ...of]) => of));
+    const pairs = lines.filter((words) => words[0] === "comment" && words.length === 3);
+    const comments = new Map(pairs.map(([, ...of]) => of));
     const littleEndian = format === "binary_little_endian";
     return { count: Number(elements[0][2]), properties, stride, littleEndian, comments };
 }

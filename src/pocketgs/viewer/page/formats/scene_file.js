@@ -48,19 +48,21 @@ export async function readScene(name, stream, bytes, onProgress = () => {}, onPa
 /**
  * Fetch a scene.
  *
- * @param {string} url
- * @param {number} bytes the file's size
+ * @param {{url: string, bytes: number, is_copy: boolean}} scene its address, its size, and whether it is a copy of the
+ *     user's file, whose own size is not known then
  * @param {(share: number) => void} onProgress called with the share of the file that has arrived
  * @param {PartListener} onPart
  * @returns {Promise<GaussianColumns>}
  * @throws {Error} the server does not send it, or it is broken
  */
-export async function fetchScene(url, bytes, onProgress, onPart) {
+export async function fetchScene({ url, bytes, is_copy: isCopy }, onProgress, onPart) {
     const response = await fetch(url);
     if (!response.ok) {
         throw new Error(`${url}: the server answers ${response.status}`);
     }
-    return readScene(url, response.body, bytes, onProgress, onPart);
+    const gaussians = await readScene(url, response.body, bytes, onProgress, onPart);
+    gaussians.fileBytes = isCopy ? 0 : bytes;
+    return gaussians;
 }
 
 async function readAny(name, source, bytes, onPart) {

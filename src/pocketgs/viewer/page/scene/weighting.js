@@ -48,7 +48,9 @@ export class Weighting {
         const names = numbersOf(form);
         const isSound = (value) => Math.abs(Math.log(value)) < MAX_LOGARITHM;
         if (numbers.length !== names.length || !numbers.every(isSound)) {
-            throw new Error(`sort-free form '${form}': numbers ${numbers}, expected ${names.length} that float32 can hold`);
+            throw new Error(
+                `sort-free form '${form}': numbers ${numbers}, expected ${names.length} that float32 can hold`,
+            );
         }
         if (!(unit > 1 / MAX_UNIT && unit < MAX_UNIT)) {
             throw new Error(`sort-free form '${form}': unit ${unit}, expected one that float32 can hold`);
@@ -78,6 +80,7 @@ export class Weighting {
 
     /** Fields of the struct `Weighting` in `shaders/common/weights.wgsl`. @returns {Object<string, number>} */
     get uniform() {
-        return { unit: this.unit, sigma: 0, beta: 0, background: 0, ...this.numbers, view_coefficients: this.coefficients };
+        const absent = { sigma: 0, beta: 0, background: 0 };
+        return { unit: this.unit, ...absent, ...this.numbers, view_coefficients: this.coefficients };
     }
 }

@@ -1,5 +1,5 @@
-// The compositing rule "weighted": in any order, splats with weights w_i make a pixel's colour Σ c_i α_i w_i / Σ α_i w_i,
-// which covers some of the background. α is cut as by the rule "sum".
+// The compositing rule "weighted": in any order, splats with weights w_i make a pixel's colour
+// Σ c_i α_i w_i / Σ α_i w_i, which covers some of the background. α is cut as by the rule "sum".
 import sum
 
 section forward

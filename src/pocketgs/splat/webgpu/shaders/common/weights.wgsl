@@ -112,7 +112,7 @@ fn weight_of(gaussian: Gaussian, i: u32) -> f32 {
 fn note_weight(splat: Splat) {
     let key = key_of(splat.weight);
     note_key(DRAWN, key);
-    // Of one beside the image, all others might be too small a part.
+    // A splat beside the image does not count: next to its weight, all others might fall below the cut.
     if (all(splat.mean >= vec2f()) && all(splat.mean <= vec2f(f32(view.width), f32(view.height)))) {
         note_key(IN_IMAGE, key);
     }
