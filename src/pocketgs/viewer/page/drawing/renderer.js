@@ -40,9 +40,8 @@ export class Renderer {
     #display;
     /** @type {Executor} */
     #executor;
-    #appearance = "splats";
     /** What the executor's passes draw. @type {Passes} */
-    #passes;
+    #passes = { appearance: "splats", weights: null };
     /** @type {GaussianColumns | null} */
     #scene = null;
     #intersections = 0;
@@ -62,7 +61,6 @@ export class Renderer {
      */
     static async open(canvas, onFault) {
         const renderer = new Renderer();
-        renderer.#passes = { appearance: renderer.#appearance, weights: null };
         const description = fetchDescription(renderer.#passes);
         description.catch(() => {});
         renderer.#device = await openDevice(BUFFER_LIMITS);
@@ -93,7 +91,7 @@ export class Renderer {
      */
     setScene(scene) {
         return this.#inTurn(async () => {
-            await this.#show(scene, this.#appearance);
+            await this.#show(scene, this.#passes.appearance);
             this.#scene = scene;
         });
     }
@@ -105,9 +103,8 @@ export class Renderer {
      */
     setAppearance(appearance) {
         return this.#inTurn(async () => {
-            if (appearance !== this.#appearance) {
+            if (appearance !== this.#passes.appearance) {
                 await this.#show(this.#scene, appearance);
-                this.#appearance = appearance;
             }
         });
     }
