@@ -21,7 +21,6 @@ const LAYOUT_TYPES = { uniform: "uniform", read: "read-only-storage", read_write
 /** Holds a description's pipelines and buffers on a device. */
 export class Executor {
     #device;
-    #limit;
     #buffers = new Map();
     #layouts = new Map();
     #modules = new Map();
@@ -35,11 +34,15 @@ export class Executor {
     constructor(device, description) {
         this.description = description;
         this.#device = device;
-        this.#limit = Math.min(...BUFFER_LIMITS.map((name) => device.limits[name]));
         const usage = GPUBufferUsage.UNIFORM | GPUBufferUsage.COPY_DST;
         for (const [label, { size }] of Object.entries(description.uniforms)) {
             this.#buffers.set(label, device.createBuffer({ label, size, usage }));
         }
+    }
+
+    /** Bytes of the largest buffer that a shader can use whole. */
+    get largestBuffer() {
+        return Math.min(...BUFFER_LIMITS.map((name) => this.#device.limits[name]));
     }
 
     /**
@@ -70,10 +73,10 @@ export class Executor {
      */
     async reserve(sizes) {
         for (const [name, size] of Object.entries(sizes)) {
-            if (size > this.#limit) {
+            if (size > this.largestBuffer) {
                 throw new Error(
                     `the GPU's buffer '${name}' would need ${megabytes(size)} MB, the device allows ` +
-                        `${megabytes(this.#limit)} MB: expected a smaller scene or smaller images`,
+                        `${megabytes(this.largestBuffer)} MB: expected a smaller scene or smaller images`,
                 );
             }
         }

@@ -23,7 +23,9 @@ from pocketgs.scene.morton import BITS
 from pocketgs.splat.constants import SSIM_WINDOW
 from pocketgs.splat.engine import KEPT_LOSSES
 from pocketgs.splat.settings import LearningRates
+from pocketgs.splat.webgpu.engine import INTERSECTION_BYTES
 from pocketgs.splat.webgpu.memory import GROWTH, INTERSECTIONS_PER_GAUSSIAN, MIN_INTERSECTIONS
+from pocketgs.splat.webgpu.passes import Variant
 from pocketgs.splat.webgpu.steps_ahead import MAX_PENDING, SECONDS_AHEAD
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.effort import QUICK_GAUSSIANS, QUICK_ITERATIONS
@@ -55,6 +57,7 @@ def settings() -> dict[str, Any]:
             "kept_losses": KEPT_LOSSES,
             "intersections_per_gaussian": INTERSECTIONS_PER_GAUSSIAN,
             "min_intersections": MIN_INTERSECTIONS,
+            "intersection_bytes": INTERSECTION_BYTES[Variant().accumulation],
             "growth": GROWTH,
             "most_ahead": MAX_PENDING,
             "seconds_ahead": SECONDS_AHEAD,

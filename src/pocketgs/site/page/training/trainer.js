@@ -26,16 +26,12 @@ import { structuralShare, updateValues } from "./update_values.js";
  * @property {Float32Array[]} moments first and second
  */
 
-/** Bytes for each intersection in the largest of the buffers that hold something of each. */
-const INTERSECTION_BYTES = 36;
-
 const MOMENTS = ["first_moments", "second_moments"];
 
 /** Holds the device, the scene, and the optimiser's state. */
 export class Trainer {
     #executor;
     #settings;
-    #limit;
     /** @type {{camera: Camera, pixels: Uint8Array | null}[]} pixels of photographs without a place of their own */
     #frames = [];
     #background = [0, 0, 0];
@@ -43,13 +39,13 @@ export class Trainer {
     #scene;
     #near = 0;
     #intersections = 0;
+    /** Steps completed. */
+    #completed = 0;
     #pending = [];
     #firstPending = 0;
     /** Steps that are submitted before the host looks. Until it is known how long one takes, it looks after each. */
     #most = 1;
 
-    /** Steps completed. */
-    completed = 0;
     /** @type {number[]} loss of every completed step, before its update */
     losses = [];
 
@@ -67,15 +63,13 @@ export class Trainer {
         device.addEventListener("uncapturederror", ({ error }) => onComplaint(error.message));
         const executor = new Executor(device, new Description(passes));
         await executor.prepare();
-        const limit = Math.min(...BUFFER_LIMITS.map((name) => device.limits[name]));
-        return new Trainer(executor, limit, settings, device.lost);
+        return new Trainer(executor, settings, device.lost);
     }
 
-    constructor(executor, limit, settings, lost) {
+    constructor(executor, settings, lost) {
         /** @type {Promise<GPUDeviceLostInfo>} resolves when the GPU is lost */
         this.lost = lost;
         this.#executor = executor;
-        this.#limit = limit;
         this.#settings = settings;
     }
 
@@ -103,7 +97,8 @@ export class Trainer {
         const { engine } = this.#settings;
         const executor = this.#executor;
         [this.#background, this.#scene] = [background, scene];
-        this.#shelf = new Shelf(frames.map(({ rgba }) => rgba.length / 4), Math.floor(this.#limit / PIXEL_BYTES));
+        const room = Math.floor(executor.largestBuffer / PIXEL_BYTES);
+        this.#shelf = new Shelf(frames.map(({ rgba }) => rgba.length / 4), room);
         this.#frames = frames.map(({ camera }) => ({ camera, pixels: null }));
         await this.#makeRoom(engine.intersections_per_gaussian * scene.count, engine.min_intersections);
         frames.forEach(({ rgba }, view) => {
@@ -120,7 +115,7 @@ export class Trainer {
         }
         state?.moments.forEach((values, i) => executor.write(MOMENTS[i], values));
         this.#near = state?.near ?? nearPlane([0, 1, 2].map((axis) => scene.column(MEAN + axis)), scene.count);
-        [this.completed, this.losses, this.#pending] = [state?.losses.length ?? 0, state?.losses ?? [], []];
+        [this.#completed, this.losses, this.#pending] = [state?.losses.length ?? 0, state?.losses ?? [], []];
         this.#resume();
     }
 
@@ -143,11 +138,11 @@ export class Trainer {
         if (!taken) {
             return;
         }
-        const before = this.completed;
+        const before = this.#completed;
         while (this.#pending.length) {
             const [completed, halted, needed] = await this.#executor.read("status", Uint32Array, 3);
-            const waiting = this.#pending.slice(completed - this.completed);
-            [this.completed, this.#pending] = [completed, []];
+            const waiting = this.#pending.slice(completed - this.#completed);
+            [this.#completed, this.#pending] = [completed, []];
             if (halted) {
                 await this.#makeRoom(needed * this.#settings.engine.growth, needed);
                 this.#resume();
@@ -211,7 +206,7 @@ export class Trainer {
         }
         const { recipe, engine } = this.#settings;
         const symbols = this.#symbols(camera, structuralShare(recipe.loss, camera, engine.ssim_window) > 0);
-        const number = this.completed + this.#pending.length + 1;
+        const number = this.#completed + this.#pending.length + 1;
         this.#writeView(camera, symbols, this.#shelf.place(step.view));
         const update = updateValues(recipe, step.rates, camera, symbols, number, step.view, engine);
         this.#executor.writeUniform("update", update);
@@ -230,7 +225,7 @@ export class Trainer {
 
     /** Let the lists of tiles hold as many intersections as are wanted, or at least those that are needed. */
     async #makeRoom(wanted, needed) {
-        const most = Math.floor(this.#limit / INTERSECTION_BYTES);
+        const most = Math.floor(this.#executor.largestBuffer / this.#settings.engine.intersection_bytes);
         this.#intersections = Math.max(this.#intersections, needed, Math.min(Math.ceil(wanted), most));
         const { description } = this.#executor;
         const sizes = this.#frames.map(({ camera }) => camera);
@@ -241,13 +236,13 @@ export class Trainer {
 
     /** Let the GPU know how many steps are completed, and that nothing stands in the way of the next. */
     #resume() {
-        this.#executor.write("status", Uint32Array.of(this.completed, 0, 0));
+        this.#executor.write("status", Uint32Array.of(this.#completed, 0, 0));
     }
 
     async #readLosses(before) {
         const { kept_losses: kept } = this.#settings.engine;
         const ring = await this.#executor.read("losses", Float32Array, kept);
-        for (let step = before; step < this.completed; step++) {
+        for (let step = before; step < this.#completed; step++) {
             this.losses.push(ring[step % kept]);
         }
     }
