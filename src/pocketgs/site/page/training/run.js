@@ -163,6 +163,7 @@ export class Run {
         this.#capture = null;
         await this.#iterate();
         await this.#lookAtHeldOut();
+        this.#report();
         await this.#keep();
         return this.#trainer.download();
     }
@@ -234,7 +235,6 @@ export class Run {
             }
             this.#psnr = sum / this.#heldOut.length;
         }
-        this.#report();
     }
 
     #report() {
