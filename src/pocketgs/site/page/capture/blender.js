@@ -8,7 +8,7 @@ import { Fields } from "./json_fields.js";
 import { absentWarning, readFrames } from "./transforms_file.js";
 
 /** What makes a folder such a capture. */
-export const MARK = "transforms_train.json";
+const MARK = "transforms_train.json";
 
 const TEST = "transforms_test.json";
 

@@ -4,16 +4,9 @@
  * @module
  */
 
-/**
- * @typedef {Object} Camera
- * @property {number} width pixels
- * @property {number} height
- * @property {number} fx focal lengths and principal point in pixels
- * @property {number} fy
- * @property {number} cx
- * @property {number} cy
- * @property {number[]} world_to_camera 4 x 4, row by row
- */
+import { axesOf, cross, dot, unit } from "../../page/scene/vectors.js";
+
+/** @typedef {import("../../page/scene/camera.js").Camera} Camera */
 
 /**
  * Make a camera from numbers that a file states.
@@ -116,18 +109,11 @@ export function rotationOf(where, quaternion) {
     if (!(length > 0 && length < Infinity)) {
         throw new Error(`${where}: rotation quaternion ${quaternion.join(", ")}, expected finite and not zero`);
     }
-    const [w, x, y, z] = quaternion.map((value) => value / length);
-    return [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ].flat();
+    const axes = axesOf(unit(quaternion));
+    return [0, 1, 2].flatMap((row) => axes.map((axis) => axis[row]));
 }
 
-const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-
-const determinant = ([a, b, c]) =>
-    a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0]);
+const determinant = ([a, b, c]) => dot(a, cross(b, c));
 
 /** The orthogonal factor of the polar decomposition, by Newton's iteration R ← (R + R⁻ᵀ) / 2 (Higham 1986). */
 function nearestRotation(rows) {
@@ -140,5 +126,3 @@ function nearestRotation(rows) {
     }
     return nearest;
 }
-
-const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];

@@ -7,7 +7,7 @@
 import { cameraAt, rotationOf } from "./camera.js";
 import * as binary from "./colmap_binary.js";
 import * as text from "./colmap_text.js";
-import { byCodePoint } from "./listing.js";
+import { byCodePoint, soundCloud } from "./listing.js";
 
 /** @typedef {import("../archive/tree.js").FileTree} FileTree */
 
@@ -92,9 +92,5 @@ async function readPoints(part, bounds) {
         return null;
     }
     const [reader, file] = part;
-    const cloud = await reader.readPoints(file);
-    if (!cloud.positions.every((value) => Math.abs(value) < bounds.max_coordinate)) {
-        throw new Error(`${file.path}: holds NaN or coordinates beyond ${bounds.max_coordinate}`);
-    }
-    return cloud.positions.length ? cloud : null;
+    return soundCloud(await reader.readPoints(file), file, bounds);
 }

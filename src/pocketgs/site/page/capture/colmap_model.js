@@ -4,6 +4,8 @@
  * @module
  */
 
+import { lensOf } from "./lens.js";
+
 /**
  * @typedef {{number: number, name: string, parameters: string[], fisheye: boolean}} CameraModel
  *
@@ -32,12 +34,11 @@ export function cameraFrom(model, size, values, where) {
         throw new Error(`${where}: parameters ${values.join(", ")}, expected finite numbers`);
     }
     const named = Object.fromEntries(model.parameters.map((name, i) => [name, values[i]]));
-    const order = model.fisheye ? ["k1", "k2", "k3", "k4"] : ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"];
     return {
         size,
         focal: [named.fx ?? named.f, named.fy ?? named.f],
         centre: [named.cx, named.cy],
-        lens: { model: model.fisheye ? "fisheye" : "opencv", coefficients: order.map((name) => named[name] ?? 0) },
+        lens: lensOf(model.fisheye, (name) => named[name]),
     };
 }
 

@@ -4,6 +4,8 @@
  * @module
  */
 
+const isObject = (value) => typeof value === "object" && value !== null && !Array.isArray(value);
+
 /** One object of a JSON file. */
 export class Fields {
     /**
@@ -28,7 +30,7 @@ export class Fields {
         } catch (error) {
             throw new Error(`${file.path}: not JSON (${error.message})`);
         }
-        if (typeof values !== "object" || values === null || Array.isArray(values)) {
+        if (!isObject(values)) {
             throw new Error(`${file.path}: not a JSON object`);
         }
         return new Fields(values, file.path);
@@ -41,11 +43,7 @@ export class Fields {
 
     /** @type {(name: string) => number | null} a finite number, or null where there is none */
     optionalNumber(name) {
-        const value = this.values[name] ?? null;
-        if (value !== null && !Number.isFinite(value)) {
-            throw this.#wrong(name, "a finite number");
-        }
-        return value;
+        return this.#optional(name, Number.isFinite, "a finite number");
     }
 
     /** @type {(name: string) => string} */
@@ -59,26 +57,18 @@ export class Fields {
 
     /** @type {(name: string) => string | null} */
     optionalText(name) {
-        const value = this.values[name] ?? null;
-        if (value !== null && (typeof value !== "string" || !value)) {
-            throw this.#wrong(name, "text");
-        }
-        return value;
+        return this.#optional(name, (value) => typeof value === "string" && value !== "", "text");
     }
 
     /** @type {(name: string) => string[] | null} */
     optionalTexts(name) {
-        const value = this.values[name] ?? null;
-        if (value !== null && !(Array.isArray(value) && value.every((text) => typeof text === "string"))) {
-            throw this.#wrong(name, "a list of texts");
-        }
-        return value;
+        const isSound = (value) => Array.isArray(value) && value.every((text) => typeof text === "string");
+        return this.#optional(name, isSound, "a list of texts");
     }
 
     /** @type {(name: string) => Fields[]} the objects of a list, with their places */
     objects(name) {
         const value = this.values[name];
-        const isObject = (one) => typeof one === "object" && one !== null && !Array.isArray(one);
         if (!Array.isArray(value) || !value.every(isObject)) {
             throw this.#wrong(name, "a list of objects");
         }
@@ -91,6 +81,14 @@ export class Fields {
         const isRow = (row) => Array.isArray(row) && row.length === columns && row.every(Number.isFinite);
         if (!Array.isArray(value) || !rows.includes(value.length) || !value.every(isRow)) {
             throw this.#wrong(name, `a matrix of ${rows.join(" or ")} rows of ${columns} numbers`);
+        }
+        return value;
+    }
+
+    #optional(name, isSound, expected) {
+        const value = this.values[name] ?? null;
+        if (value !== null && !isSound(value)) {
+            throw this.#wrong(name, expected);
         }
         return value;
     }

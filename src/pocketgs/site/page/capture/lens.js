@@ -10,8 +10,23 @@
  * @property {number[]} coefficients k1, k2, p1, p2, k3, k4, k5, k6, or of a fisheye k1, k2, k3, k4
  */
 
+/** Names of the coefficients, in their order. */
+const NAMES = { opencv: ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"], fisheye: ["k1", "k2", "k3", "k4"] };
+
 /** Maximum number of steps in which a point is approached from the axis. */
 const ROUNDS = 48;
+
+/**
+ * A lens from coefficients that a file names.
+ *
+ * @param {boolean} isFisheye
+ * @param {(name: string) => number | null | undefined} valueOf where there is none, 0 is taken
+ * @returns {Lens}
+ */
+export function lensOf(isFisheye, valueOf) {
+    const model = isFisheye ? "fisheye" : "opencv";
+    return { model, coefficients: NAMES[model].map((name) => valueOf(name) ?? 0) };
+}
 
 /** Whether the projection differs from a pinhole camera's. @type {(lens: Lens) => boolean} */
 export function distorts({ model, coefficients }) {

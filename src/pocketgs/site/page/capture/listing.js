@@ -39,6 +39,22 @@ export function heldOutOf({ frames, heldOut }, every) {
     return new Set(names.filter((_, i) => i % every === 0));
 }
 
+/**
+ * A cloud that a file holds, checked.
+ *
+ * @param {Cloud} cloud
+ * @param {import("../archive/tree.js").StoredFile} file
+ * @param {{max_coordinate: number}} bounds the settings' `capture`
+ * @returns {Cloud | null} null where it holds no point
+ * @throws {Error} a coordinate is not finite or too large
+ */
+export function soundCloud(cloud, { path }, { max_coordinate: most }) {
+    if (!cloud.positions.every((value) => Math.abs(value) < most)) {
+        throw new Error(`${path}: holds NaN or coordinates beyond ${most}`);
+    }
+    return cloud.positions.length ? cloud : null;
+}
+
 /** As Python sorts text: by code points, not by the halves of UTF-16. */
 export function byCodePoint(a, b) {
     const [left, right] = [Array.from(a), Array.from(b)];

@@ -10,7 +10,7 @@ import { Fields } from "./json_fields.js";
 import { absentWarning, readFrames } from "./transforms_file.js";
 
 /** What makes a folder such a capture. */
-export const MARK = "transforms.json";
+const MARK = "transforms.json";
 
 /** @type {(tree: import("../archive/tree.js").FileTree) => boolean} */
 export const recognises = (tree) => tree.find(MARK) !== undefined;

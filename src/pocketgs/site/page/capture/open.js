@@ -4,6 +4,7 @@
  * @module
  */
 
+import { medianOf } from "../numbers/median.js";
 import * as blender from "./blender.js";
 import { centreOf } from "./camera.js";
 import * as colmap from "./colmap.js";
@@ -104,10 +105,4 @@ function requireNearOrigin({ frames }, { far }) {
                 "expected coordinates near the origin; `pocketgs train` moves them",
         );
     }
-}
-
-function medianOf(values) {
-    const sorted = values.toSorted((a, b) => a - b);
-    const half = sorted.length / 2;
-    return (sorted[Math.ceil(half) - 1] + sorted[Math.floor(half)]) / 2;
 }

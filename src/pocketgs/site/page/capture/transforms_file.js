@@ -8,6 +8,7 @@
 import { normalised } from "../archive/tree.js";
 import { cameraAt, exactRotation } from "./camera.js";
 import { readHeader } from "./image_header.js";
+import { lensOf } from "./lens.js";
 
 /**
  * @typedef {import("../archive/tree.js").FileTree} FileTree
@@ -122,7 +123,5 @@ function readLens(fields, bounds) {
         throw new Error(`${fields.where}: field 'camera_model' is ${model}, expected one of ${known.join(", ")}`);
     }
     const isFisheye = bounds.fisheye_models.includes(model) || fields.values.is_fisheye === true;
-    const names = isFisheye ? ["k1", "k2", "k3", "k4"] : ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"];
-    const coefficients = names.map((name) => fields.optionalNumber(name) ?? 0);
-    return { model: isFisheye ? "fisheye" : "opencv", coefficients };
+    return lensOf(isFisheye, (name) => fields.optionalNumber(name));
 }

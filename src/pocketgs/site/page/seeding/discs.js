@@ -7,6 +7,7 @@
 import { dcOf, GaussianColumns } from "../../page/scene/gaussian_columns.js";
 import { LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../../page/scene/gaussian_columns.js";
 import { cross, rotationTo } from "../../page/scene/vectors.js";
+import { medianOf } from "../numbers/median.js";
 import { eigenvectors } from "./eigenvectors.js";
 import { NeighbourTree } from "./neighbours.js";
 
@@ -57,11 +58,4 @@ function tangentTo(points, positions) {
     }
     const [normal, , tangent] = eigenvectors(covariance);
     return rotationTo([tangent, cross(normal, tangent), normal]);
-}
-
-/** The middle of the sorted numbers, or the mean of the two in the middle. @type {(values: Float64Array) => number} */
-export function medianOf(values) {
-    const sorted = Float64Array.from(values).sort();
-    const half = sorted.length / 2;
-    return (sorted[Math.ceil(half) - 1] + sorted[Math.floor(half)]) / 2;
 }

@@ -7,6 +7,7 @@
 
 import { centreOf, forwardOf, projected, rayOf } from "../capture/camera.js";
 import { dot, normalised, subtract } from "../../page/scene/vectors.js";
+import { middleOf } from "../numbers/median.js";
 import { Generator } from "../random/generator.js";
 import { focusPoint, looksAt } from "./focus.js";
 import { PatchCosts } from "./patch_costs.js";
@@ -73,15 +74,13 @@ function drawFrom(frame, neighbours, focus, rays, random, settings) {
         if (!seen.length) {
             return;
         }
-        const half = seen.length / 2;
-        const typical = (seen[Math.ceil(half) - 1] + seen[Math.floor(half)]) / 2;
         const depth = depths[found.indexOf(seen[0])];
         const direction = rayOf(camera, column + 0.5, row + 0.5);
         points.push({
             position: centre.map((value, axis) => value + depth * direction[axis]),
             colour: [0, 1, 2].map((channel) => rgba[4 * pixel + channel] / 255),
             // One grey level is added so that noise on even surfaces does not look like a clear choice.
-            rivals: (seen[0] + 1) / (typical + 1),
+            rivals: (seen[0] + 1) / (middleOf(seen) + 1),
         });
     });
     return points;

@@ -5,7 +5,7 @@
  */
 
 import { projected } from "../capture/camera.js";
-import { medianOf } from "../seeding/discs.js";
+import { medianOf } from "../numbers/median.js";
 
 /** @typedef {Object<string, number>} Rates by the names of `LearningRates` */
 
