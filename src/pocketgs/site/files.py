@@ -15,11 +15,16 @@ VIEWER = Path(pocketgs.viewer.__file__).parent / "page"
 EXECUTOR = Path(pocketgs.gpu.__file__).parent
 
 SHARED = (
+    "controls/dropping.js",
     "controls/pointer.js",
     "drawing/frame_loop.js",
     "drawing/view_values.js",
+    "formats/crc32.js",
+    "formats/ply_columns.js",
+    "formats/ply_header.js",
     "icon.svg",
     "live/curves.js",
+    "live/figures.js",
     "scene/camera.js",
     "scene/gaussian_columns.js",
     "scene/near_plane.js",

@@ -4,7 +4,7 @@
  * @module
  */
 
-import { crc32 } from "./crc32.js";
+import { crc32 } from "../../page/formats/crc32.js";
 import { MAX_FILE_BYTES, StoredFile } from "./tree.js";
 
 const END_BYTES = 22;

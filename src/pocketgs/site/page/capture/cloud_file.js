@@ -4,27 +4,10 @@
  * @module
  */
 
-/** Sizes of scalar types in bytes, their names in a `DataView`, and what full intensity is. */
-const TYPES = {
-    char: [1, "Int8", 255],
-    int8: [1, "Int8", 255],
-    uchar: [1, "Uint8", 255],
-    uint8: [1, "Uint8", 255],
-    short: [2, "Int16", 255],
-    int16: [2, "Int16", 255],
-    ushort: [2, "Uint16", 255],
-    uint16: [2, "Uint16", 255],
-    int: [4, "Int32", 255],
-    int32: [4, "Int32", 255],
-    uint: [4, "Uint32", 255],
-    uint32: [4, "Uint32", 255],
-    float: [4, "Float32", 1],
-    float32: [4, "Float32", 1],
-    double: [8, "Float64", 1],
-    float64: [8, "Float64", 1],
-};
+import { beginsWithVertices, readHeader, rowsOf } from "../../page/formats/ply_header.js";
+import { soundCloud } from "./listing.js";
 
-const MAX_HEADER_BYTES = 1 << 16;
+const FORMATS = ["ascii", "binary_little_endian", "binary_big_endian"];
 const POSITION = ["x", "y", "z"];
 const COLOUR = ["red", "green", "blue"];
 
@@ -36,56 +19,33 @@ const COLOUR = ["red", "green", "blue"];
  */
 export async function readCloud(file, bounds) {
     const bytes = await file.bytes();
-    const header = readHeader(bytes, file.path);
-    const names = [...header.properties.keys()];
-    if (!POSITION.every((name) => names.includes(name))) {
+    const header = readHeader(bytes);
+    if (!FORMATS.includes(header?.format) || !beginsWithVertices(header)) {
+        throw new Error(`${file.path}: not a readable .ply, expected one that begins with vertices`);
+    }
+    const rows = rowsOf(header, `${file.path}: its`);
+    const { count, properties } = rows;
+    if (!POSITION.every((name) => properties.has(name))) {
         throw new Error(`${file.path}: not a point cloud, expected vertices with x, y, z`);
     }
-    const hasColour = COLOUR.every((name) => names.includes(name));
-    const rows = header.format === "ascii" ? textRows(bytes, header, file.path) : binaryRows(bytes, header, file.path);
-    const positions = new Float64Array(3 * header.count);
-    const colours = new Float32Array(3 * header.count).fill(bounds.unknown_colour);
-    const full = hasColour ? COLOUR.map((name) => TYPES[header.properties.get(name).type][2]) : [];
-    for (let i = 0; i < header.count; i++) {
+    const hasColour = COLOUR.every((name) => properties.has(name));
+    const found = header.format === "ascii" ? inText : inBinary;
+    const numberAt = found(bytes, header, rows, file);
+    const positions = new Float64Array(3 * count);
+    const colours = new Float32Array(3 * count).fill(bounds.unknown_colour);
+    const full = hasColour ? COLOUR.map((name) => (properties.get(name).type.startsWith("Float") ? 1 : 255)) : [];
+    for (let i = 0; i < count; i++) {
         for (let axis = 0; axis < 3; axis++) {
-            positions[3 * i + axis] = rows(i, POSITION[axis]);
+            positions[3 * i + axis] = numberAt(i, POSITION[axis]);
             if (hasColour) {
-                colours[3 * i + axis] = Math.min(Math.max(rows(i, COLOUR[axis]) / full[axis] || 0, 0), 1);
+                colours[3 * i + axis] = Math.min(Math.max(numberAt(i, COLOUR[axis]) / full[axis] || 0, 0), 1);
             }
         }
     }
-    if (!positions.every((value) => Math.abs(value) < bounds.max_coordinate)) {
-        throw new Error(`${file.path}: holds NaN or coordinates beyond ${bounds.max_coordinate}`);
-    }
-    return header.count ? { positions, colours } : null;
+    return soundCloud({ positions, colours }, file, bounds);
 }
 
-function readHeader(bytes, path) {
-    const text = new TextDecoder("latin1").decode(bytes.subarray(0, MAX_HEADER_BYTES));
-    const end = /^end_header\r?\n/m.exec(text);
-    const lines = (end ? text.slice(0, end.index) : "").split(/\r?\n/).map((line) => line.trim().split(/\s+/));
-    const format = lines.find(([word]) => word === "format")?.[1];
-    const elements = lines.filter(([word]) => word === "element");
-    const known = ["ascii", "binary_little_endian", "binary_big_endian"].includes(format);
-    if (!known || elements[0]?.[1] !== "vertex" || !/^\d+$/.test(elements[0][2])) {
-        throw new Error(`${path}: not a readable .ply, expected one that begins with vertices`);
-    }
-    const last = elements[1] ? lines.indexOf(elements[1]) : lines.length;
-    const properties = new Map();
-    let stride = 0;
-    for (const [word, type, name] of lines.slice(lines.indexOf(elements[0]) + 1, last)) {
-        if (word === "property") {
-            if (!(type in TYPES)) {
-                throw new Error(`${path}: its vertices have a property of type ${type}, expected numbers`);
-            }
-            properties.set(name, { type, offset: stride, column: properties.size });
-            stride += TYPES[type][0];
-        }
-    }
-    return { format, count: Number(elements[0][2]), properties, stride, start: end.index + end[0].length };
-}
-
-function binaryRows(bytes, { format, count, properties, stride, start }, path) {
+function inBinary(bytes, { bytes: start, format }, { count, properties, stride }, { path }) {
     if (start + count * stride > bytes.length) {
         throw cutShort(path, bytes.length, count);
     }
@@ -93,11 +53,11 @@ function binaryRows(bytes, { format, count, properties, stride, start }, path) {
     const isLittle = format === "binary_little_endian";
     return (row, name) => {
         const { type, offset } = properties.get(name);
-        return view[`get${TYPES[type][1]}`](row * stride + offset, isLittle);
+        return view[`get${type}`](row * stride + offset, isLittle);
     };
 }
 
-function textRows(bytes, { count, properties, start }, path) {
+function inText(bytes, { bytes: start }, { count, properties }, { path }) {
     const numbers = new TextDecoder("latin1").decode(bytes.subarray(start)).trim().split(/\s+/).map(Number);
     if (numbers.length < count * properties.size) {
         throw cutShort(path, bytes.length, count);

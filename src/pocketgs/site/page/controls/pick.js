@@ -4,6 +4,8 @@
  * @module
  */
 
+import { listenForDrops } from "../../page/controls/dropping.js";
+
 /** @typedef {import("../worker.js").Picked} Picked */
 
 /**
@@ -12,21 +14,10 @@
  * @param {(picked: Picked) => void} onPicked
  */
 export function listenForCaptures(onPicked) {
-    const hint = document.getElementById("drop");
-    window.addEventListener("dragover", (event) => {
-        event.preventDefault();
-        hint.hidden = false;
-    });
-    window.addEventListener("dragleave", (event) => {
-        // The pointer has left the page.
-        hint.hidden = event.relatedTarget === null;
-    });
-    window.addEventListener("drop", async (event) => {
-        event.preventDefault();
-        hint.hidden = true;
+    listenForDrops(async (transfer) => {
         // Both before the first wait: afterwards the browser has emptied the transfer.
-        const entries = [...event.dataTransfer.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
-        const files = [...event.dataTransfer.files];
+        const entries = [...transfer.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
+        const files = [...transfer.files];
         const found = entries.some(({ isDirectory }) => isDirectory) ? await filesBelow(entries) : files.map(asFound);
         pick(found, onPicked);
     });

@@ -5,6 +5,7 @@
  */
 
 import { drawCurves } from "../../page/live/curves.js";
+import { showFigures } from "../../page/live/figures.js";
 
 /** The card on the left. */
 export class ProgressView {
@@ -48,13 +49,10 @@ export class ProgressView {
             element(id).disabled = false;
         }
         this.#samples.push({ iteration, loss, held_out_psnr });
+        const iterations = this.#iterations;
+        const seconds_left = rate ? (iterations - iteration) / rate : null;
         element("stage").textContent = "training";
-        element("iteration").textContent = `${iteration} / ${this.#iterations}`;
-        element("training").value = iteration / this.#iterations;
-        element("loss").textContent = loss?.toPrecision(3) ?? "–";
-        element("psnr").textContent = held_out_psnr === null ? "–" : `${held_out_psnr.toFixed(2)} dB`;
-        element("left").textContent = rate ? duration((this.#iterations - iteration) / rate) : "–";
-        element("memory").textContent = `${Math.round(bytes / 1e6)} MB`;
+        showFigures({ iteration, iterations, loss, held_out_psnr, seconds_left, memory_mb: bytes / 1e6 });
         element("stats").textContent = `${gaussians.toLocaleString("en")} splats`;
         this.#draw();
     }
@@ -74,9 +72,4 @@ export class ProgressView {
 
 function element(id) {
     return document.getElementById(id);
-}
-
-function duration(seconds) {
-    const whole = Math.round(seconds);
-    return whole < 60 ? `${whole} s` : `${Math.floor(whole / 60)} min ${whole % 60} s`;
 }

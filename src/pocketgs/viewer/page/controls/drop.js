@@ -4,27 +4,17 @@
  * @module
  */
 
+import { listenForDrops } from "./dropping.js";
+
 /**
  * Listen for files.
  *
  * @param {(file: File) => void} onFile
  */
 export function listenForFiles(onFile) {
-    const [hint, input] = [document.getElementById("drop"), document.getElementById("file")];
+    const input = document.getElementById("file");
     const takeFirst = (files) => files?.length && onFile(files[0]);
-    window.addEventListener("dragover", (event) => {
-        event.preventDefault();
-        hint.hidden = false;
-    });
-    window.addEventListener("dragleave", (event) => {
-        // The pointer has left the page.
-        hint.hidden = event.relatedTarget === null;
-    });
-    window.addEventListener("drop", (event) => {
-        event.preventDefault();
-        hint.hidden = true;
-        takeFirst(event.dataTransfer?.files);
-    });
+    listenForDrops((transfer) => takeFirst(transfer?.files));
     input.addEventListener("change", () => {
         takeFirst(input.files);
         input.value = "";

@@ -4,6 +4,8 @@
  * @module
  */
 
+import { crc32 } from "./crc32.js";
+
 const MAGIC = 0x43534750;
 const VERSION = 1;
 const HEADER = 12;
@@ -23,13 +25,6 @@ const KNOWN = {
     weights: 1,
     view: 3,
 };
-
-const CRC_TABLE = Uint32Array.from({ length: 256 }, (_, byte) => {
-    for (let bit = 0; bit < 8; bit++) {
-        byte = byte & 1 ? (byte >>> 1) ^ 0xedb88320 : byte >>> 1;
-    }
-    return byte;
-});
 
 /**
  * The contents of a file's known sections, by name.
@@ -77,12 +72,4 @@ function rowAt(view, place) {
         flags: view.getUint8(place + 9),
         size: view.getUint32(place + 12, true),
     };
-}
-
-function crc32(bytes) {
-    let crc = 0xffffffff;
-    for (let i = 0; i < bytes.length; i++) {
-        crc = CRC_TABLE[(crc ^ bytes[i]) & 255] ^ (crc >>> 8);
-    }
-    return (crc ^ 0xffffffff) >>> 0;
 }

@@ -5,35 +5,16 @@
  * @module
  */
 
-import { GaussianColumns, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../scene/gaussian_columns.js";
+import { GaussianColumns } from "../scene/gaussian_columns.js";
 import { Weighting, numbersOf } from "../scene/weighting.js";
+import { columnsOf } from "./ply_columns.js";
+import { MAX_HEADER_BYTES, beginsWithVertices, readHeader, rowsOf } from "./ply_header.js";
 
 /**
  * @typedef {import("./byte_stream.js").ByteStream} ByteStream
  * @typedef {import("./scene_file.js").PartListener} PartListener
  */
 
-/** Sizes of scalar types in bytes, and their names in a `DataView`. */
-const TYPES = {
-    char: [1, "Int8"],
-    int8: [1, "Int8"],
-    uchar: [1, "Uint8"],
-    uint8: [1, "Uint8"],
-    short: [2, "Int16"],
-    int16: [2, "Int16"],
-    ushort: [2, "Uint16"],
-    uint16: [2, "Uint16"],
-    int: [4, "Int32"],
-    int32: [4, "Int32"],
-    uint: [4, "Uint32"],
-    uint32: [4, "Uint32"],
-    float: [4, "Float32"],
-    float32: [4, "Float32"],
-    double: [8, "Float64"],
-    float64: [8, "Float64"],
-};
-
-const MAX_HEADER_BYTES = 1 << 16;
 const ROWS_AT_ONCE = 1 << 11;
 const COEFFICIENTS = { 0: 1, 9: 4, 24: 9, 45: 16 };
 
@@ -47,7 +28,7 @@ const COEFFICIENTS = { 0: 1, 9: 4, 24: 9, 45: 16 };
  * @throws {Error} it is broken, or holds no Gaussians
  */
 export async function readPly(source, bytes, onPart) {
-    const { count, properties, stride, littleEndian, comments } = parseHeader(await takeHeader(source));
+    const { count, properties, stride, littleEndian, comments } = verticesIn(await takeHeader(source));
     if (count * stride > bytes) {
         throw new Error(`the file is cut short: ${bytes} bytes cannot hold ${count} Gaussians of ${stride} bytes`);
     }
@@ -75,45 +56,28 @@ export async function readPly(source, bytes, onPart) {
 
 async function takeHeader(source) {
     const start = await source.takeUpTo(MAX_HEADER_BYTES);
-    const text = new TextDecoder("latin1").decode(start);
-    const end = /^end_header\r?\n/m.exec(text);
-    if (!end) {
+    const header = readHeader(start);
+    if (!header) {
         throw new Error("the .ply's header does not end");
     }
-    const length = end.index + end[0].length;
-    source.putBack(start.slice(length));
-    return text.slice(0, length);
+    source.putBack(start.slice(header.bytes));
+    return header;
 }
 
-function parseHeader(text) {
-    const lines = text.split(/\r?\n/).map((line) => line.trim().split(/\s+/));
-    const format = lines.find(([word]) => word === "format")?.[1];
+function verticesIn(header) {
+    const { format, elements, lines } = header;
     if (format !== "binary_little_endian" && format !== "binary_big_endian") {
         throw new Error(`the .ply's format is ${format}, expected a binary one`);
     }
-    const elements = lines.filter(([word]) => word === "element");
     if (elements.some(([, name]) => name === "chunk")) {
         throw new Error("the .ply is a compressed one, expected one of the reference 3DGS layout; convert it first");
     }
-    if (elements[0]?.[1] !== "vertex" || !/^\d+$/.test(elements[0][2])) {
+    if (!beginsWithVertices(header)) {
         throw new Error(`the .ply begins with element '${elements[0]?.[1]}', expected 'vertex'`);
-    }
-    const begin = lines.indexOf(elements[0]) + 1;
-    const end = elements[1] ? lines.indexOf(elements[1]) : lines.length;
-    const properties = new Map();
-    let stride = 0;
-    for (const [, type, name] of lines.slice(begin, end).filter(([word]) => word === "property")) {
-        if (!(type in TYPES)) {
-            throw new Error(`the .ply's vertices have a property of type ${type}, expected numbers`);
-        }
-        const [size, method] = TYPES[type];
-        properties.set(name, { type: method, offset: stride });
-        stride += size;
     }
     const pairs = lines.filter((words) => words[0] === "comment" && words.length === 3);
     const comments = new Map(pairs.map(([, ...of]) => of));
-    const littleEndian = format === "binary_little_endian";
-    return { count: Number(elements[0][2]), properties, stride, littleEndian, comments };
+    return { ...rowsOf(header, "the .ply's"), littleEndian: format === "binary_little_endian", comments };
 }
 
 /** Room for the weights that the header states, or null. */
@@ -132,19 +96,7 @@ function weightingIn(comments, properties, count) {
 
 /** The target column of each property. */
 function targetsIn(gaussians, properties) {
-    const columns = new Map([["opacity", gaussians.column(OPACITY_LOGIT)]]);
-    ["x", "y", "z"].forEach((name, axis) => columns.set(name, gaussians.column(MEAN + axis)));
-    for (let axis = 0; axis < 3; axis++) {
-        columns.set(`scale_${axis}`, gaussians.column(LOG_SCALE + axis));
-        columns.set(`f_dc_${axis}`, gaussians.harmonics(0, axis));
-    }
-    for (let part = 0; part < 4; part++) {
-        columns.set(`rot_${part}`, gaussians.column(QUATERNION + part));
-    }
-    const higher = gaussians.coefficients - 1;
-    for (let i = 0; i < 3 * higher; i++) {
-        columns.set(`f_rest_${i}`, gaussians.harmonics(1 + (i % higher), Math.floor(i / higher)));
-    }
+    const columns = columnsOf(gaussians);
     for (let k = 0; k < (gaussians.weighting?.coefficients ?? 0); k++) {
         columns.set(`view_${k}`, gaussians.weighting.column(k));
     }

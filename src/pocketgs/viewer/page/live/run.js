@@ -6,6 +6,7 @@
 
 import { readScene } from "../formats/scene_file.js";
 import { drawCurves } from "./curves.js";
+import { showFigures } from "./figures.js";
 
 /**
  * @typedef {Object} Listener
@@ -84,14 +85,12 @@ export class LiveRun {
     #show(progress) {
         this.#progress = progress;
         this.#samples.push(...progress.samples);
-        const { iteration, iterations, paused, finished } = progress;
+        const { paused, finished } = progress;
+        showFigures(progress);
         element("stage").textContent = paused ? "paused" : progress.stage;
-        element("iteration").textContent = iterations ? `${iteration} / ${iterations}` : "";
-        element("training").value = iterations ? iteration / iterations : 0;
-        element("loss").textContent = progress.loss?.toPrecision(3) ?? "–";
-        element("psnr").textContent = progress.held_out_psnr ? `${progress.held_out_psnr.toFixed(2)} dB` : "–";
-        element("left").textContent = finished ? "done" : duration(progress.seconds_left);
-        element("memory").textContent = `${Math.round(progress.memory_mb)} MB`;
+        if (finished) {
+            element("left").textContent = "done";
+        }
         element("pause").textContent = paused ? "Resume" : "Pause";
         element("live-buttons").hidden = finished;
         this.#drawCurves();
@@ -117,12 +116,4 @@ export class LiveRun {
 
 function element(id) {
     return document.getElementById(id);
-}
-
-function duration(seconds) {
-    if (seconds === null || seconds === undefined) {
-        return "–";
-    }
-    const whole = Math.round(seconds);
-    return whole < 60 ? `${whole} s` : `${Math.floor(whole / 60)} min ${whole % 60} s`;
 }

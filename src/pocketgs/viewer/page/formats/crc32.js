@@ -1,5 +1,5 @@
 /**
- * The checksum of zip files (ISO 3309).
+ * The checksum of `.pgs` and zip files (ISO 3309).
  *
  * @module
  */
@@ -17,8 +17,8 @@ const TABLE = Uint32Array.from({ length: 256 }, (_, byte) => {
  */
 export function crc32(bytes) {
     let sum = 0xffff_ffff;
-    for (const byte of bytes) {
-        sum = TABLE[(sum ^ byte) & 0xff] ^ (sum >>> 8);
+    for (let i = 0; i < bytes.length; i++) {
+        sum = TABLE[(sum ^ bytes[i]) & 0xff] ^ (sum >>> 8);
     }
     return (sum ^ 0xffff_ffff) >>> 0;
 }

@@ -1,0 +1,28 @@
+/**
+ * Which property of a `.ply` of the reference 3DGS implementation is which column of a scene.
+ *
+ * @module
+ */
+
+import { LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../scene/gaussian_columns.js";
+
+/**
+ * @param {import("../scene/gaussian_columns.js").GaussianColumns} gaussians
+ * @returns {Map<string, Float32Array>} views of their numbers, by the properties' names
+ */
+export function columnsOf(gaussians) {
+    const columns = new Map([["opacity", gaussians.column(OPACITY_LOGIT)]]);
+    ["x", "y", "z"].forEach((name, axis) => columns.set(name, gaussians.column(MEAN + axis)));
+    for (let axis = 0; axis < 3; axis++) {
+        columns.set(`scale_${axis}`, gaussians.column(LOG_SCALE + axis));
+        columns.set(`f_dc_${axis}`, gaussians.harmonics(0, axis));
+    }
+    for (let part = 0; part < 4; part++) {
+        columns.set(`rot_${part}`, gaussians.column(QUATERNION + part));
+    }
+    const higher = gaussians.coefficients - 1;
+    for (let i = 0; i < 3 * higher; i++) {
+        columns.set(`f_rest_${i}`, gaussians.harmonics(1 + (i % higher), Math.floor(i / higher)));
+    }
+    return columns;
+}
