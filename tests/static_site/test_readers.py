@@ -15,7 +15,7 @@ from PIL import Image
 from playwright.sync_api import Error
 from plyfile import PlyData
 
-from capture.conftest import ColmapFiles, Ring, colmap_files, ring  # noqa: F401 - fixtures
+from capture.conftest import ColmapFiles, Ring
 from pocketgs.capture.hold_out import choose_held_out
 from pocketgs.capture.open import read_listing
 
@@ -123,7 +123,7 @@ def test_text_clouds_without_colours(call: Call, capture_folder: Path) -> None:
 
 
 @pytest.mark.parametrize("splits", [("train",), ("train", "test")])
-def test_blender(call: Call, ring: Ring, tmp_path: Path, splits: tuple[str, ...]) -> None:  # noqa: F811
+def test_blender(call: Call, ring: Ring, tmp_path: Path, splits: tuple[str, ...]) -> None:
     for split in splits:
         ring.write_images(tmp_path / split)
         frames = ring.transforms(f"./{split}")["frames"]
@@ -136,14 +136,7 @@ def test_blender(call: Call, ring: Ring, tmp_path: Path, splits: tuple[str, ...]
 
 @pytest.mark.parametrize("encoding", ["binary", "text"])
 @pytest.mark.parametrize("place", ["sparse/0", "colmap/sparse"])
-def test_colmap(
-    call: Call,
-    ring: Ring,  # noqa: F811
-    colmap_files: ColmapFiles,  # noqa: F811
-    tmp_path: Path,
-    encoding: str,
-    place: str,
-) -> None:
+def test_colmap(call: Call, ring: Ring, colmap_files: ColmapFiles, tmp_path: Path, encoding: str, place: str) -> None:
     ring.write_images(tmp_path / "images")
     colmap_files.write(tmp_path / place, encoding)
     assert_same(call, tmp_path)
@@ -159,13 +152,7 @@ def test_colmap(
         "3 RADIAL_FISHEYE 16 12 20 8 6 0.1 0.2",
     ],
 )
-def test_colmap_cameras(
-    call: Call,
-    ring: Ring,  # noqa: F811
-    colmap_files: ColmapFiles,  # noqa: F811
-    tmp_path: Path,
-    line: str,
-) -> None:
+def test_colmap_cameras(call: Call, ring: Ring, colmap_files: ColmapFiles, tmp_path: Path, line: str) -> None:
     ring.write_images(tmp_path / "images_8")
     colmap_files.write(tmp_path / "sparse" / "0", "text")
     (tmp_path / "sparse" / "0" / "cameras.txt").write_text(line + "\n")
@@ -173,12 +160,7 @@ def test_colmap_cameras(
     assert_same(call, tmp_path)
 
 
-def test_renamed_copies(
-    call: Call,
-    ring: Ring,  # noqa: F811
-    colmap_files: ColmapFiles,  # noqa: F811
-    tmp_path: Path,
-) -> None:
+def test_renamed_copies(call: Call, ring: Ring, colmap_files: ColmapFiles, tmp_path: Path) -> None:
     colmap_files.write(tmp_path / "sparse" / "0")
     (tmp_path / "images").mkdir()
     for number, image in enumerate(ring.images):
@@ -187,13 +169,7 @@ def test_renamed_copies(
 
 
 @pytest.mark.parametrize("part", ["cameras", "images", "points3D"])
-def test_colmap_cut_short(
-    call: Call,
-    ring: Ring,  # noqa: F811
-    colmap_files: ColmapFiles,  # noqa: F811
-    tmp_path: Path,
-    part: str,
-) -> None:
+def test_colmap_cut_short(call: Call, ring: Ring, colmap_files: ColmapFiles, tmp_path: Path, part: str) -> None:
     ring.write_images(tmp_path / "images")
     colmap_files.write(tmp_path / "sparse" / "0")
     path = tmp_path / "sparse" / "0" / f"{part}.bin"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import json
 import time
@@ -22,16 +21,7 @@ from viewer.browsing import PATIENCE, Visit, visiting
 TOLERANCE = 0.2
 """dB."""
 
-DROP = """([name, content]) => {
-    const bytes = Uint8Array.from(atob(content), (character) => character.charCodeAt(0));
-    const dataTransfer = new DataTransfer();
-    dataTransfer.items.add(new File([bytes], name));
-    window.dispatchEvent(new DragEvent("drop", { dataTransfer, bubbles: true, cancelable: true }));
-}"""
-
-
 PICTURE = "() => document.getElementById('picture').toDataURL()"
-
 
 HOLD_DEVICE = """
 const request = GPUAdapter.prototype.requestDevice;
@@ -75,10 +65,6 @@ def zipped(folder: Path) -> bytes:
         for path in sorted(folder.rglob("*")):
             archive.write(path, Path(folder.name) / path.relative_to(folder))
     return stream.getvalue()
-
-
-def drop(visit: Visit, name: str, content: bytes) -> None:
-    visit.page.evaluate(DROP, [name, base64.b64encode(content).decode()])
 
 
 def saved(visit: Visit, path: Path) -> Path:
@@ -125,7 +111,7 @@ def test_a_dropped_zip_trains_as_in_python(visit: Visit, host: Host, capture_fol
     loaded = list(host.asked)
     requests: list[str] = []
     visit.page.on("request", lambda request: requests.append(request.url))
-    drop(visit, "toys.zip", zipped(capture_folder))
+    visit.drop("toys.zip", zipped(capture_folder))
     scene = saved(visit, tmp_path / "toys.ply")
     expect(visit["#title"]).to_have_text("toys")
     assert float(visit["#memory"].inner_text().removesuffix(" MB")) < 100
@@ -160,7 +146,7 @@ def test_paused_turned_stopped_and_kept(visit: Visit, capture_folder: Path, tmp_
     expect(visit["#photograph"]).to_be_visible()
     visit["#pause"].click()
     expect(visit["#iteration"]).not_to_have_text(before)
-    drop(visit, "other.zip", b"")
+    visit.drop("other.zip", b"")
     expect(visit["#message-text"]).to_contain_text("stop it first")
     visit["#message-close"].click()
     visit["#stop"].click()
@@ -171,16 +157,16 @@ def test_paused_turned_stopped_and_kept(visit: Visit, capture_folder: Path, tmp_
 
 
 def test_a_broken_capture_leaves_the_page_usable(visit: Visit, capture_folder: Path, tmp_path: Path) -> None:
-    drop(visit, "broken.zip", zipped(capture_folder)[:2000])
+    visit.drop("broken.zip", zipped(capture_folder)[:2000])
     expect(visit["#message-text"]).to_contain_text("broken.zip: is no zip file, or cut short")
     image = next((capture_folder / "images").iterdir())
     whole = image.read_bytes()
     image.write_bytes(whole[:200])
-    drop(visit, "damaged.zip", zipped(capture_folder))
+    visit.drop("damaged.zip", zipped(capture_folder))
     expect(visit["#message-text"]).to_contain_text(f"images/{image.name}: cannot be decoded", timeout=PATIENCE)
     image.write_bytes(whole)
     choose(visit, most=32, iterations=1, gaussians=100)
-    drop(visit, "sound.zip", zipped(capture_folder))
+    visit.drop("sound.zip", zipped(capture_folder))
     assert b"element vertex 100\n" in saved(visit, tmp_path / "scene.ply").read_bytes()[:200]
     assert visit.complaints == []
 
@@ -201,7 +187,7 @@ def test_a_run_goes_on_after_the_page_was_closed(visit: Visit, capture_folder: P
     """To the same bits as without the break."""
     visit.page.on("dialog", lambda dialog: dialog.accept())  # whether to leave while it trains
     choose(visit, most=32, iterations=24, gaussians=200)
-    drop(visit, "toys.zip", zipped(capture_folder))
+    visit.drop("toys.zip", zipped(capture_folder))
     done = paused_and_kept(visit)
     visit.page.reload()
     visit["#go-on"].wait_for(timeout=PATIENCE)
@@ -209,7 +195,7 @@ def test_a_run_goes_on_after_the_page_was_closed(visit: Visit, capture_folder: P
     visit["#go-on"].click()
     interrupted = saved(visit, tmp_path / "interrupted.ply").read_bytes()
     choose(visit, most=32, iterations=24, gaussians=200)
-    drop(visit, "toys.zip", zipped(capture_folder))
+    visit.drop("toys.zip", zipped(capture_folder))
     assert saved(visit, tmp_path / "whole.ply").read_bytes() == interrupted
     assert 0 < done < 24
     assert visit.complaints == []
@@ -229,7 +215,7 @@ def test_fern(visit: Visit, data_folder: Path, tmp_path: Path) -> None:
     export_capture(folder, open_capture(data_folder / "fern", images="images_8", max_size=126))
     size = ("--max-size", "63")
     choose(visit, most=63, iterations=20, gaussians=1500)
-    drop(visit, "fern.zip", zipped(folder))
+    visit.drop("fern.zip", zipped(folder))
     scene = saved(visit, tmp_path / "fern.ply")
     assert visit.complaints == []
     found = held_out_psnr(scene, folder, *size)
@@ -240,7 +226,7 @@ def test_fern(visit: Visit, data_folder: Path, tmp_path: Path) -> None:
 
 def test_a_run_survives_a_lost_gpu(visit: Visit, capture_folder: Path, tmp_path: Path) -> None:
     choose(visit, most=32, iterations=20_000, gaussians=100)
-    drop(visit, "toys.zip", zipped(capture_folder))
+    visit.drop("toys.zip", zipped(capture_folder))
     paused_and_kept(visit)
     visit.page.workers[0].evaluate("device.destroy()")
     expect(visit["#message-text"]).to_contain_text("The GPU was lost", timeout=PATIENCE)

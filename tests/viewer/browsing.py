@@ -119,7 +119,7 @@ class Visit:
                 dataTransfer.items.add(new File([bytes], name));
                 for (const type of ["dragenter", "dragover", "drop"]) {
                     const event = new DragEvent(type, { dataTransfer, bubbles: true, cancelable: true });
-                    document.getElementById("canvas").dispatchEvent(event);
+                    document.body.dispatchEvent(event);
                 }
             }""",
             [name, base64.b64encode(content).decode()],
