@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import shutil
-import threading
 from collections.abc import Iterator, Mapping
-from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +32,7 @@ from pocketgs.splat.webgpu.passes import Variant, describe
 from pocketgs.splat.webgpu.photographs import packed
 from pocketgs.splat.webgpu.scene_columns import to_columns
 from splat.webgpu.variants import shared_engine
+from static_site.hosting import hosting
 from viewer.browsing import open_browser
 
 VARIANTS = [
@@ -70,15 +68,8 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     folder = tmp_path_factory.mktemp("site") / "site"
     shutil.copytree(Path(__file__).parent / "browser", folder)
     shutil.copytree(Path(pocketgs.gpu.__file__).parent, folder / "gpu", ignore=ignore_all_but_scripts)
-    with ThreadingHTTPServer(("127.0.0.1", 0), partial(QuietHandler, directory=folder)) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_port}/page.html"
-        server.shutdown()
-
-
-class QuietHandler(SimpleHTTPRequestHandler):
-    def log_message(self, *_: object) -> None:
-        pass
+    with hosting(folder) as host:
+        yield f"{host.address}page.html"
 
 
 def ignore_all_but_scripts(_: str, names: list[str]) -> list[str]:
