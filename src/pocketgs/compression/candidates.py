@@ -26,6 +26,9 @@ CANDIDATES = 3
 PRUNING_STEPS, PRUNING_ROUNDS = 40, 8
 """Training steps of a round of pruning, and the expected number of rounds."""
 
+SEARCH_STEPS = PRUNING_ROUNDS * PRUNING_STEPS + CANDIDATES * STEPS
+"""Approximate number of training steps of a search."""
+
 PRUNING_TIME = 0.35
 """Share of the remaining time for pruning in rounds."""
 
@@ -91,13 +94,13 @@ class Workshop:
 
     def prune(self, scene: Gaussians, goes_on: Callable[[Level], bool]) -> None:
         """Prune in rounds, and keep the scene after each, as long as it `goes_on` and time allows."""
-        self.timekeeper.expected = PRUNING_ROUNDS * PRUNING_STEPS + CANDIDATES * STEPS
+        self.timekeeper.expect(SEARCH_STEPS)
         used = self.timekeeper.used()
         for left in self.pruner.rounds(scene, PRUNING_STEPS):
             self.levels.append(Level(left, self.judge.psnr(left)))
             if self.timekeeper.used() > used + (1.0 - used) * PRUNING_TIME or not goes_on(self.levels[-1]):
                 break
-        self.timekeeper.expected = self.timekeeper.done + CANDIDATES * STEPS
+        self.timekeeper.expect(CANDIDATES * STEPS)
 
     def make(self, count: int) -> Candidate:
         """Make the candidate with this number of Gaussians.

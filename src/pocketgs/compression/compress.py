@@ -7,15 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pocketgs.compression.candidates import (
-    CANDIDATES,
-    PRUNING_ROUNDS,
-    PRUNING_STEPS,
-    STEPS,
-    Candidate,
-    Level,
-    Workshop,
-)
+from pocketgs.compression.candidates import CANDIDATES, SEARCH_STEPS, Candidate, Level, Workshop
 from pocketgs.compression.codings import CODINGS, finer
 from pocketgs.compression.fine_tuning import FineTuner
 from pocketgs.compression.judgement import Judge
@@ -234,7 +226,7 @@ def _suitable_pace(scene: Gaussians, workshop: Workshop) -> float:
     steps = int(min(TRIAL_STEPS, TRIAL_TIME * workshop.timekeeper.steps_left()))
     if not steps:
         return 1.0
-    workshop.timekeeper.expected = steps + PRUNING_ROUNDS * PRUNING_STEPS + CANDIDATES * STEPS
+    workshop.timekeeper.expect(steps + SEARCH_STEPS)
     trained = workshop.tuner.tune(scene, steps)
     return 1.0 if workshop.judge.psnr(trained) >= workshop.judge.original_psnr else GENTLE
 

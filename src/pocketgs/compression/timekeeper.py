@@ -38,6 +38,10 @@ class Timekeeper:
         self._on_count(self.done, max(self.expected, self.done))
         self.check()
 
+    def expect(self, steps: int) -> None:
+        """Expect so many more steps."""
+        self.expected = self.done + steps
+
     def check(self) -> None:
         """Raise if the work must stop.
 
