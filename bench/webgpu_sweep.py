@@ -28,7 +28,7 @@ from pocketgs.prior.cpu.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, w
 from pocketgs.prior.cpu.stereo import CpuStereo, as_source_views, grey_levels, smoothed
 from pocketgs.prior.depth_range import DepthRange
 from pocketgs.prior.fuse import views_of
-from pocketgs.prior.sweep import DepthMap, SweepSettings
+from pocketgs.prior.sweep import DepthMap, SweepSettings, step_of
 from pocketgs.prior.webgpu.stereo import WebGpuStereo
 from webgpu_roofline import measure_roofline
 
@@ -147,7 +147,7 @@ def sweep_in_passes(frames: Sequence[Frame], search: DepthRange, settings: Sweep
     total = times.measure("aggregate", lambda: aggregate(costs, view, paths, *steps))
     depth = times.measure("winners", lambda: winners(total, inverse_depths, len(paths))[0])
     times.measure(COMPARED, lambda: next(CpuStereo().compare(views, TOLERANCE)).agreeing)
-    times.measure("smooth", lambda: smoothed(depth, float(inverse_depths[1] - inverse_depths[0])))
+    times.measure("smooth", lambda: smoothed(depth, step_of(inverse_depths)))
 
 
 def exact_views(frames: Sequence[Frame]) -> Views:

@@ -9,6 +9,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+import wgpu
 
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
@@ -20,6 +21,7 @@ from pocketgs.sort_free.scene import SortFreeScene, sort_free
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.reference.scene import Scene
 from pocketgs.splat.webgpu.passes import COVERAGES, Variant, Weights, describe
+from pocketgs.splat.webgpu.weighted import WeightedDrawing
 from splat.training_step import camera_in_front
 
 MakeGaussians = Callable[..., Gaussians]
@@ -162,6 +164,29 @@ def test_a_view_that_does_not_fit_leaves_room_for_others(adapter: None, make_gau
     before = drawing.render(small, BACKGROUND).image
     with pytest.raises(PocketGSError, match="the limit is 10 MB"):
         drawing.render(camera_in_front(512, 512, 512.0, 3.0), BACKGROUND)
+    np.testing.assert_array_equal(drawing.render(small, BACKGROUND).image, before)
+
+
+def test_a_view_that_fills_the_gpu_leaves_room_for_others(
+    adapter: None, make_gaussians: MakeGaussians, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Though some buffers have been made anew by then."""
+    drawing = drawing_of(weighted_scene(make_gaussians(), "lc"), GPU)
+    assert isinstance(drawing, WeightedDrawing)
+    small = camera_in_front(32, 32, 32.0, 3.0)
+    before = drawing.render(small, BACKGROUND).image
+    device = drawing._executor.device
+    create_buffer = device.create_buffer
+
+    def create_if_small(**given: Any) -> Any:
+        if given["label"] == "image":
+            raise wgpu.GPUOutOfMemoryError("full")
+        return create_buffer(**given)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(device, "create_buffer", create_if_small)
+        with pytest.raises(PocketGSError, match="the GPU is out of memory"):
+            drawing.render(camera_in_front(128, 128, 128.0, 3.0), BACKGROUND)
     np.testing.assert_array_equal(drawing.render(small, BACKGROUND).image, before)
 
 

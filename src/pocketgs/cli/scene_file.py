@@ -54,13 +54,12 @@ def drawn_by(path: Path, options: EngineOptions) -> tuple[Renderer, int]:
     Raises:
         PocketGSError: there is no readable scene, or the engine is not available here.
     """
-    if is_sort_free(path):
-        scene = read_sort_free(path)
+    scene = load_any(path)
+    if isinstance(scene, SortFreeScene):
         return drawing_of(scene, options), len(scene)
-    gaussians = load_scene(path)
     engine = create_engine(options)
-    engine.upload(gaussians)
-    return engine, len(gaussians)
+    engine.upload(scene)
+    return engine, len(scene)
 
 
 def in_world_of(path: Path, capture: Capture) -> Capture:

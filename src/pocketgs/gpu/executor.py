@@ -87,10 +87,11 @@ class Executor:
         """Allocate buffers of these sizes in bytes. A buffer whose size changes loses its content."""
         for name, size in sizes.items():
             if name not in self._buffers or self._buffers[name].size != size:
-                if name in self._buffers:
-                    self._buffers[name].destroy()
-                self._buffers[name] = self.device.create_buffer(label=name, size=size, usage=_STORAGE)
+                # What is destroyed is forgotten first: there may be no memory for what takes its place.
                 self._recordings.clear()
+                if name in self._buffers:
+                    self._buffers.pop(name).destroy()
+                self._buffers[name] = self.device.create_buffer(label=name, size=size, usage=_STORAGE)
 
     def release(self) -> None:
         """Destroy all buffers but the uniform ones."""

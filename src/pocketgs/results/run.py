@@ -43,7 +43,7 @@ from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.training.loop import train
 from pocketgs.training.open_ended import end_of
 from pocketgs.training.options import SizedOptions, TrainingOptions
-from pocketgs.training.planning.calibration import measure_speed
+from pocketgs.training.planning.calibration import measure_speed, times_prior
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.planning.machine import this_machine
 from pocketgs.training.planning.plan import Plan, make_plan, plan_again, shrinking_warning
@@ -189,9 +189,7 @@ def _plan(
     plan = make_plan(listed, options, machine)
     if options.time_budget is None:
         return plan
-    # A GPU's speed says nothing about the CPU's, which does the rest of the work.
-    with_prior = options.prior == "dense" or engine.name != "cpu"
-    speed = measure_speed(engine, stereo, machine.threads, with_prior)
+    speed = measure_speed(engine, stereo, machine.threads, times_prior(engine, options))
     return make_plan(listed, options, replace(machine, speed=speed, elapsed=seconds_since_start()))
 
 

@@ -22,7 +22,15 @@ from pocketgs.scene.formats.checks import read_contents
 from pocketgs.scene.formats.pgs_attributes import code_views
 from pocketgs.scene.formats.pgs_coding import CODINGS
 from pocketgs.scene.formats.pgs_rounding import levels
-from pocketgs.scene.formats.pgs_sections import COLUMNS, FIELDS, WEIGHTS, Section, join_sections, split_sections
+from pocketgs.scene.formats.pgs_sections import (
+    COLUMNS,
+    FIELDS,
+    WEIGHTS,
+    Section,
+    join_sections,
+    split_sections,
+    text_of,
+)
 from pocketgs.scene.formats.spz_precision import Detail
 from pocketgs.sort_free.forms import form_named
 from pocketgs.sort_free.scene import SortFreeScene
@@ -96,7 +104,7 @@ def read_pgs(path: Path) -> SortFreeScene:
         with np.errstate(over="ignore"):
             views[:] = pgs.table_of(path, sections[VIEW], code_views, views.shape) * step
     try:
-        form = form_named(name.rstrip(b"\0").decode("ascii", "backslashreplace"))
+        form = form_named(text_of(name))
         numbers = np.array(struct.unpack_from(f"<{count}d", fields, HEAD.size))
         return SortFreeScene(gaussians, form, unit, numbers, views)
     except PocketGSError as error:

@@ -11,6 +11,8 @@ from pocketgs.capture.synthetic import true_capture
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.consistency import Views
 from pocketgs.prior.cpu.stereo import CpuStereo
+from pocketgs.prior.fuse import views_of
+from pocketgs.prior.sweep import DepthMap
 from pocketgs.prior.webgpu.stereo import WebGpuStereo
 from prior.random_depth_maps import random_views
 
@@ -31,15 +33,7 @@ def room() -> Views:
     rng = np.random.default_rng(0)
     depths = np.array([frame.depth for frame in frames]) * rng.normal(1.0, 0.01, (len(frames), 60, 80))
     depths[rng.random(depths.shape) < 0.1] = 0.0
-    cameras = [frame.camera for frame in frames]
-    return Views(
-        depths.astype(np.float32),
-        np.array([(camera.fx, camera.fy, camera.cx, camera.cy) for camera in cameras]),
-        np.array([(60, 80)] * len(frames)),
-        np.array([camera.world_to_camera[:3, :3] for camera in cameras]),
-        np.array([camera.world_to_camera[:3, 3] for camera in cameras]),
-        np.full(len(frames), 0.004),
-    )
+    return views_of(frames, [DepthMap(depth, np.ones_like(depth), 0.004) for depth in depths.astype(np.float32)])
 
 
 def moved(views: Views, offset: list[float]) -> Views:

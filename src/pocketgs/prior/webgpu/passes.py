@@ -63,6 +63,13 @@ def _buffers() -> dict[str, str]:
     return sizes
 
 
+def _by_band(name: str, shader: str, groups: str, volume: str) -> Iterator[Pass]:
+    """A pass that works on one band of a volume, for each of them."""
+    for band in _BANDS:
+        buffers, constants = {volume: f"{volume}_{band}"}, {"band": band}
+        yield Pass(name, shader, groups, buffers=buffers, constants=constants, when=f"bands > {band}")
+
+
 def _aggregate(way: str) -> Iterator[Pass]:
     """Paths of one direction, through the bands in the order in which they come to them."""
     down, across = _WAYS[way]
@@ -94,29 +101,9 @@ def describe_sweep() -> Description:
     """
     passes = [
         Pass("squares", "squares", f"ceil_div(image_pixels * (images - 1), {THREADS})"),
-        *(
-            Pass(
-                "matching costs",
-                "matching_costs",
-                "patches * chunks",
-                buffers={"costs": f"costs_{band}"},
-                constants={"band": band},
-                when=f"bands > {band}",
-            )
-            for band in _BANDS
-        ),
+        *_by_band("matching costs", "matching_costs", "patches * chunks", "costs"),
         *(one for way in _WAYS for one in _aggregate(way)),
-        *(
-            Pass(
-                "winners",
-                "winners",
-                f"ceil_div(band_pixels, {THREADS})",
-                buffers={"totals": f"totals_{band}"},
-                constants={"band": band},
-                when=f"bands > {band}",
-            )
-            for band in _BANDS
-        ),
+        *_by_band("winners", "winners", f"ceil_div(band_pixels, {THREADS})", "totals"),
         Pass("smooth", "smooth", f"ceil_div(pixels, {THREADS})"),
     ]
     shaders = {name: SHADERS.link(name, {}) for name in dict.fromkeys(one.shader for one in passes)}

@@ -11,6 +11,7 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.gpu.adapters import DRIVER_BYTES, choose_adapter
+from pocketgs.gpu.buffer_sizes import check_buffers
 from pocketgs.gpu.description import Description
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
@@ -163,11 +164,7 @@ class WebGpuStereo:
         sizes = description.sizes(description.symbols(given), description.buffers)
         expected = "smaller images (--downscale)"
         name = max(sizes, key=lambda buffer: sizes[buffer])
-        if sizes[name] > self._largest:
-            raise PocketGSError(
-                f"the GPU's buffer {name!r} would take {sizes[name] / 1e6:.0f} MB, the device allows "
-                f"{self._largest / 1e6:.0f} MB: expected {expected}"
-            )
+        check_buffers({name: sizes[name]}, self._largest, expected)
         if sum(sizes.values()) > self._total:
             raise PocketGSError(
                 f"depth would take {sum(sizes.values()) / 1e6:.0f} MB of GPU memory, the limit is "

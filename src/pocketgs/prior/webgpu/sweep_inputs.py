@@ -13,7 +13,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.gpu.sizes import Symbols
 from pocketgs.prior.depth_range import DepthRange
 from pocketgs.prior.source_views import mapping
-from pocketgs.prior.sweep import SweepSettings
+from pocketgs.prior.sweep import SweepSettings, step_of
 from pocketgs.prior.webgpu.layout import MATCHED, USABLE
 
 
@@ -51,7 +51,7 @@ class SweepInputs:
             "large_step": settings.large_step,
             "is_bounded": int(np.isfinite(search.farthest)),
             "has_masks": int(any(frame.mask is not None for frame in source_views)),
-            "step": inverse_depths[1] - inverse_depths[0],
+            "step": step_of(inverse_depths),
         }
         records = source_records(keyframe.camera, [frame.camera for frame in source_views])
         buffers = {"photographs": photographs, "sources": records, "inverse_depths": inverse_depths}

@@ -77,7 +77,7 @@ def names_in(contents: bytes) -> set[str]:
     if len(contents) < HEADER.size or contents[:4] != MAGIC:
         return set()
     table = contents[HEADER.size :][: HEADER.unpack_from(contents)[2] * ROW.size]
-    return {_text(row[0]) for row in ROW.iter_unpack(table[: len(table) // ROW.size * ROW.size])}
+    return {text_of(row[0]) for row in ROW.iter_unpack(table[: len(table) // ROW.size * ROW.size])}
 
 
 def split_sections(path: Path, contents: bytes, known: Collection[tuple[str, int]]) -> dict[str, bytes]:
@@ -105,7 +105,7 @@ def split_sections(path: Path, contents: bytes, known: Collection[tuple[str, int
         raise PocketGSError(f"{path}: a damaged .pgs: its checksum differs from that of its content")
     found: dict[str, bytes] = {}
     for name, kind, flags, _, size in rows:
-        text = _text(name)
+        text = text_of(name)
         if (text, kind) in known and text not in found:
             found[text] = contents[start : start + size]
         elif not flags & OPTIONAL:
@@ -114,5 +114,6 @@ def split_sections(path: Path, contents: bytes, known: Collection[tuple[str, int
     return found
 
 
-def _text(name: bytes) -> str:
+def text_of(name: bytes) -> str:
+    """A name that is padded with zeros."""
     return name.rstrip(b"\0").decode("ascii", "backslashreplace")

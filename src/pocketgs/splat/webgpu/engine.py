@@ -10,10 +10,10 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
-from pocketgs.gpu.adapters import BUFFER_LIMITS, DRIVER_BYTES, choose_adapter
+from pocketgs.gpu.adapters import DRIVER_BYTES, choose_adapter
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
-from pocketgs.scene.background import checked_background
+from pocketgs.scene.background import Background
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.checks import check_masks, check_pinhole, check_state, check_view, checked_scene
 from pocketgs.splat.colours import check_transforms
@@ -22,6 +22,7 @@ from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import RowChange, Statistics, check_change
 from pocketgs.splat.settings import StepSettings
+from pocketgs.splat.webgpu.drawing import draw_once, rendered
 from pocketgs.splat.webgpu.frame_values import is_regularised, structural_share, update_values, view_values
 from pocketgs.splat.webgpu.memory import (
     GROWTH,
@@ -78,12 +79,11 @@ class WebGpuEngine:
         subgroups = "subgroup" in adapter.features and not options.portable
         variant = Variant(options.precision, options.replay, options.accumulation, subgroups)
         self.executor = Executor(shared_device(adapter, variant.features), describe(variant))
-        largest = min(self.executor.device.limits[name] for name in BUFFER_LIMITS)
         self._shares_memory = adapter.shares_memory
-        self._limits = Limits(options.max_memory * 1_000_000, largest)
+        self._limits = Limits(options.max_memory * 1_000_000, adapter.largest_buffer)
         self._frames: list[Frame] = []
         self._ahead = StepsAhead(self.executor)
-        self._most_intersections = largest // INTERSECTION_BYTES[options.accumulation]
+        self._most_intersections = adapter.largest_buffer // INTERSECTION_BYTES[options.accumulation]
         self._fit(Extent(), [])
 
     def prepare(self) -> None:
@@ -187,13 +187,7 @@ class WebGpuEngine:
         self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False
     ) -> Rendering:
         """Render the scene as it stands."""
-        image = self._draw("render", camera, checked_background(background))
-        alpha = 1.0 - image[..., 3]
-        expected_depth = None
-        if depth:
-            total = self._draw("render depth", camera, (0.0, 0.0, 0.0))[..., 0]
-            expected_depth = np.divide(total, alpha, out=np.zeros_like(alpha), where=alpha > 0.0)
-        return Rendering(np.ascontiguousarray(image[..., :3]), alpha, expected_depth)
+        return rendered(self._draw, camera, background, depth)
 
     def download(self) -> Gaussians:
         """A copy of the scene as it stands."""
@@ -293,7 +287,7 @@ class WebGpuEngine:
         finally:
             self._ahead.resume()
 
-    def _draw(self, sequence: str, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:
+    def _draw(self, sequence: str, camera: Camera, background: Background) -> np.ndarray:
         """(H, W, 4) float32: colour and transmittance."""
         self._settle()
         size = (camera.width, camera.height)
@@ -301,10 +295,7 @@ class WebGpuEngine:
             self._fit(replace(self._extent, drawn_sizes=self._extent.drawn_sizes | {size}))
         while True:
             symbols = self._symbols(camera)
-            self.executor.write_uniform("view", view_values(camera, background, self._near, symbols))
-            self.executor.submit(sequence, symbols)
-            pixels = self.executor.read("image", np.float32, 4 * symbols["pixels"])
-            _, halted, needed = self.executor.read("status", np.uint32, 3)
-            if not halted:
-                return pixels.reshape(camera.height, camera.width, 4)
-            self._make_room(int(needed))
+            image, needed = draw_once(self.executor, sequence, camera, background, self._near, symbols)
+            if not needed:
+                return image
+            self._make_room(needed)

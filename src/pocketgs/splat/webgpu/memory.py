@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from pocketgs.errors import PocketGSError
+from pocketgs.gpu.buffer_sizes import check_buffers
 from pocketgs.gpu.description import MIN_BUFFER, Description
 from pocketgs.splat.webgpu.photographs import PIXEL_BYTES, Shelf
 
@@ -120,25 +121,6 @@ def plan_memory(description: Description, extent: Extent, limits: Limits) -> Mem
     room = min(limits.total - sum(sizes.values()), limits.buffer)
     shelf = Shelf(photographs, room // PIXEL_BYTES)
     return MemoryPlan({**sizes, "photographs": max(PIXEL_BYTES * shelf.pixels, MIN_BUFFER)}, depth, shelf)
-
-
-def check_buffers(sizes: Mapping[str, int], largest: int, expected: str) -> None:
-    """Refuse buffers of more than `largest` bytes.
-
-    Args:
-        sizes: bytes by buffer.
-        largest: bytes that the device allows a single one.
-        expected: what would help, for the message.
-
-    Raises:
-        PocketGSError: one is larger.
-    """
-    for name, size in sizes.items():
-        if size > largest:
-            raise PocketGSError(
-                f"the GPU's buffer {name!r} would take {size / 1e6:.0f} MB, the device allows "
-                f"{largest / 1e6:.0f} MB: expected {expected}"
-            )
 
 
 def expected_extent(

@@ -11,7 +11,8 @@ import numpy as np
 
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
-from pocketgs.gpu.adapters import BUFFER_LIMITS, choose_adapter
+from pocketgs.gpu.adapters import choose_adapter
+from pocketgs.gpu.buffer_sizes import check_buffers
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
@@ -19,7 +20,7 @@ from pocketgs.splat.ellipse import half_sizes
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
 from pocketgs.splat.webgpu.frame_values import view_values
-from pocketgs.splat.webgpu.memory import GROWTH, MIN_INTERSECTIONS, check_buffers
+from pocketgs.splat.webgpu.memory import GROWTH, MIN_INTERSECTIONS
 from pocketgs.splat.webgpu.passes import Variant
 from pocketgs.splat.webgpu.rasterizer_passes import CENTRE_WORDS, GROUP, describe_rasterizer
 from pocketgs.splat.webgpu.scene_columns import to_columns
@@ -87,7 +88,7 @@ class WebGpuBackend:
         variant = Variant(subgroups="subgroup" in adapter.features)
         device = shared_device(adapter, variant.features)
         self._executor = Executor(device, describe_rasterizer(variant.subgroups, compositor))
-        self._largest = min(device.limits[name] for name in BUFFER_LIMITS)
+        self._largest = adapter.largest_buffer
         self._room = MIN_INTERSECTIONS
         self._shown: _Tape | None = None
         self._symbols: dict[str, int] = {}

@@ -8,16 +8,17 @@ import numpy as np
 
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
-from pocketgs.gpu.adapters import BUFFER_LIMITS, choose_adapter
+from pocketgs.gpu.adapters import choose_adapter
+from pocketgs.gpu.buffer_sizes import check_buffers
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
-from pocketgs.scene.background import checked_background
+from pocketgs.scene.background import Background
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.checks import checked_scene
 from pocketgs.splat.engine import EngineOptions, Rendering
 from pocketgs.splat.near_plane import near_plane
-from pocketgs.splat.webgpu.frame_values import view_values
-from pocketgs.splat.webgpu.memory import GROWTH, INTERSECTIONS_PER_GAUSSIAN, MIN_INTERSECTIONS, check_buffers
+from pocketgs.splat.webgpu.drawing import draw_once, rendered
+from pocketgs.splat.webgpu.memory import GROWTH, INTERSECTIONS_PER_GAUSSIAN, MIN_INTERSECTIONS
 from pocketgs.splat.webgpu.passes import Variant, Weights, describe
 from pocketgs.splat.webgpu.scene_columns import to_columns, transposed
 
@@ -52,7 +53,7 @@ class WeightedDrawing:
         variant = Variant(subgroups="subgroup" in adapter.features, weights=weights)
         device = shared_device(adapter, variant.features)
         self._executor = Executor(device, describe(variant, training=False))
-        self._largest = min(device.limits[name] for name in BUFFER_LIMITS)
+        self._largest = adapter.largest_buffer
         self._max_memory = max_memory
         scene = checked_scene(gaussians)
         count = len(scene)
@@ -68,7 +69,7 @@ class WeightedDrawing:
         self._columns = {"shape": shape, "sh": sh, "views": transposed(views)}
         absent = dict.fromkeys(self._executor.description.uniforms["weighting"].fields, 0.0)
         self._weighting = {**absent, **numbers, "unit": unit, "view_coefficients": views.shape[1]}
-        self._made: dict[str, int] = {}
+        self._is_written = False
 
     def render(
         self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False
@@ -78,49 +79,40 @@ class WeightedDrawing:
         Raises:
             PocketGSError: it does not fit in the GPU's memory, or the camera has a lens.
         """
-        image = self._draw("render", camera, checked_background(background))
-        alpha, expected_depth = 1.0 - image[..., 3], None
-        if depth:
-            total = self._draw("render depth", camera, (0.0, 0.0, 0.0))[..., 0]
-            expected_depth = np.divide(total, alpha, out=np.zeros_like(alpha), where=alpha > 0.0)
-        return Rendering(np.ascontiguousarray(image[..., :3]), alpha, expected_depth)
+        return rendered(self._draw, camera, background, depth)
 
-    def _draw(self, sequence: str, camera: Camera, background: tuple[float, float, float]) -> np.ndarray:
+    def _draw(self, sequence: str, camera: Camera, background: Background) -> np.ndarray:
         """(H, W, 4) float32: colour and how much of the background shows."""
         intersections = self._intersections
         while True:
             symbols = self._make_room(camera, intersections)
-            self._executor.write_uniform("view", view_values(camera, background, self._near, symbols))
-            self._executor.submit(sequence, symbols)
-            pixels = self._executor.read("image", np.float32, 4 * symbols["pixels"])
-            _, halted, needed = self._executor.read("status", np.uint32, 3)
-            if not halted:
-                return pixels.reshape(camera.height, camera.width, 4)
+            image, needed = draw_once(self._executor, sequence, camera, background, self._near, symbols)
+            if not needed:
+                return image
             intersections = int(needed * GROWTH)
             self._executor.write("status", np.zeros(3, np.uint32))
 
     def _make_room(self, camera: Camera, intersections: int) -> dict[str, int]:
-        """Make the buffers for an image, and write the scene to them if they are new. What does not fit is refused
+        """Make the buffers for an image, and write the scene to them the first time. What does not fit is refused
         before anything is changed.
         """
         description = self._executor.description
         given = {"width": camera.width, "height": camera.height, "replay_depth": 0}
         symbols = description.symbols({**self._counts, **given, "intersections": intersections})
         sizes = description.sizes(symbols, description.buffers_of(description.sequences))
-        if sizes != self._made:
-            check_buffers(sizes, self._largest, "fewer Gaussians or smaller images")
-            total = sum(sizes.values()) / 1e6
-            if total > self._max_memory:
-                expected = "expected a larger --max-memory, or smaller images (--downscale)"
-                raise PocketGSError(
-                    f"this would take {total:.0f} MB of GPU memory, the limit is {self._max_memory} MB: {expected}"
-                )
-            self._executor.reserve(sizes)
-            if not self._made:
-                for name, values in self._columns.items():
-                    self._executor.write(name, values)
-                self._executor.write_uniform("weighting", self._weighting)
-                self._executor.clear("cluster_bounds")
-            self._made = sizes
+        check_buffers(sizes, self._largest, "fewer Gaussians or smaller images")
+        total = sum(sizes.values()) / 1e6
+        if total > self._max_memory:
+            expected = "expected a larger --max-memory, or smaller images (--downscale)"
+            raise PocketGSError(
+                f"this would take {total:.0f} MB of GPU memory, the limit is {self._max_memory} MB: {expected}"
+            )
+        self._executor.reserve(sizes)
+        if not self._is_written:
+            for name, values in self._columns.items():
+                self._executor.write(name, values)
+            self._executor.write_uniform("weighting", self._weighting)
+            self._executor.clear("cluster_bounds")
+            self._is_written = True
         self._intersections = intersections
         return symbols

@@ -17,6 +17,7 @@ from pocketgs.prior.sweep import SweepSettings
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.settings import LearningRates, StepSettings
+from pocketgs.training.options import SizedOptions
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 320.0
 GAUSSIANS = 30_000
@@ -44,6 +45,14 @@ class Speed:
     training: float
 
 
+def times_prior(engine: Engine, options: SizedOptions) -> bool:
+    """Whether calibration sweeps on the CPU: before depth maps, and beside a GPU.
+
+    A GPU's speed says nothing about the CPU's, which does the rest of the work.
+    """
+    return options.prior == "dense" or engine.name != "cpu"
+
+
 def measure_speed(engine: Engine, stereo: Stereo, threads: int, with_prior: bool) -> Speed:
     """Measure the speed of this machine, within a few tenths of a second once kernels are compiled.
 
@@ -51,7 +60,7 @@ def measure_speed(engine: Engine, stereo: Stereo, threads: int, with_prior: bool
         engine: an engine whose scene may be overwritten.
         stereo: computes depth maps.
         threads: CPU threads.
-        with_prior: whether to time the prior too; otherwise the engine's speed is used for both.
+        with_prior: whether to time the prior too, see `times_prior`; otherwise the engine's speed is used for both.
     """
     numba.set_num_threads(threads)
     rng = np.random.default_rng(0)

@@ -12,7 +12,7 @@ from pocketgs.system.cores import kernel_threads, usable_cores
 from pocketgs.system.memory_need import MemoryNeed
 from pocketgs.system.process import resident_bytes
 from pocketgs.training.options import SizedOptions
-from pocketgs.training.planning.calibration import Speed
+from pocketgs.training.planning.calibration import Speed, times_prior
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def this_machine(engine: Engine, stereo: Stereo, options: SizedOptions) -> Machi
     rooms = ["splat.cpu"] if engine.name == "cpu" else []
     if options.prior != "none":
         rooms.append("prior")
-    if options.time_budget is not None and (options.prior == "dense" or engine.name != "cpu"):  # calibration sweeps
+    if options.time_budget is not None and times_prior(engine, options):
         rooms.append("prior.cpu")
     return Machine(
         threads=kernel_threads(options.threads),
