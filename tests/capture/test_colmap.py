@@ -11,7 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pocketgs.capture import colmap_binary, colmap_text, open_capture
+from pocketgs.capture import open_capture
+from pocketgs.capture.formats import colmap_binary, colmap_text
 from pocketgs.capture.open import read_listing
 from pocketgs.errors import PocketGSError
 

@@ -10,7 +10,7 @@ import pytest
 
 from capture.phone_layouts import depth_and_confidence, edit_json, expected_depth, frames_of, in_order, zip_folder
 from pocketgs.capture import open_capture
-from pocketgs.capture.lzfse import lzfse_is_installed, read_compressed, unpacked_size
+from pocketgs.capture.formats.lzfse import lzfse_is_installed, read_compressed, unpacked_size
 from pocketgs.capture.open import read_listing
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import memory_bound

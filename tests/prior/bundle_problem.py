@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pocketgs.geometry.camera import Camera, look_at
-from pocketgs.prior.observations import Observations
+from pocketgs.prior.features.observations import Observations
 
 
 @dataclass(frozen=True, eq=False)

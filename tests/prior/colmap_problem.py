@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pocketgs.geometry.camera import Camera
-from pocketgs.prior.observations import Observations
+from pocketgs.prior.features.observations import Observations
 
 if TYPE_CHECKING:
     import pycolmap

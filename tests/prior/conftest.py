@@ -6,8 +6,8 @@ import pytest
 
 from pocketgs.capture import Capture
 from pocketgs.capture.synthetic import true_capture
+from pocketgs.prior.poses.structure import Structure, StructureSettings, build_structure
 from pocketgs.prior.scale import estimate_scale
-from pocketgs.prior.structure import Structure, StructureSettings, build_structure
 
 
 @pytest.fixture(scope="session")

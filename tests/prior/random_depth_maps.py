@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pocketgs.geometry.camera import look_at
-from pocketgs.prior.consistency import Views
+from pocketgs.prior.depth.consistency import Views
 
 
 def random_views(seed: int) -> Views:

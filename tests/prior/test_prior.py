@@ -22,8 +22,8 @@ from pocketgs.capture.synthetic import (
     write_demo,
 )
 from pocketgs.cli.display import prior_line
+from pocketgs.prior.poses.structure import StructureSettings
 from pocketgs.prior.prior import PreparedCapture, PriorSettings, build_prior
-from pocketgs.prior.structure import StructureSettings
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.preparation import prepare
 from prior.bundle_problem import centres, similarity

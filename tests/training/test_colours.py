@@ -21,10 +21,10 @@ from pocketgs.splat.colours import UPDATES, transforms_of
 from pocketgs.splat.engine import EngineOptions, create_engine
 from pocketgs.splat.settings import StepSettings
 from pocketgs.training.colours import RATE
-from pocketgs.training.loop import train
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint
+from pocketgs.training.train import train
 
 OPTIONS = TrainingOptions(iterations=12, prior="none", colours="on", engine="cpu", evaluate_every=0)
 

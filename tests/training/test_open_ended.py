@@ -20,13 +20,13 @@ from pocketgs.scene.gaussians import PARAMETERS
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.settings import LearningRates
 from pocketgs.training import open_ended
-from pocketgs.training.loop import train
 from pocketgs.training.open_ended import MIN_GAIN, OpenEndedPace, stages
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint
 from pocketgs.training.seeding import seed_balls
+from pocketgs.training.train import train
 from pocketgs.training.validation import Course, Look, validation_psnr, validation_views
 
 RATES = LearningRates(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)

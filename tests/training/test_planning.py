@@ -20,9 +20,9 @@ from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.loading import Preparation
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
-from pocketgs.prior.cpu.stereo import CpuStereo
-from pocketgs.prior.stereo import StereoExtent, StereoNeed, create_stereo, need_of
-from pocketgs.prior.webgpu.stereo import WebGpuStereo
+from pocketgs.prior.depth.cpu.stereo import CpuStereo
+from pocketgs.prior.depth.stereo import StereoExtent, StereoNeed, create_stereo, need_of
+from pocketgs.prior.depth.webgpu.stereo import WebGpuStereo
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.engine import EngineOptions, create_engine
 from pocketgs.system.memory_need import MemoryNeed
@@ -262,7 +262,7 @@ def test_an_outline_of_a_damaged_photograph_is_refused(capture_folder: Path, byt
 
 def test_the_cpu_engine_holds_no_more_than_it_says(written_capture: Path) -> None:
     capture = list_capture(written_capture).load()
-    from pocketgs.training.loop import train
+    from pocketgs.training.train import train
 
     result = train(capture, iterations=30, prior="none", engine="cpu")
     sizes = [(frame.camera.width, frame.camera.height) for frame in capture.train]
@@ -313,7 +313,7 @@ def test_sweeps_in_place_of_a_gpu_are_planned_as_the_cpus() -> None:
 def test_calibration_beside_a_gpu_compiles_the_cpus_sweeps(
     monkeypatch: pytest.MonkeyPatch, budget: float | None, compiles: bool
 ) -> None:
-    monkeypatch.setattr("pocketgs.training.planning.machine.is_compiled", lambda room: room != "prior.cpu")
+    monkeypatch.setattr("pocketgs.training.planning.machine.is_compiled", lambda room: room != "prior.depth.cpu")
     engine, stereo = CpuEngine(1), CpuStereo()
     monkeypatch.setattr(engine, "name", "webgpu", raising=False)
     machine = this_machine(engine, stereo, SizedOptions(engine="webgpu", time_budget=budget))

@@ -22,6 +22,7 @@ from pocketgs.results.run import run
 from pocketgs.system import freed_memory
 from pocketgs.system.compile import is_compiled
 from pocketgs.training.options import TrainingOptions
+from pocketgs.training.planning.machine import PRIOR_ROOMS
 
 Run = Callable[..., dict[str, Any]]
 
@@ -43,7 +44,7 @@ def trained(tmp_path: Path) -> Run:
 @pytest.fixture
 def _compiled(trained: Run, written_capture: Path) -> None:
     """Compile kernels first, so that measured runs do not."""
-    if not (is_compiled("splat.cpu") and is_compiled("prior")):
+    if not all(map(is_compiled, ("splat.cpu", *PRIOR_ROOMS))):
         trained(written_capture, "--iterations", 1, "--engine", "cpu")
 
 
@@ -65,7 +66,7 @@ def test_a_run_keeps_to_its_memory(trained: Run, written_capture: Path, engine: 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("_compiled")
-@pytest.mark.parametrize(("name", "options"), [("fern", ["--images", "images_4"]), ("lego", [])])
+@pytest.mark.parametrize(("name", "options"), [("fern", ["--images", "images_4"]), ("fox", [])])
 def test_real_captures_keep_to_little_memory(trained: Run, data_folder: Path, name: str, options: list[object]) -> None:
     """Memory is saved by smaller photographs, or, if their size is given, by fewer Gaussians."""
     few = ("--iterations", 30, "--max-keyframes", 6)
@@ -75,7 +76,7 @@ def test_real_captures_keep_to_little_memory(trained: Run, data_folder: Path, na
     assert ("warning: to keep to 1,000 MB" in record["output"]) == (
         plan["shrink"] > 1 or plan["gaussians"] < record["options"]["max_gaussians"]
     )
-    assert (plan["shrink"] > 1) == (name == "lego")
+    assert (plan["shrink"] > 1) == (name == "fox")
     assert f"{plan['width']}x{plan['height']}" in record["protocol"]
 
 

@@ -20,7 +20,6 @@ from pocketgs.scene.gaussians import PARAMETERS
 from pocketgs.splat.rows import RowChange, Statistics
 from pocketgs.splat.settings import LossSettings
 from pocketgs.splat.store import ParameterStore
-from pocketgs.training import loop
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.progress import Progress
@@ -34,8 +33,9 @@ from pocketgs.training.strategies.division import halves
 from pocketgs.training.strategies.mcmc import MarkovChain, Relocation
 from pocketgs.training.strategies.relocation import MAX_SHARING, shared
 from pocketgs.training.strategies.strategy import Situation
+from pocketgs.training.train import train as prepare_and_train
 
-train = partial(loop.train, prior="none")
+train = partial(prepare_and_train, prior="none")
 
 SITUATION = Situation(iterations=1000, most=150, measure_extent=lambda: 1.0, views=8)
 
@@ -325,7 +325,7 @@ def test_engines_agree_on_how_many_there_are(small_capture: Capture, name: Any) 
     counts = [[sample.gaussians for sample in result.losses] for result in (on_gpu, on_cpu)]
     np.testing.assert_allclose(*counts, rtol=0.0 if name == "budgeted" else 0.02)
     psnrs = [[sample.held_out_psnr for sample in result.losses] for result in (on_gpu, on_cpu)]
-    # Rounding decides whom chance picks: two CPU runs whose rates differ by 1e-5 part by half a dB.
+    # Rounding changes which Gaussians are drawn at random: two CPU runs whose rates differ by 1e-5 part by half a dB.
     np.testing.assert_allclose(*psnrs, atol=1.0 if name == "mcmc" else 0.1)
     resumed = train(small_capture, replace(options, engine="webgpu"), resume=checkpoints[0])
     for part in PARAMETERS:

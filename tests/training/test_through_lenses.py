@@ -20,8 +20,8 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.lens import Lens
 from pocketgs.metrics.evaluation import psnr
 from pocketgs.splat.cpu.engine import CpuEngine
-from pocketgs.training.loop import train
 from pocketgs.training.options import TrainingOptions
+from pocketgs.training.train import train
 from pocketgs.training.validation import render_frame
 
 SIDE, VIEWS, HELD_OUT = 128, 18, (4, 12)

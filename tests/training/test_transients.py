@@ -21,12 +21,12 @@ from pocketgs.scene.gaussians import PARAMETERS
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.training import transients
-from pocketgs.training.loop import train
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.preparation import prepare
 from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint
+from pocketgs.training.train import train
 from pocketgs.training.transients import Transients, pixels_of, transient_cells
 from pocketgs.training.validation import render_frame
 

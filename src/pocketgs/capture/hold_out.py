@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from pocketgs.capture.listing import Listing
 
+HOLD_OUT_EVERY = 8
+"""Every eighth frame by name is held out by default."""
+
 
 def choose_held_out(listing: Listing, every: int) -> tuple[frozenset[str], str]:
     """Choose the frames to hold out. Returns their names, and the protocol as text.

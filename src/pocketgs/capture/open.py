@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
-from pocketgs.capture import blender, colmap, llff, nerfstudio, polycam, record3d, scanner_app, stray_scanner
 from pocketgs.capture import masks as masks_of
 from pocketgs.capture.capture import Capture
-from pocketgs.capture.hold_out import choose_held_out
+from pocketgs.capture.formats import blender, colmap, llff, nerfstudio, polycam, record3d, scanner_app, stray_scanner
+from pocketgs.capture.hold_out import HOLD_OUT_EVERY, choose_held_out
 from pocketgs.capture.listed import ListedCapture
 from pocketgs.capture.listing import Listing
 from pocketgs.capture.loading import LensHandling, Preparation
@@ -49,7 +49,7 @@ def open_capture(
     background: tuple[float, float, float] | None = None,
     undistort: bool = True,
     lens: str = "undistort",
-    hold_out_every: int = 8,
+    hold_out_every: int = HOLD_OUT_EVERY,
     masks: str = masks_of.FOUND,
 ) -> Capture:
     """Read a capture of any supported format into memory.
@@ -99,7 +99,7 @@ def list_capture(
     background: tuple[float, float, float] | None = None,
     undistort: bool = True,
     lens: str = "undistort",
-    hold_out_every: int = 8,
+    hold_out_every: int = HOLD_OUT_EVERY,
     masks: str = masks_of.FOUND,
 ) -> ListedCapture:
     """List a capture without decoding photographs; arguments as in `open_capture`.

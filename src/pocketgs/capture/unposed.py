@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from pocketgs.capture.video_file import VIDEO_SUFFIXES
@@ -37,3 +38,8 @@ def find_photographs_in(folder: Path) -> list[Path]:
 def holds_photographs(path: Path) -> bool:
     """Whether the path is a video, or a folder with photographs."""
     return is_video(path) or bool(find_photographs(path))
+
+
+def by_number(name: str) -> list[tuple[int, str]]:
+    """A key that sorts names in the order of capture: numbers by value, so that 2.jpg comes before 10.jpg."""
+    return [(int(part), "") if part.isdecimal() else (0, part) for part in re.split(r"(\d+)", name)]

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 
 from pocketgs.capture.capture import Frame
-from pocketgs.prior.observations import Observations, enough_for_each_view
+from pocketgs.prior.features.observations import Observations, enough_for_each_view
+from pocketgs.prior.features.tracks import view_distances
+from pocketgs.prior.poses.structure import Structure
 from pocketgs.prior.scale import Scale
-from pocketgs.prior.structure import Structure
-from pocketgs.prior.tracks import view_distances
 
 DARKEST, BRIGHTEST = 8.0, 247.0
 """Grey levels between which a pixel tells of its exposure: noise lies below, and above what a sensor cuts off."""

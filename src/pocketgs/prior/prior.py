@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, field, fields, replace
 from typing import Literal
 
@@ -13,17 +12,17 @@ from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.pinhole_copy import has_lenses
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.advice import exposure_hint, nothing_found, photograph_hints, poses_hint
-from pocketgs.prior.complete import completion, joined
-from pocketgs.prior.depth_maps import depth_maps, stereo_extent
+from pocketgs.prior.cloud.fuse import FusionSettings
+from pocketgs.prior.dense_cloud import dense_cloud
+from pocketgs.prior.depth.stereo import Stereo, create_stereo
+from pocketgs.prior.depth.sweep import SweepSettings
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
-from pocketgs.prior.fuse import FusionSettings, fuse
 from pocketgs.prior.keyframes import KeyframeSettings, select_keyframes
-from pocketgs.prior.merge import Candidates, merged
+from pocketgs.prior.poses.structure import Structure, StructureSettings, build_structure
 from pocketgs.prior.report import Poses, PriorReport
+from pocketgs.prior.rough_points import rough_points
 from pocketgs.prior.scale import Scale, estimate_scale
-from pocketgs.prior.stereo import Stereo, create_stereo, with_room
-from pocketgs.prior.structure import Structure, StructureSettings, build_structure
-from pocketgs.prior.sweep import DepthMap, SweepSettings
+from pocketgs.prior.seen_points import seen_points
 from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.system.stopwatch import Stopwatch
 
@@ -74,7 +73,8 @@ def build_prior(
 ) -> PreparedCapture:
     """Build the geometry prior.
 
-    A capture with too little texture keeps its poses; the depth range then follows from the cameras alone.
+    A capture with too little texture keeps its poses; what its frames see then follows from its own points, or if it
+    has none from sweeps of small copies.
 
     Args:
         capture: posed frames; its own points fill gaps.
@@ -90,64 +90,63 @@ def build_prior(
         raise PocketGSError(f"prior of {capture.name}: found cameras with lenses, expected what without_lenses gives")
     settings = settings or PriorSettings()
     stopwatch = stopwatch or Stopwatch()
+    stereo = stereo or create_stereo()
     hints = photograph_hints(capture.frames)
     with stopwatch.stage("poses"):
         scale = estimate_scale(capture)
         structure = build_structure(capture.frames, scale, settings.structure, capture.photographs)
         capture = _with_poses_of(structure, capture)
-        found = Poses.of(structure, capture)
+        poses = Poses.of(structure, capture)
         structure = structure.of(capture.train) if structure else None
         capture, gains = _with_one_exposure(capture, capture.train, structure, scale, settings)
-    seen = _seen_points(structure, len(capture.train))
+    seen = _seen_points(structure, capture)
+    if settings.dense and not any(map(len, seen)):
+        with stopwatch.stage("depth"):
+            seen = rough_points(capture.train, scale.distance, settings.sweep, stereo)
     with stopwatch.stage("keyframes"):
         decisions = select_keyframes(capture.train, seen, scale.distance, settings.keyframes)
-        chosen = [index for index, decision in enumerate(decisions) if decision.kept]
-    cloud, coverage = _sparse_cloud(capture.train, structure), None
-    swept_on: str | None = None
+    cloud, dense = _sparse_cloud(capture.train, structure), None
     if settings.dense:
-        with ExitStack() as held:
-            with stopwatch.stage("depth"):
-                keyframes = [capture.train[index] for index in chosen]
-                points = [seen[index] for index in chosen]
-                sizes = [(frame.camera.width, frame.camera.height) for frame in capture.train]
-                extent = stereo_extent(sizes, len(chosen), settings.sweep)
-                stereo, warnings = with_room(stereo or create_stereo(), extent)
-                held.callback(stereo.release)
-                swept_on, hints = stereo.name, (*hints, *warnings)
-                keyframes, maps = depth_maps(keyframes, capture.train, points, scale.distance, settings.sweep, stereo)
-            with stopwatch.stage("fusion"):
-                candidates, warnings = _candidates(keyframes, maps, capture.train, settings.fusion, stereo)
-                hints = (*hints, *warnings)
-                held.close()
-                del maps
-                fused = merged(candidates, max_points)
-        with stopwatch.stage("coverage"):
-            # The capture's own cloud is in the world of its original poses.
-            own = [capture.points] if capture.points and not (structure and structure.refined) else []
-            coverage = completion(fused, capture.train, [cloud, *own], scale.distance, max_points)
-            if len(fused) + len(coverage.added) > max_points:
-                fused = merged(candidates, max_points - len(coverage.added))
-            cloud = joined([fused, coverage.added])
-    wrong = len(found.contradicted)
-    said = (*poses_hint(wrong, len(capture.frames) + len(found.left_out)), *found.warnings())
-    if structure is None:
-        said = (nothing_found(capture, scale),)
+        # The capture's own cloud is in the world of its original poses.
+        own = [capture.points] if capture.points and not (structure and structure.adjusted) else []
+        dense = dense_cloud(
+            capture.train,
+            [index for index, decision in enumerate(decisions) if decision.kept],
+            seen,
+            [cloud, *own],
+            scale.distance,
+            max_points,
+            settings.sweep,
+            settings.fusion,
+            stereo,
+            stopwatch,
+        )
+        cloud, hints = dense.points, (*hints, *dense.warnings)
+    hints = (*hints, *exposure_hint(gains), *_poses_said(poses, structure, capture, scale))
     report = PriorReport(
         decisions=decisions,
         sparse_points=len(structure.points) if structure else 0,
         rmse_given=structure.rmse_before if structure else None,
         rmse=structure.rmse_after if structure else None,
         poses_refined=structure is not None and structure.refined,
-        poses=found,
+        poses=poses,
         gains=gains,
         points=len(cloud),
-        swept_on=swept_on,
-        coverage=coverage.covered if coverage else None,
-        coverage_known=coverage.known if coverage else None,
-        guessed=coverage.guessed if coverage else 0,
-        warnings=(*hints, *exposure_hint(gains), *said),
+        swept_on=dense.swept_on if dense else None,
+        coverage=dense.completion.covered if dense else None,
+        coverage_known=dense.completion.known if dense else None,
+        guessed=dense.completion.guessed if dense else 0,
+        warnings=hints,
     )
     return PreparedCapture.of(replace(capture, points=cloud), report)
+
+
+def _poses_said(poses: Poses, structure: Structure | None, capture: Capture, scale: Scale) -> tuple[str, ...]:
+    """Warnings about the poses."""
+    if structure is None:
+        return (nothing_found(capture, scale),)
+    frames = len(capture.frames) + len(poses.left_out)
+    return (*poses_hint(len(poses.contradicted), frames), *poses.warnings())
 
 
 def _with_poses_of(structure: Structure | None, capture: Capture) -> Capture:
@@ -172,28 +171,13 @@ def _with_one_exposure(
     return replace(capture, train=compensated(capture.train, gains)), (float(gains.min()), float(gains.max()))
 
 
-def _candidates(
-    keyframes: Sequence[Frame],
-    maps: Sequence[DepthMap],
-    frames: Sequence[Frame],
-    settings: FusionSettings,
-    stereo: Stereo,
-) -> tuple[Candidates, tuple[str, ...]]:
-    """See `fuse`; on the CPU if the GPU fails, so that its sweeps are not lost; and warnings."""
-    try:
-        return fuse(keyframes, maps, frames, settings, stereo), ()
-    except PocketGSError as error:
-        if stereo.name == "cpu":
-            raise
-        warning = f"depth maps are compared on the CPU: {error}"
-    return fuse(keyframes, maps, frames, settings, create_stereo()), (warning,)
-
-
-def _seen_points(structure: Structure | None, frames: int) -> list[np.ndarray]:
-    """For each frame, (N, 3) the sparse points that it sees."""
-    if structure is None:
-        return [np.zeros((0, 3))] * frames
-    return [structure.points[point] for _, point in structure.landmarks]
+def _seen_points(structure: Structure | None, capture: Capture) -> list[np.ndarray]:
+    """For each training frame, (N, 3) the sparse points that it sees; without any, those of the capture's own cloud."""
+    if structure is not None:
+        return [structure.points[point] for _, point in structure.landmarks]
+    if capture.points is not None:
+        return seen_points(capture.points, capture.train)
+    return [np.zeros((0, 3))] * len(capture.train)
 
 
 def _sparse_cloud(frames: Sequence[Frame], structure: Structure | None) -> PointCloud:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from pocketgs.capture.capture import Capture
 from pocketgs.prior.keyframes import Decision
-from pocketgs.prior.structure import Structure
+from pocketgs.prior.poses.structure import Structure
 
 MAX_NAMES = 8
 """Maximum number of names in a warning."""

@@ -3,33 +3,23 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 
 import numpy as np
 
-from pocketgs.capture.capture import Capture
-from pocketgs.errors import PocketGSError
 from pocketgs.metrics.evaluation import psnr
 from pocketgs.prior.prior import PreparedCapture
-from pocketgs.scene.morton import morton_order
-from pocketgs.splat.engine import Engine, create_engine
+from pocketgs.splat.engine import Engine
 from pocketgs.splat.rows import Statistics
 from pocketgs.splat.settings import LearningRates, StepSettings
 from pocketgs.system.interrupt import Interrupt, deferred_interrupt
-from pocketgs.system.process import peak_rss_mb
 from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.training.colours import colour_settings
-from pocketgs.training.open_ended import OpenEndedPace
-from pocketgs.training.options import SizedOptions, TrainingOptions
-from pocketgs.training.pace import Pace, SetPace
-from pocketgs.training.planning.effort import sized
-from pocketgs.training.preparation import prepare
+from pocketgs.training.options import SizedOptions
+from pocketgs.training.pace import Pace
 from pocketgs.training.progress import Observer, Progress
-from pocketgs.training.recipes import Recipe, camera_extent, recipe_named
-from pocketgs.training.result import Checkpoint, LossSample, TrainingResult
-from pocketgs.training.seeding import SEEDINGS
-from pocketgs.training.strategies.choose import create_strategy
-from pocketgs.training.strategies.strategy import GrowthPlan, Situation, Strategy
+from pocketgs.training.recipes import Recipe
+from pocketgs.training.result import Checkpoint, LossSample
+from pocketgs.training.strategies.strategy import Strategy
 from pocketgs.training.transients import Transients
 from pocketgs.training.validation import render_frame
 from pocketgs.training.view_choice import view_of_step
@@ -37,125 +27,21 @@ from pocketgs.training.view_choice import view_of_step
 SECONDS_BETWEEN_LOSSES = 0.5
 
 
-def train(
-    capture: Capture,
-    options: TrainingOptions | None = None,
-    *,
-    observer: Observer | None = None,
-    resume: Checkpoint | None = None,
-    stopwatch: Stopwatch | None = None,
-    opened_engine: Engine | None = None,
-    **changes: object,
-) -> TrainingResult:
-    """Train a splat.
-
-    The scene is in the world of the refined poses, which are those of the capture that `prepare` returns.
-
-    Example:
-        >>> result = train(open_capture("fern", images="images_8"), iterations=500)
-        >>> result.scene.save("fern.ply")
-
-    Ctrl-C ends training after the current step and returns the scene; before the first step it raises KeyboardInterrupt
-    as usual.
+class Loop:
+    """State of a run between iterations.
 
     Args:
-        capture: to train on; it is prepared first unless it comes from `prepare`.
-        options: None for the defaults.
-        observer: called after every iteration.
-        resume: checkpoint of an earlier run with the same capture and options.
-        stopwatch: times the stages; None for a new one.
-        opened_engine: from `create_engine`, to train on; None to create one.
-        **changes: single options by name, which override those in `options`.
-
-    Raises:
-        PocketGSError: an option or the capture cannot be used.
+        capture: to train on.
+        options: of the run.
+        recipe: of the loss and the optimiser.
+        strategy: changes the number of Gaussians.
+        pace: the run's length and learning rates.
+        transients: masks things that move, or None.
+        rates: initial learning rates.
+        engine: with the views and the first Gaussians.
+        stopwatch: times the stages.
+        iteration: number of steps that the Gaussians have behind them.
     """
-    started = time.monotonic()
-    options = replace(options or TrainingOptions(), **changes)  # type: ignore[arg-type]
-    options = sized(options, [(frame.camera.width, frame.camera.height) for frame in capture.train])
-    stopwatch = stopwatch or Stopwatch()
-    recipe = recipe_named(options.recipe)
-    prepared = capture if isinstance(capture, PreparedCapture) else prepare(capture, options, stopwatch)
-    with stopwatch.stage("seeding"):
-        if prepared.points is None:
-            raise PocketGSError(f"{prepared.path}: no points to start from, expected what `prepare` gives")
-        unit = recipe.length([frame.camera for frame in prepared.train], prepared.points)
-        degree = recipe.sh_degree if options.sh_degree is None else options.sh_degree
-        seed = SEEDINGS[options.seeds]
-        if resume:
-            start = resume.gaussians
-        else:
-            start = seed(prepared.points, recipe.opacity, degree, recipe.seed_size)
-            # Neighbours in memory form clusters that most views can skip.
-            start = start.select(morton_order(start.means))
-    with stopwatch.stage("compilation"):
-        engine = opened_engine or create_engine(options.engine_options)
-        engine.prepare()
-    transients = None
-    if options.transients == "mask" and recipe.masks_transients:
-        transients = Transients(prepared.train, prepared.background, resume.transients if resume else None)
-    with stopwatch.stage("upload"):
-        engine.set_views(prepared.train)
-        if transients:
-            transients.start(engine)
-        engine.upload(start, resume.state if resume else None)
-        if resume and resume.statistics:
-            engine.restart_statistics(resume.statistics)
-    seconds = None if options.time_budget is None else options.time_budget - (time.monotonic() - started)
-    rates = recipe.rates_for(options.iterations, unit)
-    course = resume.course if resume else None
-    pace: Pace
-    growth: GrowthPlan | None = None
-    if options.open_ended:
-        views, background = prepared.train, prepared.background
-        pace = growth = OpenEndedPace(
-            options.iterations, seconds, rates, views, background, options.max_gaussians, course
-        )
-    else:
-        pace = SetPace(options.iterations, seconds, recipe.schedule, rates, len(prepared.train), course)
-    strategy = create_strategy(options.strategy, _situation(prepared, options, growth))
-    first = resume.iteration if resume else 0
-    loop = _Loop(prepared, options, recipe, strategy, pace, transients, rates, engine, stopwatch, first)
-    loop.run(observer)
-    if loop.interrupted and loop.iteration == 0:
-        raise KeyboardInterrupt
-    return TrainingResult(
-        scene=engine.download(),
-        optimiser_state=engine.optimiser_state(),
-        engine=engine.name,
-        device=engine.device,
-        recipe=recipe.name,
-        iterations=loop.iteration,
-        resumed_from=resume.iteration if resume else None,
-        interrupted=loop.interrupted,
-        seconds=dict(stopwatch.seconds),
-        peak_rss_mb=peak_rss_mb(),
-        engine_bytes=engine.memory(),
-        losses=loop.samples,
-        prior=prepared.report,
-        strategy=strategy.name,
-        statistics=loop.statistics(),
-        course=pace.course,
-        transients=transients.cells if transients else None,
-    )
-
-
-def _situation(capture: PreparedCapture, options: SizedOptions, growth: GrowthPlan | None) -> Situation:
-    points = capture.points
-    assert points is not None
-    return Situation(
-        iterations=options.iterations,
-        most=options.max_gaussians,
-        measure_extent=lambda: camera_extent([frame.camera for frame in capture.train], points),
-        views=len(capture.train),
-        seed=options.seed,
-        bright=max(capture.background) > 0,
-        growth=growth,
-    )
-
-
-class _Loop:
-    """State of a run between iterations."""
 
     def __init__(
         self,

@@ -11,12 +11,12 @@ from pocketgs.capture.capture import Capture
 from pocketgs.capture.pinhole_copy import frames_at, has_lenses, without_lenses
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.advice import check_photographs
+from pocketgs.prior.cloud.volume import draw_points
+from pocketgs.prior.depth.stereo import Stereo, create_stereo
+from pocketgs.prior.depth.sweep import SweepSettings
 from pocketgs.prior.keyframes import KeyframeSettings
+from pocketgs.prior.poses.structure import StructureSettings
 from pocketgs.prior.prior import PreparedCapture, PriorSettings, build_prior
-from pocketgs.prior.stereo import Stereo, create_stereo
-from pocketgs.prior.structure import StructureSettings
-from pocketgs.prior.sweep import SweepSettings
-from pocketgs.prior.volume import draw_points
 from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.splat.engine import chosen_engine
 from pocketgs.structure_from_motion.process import check_installed

@@ -11,9 +11,9 @@ import numpy as np
 
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
-from pocketgs.prior.depth_range import DepthRange
-from pocketgs.prior.stereo import Stereo, StereoExtent, create_stereo, with_room
-from pocketgs.prior.sweep import SweepSettings
+from pocketgs.prior.depth.depth_range import DepthRange
+from pocketgs.prior.depth.stereo import Stereo, StereoExtent, create_stereo, with_room
+from pocketgs.prior.depth.sweep import SweepSettings
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.settings import LearningRates, StepSettings

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from pocketgs.prior.stereo import Stereo, StereoExtent, StereoNeed, need_of
+from pocketgs.prior.depth.stereo import Stereo, StereoExtent, StereoNeed, need_of
 from pocketgs.splat.engine import Engine
 from pocketgs.system.compile import is_compiled
 from pocketgs.system.cores import kernel_threads, usable_cores
@@ -13,6 +13,9 @@ from pocketgs.system.memory_need import MemoryNeed
 from pocketgs.system.process import resident_bytes
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.planning.calibration import Speed, times_prior
+
+PRIOR_ROOMS = ("prior.features", "prior.poses")
+"""Packages with kernels that every prior runs."""
 
 
 @dataclass(frozen=True)
@@ -46,9 +49,9 @@ def this_machine(engine: Engine, stereo: Stereo, options: SizedOptions) -> Machi
     """Describe this machine; its speed is measured only if time is bounded."""
     rooms = ["splat.cpu"] if engine.name == "cpu" else []
     if options.prior != "none":
-        rooms.append("prior")
+        rooms += PRIOR_ROOMS
     if options.time_budget is not None and times_prior(engine, options):
-        rooms.append("prior.cpu")
+        rooms.append("prior.depth.cpu")
     return Machine(
         threads=kernel_threads(options.threads),
         readers=usable_cores(),
@@ -56,5 +59,5 @@ def this_machine(engine: Engine, stereo: Stereo, options: SizedOptions) -> Machi
         compiles=not all(map(is_compiled, rooms)),
         memory_needed=engine.memory_needed,
         stereo_needed=lambda extent: need_of(stereo, extent),
-        compiles_sweeps=not is_compiled("prior.cpu"),
+        compiles_sweeps=not is_compiled("prior.depth.cpu"),
     )

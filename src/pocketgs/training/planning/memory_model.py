@@ -7,8 +7,8 @@ whole runs. They are upper bounds: in a capture without texture, for example, fu
 from __future__ import annotations
 
 from pocketgs.capture.loading import MAX_WORKERS
-from pocketgs.prior.stereo import StereoNeed
-from pocketgs.prior.volume import DEPTHS, KEPT
+from pocketgs.prior.cloud.volume import DEPTHS, KEPT
+from pocketgs.prior.depth.stereo import StereoNeed
 from pocketgs.system.memory_need import MemoryNeed
 from pocketgs.training.planning.work import Work
 

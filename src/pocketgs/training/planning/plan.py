@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from pocketgs.capture.listed import ListedCapture, Outline
 from pocketgs.errors import PocketGSError
-from pocketgs.prior.stereo import StereoNeed
+from pocketgs.prior.depth.stereo import StereoNeed
 from pocketgs.system.memory_need import MemoryNeed
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.planning.calibration import Speed

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pocketgs.prior.detection import MAX_SIDE, PIXELS
-from pocketgs.prior.pairs import PAIRS_PER_VIEW
+from pocketgs.prior.features.detection import MAX_SIDE, PIXELS
+from pocketgs.prior.features.pairs import PAIRS_PER_VIEW
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.training.planning.calibration import Speed
 from pocketgs.training.planning.work import Work

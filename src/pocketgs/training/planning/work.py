@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pocketgs.capture.listed import Outline
-from pocketgs.prior.depth_maps import stereo_extent, sweep_pixels
-from pocketgs.prior.fuse import MAX_CANDIDATES
-from pocketgs.prior.stereo import StereoExtent
-from pocketgs.prior.sweep import SweepSettings
+from pocketgs.prior.cloud.fuse import MAX_CANDIDATES
+from pocketgs.prior.depth.depth_maps import stereo_extent, sweep_pixels
+from pocketgs.prior.depth.stereo import StereoExtent
+from pocketgs.prior.depth.sweep import SweepSettings
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.recipes import recipe_named

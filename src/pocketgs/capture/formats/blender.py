@@ -1,0 +1,43 @@
+"""Reader of NeRF-Synthetic scenes, rendered by Blender: transforms_train.json and transforms_test.json, RGBA images."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pocketgs.capture.formats.transforms_file import absent_warning, read_frames
+from pocketgs.capture.listing import FrameSource, Listing
+from pocketgs.capture.named_images import find_stated
+from pocketgs.errors import PocketGSError
+from pocketgs.files.json_fields import read_json
+
+FORMAT = "blender"
+LOOKED_FOR = "transforms_train.json"
+WHITE = (1.0, 1.0, 1.0)
+
+
+def recognises(path: Path) -> bool:
+    """Whether the folder holds a transforms_train.json."""
+    return (path / "transforms_train.json").is_file()
+
+
+def read(path: Path, images: str | None = None) -> Listing:
+    """Read the training and test frames; transforms_val.json is ignored.
+
+    Raises:
+        PocketGSError: a file is malformed, or `images` is given, which the format does not support.
+    """
+    if images is not None:
+        raise PocketGSError(f"{path}: images='{images}' given, but blender captures name their images in full")
+    train, warnings = _read_split(path, "transforms_train.json")
+    if not (path / "transforms_test.json").is_file():
+        return Listing(FORMAT, train, background=WHITE, warnings=warnings)
+    test, more_warnings = _read_split(path, "transforms_test.json")
+    held_out = frozenset(frame.name for frame in test)
+    return Listing(FORMAT, train + test, held_out=held_out, background=WHITE, warnings=warnings + more_warnings)
+
+
+def _read_split(path: Path, name: str) -> tuple[list[FrameSource], tuple[str, ...]]:
+    document = read_json(path / name)
+    # Always with the folder: training and test images have the same names.
+    frames, warnings = read_frames(document, path, find=find_stated)
+    return [frame for frame in frames if frame is not None], warnings + absent_warning(frames, document)

@@ -1,0 +1,125 @@
+"""Reader of transforms JSON files, the format that nerfstudio, instant-ngp and NeRF's Blender scenes share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from pocketgs.capture.formats.stated_intrinsics import read_intrinsics
+from pocketgs.capture.image_file import read_size
+from pocketgs.capture.listing import FrameSource
+from pocketgs.capture.named_images import find_images, find_stated
+from pocketgs.capture.poses import camera_at, world_to_camera_from_axes
+from pocketgs.errors import PocketGSError, short
+from pocketgs.files.json_fields import Fields
+from pocketgs.files.paths import inside, relative_name
+from pocketgs.geometry.camera import Camera
+from pocketgs.geometry.lens import PINHOLE, Lens
+
+# Scenes rendered by Blender name their images without an extension.
+EXTENSIONS_TRIED = ("", ".png", ".jpg", ".jpeg")
+PERSPECTIVE_MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "PERSPECTIVE")
+FISHEYE_MODELS = ("OPENCV_FISHEYE",)
+DEFAULT_DEPTH_UNIT = 0.001
+
+FindImages = Callable[[Path, Sequence[str], str, tuple[str, ...]], tuple[list[Path | None], tuple[str, ...]]]
+"""`find_images` or `find_stated`."""
+
+
+def read_frames(
+    document: Fields, folder: Path, images: str | None = None, find: FindImages = find_images
+) -> tuple[list[FrameSource | None], tuple[str, ...]]:
+    """Read the frames in the listed order, None where an image file is missing; returns warnings too.
+
+    Intrinsics may be at the top level or in a frame; the frame's take precedence.
+
+    Args:
+        document: the whole file.
+        folder: that its paths are relative to, and must lie in.
+        images: folder to take the images from instead, by file name.
+        find: finds the images if no folder is given.
+
+    Raises:
+        PocketGSError: a field is missing or malformed, or a path leaves the folder.
+    """
+    shared = Fields({name: value for name, value in document.values.items() if name != "frames"}, document.where)
+    frames = [frame.over(shared) for frame in document.objects("frames")]
+    named = [frame.text("file_path") for frame in frames]
+    if images is not None:
+        named = [f"{images}/{PurePosixPath(name).name}" for name in named]
+        find = find_stated
+    files, warnings = find(folder, named, document.where, EXTENSIONS_TRIED)
+    found = zip(frames, files, strict=True)
+    return [None if file is None else _read_frame(frame, folder, file) for frame, file in found], warnings
+
+
+def absent_warning(frames: list[FrameSource | None], document: Fields) -> tuple[str, ...]:
+    """A warning that counts the frames without image files, or none."""
+    absent = [index for index, frame in enumerate(frames) if frame is None]
+    if not absent:
+        return ()
+    first = document.objects("frames")[absent[0]].text("file_path")
+    return (f"{document.where}: {len(absent)} of {len(frames)} listed frames have no image file, the first {first}",)
+
+
+def depth_warning(document: Fields) -> tuple[str, ...]:
+    """A warning if there are depth maps without a unit, or none.
+
+    Offline, the NeRFCapture app writes `depth_path` without `integer_depth_scale`; the files are then 8-bit pictures
+    that hold no usable depth.
+    """
+    frames = [frame.over(document).values for frame in document.objects("frames")]
+    if not any("depth_path" in f and "depth_file_path" not in f and "integer_depth_scale" not in f for f in frames):
+        return ()
+    return (f"{document.where}: its depth maps are left out, since no 'integer_depth_scale' states their unit",)
+
+
+def _read_frame(fields: Fields, folder: Path, path: Path) -> FrameSource:
+    mask = fields.optional_text("mask_path")
+    depth, depth_unit = _read_depth(fields)
+    return FrameSource(
+        name=relative_name(path, folder),
+        image=path,
+        camera=_read_camera(fields, path),
+        lens=_read_lens(fields),
+        mask_path=None if mask is None else inside(folder, mask, fields.where),
+        depth_path=None if depth is None else inside(folder, depth, fields.where),
+        depth_unit=depth_unit,
+    )
+
+
+def _read_depth(fields: Fields) -> tuple[str | None, float]:
+    """The depth map's file, or None, and its unit: from nerfstudio's fields, or else instant-ngp's."""
+    depth, unit = fields.optional_text("depth_file_path"), fields.optional_number("depth_unit_scale_factor")
+    scale = fields.optional_number("integer_depth_scale")
+    if depth is None and scale is not None:
+        return fields.optional_text("depth_path"), scale
+    return depth, DEFAULT_DEPTH_UNIT if unit is None else unit
+
+
+def _read_camera(fields: Fields, image_path: Path) -> Camera:
+    stated = read_intrinsics(fields, lambda: read_size(image_path))
+    return camera_at(fields.where, stated.size, stated.focal, stated.centre, _read_pose(fields))
+
+
+def _read_pose(fields: Fields) -> np.ndarray:
+    """World to camera from `transform_matrix`: camera to world in OpenGL axes (x right, y up, z back)."""
+    matrix = fields.matrix("transform_matrix", columns=4)
+    last_row_fits = len(matrix) == 3 or (len(matrix) == 4 and np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-3))
+    if not last_row_fits:
+        raise PocketGSError(f"{fields.where}: field 'transform_matrix' is not a rigid 4x4 or 3x4 matrix")
+    axes = matrix[:3, :3] * np.array([1.0, -1.0, -1.0])
+    return world_to_camera_from_axes(axes, matrix[:3, 3], fields.where)
+
+
+def _read_lens(fields: Fields) -> Lens:
+    model = fields.optional_text("camera_model")
+    if model is not None and model not in PERSPECTIVE_MODELS + FISHEYE_MODELS:
+        known = ", ".join(PERSPECTIVE_MODELS + FISHEYE_MODELS)
+        raise PocketGSError(f"{fields.where}: field 'camera_model' is {short(model)}, expected one of {known}")
+    fisheye = model in FISHEYE_MODELS or fields.flag("is_fisheye")
+    names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+    lens = Lens("fisheye" if fisheye else "opencv", tuple(fields.optional_number(name) or 0.0 for name in names))
+    return lens if lens.distorts else PINHOLE

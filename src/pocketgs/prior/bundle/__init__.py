@@ -1,0 +1,1 @@
+"""Bundle adjustment: Levenberg–Marquardt on poses and points, with the Schur complement."""

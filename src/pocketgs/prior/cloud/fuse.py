@@ -1,0 +1,163 @@
+"""Fusion of the keyframes' depth maps to a point cloud of the pixels that are consistent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pocketgs.capture.capture import Frame
+from pocketgs.prior.cloud.detail import detail
+from pocketgs.prior.cloud.merge import Candidates
+from pocketgs.prior.cloud.visual_hull import outside_hull
+from pocketgs.prior.depth.consistency import Agreement, Views
+from pocketgs.prior.depth.stereo import Stereo
+from pocketgs.prior.depth.sweep import DepthMap
+
+CLEAR_MARGIN = 0.1
+"""Margin to the next best depth that gives full confidence."""
+
+HOLE, HOLE_SHARE = 15, 0.1
+"""A hole is a pixel with less than this share of confident pixels in a square of this side around it."""
+
+FILLER_MARGIN, FILLER_CONFIDENCE = 0.05, 0.1
+"""Minimum margin of depths that fill holes: no view confirms them, but none contradicts them.
+
+Without any points, Gaussians would have to grow into the hole from its surroundings, which they do badly.
+"""
+
+SHELL_EXTENT = 4.0
+"""Minimum radius of the sphere for distant points, as a multiple of the extent of the cameras."""
+
+MAX_CANDIDATES = 2_000_000
+"""Maximum number of pixels to merge, over all keyframes: it bounds memory."""
+
+
+@dataclass(frozen=True)
+class FusionSettings:
+    """Thresholds of fusion.
+
+    Attributes:
+        confidence: minimum confidence of a pixel.
+        tolerance: maximum relative difference of two views' depths that agree.
+    """
+
+    confidence: float = 0.4
+    tolerance: float = 0.005
+
+
+def fuse(
+    keyframes: Sequence[Frame],
+    maps: Sequence[DepthMap],
+    frames: Sequence[Frame],
+    settings: FusionSettings,
+    stereo: Stereo,
+) -> Candidates:
+    """Fuse pixels that other keyframes confirm, and in the holes between them those that none contradicts.
+
+    Args:
+        keyframes: K frames.
+        maps: their depth maps.
+        frames: training frames, whose alpha bounds the cloud.
+        settings: thresholds.
+        stereo: compares the depth maps.
+    """
+    views = views_of(keyframes, maps)
+    shell = _far_shell(keyframes, maps)
+    stride = max(1, int(np.ceil(sum(map_.depth.size for map_ in maps) / MAX_CANDIDATES)))
+    found = [
+        _candidates(keyframe, map_, agreement, stride, shell, settings)
+        for keyframe, map_, agreement in zip(keyframes, maps, stereo.compare(views, settings.tolerance), strict=True)
+    ]
+    names = Candidates.__dataclass_fields__
+    together = Candidates(**{name: np.concatenate([getattr(some, name) for some in found]) for name in names})
+    return together.select(~outside_hull(together.positions, frames))
+
+
+def confidence(agreeing: np.ndarray, contradicting: np.ndarray, margin: np.ndarray) -> np.ndarray:
+    """Confidence in [0, 1] of depths.
+
+    Every view that agrees halves the doubt; views that see through the point divide the confidence; depths that are
+    hardly cheaper than another get little confidence.
+
+    Args:
+        agreeing: number of other views that agree.
+        contradicting: number of other views that see something behind the point.
+        margin: share by which the depth is cheaper than the next best.
+    """
+    votes = agreeing.astype(np.float32)
+    support = (1 - np.float32(0.5) ** votes) * votes / np.maximum(votes + contradicting, 1)
+    return support * np.minimum(margin / np.float32(CLEAR_MARGIN), 1)
+
+
+def views_of(keyframes: Sequence[Frame], maps: Sequence[DepthMap]) -> Views:
+    """The depth maps of keyframes, to compare."""
+    sizes = np.array([map_.depth.shape for map_ in maps], np.int64)
+    depths = np.zeros((len(maps), *sizes.max(axis=0)), np.float32)
+    for padded, map_ in zip(depths, maps, strict=True):
+        padded[: map_.depth.shape[0], : map_.depth.shape[1]] = map_.depth
+    cameras = [keyframe.camera for keyframe in keyframes]
+    return Views(
+        depths,
+        np.array([(camera.fx, camera.fy, camera.cx, camera.cy) for camera in cameras]),
+        sizes,
+        np.array([camera.world_to_camera[:3, :3] for camera in cameras]),
+        np.array([camera.world_to_camera[:3, 3] for camera in cameras]),
+        np.array([map_.step for map_ in maps]),
+    )
+
+
+def _candidates(
+    keyframe: Frame,
+    map_: DepthMap,
+    agreement: Agreement,
+    stride: int,
+    shell: tuple[np.ndarray, float],
+    settings: FusionSettings,
+) -> Candidates:
+    """The pixels of a keyframe with enough confidence."""
+    agreeing, contradicting, footprints = agreement
+    confidences = confidence(agreeing, contradicting, map_.margin)
+    believed = confidences >= settings.confidence
+    fillers = _holes(believed) & (map_.depth > 0) & (contradicting == 0) & (map_.margin >= FILLER_MARGIN)
+    confidences[fillers] = FILLER_CONFIDENCE
+    rows, columns = (places[::stride] for places in np.nonzero(believed | fillers))
+    camera = keyframe.camera
+    rays = camera.rays(np.column_stack([columns, rows]) + 0.5)
+    depths, lengths = map_.depth[rows, columns].astype(np.float64), footprints[rows, columns]
+    unresolved = depths > map_.resolved
+    depths[unresolved] = _depths_on_shell(camera.centre, rays[unresolved], *shell)
+    lengths[unresolved] = depths[unresolved] / camera.fx
+    return Candidates(
+        positions=camera.centre + rays * depths[:, None],
+        colours=keyframe.image[rows, columns] / np.float32(255),
+        directions=-rays / np.linalg.norm(rays, axis=1, keepdims=True),
+        footprints=lengths,
+        details=detail(keyframe.image)[rows, columns],
+        confidences=confidences[rows, columns],
+    )
+
+
+def _far_shell(keyframes: Sequence[Frame], maps: Sequence[DepthMap]) -> tuple[np.ndarray, float]:
+    """Centre and radius of the sphere for points too distant to have a measurable depth.
+
+    Depth maps that cannot resolve the distance would put a point at different places; on one sphere they agree.
+    """
+    centres = np.array([keyframe.camera.centre for keyframe in keyframes])
+    centre = centres.mean(axis=0)
+    extent = float(np.linalg.norm(centres - centre, axis=1).max())
+    return centre, max(float(np.median([map_.resolved for map_ in maps])), SHELL_EXTENT * extent)
+
+
+def _depths_on_shell(origin: np.ndarray, rays: np.ndarray, centre: np.ndarray, radius: float) -> np.ndarray:
+    """(N,) scale factors that put the ends of (N, 3) rays from a point inside a sphere onto the sphere."""
+    offset = origin - centre
+    square, half = np.sum(rays * rays, axis=1), rays @ offset
+    return (np.sqrt(half**2 + square * (radius**2 - offset @ offset)) - half) / square
+
+
+def _holes(believed: np.ndarray) -> np.ndarray:
+    """(H, W) bool: pixels with few confident depths around them."""
+    return cv2.boxFilter(believed.astype(np.float32), -1, (HOLE, HOLE), borderType=cv2.BORDER_REFLECT) < HOLE_SHARE

@@ -1,0 +1,159 @@
+"""Stereo: what computes depth maps and compares them, the seam between the prior and its devices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, Protocol
+
+from pocketgs.capture.capture import Frame
+from pocketgs.errors import PocketGSError
+from pocketgs.prior.depth.consistency import Agreement, Views
+from pocketgs.prior.depth.depth_range import DepthRange
+from pocketgs.prior.depth.sweep import DepthMap, SweepSettings
+from pocketgs.system.memory_need import MemoryNeed
+
+MAP_BYTES = 4
+"""Bytes per pixel of a depth map, padded, while all are compared."""
+
+
+@dataclass(frozen=True)
+class StereoExtent:
+    """The most that a run asks for: what the memory that it takes follows from.
+
+    Attributes:
+        width, height: of the largest frame at the size of a sweep, in pixels.
+        image_width, image_height: the largest width and height of any frame; the frames may differ.
+        source_views: number of source views per keyframe.
+        keyframes: their number.
+    """
+
+    width: int
+    height: int
+    image_width: int
+    image_height: int
+    source_views: int
+    keyframes: int
+
+    @staticmethod
+    def of(sizes: Sequence[tuple[int, int]], source_views: int, keyframes: int) -> StereoExtent:
+        """The most that frames of these widths and heights ask for."""
+        largest = max(sizes, key=lambda size: size[0] * size[1])
+        widths, heights = zip(*sizes, strict=True)
+        return StereoExtent(*largest, max(widths), max(heights), source_views, keyframes)
+
+    @property
+    def pixels(self) -> int:
+        """Pixels of the largest frame."""
+        return self.width * self.height
+
+    @property
+    def padded_pixels(self) -> int:
+        """Pixels of each frame when all are padded to one size."""
+        return self.image_width * self.image_height
+
+
+class StereoNeed(NamedTuple):
+    """The memory that depth takes: while keyframes are swept, and then while their depth maps are compared."""
+
+    sweeping: MemoryNeed
+    comparing: MemoryNeed
+
+    @property
+    def on_gpu(self) -> bool:
+        """Whether a GPU sweeps: the CPU takes no device's memory."""
+        return self.sweeping.device > 0
+
+
+class Stereo(Protocol):
+    """Computes depth maps of keyframes and compares them, on one device.
+
+    All devices have the same steps: census costs, semi-global matching, winners, a bilateral filter. Pixels excluded
+    by a mask or alpha get no depth. Masked pixels, here or in source views, do not influence others; transparent pixels
+    do: they show the background and mark the object's outline.
+    """
+
+    name: Literal["cpu", "webgpu"]
+
+    def memory_needed(self, extent: StereoExtent) -> StereoNeed:
+        """What work of at most this extent would take.
+
+        Raises:
+            PocketGSError: the device's memory does not hold it.
+        """
+
+    def reserve(self, extent: StereoExtent) -> None:
+        """Take the memory of sweeps, where it is not taken sweep by sweep.
+
+        Raises:
+            PocketGSError: the device's memory does not hold it.
+        """
+
+    def release(self) -> None:
+        """Give the device's memory back."""
+
+    def sweep(
+        self, keyframe: Frame, source_views: Sequence[Frame], search: DepthRange, settings: SweepSettings
+    ) -> DepthMap:
+        """Compute the depth map of a keyframe.
+
+        Args:
+            keyframe: the reference view.
+            source_views: if empty, no depth is known.
+            search: the depths to test.
+            settings: of the sweep.
+        """
+
+    def compare(self, views: Views, tolerance: float) -> Iterator[Agreement]:
+        """Compare every depth of each view, one view after the other, with the other views' depths.
+
+        Depths agree within the tolerance, or within half a step of the coarser of the two sweeps, the maximum distance
+        of a surface from the nearest hypothesis; within a whole step where they cannot be told from infinity.
+
+        Args:
+            views: all views.
+            tolerance: maximum relative difference of agreeing depths.
+        """
+
+
+def create_stereo(device: Literal["cpu", "webgpu"] = "cpu", gpu: str | None = None, max_memory: int = 3000) -> Stereo:
+    """Choose the device that computes depth.
+
+    Args:
+        device: where it computes.
+        gpu: part of the name of the GPU to use, or None for the best.
+        max_memory: megabytes of GPU memory that it may take.
+
+    Raises:
+        PocketGSError: there is no such device.
+    """
+    if device == "webgpu":
+        from pocketgs.prior.depth.webgpu.stereo import WebGpuStereo
+
+        return WebGpuStereo(gpu, max_memory)
+    from pocketgs.prior.depth.cpu.stereo import CpuStereo
+
+    return CpuStereo()
+
+
+def with_room(stereo: Stereo, extent: StereoExtent) -> tuple[Stereo, tuple[str, ...]]:
+    """The device with its memory reserved, or the CPU where it has too little memory; and warnings.
+
+    Args:
+        stereo: the device.
+        extent: the most that will be asked for.
+    """
+    try:
+        stereo.reserve(extent)
+    except PocketGSError as error:
+        stereo.release()
+        return create_stereo(), (f"depth is computed on the CPU: {error}",)
+    return stereo, ()
+
+
+def need_of(stereo: Stereo, extent: StereoExtent) -> StereoNeed:
+    """The memory that work takes, on the CPU where the device has too little: see `with_room`."""
+    try:
+        return stereo.memory_needed(extent)
+    except PocketGSError:
+        return create_stereo().memory_needed(extent)

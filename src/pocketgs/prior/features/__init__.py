@@ -1,0 +1,1 @@
+"""Features, their matches between views, and the tracks that matches make."""

@@ -1,0 +1,155 @@
+"""Training a splat: preparation, the first Gaussians, the engine, and the loop."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+from pocketgs.capture.capture import Capture
+from pocketgs.errors import PocketGSError
+from pocketgs.prior.prior import PreparedCapture
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.scene.morton import morton_order
+from pocketgs.splat.engine import Engine, create_engine
+from pocketgs.splat.settings import LearningRates
+from pocketgs.system.process import peak_rss_mb
+from pocketgs.system.stopwatch import Stopwatch
+from pocketgs.training.loop import Loop
+from pocketgs.training.open_ended import OpenEndedPace
+from pocketgs.training.options import SizedOptions, TrainingOptions
+from pocketgs.training.pace import SetPace
+from pocketgs.training.planning.effort import sized
+from pocketgs.training.preparation import prepare
+from pocketgs.training.progress import Observer
+from pocketgs.training.recipes import Recipe, camera_extent, recipe_named
+from pocketgs.training.result import Checkpoint, TrainingResult
+from pocketgs.training.seeding import SEEDINGS
+from pocketgs.training.strategies.choose import create_strategy
+from pocketgs.training.strategies.strategy import GrowthPlan, Situation
+from pocketgs.training.transients import Transients
+
+
+def train(
+    capture: Capture,
+    options: TrainingOptions | None = None,
+    *,
+    observer: Observer | None = None,
+    resume: Checkpoint | None = None,
+    stopwatch: Stopwatch | None = None,
+    opened_engine: Engine | None = None,
+    **changes: object,
+) -> TrainingResult:
+    """Train a splat.
+
+    The scene is in the world of the refined poses, which are those of the capture that `prepare` returns.
+
+    Example:
+        >>> result = train(open_capture("fern", images="images_8"), iterations=500)
+        >>> result.scene.save("fern.ply")
+
+    Ctrl-C ends training after the current step and returns the scene; before the first step it raises KeyboardInterrupt
+    as usual.
+
+    Args:
+        capture: to train on; it is prepared first unless it comes from `prepare`.
+        options: None for the defaults.
+        observer: called after every iteration.
+        resume: checkpoint of an earlier run with the same capture and options.
+        stopwatch: times the stages; None for a new one.
+        opened_engine: from `create_engine`, to train on; None to create one.
+        **changes: single options by name, which override those in `options`.
+
+    Raises:
+        PocketGSError: an option or the capture cannot be used.
+    """
+    started = time.monotonic()
+    options = replace(options or TrainingOptions(), **changes)  # type: ignore[arg-type]
+    options = sized(options, [(frame.camera.width, frame.camera.height) for frame in capture.train])
+    stopwatch = stopwatch or Stopwatch()
+    recipe = recipe_named(options.recipe)
+    prepared = capture if isinstance(capture, PreparedCapture) else prepare(capture, options, stopwatch)
+    if prepared.points is None:
+        raise PocketGSError(f"{prepared.path}: no points to start from, expected what `prepare` gives")
+    with stopwatch.stage("seeding"):
+        unit = recipe.length([frame.camera for frame in prepared.train], prepared.points)
+        start = resume.gaussians if resume else _first_gaussians(prepared, recipe, options)
+    with stopwatch.stage("compilation"):
+        engine = opened_engine or create_engine(options.engine_options)
+        engine.prepare()
+    transients = None
+    if options.transients == "mask" and recipe.masks_transients:
+        transients = Transients(prepared.train, prepared.background, resume.transients if resume else None)
+    with stopwatch.stage("upload"):
+        engine.set_views(prepared.train)
+        if transients:
+            transients.start(engine)
+        engine.upload(start, resume.state if resume else None)
+        if resume and resume.statistics:
+            engine.restart_statistics(resume.statistics)
+    seconds = None if options.time_budget is None else options.time_budget - (time.monotonic() - started)
+    rates = recipe.rates_for(options.iterations, unit)
+    pace = _pace(prepared, options, recipe, rates, seconds, resume)
+    growth = pace if isinstance(pace, OpenEndedPace) else None
+    strategy = create_strategy(options.strategy, _situation(prepared, options, growth))
+    first = resume.iteration if resume else 0
+    loop = Loop(prepared, options, recipe, strategy, pace, transients, rates, engine, stopwatch, first)
+    loop.run(observer)
+    if loop.interrupted and loop.iteration == 0:
+        raise KeyboardInterrupt
+    return TrainingResult(
+        scene=engine.download(),
+        optimiser_state=engine.optimiser_state(),
+        engine=engine.name,
+        device=engine.device,
+        recipe=recipe.name,
+        iterations=loop.iteration,
+        resumed_from=resume.iteration if resume else None,
+        interrupted=loop.interrupted,
+        seconds=dict(stopwatch.seconds),
+        peak_rss_mb=peak_rss_mb(),
+        engine_bytes=engine.memory(),
+        losses=loop.samples,
+        prior=prepared.report,
+        strategy=strategy.name,
+        statistics=loop.statistics(),
+        course=pace.course,
+        transients=transients.cells if transients else None,
+    )
+
+
+def _first_gaussians(capture: PreparedCapture, recipe: Recipe, options: SizedOptions) -> Gaussians:
+    """The capture's points as Gaussians, in Morton order: neighbours form clusters that most views can skip."""
+    assert capture.points is not None
+    degree = recipe.sh_degree if options.sh_degree is None else options.sh_degree
+    start = SEEDINGS[options.seeds](capture.points, recipe.opacity, degree, recipe.seed_size)
+    return start.select(morton_order(start.means))
+
+
+def _pace(
+    capture: PreparedCapture,
+    options: SizedOptions,
+    recipe: Recipe,
+    rates: LearningRates,
+    seconds: float | None,
+    resume: Checkpoint | None,
+) -> OpenEndedPace | SetPace:
+    """As long as training pays, or as long as the options say."""
+    course = resume.course if resume else None
+    if options.open_ended:
+        views, background = capture.train, capture.background
+        return OpenEndedPace(options.iterations, seconds, rates, views, background, options.max_gaussians, course)
+    return SetPace(options.iterations, seconds, recipe.schedule, rates, len(capture.train), course)
+
+
+def _situation(capture: PreparedCapture, options: SizedOptions, growth: GrowthPlan | None) -> Situation:
+    points = capture.points
+    assert points is not None
+    return Situation(
+        iterations=options.iterations,
+        most=options.max_gaussians,
+        measure_extent=lambda: camera_extent([frame.camera for frame in capture.train], points),
+        views=len(capture.train),
+        seed=options.seed,
+        bright=max(capture.background) > 0,
+        growth=growth,
+    )

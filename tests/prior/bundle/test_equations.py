@@ -1,0 +1,72 @@
+"""Derivatives of reprojection errors, and the elimination of points."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pocketgs.prior.bundle.problem import by_point, first_estimate
+from pocketgs.prior.bundle.reprojection import COLUMNS, POINT_COLUMN, Estimate, linearise, weigh
+from pocketgs.prior.bundle.schur import MIN_DIAGONAL, point_steps, reduced_equations
+from prior.bundle_problem import make_problem
+
+
+def shifted(estimate: Estimate, frame: int, point: int, step: np.ndarray) -> Estimate:
+    """The estimate with one camera, the lens and one point changed by (COLUMNS,)."""
+    rotations, moved, points = estimate.rotations.copy(), estimate.centres.copy(), estimate.points.copy()
+    rotations[frame] = Rotation.from_rotvec(step[:3]).as_matrix() @ rotations[frame]
+    moved[frame] += step[3:6]
+    points[point] += step[POINT_COLUMN:]
+    return Estimate(rotations, moved, estimate.focal_scale * np.exp(step[6]), estimate.radial + step[7], points)
+
+
+@pytest.mark.parametrize("radial", [0.0, -0.2])
+def test_jacobian_is_that_of_finite_differences(radial: float) -> None:
+    problem = make_problem(noise=3.0)
+    observations = problem.observations
+    sightings = by_point(problem.cameras, len(problem.points), observations, np.argsort(observations.point))
+    estimate = first_estimate(problem.cameras, problem.points, radial)._replace(focal_scale=1.1)
+    residual, jacobian = np.empty(2), np.empty((2, COLUMNS))
+    above, below, ignored = np.empty(2), np.empty(2), np.empty((2, COLUMNS))
+    step = 1e-6
+    for k in range(0, len(sightings.frame), 17):
+        assert linearise(sightings, estimate, k, residual, jacobian)
+        for column in range(COLUMNS):
+            change = step * np.eye(COLUMNS)[column]
+            at = sightings.frame[k], sightings.point[k]
+            linearise(sightings, shifted(estimate, *at, change), k, above, ignored)
+            linearise(sightings, shifted(estimate, *at, -change), k, below, ignored)
+            np.testing.assert_allclose(jacobian[:, column], (above - below) / (2 * step), rtol=1e-6, atol=1e-5)
+
+
+@pytest.mark.parametrize("repeated", [False, True], ids=["once", "twice in one frame"])
+def test_reduced_equations_give_the_step_of_the_whole_system(repeated: bool) -> None:
+    problem = make_problem(frames=4, points=20, views=3, noise=1.0)
+    observations, huber, damping = problem.observations, 3.0, 1e-3
+    if repeated:
+        observations = observations.select(np.append(np.arange(len(observations.frame)), [0, 0, 5]))
+    sightings = by_point(problem.cameras, 20, observations, np.argsort(observations.point, kind="stable"))
+    estimate = first_estimate(problem.cameras, problem.points, 0.1)
+    size, count = 6 * 4 + 2, len(sightings.frame)
+    dense, right = np.zeros((2 * count, size + 60)), np.zeros(2 * count)
+    for k in range(count):
+        residual, jacobian = np.empty(2), np.empty((2, COLUMNS))
+        assert linearise(sightings, estimate, k, residual, jacobian)
+        weigh(residual, jacobian, huber)
+        rows, first, point = slice(2 * k, 2 * k + 2), 6 * sightings.frame[k], size + 3 * sightings.point[k]
+        dense[rows, first : first + 6] = jacobian[:, :6]
+        dense[rows, size - 2 : size] = jacobian[:, 6:POINT_COLUMN]
+        dense[rows, point : point + 3] = jacobian[:, POINT_COLUMN:]
+        right[rows] = -residual
+    normal = dense.T @ dense
+    normal += damping * np.diag(np.maximum(np.diag(normal), MIN_DIAGONAL))
+    expected = np.linalg.solve(normal, dense.T @ right)
+
+    equations, points = reduced_equations(sightings, estimate, huber, damping)
+    np.testing.assert_allclose(equations.diagonal, np.diag(dense.T @ dense)[:size], rtol=1e-10)
+    matrix = np.tril(equations.matrix) + np.tril(equations.matrix, -1).T + damping * np.diag(equations.diagonal)
+    camera_step = np.linalg.solve(matrix, equations.right)
+    np.testing.assert_allclose(camera_step, expected[:size], rtol=1e-6, atol=1e-9)
+    moves = point_steps(sightings, estimate, huber, points, camera_step)
+    np.testing.assert_allclose(moves.ravel(), expected[size:], rtol=1e-6, atol=1e-9)

@@ -1,0 +1,299 @@
+"""Fusion: consistency of depth maps, and clouds from exact depths."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from pocketgs import Camera, PointCloud
+from pocketgs.capture.capture import Capture, Frame
+from pocketgs.capture.synthetic import true_capture
+from pocketgs.prior.cloud.fuse import SHELL_EXTENT, FusionSettings, confidence, fuse
+from pocketgs.prior.cloud.merge import Candidates, merged
+from pocketgs.prior.depth.consistency import Views
+from pocketgs.prior.depth.cpu.consistency import compare_depths
+from pocketgs.prior.depth.stereo import create_stereo
+from pocketgs.prior.depth.sweep import DepthMap
+from prior.random_depth_maps import random_views
+
+SETTINGS = FusionSettings()
+
+
+@pytest.fixture(scope="module")
+def table() -> Capture:
+    """Seven training views of the demo scene, with exact poses and depths."""
+    return true_capture(160, 120, frames=8, points=10)
+
+
+@pytest.fixture(scope="module")
+def exact(table: Capture) -> list[DepthMap]:
+    return [certain(frame.depth) for frame in table.train if frame.depth is not None]
+
+
+def certain(depth: np.ndarray, step: float = 1e-5) -> DepthMap:
+    return DepthMap(depth, np.ones(depth.shape, np.float32), step)
+
+
+def cloud_of(keyframes: list[Frame], maps: list[DepthMap], frames: list[Frame], count: int) -> PointCloud:
+    return merged(fuse(keyframes, maps, frames, SETTINGS, create_stereo()), count)
+
+
+def cameras_of(views: Views) -> list[Camera]:
+    poses = np.tile(np.eye(4), (len(views.depths), 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = views.rotations, views.translations
+    return [
+        Camera(int(size[1]), int(size[0]), *map(float, intrinsics), pose)
+        for size, intrinsics, pose in zip(views.sizes, views.intrinsics, poses, strict=True)
+    ]
+
+
+def unprojected(camera: Camera, row: int, column: int, depth: float) -> np.ndarray:
+    local = [(column + 0.5 - camera.cx) / camera.fx, (row + 0.5 - camera.cy) / camera.fy, 1.0]
+    return camera.centre + depth * np.array(local) @ camera.world_to_camera[:3, :3]
+
+
+def twin(views: Views, view: int, tolerance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What `compare_depths` promises, pixel by pixel."""
+    cameras = cameras_of(views)
+    height, width = views.sizes[view]
+    agreeing, contradicting, footprints = np.zeros((3, height, width))
+    for row, column in np.ndindex(height, width):
+        depth = float(views.depths[view, row, column])
+        if depth == 0:
+            continue
+        point = unprojected(cameras[view], row, column, depth)
+        covered = [depth / cameras[view].fx]
+        for other, camera in enumerate(cameras):
+            (pixel,), (distance,) = camera.project(point[None])
+            if other == view or distance <= 0 or np.any(pixel < 0) or np.any(pixel >= views.sizes[other][::-1]):
+                continue
+            theirs = views.depths[other, int(pixel[1]), int(pixel[0])]
+            step = max(views.steps[view], views.steps[other])
+            indistinct = max(0.5, min(1.0, step * distance)) * step * distance * theirs
+            if theirs > 0 and abs(distance - theirs) < max(tolerance * distance, indistinct):
+                agreeing[row, column] += 1
+                covered.append(distance / camera.fx)
+            elif theirs > distance:
+                contradicting[row, column] += 1
+        footprints[row, column] = min(covered)
+    return agreeing, contradicting, footprints
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("tolerance", [0.01, 0.2])
+def test_comparison_is_that_of_the_twin(seed: int, tolerance: float) -> None:
+    views = random_views(seed)
+    for view in range(3):
+        found, expected = compare_depths(views, view, tolerance), twin(views, view, tolerance)
+        np.testing.assert_array_equal(found[0], expected[0])
+        np.testing.assert_array_equal(found[1], expected[1])
+        np.testing.assert_allclose(found[2], expected[2], rtol=1e-6)
+    if tolerance > 0.1:
+        assert all(twin(views, view, tolerance)[part].any() for view in range(3) for part in range(2))
+
+
+def test_confidence() -> None:
+    def of(agreeing: int, contradicting: int, margin: float) -> float:
+        return float(confidence(np.array([agreeing]), np.array([contradicting]), np.float32([margin]))[0])
+
+    assert of(0, 0, 1) == 0
+    assert 0 < of(1, 0, 1) < of(2, 0, 1) < of(5, 0, 1) <= 1
+    assert of(3, 0, 1) > of(3, 1, 1) > of(3, 3, 1) > 0
+    assert of(3, 0, 1) > of(3, 0, 0.05) > of(3, 0, 0.01) > of(3, 0, 0) == 0
+
+
+def test_depths_that_others_contradict_are_left_out(table: Capture, exact: list[DepthMap]) -> None:
+    """One view claims to see something half-way to everything; the others look through it."""
+    wrong = [certain(exact[0].depth * np.float32(0.5)), *exact[1:]]
+    cloud = cloud_of(table.train, wrong, table.train, 5000)
+    assert np.mean(on_surface(cloud, table.train)) > 0.97
+
+
+def on_surface(cloud: PointCloud, frames: list[Frame]) -> np.ndarray:
+    """(N,) bool: a frame's true depth at the point is its distance to within 1 %."""
+    positions = cloud.positions.astype(np.float64)
+    found = np.zeros(len(cloud), bool)
+    for frame in frames:
+        assert frame.depth is not None
+        seen, columns, rows, depth = projected(frame, positions)
+        found[seen] |= np.abs(frame.depth[rows, columns] / depth - 1) < 0.01
+    return found
+
+
+def projected(frame: Frame, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Which points a frame has in view, and their columns, rows and depths."""
+    pixels, depth = frame.camera.project(positions)
+    seen = (depth > 0) & np.all((pixels >= 0) & (pixels < frame.image.shape[1::-1]), axis=1)
+    columns, rows = pixels[seen].astype(int).T
+    return seen, columns, rows, depth[seen]
+
+
+@pytest.mark.parametrize("count", [200, 1000, 6000, 30_000])
+def test_exact_depths_give_nearly_the_count_and_never_more(table: Capture, exact: list[DepthMap], count: int) -> None:
+    cloud = cloud_of(table.train, exact, table.train, count)
+    assert 0.9 * count <= len(cloud) <= count
+    assert np.isfinite(cloud.positions).all()
+
+
+def test_points_lie_on_the_surface_with_its_colour(table: Capture, exact: list[DepthMap]) -> None:
+    cloud = cloud_of(table.train, exact, table.train, 20_000)
+    assert np.mean(on_surface(cloud, table.train)) > 0.98
+    differences = []
+    for frame in table.train:
+        assert frame.depth is not None
+        seen, columns, rows, depth = projected(frame, cloud.positions.astype(np.float64))
+        visible = np.abs(frame.depth[rows, columns] / depth - 1) < 0.01
+        shown = frame.image[rows, columns] / 255
+        differences.append(np.abs(shown - cloud.colours[seen]).max(axis=1)[visible])
+    assert np.median(np.concatenate(differences)) < 0.05
+
+
+def test_directions_lead_to_the_cameras(table: Capture, exact: list[DepthMap]) -> None:
+    cloud = cloud_of(table.train, exact, table.train, 3000)
+    assert cloud.directions is not None
+    np.testing.assert_allclose(np.linalg.norm(cloud.directions, axis=1), 1, atol=1e-5)
+    offsets = np.array([frame.camera.centre for frame in table.train])[:, None] - cloud.positions
+    towards = offsets / np.linalg.norm(offsets, axis=2, keepdims=True)
+    # Between the directions to the cameras: no farther from any than they are from each other.
+    apart = np.arccos(np.clip(np.einsum("fpx,gpx->fgp", towards, towards), -1, 1)).max(axis=(0, 1))
+    off = np.arccos(np.clip(np.sum(towards * cloud.directions, axis=2), -1, 1))
+    assert np.all(off.max(axis=0) < apart + np.radians(3))
+    assert np.degrees(off.min(axis=0).max()) < 25
+
+
+def test_points_are_denser_where_pixels_are() -> None:
+    """A wall seen from far and, in its left half, from near: there it has more points."""
+    far = [wall_frame(f"far{x}", np.array([x, 0, -4.0]), 64) for x in (-0.2, 0.0, 0.2)]
+    near = [wall_frame(f"near{x}", np.array([-0.6 + x, 0, -1.0]), 64) for x in (-0.05, 0.0, 0.05)]
+    frames = far + near
+    maps = [certain(frame.depth) for frame in frames if frame.depth is not None]
+    cloud = cloud_of(frames, maps, frames, 2000)
+    nearest, _ = cKDTree(cloud.positions).query(cloud.positions, k=2)
+    spacing = nearest[:, 1]
+    left = (np.abs(cloud.positions[:, 0] + 0.6) < 0.2) & (np.abs(cloud.positions[:, 1]) < 0.2)
+    right = cloud.positions[:, 0] > 0.4
+    assert np.median(spacing[right]) > 2 * np.median(spacing[left])
+
+
+def test_points_are_denser_where_there_is_more_to_see() -> None:
+    """A wall with a pattern on its left half and with nothing on its right one, seen by all frames alike."""
+    pattern = np.random.default_rng(0).integers(0, 256, (64, 32, 1), dtype=np.uint8)
+    frames = []
+    for x in (-0.2, 0.0, 0.2):
+        frame = wall_frame(f"{x}", np.array([x, 0, -4.0]), 64)
+        image = frame.image.copy()
+        image[:, :32] = pattern
+        frames.append(replace(frame, image=image))
+    maps = [certain(frame.depth) for frame in frames if frame.depth is not None]
+    cloud = cloud_of(frames, maps, frames, 1000)
+    across = cloud.positions[:, 0]
+    left, right = np.count_nonzero(np.abs(across + 1) < 0.5), np.count_nonzero(np.abs(across - 1) < 0.5)
+    assert left > 4 * right > 0
+
+
+def test_points_on_opposite_sides_stay_apart() -> None:
+    """Around the origin, all merged points of a sphere lie on it: no voxel mixes two places."""
+    directions = np.random.default_rng(0).normal(size=(20_000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    ones = np.ones(len(directions), np.float32)
+    cloud = merged(Candidates(5 * directions, np.abs(directions), directions, 0.05 * ones, ones, ones), 2000)
+    assert np.linalg.norm(cloud.positions, axis=1).min() > 4.9
+
+
+def wall_frame(name: str, eye: np.ndarray, size: int) -> Frame:
+    """A camera that looks along z at the wall z = 0."""
+    pose = np.eye(4)
+    pose[:3, 3] = -eye
+    camera = Camera(size, size, float(size), float(size), size / 2, size / 2, pose)
+    grey = np.full((size, size, 3), 128, np.uint8)
+    return Frame(name, camera, grey, depth=np.full((size, size), -eye[2], np.float32))
+
+
+def test_no_depths_give_no_points(table: Capture, exact: list[DepthMap]) -> None:
+    unknown = [certain(np.zeros_like(map_.depth)) for map_ in exact]
+    cloud = cloud_of(table.train, unknown, table.train, 100)
+    assert len(cloud) == 0
+    assert cloud.directions is not None
+    assert cloud.directions.shape == (0, 3)
+
+
+def test_one_keyframe_gives_none_but_its_own_points(table: Capture, exact: list[DepthMap]) -> None:
+    """Nothing confirms them, and nothing speaks against them."""
+    cloud = cloud_of(table.train[:1], exact[:1], table.train, 5000)
+    assert len(cloud) <= 5000
+    assert np.count_nonzero(~on_surface(cloud, table.train[:1])) <= 0.03 * len(cloud)
+
+
+def test_an_unclear_margin_keeps_a_depth_out(table: Capture, exact: list[DepthMap]) -> None:
+    unclear = [replace(map_, margin=np.zeros_like(map_.margin)) for map_ in exact]
+    assert len(cloud_of(table.train, unclear, table.train, 100)) == 0
+
+
+def test_maps_of_different_sizes(table: Capture, exact: list[DepthMap]) -> None:
+    frames, maps = list(table.train), list(exact)
+    # Every second pixel of every second view.
+    for index in range(0, len(frames), 2):
+        camera = frames[index].camera.resized(80, 60)
+        frames[index] = replace(frames[index], camera=camera, image=frames[index].image[::2, ::2], depth=None)
+        maps[index] = certain(np.ascontiguousarray(exact[index].depth[::2, ::2]))
+    cloud = cloud_of(frames, maps, table.train, 3000)
+    assert 0.9 * 3000 <= len(cloud) <= 3000
+    assert np.mean(on_surface(cloud, table.train)) > 0.95
+
+
+def test_alpha_of_any_training_frame_bounds_the_cloud(table: Capture, exact: list[DepthMap]) -> None:
+    """Also of a frame that is not a keyframe."""
+    left = np.tile(np.where(np.arange(160) < 80, 255, 0).astype(np.uint8), (120, 1))
+    judge = replace(table.train[3], alpha=left)
+    others = [index for index in range(len(table.train)) if index != 3]
+    keyframes, maps = [table.train[index] for index in others], [exact[index] for index in others]
+    cloud = cloud_of(keyframes, maps, [*keyframes, judge], 2000)
+    assert len(cloud) > 1500
+    _, columns, _, _ = projected(judge, cloud.positions.astype(np.float64))
+    assert len(columns) > 500
+    # Points are means of several: those on a border may lie a little off.
+    assert np.mean(columns <= 81) > 0.99
+
+
+@pytest.mark.parametrize("step", [0.05, 0.001])
+def test_what_is_too_far_to_tell_lies_on_one_sphere(step: float) -> None:
+    """Three cameras see the same distant stars, each at another depth that it cannot tell from infinity."""
+    eyes = np.array([[-1.0, 0, 0], [0, 0.3, 0], [1.0, 0, 0.2]])
+    frames = [wall_frame(f"{index}", eye, 64) for index, eye in enumerate(eyes)]
+    resolved = 1 / step
+    maps = [certain(np.full((64, 64), resolved * far, np.float32), step) for far in (1.5, 3.0, 40.0)]
+    maps[0].depth[:32] = 0.05 * resolved  # what can be told stays where it is
+    found = fuse(frames, maps, frames, SETTINGS, create_stereo())
+    far = np.abs(found.positions[:, 2] - 0.05 * resolved) > 0.04 * resolved
+    assert np.count_nonzero(far) > 2.4 * 64 * 64
+    middle = eyes.mean(axis=0)
+    radius = max(resolved, SHELL_EXTENT * np.linalg.norm(eyes - middle, axis=1).max())
+    np.testing.assert_allclose(np.linalg.norm(found.positions[far] - middle, axis=1), radius, rtol=1e-6)
+    for frame in frames:
+        away = frame.camera.centre - found.positions[far]
+        own = np.linalg.norm(np.cross(away, found.directions[far]), axis=1) < 1e-6 * radius
+        assert np.count_nonzero(own) > 0.9 * 32 * 64
+        pixels, depth = frame.camera.project(found.positions[far][own])
+        # They are seen where they were found: in the middles of pixels, in front of the camera.
+        np.testing.assert_allclose(pixels % 1, 0.5, atol=1e-3)
+        np.testing.assert_allclose(found.footprints[far][own], depth / frame.camera.fx, rtol=1e-6)
+        assert np.all(depth > 0)
+
+
+def test_stars_that_three_views_see_are_at_the_same_pixels_of_all() -> None:
+    """A star in the same direction for all cameras lies within a pixel of that direction for each of them."""
+    eyes = np.array([[-1.0, 0, 0], [0, 0.3, 0], [1.0, 0, 0.2]])
+    frames = [wall_frame(f"{index}", eye, 64) for index, eye in enumerate(eyes)]
+    step = 1 / (64 * 3.0)  # a pixel's shift over the widest baseline
+    maps = [certain(np.full((64, 64), far / step, np.float32), step) for far in (1.2, 3.0, 40.0)]
+    found = fuse(frames, maps, frames, SETTINGS, create_stereo())
+    for frame in frames:
+        pixels, depth = frame.camera.project(found.positions)
+        assert np.all(depth > 0)
+        # The cameras look along z: a direction's pixel is the same in all.
+        directions = -found.directions / -found.directions[:, 2:]
+        expected = 64 * directions[:, :2] + 32
+        assert np.abs(pixels - expected).max() < 1.0

@@ -1,0 +1,234 @@
+"""Sparse structure and poses: against the demo's truth, on real photographs, and where there is nothing to see."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pocketgs.capture import Capture, Frame, open_capture
+from pocketgs.capture.synthetic import demo_capture, demo_ground_truth
+from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
+from pocketgs.prior.bundle.adjustment import BundleSettings, adjust_bundle, huber_cost
+from pocketgs.prior.features.tracks import reprojection_errors, triangulate, triangulation_angles, view_distances
+from pocketgs.prior.poses.structure import Structure, StructureSettings, build_structure
+from pocketgs.prior.poses.tolerance import MIN_ANGLE
+from pocketgs.prior.scale import Scale, estimate_scale
+from prior.bundle_problem import pose_errors, position_errors, predicted, turned_and_moved
+
+DEFAULT = StructureSettings()
+"""Of the stages under test."""
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """What the stage makes of a capture."""
+
+    capture: Capture
+    scale: Scale
+    structure: Structure
+
+
+def refine(capture: Capture) -> Refined:
+    scale = estimate_scale(capture)
+    structure = build_structure(capture.frames, scale, DEFAULT, capture.photographs)
+    assert structure is not None
+    return Refined(capture, scale, structure)
+
+
+def errors_given_and_refined(refined: Refined, true: dict[str, Camera]) -> tuple[np.ndarray, np.ndarray]:
+    """(F,) position errors of all frames, held-out ones last."""
+    frames = refined.capture.frames
+    truth = [true[frame.name] for frame in frames]
+    given = position_errors([frame.camera for frame in frames], truth)
+    return given, position_errors(refined.structure.cameras, truth)
+
+
+def true_cameras(frames: int) -> dict[str, Camera]:
+    """Of the demo capture, by name; poses are those of images of any size."""
+    return demo_ground_truth(4, 3, frames).cameras
+
+
+FRAMES = 24
+
+
+@pytest.fixture(scope="module")
+def walk() -> Refined:
+    return refine(demo_capture(320, 240, FRAMES))
+
+
+def test_a_phones_drift_is_undone(walk: Refined) -> None:
+    given, after = errors_given_and_refined(walk, true_cameras(FRAMES))
+    assert walk.structure.refined
+    assert walk.structure.adjusted
+    assert walk.structure.rmse_after < 1.0 < walk.structure.rmse_before
+    assert after.mean() < given.mean() / 5
+    assert after.max() < given.mean()
+    held_out = slice(len(walk.capture.train), None)
+    assert after[held_out].mean() < given[held_out].mean() / 5
+    assert walk.structure.carried == walk.structure.replaced == walk.structure.doubtful == ()
+
+
+@pytest.mark.slow
+def test_poses_do_not_wander_off_where_little_holds_them() -> None:
+    given, after = errors_given_and_refined(refine(demo_capture(240, 180, 24)), true_cameras(24))
+    assert after.mean() < given.mean() / 2
+    assert after.max() < given.max()
+
+
+def test_points_are_well_seen(walk: Refined) -> None:
+    structure = walk.structure
+    errors = reprojection_errors(structure.cameras, structure.points, structure.observations)
+    assert np.all(np.bincount(structure.observations.point, minlength=len(structure.points)) >= 2)
+    assert np.percentile(errors, 99) < structure.tolerance
+    assert np.sqrt(np.mean(errors**2)) == pytest.approx(structure.rmse_after)
+    angles = triangulation_angles(structure.cameras, structure.points, structure.observations)
+    assert np.mean(angles >= MIN_ANGLE) > 0.99
+
+
+def test_landmarks_are_the_features_behind_the_points(walk: Refined) -> None:
+    structure = walk.structure
+    seen = structure.observations
+    for view, (features, point) in enumerate(structure.landmarks):
+        own = seen.frame == view
+        assert len(features.pixels) == len(features.descriptors) == len(point) == own.sum()
+        expected = sorted(zip(seen.point[own].tolist(), seen.pixels[own].tolist(), strict=True))
+        assert sorted(zip(point.tolist(), features.pixels.tolist(), strict=True)) == expected
+
+
+def black(frame: Frame) -> Frame:
+    return replace(frame, image=np.zeros_like(frame.image))
+
+
+def noisy(frame: Frame) -> Frame:
+    seed = np.frombuffer(frame.name.encode(), np.uint8)
+    return replace(frame, image=np.random.default_rng(seed).integers(0, 256, frame.image.shape, np.uint8))
+
+
+def test_a_frame_that_sees_nothing_follows_the_nearest(walk: Refined) -> None:
+    frames = [black(frame) if number == 5 else frame for number, frame in enumerate(walk.capture.frames)]
+    structure = build_structure(frames, walk.scale, DEFAULT)
+    assert structure is not None
+    assert structure.carried == (frames[5].name,)
+    given = [frame.camera for frame in frames]
+    distances = view_distances([given[5]], given, walk.scale.distance)[0]
+    nearest = int(np.argsort(distances)[1])
+    np.testing.assert_allclose(
+        structure.cameras[5].world_to_camera @ structure.cameras[nearest].camera_to_world,
+        given[5].world_to_camera @ given[nearest].camera_to_world,
+        atol=1e-9,
+    )
+
+
+def test_a_part_of_the_frames(walk: Refined) -> None:
+    chosen = walk.capture.train[2:12:3]
+    part = walk.structure.of(chosen)
+    assert part.names == tuple(frame.name for frame in chosen)
+    assert 50 < len(part.points) < len(walk.structure.points)
+    assert np.all(np.bincount(part.observations.point, minlength=len(part.points)) >= 2)
+    errors = reprojection_errors(part.cameras, part.points, part.observations)
+    assert np.percentile(errors, 99) < part.tolerance
+    for view, (features, point) in enumerate(part.landmarks):
+        own = part.observations.frame == view
+        assert sorted(features.pixels.tolist()) == sorted(part.observations.pixels[own].tolist())
+        assert sorted(point.tolist()) == sorted(part.observations.point[own].tolist())
+
+
+def test_right_poses_are_kept(clean_walk: Capture, clean_structure: Structure) -> None:
+    assert not clean_structure.refined
+    for frame, camera in zip(clean_walk.train, clean_structure.cameras, strict=True):
+        assert camera is frame.camera
+    assert clean_structure.rmse_after == clean_structure.rmse_before < 0.5
+
+
+def test_points_lie_on_surfaces(clean_walk: Capture, clean_structure: Structure) -> None:
+    off = []
+    for frame, (features, point) in zip(clean_walk.train, clean_structure.landmarks, strict=True):
+        assert frame.depth is not None
+        depth = frame.camera.project(clean_structure.points[point])[1]
+        columns, rows = features.pixels.astype(int).T
+        off.append(np.abs(depth / frame.depth[rows, columns] - 1))
+    assert np.median(np.concatenate(off)) < 0.005
+    assert np.mean(np.concatenate(off) < 0.05) > 0.9
+
+
+def test_without_bundle_adjustment_poses_stay(walk: Refined) -> None:
+    frames = walk.capture.train[:5]
+    structure = build_structure(frames, walk.scale, replace(DEFAULT, bundle=False))
+    assert structure is not None
+    assert not structure.refined
+    assert structure.cameras == [frame.camera for frame in frames]
+    assert structure.rmse_after == structure.rmse_before
+
+
+def test_the_same_frames_give_the_same_bits(clean_walk: Capture) -> None:
+    scale = estimate_scale(clean_walk)
+    one, other = (build_structure(clean_walk.train[:4], scale, DEFAULT) for _ in range(2))
+    assert one is not None
+    assert other is not None
+    np.testing.assert_array_equal(one.points, other.points)
+    np.testing.assert_array_equal(one.observations.pixels, other.observations.pixels)
+
+
+@pytest.mark.parametrize("spoil", [black, noisy])
+def test_too_little_to_see_gives_none(clean_walk: Capture, spoil: Callable[[Frame], Frame]) -> None:
+    frames = [spoil(frame) for frame in clean_walk.train]
+    assert build_structure(frames, estimate_scale(clean_walk), DEFAULT) is None
+
+
+def test_a_single_view_gives_none(clean_walk: Capture) -> None:
+    assert build_structure(clean_walk.train[:1], estimate_scale(clean_walk), DEFAULT) is None
+
+
+def test_views_from_one_place_give_none(clean_walk: Capture) -> None:
+    assert build_structure([clean_walk.train[0]] * 3, estimate_scale(clean_walk), DEFAULT) is None
+
+
+@pytest.mark.parametrize("features", [0, -1])
+def test_no_features_are_refused(features: int) -> None:
+    with pytest.raises(PocketGSError, match=f"found {features}, expected at least 1"):
+        StructureSettings(features=features)
+
+
+@pytest.fixture(scope="module")
+def fern(data_folder: Path) -> Refined:
+    return refine(open_capture(data_folder / "fern", images="images_8"))
+
+
+def test_poses_from_larger_photographs_are_kept(fern: Refined) -> None:
+    assert not fern.structure.refined
+    assert fern.structure.rmse_after < 0.7
+    assert len(fern.structure.points) > 1000
+
+
+@pytest.mark.slow
+def test_poses_of_a_film_are_kept(data_folder: Path) -> None:
+    fox = refine(open_capture(data_folder / "fox", downscale=4))
+    assert not fox.structure.refined
+    assert fox.structure.rmse_after < 0.7
+    assert len(fox.structure.points) > 1000
+
+
+def test_real_tracks_are_adjusted_as_colmap_does(fern: Refined) -> None:
+    from prior.colmap_problem import adjust_with_colmap
+
+    rng = np.random.default_rng(0)
+    cameras = [
+        turned_and_moved(camera, *(rng.normal(size=(2, 3)) * [[0.005], [0.005 * fern.scale.distance]]))
+        for camera in fern.structure.cameras
+    ]
+    seen = fern.structure.observations
+    points = triangulate(cameras, seen)
+    result = adjust_bundle(cameras, points, seen, BundleSettings(iterations=200, tolerance=1e-10))
+    poses, their_points = adjust_with_colmap(cameras, points, seen, huber=1.0)
+    theirs = [replace(camera, world_to_camera=pose) for camera, pose in zip(cameras, poses, strict=True)]
+    errors = np.linalg.norm(predicted(theirs, their_points, seen) - seen.pixels, axis=1)
+    assert result.cost_before > 5 * result.cost_after
+    assert result.cost_after == pytest.approx(huber_cost(errors, 1.0), rel=1e-3)
+    distance, turn = pose_errors(result.cameras, result.points, theirs, their_points)
+    assert distance < 1e-3 * fern.scale.distance
+    assert turn < 1e-3

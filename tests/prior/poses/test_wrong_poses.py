@@ -1,0 +1,135 @@
+"""Captures with wrong poses, unrelated photographs, and views without parallax."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pocketgs.capture import Capture, Frame
+from pocketgs.capture.synthetic import true_capture
+from pocketgs.geometry.camera import Camera
+from pocketgs.prior.poses.placed_again import placed_again
+from pocketgs.prior.poses.structure import Structure, StructureSettings, build_structure
+from pocketgs.prior.scale import estimate_scale
+from prior.bundle_problem import turned_and_moved
+
+FRAMES = 16
+SETTINGS = StructureSettings(features=1000)
+
+
+@pytest.fixture(scope="module")
+def capture() -> Capture:
+    """A walk with exact poses."""
+    return true_capture(width=240, height=180, frames=FRAMES, points=1)
+
+
+def built(capture: Capture, frames: Sequence[Frame], settings: StructureSettings | None = None) -> Structure | None:
+    return build_structure(frames, estimate_scale(capture), settings or SETTINGS)
+
+
+def moved(frames: Sequence[Frame], which: Sequence[int], metres: float) -> list[Frame]:
+    """Frames, some of which state poses so far off, each in another direction."""
+    rng = np.random.default_rng(0)
+    result = list(frames)
+    for index in which:
+        direction = rng.normal(size=3)
+        camera = turned_and_moved(frames[index].camera, np.zeros(3), metres * direction / np.linalg.norm(direction))
+        result[index] = replace(frames[index], camera=camera)
+    return result
+
+
+def offsets(cameras: Sequence[Camera], frames: Sequence[Frame]) -> np.ndarray:
+    """(F,) distances of cameras from the frames' true ones."""
+    return np.array([np.linalg.norm(a.centre - b.camera.centre) for a, b in zip(cameras, frames, strict=True)])
+
+
+@pytest.mark.parametrize("metres", [0.5, 5.0])
+def test_wrong_poses_are_found_and_mended(capture: Capture, metres: float) -> None:
+    wrong = [3, 8, 13]
+    structure = built(capture, moved(capture.frames, wrong, metres))
+    assert structure is not None
+    names = {capture.frames[index].name for index in wrong}
+    assert set(structure.replaced) | set(structure.doubtful) == names
+    assert structure.refined
+    assert not structure.adjusted
+    mended = [name not in structure.doubtful for name in structure.names]
+    assert sum(mended) >= FRAMES - 1
+    assert offsets(structure.cameras, capture.frames)[mended].max() < 0.02
+
+
+def test_wrong_poses_that_may_not_move_are_named(capture: Capture) -> None:
+    frames = moved(capture.frames, [5, 12], 1.0)
+    structure = built(capture, frames, replace(SETTINGS, bundle=False))
+    assert structure is not None
+    assert set(structure.doubtful) == {frames[5].name, frames[12].name}
+    assert not structure.refined
+    assert [camera is frame.camera for camera, frame in zip(structure.cameras, frames, strict=True)] == [True] * FRAMES
+
+
+def test_half_the_poses_wrong(capture: Capture) -> None:
+    wrong = list(range(0, FRAMES, 2))
+    structure = built(capture, moved(capture.frames, wrong, 0.2))
+    assert structure is not None
+    kept = [name not in structure.doubtful for name in structure.names]
+    assert sum(kept) >= FRAMES - 3
+    assert np.median(offsets(structure.cameras, capture.frames)[kept]) < 0.02
+
+
+def test_a_group_that_agrees_only_with_itself(capture: Capture) -> None:
+    """Consecutive frames that are all moved together agree with each other only."""
+    turn, offset = np.array([0.0, 0.3, 0.0]), np.array([1.0, 0.0, 0.5])
+    order = np.argsort([frame.name for frame in capture.frames])
+    group = [int(order[place]) for place in range(5, 9)]
+    frames = [
+        replace(frame, camera=turned_and_moved(frame.camera, turn, offset)) if index in group else frame
+        for index, frame in enumerate(capture.frames)
+    ]
+    structure = built(capture, frames)
+    assert structure is not None
+    assert set(structure.replaced) | set(structure.doubtful) == {frames[index].name for index in group}
+
+
+def test_a_photograph_of_another_place(capture: Capture) -> None:
+    frames = list(capture.frames)
+    frames[6] = replace(frames[6], image=np.ascontiguousarray(frames[6].image[:, ::-1]))
+    structure = built(capture, frames)
+    assert structure is not None
+    assert structure.doubtful == (frames[6].name,)
+    assert offsets(structure.cameras, capture.frames).max() == 0
+
+
+def test_duplicate_frames(capture: Capture) -> None:
+    frames = [*capture.frames, *(replace(frame, name=f"again/{frame.name}") for frame in capture.frames[:5])]
+    structure = built(capture, frames)
+    assert structure is not None
+    assert structure.doubtful == structure.replaced == ()
+    assert not structure.refined
+
+
+def test_two_frames(capture: Capture) -> None:
+    structure = built(capture, capture.frames[4:6])
+    assert structure is None or not structure.doubtful
+
+
+def test_turning_on_the_spot_tells_no_depth(capture: Capture) -> None:
+    first = capture.frames[0]
+    spot = [replace(first, name=f"{turn}.png") for turn in range(6)]
+    assert built(capture, spot) is None
+
+
+def test_a_blank_wall(capture: Capture) -> None:
+    assert built(capture, [replace(frame, image=np.full_like(frame.image, 200)) for frame in capture.frames]) is None
+
+
+def test_one_frame_is_placed_again(capture: Capture) -> None:
+    structure = built(capture, capture.train, replace(SETTINGS, bundle=False))
+    assert structure is not None
+    frame = capture.held_out[1]
+    camera = placed_again(replace(frame, camera=turned_and_moved(frame.camera, np.ones(3), np.ones(3))), structure)
+    assert camera is not None
+    assert offsets([camera], [frame])[0] < 0.02
+    strange = replace(frame, image=np.ascontiguousarray(frame.image[:, ::-1]))
+    assert placed_again(strange, structure) is None
