@@ -11,10 +11,8 @@ from typing import Any
 import tyro
 
 from pocketgs.cli.terminal import Terminal
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import USER_ERROR, PocketGSError
 from pocketgs.system.interrupt import STOPPED
-
-USER_ERROR = 2
 
 SUBCOMMANDS = {
     "train": "train",
@@ -27,6 +25,7 @@ SUBCOMMANDS = {
     "distil": "distil",
     "convert": "convert",
     "export-colmap": "export_colmap",
+    "serve": "serve",
     "site": "site",
     "demo": "demo",
     "bench": "bench",

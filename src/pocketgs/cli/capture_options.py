@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from pocketgs.capture import Capture, ListedCapture, list_capture
+from pocketgs.capture.hold_out import HOLD_OUT_EVERY
 from pocketgs.cli.terminal import Terminal
 
 
@@ -34,7 +35,7 @@ class CaptureOptions:
     background: tuple[float, float, float] | None = None
     undistort: bool = True
     lens: Literal["undistort", "direct"] = "undistort"
-    hold_out: int = 8
+    hold_out: int = HOLD_OUT_EVERY
     masks: str = "found"
 
     def open(self, path: Path) -> Capture:

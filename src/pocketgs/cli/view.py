@@ -102,9 +102,9 @@ def view(
         content = scene_content(title, file, gaussians, scene if is_result else None, opened)
         content = replace(content, is_copy=file != original)
         with serving(content, network=page.host, port=page.port) as served:
-            _announce(served, page)
+            announce(served, page)
             Terminal().say("Ctrl-C stops it")
-            _wait_for_ctrl_c()
+            wait_for_ctrl_c()
 
 
 @contextmanager
@@ -128,14 +128,14 @@ def following(options: FollowOptions, title: str) -> Iterator[LiveRun | None]:
 
     run = LiveRun(title, STAGES)
     with serving(run, network=options.host, port=options.port) as served:
-        _announce(served, options)
+        announce(served, options)
         yield run
         if options.wait:
             Terminal().say(f"the page stays at {served.url} until Ctrl-C")
-            _wait_for_ctrl_c()
+            wait_for_ctrl_c()
 
 
-def _announce(served: Page, options: PageOptions) -> None:
+def announce(served: Page, options: PageOptions) -> None:
     """Print the page's address, and open it."""
     console = Terminal()
     console.say(f"page at {served.url}")
@@ -156,7 +156,8 @@ def _has_screen() -> bool:
     return sys.platform in ("win32", "darwin") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
 
 
-def _wait_for_ctrl_c() -> None:
+def wait_for_ctrl_c() -> None:
+    """Return when Ctrl-C is pressed."""
     with suppress(KeyboardInterrupt):
         while True:
             time.sleep(3600)

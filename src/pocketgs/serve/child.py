@@ -1,0 +1,78 @@
+"""Child processes: starting them apart from the terminal, and ending them with all that they have started."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import psutil
+
+from pocketgs.serve.entry import Process
+
+GRACE = 20.0
+"""Seconds that an interrupted run has to keep what was trained, and to end its own child processes."""
+
+SECONDS_BETWEEN_LOOKS = 0.05
+
+
+async def start(arguments: Sequence[str], folder: Path) -> asyncio.subprocess.Process:
+    """Start `python -m` with arguments. Ctrl-C in the server's terminal does not reach the process.
+
+    Args:
+        arguments: the module and what it is given.
+        folder: the working directory; Python imports from it first, so nobody else may write to it.
+    """
+    apart = sys.platform == "win32"
+    return await asyncio.create_subprocess_exec(
+        sys.executable,
+        "-m",
+        *arguments,
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        start_new_session=not apart,
+        creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0) if apart else 0,
+    )
+
+
+def identity(number: int) -> Process | None:
+    """What tells a process from later ones with the same number; None if it has ended."""
+    with suppress(psutil.Error):
+        return Process(number, psutil.Process(number).create_time())
+    return None
+
+
+def end(process: Process, grace: float = GRACE) -> None:
+    """Ask a process to stop, as Ctrl-C does; after a while, kill it and what it has started. Blocks meanwhile.
+
+    Args:
+        process: nothing happens if it has ended, and its number is used by another one.
+        grace: seconds to wait before it is killed.
+    """
+    with suppress(psutil.Error):
+        found = psutil.Process(process.number)
+        if found.create_time() != process.started:
+            return
+        family = [found, *found.children(recursive=True)]
+        found.terminate()
+        if not _ends_within(found, grace):
+            for each in family:
+                with suppress(psutil.Error):
+                    each.kill()
+            _ends_within(found, GRACE)
+
+
+def _ends_within(process: psutil.Process, seconds: float) -> bool:
+    """Whether a process ends in time. Unlike psutil's `wait`, this leaves the exit status to whoever started it."""
+    deadline = time.monotonic() + seconds
+    while process.is_running() and process.status() != psutil.STATUS_ZOMBIE:
+        if time.monotonic() >= deadline:
+            return False
+        time.sleep(SECONDS_BETWEEN_LOOKS)
+    return True

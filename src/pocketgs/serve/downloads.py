@@ -1,0 +1,46 @@
+"""Scene files to download: `.ply` as it was trained, and smaller formats, written when they are first asked for."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from urllib.parse import quote
+
+from pocketgs.results.folder import COMPRESSED, SCENE
+from pocketgs.scene.formats import read_scene, write_scene
+from pocketgs.serve.shelf import RESULT
+
+FOLDER = "downloads"
+SUFFIXES = (".ply", ".spz", ".pgs")
+
+_one_at_a_time = threading.Lock()
+
+
+def scene_file(place: Path, suffix: str) -> Path:
+    """A capture's scene in a format; converting takes a second or so, and blocks meanwhile.
+
+    Args:
+        place: the capture's folder.
+        suffix: one of `SUFFIXES`.
+
+    Raises:
+        PocketGSError: it cannot be converted.
+        OSError: there is no scene.
+    """
+    scene, compressed = place / RESULT / SCENE, place / RESULT / COMPRESSED
+    trained = scene.stat().st_mtime_ns
+    if suffix == ".ply":
+        return scene
+    if suffix == ".pgs" and compressed.is_file():
+        return compressed
+    path = place / FOLDER / f"scene{suffix}"
+    with _one_at_a_time:
+        if not path.is_file() or path.stat().st_mtime_ns < trained:
+            path.parent.mkdir(exist_ok=True)
+            write_scene(path, read_scene(scene))
+    return path
+
+
+def disposition(title: str, suffix: str) -> str:
+    """The header that names a download after the capture's title, whatever is in that (RFC 6266)."""
+    return f"attachment; filename*=UTF-8''{quote(title, safe='')}{suffix}"

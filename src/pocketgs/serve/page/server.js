@@ -1,0 +1,38 @@
+/**
+ * Requests to the server.
+ *
+ * @module
+ */
+
+/** An answer that says what is wrong: `message` is for the user. */
+export class RefusedError extends Error {
+    constructor(status, { error, ...facts }) {
+        super(error ?? `the server answers ${status}`);
+        this.status = status;
+        this.facts = facts;
+    }
+}
+
+/** @type {(path: string) => Promise<Object>} */
+export function ask(path) {
+    return answered(fetch(path));
+}
+
+/** @type {(path: string, content?: Object) => Promise<Object>} */
+export function tell(path, content = {}) {
+    return answered(fetch(path, { method: "POST", body: JSON.stringify(content) }));
+}
+
+/** @type {(path: string, piece: Blob, signal: AbortSignal) => Promise<Object>} */
+export function put(path, piece, signal) {
+    return answered(fetch(path, { method: "PUT", body: piece, signal }));
+}
+
+async function answered(promise) {
+    const response = await promise;
+    const content = await response.json().catch(() => ({}));
+    if (!response.ok) {
+        throw new RefusedError(response.status, content);
+    }
+    return content;
+}

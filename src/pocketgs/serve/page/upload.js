@@ -1,0 +1,83 @@
+/**
+ * Sending files in pieces. What was interrupted goes on by itself; after the page was closed, it goes on when the same
+ * files are chosen again.
+ *
+ * @module
+ */
+
+import { put, RefusedError } from "./server.js";
+
+const PIECE_BYTES = 1 << 21;
+/** How much is sent again where an upload goes on: the server compares it, and so knows that it is the same file. */
+const OVERLAP_BYTES = 1 << 16;
+const SECONDS_TO_RETRY = [1, 2, 4, 8];
+
+/** The upload of one capture. */
+export class Upload {
+    #id;
+    #pairs;
+    #cancelled = new AbortController();
+
+    /**
+     * @param {string} id of the capture
+     * @param {[Object, File][]} pairs from `matched`
+     */
+    constructor(id, pairs) {
+        this.#id = id;
+        this.#pairs = pairs;
+    }
+
+    /** Send everything. @throws {RefusedError} the server takes no more of it */
+    async send() {
+        for (const [stated, file] of this.#pairs) {
+            await this.#sendFile(stated, file);
+        }
+    }
+
+    cancel() {
+        this.#cancelled.abort();
+    }
+
+    async #sendFile({ number, received }, file) {
+        let at = received < file.size ? Math.max(0, received - OVERLAP_BYTES) : file.size;
+        for (let failures = 0; at < file.size; ) {
+            try {
+                const path = `captures/${this.#id}/files/${number}?offset=${at}`;
+                const piece = file.slice(at, at + PIECE_BYTES);
+                at = (await put(path, piece, this.#cancelled.signal)).received;
+                failures = 0;
+            } catch (error) {
+                if (this.#cancelled.signal.aborted || (error instanceof RefusedError && error.status === 404)) {
+                    return; // deleted
+                }
+                if (error instanceof RefusedError && error.facts.received === undefined) {
+                    throw error;
+                }
+                at = error.facts?.received ?? at;
+                await seconds(SECONDS_TO_RETRY[Math.min(failures++, SECONDS_TO_RETRY.length - 1)]);
+            }
+        }
+    }
+}
+
+/**
+ * The file for each that the server expects, or null if they are not the same.
+ *
+ * @param {Object[]} stated what the server expects: `number`, `name`, `size`, `received`
+ * @param {File[]} files
+ * @returns {[Object, File][] | null}
+ */
+export function matched(stated, files) {
+    const left = [...files];
+    const pairs = stated.map((one) => {
+        const at = left.findIndex((file) => file.name === one.name && file.size === one.size);
+        return [one, at < 0 ? null : left.splice(at, 1)[0]];
+    });
+    return pairs.some(([one, file]) => file === null && one.received < one.size)
+        ? null
+        : pairs.filter(([, file]) => file !== null);
+}
+
+function seconds(count) {
+    return new Promise((resolve) => setTimeout(resolve, 1000 * count));
+}

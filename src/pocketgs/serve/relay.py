@@ -1,0 +1,87 @@
+"""Passing requests on to the page of a run, which only this machine can reach."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+from typing import Any
+
+from aiohttp import ClientError, ClientSession, ClientWebSocketResponse, WSMsgType, web
+
+from pocketgs.serve.training import Training
+from pocketgs.viewer.following import page_socket
+
+CHUNK = 1 << 18
+
+
+async def pass_on(request: web.Request, client: ClientSession, run: Training, path: str) -> web.StreamResponse:
+    """Answer a GET with what the run's page answers.
+
+    Args:
+        request: from a phone.
+        client: to ask with.
+        run: whose page is asked.
+        path: on that page.
+
+    Raises:
+        ClientConnectionError: the page is gone.
+    """
+    async with client.get(f"{_address_of(run)}{path}") as answer:
+        response = web.StreamResponse(status=answer.status, headers={"Content-Type": answer.content_type})
+        response.content_length = answer.content_length
+        await response.prepare(request)
+        async for chunk in answer.content.iter_chunked(CHUNK):
+            await response.write(chunk)
+        await response.write_eof()
+        return response
+
+
+async def viewer_of(client: ClientSession, run: Training) -> dict[str, Any]:
+    """The `viewer.json` of a run's page.
+
+    Raises:
+        ClientConnectionError: the page is gone.
+    """
+    async with client.get(f"{_address_of(run)}viewer.json") as answer:
+        return dict(await answer.json())
+
+
+def _address_of(run: Training) -> str:
+    if run.address is None:
+        raise web.HTTPServiceUnavailable
+    return run.address
+
+
+async def follow(request: web.Request, run: Training) -> web.WebSocketResponse:
+    """Connect a phone's WebSocket with that of the run's page, until one of them closes."""
+    try:
+        source = await run.follow()
+    except (ClientError, OSError) as error:
+        raise web.HTTPServiceUnavailable from error
+    async with source:
+        page = page_socket()
+        await page.prepare(request)
+        ways = {asyncio.create_task(_news(source, page)), asyncio.create_task(_commands(page, source))}
+        _, rest = await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+        for way in rest:
+            way.cancel()
+        await asyncio.gather(*ways, return_exceptions=True)
+        await page.close()
+        return page
+
+
+async def _news(source: ClientWebSocketResponse, page: web.WebSocketResponse) -> None:
+    with suppress(ConnectionError):
+        async for message in source:
+            if message.type is WSMsgType.TEXT:
+                await page.send_str(message.data)
+            elif message.type is WSMsgType.BINARY:
+                await page.send_bytes(message.data)
+
+
+async def _commands(page: web.WebSocketResponse, source: ClientWebSocketResponse) -> None:
+    with suppress(ConnectionError):
+        async for message in page:
+            if message.type is not WSMsgType.TEXT:
+                return
+            await source.send_str(message.data)

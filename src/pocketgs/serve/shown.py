@@ -1,0 +1,88 @@
+"""What the page is told about the shelf."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from pocketgs.results.folder import RECORD, SCENE
+from pocketgs.serve.entry import Entry
+from pocketgs.serve.outcome import can_go_on, record_of
+from pocketgs.serve.queue import Queue
+from pocketgs.serve.shelf import RESULT, THUMBNAIL, Shelf
+
+SECONDS_ACTIVE = 10.0
+"""How long after its last piece an upload counts as going on."""
+
+
+def shown_entry(shelf: Shelf, queue: Queue, entry: Entry, last_piece: float) -> dict[str, Any]:
+    """What the page is told about a capture.
+
+    Args:
+        shelf: that it stands on.
+        queue: that it may wait in.
+        entry: the capture.
+        last_piece: when the last piece of its upload arrived, by the monotonic clock.
+    """
+    place = shelf.place(entry)
+    told: dict[str, Any] = {
+        "id": entry.id,
+        "title": entry.title,
+        "kind": entry.kind,
+        "count": len(entry.files),
+        "bytes": entry.bytes,
+        "effort": entry.effort,
+        "created": entry.created,
+        "state": entry.state,
+        "message": entry.message,
+        "thumbnail": _time_of(place / THUMBNAIL),
+        "result": _result_of(place / RESULT, entry),
+    }
+    if entry.state == "uploading":
+        told["received"] = sum(shelf.received(entry))
+        told["active"] = time.monotonic() - last_piece < SECONDS_ACTIVE
+    elif entry.state == "queued":
+        told["place"] = [each.id for each in queue.waiting()].index(entry.id) + 1
+    elif run := queue.running(entry.id):
+        told["progress"] = run.progress
+        told["live"] = run.address is not None
+    return told
+
+
+def shown_files(shelf: Shelf, entry: Entry) -> list[dict[str, Any]]:
+    """What the page is told about the files of an upload, to go on with it."""
+    return [
+        {"number": number, "name": file.name, "size": file.size, "received": received}
+        for number, (file, received) in enumerate(zip(entry.files, shelf.received(entry), strict=True), start=1)
+    ]
+
+
+def shown_deleted(entry: Entry) -> dict[str, Any]:
+    """What the page is told about a capture in the trash."""
+    return {"id": entry.id, "title": entry.title, "deleted": entry.deleted}
+
+
+def _result_of(result: Path, entry: Entry) -> dict[str, Any] | None:
+    written = _time_of(result / RECORD)
+    told = _figures_of(result, written) if written is not None else None
+    return told and {**told, "can_go_on": bool(told["interrupted"]) and can_go_on(result, entry.begun)}
+
+
+@lru_cache(256)
+def _figures_of(result: Path, written: int) -> dict[str, Any] | None:
+    """The figures of a result; kept until the next one is written."""
+    record = record_of(result)
+    if record is None:
+        return None
+    told = {name: record.get(name) for name in ("psnr", "iterations", "gaussians", "interrupted")}
+    return {**told, "bytes": (result / SCENE).stat().st_size}
+
+
+def _time_of(path: Path) -> int | None:
+    """When a file was last written, in milliseconds; None if there is none."""
+    with suppress(OSError):
+        return path.stat().st_mtime_ns // 1_000_000
+    return None

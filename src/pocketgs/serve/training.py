@@ -1,0 +1,124 @@
+"""A run: `pocketgs train` as a child process, with its page, from which the server learns how far it is."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from aiohttp import ClientError, ClientSession, ClientTimeout, ClientWebSocketResponse
+
+from pocketgs.serve import child
+from pocketgs.serve.entry import Process
+
+ADDRESS = re.compile(r"page at (http://127\.0\.0\.1:\d+/[\w-]+/)")
+SECONDS_BETWEEN_LOOKS = 1.0
+ANSWER = ClientTimeout(total=10.0)
+
+
+class Training:
+    """A `pocketgs train` that goes on.
+
+    Args:
+        client: to ask its page with.
+    """
+
+    def __init__(self, client: ClientSession) -> None:
+        self._client = client
+        self._child: asyncio.subprocess.Process | None = None
+        self.process: Process | None = None
+        self.address: str | None = None
+        self.progress: dict[str, Any] = {"stage": "starting", "iteration": 0}
+        self.last_words = ""
+
+    async def start(self, capture: Path, result: Path, flags: Sequence[str], folder: Path) -> None:
+        """Start the run.
+
+        Args:
+            capture: what to train.
+            result: folder for the result.
+            flags: of `pocketgs train`.
+            folder: to work in.
+        """
+        page = ("--view", "--no-open", "--no-wait")
+        arguments = ("pocketgs", "train", str(capture), "--output", str(result), *page, *flags)
+        self._child = await child.start(arguments, folder)
+        self.process = child.identity(self._child.pid)
+
+    async def finish(self, log: Path) -> int:
+        """Wait for the end of the run, and return its exit status.
+
+        Args:
+            log: file for what it prints.
+        """
+        assert self._child
+        looking = asyncio.create_task(self._look())
+        try:
+            await self._read(log)
+            return await self._child.wait()
+        finally:
+            looking.cancel()
+
+    async def keep(self) -> None:
+        """Stop the run after its current step, as Ctrl-C does; it keeps what was trained."""
+        with suppress(ClientError, OSError, asyncio.TimeoutError):
+            async with await self.follow() as page:
+                await page.send_str(json.dumps({"type": "stop"}))
+                await asyncio.wait_for(page.receive(), ANSWER.total)
+
+    async def end(self, grace: float = child.GRACE) -> None:
+        """End the run: as Ctrl-C does, or, after so many seconds, by force."""
+        if self._child and self.process:
+            await asyncio.to_thread(child.end, self.process, grace)
+            with suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(self._child.wait(), child.GRACE)
+
+    async def follow(self) -> ClientWebSocketResponse[Any]:
+        """Open a WebSocket to the run's page.
+
+        Raises:
+            ConnectionError: it has none yet.
+            ClientError: it does not answer.
+        """
+        if self.address is None:
+            raise ConnectionError("the run has no page yet")
+        origin = self.address.rsplit("/", 2)[0]
+        return await self._client.ws_connect(f"{self.address}live", origin=origin, max_msg_size=0)
+
+    async def _read(self, log: Path) -> None:
+        """Write what the run prints to a file, except the address of its page."""
+        assert self._child
+        assert self._child.stdout
+        with log.open("wb") as file:
+            while line := await _line(self._child.stdout):
+                text = line.decode(errors="replace").strip()
+                if found := ADDRESS.match(text):
+                    self.address = found[1]
+                elif text:
+                    self.last_words = text
+                    with suppress(OSError):  # a full disk must not end a run that may need no more of it
+                        file.write(line)
+                        file.flush()
+
+    async def _look(self) -> None:
+        """Ask the run's page how far it is, again and again."""
+        while True:
+            await asyncio.sleep(SECONDS_BETWEEN_LOOKS)
+            if self.address:
+                with suppress(ClientError, OSError, asyncio.TimeoutError, ValueError):
+                    async with self._client.get(f"{self.address}progress.json", timeout=ANSWER) as answer:
+                        self.progress = await answer.json()
+
+
+async def _line(stream: asyncio.StreamReader) -> bytes:
+    """The next line, or as much of it as fits in the stream's buffer; empty at the end."""
+    try:
+        return await stream.readuntil(b"\n")
+    except asyncio.IncompleteReadError as end:
+        return end.partial
+    except asyncio.LimitOverrunError as found:
+        return await stream.read(max(found.consumed, 1))

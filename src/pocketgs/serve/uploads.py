@@ -1,0 +1,95 @@
+"""Uploads: captures that are declared, arrive in pieces, and are handed to the queue when they are complete."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import defaultdict
+from dataclasses import replace
+from typing import Any
+
+from pocketgs.serve.declaration import Bounds, declared
+from pocketgs.serve.entry import Entry
+from pocketgs.serve.pieces import put_piece
+from pocketgs.serve.queue import Queue
+from pocketgs.serve.refused import FULL, RefusedError, no_room
+from pocketgs.serve.shelf import UPLOAD, Shelf, free_bytes
+
+MOST_UNFINISHED = 20
+
+
+class Uploads:
+    """The uploads to a shelf.
+
+    Args:
+        shelf: that they go to.
+        queue: that is told when one is complete.
+        bounds: of each.
+    """
+
+    def __init__(self, shelf: Shelf, queue: Queue, bounds: Bounds) -> None:
+        self._shelf, self._queue, self._bounds = shelf, queue, bounds
+        self._writing: defaultdict[str, asyncio.Lock] = defaultdict(asyncio.Lock)
+        self._last_piece: dict[str, float] = {}
+
+    def last_piece(self, entry: Entry) -> float:
+        """When the last piece of a capture arrived, by the monotonic clock."""
+        return self._last_piece.get(entry.id, float("-inf"))
+
+    def begin(self, said: Any) -> Entry:
+        """Make room for an upload; `said` as for `declared`.
+
+        Raises:
+            RefusedError: it is out of bounds, or the disk has no room for it.
+        """
+        entry = declared(said, self._bounds)
+        unfinished = [each for each in self._shelf.entries.values() if each.state == "uploading"]
+        if len(unfinished) >= MOST_UNFINISHED:
+            raise RefusedError(409, f"{len(unfinished)} uploads are unfinished: continue or delete one of them first")
+        expected = sum(each.bytes - sum(self._shelf.received(each)) for each in unfinished)
+        free = free_bytes(self._shelf.folder) - expected
+        if entry.bytes > free:
+            raise no_room(f"{max(0, free) / 1e6:,.0f} MB are free for this upload of {entry.bytes / 1e6:,.0f} MB")
+        self._shelf.add(entry)
+        return entry
+
+    async def put(self, identity: str, number: int, offset: int, piece: bytes) -> int:
+        """Write a piece of a file; returns how many bytes of it have arrived.
+
+        Args:
+            identity: of the capture.
+            number: of the file, from 1.
+            offset: of the piece in the file.
+            piece: its bytes.
+
+        Raises:
+            RefusedError: it does not belong there, or the disk is full.
+        """
+        self._unfinished(identity, number)  # before there is a lock for it
+        async with self._writing[identity]:
+            entry = self._unfinished(identity, number)
+            self._last_piece[identity] = time.monotonic()
+            file = entry.files[number - 1]
+            path = self._shelf.place(entry) / UPLOAD / file.stored
+            try:
+                received = await asyncio.to_thread(put_piece, path, file.size, offset, piece)
+            except OSError as error:
+                if error.errno in FULL:
+                    raise no_room("the upload stays as far as it is") from error
+                raise RefusedError(500, f"{file.name} cannot be written ({error.strerror or error})") from error
+            await self._complete(identity)
+            return received
+
+    def _unfinished(self, identity: str, number: int) -> Entry:
+        entry = self._shelf.entries.get(identity)
+        if entry is None or entry.state != "uploading" or not 1 <= number <= len(entry.files):
+            raise RefusedError(404, "no such upload: it is complete, or was deleted")
+        return entry
+
+    async def _complete(self, identity: str) -> None:
+        """Hand a capture to the queue if all of it has arrived, unless it was deleted meanwhile."""
+        entry = self._shelf.entries.get(identity)
+        if entry and self._shelf.received(entry) == [file.size for file in entry.files]:
+            self._shelf.save(replace(entry, state="checking"))
+            self._last_piece.pop(identity, None)
+            await self._queue.tell()

@@ -1,0 +1,151 @@
+"""The page, on a phone and on a computer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, FilePayload, Route
+
+from pocketgs.capture.synthetic import true_capture
+from pocketgs.results.video import write_video
+from pocketgs.scene.formats import read_scene
+from pocketgs.serve import shown
+from serve.client import Phone
+from viewer.browsing import NO_GPU, PATIENCE, Visit, open_browser, visiting
+
+HARM = '<img src=x onerror="document.title=1">"\'&lt;'
+PHONE, COMPUTER = (360, 740), (1280, 800)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with open_browser() as running:
+        yield running
+
+
+def payloads(files: dict[str, bytes]) -> list[FilePayload]:
+    return [{"name": name, "mimeType": "", "buffer": content} for name, content in files.items()]
+
+
+def choose(visit: Visit, selector: str, files: dict[str, bytes]) -> None:
+    """Press a button that asks for files, and give it some."""
+    with visit.page.expect_file_chooser() as chooser:
+        visit[selector].click()
+    chooser.value.set_files(payloads(files))
+
+
+def is_within(visit: Visit) -> bool:
+    """Whether the page is no wider than the window."""
+    return bool(visit.page.evaluate("document.documentElement.scrollWidth <= innerWidth"))
+
+
+def test_a_video_from_a_phone(browser: Browser, serve: Callable[..., Phone], tmp_path: Path) -> None:
+    """It is uploaded by the phone, gets poses and is trained; both windows show that, and the scene."""
+    capture = true_capture(width=240, height=180, frames=8, points=500)
+    write_video(tmp_path / "walk.mp4", [frame.image for frame in sorted(capture.frames, key=lambda each: each.name)])
+    url = serve().url
+    with visiting(browser, url, *PHONE, script=NO_GPU) as phone, visiting(browser, url, *COMPUTER) as computer:
+        choose(phone, "[data-kind=video]", {"walk.mp4": (tmp_path / "walk.mp4").read_bytes()})
+        phone["#begin-name"].fill(HARM)
+        phone["#begin-effort input[value=quick]"].check(force=True)
+        phone["#begin-upload"].click()
+        phone["[data-state=training] .open:not([hidden])"].wait_for(timeout=PATIENCE)
+        assert is_within(phone)
+        # The phone watches, the other window waits.
+        phone["[data-state=training] .open"].click()
+        phone["#stage"].wait_for(timeout=PATIENCE)
+        assert phone["#title"].text_content() == HARM
+        phone["#stage"].filter(has_text="finished").wait_for(timeout=PATIENCE)
+        phone["#stats"].filter(has_text="splats").wait_for(timeout=PATIENCE)
+        computer["[data-state=trained]"].wait_for(timeout=PATIENCE)
+        assert "splats" in (computer[".state"].text_content() or "")
+        for visit in (phone, computer):
+            visit.page.goto(url)
+            visit[".open"].wait_for(timeout=PATIENCE)
+            assert visit[".capture bdi"].text_content() == HARM
+            assert visit.page.title() == "PocketGS"
+            assert visit.page.locator(".picture img").evaluate("image => image.decode().then(() => image.naturalWidth)")
+        phone[".more"].click()
+        with phone.page.expect_download() as saved:
+            phone["[data-suffix='.ply']"].click()
+        assert len(read_scene(Path(saved.value.path()).rename(tmp_path / "saved.ply"))) > 100
+        phone[".open"].click()
+        phone["#stats:not(:empty)"].wait_for(state="attached", timeout=PATIENCE)
+        phone.page.go_back()
+        assert phone.complaints == computer.complaints == []
+
+
+@pytest.mark.usefixtures("untrained")
+def test_what_a_page_can_do(browser: Browser, serve: Callable[..., Phone], photographs: dict[str, bytes]) -> None:
+    """Upload, rename, delete, undo and restore; with harmful titles and names of files."""
+    url = serve().url
+    with visiting(browser, url, *PHONE) as phone:
+        choose(phone, "[data-kind=photographs]", {"a.txt": b"hello"})
+        assert phone["#begin-problem"].text_content() == "a.txt is no photograph, video or zip file."
+        assert phone["#begin-upload"].is_disabled()
+        phone["#begin [data-close]"].click()
+        choose(phone, "[data-kind=photographs]", photographs)
+        phone["#begin-upload"].click()
+        phone["[data-state=queued]"].wait_for(timeout=PATIENCE)
+        for title in (HARM, "x" * 100):
+            phone[".more"].click()
+            phone["[data-action=rename]"].click()
+            phone["#rename-name"].fill(title)
+            phone["#rename .main"].click()
+            phone[".capture bdi"].filter(has_text=title).wait_for()
+            assert is_within(phone)
+        phone[".more"].click()
+        phone["[data-action=delete]"].click()
+        phone["#toast"].wait_for()
+        phone[".capture"].wait_for(state="detached")
+        phone["#undo"].click()
+        phone[".capture"].wait_for()
+        phone[".more"].click()
+        phone["[data-action=delete]"].click()
+        phone["#trash summary"].click()
+        phone["#trash li button"].click()
+        phone["[data-state=queued]"].wait_for()
+        choose(phone, "[data-kind=video]", {f"{HARM[:-4]}.mov": b"no video"})
+        phone["#begin-upload"].click()
+        phone["[data-state=unusable] .message"].filter(has_text="cannot be opened as a video").wait_for(
+            timeout=PATIENCE
+        )
+        assert phone.page.locator(".capture img").count() == 2, "no markup came from a title"
+        assert phone.page.title() == "PocketGS"
+        assert [each for each in phone.complaints if "404" not in each] == []
+
+
+@pytest.mark.usefixtures("untrained")
+def test_an_upload_that_is_interrupted(
+    browser: Browser, serve: Callable[..., Phone], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The network fails, and it goes on by itself; the page is closed, and it goes on with the same file."""
+    monkeypatch.setattr(shown, "SECONDS_ACTIVE", 1.0)
+    content = bytes(range(251)) * 12_000
+    server = serve()
+    with visiting(browser, server.url, *PHONE) as phone:
+        asked = 0
+
+        def interrupt(route: Route) -> None:
+            nonlocal asked
+            asked += 1
+            route.continue_() if asked == 2 else route.abort()
+
+        phone.page.route("**/files/**", interrupt)
+        choose(phone, "[data-kind=video]", {"walk.mov": content})
+        phone["#begin-upload"].click()
+        phone[".state"].filter(has_text="69").wait_for(timeout=PATIENCE)
+    [told] = server.shelf["captures"]
+    assert (told["state"], told["received"]) == ("uploading", 1 << 21)
+    with visiting(browser, server.url, *PHONE, script=NO_GPU) as phone:
+        phone["[data-action=continue]"].wait_for(timeout=PATIENCE)
+        choose(phone, "[data-action=continue]", {"other.mov": content})
+        phone["#toast span"].filter(has_text="other files").wait_for()
+        choose(phone, "[data-action=continue]", {"walk.mov": bytes(len(content))})
+        phone["#toast span"].filter(has_text="its beginning differs").wait_for()
+        choose(phone, "[data-action=continue]", {"walk.mov": content})
+        phone["[data-state=unusable]"].wait_for(timeout=PATIENCE)
+    path = next((tmp_path / "shelf" / "captures").glob("*/upload/0001.mov"))
+    assert path.read_bytes() == content

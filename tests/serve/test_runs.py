@@ -1,0 +1,146 @@
+"""Real runs: one at a time, stopped and kept, failed, and gone on with by the next server."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import psutil
+import pytest
+
+from pocketgs.serve.entry import Entry, Process, UploadedFile, read_entry
+from pocketgs.serve.server import ServeOptions, serving_folder
+from pocketgs.serve.shelf import Shelf, new_id
+from serve.client import Phone
+from serve.conftest import MINIMAL
+from viewer.client import fetch, following
+
+ENDLESS = (*MINIMAL, "--iterations", "1000000")
+FLAGS = {"quick": (*MINIMAL, "--iterations", "20"), "best": ENDLESS, "broken": ("--images", "none")}
+
+
+def is_training(capture: dict) -> bool:
+    return bool(capture["state"] == "training" and capture["progress"]["iteration"])
+
+
+async def watch(url: str) -> None:
+    """Follow a run until a scene has come."""
+    async with following(url) as page:
+        while not page.scenes:
+            assert await page.read()
+        about, encoded = page.scenes[-1]
+        assert (about["format"], about["bytes"]) == ("spz", len(encoded))
+
+
+def test_one_after_the_other(folder: Path, zipped: bytes) -> None:
+    """A run that fails, and one that the server is ended in, do not keep others from being trained."""
+    with serving_folder(folder, ServeOptions(FLAGS, "quick")) as (page, _):
+        phone = Phone(page.url)
+        failing = phone.upload({"toys.zip": zipped}, title="fails", effort="broken")
+        phone.until(failing, "training")
+        long = phone.upload({"toys.zip": zipped}, title="long", effort="best")
+        told = phone.until(failing, "failed")
+        assert "none" in told["message"]
+        assert str(folder) not in told["message"]
+        phone.until(long, is_training)
+        viewer = fetch(phone.url, f"captures/{long}/view/viewer.json").json
+        assert (viewer["title"], viewer["live"], len(viewer["cameras"])) == ("long", True, 8)
+        assert fetch(phone.url, f"captures/{long}/view/photos/0.jpg").status == 200
+        live = f"captures/{long}/view/live"
+        assert fetch(phone.url, live, headers={"Origin": "https://evil.example"}).status == 403
+        asyncio.run(asyncio.wait_for(watch(f"{phone.url}captures/{long}/view/"), 60))
+        process = read_entry(folder / "captures" / long / "about.json").process
+        assert process
+        assert psutil.pid_exists(process.number)
+    # It was ended as Ctrl-C does: what was trained is kept, and the run is queued.
+    assert not psutil.pid_exists(process.number)
+    record = folder / "captures" / long / "result" / "run.json"
+    done = json.loads(record.read_text())["iterations"]
+    assert done > 0
+    entry = Shelf(folder).entries[long]
+    assert (entry.state, entry.process) == ("queued", None)
+    with serving_folder(folder, ServeOptions(FLAGS, "quick")):
+        assert phone.until(long, is_training)["progress"]["iteration"] > done, "it goes on where it ended"
+        assert phone.tell(f"captures/{long}/stop").status == 200
+        told = phone.until(long, "trained")
+        assert told["result"]["interrupted"]
+        assert told["result"]["can_go_on"]
+        assert told["result"]["iterations"] > done
+        scene = fetch(phone.url, f"captures/{long}/scene.ply").body
+        assert scene == (folder / "captures" / long / "result" / "scene.ply").read_bytes()
+
+
+def test_deleting_what_trains(folder: Path, zipped: bytes) -> None:
+    """The run ends at once; restored, the capture is queued again."""
+    with serving_folder(folder, ServeOptions(FLAGS, "quick")) as (page, _):
+        phone = Phone(page.url)
+        identity = phone.upload({"toys.zip": zipped}, effort="best")
+        about = folder / "captures" / identity / "about.json"
+        phone.until(identity, lambda _: read_entry(about).process is not None)
+        process = read_entry(about).process
+        assert process
+        assert phone.tell(f"captures/{identity}/delete").status == 200
+        assert not psutil.pid_exists(process.number)
+        assert phone.shelf["captures"] == []
+        phone.tell(f"captures/{identity}/restore")
+        phone.until(identity, "training")
+        phone.tell(f"captures/{identity}/stop")
+        assert phone.until(identity, "stopped")["result"] is None
+        # A run that is killed, for lack of memory for example, has failed.
+        phone.tell(f"captures/{identity}/train", {"effort": "best"})
+        phone.until(identity, lambda _: read_entry(about).process is not None)
+        killed = read_entry(about).process
+        assert killed
+        psutil.Process(killed.number).kill()
+        told = phone.until(identity, "failed")
+        assert told["message"].startswith("training ended with status")
+        assert fetch(phone.url, "shelf.json").status == 200
+
+
+@pytest.mark.usefixtures("untrained")
+def test_what_a_killed_server_leaves(folder: Path, serve: Callable[..., Phone]) -> None:
+    """Its run goes on without it: the next server ends that, and queues the capture. Other processes are spared."""
+    with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"]) as run:
+        shelf, started = Shelf(folder), psutil.Process(run.pid).create_time()
+        files = (UploadedFile("a.mov", "0001.mov", 5),)
+        left = Entry(new_id(), "left", "video", files, "quick", 1.0, "training", process=Process(run.pid, started))
+        other = replace(left, id=new_id(), title="other", process=Process(os.getpid(), 1.0))
+        ended = replace(left, id=new_id(), title="ended", process=Process(2**22 + 1, 1.0))
+        for entry in (left, other, ended):
+            shelf.add(entry)
+        phone = serve()
+        assert {each["title"]: each["state"] for each in phone.shelf["captures"]} == dict.fromkeys(
+            ("left", "other", "ended"), "queued"
+        )
+        assert run.wait(10) != 0
+
+
+@pytest.mark.usefixtures("untrained")
+def test_a_check_that_was_cut_off(folder: Path, serve: Callable[..., Phone], zipped: bytes) -> None:
+    shelf = Shelf(folder)
+    files = (UploadedFile("a.zip", "0001.zip", len(zipped)),)
+    entry = Entry(new_id(), "toys", "archive", files, "quick", 1.0, "checking")
+    shelf.add(entry)
+    place = shelf.place(entry)
+    (place / "upload" / "0001.zip").write_bytes(zipped)
+    (place / "unpacking" / "images").mkdir(parents=True)
+    serve().until(entry.id, "queued")
+    assert not (place / "unpacking").exists()
+    assert (place / "capture" / "toys" / "cloud.ply").is_file()
+
+
+@pytest.mark.usefixtures("untrained")
+def test_deleting_what_is_checked(serve: Callable[..., Phone], photographs: dict[str, bytes]) -> None:
+    """The check looks for files that are gone: what it says of them does not count."""
+    phone = serve()
+    identity = phone.upload(photographs)
+    for _ in range(3):
+        assert phone.tell(f"captures/{identity}/delete").status == 200
+        assert phone.tell(f"captures/{identity}/restore").status == 200
+    assert phone.until(identity, lambda capture: capture["state"] != "checking")["state"] == "queued"
