@@ -42,8 +42,8 @@ from pocketgs.splat.cpu.lenses.lens import kernel_lens
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.timing import NoTimer, PassTimer
 from pocketgs.system.process import peak_rss_mb
-from pocketgs.training.loop import train
 from pocketgs.training.recipes import recipe_named
+from pocketgs.training.train import train
 
 SIZES = ((10_000, 504, 378), (50_000, 504, 378), (50_000, 1008, 756), (170_000, 504, 378), (170_000, 1008, 756))
 PASSES = ("cull", "project", "sort", "bin", "rasterize", "loss", "rasterize backward", "project backward", "Adam")

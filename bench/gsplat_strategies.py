@@ -27,12 +27,12 @@ from pocketgs.scene.morton import morton_order
 from pocketgs.splat.engine import create_engine
 from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.torch import install_as_gsplat
-from pocketgs.training.loop import train
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.preparation import prepare
 from pocketgs.training.recipes import Recipe, camera_extent, recipe_named
 from pocketgs.training.seeding import SEEDINGS
+from pocketgs.training.train import train
 from pocketgs.training.validation import render_frame
 
 UNBOUNDED = 10_000_000

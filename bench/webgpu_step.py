@@ -30,10 +30,10 @@ from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Accumulation, EngineOptions, Precision, Replay
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.engine import WebGpuEngine
-from pocketgs.training.loop import train
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.preparation import prepare
 from pocketgs.training.recipes import recipe_named
+from pocketgs.training.train import train
 from webgpu_roofline import measure_roofline
 from webgpu_tables import (
     CHOICES,

@@ -22,14 +22,14 @@ from pocketgs.capture.capture import Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.gpu.adapters import choose_adapter
 from pocketgs.gpu.device import shared_device
-from pocketgs.prior.consistency import Views
-from pocketgs.prior.cpu.matching_cost import matching_costs
-from pocketgs.prior.cpu.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners
-from pocketgs.prior.cpu.stereo import CpuStereo, as_source_views, grey_levels, smoothed
-from pocketgs.prior.depth_range import DepthRange
-from pocketgs.prior.fuse import views_of
-from pocketgs.prior.sweep import DepthMap, SweepSettings, step_of
-from pocketgs.prior.webgpu.stereo import WebGpuStereo
+from pocketgs.prior.cloud.fuse import views_of
+from pocketgs.prior.depth.consistency import Views
+from pocketgs.prior.depth.cpu.matching_cost import matching_costs
+from pocketgs.prior.depth.cpu.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners
+from pocketgs.prior.depth.cpu.stereo import CpuStereo, as_source_views, grey_levels, smoothed
+from pocketgs.prior.depth.depth_range import DepthRange
+from pocketgs.prior.depth.sweep import DepthMap, SweepSettings, step_of
+from pocketgs.prior.depth.webgpu.stereo import WebGpuStereo
 from webgpu_roofline import measure_roofline
 
 TOLERANCE = 0.005

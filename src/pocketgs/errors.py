@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import re
 
+USER_ERROR = 2
+"""Exit status of a command that ended with such an error."""
+
 
 class PocketGSError(Exception):
     """An error that the user can fix. The message names the file, what was found and what was expected.
 
-    The command line prints the message as one line and exits with status 2.
+    The command line prints the message as one line and exits with status `USER_ERROR`.
 
     Args:
         message: cut in its longest part where it is far longer than a line, since it may quote files or other programs.

@@ -66,6 +66,18 @@ def test_selective_adam_moves_only_what_was_seen() -> None:
         optimiser.step(seen[:999])
 
 
+def test_selective_adam_updates_columns_of_a_larger_tensor() -> None:
+    whole = torch.rand(50, 16, 3)
+    sliced, apart = (torch.nn.Parameter(values) for values in (whole[:, :1], whole[:, :1].clone()))
+    assert not sliced.is_contiguous()
+    for values in (sliced, apart):
+        optimiser = SelectiveAdam([values], eps=1e-8, betas=(0.9, 0.999))
+        for _ in range(2):
+            values.grad = torch.linspace(-1, 1, 150).reshape(50, 1, 3)
+            optimiser.step(torch.arange(50) % 2 == 0)
+    assert torch.equal(sliced, apart)
+
+
 def test_relocation_follows_the_papers_equation() -> None:
     most = 51
     binoms = torch.tensor([[float(math.comb(n, k)) for k in range(most)] for n in range(most)])

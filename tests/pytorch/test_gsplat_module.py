@@ -8,10 +8,12 @@ import textwrap
 
 import pytest
 
+from pocketgs.gpu.adapters import Adapter
+
 PREPARE = """
 import torch
 import pocketgs.torch
-pocketgs.torch.install_as_gsplat({version!r})
+pocketgs.torch.install_as_gsplat({version!r}, cuda_means_cpu={cuda_means_cpu})
 """
 
 TRAIN = """
@@ -65,8 +67,9 @@ state, more = strategy.initialize_state(), {"lr": 1e-5}
 """
 
 
-def run(script: str, version: str | None = None) -> str:
-    command = [sys.executable, "-c", PREPARE.format(version=version) + textwrap.dedent(script)]
+def run(script: str, version: str | None = None, cuda_means_cpu: bool = False) -> str:
+    prepare = PREPARE.format(version=version, cuda_means_cpu=cuda_means_cpu)
+    command = [sys.executable, "-c", prepare + textwrap.dedent(script)]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "resolves to PocketGS" in done.stderr
@@ -76,6 +79,11 @@ def run(script: str, version: str | None = None) -> str:
 @pytest.mark.parametrize(("packed", "absgrad"), [(False, False), (True, True)])
 def test_default_strategy_multiplies_gaussians(packed: bool, absgrad: bool) -> None:
     assert int(run(DEFAULT.format(packed=packed, absgrad=absgrad) + TRAIN)) > 400
+
+
+def test_default_strategy_multiplies_gaussians_on_a_gpu(adapter: Adapter) -> None:
+    engine = f"pocketgs.torch.set_engine('webgpu', {adapter.name!r})\n"
+    assert int(run(engine + DEFAULT.format(packed=True, absgrad=True) + TRAIN)) > 400
 
 
 def test_mcmc_strategy_grows_to_its_bound() -> None:
@@ -112,3 +120,31 @@ def test_what_needs_cuda_can_be_imported_and_says_so_when_called() -> None:
         raise AssertionError
     assert not hasattr(gsplat, "anything_else")
     """)
+
+
+def test_scripts_that_name_cuda_run_on_the_cpu() -> None:
+    script = """
+    import io
+    from fused_ssim import fused_ssim
+    from gsplat.distributed import cli
+
+    def main(local_rank, world_rank, world_size, arguments):
+        device = f"cuda:{local_rank}"
+        layers = torch.nn.ParameterDict({"one": torch.nn.Parameter(torch.ones(2))}).to(device).cuda()
+        made = [torch.rand(1, device=device), torch.zeros(2, device=torch.device("cuda")), torch.ones(1).cuda()]
+        assert all(tensor.device.type == "cpu" for tensor in (*made, layers["one"], made[0].to("cuda:0")))
+        saved = io.BytesIO()
+        torch.save(made, saved)
+        saved.seek(0)
+        assert torch.load(saved, map_location=device, weights_only=True)[0].device.type == "cpu"
+        torch.cuda.synchronize()
+        assert not torch.cuda.is_available() and (world_rank, world_size, arguments) == (0, 1, "given")
+
+    assert cli(main, "given")
+    """
+    run(script, cuda_means_cpu=True)
+    failed = subprocess.run(
+        [sys.executable, "-c", PREPARE.format(version=None, cuda_means_cpu=False) + "torch.ones(1).to('cuda')"],
+        capture_output=True,
+    )
+    assert failed.returncode != 0

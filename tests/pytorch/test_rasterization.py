@@ -126,10 +126,11 @@ def test_colours_of_each_camera(make_scene: Callable[..., Any]) -> None:
         torch.testing.assert_close(image[1], 2.0 * shared[1])
 
 
-def test_sparse_gradients_are_the_dense_ones(make_scene: Callable[..., Any]) -> None:
+@pytest.mark.parametrize("camera_model", ["pinhole", "fisheye"])
+def test_sparse_gradients_are_the_dense_ones(make_scene: Callable[..., Any], camera_model: str) -> None:
     dense, sparse = make_scene(cameras=2), make_scene(cameras=2)
-    rasterization(**dense, **SIZE)[0].sum().backward()
-    rasterization(**sparse, **SIZE, packed=True, sparse_grad=True)[0].sum().backward()
+    rasterization(**dense, **SIZE, camera_model=camera_model)[0].sum().backward()
+    rasterization(**sparse, **SIZE, packed=True, sparse_grad=True, camera_model=camera_model)[0].sum().backward()
     for name in ("means", "quats", "scales"):
         assert sparse[name].grad.is_sparse
         torch.testing.assert_close(sparse[name].grad.to_dense(), dense[name].grad)

@@ -10,7 +10,8 @@ import pytest
 import torch
 
 import pocketgs
-from pocketgs.torch import rasterization
+from pocketgs.gpu.adapters import Adapter
+from pocketgs.torch import rasterization, set_engine
 from pytorch import gsplat_reference
 
 SIDE = 6
@@ -35,7 +36,7 @@ def tensors_of(scene: pocketgs.Gaussians, camera: pocketgs.Camera, dtype: torch.
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "reading"), [("fern", {"images": "images_8"}), ("lego", {"downscale": 4})])
-def test_a_trained_scene(data_folder: Path, name: str, reading: dict[str, Any]) -> None:
+def test_a_trained_scene(data_folder: Path, adapter: Adapter, name: str, reading: dict[str, Any]) -> None:
     capture = pocketgs.open_capture(data_folder / name, **reading)
     capture = replace(capture, train=capture.train[:: max(len(capture.train) // 16, 1)])
     small = {"iterations": 60, "max_gaussians": 6000, "max_keyframes": 6, "bundle": False}
@@ -57,3 +58,21 @@ def test_a_trained_scene(data_folder: Path, name: str, reading: dict[str, Any]) 
     for each in TRAINED:
         gradient, right = ours[each].grad, theirs[each].grad
         assert (gradient - right).norm() < 1e-3 * right.norm(), each
+    compare_with_gpu(ours, {**size, "sh_degree": degree}, image, adapter)
+
+
+def compare_with_gpu(scene: dict[str, Any], options: dict[str, Any], image: torch.Tensor, adapter: Adapter) -> None:
+    on_cpu = {each: scene[each].grad.clone() for each in TRAINED}
+    for each in TRAINED:
+        scene[each].grad = None
+    set_engine("webgpu", adapter.name)
+    try:
+        found, _, _ = rasterization(**scene, **options)
+        found.square().sum().backward()
+    finally:
+        set_engine("cpu")
+    difference = (found - image).abs().flatten()
+    assert difference.quantile(0.999) < 1e-4
+    assert difference.max() < 1 / 255
+    for each in TRAINED:
+        assert (scene[each].grad - on_cpu[each]).norm() < 1e-3 * on_cpu[each].norm(), each

@@ -215,7 +215,7 @@ def test_lists_that_outgrow_their_room(
 ) -> None:
     gaussians = make_gaussians(count=200, size=0.4)
     expected = shared("webgpu").forward(gaussians, camera, ("rgb", "contributions"))
-    monkeypatch.setattr("pocketgs.splat.webgpu.rasterizer.MIN_INTERSECTIONS", 16)
+    monkeypatch.setattr("pocketgs.splat.webgpu.image_lists.MIN_INTERSECTIONS", 16)
     found = Rasterizer("webgpu").forward(gaussians, camera, ("rgb", "contributions"))
     np.testing.assert_array_equal(found.rgb, expected.rgb)
     np.testing.assert_array_equal(found.contributions.summed, expected.contributions.summed)

@@ -54,6 +54,11 @@ class Sequence:
     passes: tuple[Pass, ...]
 
 
+def shader_names(sequences: Iterable[Sequence]) -> list[str]:
+    """Names of the shaders that some sequences run, each once, in the order of their first use."""
+    return list(dict.fromkeys(one.shader for sequence in sequences for one in sequence.passes))
+
+
 @dataclass(frozen=True)
 class Description:
     """Everything that a WebGPU host needs to run some sequences of passes.
@@ -85,7 +90,7 @@ class Description:
             name: replace(one, passes=tuple(each for each in one.passes if each.name not in never))
             for name, one in ((name, self.sequences[name]) for name in sequences)
         }
-        run = {each.shader for one in kept.values() for each in one.passes}
+        run = set(shader_names(kept.values()))
         shaders = {name: shader for name, shader in self.shaders.items() if name in run}
         smaller = replace(self, sequences=kept, shaders=shaders)
         buffers = set(smaller.buffers_of(kept))

@@ -16,6 +16,9 @@ import { pack } from "./uniforms.js";
 /** Maximum number of workgroups in one dimension of a dispatch. */
 const MAX_ROW_LENGTH = 65_535;
 
+/** Number of recorded sequences to keep: one per image size and amount of data. */
+const MAX_RECORDED = 64;
+
 const LAYOUT_TYPES = { uniform: "uniform", read: "read-only-storage", read_write: "storage" };
 
 /** Holds a description's pipelines and buffers on a device. */
@@ -46,14 +49,17 @@ export class Executor {
     }
 
     /**
-     * Compile all pipelines without blocking the page, unlike `submit`, which compiles what is missing. Only as many
+     * Compile pipelines without blocking the page, unlike `submit`, which compiles what is missing. Only as many
      * compile at a time as leave the page a processor, since the browser shows nothing new while all processors
      * compile.
      *
+     * @param {Symbols | null} symbols numbers that decide which passes run; null to compile all
      * @throws {GPUPipelineError} the browser rejects a shader
      */
-    async prepare() {
-        const passes = Object.values(this.description.sequences).flatMap((sequence) => sequence.passes);
+    async prepare(symbols = null) {
+        const passes = Object.values(this.description.sequences)
+            .flatMap((sequence) => sequence.passes)
+            .filter(({ when }) => !symbols || evaluate(when, symbols));
         const wanted = [...new Map(passes.map((pass) => [pipelineKey(pass), pass]))];
         const compileOneByOne = async () => {
             while (wanted.length) {
@@ -72,6 +78,23 @@ export class Executor {
      * @throws {Error} a buffer is larger than the device allows, or the GPU's memory is full
      */
     async reserve(sizes) {
+        this.check(sizes);
+        this.#device.pushErrorScope("out-of-memory");
+        const grown = Object.entries(sizes).filter(([name, size]) => this.#grow(name, size));
+        if (await this.#device.popErrorScope()) {
+            // Any of them may be invalid, though it states the size that was asked for.
+            grown.forEach(([name]) => this.#forget(name));
+            throw new Error("the GPU's memory is full: expected a smaller scene or smaller images");
+        }
+    }
+
+    /**
+     * Check that the device allows buffers of these sizes.
+     *
+     * @param {Object<string, number>} sizes bytes, from `Description.sizes`
+     * @throws {Error} it does not
+     */
+    check(sizes) {
         for (const [name, size] of Object.entries(sizes)) {
             if (size > this.largestBuffer) {
                 throw new Error(
@@ -80,11 +103,12 @@ export class Executor {
                 );
             }
         }
-        this.#device.pushErrorScope("out-of-memory");
-        Object.entries(sizes).forEach(([name, size]) => this.#grow(name, size));
-        if (await this.#device.popErrorScope()) {
-            throw new Error("the GPU's memory is full: expected a smaller scene or smaller images");
-        }
+    }
+
+    /** Bytes of all buffers of the description. */
+    get bytes() {
+        const names = Object.keys(this.description.buffers);
+        return names.reduce((sum, name) => sum + (this.#buffers.get(name)?.size ?? 0), 0);
     }
 
     /**
@@ -95,6 +119,11 @@ export class Executor {
      */
     buffer(name) {
         return this.#buffers.get(name);
+    }
+
+    /** Free the memory of all buffers of the description; `reserve` makes new ones. */
+    free() {
+        Object.keys(this.description.buffers).forEach((name) => this.#forget(name));
     }
 
     /** Free the GPU's memory; the executor cannot be used afterwards. */
@@ -152,15 +181,43 @@ export class Executor {
      * @param {Symbols} symbols from `Description.symbols`
      */
     submit(name, symbols) {
-        const sequence = this.description.sequences[name];
-        const key = JSON.stringify([name, symbols]);
-        if (!this.#recordings.has(key)) {
-            this.#recordings.set(key, this.#record(sequence, symbols));
+        this.#submit(name, this.description.sequences[name].cleared, this.#recorded(name, symbols));
+    }
+
+    /**
+     * Run a sequence pass by pass, each in a submission of its own, so that none takes long and others get their turns
+     * on the GPU.
+     *
+     * @param {string} name
+     * @param {Symbols} symbols from `Description.symbols`
+     * @param {number} waits how often to wait until all is done that was submitted, the end included
+     * @param {() => boolean} isWanted asked each time
+     * @returns {Promise<boolean>} whether it ran to its end: it ends early once it is not wanted any more
+     */
+    async submitByPass(name, symbols, waits, isWanted) {
+        const passes = this.#recorded(name, symbols);
+        const atOnce = Math.ceil(passes.length / waits);
+        this.#submit(name, this.description.sequences[name].cleared, []);
+        for (let first = 0; first < passes.length; first += atOnce) {
+            passes.slice(first, first + atOnce).forEach((pass) => this.#submit(name, [], [pass]));
+            await this.finished();
+            if (!isWanted()) {
+                return false;
+            }
         }
-        const encoder = this.#device.createCommandEncoder({ label: name });
-        sequence.cleared.forEach((cleared) => encoder.clearBuffer(this.#buffers.get(cleared)));
+        return true;
+    }
+
+    /** Wait until all submitted work is done. */
+    finished() {
+        return this.#device.queue.onSubmittedWorkDone();
+    }
+
+    #submit(label, cleared, passes) {
+        const encoder = this.#device.createCommandEncoder({ label });
+        cleared.forEach((name) => encoder.clearBuffer(this.#buffers.get(name)));
         const compute = encoder.beginComputePass();
-        for (const { pipeline, bindGroup, dispatch } of this.#recordings.get(key)) {
+        for (const { pipeline, bindGroup, dispatch } of passes) {
             compute.setPipeline(pipeline);
             compute.setBindGroup(0, bindGroup);
             dispatch(compute);
@@ -169,19 +226,33 @@ export class Executor {
         this.#device.queue.submit([encoder.finish()]);
     }
 
+    /** Returns whether a new buffer took the place of one that was too small. */
     #grow(label, size) {
-        const present = this.#buffers.get(label);
-        if (present?.size >= size) {
-            return;
+        if (this.#buffers.get(label)?.size >= size) {
+            return false;
         }
-        present?.destroy();
+        this.#forget(label);
         const { STORAGE, COPY_DST, COPY_SRC, INDIRECT } = GPUBufferUsage;
         const usage = STORAGE | COPY_DST | COPY_SRC | INDIRECT;
         this.#buffers.set(label, this.#device.createBuffer({ label, size, usage }));
+        return true;
+    }
+
+    #forget(label) {
+        this.#buffers.get(label)?.destroy();
+        this.#buffers.delete(label);
         this.#recordings.clear();
     }
 
-    /** Resolve names and sizes, cached per size. */
+    /** A sequence with all names and sizes resolved, cached per size. */
+    #recorded(name, symbols) {
+        const key = JSON.stringify([name, symbols]);
+        if (this.#recordings.size >= MAX_RECORDED && !this.#recordings.has(key)) {
+            this.#recordings.clear();
+        }
+        return kept(this.#recordings, key, () => this.#record(this.description.sequences[name], symbols));
+    }
+
     #record(sequence, symbols) {
         return sequence.passes
             .filter((pass) => evaluate(pass.when, symbols) && (pass.indirect || evaluate(pass.groups, symbols)))

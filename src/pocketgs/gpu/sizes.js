@@ -73,7 +73,8 @@ export function evaluate(expression, symbols) {
         if (Object.hasOwn(symbols, token)) {
             return symbols[token];
         }
-        throw new Error(`${expression}: found ${token}, expected a number or one of ${Object.keys(symbols).join(", ")}`);
+        const names = Object.keys(symbols).join(", ");
+        throw new Error(`${expression}: found ${token}, expected a number or one of ${names}`);
     }
 
     function call(operation) {
@@ -100,7 +101,8 @@ function tokensOf(expression) {
         const start = TOKEN.lastIndex;
         const match = TOKEN.exec(text);
         if (!match) {
-            throw new Error(`${expression}: found ${text.slice(start).trim()}, expected a number, a name or an operator`);
+            const found = text.slice(start).trim();
+            throw new Error(`${expression}: found ${found}, expected a number, a name or an operator`);
         }
         tokens.push(match[1]);
     }

@@ -24,3 +24,6 @@ class Limits(NamedTuple):
 
 TRAINING = Limits(np.float32(ALPHA_MAX), False)
 """The limits of training, and of rendering its scenes."""
+
+GSPLAT = Limits(np.float32(0.999), True)
+"""The limits of gsplat."""

@@ -17,6 +17,7 @@ except ModuleNotFoundError as error:
 
 from pocketgs.torch.clusters import ClusterCompactor, ClusterCuller
 from pocketgs.torch.covariance import proj, quat_scale_to_covar_preci, world_to_cam
+from pocketgs.torch.engine import set_engine
 from pocketgs.torch.gsplat_module import install_as_gsplat
 from pocketgs.torch.harmonics import spherical_harmonics
 from pocketgs.torch.intersections import isect_offset_encode, isect_tiles
@@ -27,6 +28,7 @@ from pocketgs.torch.projection import fully_fused_projection
 from pocketgs.torch.rasterize import TileRasterizer
 from pocketgs.torch.relocation import compute_relocation
 from pocketgs.torch.rendering import rasterization
+from pocketgs.torch.similarity import fused_ssim
 from pocketgs.torch.tiles import TileBinner
 
 __all__ = [
@@ -39,6 +41,7 @@ __all__ = [
     "TileRasterizer",
     "compute_relocation",
     "fully_fused_projection",
+    "fused_ssim",
     "install_as_gsplat",
     "isect_offset_encode",
     "isect_tiles",
@@ -46,6 +49,7 @@ __all__ = [
     "quat_scale_to_covar_preci",
     "rasterization",
     "rasterize_to_pixels",
+    "set_engine",
     "spherical_harmonics",
     "world_to_cam",
 ]

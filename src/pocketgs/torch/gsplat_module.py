@@ -15,8 +15,10 @@ from typing import Any
 import torch
 
 from pocketgs.torch import covariance, harmonics, intersections, pixels, projection, rendering
+from pocketgs.torch.devices import let_cuda_mean_cpu
 from pocketgs.torch.optimizers import SelectiveAdam
 from pocketgs.torch.relocation import compute_relocation
+from pocketgs.torch.similarity import fused_ssim
 from pocketgs.torch.unsupported import unsupported
 
 LOG = logging.getLogger("pocketgs.torch")
@@ -40,6 +42,10 @@ BLOCKS: dict[str, Callable[..., Any]] = {
 UNSUPPORTED = (
     "accumulate",
     "accumulate_2dgs",
+    "all_gather_int32",
+    "all_gather_tensor_list",
+    "all_to_all_int32",
+    "all_to_all_tensor_list",
     "fully_fused_projection_2dgs",
     "fully_fused_projection_with_ut",
     "rasterization_2dgs",
@@ -62,16 +68,21 @@ FROM_THE_WHEEL = {
 """Names that come from gsplat's own package: they are plain PyTorch, and run unchanged on our functions."""
 
 
-def install_as_gsplat(version: str | None = None, *, even_with_cuda: bool = False) -> ModuleType:
+def install_as_gsplat(
+    version: str | None = None, *, even_with_cuda: bool = False, cuda_means_cpu: bool = False
+) -> ModuleType:
     """Make `import gsplat` return PocketGS's functions, for the rest of this process.
 
     Strategies, compression and export come from gsplat's own package, if installed (`pip install gsplat` needs no
-    CUDA): they are plain PyTorch. If CUDA is available, gsplat is not replaced.
+    CUDA): they are plain PyTorch. If CUDA is available, nothing is replaced. `import fused_ssim`, which gsplat's
+    trainers use, returns ours unless that package is installed.
 
     Args:
         version: version of gsplat that callers expect; None for that of the installed package. Before 1.5,
             `meta["radii"]` has one number per Gaussian, the larger of the two.
         even_with_cuda: whether to replace gsplat even if CUDA is available.
+        cuda_means_cpu: whether PyTorch's functions take the device "cuda" for the CPU, in the calling thread, so that
+            scripts that name it run as they are. `torch.cuda.is_available()` remains false.
 
     Returns:
         The module returned by `import gsplat`.
@@ -85,7 +96,21 @@ def install_as_gsplat(version: str | None = None, *, even_with_cuda: bool = Fals
     version = version or _installed_version() or VERSION
     module = _make_module("gsplat", folders, version)
     LOG.warning("gsplat %s resolves to PocketGS: rasterization runs on the CPU", version)
+    if importlib.util.find_spec("fused_ssim") is None:
+        similarity = ModuleType("fused_ssim", __doc__)
+        vars(similarity)["fused_ssim"] = fused_ssim
+        sys.modules["fused_ssim"] = similarity
+        LOG.warning("fused_ssim, which is not installed, resolves to PocketGS too")
+    if cuda_means_cpu:
+        let_cuda_mean_cpu()
+        LOG.warning('the device "cuda" means the CPU')
     return module
+
+
+def run_alone(function: Callable[..., Any], arguments: Any, verbose: bool = False) -> bool:
+    """Call a trainer's function as the only process of the only machine: gsplat's `distributed.cli` needs CUDA."""
+    function(0, 0, 1, arguments)
+    return True
 
 
 def _make_module(name: str, folders: list[str], version: str) -> ModuleType:
@@ -96,6 +121,7 @@ def _make_module(name: str, folders: list[str], version: str) -> ModuleType:
     parts: dict[str, dict[str, Any]] = {
         "": {**BLOCKS, **stubs, **shutters, "rasterization": rasterization, "SelectiveAdam": SelectiveAdam},
         "rendering": {**BLOCKS, **stubs, **shutters, "rasterization": rasterization},
+        "distributed": {**stubs, "cli": run_alone},
         "relocation": {"compute_relocation": compute_relocation},
         "optimizers": {"SelectiveAdam": SelectiveAdam},
         "optimizers.selective_adam": {"SelectiveAdam": SelectiveAdam},

@@ -35,7 +35,7 @@ class SelectiveAdam(torch.optim.Adam):
             visibility: (N,) bool, visible rows.
 
         Raises:
-            PocketGSError: a group contains several tensors, or one that is not float32 and contiguous with N rows.
+            PocketGSError: a group contains several tensors, or one that is not float32 with N rows.
         """
         seen = array_of(visibility.bool().flatten())
         for group in self.param_groups:
@@ -44,16 +44,18 @@ class SelectiveAdam(torch.optim.Adam):
             values = group["params"][0]
             if values.grad is None:
                 continue
-            if values.dtype != torch.float32 or not values.is_contiguous() or len(values) != len(seen):
+            if values.dtype != torch.float32 or len(values) != len(seen):
                 found = f"{values.dtype} {tuple(values.shape)}"
-                raise PocketGSError(f"SelectiveAdam: found {found}, expected contiguous float32 with {len(seen)} rows")
+                raise PocketGSError(f"SelectiveAdam: found {found}, expected float32 with {len(seen)} rows")
             state = self.state[values]
             if not state:
                 state["step"] = torch.tensor(0.0)
-                state["exp_avg"], state["exp_avg_sq"] = torch.zeros_like(values), torch.zeros_like(values)
+                for name in ("exp_avg", "exp_avg_sq"):
+                    state[name] = torch.zeros_like(values, memory_format=torch.contiguous_format)
             columns = values.numel() // max(len(values), 1)
+            updated = values.detach().contiguous()
             adam_of_rows(
-                flat(values, columns),
+                flat(updated, columns),
                 flat(values.grad, columns),
                 flat(state["exp_avg"], columns),
                 flat(state["exp_avg_sq"], columns),
@@ -64,3 +66,6 @@ class SelectiveAdam(torch.optim.Adam):
                 group["eps"],
                 torch_threads(),
             )
+            if not values.is_contiguous():
+                # Columns of a larger tensor, as trainers slice harmonics.
+                values.copy_(updated)

@@ -11,10 +11,17 @@ import torch
 from torch import Tensor
 
 from pocketgs.splat.cpu.layout import View
-from pocketgs.splat.cpu.lenses.lens import Pinhole
+from pocketgs.splat.cpu.lenses.lens import Fisheye, KernelLens, Orthographic, Pinhole
 from pocketgs.splat.cpu.operators.projection import MATRIX, project_ewa, project_ewa_backward
 from pocketgs.system.dealing import PIECE
 from pocketgs.torch.arrays import array_of, torch_threads, zeros
+
+LENSES: dict[str, KernelLens] = {
+    "pinhole": Pinhole(),
+    "ortho": Orthographic(),
+    "fisheye": Fisheye(0.0, 0.0, 0.0, 0.0, -1.0),
+}
+"""The kernels' lenses by gsplat's camera models. Its fisheye is equidistant."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +36,7 @@ class Projection:
         compensated: whether the opacities will be multiplied by the compensations.
         packed: whether the result has rows only for visible Gaussians.
         sparse_grad: whether the gradients of Gaussians are sparse tensors, with rows for visible ones.
+        camera_model: a key of LENSES.
     """
 
     width: int
@@ -40,6 +48,7 @@ class Projection:
     compensated: bool = False
     packed: bool = False
     sparse_grad: bool = False
+    camera_model: str = "pinhole"
 
 
 class Splats(NamedTuple):
@@ -86,7 +95,7 @@ class Project2D(torch.autograd.Function):
         """Project every Gaussian into every camera of its batch."""
         threads = torch_threads()
         cameras, count = viewmats.shape[-3], means.shape[-2]
-        views = _views(viewmats, Ks, projection)
+        views, lens = _views(viewmats, Ks, projection), LENSES[projection.camera_model]
         places, turns, sizes = (array_of(each).reshape(-1, count, each.shape[-1]) for each in (means, quats, scales))
         opaque = array_of(opacities).reshape(len(places), -1)
         shape = (len(views), count)
@@ -101,7 +110,7 @@ class Project2D(torch.autograd.Function):
                 sizes[batch],
                 opaque[batch],
                 view,
-                Pinhole(),
+                lens,
                 projection.eps2d,
                 projection.near_plane,
                 projection.far_plane,
@@ -151,7 +160,7 @@ class Project2D(torch.autograd.Function):
                 quats[batch],
                 scales[batch],
                 view,
-                Pinhole(),
+                LENSES[projection.camera_model],
                 projection.eps2d,
                 threads,
                 places,

@@ -78,12 +78,12 @@ def fully_fused_projection(
     if covars is None and (quats is None or scales is None):
         raise PocketGSError("fully_fused_projection: found neither covars nor both quats and scales")
     sizes = (eps2d, near_plane, far_plane, radius_clip, calc_compensations, packed, sparse_grad)
-    projection = Projection(width, height, *sizes)
+    projection = Projection(width, height, *sizes, camera_model)
     bounding = means.new_empty((*lead, 0)) if opacities is None else opacities
     if covars is None and quats is not None and scales is not None:
         check_shape("quats", quats, (*lead, count, 4))
         check_shape("scales", scales, (*lead, count, 3))
-        if camera_model == "pinhole" and dtype == torch.float32:
+        if dtype == torch.float32:
             splats = Splats(*Project2D.apply(means, quats, scales, bounding, viewmats, Ks, projection))
             return _as_returned(splats, projection, (*lead, cameras, count))
         matrices, _ = quat_scale_to_covar_preci(quats, scales, compute_preci=False)
@@ -93,8 +93,8 @@ def fully_fused_projection(
         matrices = from_upper_triangle(covars)
     assert matrices is not None
     if sparse_grad:
-        raise PocketGSError("sparse_grad: it takes float32 quats and scales, and a pinhole camera")
-    splats = _project(means, matrices, bounding, viewmats, Ks.to(dtype), projection, camera_model)
+        raise PocketGSError("sparse_grad: it takes float32 quats and scales")
+    splats = _project(means, matrices, bounding, viewmats, Ks.to(dtype), projection)
     return _as_returned(splats, projection, (*lead, cameras, count))
 
 
@@ -105,16 +105,15 @@ def _project(
     viewmats: Tensor,
     Ks: Tensor,
     projection: Projection,
-    camera_model: str,
 ) -> Splats:
-    """`Project2D` in plain PyTorch, for every camera model and for double precision."""
+    """`Project2D` in plain PyTorch, for given covariances and for double precision."""
     size = (projection.width, projection.height)
     local, turned = world_to_cam(means, covars, viewmats)
     depths = local[..., 2]
     in_range = (depths >= projection.near_plane) & (depths <= projection.far_plane)
     # Invisible Gaussians must not divide by a depth of 0, or their gradients become NaN.
     local = torch.where(in_range[..., None], local, local.new_tensor([0.0, 0.0, 1.0]))
-    centres, covariances = proj(local, turned, Ks, *size, camera_model)
+    centres, covariances = proj(local, turned, Ks, *size, projection.camera_model)
     xx, xy, yy = covariances[..., 0, 0], covariances[..., 0, 1], covariances[..., 1, 1]
     before = xx * yy - xy * xy
     xx, yy = xx + projection.eps2d, yy + projection.eps2d

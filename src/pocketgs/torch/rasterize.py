@@ -14,12 +14,9 @@ from pocketgs.splat.cpu.layout import COLOURS
 from pocketgs.splat.cpu.operators.splat_rows import gather_sums
 from pocketgs.splat.cpu.rasterize import rasterize
 from pocketgs.splat.cpu.rasterize_backward import rasterize_backward, sums_per_intersection
-from pocketgs.splat.limits import Limits
+from pocketgs.splat.limits import GSPLAT
 from pocketgs.torch.arrays import array_of, flat, torch_threads, zeros
 from pocketgs.torch.tiles import Tiles, splat_rows
-
-GSPLAT = Limits(np.float32(0.999), True)
-"""gsplat's limits of compositing."""
 
 _NO_PLANE = np.empty((0, 0), np.float32)
 _scratch = threading.local()

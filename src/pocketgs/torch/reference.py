@@ -11,10 +11,10 @@ import torch
 from torch import Tensor
 
 from pocketgs.geometry.camera import Camera
+from pocketgs.splat.limits import GSPLAT
 from pocketgs.splat.reference.project import Projection
 from pocketgs.splat.reference.rasterize import rasterize, rasterize_backward
 from pocketgs.torch.arrays import array_of
-from pocketgs.torch.rasterize import GSPLAT
 
 
 @dataclass(frozen=True)

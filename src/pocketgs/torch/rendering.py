@@ -13,6 +13,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.torch.arrays import check_shape, checked_dtype
 from pocketgs.torch.colours import drawn_colours
 from pocketgs.torch.covariance import upper_triangle
+from pocketgs.torch.engine import gpu_compositor
 from pocketgs.torch.intersections import isect_offset_encode, isect_tiles
 from pocketgs.torch.meta import Meta
 from pocketgs.torch.pixels import rasterize_to_pixels
@@ -246,9 +247,16 @@ def composited(
         lists = (width, height, meta["tile_size"], meta["isect_offsets"], meta["flatten_ids"])
         packed = rows.image_ids is not None
         return rasterize_to_pixels(*splats, *lists, backgrounds, packed=packed, absgrad=absgrad)
-    drawn = (meta["means2d"], meta["conics"], meta["opacities"], meta["depths"])
-    tiles = TileBinner.apply(*drawn, rows.first_rows, width, height)
     behind = None if backgrounds is None else backgrounds.reshape(rows.images, -1)
-    images, alphas = TileRasterizer.apply(*splats, behind, tiles, absgrad)
+    gpu = gpu_compositor()
+    if gpu is None:
+        drawn = (meta["means2d"], meta["conics"], meta["opacities"], meta["depths"])
+        tiles = TileBinner.apply(*drawn, rows.first_rows, width, height)
+        images, alphas = TileRasterizer.apply(*splats, behind, tiles, absgrad)
+    else:
+        from pocketgs.torch.gpu_rasterize import GpuRasterizer
+
+        placed = (meta["depths"].detach(), behind, rows.first_rows, (width, height))
+        images, alphas = GpuRasterizer.apply(*splats, *placed, absgrad, gpu)
     lead = (*rows.lead, rows.cameras)
     return images.reshape(*lead, *images.shape[1:]), alphas.reshape(*lead, *alphas.shape[1:])

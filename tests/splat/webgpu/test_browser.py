@@ -18,10 +18,11 @@ from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import Camera
 from pocketgs.gpu.adapters import Adapter
 from pocketgs.gpu.sizes import evaluate
-from pocketgs.prior.depth_range import DepthRange
-from pocketgs.prior.sweep import SweepSettings
-from pocketgs.prior.webgpu.stereo import WebGpuStereo
-from pocketgs.prior.webgpu.sweep_inputs import SweepInputs
+from pocketgs.prior.depth.depth_range import DepthRange
+from pocketgs.prior.depth.sweep import SweepSettings
+from pocketgs.prior.depth.webgpu.passes import describe_sweep
+from pocketgs.prior.depth.webgpu.stereo import WebGpuStereo
+from pocketgs.prior.depth.webgpu.sweep_inputs import SweepInputs
 from pocketgs.scene.gaussians import SH_DC, Gaussians
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.near_plane import near_plane
@@ -31,6 +32,7 @@ from pocketgs.splat.webgpu.frame_values import update_values, view_values
 from pocketgs.splat.webgpu.passes import Variant, describe
 from pocketgs.splat.webgpu.photographs import packed
 from pocketgs.splat.webgpu.scene_columns import to_columns
+from splat.webgpu.every_description import every_shader
 from splat.webgpu.variants import shared_engine
 from static_site.hosting import hosting
 from viewer.browsing import open_browser
@@ -218,9 +220,16 @@ def test_same_sweep(page: Page) -> None:
     assert np.mean(np.abs(np.reshape(found["margins"], known.shape) - expected.margin) < 1e-3) > 0.98
 
 
+def test_browser_compiles_every_shader_with_the_least_limits(page: Page) -> None:
+    """Those that the other tests do not compile."""
+    compiled = [describe(Variant("f32", "recompute")), describe(Variant("f16", "cache")), describe_sweep()]
+    found = page.evaluate("json => compileAll(json)", every_shader(compiled).to_json())
+    assert found == {"complaints": [], "limits": [8, 128 << 20, 16_384]}
+
+
 def test_same_sizes(page: Page, scene: Gaussians, camera: Camera) -> None:
     description = describe(Variant("f16", "cache"))
-    symbols = description.symbols(given_numbers(scene, camera))
+    symbols = {**description.symbols(given_numbers(scene, camera)), "drawn_tiles": 5}
     passes = [one for sequence in description.sequences.values() for one in sequence.passes]
     expressions = [*description.definitions.values(), *description.buffers.values(), *(one.when for one in passes)]
     expressions += [one.groups for one in passes if one.groups]
@@ -238,6 +247,28 @@ def test_what_is_no_size_is_refused(page: Page, expression: str) -> None:
 def test_too_large_a_buffer_is_refused(page: Page) -> None:
     with pytest.raises(Error, match=r"buffer 'image' would need 1000000 MB, the device allows \d+ MB"):
         page.evaluate("json => reserve(json, {image: 1e12})", describe(Variant()).to_json())
+
+
+FILL_MEMORY = """async (json) => {
+    const [{ openDevice }, { Executor }, { Description }] = await Promise.all(
+        ["device", "executor", "description"].map((name) => import(new URL(`gpu/${name}.js`, document.baseURI))),
+    );
+    const device = await openDevice();
+    const executor = new Executor(device, new Description(json));
+    await executor.reserve({ image: 64, splats: 64 });
+    const popErrorScope = device.popErrorScope;
+    device.popErrorScope = async () => (await popErrorScope.call(device)) ?? { message: "full" };
+    const said = await executor.reserve({ image: 256, splats: 64 }).catch(({ message }) => message);
+    delete device.popErrorScope;
+    await executor.reserve({ image: 128 });
+    return [said, executor.buffer("image").size, executor.buffer("splats").size];
+}"""
+
+
+def test_a_buffer_that_found_no_memory_is_made_anew(page: Page) -> None:
+    said, image, splats = page.evaluate(FILL_MEMORY, describe(Variant()).to_json())
+    assert "memory is full" in said
+    assert (image, splats) == (128, 64)
 
 
 def test_browser_without_webgpu_is_told_so(browser: Browser, address: str) -> None:

@@ -4,35 +4,20 @@ from __future__ import annotations
 
 import json
 import re
-from itertools import product
 from pathlib import Path
-from typing import get_args
 
 import pytest
 
 import pocketgs
 from pocketgs.gpu.description import Description, Pass
 from pocketgs.gpu.sizes import ceil_div, evaluate
-from pocketgs.prior.webgpu import passes as prior
-from pocketgs.prior.webgpu.shader_files import SHADERS as PRIOR_SHADERS
-from pocketgs.splat.webgpu.passes import Variant, Weights, describe
-from pocketgs.splat.webgpu.rasterizer_passes import CENTRE_WORDS, describe_rasterizer
+from pocketgs.prior.depth.webgpu.shader_files import SHADERS as PRIOR_SHADERS
+from pocketgs.splat.webgpu.passes import Variant, describe
+from pocketgs.splat.webgpu.rasterizer_passes import CENTRE_WORDS, SPLAT_WORDS, describe_rasterizer
 from pocketgs.splat.webgpu.shader_files import SHADERS
+from splat.webgpu.every_description import DESCRIPTIONS
 from splat.webgpu.wgsl_layout import constant, workgroup_bytes, workgroup_size
 
-TRAINING = [
-    Variant(precision, replay, accumulation, subgroups)  # type: ignore[arg-type]
-    for precision, replay, accumulation, subgroups in product(
-        ("f32", "f16"), ("recompute", "cache"), ("ordered", "atomic"), (False, True)
-    )
-]
-RENDERING = [Variant(appearance="points"), Variant(appearance="discs")]
-RENDERING += [Variant(weights=weights) for weights in get_args(Weights)]
-DESCRIPTIONS = {str(variant): describe(variant) for variant in TRAINING}
-DESCRIPTIONS |= {str(variant): describe(variant, training=False) for variant in RENDERING}
-DESCRIPTIONS |= {f"rasterizer {subgroups}": describe_rasterizer(subgroups) for subgroups in (False, True)}
-DESCRIPTIONS |= {"rasterizer sum": describe_rasterizer(False, "sum"), "sweep": prior.describe_sweep()}
-DESCRIPTIONS |= {"comparison": prior.describe_comparison()}
 CASE = {
     "gaussians": 1000,
     "capacity": 1000,
@@ -49,6 +34,7 @@ CASE = {
     "colours_learned": 0,
     "photographs": 1,
     "listed": 300,
+    "drawn_tiles": 70,
     "channel_groups": 5,
     "colours": 1,
     "image_width": 700,
@@ -147,9 +133,8 @@ def test_rendering_needs_fewer_buffers_than_training() -> None:
 def test_every_shader_file_is_of_use() -> None:
     texts = [shader.source for description in DESCRIPTIONS.values() for shader in description.shaders.values()]
     named = {name for description in DESCRIPTIONS.values() for name in description.shaders}
-    for room in ("gpu", "prior/webgpu", "splat/webgpu"):
-        for path in (Path(pocketgs.__file__).parent / room / "shaders").glob("*.wgsl"):
-            assert path.stem in named, path
+    for path in Path(pocketgs.__file__).parent.rglob("shaders/*.wgsl"):
+        assert path.stem in named, path
     for name, section in (*SHADERS.sections.items(), *PRIOR_SHADERS.sections.items()):
         lines = [line for line in section.splitlines() if not line.startswith(("import ", "enable "))]
         assert any("\n".join(lines) in text for text in texts), name
@@ -262,3 +247,4 @@ def test_rows_of_channels_are_as_long_in_the_shaders_as_in_the_buffers() -> None
     words = constant("SHAPE_WORDS", backward) + 3 * CASE["channel_groups"]
     assert evaluate(description.buffers["gradient_rows"], symbols) == 4 * words
     assert f"{CENTRE_WORDS}u + 3u * view.channel_groups" in description.shaders["gather_channels"].source
+    assert constant("SPLAT_WORDS", backward) == SPLAT_WORDS

@@ -14,7 +14,9 @@ from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.engine import Engine, EngineOptions
 from pocketgs.splat.settings import LossSettings, StepSettings
+from pocketgs.splat.webgpu.drawing import draw_once
 from pocketgs.splat.webgpu.engine import WebGpuEngine
+from pocketgs.splat.webgpu.frame_values import view_values
 from splat.training_step import BACKGROUND, RATES, assert_identical, begin, camera_in_front, photograph
 from splat.webgpu.variants import every_ordered_variant, every_variant, shared_engine
 
@@ -48,6 +50,29 @@ def test_same_bits_every_time(make_gaussians: MakeGaussians, options: EngineOpti
     used = shared_engine(options)
     train(begin(used, make_gaussians(count=2000, sh_degree=3), [photograph(camera_in_front(90, 90, 20.0))]), 2)
     assert_identical(first, train(begin(used, gaussians, [frame]), 5))
+
+
+@pytest.mark.parametrize("suffix", ["", " depth"])
+def test_an_image_in_bands_of_tiles_has_the_same_bits(make_gaussians: MakeGaussians, suffix: str) -> None:
+    """As a host draws that must not keep the GPU busy for long."""
+    camera, engine = camera_in_front(100, 70, 60.0), shared_engine(EngineOptions("webgpu"))
+    engine.upload(make_gaussians(count=1000, sh_degree=1, size=0.05))
+    engine.render(camera)  # makes room
+    executor, near = engine.executor, 0.01
+    symbols = executor.description.symbols(engine._symbols(camera))
+    values = view_values(camera, BACKGROUND, near, symbols)
+    expected, needed = draw_once(executor, f"render{suffix}", camera, BACKGROUND, near, symbols)
+    assert not needed
+    assert np.ptp(expected) > 0.5
+    executor.clear("image")
+    executor.submit("list splats", symbols)
+    for first in range(0, symbols["tiles"], 20):
+        executor.write_uniform("view", {**values, "first_tile": first})
+        drawn = min(20, symbols["tiles"] - first)
+        executor.submit(f"draw tiles{suffix}", {**symbols, "drawn_tiles": drawn})
+        image = executor.read("image", np.float32, expected.size).reshape(expected.shape)
+        assert (image[64:] != 0).any() == (first + drawn > 8 * 13)
+    np.testing.assert_array_equal(image, expected)
 
 
 @every_ordered_variant

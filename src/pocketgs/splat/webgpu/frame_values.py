@@ -57,6 +57,7 @@ def view_values(
         "photograph": photograph,
         "replay_depth": symbols["replay_depth"],
         "channel_groups": symbols.get("channel_groups", 1),
+        "first_tile": 0,
         "near": near,
     }
 

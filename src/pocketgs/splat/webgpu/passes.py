@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Literal
 
-from pocketgs.gpu.description import Description, Pass, Sequence
+from pocketgs.gpu.description import Description, Pass, Sequence, shader_names
 from pocketgs.gpu.shader_library import Shader
 from pocketgs.gpu.sort import Items, digit_counts_bytes, radix_sort, running_sums
 from pocketgs.gpu.uniforms import UniformLayout
@@ -194,11 +194,18 @@ def _tiles_have_digit(shift: int) -> str:
 
 def bin_passes(by_depth: bool = True) -> list[Pass]:
     """Everything before rasterizing: tiles' lists of splats, nearest first or, without depth, as they lie in memory."""
-    by_depth_passes = radix_sort(_GAUSSIANS, "depth_keys", "order", "depth_digit", 32, lambda _: "1")
     return [
         Pass("bound clusters", "bound_clusters", "groups"),
         Pass("cull", "cull", "1"),
         Pass("project", "project", "groups"),
+        *list_passes(by_depth),
+    ]
+
+
+def list_passes(by_depth: bool = True) -> list[Pass]:
+    """Tiles' lists from projected splats, and the number of tiles that each reaches."""
+    by_depth_passes = radix_sort(_GAUSSIANS, "depth_keys", "order", "depth_digit", 32, lambda _: "1")
+    return [
         *(by_depth_passes if by_depth else ()),
         *running_sums(_GAUSSIANS, "tile_counts", "order", "block_sums", "first_slots"),
         Pass("plan", "plan", "1"),
@@ -289,7 +296,7 @@ def describe(variant: Variant, training: bool = True) -> Description:
     The numbers that the expressions are computed from: gaussians, capacity (room for them), coefficients,
     view_coefficients (of weights, where there are any), width, height, intersections (room for them), photographs,
     photograph_pixels, replay_depth, listed (rows to set), structural, regularised, collecting and colours_learned (0 or
-    1).
+    1); and for a rasterization of some of the tiles, drawn_tiles, their number.
     """
     assert not training or (variant.appearance == "splats" and variant.weights is None), variant
     bins = bin_passes(variant.weights is None)
@@ -298,6 +305,9 @@ def describe(variant: Variant, training: bool = True) -> Description:
     sequences = {
         "render": Sequence(cleared, (*bins, _RASTERIZE)),
         "render depth": Sequence(cleared, (*bins, _RASTERIZE_DEPTH)),
+        "list splats": Sequence(cleared, tuple(bins)),
+        "draw tiles": Sequence((), (replace(_RASTERIZE, groups="drawn_tiles"),)),
+        "draw tiles depth": Sequence((), (replace(_RASTERIZE_DEPTH, groups="drawn_tiles"),)),
     }
     if training:
         sequences["step"] = _step(variant)
@@ -308,8 +318,7 @@ def describe(variant: Variant, training: bool = True) -> Description:
         if variant.replay == "cache":
             buffers["replay_cache"] = f"pixels * (4 + {RECORD_BYTES[variant.precision]} * replay_depth)"
         buffers["gradient_rows"] = f"36 * {'intersections' if variant.accumulation == 'ordered' else 'capacity'}"
-    names = dict.fromkeys(one.shader for sequence in sequences.values() for one in sequence.passes)
-    shaders = {name: _shader(name, variant) for name in names}
+    shaders = {name: _shader(name, variant) for name in shader_names(sequences.values())}
     uniforms = {"view": UniformLayout.of("View", shaders["project"].source)}
     if training:
         uniforms["update"] = UniformLayout.of("Update", shaders["adam"].source)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
-from pocketgs.gpu.description import Description, Pass, Sequence
+from pocketgs.gpu.description import Description, Pass, Sequence, shader_names
 from pocketgs.gpu.uniforms import UniformLayout
 from pocketgs.splat.webgpu.passes import (
     CLEARED,
@@ -20,20 +21,22 @@ from pocketgs.splat.webgpu.shader_files import SHADERS
 GROUP = 3
 """Channels that are composited together, where a step has its three colours."""
 
+SPLAT_WORDS = 10
+"""Of a splat in `common/splats.wgsl`: centre 2, depth, log2 of the opacity, exponents 3, colour 3."""
+
 SHAPE_WORDS = 8
 """Of a row of gradients, before those of the channels; see `common/channel_rows.wgsl`."""
 
 CENTRE_WORDS = 4
 """Of a Gaussian's row in `channel_gradients`, before the channels: the centre's gradient, signed and absolute."""
 
-_FORWARD_BUFFERS = {
+FORWARD_BUFFERS = {
     "image": "16 * pixels * channel_groups",
     "channels": f"{4 * GROUP} * channel_groups * capacity",
 }
-_BACKWARD_BUFFERS = {
+BACKWARD_BUFFERS = {
     "d_image": "16 * pixels * channel_groups",
     "gradient_rows": f"(4 * {SHAPE_WORDS} + {4 * GROUP} * channel_groups) * intersections",
-    "gradients": "4 * columns * capacity",
     "channel_gradients": f"(4 * {CENTRE_WORDS} + {4 * GROUP} * channel_groups) * capacity",
 }
 _INSPECTION_BUFFERS = {
@@ -43,16 +46,30 @@ _INSPECTION_BUFFERS = {
 }
 
 
-def _backward(absolute: bool) -> Sequence:
-    constants = {"absolute": int(absolute)}
-    return Sequence(
-        ("gradient_rows", "gradients", "channel_gradients"),
-        (
-            Pass("rasterize backward", "rasterize_channels_backward", "tiles", buffers=SORTED, constants=constants),
-            Pass("project backward", "project_backward", "groups"),
-            Pass("gather channels", "gather_channels", "groups"),
-        ),
-    )
+RASTERIZE = Pass("rasterize", "rasterize", "tiles * channel_groups", buffers=SORTED)
+_RASTERIZE_BACKWARD = Pass("rasterize backward", "rasterize_channels_backward", "tiles", buffers=SORTED)
+_GATHER_CHANNELS = Pass("gather channels", "gather_channels", "groups")
+
+
+def backward_sequence(absolute: bool) -> str:
+    """The name of the sequence from an image's gradient to those of what was drawn."""
+    return "backward, absolute too" if absolute else "backward"
+
+
+def backward_sequences(gathered: str, gather: Pass) -> dict[str, Sequence]:
+    """The sequences of `backward_sequence`.
+
+    Args:
+        gathered: buffer that `gather` writes to.
+        gather: the pass after rasterizing backward, besides that of the channels.
+    """
+    return {
+        backward_sequence(absolute): Sequence(
+            ("gradient_rows", gathered, "channel_gradients"),
+            (replace(_RASTERIZE_BACKWARD, constants={"absolute": int(absolute)}), gather, _GATHER_CHANNELS),
+        )
+        for absolute in (False, True)
+    }
 
 
 _INSPECT = Sequence(
@@ -62,6 +79,17 @@ _INSPECT = Sequence(
         Pass("gather contributions", "gather_contributions", "groups"),
     ),
 )
+
+
+def channel_sections(subgroups: bool, compositor: str) -> dict[str, str]:
+    """The sections of shaders that composite channels with the rule of this file."""
+    return {
+        **Variant(subgroups=subgroups).sections,
+        **{f"compositor.{part}": f"{compositor}.{part}" for part in ("forward", "backward", "inspection")},
+        "replay.record": "replay.record_nothing",
+        "channels.kind": "channels.groups",
+        "gradient_rows.gather": "channel_rows.gather",
+    }
 
 
 @cache
@@ -75,33 +103,28 @@ def describe_rasterizer(subgroups: bool, compositor: str = "over") -> Descriptio
         subgroups: see `Variant`.
         compositor: "over", or "sum", which sorts nothing by depth and has nothing to inspect.
     """
-    sections = {
-        **Variant(subgroups=subgroups).sections,
-        **{f"compositor.{part}": f"{compositor}.{part}" for part in ("forward", "backward", "inspection")},
-        "replay.record": "replay.record_nothing",
-        "channels.kind": "channels.groups",
-        "gradient_rows.gather": "channel_rows.gather",
-    }
+    sections = channel_sections(subgroups, compositor)
     by_depth = compositor == "over"
+    # No bounds of clusters hold: each image may be of another scene.
+    cleared = (*CLEARED, "cluster_bounds")
     sequences = {
         "forward": Sequence(
-            CLEARED if by_depth else tuple(name for name in CLEARED if name not in SORTING_BUFFERS),
+            cleared if by_depth else tuple(name for name in cleared if name not in SORTING_BUFFERS),
             (
                 *bin_passes(by_depth),
                 Pass("take colours", "take_colours", "groups", when="colours"),
-                Pass("rasterize", "rasterize", "tiles * channel_groups", buffers=SORTED),
+                RASTERIZE,
             ),
         ),
-        "backward": _backward(absolute=False),
-        "backward, absolute too": _backward(absolute=True),
+        **backward_sequences("gradients", Pass("project backward", "project_backward", "groups")),
     }
     if by_depth:
         sequences["inspect"] = _INSPECT
-    buffers = {**rendering_buffers(Variant()), **_FORWARD_BUFFERS, **_BACKWARD_BUFFERS, **_INSPECTION_BUFFERS}
+    buffers = {**rendering_buffers(Variant()), **FORWARD_BUFFERS, **BACKWARD_BUFFERS, **_INSPECTION_BUFFERS}
+    buffers["gradients"] = "4 * columns * capacity"
     if not by_depth:
         for name in (*SORTING_BUFFERS, *_INSPECTION_BUFFERS):
             del buffers[name]
-    names = dict.fromkeys(one.shader for sequence in sequences.values() for one in sequence.passes)
-    shaders = {name: SHADERS.link(name, sections) for name in names}
+    shaders = {name: SHADERS.link(name, sections) for name in shader_names(sequences.values())}
     uniforms = {"view": UniformLayout.of("View", shaders["project"].source)}
     return Description(sections, DEFINITIONS, buffers, uniforms, shaders, sequences)

@@ -8,6 +8,7 @@ from pathlib import Path
 from pocketgs.gpu.shader_library import ShaderLibrary
 from pocketgs.splat import constants
 from pocketgs.splat.colours import COLUMNS, UPDATES
+from pocketgs.splat.limits import GSPLAT
 from pocketgs.splat.reference.loss import ssim_window
 from pocketgs.splat.webgpu.layout import MARGIN, PATCH, PLACES, TILE
 
@@ -34,6 +35,7 @@ SHADERS = ShaderLibrary(
     {
         **{name: getattr(constants, name) for name in _IMAGE_FORMATION},
         "LOG2_ALPHA_MIN": math.log2(constants.ALPHA_MIN),
+        "GSPLAT_ALPHA_MAX": float(GSPLAT.most_opaque),
         "LOG2_E": math.log2(math.e),
         "MAX_LOG_SCALE": _MAX_LOG_SCALE,
         **PLACES,

@@ -64,6 +64,17 @@ async function runSequence({ description: json, given, sequence, floats, words, 
     return { ...found, complaints };
 }
 
+/** Compile every pass on a device with the least limits and no features; say what the browser has to complain of. */
+async function compileAll(json) {
+    const device = await (await navigator.gpu.requestAdapter()).requestDevice();
+    const limits = ["maxStorageBuffersPerShaderStage", "maxStorageBufferBindingSize", "maxComputeWorkgroupStorageSize"];
+    const complaints = [];
+    device.addEventListener("uncapturederror", ({ error }) => complaints.push(error.message));
+    await new Executor(device, new Description(json)).prepare().catch((error) => complaints.push(error.message));
+    device.destroy();
+    return { complaints, limits: limits.map((name) => device.limits[name]) };
+}
+
 /** What the browser refuses of the shaders, and in which lines. */
 async function shaderErrors(device, shaders) {
     const messages = [];
@@ -85,4 +96,4 @@ async function reserve(json, sizes) {
     await new Executor(await openDevice(), new Description(json)).reserve(sizes);
 }
 
-Object.assign(window, { replay, runSequence, evaluateAll, reserve });
+Object.assign(window, { compileAll, replay, runSequence, evaluateAll, reserve });

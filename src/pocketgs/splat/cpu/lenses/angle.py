@@ -9,6 +9,7 @@ import numpy as np
 from numba.extending import overload
 
 from pocketgs.splat.cpu.lanes import FLOATS, Floats, broadcast, magnitude, select, square_root
+from pocketgs.splat.cpu.lenses.jacobians import INLINED
 
 # Polynomial of atan(√u)/√u on [0, 1], from its values at Chebyshev points; atan's error is 2e-9 before rounding.
 _ATAN = tuple(
@@ -35,7 +36,7 @@ def root(x: Floats) -> Floats:
 
 
 def where(condition: Any, yes: Floats, no: Floats) -> Floats:
-    """`yes` where the condition is true, otherwise `no`, in kernels only."""
+    """`yes` where the condition is true, otherwise `no`, which may be a number beside vectors; in kernels only."""
     raise NotImplementedError("for kernels only")
 
 
@@ -44,21 +45,23 @@ def angle(y: Floats, x: Floats) -> Floats:
     raise NotImplementedError("for kernels only")
 
 
-@overload(root, inline="always")
+@overload(root, jit_options=INLINED)
 def _root(x):
     if x == FLOATS:
         return lambda x: square_root(x)
     return lambda x: math.sqrt(x)
 
 
-@overload(where, inline="always")
+@overload(where, jit_options=INLINED)
 def _where(condition, yes, no):
+    if yes == FLOATS and no != FLOATS:
+        return lambda condition, yes, no: select(condition, yes, broadcast(np.float32(no)))
     if yes == FLOATS:
         return lambda condition, yes, no: select(condition, yes, no)
     return lambda condition, yes, no: yes if condition else no
 
 
-@overload(angle, inline="always")
+@overload(angle, jit_options=INLINED)
 def _angle(y, x):
     if y != FLOATS:
         return lambda y, x: math.atan2(y, x)

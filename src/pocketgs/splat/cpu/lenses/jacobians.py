@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from numba.extending import overload
 
-from pocketgs.splat.cpu.lanes import Floats, broadcast
+from pocketgs.splat.cpu.lanes import Floats
 from pocketgs.splat.cpu.vectors import Vector
 
 Jacobian = tuple[float, ...]
@@ -29,7 +28,7 @@ def back_along(jacobian: Jacobian, du: Pair) -> Vector:
 
 
 def no_gradient(jacobian: Jacobian) -> Jacobian:
-    """A gradient of zeros with respect to J, in lanes, in kernels only."""
+    """A gradient of zeros with respect to J, in kernels only."""
     raise NotImplementedError("for kernels only")
 
 
@@ -79,13 +78,11 @@ def _no_gradient(jacobian: Jacobian) -> Any:
 
 
 def _no_gradient_4(jacobian: Jacobian) -> Jacobian:
-    zero = broadcast(np.float32(0.0))
-    return (zero, zero, zero, zero)
+    return (0.0, 0.0, 0.0, 0.0)
 
 
 def _no_gradient_6(jacobian: Jacobian) -> Jacobian:
-    zero = broadcast(np.float32(0.0))
-    return (zero, zero, zero, zero, zero, zero)
+    return (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @overload(with_product, jit_options=INLINED)

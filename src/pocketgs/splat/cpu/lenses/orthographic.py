@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from pocketgs.splat.cpu.lanes import Floats, broadcast
+from pocketgs.splat.cpu.lanes import Floats
 from pocketgs.splat.cpu.layout import View
 from pocketgs.splat.cpu.lenses.jacobians import Jacobian
 from pocketgs.splat.cpu.lenses.lens import Orthographic
@@ -40,4 +38,4 @@ def position_backward(
     d_jacobian: Jacobian,
 ) -> Vector:
     """Gradient with respect to the camera-space position, from the projected centre alone."""
-    return (d_mean[0] * view.fx, d_mean[1] * view.fy, broadcast(np.float32(0.0)))
+    return (d_mean[0] * view.fx, d_mean[1] * view.fy, 0.0)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from pocketgs.splat.constants import FRUSTUM_MARGIN
-from pocketgs.splat.cpu.lanes import Floats, broadcast, select
+from pocketgs.splat.cpu.lanes import Floats
 from pocketgs.splat.cpu.layout import View
+from pocketgs.splat.cpu.lenses.angle import where
 from pocketgs.splat.cpu.lenses.jacobians import Jacobian
 from pocketgs.splat.cpu.lenses.lens import Pinhole
 from pocketgs.splat.cpu.vectors import Vector
@@ -72,10 +71,10 @@ def position_backward(
     xx, xz, yy, yz = jacobian
     # xx = fx/z and xz = -fx x/z², or -fx · limit/z where clamped.
     d_z = d_z + (xx * d_jacobian[0] + yy * d_jacobian[2]) / z
-    zero, through_x, through_y = broadcast(np.float32(0.0)), d_jacobian[1] / z, d_jacobian[3] / z
+    through_x, through_y = d_jacobian[1] / z, d_jacobian[3] / z
     moving_x, moving_y = slope_x == x / z, slope_y == y / z
-    d_x = d_x - select(moving_x, xx * through_x, zero)
-    d_y = d_y - select(moving_y, yy * through_y, zero)
-    d_z = d_z + xz * through_x + select(moving_x, xz * through_x, zero)
-    d_z = d_z + yz * through_y + select(moving_y, yz * through_y, zero)
+    d_x = d_x - where(moving_x, xx * through_x, 0.0)
+    d_y = d_y - where(moving_y, yy * through_y, 0.0)
+    d_z = d_z + xz * through_x + where(moving_x, xz * through_x, 0.0)
+    d_z = d_z + yz * through_y + where(moving_y, yz * through_y, 0.0)
     return (d_x, d_y, d_z * -1.0)

@@ -13,10 +13,9 @@ from numba import prange
 
 from pocketgs.splat.constants import ALPHA_MIN, MAX_VARIANCE, MIN_DETERMINANT
 from pocketgs.splat.cpu.layout import View
-from pocketgs.splat.cpu.lenses.formulas import jacobian_at
-from pocketgs.splat.cpu.lenses.jacobians import Jacobian
-from pocketgs.splat.cpu.lenses.lens import Pinhole
-from pocketgs.splat.cpu.lenses.pinhole import clamped_slopes
+from pocketgs.splat.cpu.lenses.formulas import centre_of, jacobian_at, position_backward
+from pocketgs.splat.cpu.lenses.jacobians import Jacobian, back_along, no_gradient, with_product
+from pocketgs.splat.cpu.lenses.lens import KernelLens
 from pocketgs.splat.cpu.project import footprint, to_camera
 from pocketgs.splat.cpu.vectors import Vector, axes_of, dot, scaled, transposed_times
 from pocketgs.system.compile import inlined, parallel_kernel, part
@@ -44,7 +43,7 @@ def _unit(quaternion: np.ndarray) -> tuple[tuple[float, float, float, float], fl
 
 @inlined
 def _covariance(
-    view: View, lens: Pinhole, local: Vector, scale: np.ndarray, quaternion: np.ndarray
+    view: View, lens: KernelLens, local: Vector, scale: np.ndarray, quaternion: np.ndarray
 ) -> tuple[float, float, float]:
     """Σ' before the blur: xx, xy, yy."""
     jacobian = jacobian_at(view, lens, local)
@@ -63,7 +62,7 @@ def _covariance(
 @part
 def _project_one(
     view: View,
-    lens: Pinhole,
+    lens: KernelLens,
     local: Vector,
     scale: np.ndarray,
     quaternion: np.ndarray,
@@ -80,7 +79,7 @@ def _project_one(
     before = max(xx * yy - xy * xy, 0.0)
     xx, yy = xx + low_pass, yy + low_pass
     determinant = xx * yy - xy * xy
-    mean_x, mean_y = view.fx * local[0] / local[2] + view.cx, view.fy * local[1] / local[2] + view.cy
+    mean_x, mean_y = centre_of(view, lens, local)
     sound = math.isfinite(mean_x + mean_y) and xx < MAX_VARIANCE and yy < MAX_VARIANCE
     if not (sound and determinant > MIN_DETERMINANT * xx * yy):
         return -1.0
@@ -111,7 +110,7 @@ def project_ewa(
     scales: np.ndarray,
     opacities: np.ndarray,
     view: View,
-    lens: Pinhole,
+    lens: KernelLens,
     low_pass: float,
     near: float,
     far: float,
@@ -132,7 +131,7 @@ def project_ewa(
         scales: (N, 3) float32 standard deviations.
         opacities: (N,) float32, or (0,) to give all Gaussians the maximum extent.
         view: the camera; its matrix need not be a rotation.
-        lens: none.
+        lens: of the camera.
         low_pass: added to both variances on the image, in pixels².
         near: minimum depth.
         far: maximum depth.
@@ -185,25 +184,6 @@ def _covariance_gradient(
     return d_xx + d_square * (rest * xx - blurred), d_xy + d_square * rest * xy, d_yy + d_square * (rest * yy - blurred)
 
 
-@inlined
-def _position_backward(view: View, lens: Pinhole, local: Vector, d_centre: np.ndarray, d_jacobian: Jacobian) -> Vector:
-    """Gradient with respect to the camera-space position, through the centre and through the Jacobian."""
-    x, y, z = local
-    slope_x, slope_y = clamped_slopes(view, local)
-    xx, xz, yy, yz = jacobian_at(view, lens, local)
-    d_x, d_y = float(d_centre[0]) * xx, float(d_centre[1]) * yy
-    d_z = -(d_x * x + d_y * y) / z
-    # xx = fx/z and xz = -fx x/z², or -fx · limit/z where clamped.
-    d_z -= (xx * d_jacobian[0] + yy * d_jacobian[2] + xz * d_jacobian[1] + yz * d_jacobian[3]) / z
-    if slope_x == x / z:
-        d_x -= xx * d_jacobian[1] / z
-        d_z -= xz * d_jacobian[1] / z
-    if slope_y == y / z:
-        d_y -= yy * d_jacobian[3] / z
-        d_z -= yz * d_jacobian[3] / z
-    return d_x, d_y, d_z
-
-
 @part
 def _add_outer(column: Vector, row: Vector, matrix: np.ndarray) -> None:
     """Add column · rowᵀ to the left 3 x 3 of a (MATRIX,) matrix."""
@@ -228,13 +208,8 @@ def _axis_backward(
     size = float(scale[k])
     a, u = footprint(view, jacobian, axes[k], size)
     du = (2.0 * (d_xx * u[0] + d_xy * u[1]), 2.0 * (d_xy * u[0] + d_yy * u[1]))
-    d_jacobian = (
-        d_jacobian[0] + du[0] * a[0],
-        d_jacobian[1] + du[0] * a[2],
-        d_jacobian[2] + du[1] * a[1],
-        d_jacobian[3] + du[1] * a[2],
-    )
-    d_a = (jacobian[0] * du[0], jacobian[2] * du[1], jacobian[1] * du[0] + jacobian[3] * du[1])
+    d_jacobian = with_product(d_jacobian, du, a)
+    d_a = back_along(jacobian, du)
     if len(d_matrix):
         _add_outer(d_a, scaled(axes[k], size), d_matrix)
     d_axis = transposed_times(view.rotation, d_a)
@@ -245,7 +220,7 @@ def _axis_backward(
 @part
 def _back_one(
     view: View,
-    lens: Pinhole,
+    lens: KernelLens,
     mean: np.ndarray,
     quaternion: np.ndarray,
     scale: np.ndarray,
@@ -262,7 +237,7 @@ def _back_one(
     jacobian = jacobian_at(view, lens, local)
     unit, length = _unit(quaternion)
     axes = axes_of(unit)
-    d_jacobian: Jacobian = (0.0, 0.0, 0.0, 0.0)
+    d_jacobian = no_gradient(jacobian)
     d_jacobian, row_x, d_scale_x = _axis_backward(view, jacobian, axes, 0, scale, d_covariance, d_jacobian, d_matrix)
     d_jacobian, row_y, d_scale_y = _axis_backward(view, jacobian, axes, 1, scale, d_covariance, d_jacobian, d_matrix)
     d_jacobian, row_z, d_scale_z = _axis_backward(view, jacobian, axes, 2, scale, d_covariance, d_jacobian, d_matrix)
@@ -277,7 +252,8 @@ def _back_one(
     d_quaternion[1] += factor * (q_w * x + q_y * z - q_z * y)
     d_quaternion[2] += factor * (q_w * y + q_z * x - q_x * z)
     d_quaternion[3] += factor * (q_w * z + q_x * y - q_y * x)
-    d_x, d_y, d_z = _position_backward(view, lens, local, d_centre, d_jacobian)
+    d_place = (float(d_centre[0]), float(d_centre[1]))
+    d_x, d_y, d_z = position_backward(view, lens, local, jacobian, d_place, d_jacobian)
     d_local = (d_x, d_y, d_z + d_depth)
     d_world = transposed_times(view.rotation, d_local)
     for c in range(3):
@@ -294,7 +270,7 @@ def project_ewa_backward(
     quaternions: np.ndarray,
     scales: np.ndarray,
     view: View,
-    lens: Pinhole,
+    lens: KernelLens,
     low_pass: float,
     threads: int,
     seen: np.ndarray,
@@ -318,7 +294,7 @@ def project_ewa_backward(
         quaternions: (N, 4) float32 of any length.
         scales: (N, 3) float32.
         view: the camera.
-        lens: none.
+        lens: of the camera.
         low_pass: added to both variances on the image.
         threads: number of threads.
         seen: (V,) int64 visible Gaussians, each once.

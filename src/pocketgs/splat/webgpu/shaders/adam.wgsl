@@ -1,6 +1,6 @@
 // One step of Adam (Kingma and Ba 2015, algorithm 1) on all parameters, each group in its own space and with its own
-// rate; then noise on the positions, if asked for. The bounds of clusters that have moved hold no longer. Nothing happens
-// while the run is halted. One thread per Gaussian, one workgroup per cluster.
+// rate; then noise on the positions, if asked for. The bounds of clusters that have moved hold no longer. Nothing
+// happens while the run is halted. One thread per Gaussian, one workgroup per cluster.
 import view, update, update.status, update.regularised, gaussians.read, clusters, noise, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;

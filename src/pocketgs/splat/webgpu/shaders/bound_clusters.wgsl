@@ -1,5 +1,5 @@
-// Bound the clusters whose bounds do not hold, because a Gaussian in them has moved or changed size. Of numbers that are
-// not finite nothing is drawn, so they do not count. One workgroup per cluster.
+// Bound the clusters whose bounds do not hold, because a Gaussian in them has moved or changed size. Of numbers that
+// are not finite nothing is drawn, so they do not count. One workgroup per cluster.
 import view, gaussians.read, clusters, finite, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;

@@ -40,8 +40,8 @@ fn is_below(value: f32, limit: f32) -> bool {
     return is_finite(value) && value < limit;
 }
 
-// With r the reach and σ a standard deviation, a Gaussian at camera-space (x, y, z) reaches to the right at most to
-// f x/z + c + r (f/z √(1 + s²) σ + √0.3), s being the largest slope that its Jacobian is evaluated at. If that is left of
+// With r the reach and σ a standard deviation, a Gaussian at camera-space (x, y, z) reaches to the right at most to f
+// x/z + c + r (f/z √(1 + s²) σ + √0.3), s being the largest slope that its Jacobian is evaluated at. If that is left of
 // the first pixel's centre, all of it times z is a linear function of the mean that is below 0.
 fn is_outside_axis(box: Bounds, axis: u32, row: vec4f, size: f32) -> bool {
     // Of the most opaque Gaussian, in standard deviations, with some room for rounding.

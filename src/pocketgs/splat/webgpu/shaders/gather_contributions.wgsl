@@ -1,5 +1,5 @@
-// What each Gaussian adds to the image: its tiles' contributions together. `contributions` is all 0 before. One thread per
-// Gaussian, in order of depth.
+// What each Gaussian adds to the image: its tiles' contributions together. `contributions` is all 0 before. One thread
+// per Gaussian, in order of depth.
 import view, ranks.slots, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;

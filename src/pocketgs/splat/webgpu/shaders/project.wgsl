@@ -72,17 +72,6 @@ fn colour_of(mean: vec3f, i: u32) -> vec3f {
     return colour;
 }
 
-fn count_tiles(splat: Splat) -> u32 {
-    let ellipse = ellipse_of(splat);
-    let rows = tile_rows(view, ellipse);
-    var count = 0u;
-    for (var row = rows.x; row < rows.y; row++) {
-        let columns = tile_columns(view, ellipse, row);
-        count += columns.y - columns.x;
-    }
-    return count;
-}
-
 @compute @workgroup_size(THREADS)
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,
@@ -116,5 +105,5 @@ fn main(
     enter(key, projected.splat.depth);
     note_weight(projected.splat);
     // As the lists will see it: stored precision included.
-    tile_counts[i] = count_tiles(unpack_splat(words));
+    tile_counts[i] = count_tiles(view, unpack_splat(words));
 }

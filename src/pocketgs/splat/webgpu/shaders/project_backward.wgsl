@@ -1,5 +1,5 @@
-// Gradients from the image back to the Gaussians, through the sort permutation: ∇θ[π(i)] = g_i, 0 where no tile is reached.
-// Those of clusters outside the view are not written. One thread per Gaussian, in order of depth.
+// Gradients from the image back to the Gaussians, through the sort permutation: ∇θ[π(i)] = g_i, 0 where no tile is
+// reached. Those of clusters outside the view are not written. One thread per Gaussian, in order of depth.
 import view, ranks.slots, gaussians.read, gaussians.read_sh, projection, spherical_harmonics.gradient, splats.read
 import gradient_rows.gather, workgroups
 

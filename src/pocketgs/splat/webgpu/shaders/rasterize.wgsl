@@ -25,8 +25,9 @@ fn main(
     @builtin(local_invocation_index) thread: u32,
 ) {
     let tiles = view.tiles_across * view.tiles_down;
-    let tile = folded(workgroup) % tiles;
-    let group = folded(workgroup) / tiles;
+    let number = view.first_tile + folded(workgroup);
+    let tile = number % tiles;
+    let group = number / tiles;
     if (group >= view.channel_groups) {
         return;
     }

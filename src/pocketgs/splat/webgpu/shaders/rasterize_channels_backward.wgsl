@@ -50,6 +50,10 @@ fn visit(held: Held, pixel: u32, centre: vec2f, sums: ptr<function, Sums>) {
         return;
     }
     let weight = weight_of(alpha, transmittance);
+    transmittances[pixel] = transmittance_behind(transmittance, weight);
+    if (weight < 0.0) {
+        return;
+    }
     let row = channel_row(held.slot) + SHAPE_WORDS;
     var gain = 0.0;
     for (var group = 0u; group < view.channel_groups; group++) {
@@ -60,7 +64,6 @@ fn visit(held: Held, pixel: u32, centre: vec2f, sums: ptr<function, Sums>) {
         }
     }
     let rest = rest_behind(behind[pixel], gain);
-    transmittances[pixel] = transmittance_behind(transmittance, weight);
     behind[pixel] = rest;
     let v = d_log_alpha(gain, rest, alpha);
     (*sums).shape.exponent += v;

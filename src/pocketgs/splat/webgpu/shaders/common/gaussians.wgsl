@@ -1,6 +1,6 @@
-// The scene's parameters lie column by column, so that neighbouring threads read neighbouring words: `shape` holds mean,
-// log scale, quaternion and opacity logit, `sh` coefficient after coefficient, RGB each. The first column of each is a
-// constant, such as MEAN, or GRADIENT_MEAN in gradients and moments.
+// The scene's parameters lie column by column, so that neighbouring threads read neighbouring words: `shape` holds
+// mean, log scale, quaternion and opacity logit, `sh` coefficient after coefficient, RGB each. The first column of each
+// is a constant, such as MEAN, or GRADIENT_MEAN in gradients and moments.
 
 // A Gaussian without its colour. The quaternion is of unit length: w, x, y, z.
 struct Gaussian {

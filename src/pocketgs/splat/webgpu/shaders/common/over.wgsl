@@ -31,8 +31,8 @@ fn composited(gathered: vec4f) -> vec4f {
 
 section backward
 // The gradient by replaying in the same order. With D_i = c_i · ∂L/∂C, what lies behind splat i enters its gradient
-// only through the number H_i = Σ_{j>i} w_j D_j + T (background · ∂L/∂C + ∂L/∂T). It starts at C · ∂L/∂C + T ∂L/∂T, with the
-// finished pixel's C and T, and loses w_i D_i at every contribution. T and H are all that a replay carries.
+// only through the number H_i = Σ_{j>i} w_j D_j + T (background · ∂L/∂C + ∂L/∂T). It starts at C · ∂L/∂C + T ∂L/∂T,
+// with the finished pixel's C and T, and loses w_i D_i at every contribution. T and H are all that a replay carries.
 fn first_behind(pixel: vec4f, d_pixel: vec4f) -> f32 {
     return dot(pixel, d_pixel);
 }

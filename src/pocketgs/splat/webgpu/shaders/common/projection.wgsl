@@ -14,8 +14,8 @@ fn clamped_slopes(view: View, local: vec3f) -> vec2f {
     return clamp(local.xy / local.z, view.slopes_low, view.slopes_high);
 }
 
-// Whether a Gaussian beside the image reaches the camera's plane within a standard deviation. No ellipse is its image, and
-// the linearised projection would draw it as a veil.
+// Whether a Gaussian beside the image reaches the camera's plane within a standard deviation. No ellipse is its image,
+// and the linearised projection would draw it as a veil.
 fn is_veil(view: View, local: vec3f, scale: vec3f) -> bool {
     let slopes = local.xy / local.z;
     let is_beside = any(slopes < view.slopes_low) || any(slopes > view.slopes_high);

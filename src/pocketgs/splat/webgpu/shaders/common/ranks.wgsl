@@ -6,7 +6,8 @@ const RANKS: u32 = 1u;
 
 section slots
 import ranks
-// First and one past the last of a rank's slots, one for every tile that it reaches; the same twice where it reaches none.
+// First and one past the last of a rank's slots, one for every tile that it reaches; the same twice where it reaches
+// none.
 fn slots_at(rank: u32) -> vec2u {
     if (rank >= intersection_count[RANKS]) {
         return vec2u();

@@ -14,7 +14,9 @@ section by_recomputing
 fn begin_replay(pixel: u32, image_index: u32) {
 }
 
-fn replay(splat: Splat, intersection: u32, pixel: u32, offset: vec2f, transmittance: f32, d_colour: vec3f) -> Contribution {
+fn replay(
+    splat: Splat, intersection: u32, pixel: u32, offset: vec2f, transmittance: f32, d_colour: vec3f,
+) -> Contribution {
     let alpha = alpha_at(exponent_at(splat, offset), transmittance);
     return Contribution(alpha, behind[pixel] - alpha * transmittance * dot(splat.colour, d_colour));
 }
@@ -108,7 +110,9 @@ fn begin_replay(pixel: u32, image_index: u32) {
     totals[pixel] = first_behind(image[image_index], d_image[image_index]);
 }
 
-fn replay(splat: Splat, intersection: u32, pixel: u32, offset: vec2f, transmittance: f32, d_colour: vec3f) -> Contribution {
+fn replay(
+    splat: Splat, intersection: u32, pixel: u32, offset: vec2f, transmittance: f32, d_colour: vec3f,
+) -> Contribution {
     let next = replayed[pixel];
     if (transmittance == 0.0 || next == contributions[pixel]) {
         return Contribution(0.0, 0.0);

@@ -1,11 +1,11 @@
 // Replaying a tile front to back: a ring of threads, each holding one splat, through which the tile's pixels pass.
 //
-// What a replay carries from one splat to the next are a few numbers per pixel. So thread t takes its splat to pixel p at
-// step t + p, just after thread t - 1 has taken its own there; after 64 pixels it takes up the splat 64 places on. A
+// What a replay carries from one splat to the next are a few numbers per pixel. So thread t takes its splat to pixel p
+// at step t + p, just after thread t - 1 has taken its own there; after 64 pixels it takes up the splat 64 places on. A
 // splat's sums over the pixels stay in its thread's registers, and no thread adds to another's.
 //
-// Who imports this says what the sums are, `Sums`, and defines `visit`, which takes a splat to a pixel, and `leave`, which
-// is called when the splat has been to all of them.
+// Who imports this says what the sums are, `Sums`, and defines `visit`, which takes a splat to a pixel, and `leave`,
+// which is called when the splat has been to all of them.
 import view, splats.read, tiles
 
 // A splat in a thread's hand: its Gaussian, its slot, and its place among the sorted intersections.

@@ -63,3 +63,14 @@ fn tile_columns(view: View, ellipse: Ellipse, row: u32) -> vec2u {
 fn span_end(ellipse: Ellipse, dy: f32, side: f32) -> f32 {
     return ellipse.slope * dy + side * sqrt(max(0.0, ellipse.offset - ellipse.curvature * dy * dy));
 }
+
+fn count_tiles(view: View, splat: Splat) -> u32 {
+    let ellipse = ellipse_of(splat);
+    let rows = tile_rows(view, ellipse);
+    var count = 0u;
+    for (var row = rows.x; row < rows.y; row++) {
+        let columns = tile_columns(view, ellipse, row);
+        count += columns.y - columns.x;
+    }
+    return count;
+}

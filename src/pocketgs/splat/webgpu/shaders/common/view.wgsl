@@ -27,6 +27,8 @@ struct View {
     replay_depth: u32,
     // Groups of three channels that are composited: 1 for the colour alone.
     channel_groups: u32,
+    // Tile at which a rasterization of some of the tiles begins.
+    first_tile: u32,
     // Least depth of the centre of a Gaussian that is drawn, in scene units.
     near: f32,
 }
