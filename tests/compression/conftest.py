@@ -10,7 +10,7 @@ from pocketgs.compression.views import Views, photographed
 from pocketgs.prior.prior import PreparedCapture
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine, EngineOptions, create_engine
-from pocketgs.training.loop import train
+from pocketgs.training.train import train
 
 
 @pytest.fixture(scope="session")
@@ -34,6 +34,6 @@ def views(small_capture: Capture) -> Views:
 
 @pytest.fixture
 def _few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compressions take a tenth of their steps."""
+    """Compressions take a twentieth of their steps."""
     for name in ("TUNING_STEPS", "ROUNDING_STEPS", "PRUNING_STEPS", "STEPS"):
-        monkeypatch.setattr(candidates, name, getattr(candidates, name) // 10)
+        monkeypatch.setattr(candidates, name, getattr(candidates, name) // 20)

@@ -67,7 +67,7 @@ def compress(
         renderer = create_engine(engine)
         rasterizer = Rasterizer(chosen_engine(engine), engine.threads, engine.gpu)
         views = _views(scene, original, capture, renderer, reading, console)
-        check_comparable(views.reported)
+        check_comparable([*views.judges, *views.reported])
     budget = compression.time_budget
     seconds = None if budget is None else max(budget - seconds_since_start() - WRITING_SECONDS, 1.0)
     with Display(console).showing() as shown:
@@ -79,13 +79,12 @@ def compress(
         partial.write_bytes(found.chosen.contents)
     file = scene / SCENE if scene.is_dir() else scene
     rows = figures_table(original, file.stat().st_size, found, renderer, views)
-    if views.photographs:
-        print_figures(console, rows)
-    else:
-        print_figures(console, rows, "renderings of the original")
+    print_figures(console, rows, views)
     console.say(*closing_lines(found, output))
     if json:
-        write_json(json, {"photographs": views.photographs, "figures": [asdict(row) for row in rows]})
+        names = [frame.name for frame in views.reported]
+        figures = [asdict(row) for row in rows]
+        write_json(json, {"photographs": views.photographs, "reported": names, "figures": figures})
 
 
 def _check_names(scene: Path, output: Path) -> None:

@@ -12,7 +12,7 @@ from pocketgs.cli.terminal import Terminal
 from pocketgs.compression.compress import compress, drawable, memory_needed
 from pocketgs.compression.figures import Figures
 from pocketgs.compression.options import CompressionOptions
-from pocketgs.compression.views import photographed
+from pocketgs.compression.views import Views, photographed
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import require_memory
 from pocketgs.results.claim import claimed
@@ -41,6 +41,7 @@ class CompressingRun:
     def __init__(self, folder: Path, source: str, console: Terminal) -> None:
         self._folder, self._source, self._console = folder, source, console
         self._rows: list[Figures] = []
+        self._views: Views | None = None
         self._lines: list[str] = []
 
     def run(
@@ -112,9 +113,10 @@ class CompressingRun:
             (staging / COMPRESSED).write_bytes(found.chosen.contents)
         self._lines = closing_lines(found, self._folder / COMPRESSED)
         self._rows = figures_table(original, (self._folder / SCENE).stat().st_size, found, engine, views)
+        self._views = views
 
     def print_result(self) -> None:
         """Print the table of size against quality, if there is one, and what was written."""
-        if self._rows:
-            print_figures(self._console, self._rows)
+        if self._views is not None:
+            print_figures(self._console, self._rows, self._views)
         self._console.say(*self._lines)

@@ -41,8 +41,8 @@ def figures_table(original: Gaussians, size: int, found: Compressed, engine: Eng
     return rows
 
 
-def print_figures(console: Terminal, rows: list[Figures], against: str = "held-out photographs") -> None:
-    """Print the table; `against` says what the figures of quality compare with."""
+def print_figures(console: Terminal, rows: list[Figures], views: Views) -> None:
+    """Print the table, and on which of the views of the compression its figures of quality are."""
     table = Table("file", "Gaussians", "MB", "smaller by", "PSNR (dB)", "SSIM")
     original = rows[0].megabytes
     for row in rows:
@@ -56,7 +56,10 @@ def print_figures(console: Terminal, rows: list[Figures], against: str = "held-o
             _cell(row.ssim, 4),
         )
     console.print(table, soft_wrap=False)
-    console.say(f"PSNR and SSIM against {against}")
+    if views.reported:
+        photographs = "held-out photographs, which took no part in decisions"
+        what = photographs if views.photographs else "renderings of the original"
+        console.say(f"PSNR and SSIM against {len(views.reported)} {what}")
 
 
 def _cell(value: float | None, digits: int) -> str:

@@ -15,7 +15,7 @@ from pocketgs.scene.formats.pgs_coding import Coding
 from pocketgs.scene.formats.pgs_rounding import rounded
 from pocketgs.scene.gaussians import Gaussians
 
-TUNING_STEPS, ROUNDING_STEPS = 400, 40
+TUNING_STEPS, ROUNDING_STEPS = 800, 40
 """Training steps of a candidate before rounding, and after the rounding of each group but the last."""
 
 STEPS = TUNING_STEPS + (len(ORDER) - 1) * ROUNDING_STEPS

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from pocketgs.scene.formats.pgs_coding import DEFAULT, FINE, Coding
+from pocketgs.scene.formats.pgs_rounding import MAX_ENTRIES
 
 FINER = 0.7
 """Steps of a grid relative to those of the next coarser one."""
@@ -16,8 +17,9 @@ def finer(coding: Coding) -> Coding:
     return replace(coding, **{name: FINER * getattr(coding, name) for name in names})
 
 
+LARGE = replace(DEFAULT, entries=MAX_ENTRIES, per_entry=6)
+
 COARSE = Coding(position=0.125, log_scale=0.2, rotation=1 / 8, opacity=0.3, colour=0.1, harmonics=0.15, entries=0)
 
-CODINGS = (DEFAULT, COARSE, finer(COARSE), FINE)
-"""Coarsest first. DEFAULT alone has a codebook of harmonics, which loses more than grids do on scenes that were trained
-for long."""
+CODINGS = (DEFAULT, LARGE, COARSE, finer(COARSE), FINE)
+"""Smallest file first. The first two have a codebook of harmonics, the others a grid."""

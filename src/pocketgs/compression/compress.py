@@ -126,8 +126,7 @@ def compress(
     with deferred_interrupt() as interrupt:
         timekeeper = Timekeeper(on_count, interrupt, seconds)
         judge = Judge.of(scene, engine, views)
-        renderings = len(views.judges) + (len(views.reported) if views.photographs else 0)
-        rendering = max(timekeeper.elapsed(), 1e-3) / renderings
+        rendering = max(timekeeper.elapsed(), 1e-3) / judge.renderings
         timekeeper.first_speed = 1.0 / (STEP * rendering)
         timekeeper.reserve(TABLE_ROWS * len(views.reported) * rendering)
         bound = None if options.size is not None else _least_psnr(scene, views, judge, options.quality)
@@ -228,7 +227,8 @@ def _suitable_pace(scene: Gaussians, workshop: Workshop) -> float:
         return 1.0
     workshop.timekeeper.expect(steps + SEARCH_STEPS)
     trained = workshop.tuner.tune(scene, steps)
-    return 1.0 if workshop.judge.psnr(trained) >= workshop.judge.original_psnr else GENTLE
+    judge = workshop.judge
+    return 1.0 if judge.psnr_by_training_views(trained) >= judge.original_psnr else GENTLE
 
 
 def _affordable_coding(scene: Gaussians, workshop: Workshop, bound: float) -> Coding:

@@ -42,7 +42,7 @@ class Views:
 
     Attributes:
         train: for fine-tuning.
-        judges: for decisions.
+        judges: for decisions, not used for fine-tuning. May be empty if they are photographs.
         reported: for the report; not used for fine-tuning or decisions. May be empty.
         background: behind the scene, RGB in [0, 1].
         photographs: whether they are photographs; otherwise they are renderings of the scene itself.
@@ -56,17 +56,14 @@ class Views:
 
 
 def photographed(capture: Capture) -> Views:
-    """The views of a capture; the held-out ones are for the report.
-
-    The training views are also for decisions. The scene was trained on all of them: holding some back now would measure
-    how well they are remembered, and not how good the scene is.
+    """The views of a capture: every other held-out photograph is for decisions, the rest for the report.
 
     Raises:
         PocketGSError: there is no training view.
     """
     if not capture.train:
         raise PocketGSError(f"{capture.path}: no training view, expected at least one")
-    return Views(capture.train, capture.train, capture.held_out, capture.background, True)
+    return Views(capture.train, capture.held_out[1::2], capture.held_out[::2], capture.background, True)
 
 
 def not_too_many(cameras: Mapping[str, Camera]) -> dict[str, Camera]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 ROUNDS = 4
-PER_ENTRY = 8
-"""Number of vectors per entry that a codebook is fitted to; more hardly change it."""
+PER_ENTRY = 16
+"""Number of vectors per entry that a codebook is fitted to. With 8, a `.pgs` loses 0.37 dB by its harmonics on fern and
+0.80 on fox; with 16, 0.31 and 0.71."""
 
 BLOCK = 1 << 22
 """Maximum number of distances in memory."""
@@ -68,10 +69,11 @@ def vector_codebook(vectors: np.ndarray, entries: int, weights: np.ndarray, seed
 def nearest(vectors: np.ndarray, book: np.ndarray) -> np.ndarray:
     """(N,) index of the nearest entry of each vector."""
     book = book.astype(np.float32)
-    half_squares = 0.5 * np.einsum("ij,ij->i", book, book)
+    # One more column, so that a single product gives v.b - b.b / 2, which is largest where |v - b| is smallest.
+    columns = np.concatenate([book, -0.5 * np.einsum("ij,ij->i", book, book)[:, None]], axis=1).T.copy()
+    vectors = np.concatenate([vectors.astype(np.float32), np.ones((len(vectors), 1), np.float32)], axis=1)
     labels = np.empty(len(vectors), np.int64)
     size = max(1, BLOCK // len(book))
     for start in range(0, len(vectors), size):
-        block = vectors[start : start + size].astype(np.float32)
-        labels[start : start + size] = (half_squares - block @ book.T).argmin(axis=1)
+        labels[start : start + size] = (vectors[start : start + size] @ columns).argmax(axis=1)
     return labels

@@ -21,7 +21,8 @@ class Coding:
         opacity: of opacity logits.
         colour: of coefficients of degree 0.
         harmonics: of coefficients above degree 0, in the codebook.
-        entries: of that codebook, at most; small scenes have fewer. 0 for none: every coefficient is rounded.
+        entries: of that codebook, at most. 0 for none: every coefficient is rounded.
+        per_entry: Gaussians for each of its entries, at least; small scenes have fewer entries.
     """
 
     position: float = 0.25
@@ -30,7 +31,8 @@ class Coding:
     opacity: float = 0.3
     colour: float = 0.1
     harmonics: float = 1 / 32
-    entries: int = 4096
+    entries: int = 8192
+    per_entry: int = 12
 
     @property
     def rounds(self) -> str:
@@ -44,9 +46,9 @@ class Coding:
 
     def in_single_precision(self) -> Coding:
         """With the steps as the file holds them."""
-        *steps, entries = astuple(self)
+        *steps, entries, per_entry = astuple(self)
         position, log_scale, rotation, opacity, colour, harmonics = (float(np.float32(step)) for step in steps)
-        return Coding(position, log_scale, rotation, opacity, colour, harmonics, entries)
+        return Coding(position, log_scale, rotation, opacity, colour, harmonics, entries, per_entry)
 
 
 DEFAULT = Coding()

@@ -33,8 +33,8 @@ MAX_ENTRIES = 1 << 14
 """Entries of a codebook that the file can hold. A scene with more distinct vectors is stored without one, and so is
 one where that takes less."""
 
-PER_ENTRY, MIN_ENTRIES = 12, 256
-"""Gaussians for each entry of a codebook, which takes about as much as their labels; and entries of the smallest."""
+MIN_ENTRIES = 256
+"""Entries of the smallest codebook."""
 
 
 def rounded(
@@ -123,7 +123,7 @@ def rounded_harmonics(rest: np.ndarray, weights: np.ndarray, coding: Coding) -> 
         return rest
     if not coding.entries:
         return on_grid(rest, coding.harmonics)
-    entries = min(coding.entries, max(len(rows) // PER_ENTRY, MIN_ENTRIES))
+    entries = min(coding.entries, max(len(rows) // coding.per_entry, MIN_ENTRIES))
     book = on_grid(vector_codebook(rows, entries, weights), coding.harmonics)
     return book[nearest(rows, book)].reshape(rest.shape)
 

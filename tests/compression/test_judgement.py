@@ -1,0 +1,81 @@
+"""The quality that decisions expect, and the views that they look at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pocketgs.capture.capture import Capture, Frame
+from pocketgs.compression.compress import compress
+from pocketgs.compression.judgement import WORTH, Judge, errors
+from pocketgs.compression.views import Views, photographed
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.cpu.engine import CpuEngine
+from pocketgs.splat.engine import Engine, Rendering
+from pocketgs.splat.rendering import BLACK
+
+
+@pytest.fixture
+def capture(small_capture: Capture) -> Capture:
+    """The small capture with three of its eight views held out."""
+    train = small_capture.train
+    return replace(small_capture, train=train[:-2], held_out=[*small_capture.held_out, *train[-2:]])
+
+
+@pytest.fixture
+def views(capture: Capture) -> Views:
+    """Its photographs; one judges."""
+    return photographed(capture)
+
+
+class WatchedEngine(CpuEngine):
+    """An engine that keeps the cameras that it renders and trains on."""
+
+    def __init__(self) -> None:
+        super().__init__(None)
+        self.seen: list[Camera] = []
+
+    def set_views(self, frames: Sequence[Frame]) -> None:
+        self.seen += [frame.camera for frame in frames]
+        super().set_views(frames)
+
+    def render(self, camera: Camera, background: tuple[float, float, float] = BLACK, depth: bool = False) -> Rendering:
+        self.seen.append(camera)
+        return super().render(camera, background, depth)
+
+
+@pytest.mark.usefixtures("_few_steps")
+def test_reported_views_take_no_part(scene: Gaussians, views: Views) -> None:
+    engine = WatchedEngine()
+    compress(scene, views, engine, seconds=0.5)
+    assert {id(frame.camera) for frame in [*views.train, *views.judges]} == {id(camera) for camera in engine.seen}
+
+
+def test_held_out_photographs_are_shared_out(capture: Capture) -> None:
+    for number in range(len(capture.held_out) + 1):
+        views = photographed(replace(capture, held_out=capture.held_out[:number]))
+        assert len(views.judges) + len(views.reported) == number
+        assert len(views.reported) - len(views.judges) in (0, 1)
+
+
+def test_the_loss_is_that_on_judges_and_training_views(scene: Gaussians, views: Views, engine: Engine) -> None:
+    judge = Judge.of(scene, engine, views)
+    assert judge.psnr(scene) == pytest.approx(judge.original_psnr, abs=1e-6)
+    worse = replace(scene, opacity_logits=scene.opacity_logits - 1.0)
+    judged = 10.0 * np.log10(errors(engine, worse, views, views.judges) / judge.unseen)
+    growth = (errors(engine, worse, views, views.train) - errors(engine, scene, views, views.train)).mean()
+    estimated = 10.0 * np.log10((judge.unseen + growth) / judge.unseen)
+    expected = (judged.sum() + WORTH * estimated.mean()) / (len(judged) + WORTH)
+    assert expected > 0.5
+    assert judge.original_psnr - judge.psnr(worse) == pytest.approx(expected, abs=1e-6)
+
+
+def test_without_held_out_photographs_training_views_decide(scene: Gaussians, capture: Capture, engine: Engine) -> None:
+    judge = Judge.of(scene, engine, photographed(replace(capture, held_out=[])))
+    worse = replace(scene, opacity_logits=scene.opacity_logits - 1.0)
+    assert judge.psnr(worse) < judge.original_psnr - 0.5
+    assert judge.psnr(scene) == pytest.approx(judge.original_psnr)
