@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page
 
-from capture.conftest import colmap_files, ring  # noqa: F401 - fixtures
+from capture.conftest import colmap_files, copied_phone, ring, written_phones  # noqa: F401 - fixtures
 from pocketgs.site.write import write_site
 from static_site.hosting import Host, hosting
 from viewer.browsing import open_browser

@@ -12,6 +12,8 @@ from typing import Any
 import pytest
 from playwright.sync_api import Error
 
+from zip_files import zip_of
+
 Call = Callable[..., Any]
 
 READ = """
@@ -28,14 +30,6 @@ READ = """
 CONTENTS = {"a/transforms.json": b"{}" * 1000, "a/images/ä.png": bytes(range(256)) * 40, "empty": b""}
 
 
-def packed(files: dict[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> bytes:
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w", method) as archive:
-        for name, content in files.items():
-            archive.writestr(name, content)
-    return stream.getvalue()
-
-
 def read(call: Call, archive: bytes) -> dict[str, bytes]:
     found = call("archive/zip.js", READ, base64.b64encode(archive).decode())
     return {path: bytes(content) for path, content in found.items()}
@@ -43,7 +37,7 @@ def read(call: Call, archive: bytes) -> dict[str, bytes]:
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
 def test_whole_archives(call: Call, method: int) -> None:
-    assert read(call, packed(CONTENTS, method)) == CONTENTS
+    assert read(call, zip_of(CONTENTS, method)) == CONTENTS
 
 
 def test_with_a_comment_and_what_systems_add(call: Call) -> None:
@@ -67,8 +61,8 @@ def damaged(archive: bytes) -> bytes:
     return archive[:60] + bytes([archive[60] ^ 255]) + archive[61:]
 
 
-WHOLE = packed({"a.json": b'{"some": "text"}' * 50}, zipfile.ZIP_STORED)
-BOMB = packed({"a.json": bytes(3_000_000)})
+WHOLE = zip_of({"a.json": b'{"some": "text"}' * 50}, zipfile.ZIP_STORED)
+BOMB = zip_of({"a.json": bytes(3_000_000)})
 
 
 @pytest.mark.parametrize(
@@ -80,18 +74,18 @@ BOMB = packed({"a.json": bytes(3_000_000)})
         (WHOLE[:-30], "no zip file, or cut short"),
         (WHOLE[100:], "its list of files is broken|is not where"),
         (damaged(WHOLE), "a.json is damaged"),
-        (damaged(packed(CONTENTS)), "is damaged"),
+        (damaged(zip_of(CONTENTS)), "is damaged"),
         (stating(BOMB, 24, 2_000_000_000), "would take 2000 MB: expected at most 512 MB"),
         (stating(BOMB, 24, 100), "a.json is damaged"),
         (stating(BOMB, 24, 4_000_000), "a.json is damaged"),
         (stating(WHOLE, 42, 5_000_000), "a.json is not where its list of files says"),
         (stating(WHOLE, 8, 1), "encrypted"),
-        (packed({"a.json": b"text" * 100}, zipfile.ZIP_BZIP2), "compressed by method 12"),
-        (packed({"../a.json": b"{}"}), "leads out of its folder"),
-        (packed({"a/../../b": b"{}"}), "leads out of its folder"),
-        (packed({"/etc/passwd": b"{}"}), "leads out of its folder"),
-        (packed({"a\\b": b"{}"}), "leads out of its folder"),
-        (packed({"C:/b": b"{}"}), "leads out of its folder"),
+        (zip_of({"a.json": b"text" * 100}, zipfile.ZIP_BZIP2), "compressed by method 12"),
+        (zip_of({"../a.json": b"{}"}), "leads out of its folder"),
+        (zip_of({"a/../../b": b"{}"}), "leads out of its folder"),
+        (zip_of({"/etc/passwd": b"{}"}), "leads out of its folder"),
+        (zip_of({"a\\b": b"{}"}), "leads out of its folder"),
+        (zip_of({"C:/b": b"{}"}), "leads out of its folder"),
     ],
 )
 def test_what_is_no_sound_archive(call: Call, archive: bytes, words: str) -> None:
@@ -130,7 +124,7 @@ def test_cut_anywhere_or_with_any_byte_changed(call: Call) -> None:
         }}
         return [await outcome(whole), outcomes];
     """
-    archive = packed({"a.json": b"some text, some text", "b": b"x"})
+    archive = zip_of({"a.json": b"some text, some text", "b": b"x"})
     whole, outcomes = call("archive/zip.js", script, base64.b64encode(archive).decode())
     assert whole.startswith('{"a.json"')
     for outcome in outcomes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import cv2
@@ -16,7 +16,7 @@ from pocketgs.capture.synthetic import true_capture
 from pocketgs.capture.undistortion import undistortion
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.lens import Lens
-from pocketgs.prior.volume import draw_points
+from pocketgs.prior.cloud.volume import draw_points
 from pocketgs.scene.morton import morton_order
 from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.site.settings import RECIPE
@@ -27,6 +27,7 @@ from pocketgs.splat.webgpu.scene_columns import from_columns
 from pocketgs.training.recipes import RECIPES, pixel_footprint
 from pocketgs.training.seeding import seed_discs
 from pocketgs.training.view_choice import view_of_step
+from static_site.given import plain, plain_frames
 
 Call = Callable[..., Any]
 
@@ -34,19 +35,6 @@ Call = Callable[..., Any]
 @pytest.fixture(scope="module")
 def capture() -> Capture:
     return true_capture(width=64, height=48, frames=6, points=500)
-
-
-def plain(camera: Camera) -> dict[str, Any]:
-    return {**asdict(camera), "world_to_camera": camera.world_to_camera.reshape(-1).tolist(), "lens": None}
-
-
-def frames_of(capture: Capture) -> list[dict[str, Any]]:
-    frames = []
-    for frame in capture.train:
-        alpha = np.full((*frame.image.shape[:2], 1), 255, np.uint8) if frame.alpha is None else frame.alpha[..., None]
-        rgba = np.concatenate([frame.image, alpha], axis=2).reshape(-1).tolist()
-        frames.append({"camera": plain(frame.camera), "rgba": rgba, "hasAlpha": frame.alpha is not None})
-    return frames
 
 
 @pytest.mark.parametrize(("seed", "views"), [(0, 1), (0, 17), (3, 40), (12345, 300)])
@@ -107,13 +95,20 @@ def test_morton_order(call: Call) -> None:
     )
 
 
-def test_points_are_drawn_where_photographs_agree(call: Call, capture: Capture) -> None:
+@pytest.mark.parametrize("masked", [False, True])
+def test_points_are_drawn_where_photographs_agree(call: Call, capture: Capture, masked: bool) -> None:
+    if masked:
+        mask = np.arange(64) > 20
+        frames = [replace(frame, mask=np.broadcast_to(mask, (48, 64))) for frame in capture.train]
+        capture = replace(capture, train=frames)
     script = """
         const frames = given.map((frame) => ({...frame, rgba: Uint8ClampedArray.from(frame.rgba)}));
         const {positions, colours} = module.drawPoints(frames, 300, 5, settings.volume);
         return [[...positions], [...colours]];
     """
-    positions, colours = (np.reshape(x, (-1, 3)) for x in call("seeding/volume.js", script, frames_of(capture)))
+    positions, colours = (
+        np.reshape(x, (-1, 3)) for x in call("seeding/volume.js", script, plain_frames(capture.train))
+    )
     expected = draw_points(capture.train, 300, 5)
     # float32 in Python and doubles here: single choices between equal depths may differ.
     same = np.linalg.norm(positions - expected.positions, axis=1) < 1e-4
@@ -206,9 +201,10 @@ def test_undistorted_images(call: Call, lens: Lens) -> None:
 def test_smaller_images(call: Call, most: int) -> None:
     image = np.random.default_rng(4).integers(0, 256, (66, 97, 4)).astype(np.uint8)
     script = """
-        const [width, height] = module.sizeWithin(97, 66, given.most);
+        const before = {width: 97, height: 66};
+        const after = module.sizeWithin(before, given.most);
         const rgba = Uint8ClampedArray.from(given.image);
-        return [width, height, [...module.averaged({width: 97, height: 66, rgba}, width, height).rgba]];
+        return [after.width, after.height, [...module.averagedPlane(rgba, 4, before, after)]];
     """
     width, height, rgba = call("capture/pixels.js", script, {"most": most, "image": image.reshape(-1).tolist()})
     assert (width, height) == size_after(97, 66, 1.0, most)

@@ -25,9 +25,17 @@ LOAD = """
     const {StoredFile} = await import(new URL("archive/tree.js", location.href));
     const bytes = Uint8Array.from(atob(given.content), (character) => character.charCodeAt(0));
     const file = new StoredFile(given.name, bytes.length, async () => bytes);
-    const source = {name: given.name, file, camera: given.camera, lens: given.lens};
-    const {camera, rgba, hasAlpha} = await module.loadPhotograph(source, [1, 1, 1], given.most, settings.capture);
-    return {camera, rgba: [...rgba], hasAlpha};
+    const {sourceOf} = await import(new URL("capture/listing.js", location.href));
+    const maskBytes = given.mask && Uint8Array.from(atob(given.mask), (character) => character.charCodeAt(0));
+    const mask = maskBytes && new StoredFile("mask.png", maskBytes.length, async () => maskBytes);
+    const depthBytes = given.depth && Uint8Array.from(atob(given.depth), (character) => character.charCodeAt(0));
+    const depthFile = depthBytes && new StoredFile("depth.png", depthBytes.length, async () => depthBytes);
+    const depth = depthFile && {file: depthFile, unit: 0.001, confidence: null};
+    const source = sourceOf(file, given.camera, {lens: given.lens, border: given.border, mask, depth});
+    const pixels = await module.decodedPhotograph(source, settings.capture);
+    const found = await module.prepared(source, pixels, [1, 1, 1], given.most, settings.capture);
+    const listed = (values) => values && [...values];
+    return {...found, rgba: listed(found.rgba), mask: listed(found.mask), depth: listed(found.depth)};
 """
 
 TURNED_RIGHT = 6
@@ -47,7 +55,16 @@ def encoded(image: np.ndarray, suffix: str, orientation: int = 1) -> bytes:
     return stream.getvalue()
 
 
-def load(call: Call, content: bytes, camera: Camera, lens: Lens, most: int) -> dict[str, Any]:
+def load(
+    call: Call,
+    content: bytes,
+    camera: Camera,
+    lens: Lens,
+    most: int,
+    border: int = 0,
+    mask: bytes | None = None,
+    depth: bytes | None = None,
+) -> dict[str, Any]:
     numbers = {name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}
     coefficients = [*lens.coefficients, *[0.0] * 8][:8]
     given = {
@@ -56,6 +73,9 @@ def load(call: Call, content: bytes, camera: Camera, lens: Lens, most: int) -> d
         "camera": {**numbers, "world_to_camera": np.eye(4).reshape(-1).tolist()},
         "lens": {"model": lens.model, "coefficients": coefficients},
         "most": most,
+        "border": border,
+        "mask": None if mask is None else base64.b64encode(mask).decode(),
+        "depth": None if depth is None else base64.b64encode(depth).decode(),
     }
     return call("capture/photograph.js", LOAD, given)
 
@@ -100,6 +120,70 @@ def test_as_in_python(
     assert found["hasAlpha"] == (expected.alpha is not None)
     if expected.alpha is not None:
         assert np.abs(rgba[..., 3] - expected.alpha.astype(int)).max() <= 1
+
+
+def spots(height: int, width: int) -> np.ndarray:
+    return smooth(height, width, 1)[..., 0] > 128
+
+
+PALETTE = Image.fromarray(spots(60, 80).astype(np.uint8) * 3, "P")
+PALETTE.putpalette([0, 0, 0, 9, 9, 9, 80, 0, 0, 0, 30, 60])
+CUT_OUT = np.dstack([np.full((60, 80, 3), 9, np.uint8), spots(60, 80).astype(np.uint8) * 255])
+MASKS: dict[str, Image.Image] = {
+    "grey": Image.fromarray(smooth(60, 80, 1)[..., 0]),
+    "ones": Image.fromarray(spots(60, 80).astype(np.uint8)),
+    "one bit": Image.fromarray(spots(60, 80)),
+    "palette": PALETTE,
+    "cut out": Image.fromarray(CUT_OUT),
+    "smaller": Image.fromarray(smooth(15, 20, 1)[..., 0]),
+}
+
+
+@pytest.mark.parametrize("kind", MASKS)
+@pytest.mark.parametrize(
+    ("lens", "border", "most"), [(Lens(), 7, 800), (Lens("opencv", (0.1, 0, 0, 0)), 0, 40)], ids=["border", "lens"]
+)
+def test_masks_as_in_python(call: Call, tmp_path: Path, kind: str, lens: Lens, border: int, most: int) -> None:
+    content, stream = encoded(smooth(60, 80), "png"), io.BytesIO()
+    MASKS[kind].save(stream, "png")
+    path, mask_path = tmp_path / "photograph.png", tmp_path / "mask.png"
+    path.write_bytes(content)
+    mask_path.write_bytes(stream.getvalue())
+    source = FrameSource("photograph", path, LANDSCAPE, lens, mask_path=mask_path, border=border)
+    expected = load_frame(source, Preparation((1.0, 1.0, 1.0), max_size=most))
+    found = load(call, content, LANDSCAPE, lens, most, border, stream.getvalue())
+    assert [found["camera"][name] for name in ("width", "height", "cx", "cy")] == pytest.approx(
+        [getattr(expected.camera, name) for name in ("width", "height", "cx", "cy")]
+    )
+    assert expected.mask is not None
+    mask = np.reshape(found["mask"], expected.mask.shape)
+    assert set(np.unique(mask)) == {0, 255}
+    assert np.mean((mask > 0) != expected.mask) < 0.005  # OpenCV rounds coordinates to 1/32 pixel
+
+
+@pytest.mark.parametrize(
+    ("lens", "border", "most"),
+    [(Lens(), 0, 800), (Lens(), 7, 40), (Lens("opencv", (0.1, 0, 0, 0)), 0, 40)],
+    ids=["as it is", "border", "lens"],
+)
+def test_depth_as_in_python(call: Call, tmp_path: Path, lens: Lens, border: int, most: int) -> None:
+    content, stream = encoded(smooth(60, 80), "png"), io.BytesIO()
+    Image.fromarray(np.random.default_rng(0).integers(0, 65536, (25, 40), np.uint16)).save(stream, "png")
+    path, depth_path = tmp_path / "photograph.png", tmp_path / "depth.png"
+    path.write_bytes(content)
+    depth_path.write_bytes(stream.getvalue())
+    source = FrameSource("photograph", path, LANDSCAPE, lens, depth_path=depth_path, border=border)
+    expected = load_frame(source, Preparation((1.0, 1.0, 1.0), max_size=most)).depth
+    found = load(call, content, LANDSCAPE, lens, most, border, depth=stream.getvalue())
+    assert expected is not None
+    off = np.reshape(found["depth"], expected.shape) != expected
+    assert np.mean(off) < (0.02 if lens.distorts else 1e-9)  # OpenCV rounds coordinates to 1/32 pixel
+
+
+def test_a_mask_of_another_shape(call: Call) -> None:
+    mask = encoded(smooth(60, 60), "png")
+    with pytest.raises(Error, match=r"mask\.png: mask of 60x60 pixels, expected the shape of its photograph, 80x60"):
+        load(call, encoded(smooth(60, 80), "png"), LANDSCAPE, Lens(), 800, mask=mask)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,9 @@ from plyfile import PlyData
 
 from capture.conftest import ColmapFiles, Ring
 from pocketgs.capture.hold_out import choose_held_out
+from pocketgs.capture.masks import with_masks
 from pocketgs.capture.open import read_listing
+from pocketgs.capture.video_file import VideoFrame
 
 Call = Callable[..., Any]
 
@@ -30,7 +32,12 @@ READ = """
     });
     const listing = await module.readListing(new FileTree(files), settings.capture);
     return {
-        frames: listing.frames.map(({name, camera, lens}) => ({name, camera, lens})),
+        format: listing.format,
+        frames: listing.frames.map(({mask, depth, ...frame}) => ({
+            ...frame,
+            mask: mask?.path ?? null,
+            depth: depth && [depth.file.path, depth.unit, depth.confidence?.path ?? null],
+        })),
         heldOut: [...heldOutOf(listing, settings.run.hold_out_every)].sort(),
         cloud: listing.cloud && [[...listing.cloud.positions], [...listing.cloud.colours]],
         background: listing.background,
@@ -46,7 +53,9 @@ def read(call: Call, folder: Path) -> dict[str, Any]:
 
 
 def assert_same(call: Call, folder: Path) -> None:
-    found, expected = read(call, folder), read_listing(folder)
+    """With what both find, masks and depth included."""
+    found, expected = read(call, folder), with_masks(read_listing(folder), folder, "found")
+    assert found["format"] == expected.format
     assert [frame["name"] for frame in found["frames"]] == [frame.name for frame in expected.frames]
     for one, other in zip(found["frames"], expected.frames, strict=True):
         camera = other.camera
@@ -57,6 +66,14 @@ def assert_same(call: Call, folder: Path) -> None:
         assert one["lens"]["model"] == other.lens.model
         coefficients = [*other.lens.coefficients, *[0.0] * 8][: len(one["lens"]["coefficients"])]
         assert one["lens"]["coefficients"] == coefficients
+        assert one["border"] == other.border
+        assert one["frame"] == (other.image.index if isinstance(other.image, VideoFrame) else None)
+        paths = [
+            path and Path(str(path)).relative_to(folder).as_posix()
+            for path in (other.mask_path, other.depth_path, other.confidence_path)
+        ]
+        assert one["mask"] == paths[0]
+        assert one["depth"] == (None if paths[1] is None else [paths[1], other.depth_unit, paths[2]])
     assert found["heldOut"] == sorted(choose_held_out(expected, 8)[0])
     assert found["background"] == list(expected.background)
     assert found["warnings"] == len(expected.warnings)
@@ -110,6 +127,44 @@ def test_fields_of_view_and_no_cloud(call: Call, capture_folder: Path) -> None:
         document["camera_angle_x"] = 0.9
 
     assert_same(call, changed(capture_folder, change))
+
+
+@pytest.mark.parametrize("form", ["rows of three", "rows of four", "nine numbers", "by columns"])
+def test_matrices_of_intrinsics(call: Call, capture_folder: Path, form: str) -> None:
+    def change(document: dict[str, Any]) -> None:
+        for name in ("fl_x", "fl_y", "cx", "cy"):
+            del document[name]
+        for number, frame in enumerate(document["frames"]):
+            matrix = np.array([[90.0 + number, 0, 47], [0, 91, 35], [0, 0, 1]])
+            whole = np.eye(4)
+            whole[:3, :3] = matrix
+            frame["K"] = {
+                "rows of three": matrix,
+                "rows of four": whole,
+                "nine numbers": matrix.ravel(),
+                "by columns": matrix.T,
+            }[form].tolist()
+
+    assert_same(call, changed(capture_folder, change))
+
+
+@pytest.mark.parametrize("name", ["{stem}.png", "sub/{name}.png", "m{number:03d}.png"])
+def test_masks_beside_the_photographs(call: Call, capture_folder: Path, name: str) -> None:
+    photographs = sorted((capture_folder / "images").iterdir())
+    for number, path in enumerate(photographs[:-1] if "stem" in name else photographs):
+        digits = int("".join(filter(str.isdigit, path.stem)))
+        mask = capture_folder / "masks" / name.format(stem=path.stem, name=path.name, number=digits)
+        mask.parent.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(np.full((72, 96), 255 * (number != 2), np.uint8)).save(mask)
+    assert_same(call, capture_folder)
+    assert any(frame["mask"] for frame in read(call, capture_folder)["frames"])
+
+
+def test_masks_that_the_file_names(call: Call, capture_folder: Path) -> None:
+    Image.fromarray(np.zeros((72, 96), np.uint8)).save(capture_folder / "one.png")
+    assert_same(call, changed(capture_folder, lambda document: document["frames"][1].update(mask_path="./one.png")))
+    with pytest.raises(Error, match=r"frames\[1\]: names the mask two.png, which is absent"):
+        read(call, changed(capture_folder, lambda document: document["frames"][1].update(mask_path="two.png")))
 
 
 def test_text_clouds_without_colours(call: Call, capture_folder: Path) -> None:

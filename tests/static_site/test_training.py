@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 import json
+import re
 import time
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 from playwright.sync_api import Browser, BrowserContext, Route, expect
 
+from capture.phone_layouts import in_order
+from pocketgs.capture import Capture
 from pocketgs.capture.colmap_export import export_capture
 from pocketgs.capture.open import open_capture
 from pocketgs.cli import main
+from pocketgs.prior.prior import build_prior
+from pocketgs.scene.formats.pgs import decode
+from pocketgs.scene.formats.pgs import encode as encode_pgs
+from pocketgs.scene.formats.ply import read_gaussians
+from pocketgs.scene.formats.spz import encode
+from pocketgs.site.settings import PGS_CODING
+from pocketgs.training.train import train
+from static_site.given import WITHOUT_FEATURES
 from static_site.hosting import Host
+from static_site.videos import write_h264
 from viewer.browsing import PATIENCE, Visit, visiting
 
 TOLERANCE = 0.2
@@ -51,10 +67,11 @@ def visit(browser: Browser, host: Host) -> Iterator[Visit]:
         yield visit
 
 
-def choose(visit: Visit, **options: int) -> None:
+def choose(visit: Visit, depth: bool = False, **options: int) -> None:
     """Set the page's options."""
     if visit["#another"].is_visible():
         visit["#another"].click()
+    visit["#depth"].set_checked(depth)
     for name, value in options.items():
         visit[f"#{name}"].fill(str(value))
 
@@ -68,12 +85,26 @@ def zipped(folder: Path) -> bytes:
 
 
 def saved(visit: Visit, path: Path) -> Path:
-    """The scene, once it is trained."""
-    visit["#save"].wait_for(timeout=PATIENCE)
+    """The scene in the format of the path's suffix, once it is trained."""
+    button = visit[f"#save-{path.suffix.removeprefix('.')}"]
+    button.wait_for(timeout=PATIENCE)
     with visit.page.expect_download() as download:
-        visit["#save"].click()
+        button.click()
     download.value.save_as(path)
     return path
+
+
+def planned(visit: Visit) -> tuple[int, int]:
+    """Megabytes that the page said it would take, in all and in buffers of the GPU."""
+    numbers = re.match(r"Takes about ([\d,]+) MB, ([\d,]+) MB of it", visit["#plan"].inner_text())
+    assert numbers, visit["#plan"].inner_text()
+    total, buffers = (int(number.replace(",", "")) for number in numbers.groups())
+    return total, buffers
+
+
+def shown_memory(visit: Visit) -> int:
+    """Megabytes of the buffers that there are; a run frees none of its own."""
+    return int(visit["#memory"].inner_text().removesuffix(" MB"))
 
 
 def held_out_psnr(scene: Path, capture: Path, *options: str) -> float:
@@ -102,6 +133,16 @@ def until_turned(visit: Visit, before: str) -> None:
         visit.page.wait_for_timeout(100)
 
 
+def until_still(visit: Visit) -> str:
+    """Wait until the picture does not get sharper any more."""
+    deadline, before = time.monotonic() + PATIENCE / 1000, ""
+    while picture(visit) != before:
+        assert time.monotonic() < deadline
+        before = picture(visit)
+        visit.page.wait_for_timeout(1000)
+    return before
+
+
 def shown_psnr(visit: Visit) -> float:
     return float(visit["#psnr"].inner_text().removesuffix(" dB"))
 
@@ -114,7 +155,22 @@ def test_a_dropped_zip_trains_as_in_python(visit: Visit, host: Host, capture_fol
     visit.drop("toys.zip", zipped(capture_folder))
     scene = saved(visit, tmp_path / "toys.ply")
     expect(visit["#title"]).to_have_text("toys")
-    assert float(visit["#memory"].inner_text().removesuffix(" MB")) < 100
+    total, buffers = planned(visit)
+    assert shown_memory(visit) <= buffers < total < 200
+    assert visit["#plan"].inner_text().endswith("GPU.")
+    packed = saved(visit, tmp_path / "toys.spz")
+    main(["info", str(packed)])
+    expected_bytes = encode(read_gaussians(scene), version=3)
+    alike = np.frombuffer(gzip.decompress(packed.read_bytes()), np.uint8) == np.frombuffer(
+        gzip.decompress(expected_bytes), np.uint8
+    )
+    assert np.mean(alike) > 0.9999
+    stored, rounded = (
+        decode(saved(visit, tmp_path / "toys.pgs").read_bytes()),
+        encode_pgs(read_gaussians(scene), PGS_CODING),
+    )
+    np.testing.assert_allclose(stored.means, decode(rounded).means)
+    np.testing.assert_allclose(stored.sh, decode(rounded).sh)
     # Blobs are of the page itself; the network is asked for nothing.
     assert [url for url in requests if not url.startswith("blob:")] == []
     assert host.asked == loaded
@@ -134,8 +190,8 @@ def test_paused_turned_stopped_and_kept(visit: Visit, capture_folder: Path, tmp_
     visit["#folder-input"].set_input_files(capture_folder)
     visit["#pause:enabled"].click(timeout=PATIENCE)
     expect(visit["#pause"]).to_have_text("Resume")
-    visit.page.wait_for_timeout(500)
-    before, still = visit["#iteration"].inner_text(), picture(visit)
+    still = until_still(visit)
+    before = visit["#iteration"].inner_text()
     visit.page.wait_for_timeout(500)
     assert visit["#iteration"].inner_text() == before
     assert picture(visit) == still
@@ -201,6 +257,95 @@ def test_a_run_goes_on_after_the_page_was_closed(visit: Visit, capture_folder: P
     assert visit.complaints == []
 
 
+@pytest.mark.parametrize("name", ["stray-scanner", "polycam"])
+def test_recordings_of_apps(
+    visit: Visit, small_capture: Capture, copied_phone: Callable[[str], Path], tmp_path: Path, name: str
+) -> None:
+    """A video is decoded, a border cut off, and masks are used, as in Python."""
+    folder = copied_phone(name)
+    if name == "stray-scanner":
+        write_h264(folder / "rgb.mp4", [frame.image for frame in in_order(small_capture)])
+    else:
+        photographs = sorted((folder / "keyframes" / "corrected_images").iterdir())
+        (folder / "keyframes" / "masks").mkdir()
+        mask = Image.fromarray(np.uint8(255 * (np.arange(96) > 40))[None].repeat(72, axis=0))
+        for path in photographs:
+            mask.save(folder / "keyframes" / "masks" / f"{path.stem}.png")
+    choose(visit, most=48, iterations=20, gaussians=800)
+    visit.drop("recording.zip", zipped(folder))
+    scene = saved(visit, tmp_path / "recording.ply")
+    assert shown_memory(visit) <= planned(visit)[1]
+    assert visit.complaints == []
+    size = ("--max-size", "48")
+    found = held_out_psnr(scene, folder, *size)
+    # A video's colours are rounded differently.
+    assert shown_psnr(visit) == pytest.approx(found, abs=0.15 if name == "stray-scanner" else 0.02)
+    expected = psnr_in_python(folder, tmp_path / "python", "--iterations", "20", "--max-gaussians", "800", *size)
+    assert abs(found - expected) < TOLERANCE
+
+
+def test_measured_depth(visit: Visit, copied_phone: Callable[[str], Path], tmp_path: Path) -> None:
+    """A recording with depth of the sensor, which the prior uses as Python's does."""
+    folder = copied_phone("polycam")
+    choose(visit, depth=True, most=48, iterations=20, gaussians=800)
+    visit.drop("recording.zip", zipped(folder))
+    scene = saved(visit, tmp_path / "recording.ply")
+    assert visit.complaints == []
+    expected = trained_with_depth(folder, tmp_path / "python.ply", max_size=48, iterations=20, gaussians=800)
+    found = held_out_psnr(scene, folder, "--max-size", "48")
+    assert abs(found - held_out_psnr(expected, folder, "--max-size", "48")) < TOLERANCE
+
+
+def trained_with_depth(capture: Path, path: Path, max_size: int, iterations: int, gaussians: int) -> Path:
+    """The scene of a run in Python that starts from the page's prior."""
+    prepared = build_prior(open_capture(capture, max_size=max_size), gaussians, WITHOUT_FEATURES)
+    sizes: dict[str, object] = {"iterations": iterations, "max_gaussians": gaussians}
+    train(prepared, effort="quick", transients="keep", engine="cpu", evaluate_every=0, **sizes).scene.save(path)
+    return path
+
+
+def test_what_does_not_fit_is_reduced_or_refused(visit: Visit, capture_folder: Path) -> None:
+    choose(visit, most=64, iterations=1, gaussians=20_000, budget=50)
+    visit.drop("toys.zip", zipped(capture_folder))
+    visit["#save-ply"].wait_for(timeout=PATIENCE)
+    total, buffers = planned(visit)
+    assert shown_memory(visit) <= buffers < total <= 50
+    assert "Reduced splats to" in visit["#plan"].inner_text()
+    assert "photographs of 64 pixels and 20,000 splats would take" in visit["#plan"].inner_text()
+    stream = io.BytesIO()
+    Image.new("RGB", (2880, 2160)).save(stream, "png")
+    for image in (capture_folder / "images").iterdir():
+        image.write_bytes(stream.getvalue())
+    choose(visit, most=64, iterations=1, gaussians=20_000, budget=50)
+    visit.drop("huge.zip", zipped(capture_folder))
+    expect(visit["#message-text"]).to_contain_text("would take 100 MB, more than 50 MB", timeout=PATIENCE)
+    visit["#message-close"].click()
+    choose(visit, budget=1000)
+    assert visit.complaints == []
+
+
+def test_phones_are_asked_where_to_share(visit: Visit, capture_folder: Path, tmp_path: Path) -> None:
+    choose(visit, most=32, iterations=1, gaussians=100)
+    visit.drop("toys.zip", zipped(capture_folder))
+    visit["#save-spz"].wait_for(timeout=PATIENCE)
+    visit.page.evaluate(
+        """() => {
+            navigator.canShare = ({files}) => files.length === 1;
+            navigator.share = async ({files}) => {
+                self.shared = files[0].name;
+                throw new DOMException("", self.refusal ?? "AbortError");
+            };
+        }"""
+    )
+    visit["#save-spz"].click()
+    assert visit.page.evaluate("self.shared") == "toys.spz"
+    visit.page.evaluate("self.refusal = 'NotAllowedError'")
+    assert saved(visit, tmp_path / "toys.ply").read_bytes().startswith(b"ply")
+    assert visit.page.evaluate("self.shared") == "toys.ply"
+    visit.page.evaluate("() => { delete navigator.canShare; delete navigator.share; }")
+    assert visit.complaints == []
+
+
 def test_a_browser_without_webgpu_is_told_so(browser: Browser, host: Host) -> None:
     with browser.new_context() as context:
         prefix_worker(context, "delete WorkerNavigator.prototype.gpu;")
@@ -209,19 +354,31 @@ def test_a_browser_without_webgpu_is_told_so(browser: Browser, host: Host) -> No
         expect(page.locator("#message-text")).to_contain_text("no WebGPU: expected a browser that supports it")
 
 
-def test_fern(visit: Visit, data_folder: Path, tmp_path: Path) -> None:
+def test_fern_with_depth(visit: Visit, data_folder: Path, tmp_path: Path) -> None:
     """A real capture, whose lens is undone by Python first: LLFF states it in a file that the page does not read."""
     folder = tmp_path / "fern"
-    export_capture(folder, open_capture(data_folder / "fern", images="images_8", max_size=126))
+    capture = open_capture(data_folder / "fern", images="images_8", max_size=126)
+    export_capture(folder, replace(capture, train=capture.train[:8]))
     size = ("--max-size", "63")
-    choose(visit, most=63, iterations=20, gaussians=1500)
+    choose(visit, depth=True, most=63, iterations=60, gaussians=1500)
     visit.drop("fern.zip", zipped(folder))
+    expect(visit["#stage"]).to_have_text(re.compile(r"depth of keyframe \d of 9"), timeout=PATIENCE)
     scene = saved(visit, tmp_path / "fern.ply")
     assert visit.complaints == []
     found = held_out_psnr(scene, folder, *size)
-    sizes = ("--iterations", "20", "--max-gaussians", "1500", *size)
-    expected = psnr_in_python(folder, tmp_path / "python", *sizes)
-    assert abs(found - expected) < TOLERANCE
+    expected = trained_with_depth(folder, tmp_path / "python.ply", max_size=63, iterations=60, gaussians=1500)
+    assert abs(found - held_out_psnr(expected, folder, *size)) < TOLERANCE
+
+
+def test_depth_can_be_cancelled(visit: Visit, capture_folder: Path) -> None:
+    choose(visit, depth=True, most=64, iterations=10)
+    visit.drop("toys.zip", zipped(capture_folder))
+    expect(visit["#stage"]).to_contain_text("depth of keyframe", timeout=PATIENCE)
+    expect(visit["#stop"]).to_be_hidden()
+    visit["#cancel"].click()
+    visit["#start"].wait_for(timeout=PATIENCE)
+    expect(visit["#live"]).to_be_hidden()
+    assert visit.complaints == []
 
 
 def test_a_run_survives_a_lost_gpu(visit: Visit, capture_folder: Path, tmp_path: Path) -> None:

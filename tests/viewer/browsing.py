@@ -30,6 +30,8 @@ FLAGS = (
     "--disable-component-update",
     "--no-first-run",
 )
+NO_GPU = "delete Navigator.prototype.gpu"
+"""A script that takes WebGPU from a page."""
 PATIENCE = 120_000
 """Milliseconds: compiling shaders for a GPU in software takes its time."""
 

@@ -9,7 +9,7 @@ from playwright.sync_api import Browser, Page
 
 from pocketgs.viewer.content import Content
 from pocketgs.viewer.server import serving
-from viewer.browsing import open_browser, visiting
+from viewer.browsing import NO_GPU, open_browser, visiting
 
 
 @pytest.fixture(scope="module")
@@ -22,6 +22,5 @@ def browser() -> Iterator[Browser]:
 @pytest.fixture(scope="module")
 def page(browser: Browser) -> Iterator[Page]:
     """A page that shows nothing and has no GPU, to call its modules on."""
-    no_gpu = "delete Navigator.prototype.gpu"
-    with serving(Content("nothing")) as served, visiting(browser, served.url, 400, 300, script=no_gpu) as visit:
+    with serving(Content("nothing")) as served, visiting(browser, served.url, 400, 300, script=NO_GPU) as visit:
         yield visit.page

@@ -398,3 +398,18 @@ def test_scene_that_cannot_be_shown_is_a_warning(scene: Gaussians, tmp_path: Pat
     followed.finish(RunResult(tmp_path, scene, None, {"iterations": 7}))
     assert len(warnings) == 1
     assert "iteration 7 cannot be shown on the page" in warnings[0]
+
+
+def test_how_far_a_stage_is(often: None) -> None:
+    """Searching for poses takes minutes before there is a step to show."""
+    shown: list[tuple[int, int]] = []
+    followed = LiveRun("toys", {"features": "finding features"})
+    reporter = followed.reporter(Reporter(on_count=lambda done, of: shown.append((done, of))))
+    with serving(followed) as page:
+        assert fetch(page.url, "progress.json").json["stage"] == "starting"
+        reporter.on_stage("features")
+        reporter.on_count(3, 84)
+        assert fetch(page.url, "progress.json").json["stage"] == "finding features: 3 of 84"
+        reporter.on_stage("matching")
+        assert fetch(page.url, "progress.json").json["stage"] == "matching"
+    assert shown == [(3, 84)]

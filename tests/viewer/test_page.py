@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -72,6 +73,12 @@ def engine(scene: Gaussians) -> CpuEngine:
     return engine
 
 
+def described(camera: Camera) -> dict[str, Any]:
+    """As the page has it."""
+    numbers = {name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}
+    return {**numbers, "world_to_camera": camera.world_to_camera.ravel().tolist()}
+
+
 def test_it_loads(visit: Visit, scene: Gaussians) -> None:
     expect(visit["#title"]).to_have_text("marks")
     expect(visit["#stats"]).to_contain_text(f"{len(scene)} splats")
@@ -94,15 +101,12 @@ def test_picture_is_the_engines(visit: Visit, engine: CpuEngine, cameras: list[C
 def test_values_for_the_shaders_are_those_of_python(visit: Visit, cameras: list[Camera]) -> None:
     symbols = {"gaussians": 5, "coefficients": 4, "intersections": 77, "replay_depth": 0}
     camera = cameras[2]
-    fields = ("width", "height", "fx", "fy", "cx", "cy")
-    described = {name: getattr(camera, name) for name in fields}
-    described["world_to_camera"] = camera.world_to_camera.reshape(-1).tolist()
     found = visit.page.evaluate(
         """async ([camera, background, symbols]) => {
             const { viewValues } = await import(new URL("page/drawing/view_values.js", document.baseURI));
             return viewValues(camera, background, 0.25, symbols);
         }""",
-        [described, BACKGROUND, symbols],
+        [described(camera), BACKGROUND, symbols],
     )
     expected = view_values(camera, BACKGROUND, 0.25, symbols)
     assert found.keys() == expected.keys()
@@ -226,6 +230,27 @@ def test_an_appearance_without_room_leaves_the_picture(visit: Visit) -> None:
     visit.page.keyboard.press("2")
     expect(visit["[data-appearance=points]"]).to_have_attribute("aria-pressed", "true", timeout=PATIENCE)
     visit["#message-close"].click()
+
+
+PHOTOGRAPH = """async (camera) => {
+    const load = (name) => import(new URL(`page/${name}.js`, document.baseURI));
+    const [{ Renderer }, { fetchScene }] = await Promise.all(["drawing/renderer", "formats/scene_file"].map(load));
+    const { scene } = await (await fetch("viewer.json")).json();
+    const { width, height } = camera;
+    const renderer = await Renderer.open(Object.assign(document.createElement("canvas"), { width, height }));
+    await renderer.setScene(await fetchScene(scene, () => {}, () => {}));
+    const picture = { camera, isSharp: true, background: [0.1, 0.2, 0.3], asDepth: false };
+    // Nothing is known of this GPU yet, so it draws the first image in parts.
+    const [first] = await Promise.all([renderer.photograph(picture), renderer.draw(picture)]);
+    const photographs = [first, await renderer.photograph(picture)];
+    return Promise.all(photographs.map(async (blob) => Array.from(new Uint8Array(await blob.arrayBuffer()))));
+}"""
+
+
+def test_a_photograph_is_complete_while_frames_wait(visit: Visit, cameras: list[Camera]) -> None:
+    found: Any = visit.page.evaluate(PHOTOGRAPH, described(cameras[2]))
+    first, again = found
+    assert first == again
 
 
 def test_background(visit: Visit, engine: CpuEngine, cameras: list[Camera]) -> None:

@@ -6,6 +6,7 @@ import base64
 import gzip
 import struct
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -211,6 +212,7 @@ LOOP = """async (milliseconds) => {
     const draw = async (share) => {
         shares.push(share);
         await pause(milliseconds * share);
+        return true;
     };
     const loop = new FrameLoop(draw, () => {}, () => {});
     loop.invalidate();
@@ -227,14 +229,76 @@ LOOP = """async (milliseconds) => {
 
 @pytest.mark.parametrize(("milliseconds", "coarsest"), [(5, 1.0), (300, 0.25)])
 def test_resolution_drops_only_while_slow_frames_move(page: Page, milliseconds: float, coarsest: float) -> None:
-    """Frames that take so long at full resolution; then the picture rests, sharp, and nothing is drawn."""
+    """It begins low. Frames take so long at full resolution; then the picture rests, sharp, and nothing is drawn."""
     found: Any = page.evaluate(LOOP, milliseconds)
     shares, drawn_at_rest = found
-    assert min(shares) <= coarsest + 0.1
+    assert min(shares[1:]) <= coarsest + 0.1
     assert shares[-1] == 1.0
     assert drawn_at_rest == 0
+    assert shares[0] == 0.25
     if coarsest == 1.0:
-        assert set(shares) == {1.0}
+        assert set(shares[8:]) == {1.0}
+
+
+GIVE_WAY = """async () => {
+    const { FrameLoop } = await import(new URL("page/drawing/frame_loop.js", document.baseURI));
+    const pause = (time) => new Promise((resolve) => setTimeout(resolve, time));
+    const drawn = [];
+    const draw = async (share, isWanted) => {
+        for (let part = 0; part < 20 * share; part++) {
+            await pause(50);
+            if (!isWanted()) {
+                drawn.push("given up");
+                return false;
+            }
+        }
+        drawn.push(share);
+        return true;
+    };
+    const rested = new Promise((resolve) => {
+        const loop = new FrameLoop(draw, () => {}, (rests) => rests && resolve());
+        loop.invalidate();
+        setTimeout(() => loop.invalidate(), 700);
+    });
+    await rested;
+    return drawn;
+}"""
+
+
+def test_a_long_frame_gives_way_to_what_is_newer(page: Page) -> None:
+    """To a coarse picture of it first."""
+    drawn: Any = page.evaluate(GIVE_WAY)
+    assert drawn[1] == "given up"
+    assert drawn.count("given up") == 1
+    assert max(drawn[0], drawn[2]) < 0.5
+    assert drawn[3:] == [1]
+
+
+SIZES = """async (latency) => {
+    const { SubmissionSizes } = await import(new URL("page/drawing/submission_sizes.js", document.baseURI));
+    const sizes = new SubmissionSizes();
+    const tiles = [sizes.tiles];
+    const whole = [sizes.mayDrawWhole(1)];
+    for (let i = 0; i < 6; i++) {
+        sizes.partTook(sizes.tiles, latency + 0.1 * sizes.tiles);
+        tiles.push(sizes.tiles);
+    }
+    sizes.imageTook(1000, 3 * latency + 90, 3);
+    whole.push(sizes.mayDrawWhole(1000), sizes.mayDrawWhole(1600), sizes.mayDrawWhole(2500));
+    sizes.imageTook(1000, 3 * latency + 200, 3);
+    whole.push(sizes.mayDrawWhole(1000));
+    return [tiles, whole];
+}"""
+
+
+@pytest.mark.parametrize("latency", [1, 100])
+def test_submissions_grow_to_what_takes_a_tenth_of_a_second(page: Page, latency: float) -> None:
+    """However long the browser takes to tell that they are done. Nothing is drawn at once before anything is known."""
+    found: Any = page.evaluate(SIZES, latency)
+    tiles, whole = found
+    assert all(after <= 4 * before for before, after in pairwise(tiles))
+    assert 900 < tiles[-1] < 1200
+    assert whole == [False, True, True, False, False]
 
 
 PACE = """async () => {

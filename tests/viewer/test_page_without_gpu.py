@@ -9,18 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import Browser, Page, expect
 
 from pocketgs.scene.formats import ply, splat
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.viewer.content import Content, View
 from pocketgs.viewer.server import serving
-from viewer.browsing import PATIENCE, Visit, visiting
+from viewer.browsing import NO_GPU, PATIENCE, Visit, visiting
 from viewer.marks import HEIGHT, MARKS, UP, WIDTH, cameras_around, marked_scene, marks, psnr
 
 BACKGROUND = (0.1, 0.2, 0.3)
-
-NO_GPU = "delete Navigator.prototype.gpu;"
 
 KEPT_GPU = """
 const requestDevice = GPUAdapter.prototype.requestDevice;
@@ -112,18 +110,36 @@ def test_points_show_what_the_gpu_cannot_hold_until_a_scene_comes_that_it_can(
         assert visit.complaints == []
 
 
-def test_points_take_over_from_a_gpu_that_is_lost(browser: Browser, url: str, content: Content) -> None:
+def test_a_gpu_that_is_lost_is_taken_anew(browser: Browser, url: str) -> None:
+    """At half the resolution, with a line that says so."""
+    with visiting(browser, url, WIDTH, HEIGHT, script=KEPT_GPU) as visit:
+        visit.drag(30, 0)
+        before = visit.picture()
+        expect(visit["#note"]).to_be_empty()
+        visit.page.evaluate("device.destroy()")
+        expect(visit["#note"]).to_have_text("the GPU was lost: now at 50 % resolution", timeout=PATIENCE)
+        expect(visit["#points"]).to_be_hidden(timeout=PATIENCE)
+        after = visit.picture()
+        assert 25 < psnr(after, before) < 60
+        for name, place in marks(before).items():
+            np.testing.assert_allclose(marks(after)[name], place, atol=0.7, err_msg=name)
+        visit.drag(30, 0)
+        assert marks(visit.picture())["red"][0] > marks(after)["red"][0] + 5
+        expect(visit["#message"]).to_be_hidden()
+
+
+def test_points_take_over_from_a_gpu_that_does_not_come_back(browser: Browser, url: str, content: Content) -> None:
     """It is told, and the GPU is not tried again."""
     assert content.scene
     with visiting(browser, url, WIDTH, HEIGHT, script=KEPT_GPU) as visit:
         visit.drag(30, 0)
         before = marks(visit.picture())
-        visit.page.evaluate("device.destroy()")
-        expect(visit["#message-text"]).to_contain_text("the GPU was lost")
+        visit.page.evaluate("GPU.prototype.requestAdapter = async () => null; device.destroy()")
+        expect(visit["#message-text"]).to_contain_text("the GPU was lost", timeout=PATIENCE)
         expect_points_only(visit)
         after = marks(visit.picture())
-        # The one mark that nothing is in front of: with haze before it, a disc's middle is not where a point's is.
-        np.testing.assert_allclose(after["red"], before["red"], atol=1.5)
+        for name, place in before.items():
+            np.testing.assert_allclose(after[name], place, atol=1.5, err_msg=name)
         visit["#message-close"].click()
         visit.drag(30, 0)
         assert marks(visit.picture())["red"][0] > after["red"][0] + 5
@@ -131,6 +147,48 @@ def test_points_take_over_from_a_gpu_that_is_lost(browser: Browser, url: str, co
         expect(visit["#title"]).to_have_text("again.ply")
         expect_points_only(visit)
         expect(visit["#message"]).to_be_hidden()
+
+
+LOSE = """async () => {
+    const { SceneRenderer } = await import(new URL("page/drawing/scene_renderer.js", document.baseURI));
+    const said = [];
+    let lose;
+    const open = async () => ({
+        lost: new Promise((resolve) => (lose = () => resolve({ message: "gone" }))),
+        setAppearance: async () => {},
+        setScene: async () => {},
+        draw: async () => true,
+    });
+    const points = { setScene() {}, release() {}, draw: async () => true };
+    let done = Promise.resolve();
+    const renderer = new SceneRenderer(points, {
+        pictureNow: (share) => ({ share }),
+        onChange() {},
+        onTakeOver() {},
+        onRegaining: (regaining) => (done = regaining),
+        onNote: (text) => said.push(text),
+        onFault: (text) => said.push(text),
+    });
+    await renderer.useGpu(await open(), open);
+    await renderer.setScene({ count: 1 });
+    const shares = [renderer.largestShare];
+    for (let i = 0; i < 4; i++) {
+        lose();
+        await new Promise((resolve) => setTimeout(resolve));
+        await done;
+        shares.push(renderer.largestShare);
+    }
+    return [shares, said, renderer.compositor];
+}"""
+
+
+def test_a_gpu_that_is_lost_again_and_again_is_left_alone(page: Page) -> None:
+    """Until then each loss halves the resolution."""
+    shares, said, compositor = page.evaluate(LOSE)
+    assert shares[:4] == [1, 0.5, 0.25, 0.125]
+    assert said[:3] == [f"the GPU was lost: now at {n} % resolution" for n in (50, 25, 12.5)]
+    assert said[3:] == ["", "the GPU was lost (gone): reload the page"]
+    assert compositor == "points"
 
 
 def test_without_webgpu_points_stay(browser: Browser, url: str) -> None:
@@ -147,9 +205,9 @@ def test_without_webgpu_points_stay(browser: Browser, url: str) -> None:
         visit["#message-close"].click()
         expect(visit["#previews"]).to_be_hidden()
         expect_points_only(visit)
-        before = marks(visit.picture())
+        before = marks(visit.picture(), ["red"])
         visit.drag(30, 0)
-        assert marks(visit.picture())["red"][0] > before["red"][0] + 5
+        assert marks(visit.picture(), ["red"])["red"][0] > before["red"][0] + 5
         np.testing.assert_allclose(visit.seen(), visit.picture(), atol=0.01)
         assert visit.complaints == []
 

@@ -121,7 +121,15 @@ def test_modules_and_passes(page: Page, monkeypatch: pytest.MonkeyPatch, tmp_pat
     assert fetch(page.url, "passes.json?weights=lc").json == json.loads(json.dumps(expected))
     assert fetch(page.url, "passes.json?weights=magic").status == 404
     assert fetch(page.url, "passes.json").json == fetch(page.url, "passes.json?appearance=splats").json
-    for path in ("passes.json?appearance=cubes", "page/main.ts", "page/drawing", "gpu/sort.py", "gpu/shaders", "live"):
+    for path in (
+        "passes.json?appearance=cubes",
+        "page/main.ts",
+        "page/drawing",
+        "gpu/sort.py",
+        "gpu/shaders",
+        "live",
+        "progress.json",
+    ):
         assert fetch(page.url, path).status == 404, path
 
 

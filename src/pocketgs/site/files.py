@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pocketgs.gpu
 import pocketgs.viewer
+from pocketgs.prior.depth.webgpu.passes import describe_comparison, describe_sweep
 from pocketgs.site.settings import settings
 from pocketgs.splat.webgpu.passes import Variant, describe
 
@@ -20,8 +21,16 @@ SHARED = (
     "drawing/frame_loop.js",
     "drawing/view_values.js",
     "formats/crc32.js",
+    "formats/opacity.js",
+    "formats/pgs_attributes.js",
+    "formats/pgs_positions.js",
+    "formats/pgs_rotations.js",
+    "formats/pgs_sections.js",
     "formats/ply_columns.js",
     "formats/ply_header.js",
+    "formats/range_decoder.js",
+    "formats/range_models.js",
+    "formats/spz_attributes.js",
     "icon.svg",
     "live/curves.js",
     "live/figures.js",
@@ -50,6 +59,8 @@ def site_files() -> dict[str, bytes]:
     files |= {f"train/{path.relative_to(PAGE).as_posix()}": path.read_bytes() for path in own}
     files[HTML] = files.pop(f"train/{HTML}")
     files["train/passes.json"] = _encoded(describe(Variant()).part(SEQUENCES, NEVER).to_json())
+    depth = {"sweep": describe_sweep().to_json(), "comparison": describe_comparison().to_json()}
+    files["train/depth_passes.json"] = _encoded(depth)
     files["train/settings.json"] = _encoded(settings())
     return files
 

@@ -8,34 +8,67 @@ from typing import Any
 import numpy as np
 
 from pocketgs.capture.cloud_file import UNKNOWN_COLOUR
-from pocketgs.capture.colmap import DEFAULT_IMAGES, IMAGE_FOLDERS, MODEL_FOLDERS
-from pocketgs.capture.colmap_model import CAMERA_MODELS
-from pocketgs.capture.loading import ASPECT_TOLERANCE
-from pocketgs.capture.origin import FAR
-from pocketgs.capture.poses import MAX_COORDINATE, MAX_INTRINSIC, MIN_FOCAL_LENGTH, ROTATION_TOLERANCE
-from pocketgs.capture.transforms_file import EXTENSIONS_TRIED, FISHEYE_MODELS, PERSPECTIVE_MODELS
+from pocketgs.capture.formats.colmap import DEFAULT_IMAGES, IMAGE_FOLDERS, MODEL_FOLDERS
+from pocketgs.capture.formats.colmap_model import CAMERA_MODELS
+from pocketgs.capture.formats.polycam import UNDISTORTION_BORDER
+from pocketgs.capture.formats.transforms_file import (
+    DEFAULT_DEPTH_UNIT,
+    EXTENSIONS_TRIED,
+    FISHEYE_MODELS,
+    PERSPECTIVE_MODELS,
+)
+from pocketgs.capture.hold_out import HOLD_OUT_EVERY
+from pocketgs.capture.loading import ASPECT_TOLERANCE, MASK_ASPECT_TOLERANCE
+from pocketgs.capture.masks import FOLDERS
+from pocketgs.capture.origin import FAR, METRIC_EXTENT
+from pocketgs.capture.poses import (
+    ARKIT_PIXEL_CENTRE,
+    MAX_COORDINATE,
+    MAX_INTRINSIC,
+    MIN_FOCAL_LENGTH,
+    ROTATION_TOLERANCE,
+)
+from pocketgs.capture.sharpness import MAX_FRAMES, REDUCED_SIDE
 from pocketgs.capture.undistortion import BORDER_SAMPLES
+from pocketgs.compression.codings import finer
 from pocketgs.geometry.camera_geometry import GUESSED_DISTANCE, MIN_CONVERGENCE
 from pocketgs.geometry.lens import MAX_HALF_FIELD, MAX_STEP
-from pocketgs.prior import volume
+from pocketgs.prior.cloud import volume
+from pocketgs.scene.formats import pgs_rounding
+from pocketgs.scene.formats.pgs_coding import FINE
+from pocketgs.scene.formats.spz_arrangement import AXES, RENAMINGS
 from pocketgs.scene.gaussians import SH_COEFFICIENTS
 from pocketgs.scene.morton import BITS
+from pocketgs.site.prior_settings import prior_settings
 from pocketgs.splat.constants import SSIM_WINDOW
 from pocketgs.splat.engine import KEPT_LOSSES
 from pocketgs.splat.settings import LearningRates
 from pocketgs.splat.webgpu.engine import INTERSECTION_BYTES
-from pocketgs.splat.webgpu.memory import GROWTH, INTERSECTIONS_PER_GAUSSIAN, MIN_INTERSECTIONS
+from pocketgs.splat.webgpu.memory import (
+    EXPECTED_PER_GAUSSIAN,
+    EXPECTED_PER_PIXEL,
+    GROWTH,
+    INTERSECTIONS_PER_GAUSSIAN,
+    MIN_INTERSECTIONS,
+)
 from pocketgs.splat.webgpu.passes import Variant
 from pocketgs.splat.webgpu.steps_ahead import MAX_PENDING, SECONDS_AHEAD
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.effort import QUICK_GAUSSIANS, QUICK_ITERATIONS
+from pocketgs.training.preparation import MIN_POINTS
 from pocketgs.training.recipes import RECIPES, SLOWEST_SCALES, Recipe, Schedule
 from pocketgs.training.seeding import PLANE_NEIGHBOURS, SPACING_NEIGHBOURS, THICKNESS
 
 RECIPE = "pocketgs"
 
-HOLD_OUT_EVERY = 8
-"""Every eighth photograph by name is held out, unless the capture has a split of its own."""
+MOST_MEMORY = 1000
+"""Megabytes that the page takes at most, unless the user allows more: phones end pages that take a little more."""
+
+LEAST_SIDE, LEAST_GAUSSIANS = 320, 5_000
+"""A run that does not fit is reduced to photographs of such a longest side, and then to so many Gaussians."""
+
+PGS_CODING = finer(finer(finer(finer(FINE))))
+"""The grids of the `.pgs` that the page saves: as close to the trained scene as its `.spz`, and smaller."""
 
 PACES = 256
 """A schedule is stated at so many equal parts of a run; between them the page interpolates."""
@@ -49,14 +82,18 @@ def settings() -> dict[str, Any]:
             "gaussians": QUICK_GAUSSIANS,
             "evaluate_every": TrainingOptions().evaluate_every,
             "hold_out_every": HOLD_OUT_EVERY,
+            "min_points": MIN_POINTS,
             "seed": TrainingOptions().seed,
         },
+        "plan": {"most_memory": MOST_MEMORY, "least_side": LEAST_SIDE, "least_gaussians": LEAST_GAUSSIANS},
         "recipe": _recipe(RECIPES[RECIPE]),
         "engine": {
             "ssim_window": SSIM_WINDOW,
             "kept_losses": KEPT_LOSSES,
             "intersections_per_gaussian": INTERSECTIONS_PER_GAUSSIAN,
             "min_intersections": MIN_INTERSECTIONS,
+            "expected_per_gaussian": EXPECTED_PER_GAUSSIAN,
+            "expected_per_pixel": EXPECTED_PER_PIXEL,
             "intersection_bytes": INTERSECTION_BYTES[Variant().accumulation],
             "growth": GROWTH,
             "most_ahead": MAX_PENDING,
@@ -73,12 +110,20 @@ def settings() -> dict[str, Any]:
             "perspective_models": PERSPECTIVE_MODELS,
             "fisheye_models": FISHEYE_MODELS,
             "extensions_tried": EXTENSIONS_TRIED,
+            "mask_folders": FOLDERS,
+            "arkit_pixel_centre": ARKIT_PIXEL_CENTRE,
+            "undistortion_border": UNDISTORTION_BORDER,
+            "depth_unit": DEFAULT_DEPTH_UNIT,
+            "max_frames": MAX_FRAMES,
+            "sharpness_side": REDUCED_SIDE,
             "aspect_tolerance": ASPECT_TOLERANCE,
+            "mask_aspect_tolerance": MASK_ASPECT_TOLERANCE,
             "rotation_tolerance": ROTATION_TOLERANCE,
             "max_coordinate": MAX_COORDINATE,
             "max_intrinsic": MAX_INTRINSIC,
             "min_focal_length": MIN_FOCAL_LENGTH,
             "far": FAR,
+            "metric_extent": METRIC_EXTENT,
             "unknown_colour": UNKNOWN_COLOUR,
             "border_samples": BORDER_SAMPLES,
             "max_half_field": MAX_HALF_FIELD,
@@ -101,6 +146,17 @@ def settings() -> dict[str, Any]:
             "min_points": volume.MIN_POINTS,
             "min_convergence": MIN_CONVERGENCE,
             "guessed_distance": GUESSED_DISTANCE,
+        },
+        "prior": prior_settings(),
+        "pgs": {
+            "coding": asdict(PGS_CODING.in_single_precision()),
+            "grid_bits": pgs_rounding.GRID_BITS,
+            "max_level": pgs_rounding.MAX_LEVEL,
+            "max_logit": pgs_rounding.MAX_LOGIT,
+            "renamings": [
+                {"quaternion": renaming, "axes": axes}
+                for renaming, axes in zip(RENAMINGS.tolist(), AXES.tolist(), strict=True)
+            ],
         },
     }
 

@@ -9,7 +9,8 @@ from urllib.parse import urlsplit
 TOKEN_BYTES = 16
 
 
-def _new_token() -> str:
+def new_token() -> str:
+    """A secret that cannot be guessed."""
     return secrets.token_urlsafe(TOKEN_BYTES)
 
 
@@ -23,7 +24,7 @@ class Access:
     """
 
     hosts: frozenset[str]
-    token: str = field(default_factory=_new_token, repr=False)
+    token: str = field(default_factory=new_token, repr=False)
 
     def serves_host(self, host: str) -> bool:
         """Whether a Host header names this server.

@@ -22,6 +22,13 @@ MAX_COMMAND_BYTES = 256
 """Maximum size of a message from a page, in bytes."""
 
 
+def page_socket() -> web.WebSocketResponse:
+    """A WebSocket to a page, which sends short commands."""
+    return web.WebSocketResponse(
+        max_msg_size=MAX_COMMAND_BYTES, heartbeat=SECONDS_BETWEEN_PINGS, timeout=SECONDS_TO_CLOSE, compress=False
+    )
+
+
 class Followers:
     """The pages that follow a run."""
 
@@ -32,9 +39,7 @@ class Followers:
 
     async def follow(self, request: web.Request) -> web.WebSocketResponse:
         """Send a page the run's news and pass its commands to the run, until it leaves or violates the protocol."""
-        page = web.WebSocketResponse(
-            max_msg_size=MAX_COMMAND_BYTES, heartbeat=SECONDS_BETWEEN_PINGS, timeout=SECONDS_TO_CLOSE, compress=False
-        )
+        page = page_socket()
         await page.prepare(request)
         teller = asyncio.create_task(self._tell(page))
         self._tellers.add(teller)

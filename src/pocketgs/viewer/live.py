@@ -66,6 +66,7 @@ class LiveRun:
         return replace(
             shown,
             on_stage=_both(shown.on_stage, self._show_stage),
+            on_count=self._counting(shown.on_count),
             on_plan=_both(shown.on_plan, lambda plan: self.news.post_progress(iterations=plan.iterations)),
             on_capture=_both(shown.on_capture, self._show_capture),
             on_prepared=_both(shown.on_prepared, self._show_capture),
@@ -103,6 +104,15 @@ class LiveRun:
         if stage != self._stage:
             self._stage = stage
             self.news.post_progress(stage=self._stages.get(stage, stage), memory_mb=peak_rss_mb())
+
+    def _counting(self, shown: Callable[[int, int], None]) -> Callable[[int, int], None]:
+        def show(done: int, of: int) -> None:
+            shown(done, of)
+            if done == of or time.monotonic() - self._told >= SECONDS_BETWEEN_MESSAGES:
+                self._told = time.monotonic()
+                self.news.post_progress(stage=f"{self._stages.get(self._stage, self._stage)}: {done} of {of}")
+
+        return show
 
     def _show_capture(self, capture: Capture) -> None:
         self.news.post_content(_with_cameras(self.news.content, capture))

@@ -60,6 +60,12 @@ class News:
         return self._content
 
     @property
+    def progress(self) -> dict[str, Any]:
+        """A copy of the progress, see FIRST_PROGRESS."""
+        with self._lock:
+            return dict(self._progress)
+
+    @property
     def readers(self) -> int:
         """Number of pages that are open."""
         return self._readers

@@ -32,6 +32,7 @@ TYPES = {
     ".js": "text/javascript; charset=utf-8",
     ".svg": "image/svg+xml",
     ".png": "image/png",
+    ".jpg": "image/jpeg",
 }
 """Content types by suffix; the system's table may be wrong. Everything else is a stream of bytes."""
 
@@ -62,24 +63,31 @@ def application(access: Access, content: Callable[[], Content], run: LiveRun | N
         content: returns the current content.
         run: to follow, or None.
     """
-    routes = _Routes(content, run)
-    known = web.Application(middlewares=[_guard(access)])
-    known.on_response_prepare.append(_add_headers)
-    if routes.followers:
-        known.on_shutdown.append(routes.followers.dismiss)
-    handlers: dict[str, Handler] = {
-        "/": routes.index,
-        "/page/{name:.+}": routes.page_file,
-        "/gpu/{name}": routes.executor_file,
-        "/passes.json": routes.passes,
-        "/viewer.json": routes.viewer,
-        "/photos/{number:\\d{1,6}}.jpg": routes.photo,
-        "/previews/{name}": routes.preview,
-        "/live": routes.live,
-        "/{name}": routes.scene,
-    }
+
+    async def current(_: web.Request) -> Content:
+        return content()
+
+    known = guarded_application(access, only_reading)
+    handlers = page_handlers() | scene_handlers(current)
+    if run:
+        followers = Followers(run)
+        known.on_shutdown.append(followers.dismiss)
+        handlers = live_handlers(run, followers) | handlers
     for path, handler in handlers.items():
         known.router.add_get("/{token}" + path, handler, allow_head=False)
+    return known
+
+
+def guarded_application(access: Access, *middlewares: Middleware, client_max_size: int = 1 << 20) -> web.Application:
+    """An application without routes: it refuses requests without the secret, and adds `HEADERS` to every response.
+
+    Args:
+        access: requirements for requests.
+        middlewares: further checks, after that of the secret.
+        client_max_size: the largest body that a handler may read, in bytes.
+    """
+    known = web.Application(middlewares=[_guard(access), *middlewares], client_max_size=client_max_size)
+    known.on_response_prepare.append(_add_headers)
     return known
 
 
@@ -87,17 +95,28 @@ def _guard(access: Access) -> Middleware:
     @web.middleware
     async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
         if not access.serves_host(request.host) or not access.opens(request.path):
-            return _refused(web.HTTPForbidden())
-        if request.method != "GET":
-            return _refused(web.HTTPMethodNotAllowed(request.method, ["GET"]))
-        if request.body_exists:
-            return _refused(web.HTTPRequestEntityTooLarge(max_size=0, actual_size=request.content_length or 1))
+            return refused(web.HTTPForbidden())
         return await handler(request)
 
     return guard
 
 
-def _refused(reason: web.HTTPException) -> web.Response:
+@web.middleware
+async def only_reading(request: web.Request, handler: Handler) -> web.StreamResponse:
+    """Refuse everything but GET without a body."""
+    if request.method != "GET":
+        return refused(web.HTTPMethodNotAllowed(request.method, ["GET"]))
+    if request.body_exists:
+        return refused(web.HTTPRequestEntityTooLarge(max_size=0, actual_size=request.content_length or 1))
+    return await handler(request)
+
+
+def is_from_own_page(request: web.Request) -> bool:
+    """Whether a browser says that a page of this server makes a request."""
+    return is_same_origin(request.headers.get("Origin"), request.scheme, request.host)
+
+
+def refused(reason: web.HTTPException) -> web.Response:
     """A response with the reason only; the rest of the request is not read."""
     response = web.Response(status=reason.status, text=reason.reason)
     response.force_close()
@@ -108,60 +127,84 @@ async def _add_headers(_: web.Request, response: web.StreamResponse) -> None:
     response.headers.update(HEADERS)
 
 
-class _Routes:
-    """One method per route."""
+def page_handlers() -> dict[str, Handler]:
+    """The page and what draws on it, the same for every scene: a handler for each path."""
 
-    def __init__(self, content: Callable[[], Content], run: LiveRun | None) -> None:
-        self._content = content
-        self.followers = Followers(run) if run else None
+    async def index(request: web.Request) -> web.StreamResponse:
+        return await send_file(request, PAGE / "index.html")
 
-    async def index(self, request: web.Request) -> web.StreamResponse:
-        return await _file(request, PAGE / "index.html")
+    async def executor_file(request: web.Request) -> web.StreamResponse:
+        return await send_named(request, {path.name: path for path in EXECUTOR.glob("*.js")})
 
-    async def page_file(self, request: web.Request) -> web.StreamResponse:
-        files = (path for path in PAGE.rglob("*") if path.is_file())
-        return await _file_named(request, {path.relative_to(PAGE).as_posix(): path for path in files})
+    return {"/": index, "/page/{name:.+}": page_file, "/gpu/{name}": executor_file, "/passes.json": _passes}
 
-    async def executor_file(self, request: web.Request) -> web.StreamResponse:
-        return await _file_named(request, {path.name: path for path in EXECUTOR.glob("*.js")})
 
-    async def passes(self, request: web.Request) -> web.StreamResponse:
-        appearances: tuple[Appearance, ...] = get_args(Appearance)
-        forms: tuple[Weights | None, ...] = (None, *get_args(Weights))
-        asked = request.query.get("appearance", "splats"), request.query.get("weights")
-        for appearance, weights in product(appearances, forms):
-            if asked == (appearance, weights):
-                return _json(describe(Variant(appearance=appearance, weights=weights), training=False).to_json())
-        raise web.HTTPNotFound
+async def page_file(request: web.Request) -> web.StreamResponse:
+    """A module, style or image of the page."""
+    files = (path for path in PAGE.rglob("*") if path.is_file())
+    return await send_named(request, {path.relative_to(PAGE).as_posix(): path for path in files})
 
-    async def viewer(self, _: web.Request) -> web.StreamResponse:
+
+async def _passes(request: web.Request) -> web.StreamResponse:
+    appearances: tuple[Appearance, ...] = get_args(Appearance)
+    forms: tuple[Weights | None, ...] = (None, *get_args(Weights))
+    asked = request.query.get("appearance", "splats"), request.query.get("weights")
+    for appearance, weights in product(appearances, forms):
+        if asked == (appearance, weights):
+            return send_json(describe(Variant(appearance=appearance, weights=weights), training=False).to_json())
+    raise web.HTTPNotFound
+
+
+def scene_handlers(content: Callable[[web.Request], Awaitable[Content]]) -> dict[str, Handler]:
+    """What the page shows: a handler for each path.
+
+    Args:
+        content: returns the current content of the page that a request comes from.
+    """
+
+    async def viewer(request: web.Request) -> web.StreamResponse:
         try:
-            return _json(self._content().to_json())
+            return send_json((await content(request)).to_json())
         except OSError as error:
             raise web.HTTPNotFound from error
 
-    async def photo(self, request: web.Request) -> web.StreamResponse:
-        views, number = self._content().views, int(request.match_info["number"])
+    async def photo(request: web.Request) -> web.StreamResponse:
+        views, number = (await content(request)).views, int(request.match_info["number"])
         photo = views[number].photo if number < len(views) else None
         if photo is None:
             raise web.HTTPNotFound
         return web.Response(body=await asyncio.to_thread(jpeg, photo), content_type="image/jpeg")
 
-    async def preview(self, request: web.Request) -> web.StreamResponse:
-        return await _file_named(request, self._content().previews, open_in_place)
+    async def preview(request: web.Request) -> web.StreamResponse:
+        return await send_named(request, (await content(request)).previews, open_in_place)
 
-    async def scene(self, request: web.Request) -> web.StreamResponse:
-        return await _file_named(request, self._content().scene_files, open_in_place)
+    async def scene(request: web.Request) -> web.StreamResponse:
+        return await send_named(request, (await content(request)).scene_files, open_in_place)
 
-    async def live(self, request: web.Request) -> web.StreamResponse:
-        if self.followers is None:
-            raise web.HTTPNotFound
-        if not is_same_origin(request.headers.get("Origin"), request.scheme, request.host):
-            return _refused(web.HTTPForbidden())
-        return await self.followers.follow(request)
+    return {
+        "/viewer.json": viewer,
+        "/photos/{number:\\d{1,6}}.jpg": photo,
+        "/previews/{name}": preview,
+        "/{name}": scene,
+    }
 
 
-def _json(content: object) -> web.Response:
+def live_handlers(run: LiveRun, followers: Followers) -> dict[str, Handler]:
+    """A run's news: a handler for each path."""
+
+    async def live(request: web.Request) -> web.StreamResponse:
+        if not is_from_own_page(request):
+            return refused(web.HTTPForbidden())
+        return await followers.follow(request)
+
+    async def progress(_: web.Request) -> web.StreamResponse:
+        return send_json(run.news.progress)
+
+    return {"/live": live, "/progress.json": progress}
+
+
+def send_json(content: object) -> web.Response:
+    """A response with JSON."""
     return web.Response(text=json.dumps(content), content_type="application/json")
 
 
@@ -170,23 +213,33 @@ def _open(path: Path) -> BinaryIO:
     return path.open("rb")
 
 
-async def _file_named(request: web.Request, files: Mapping[str, Path], opened: Opener = _open) -> web.StreamResponse:
+async def send_named(request: web.Request, files: Mapping[str, Path], opened: Opener = _open) -> web.StreamResponse:
     """Serve a file by its name in a mapping: no path is ever built from a request."""
     path = files.get(request.match_info["name"])
     if path is None:
         raise web.HTTPNotFound
-    return await _file(request, path, opened)
+    return await send_file(request, path, opened)
 
 
-async def _file(request: web.Request, path: Path, opened: Opener = _open) -> web.StreamResponse:
-    """Serve a file as it is; aiohttp's FileResponse would serve a compressed file beside it instead."""
+async def send_file(
+    request: web.Request, path: Path, opened: Opener = _open, headers: Mapping[str, str] | None = None
+) -> web.StreamResponse:
+    """Serve a file as it is; aiohttp's FileResponse would serve a compressed file beside it instead.
+
+    Args:
+        request: to answer.
+        path: of the file.
+        opened: opens it.
+        headers: of the response, beside its type.
+    """
     try:
         file = await asyncio.to_thread(opened, path)
     except OSError as error:
         raise web.HTTPNotFound from error
     with file:
         left = os.fstat(file.fileno()).st_size
-        response = web.StreamResponse(headers={"Content-Type": TYPES.get(path.suffix, "application/octet-stream")})
+        kind = TYPES.get(path.suffix, "application/octet-stream")
+        response = web.StreamResponse(headers={"Content-Type": kind, **(headers or {})})
         response.content_length = left
         await response.prepare(request)
         while left and (chunk := await asyncio.to_thread(file.read, min(CHUNK, left))):

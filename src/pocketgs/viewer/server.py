@@ -18,7 +18,7 @@ from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 
 from pocketgs.errors import PocketGSError
-from pocketgs.viewer.access import Access
+from pocketgs.viewer.access import Access, new_token
 from pocketgs.viewer.address import ANY_ADDRESS, LOOPBACK, host_names, lan_addresses, page_url
 from pocketgs.viewer.content import Content
 from pocketgs.viewer.live import LiveRun
@@ -58,16 +58,42 @@ def serving(
     Raises:
         PocketGSError: the port is in use or not available, or the certificate cannot be written.
     """
-    addresses = lan_addresses() if network else []
-    hosts = list(dict.fromkeys([LOOPBACK, "localhost", *addresses, *(host_names() if network else [])]))
-    access = Access(frozenset(hosts))
-    secret = _Secret.of(hosts, certificates) if network else None
     run = shown if isinstance(shown, LiveRun) else None
     content = (lambda: shown.news.content) if isinstance(shown, LiveRun) else (lambda: shown)
+
+    def make(access: Access) -> web.Application:
+        return application(access, content, run)
+
+    with serving_application(make, network=network, port=port, certificates=certificates) as page:
+        yield page
+
+
+@contextmanager
+def serving_application(
+    make: Callable[[Access], web.Application],
+    *,
+    network: bool = False,
+    port: int = 0,
+    token: str | None = None,
+    certificates: Path | None = None,
+) -> Iterator[Page]:
+    """Serve an application while the block runs; arguments and errors as for `serving`.
+
+    Args:
+        make: makes the application for the requirements that its requests have to meet.
+        network: serve the local network.
+        port: to listen on.
+        token: first part of every path; None for a new one.
+        certificates: folder of the certificate.
+    """
+    addresses = lan_addresses() if network else []
+    hosts = list(dict.fromkeys([LOOPBACK, "localhost", *addresses, *(host_names() if network else [])]))
+    access = Access(frozenset(hosts), token or new_token())
+    secret = _Secret.of(hosts, certificates) if network else None
     listener = _listen(ANY_ADDRESS if network else LOOPBACK, port)
     port = listener.getsockname()[1]
     urls = [page_url(host, port, access.token, secure=network) for host in (LOOPBACK, *addresses)]
-    with _on_a_thread(application(access, content, run), listener, secret.context if secret else None):
+    with _on_a_thread(make(access), listener, secret.context if secret else None):
         yield Page(urls[0], urls[1] if addresses else None, secret.fingerprint if secret else None)
 
 

@@ -6,10 +6,17 @@
 
 import { listenForCaptures } from "./controls/pick.js";
 import { ProgressView } from "./controls/progress.js";
+import { save } from "./controls/saving.js";
 import { ScenePicture } from "./controls/scene_picture.js";
 import { keepAwake } from "./controls/wake_lock.js";
 
-const OPTIONS = ["most", "iterations", "gaussians"];
+const OPTIONS = ["most", "iterations", "gaussians", "budget"];
+
+/** Formats in which a scene is saved. */
+const FORMATS = ["ply", "spz", "pgs"];
+
+/** Characters of a message: names in broken files may be of any length. */
+const MOST_SHOWN = 1000;
 
 const worker = new Worker(new URL("worker.js", import.meta.url), { type: "module" });
 const progressView = new ProgressView();
@@ -23,13 +30,14 @@ let isTraining = false;
 let isPaused = false;
 /** @type {{name: string, iteration: number, iterations: number} | null} a run that can go on */
 let kept = null;
-/** @type {Blob | null} */
-let ply = null;
+/** @type {Object<string, Blob | undefined>} the trained scene by format */
+let scene = {};
 
 const handlers = {
-    settings: ({ run }) => {
+    settings: ({ run, plan }) => {
         element("iterations").value = run.iterations;
         element("gaussians").value = run.gaussians;
+        element("budget").value = plan.most_memory;
         element("start").hidden = false;
     },
     kept: ({ found }) => {
@@ -40,7 +48,8 @@ const handlers = {
         }
     },
     ready: () => (document.body.dataset.gpu = "ready"),
-    stage: ({ text, share }) => progressView.showStage(text, share),
+    stage: ({ text, share, bytes }) => progressView.showStage(text, share, bytes),
+    plan: ({ text }) => progressView.showPlan(text),
     capture: ({ warnings }) => warnings.length && showMessage(warnings.join("\n\n")),
     first: (view) => {
         element("pictures").hidden = false;
@@ -54,17 +63,17 @@ const handlers = {
         picture.refresh();
     },
     done: (found) => {
-        ply = found.ply;
+        scene = found;
+        FORMATS.forEach((format) => (element(`save-${format}`).disabled = !scene[format]));
         setTraining(false);
         element("kept").hidden = true;
         progressView.end();
         picture.redraw();
     },
     complaint: ({ text }) => showMessage(text),
+    cancelled: backToStart,
     fault: ({ text }) => {
-        setTraining(false);
-        element("live").hidden = element("pictures").hidden = true;
-        element("start").hidden = false;
+        backToStart();
         showMessage(text);
     },
 };
@@ -84,8 +93,11 @@ listenForCaptures((picked) => {
     if (!OPTIONS.map(element).every((input) => input.reportValidity())) {
         return;
     }
-    const options = Object.fromEntries(OPTIONS.map((id) => [id, element(id).valueAsNumber]));
-    begin(picked.name, options.iterations);
+    const [most, iterations, gaussians, megabytes] = OPTIONS.map((id) => element(id).valueAsNumber);
+    begin(picked.name, iterations);
+    const { width, height } = window.screen;
+    const prior = element("depth").checked ? "dense" : "none";
+    const options = { most, iterations, gaussians, prior, bytes: 1e6 * megabytes, screen: { width, height } };
     worker.postMessage({ type: "train", picked, options });
 });
 
@@ -95,7 +107,7 @@ element("go-on").addEventListener("click", () => {
 });
 
 function begin(title, iterations) {
-    [name, isPaused, ply] = [title, false, null];
+    [name, isPaused, scene] = [title, false, {}];
     setTraining(true);
     for (const id of ["message", "start", "pictures", "kept"]) {
         element(id).hidden = true;
@@ -110,15 +122,13 @@ element("pause").addEventListener("click", () => {
     element("pause").textContent = isPaused ? "Resume" : "Pause";
 });
 
+element("cancel").addEventListener("click", () => worker.postMessage({ type: "cancel" }));
+
 element("stop").addEventListener("click", () => worker.postMessage({ type: "stop" }));
 
-element("save").addEventListener("click", () => {
-    const link = document.createElement("a");
-    link.href = URL.createObjectURL(ply);
-    link.download = `${name}.ply`;
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
-});
+for (const format of FORMATS) {
+    element(`save-${format}`).addEventListener("click", () => save(scene[format], `${name}.${format}`));
+}
 
 element("another").addEventListener("click", () => (element("start").hidden = false));
 
@@ -133,6 +143,12 @@ window.addEventListener("beforeunload", (event) => isTraining && event.preventDe
 
 // Systems end hidden pages without asking.
 document.addEventListener("visibilitychange", () => document.hidden && worker.postMessage({ type: "keep" }));
+
+function backToStart() {
+    setTraining(false);
+    element("live").hidden = element("pictures").hidden = true;
+    element("start").hidden = false;
+}
 
 function setTraining(training) {
     isTraining = training;
@@ -152,7 +168,7 @@ function showPhotograph({ camera: { width, height }, rgba }) {
 }
 
 function showMessage(text) {
-    element("message-text").textContent = text;
+    element("message-text").textContent = text.length > MOST_SHOWN ? `${text.slice(0, MOST_SHOWN)} …` : text;
     element("message").hidden = false;
 }
 

@@ -4,12 +4,20 @@
  * @module
  */
 
+import { BUFFER_LIMITS, openDevice } from "../gpu/device.js";
 import { FileTree, StoredFile } from "./archive/tree.js";
 import { filesInZip } from "./archive/zip.js";
+import { withoutDepth } from "./capture/depth_map.js";
 import { loadCapture, readListing } from "./capture/open.js";
+import { outlineOf } from "./capture/outline.js";
+import { pgsOf } from "./formats/pgs_writer.js";
 import { plyOf } from "./formats/ply_writer.js";
+import { spzOf } from "./formats/spz_writer.js";
+import { Stereo } from "./prior/stereo.js";
 import { KeptRun } from "./storage/kept_run.js";
 import { firstView } from "./training/first_view.js";
+import { planRun } from "./training/plan.js";
+import { preparedPoints } from "./training/preparation.js";
 import { Run } from "./training/run.js";
 import { Trainer } from "./training/trainer.js";
 
@@ -22,9 +30,12 @@ import { Trainer } from "./training/trainer.js";
 
 const MS_UNTIL_LOSS_IS_TOLD = 500;
 
-const [settings, passes] = await Promise.all(["settings.json", "passes.json"].map(fetched));
+const DATA = ["settings.json", "passes.json", "depth_passes.json"];
+const [settings, passes, depthPasses] = await Promise.all(DATA.map(fetched));
 /** @type {Run | null} */
 let run = null;
+/** Ends what comes before training. */
+let cancelling = new AbortController();
 /** Until the last run's pictures are drawn. */
 let serving = Promise.resolve();
 
@@ -37,36 +48,62 @@ self.addEventListener("message", async ({ data }) => {
         await train(data.picked, data.options).catch(failed);
     } else if (data.type === "go on") {
         await goOn().catch(failed);
+    } else if (data.type === "cancel") {
+        cancelling.abort();
     } else if (data.type === "look") {
         run?.look(data.camera);
     } else {
         run?.[data.type]();
     }
 });
-tell("settings", { run: settings.run });
+tell("settings", { run: settings.run, plan: settings.plan });
 tellOfKept();
 
-/** @type {(picked: Picked, options: {most: number, iterations: number, gaussians: number}) => Promise<void>} */
-async function train(picked, { most, ...chosen }) {
+/**
+ * @typedef {Object} Own what a plan leaves as it is
+ * @property {number} iterations
+ * @property {"dense" | "none"} prior
+ *
+ * @type {(picked: Picked, options: import("./training/plan.js").Wish & Own) => Promise<void>}
+ */
+async function train(picked, { iterations, prior, ...wish }) {
     await endLast();
-    const capture = await opened(picked, most);
-    const options = { seed: settings.run.seed, ...chosen };
+    const [capture, { gaussians, mostBufferBytes }] = await opened(picked, wish, prior);
+    const options = { seed: settings.run.seed, iterations, gaussians, prior, mostBufferBytes };
+    const gpu = await compiled();
+    const points = await Promise.race([lossOf(gpu), prepared(capture, options, gpu).catch(thrownLater)]);
+    capture.train.forEach((frame) => (frame.depth = null));
     // A browser that has no room for the run trains all the same.
     const isKept = (await kept?.begin(picked.name, capture, options).then(() => true, () => false)) ?? false;
-    await perform(capture, options, isKept, (run) => run.go());
+    await perform(capture, options, gpu, isKept, (run) => run.go(points));
 }
 
 /** Go on with the run of an earlier visit. */
 async function goOn() {
     await endLast();
     const { capture, options, checkpoint } = await kept.read();
-    await perform(capture, options, true, (run) => run.goOn(checkpoint));
+    await perform(capture, options, await compiled(), true, (run) => run.goOn(checkpoint));
 }
 
 async function endLast() {
+    cancelling = new AbortController();
     run?.close();
     run = null;
     await serving;
+}
+
+async function compiled() {
+    await stage("compiling shaders");
+    return opening;
+}
+
+function prepared(capture, options, { trainer, stereo }) {
+    trainer.release();
+    stereo.mostBytes = options.mostBufferBytes;
+    return preparedPoints(capture, options, settings, stereo, {
+        onStage: (text, share) => stage(text, share, stereo.bytes),
+        onWarning: (text) => tell("complaint", { text }),
+    });
 }
 
 /**
@@ -74,15 +111,14 @@ async function endLast() {
  *
  * @param {import("./capture/open.js").Capture} capture
  * @param {import("./training/run.js").Options} options
+ * @param {Gpu} gpu
  * @param {boolean} isKept whether there is room to keep it
  * @param {(run: Run) => Promise<import("../page/scene/gaussian_columns.js").GaussianColumns>} work
  */
-async function perform(capture, options, isKept, work) {
-    tell("stage", { text: "compiling shaders" });
-    const trainer = await opening;
-    tell("stage", { text: "placing splats" });
+async function perform(capture, options, gpu, isKept, work) {
+    gpu.trainer.mostBytes = options.mostBufferBytes ?? Infinity;
     tell("first", firstView(capture, settings.volume));
-    run = new Run(trainer, capture, settings, options, {
+    run = new Run(gpu.trainer, capture, settings, options, {
         onProgress: (progress) => tell("progress", progress),
         onPicture: (picture) => tell("picture", { picture }),
         onCheckpoint: async (checkpoint) => {
@@ -90,13 +126,23 @@ async function perform(capture, options, isKept, work) {
             await tellOfKept();
         },
     });
-    const scene = await Promise.race([lossOf(trainer), work(run).catch(thrownLater)]);
-    tell("done", { ply: plyOf(scene) });
+    const scene = await Promise.race([lossOf(gpu), work(run).catch(thrownLater)]);
+    tell("done", await filesOf(scene));
     serving = run.serve().catch((error) => fault(error.message));
 }
 
+/** The scene in all formats that can hold it. */
+async function filesOf(scene) {
+    const pgs = await pgsOf(scene, settings.pgs, (share) => stage("packing the scene", share)).catch(complain);
+    return { ply: plyOf(scene), spz: await spzOf(scene).catch(complain), pgs };
+}
+
 async function failed(error) {
-    fault(error.message);
+    if (cancelling.signal.aborted) {
+        tell("cancelled");
+    } else {
+        fault(error.message);
+    }
     await tellOfKept();
 }
 
@@ -104,17 +150,35 @@ async function tellOfKept() {
     tell("kept", { found: (await kept?.summary()) ?? null });
 }
 
-/** Open the GPU, and once it is lost, open it anew. */
+/**
+ * Open the GPU, and once it is lost, open it anew.
+ *
+ * @returns {Promise<Gpu>}
+ */
 function open() {
-    const trainer = Trainer.open(passes, settings, (text) => tell("complaint", { text }));
-    trainer.then(
+    const gpu = compiledOn(openDevice(BUFFER_LIMITS));
+    gpu.then(
         ({ lost }) => {
             tell("ready");
             lost.then(() => (opening = open()));
         },
         (error) => fault(error.message),
     );
-    return trainer;
+    return gpu;
+}
+
+/**
+ * @typedef {Object} Gpu
+ * @property {Trainer} trainer
+ * @property {Stereo} stereo
+ * @property {Promise<GPUDeviceLostInfo>} lost resolves when the GPU is lost
+ */
+async function compiledOn(opened) {
+    const device = await opened;
+    device.addEventListener("uncapturederror", ({ error }) => tell("complaint", { text: error.message }));
+    const trainer = await Trainer.open(device, passes, settings);
+    const stereo = await Stereo.open(device, depthPasses, settings.prior.sweep);
+    return { trainer, stereo, lost: device.lost };
 }
 
 /** @returns {Promise<never>} rejects when the GPU is lost */
@@ -130,17 +194,24 @@ async function thrownLater(error) {
     throw error;
 }
 
-async function opened({ archive, files }, most) {
-    tell("stage", { text: "opening the capture" });
+/** The capture with its photographs, as large as they fit, and the plan. */
+async function opened({ archive, files }, wish, prior) {
+    const showStage = (text) => (done, of) => {
+        cancelling.signal.throwIfAborted();
+        tell("stage", { text: `${text} ${done} of ${of}`, share: done / of });
+    };
+    await stage("opening the capture");
     const stored = archive
         ? await filesInZip(archive, archive.name)
         : files.map(({ path, file }) => StoredFile.ofDisk(file, path));
-    const listing = await readListing(new FileTree(stored), settings.capture);
-    const capture = await loadCapture(listing, most, settings, (done, of) => {
-        tell("stage", { text: `photograph ${done} of ${of}`, share: done / of });
-    });
+    const found = await readListing(new FileTree(stored), settings.capture, showStage("seeking sharp frames,"));
+    const listing = prior === "dense" ? found : withoutDepth(found);
+    const outline = await outlineOf(listing, settings.capture);
+    const plan = planRun(outline, wish, (await opening).trainer.device, settings);
+    tell("plan", { text: plan.text });
+    const capture = await loadCapture(listing, plan.most, settings, showStage("photograph"));
     tell("capture", { warnings: capture.warnings });
-    return capture;
+    return [capture, plan];
 }
 
 async function fetched(name) {
@@ -149,6 +220,26 @@ async function fetched(name) {
         throw new Error(`${name}: the server answers ${response.status}`);
     }
     return response.json();
+}
+
+/**
+ * Say what is done next before training.
+ *
+ * @param {string} text
+ * @param {number} share that is done
+ * @param {number} bytes of the GPU's buffers
+ * @throws {DOMException} the user has cancelled
+ */
+async function stage(text, share = 0, bytes = 0) {
+    tell("stage", { text, share, bytes });
+    // Messages that have arrived come first.
+    await new Promise((resolve) => setTimeout(resolve));
+    cancelling.signal.throwIfAborted();
+}
+
+/** Tell of an error that the run survives. */
+function complain({ message }) {
+    tell("complaint", { text: message });
 }
 
 function fault(text) {

@@ -22,14 +22,19 @@ const USUAL_UP = [0, -1, 0];
 
 async function start() {
     const canvas = document.getElementById("canvas");
+    const open = () => Renderer.open(canvas, showMessage);
     // Shaders are compiled while the scene loads.
-    const opening = Renderer.open(canvas, showMessage);
+    const opening = open();
     opening.catch(() => {});
     const viewer = await fetchViewer();
     document.title = `${viewer.title} – PocketGS`;
     document.getElementById("title").textContent = viewer.title;
     const points = new PointRenderer(document.getElementById("points"));
-    const view = new SceneView(canvas, points, { onStatistics: showStatistics, onFault: showMessage });
+    const view = new SceneView(canvas, points, {
+        onStatistics: showStatistics,
+        onNote: showNote,
+        onFault: showMessage,
+    });
     const cameras = new CaptureCameras(view);
     new PointerControls(canvas, view.camera, () => cameras.stopComparing());
     connectToolbar(view, cameras, { title: viewer.title, onFault: showMessage });
@@ -39,7 +44,8 @@ async function start() {
     if (viewer.live) {
         follow(view, cameras);
     }
-    await view.busyUntil(Promise.all([drawOnGpu(opening, viewer, view), viewer.scene && load(viewer, view, cameras)]));
+    const loading = viewer.scene && load(viewer, view, cameras);
+    await view.busyUntil(Promise.all([drawOnGpu(opening, open, viewer, view), loading]));
 }
 
 async function fetchViewer() {
@@ -50,7 +56,7 @@ async function fetchViewer() {
     return response.json();
 }
 
-async function drawOnGpu(opening, viewer, view) {
+async function drawOnGpu(opening, open, viewer, view) {
     let renderer;
     try {
         renderer = await opening;
@@ -59,7 +65,7 @@ async function drawOnGpu(opening, viewer, view) {
         showWithoutGpu(error, viewer);
         return;
     }
-    await view.renderer.useGpu(renderer);
+    await view.renderer.useGpu(renderer, open);
 }
 
 async function load({ scene, title, up }, view, cameras) {
@@ -126,6 +132,10 @@ function follow(view, cameras) {
 function showStatistics({ count, compositor, bytes, milliseconds }) {
     const parts = [`${count.toLocaleString("en")} splats`, compositor, bytes && sizeOf(bytes), timeOf(milliseconds)];
     document.getElementById("stats").textContent = parts.filter(Boolean).join(" · ");
+}
+
+function showNote(text) {
+    document.getElementById("note").textContent = text;
 }
 
 function timeOf(milliseconds) {

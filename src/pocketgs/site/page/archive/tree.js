@@ -5,21 +5,24 @@
  */
 
 /** Of a single file that is read whole. */
-export const MAX_FILE_BYTES = 512e6;
+const MAX_FILE_BYTES = 512e6;
 
 /** A file that is read when it is needed. */
 export class StoredFile {
     #read;
+    #readStart;
 
     /**
      * @param {string} path with `/` between folders
      * @param {number} size bytes
      * @param {() => Promise<Uint8Array>} read
+     * @param {(most: number) => Promise<Uint8Array>} readStart if there is a way to read only its start
      */
-    constructor(path, size, read) {
+    constructor(path, size, read, readStart = async (most) => (await read()).subarray(0, most)) {
         this.path = path;
         this.size = size;
         this.#read = read;
+        this.#readStart = readStart;
     }
 
     /**
@@ -28,18 +31,25 @@ export class StoredFile {
      * @returns {StoredFile}
      */
     static ofDisk(file, path) {
-        return new StoredFile(path, file.size, async () => {
-            if (file.size > MAX_FILE_BYTES) {
-                const found = Math.ceil(file.size / 1e6);
-                throw new Error(`${path} would take ${found} MB: expected at most ${MAX_FILE_BYTES / 1e6} MB`);
-            }
-            return new Uint8Array(await file.arrayBuffer());
-        });
+        const readStart = async (most) => new Uint8Array(await file.slice(0, most).arrayBuffer());
+        return new StoredFile(path, file.size, () => readStart(file.size), readStart);
     }
 
-    /** @returns {Promise<Uint8Array>} its content */
-    bytes() {
+    /**
+     * @returns {Promise<Uint8Array>} its content
+     * @throws {Error} it is too large, or damaged
+     */
+    async bytes() {
+        if (this.size > MAX_FILE_BYTES) {
+            const [found, most] = [Math.ceil(this.size / 1e6), MAX_FILE_BYTES / 1e6];
+            throw new Error(`the file ${this.path} would take ${found} MB: expected at most ${most} MB`);
+        }
         return this.#read();
+    }
+
+    /** Its first bytes, at most so many, which are not checked. @type {(most: number) => Promise<Uint8Array>} */
+    start(most) {
+        return this.#readStart(most);
     }
 
     /**
@@ -117,9 +127,27 @@ export class FileTree {
             return this;
         }
         const inside = [...this.#files.values()].filter(({ path }) => path.startsWith(`${folder}/`));
-        return new FileTree(
-            inside.map((file) => new StoredFile(file.path.slice(folder.length + 1), file.size, () => file.bytes())),
-        );
+        const moved = inside.map((file) => {
+            const path = file.path.slice(folder.length + 1);
+            return new StoredFile(path, file.size, () => file.bytes(), (most) => file.start(most));
+        });
+        return new FileTree(moved);
+    }
+
+    /**
+     * Paths of the files directly in a folder, in order.
+     *
+     * @param {string} folder "" for the topmost
+     * @param {RegExp} pattern of their names
+     * @returns {string[]}
+     */
+    pathsIn(folder, pattern) {
+        return this.paths.filter((path) => folderOf(path) === folder && pattern.test(nameOf(path))).sort();
+    }
+
+    /** Whether there is a file below a folder. @type {(folder: string) => boolean} */
+    hasFolder(folder) {
+        return this.paths.some((path) => path.startsWith(`${folder}/`));
     }
 }
 
@@ -141,8 +169,14 @@ export function normalised(path) {
     return parts.join("/");
 }
 
-function nameOf(path) {
+/** The last part of a path. @type {(path: string) => string} */
+export function nameOf(path) {
     return path.slice(path.lastIndexOf("/") + 1);
+}
+
+/** A path without its last part and the slash before it; "" where there is none. @type {(path: string) => string} */
+export function folderOf(path) {
+    return path.slice(0, Math.max(path.lastIndexOf("/"), 0));
 }
 
 function spelling(path) {

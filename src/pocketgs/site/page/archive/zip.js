@@ -5,7 +5,8 @@
  */
 
 import { crc32 } from "../../page/formats/crc32.js";
-import { MAX_FILE_BYTES, StoredFile } from "./tree.js";
+import { taken } from "./inflate.js";
+import { StoredFile } from "./tree.js";
 
 const END_BYTES = 22;
 const MAX_COMMENT = 0xffff;
@@ -42,7 +43,9 @@ export async function filesInZip(archive, name) {
         const entry = readEntry(directory, at);
         at += entry.bytes;
         if (!entry.path.endsWith("/")) {
-            files.push(new StoredFile(entry.path, entry.size, () => unpacked(archive, entry, refused)));
+            const read = () => unpacked(archive, entry, refused);
+            const readStart = (most) => startOf(archive, entry, most, refused);
+            files.push(new StoredFile(entry.path, entry.size, read, readStart));
         }
     }
     return files;
@@ -83,47 +86,45 @@ function readEntry(directory, at) {
     };
 }
 
-async function unpacked(archive, { path, flags, method, sum, packed, size, offset }, refused) {
+async function unpacked(archive, entry, refused) {
+    const bytes = await taken(await streamOf(archive, entry, refused), entry.size).catch(() => null);
+    if (bytes === null || crc32(bytes) !== entry.sum) {
+        throw refused(`${entry.path} is damaged: its content is not what was packed`);
+    }
+    return bytes;
+}
+
+async function startOf(archive, entry, most, refused) {
+    const reader = (await streamOf(archive, entry, refused)).getReader();
+    const start = new Uint8Array(Math.min(most, entry.size));
+    let filled = 0;
+    while (filled < start.length) {
+        const { value, done } = await reader.read().catch(() => ({ done: true }));
+        if (done) {
+            break;
+        }
+        start.set(value.subarray(0, start.length - filled), filled);
+        filled += value.length;
+    }
+    await reader.cancel().catch(() => {});
+    return start.subarray(0, filled);
+}
+
+/** A packed file's content, as it is unpacked. */
+async function streamOf(archive, { path, flags, method, packed, offset }, refused) {
     if (flags & ENCRYPTED) {
         throw refused(`${path} is encrypted: expected a zip file without a password`);
     }
     if (method !== STORED && method !== DEFLATED) {
         throw refused(`${path} is compressed by method ${method}: expected a file that is stored or deflated`);
     }
-    if (size > MAX_FILE_BYTES) {
-        throw refused(`${path} would take ${Math.ceil(size / 1e6)} MB: expected at most ${MAX_FILE_BYTES / 1e6} MB`);
-    }
     const local = offset + LOCAL_BYTES <= archive.size ? await viewOf(archive, offset, LOCAL_BYTES) : null;
     if (local?.getUint32(0, true) !== LOCAL_MARK) {
         throw refused(`${path} is not where its list of files says: expected a whole zip file`);
     }
     const start = offset + LOCAL_BYTES + local.getUint16(26, true) + local.getUint16(28, true);
-    const content = archive.slice(start, start + packed);
-    const inflate = () => content.stream().pipeThrough(new DecompressionStream("deflate-raw"));
-    const bytes = await taken(method === DEFLATED ? inflate() : content.stream(), size).catch(() => null);
-    if (bytes === null || crc32(bytes) !== sum) {
-        throw refused(`${path} is damaged: its content is not what was packed`);
-    }
-    return bytes;
-}
-
-/** All of a stream, or null where it is not of the size that was stated: no more than that is ever kept. */
-async function taken(stream, size) {
-    const bytes = new Uint8Array(size);
-    let filled = 0;
-    const reader = stream.getReader();
-    for (;;) {
-        const { value, done } = await reader.read();
-        if (done) {
-            return filled === size ? bytes : null;
-        }
-        if (filled + value.length > size) {
-            await reader.cancel();
-            return null;
-        }
-        bytes.set(value, filled);
-        filled += value.length;
-    }
+    const content = archive.slice(start, start + packed).stream();
+    return method === DEFLATED ? content.pipeThrough(new DecompressionStream("deflate-raw")) : content;
 }
 
 async function viewOf(blob, start, bytes) {

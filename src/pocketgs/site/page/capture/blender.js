@@ -1,10 +1,11 @@
 /**
- * Reader of NeRF-Synthetic scenes, rendered by Blender; see `capture/blender.py`.
+ * Reader of NeRF-Synthetic scenes, rendered by Blender; see `capture/formats/blender.py`.
  *
  * @module
  */
 
 import { Fields } from "./json_fields.js";
+import { listingOf } from "./listing.js";
 import { absentWarning, readFrames } from "./transforms_file.js";
 
 /** What makes a folder such a capture. */
@@ -23,13 +24,13 @@ export const recognises = (tree) => tree.find(MARK) !== undefined;
  */
 export async function read(tree, bounds) {
     const [train, warnings] = await readSplit(tree.find(MARK), tree, bounds);
-    const listing = { format: "blender", cloud: null, background: [1, 1, 1] };
+    const background = [1, 1, 1];
     if (!tree.find(TEST)) {
-        return { ...listing, frames: train, heldOut: null, warnings };
+        return listingOf("blender", train, { background, warnings });
     }
     const [test, moreWarnings] = await readSplit(tree.find(TEST), tree, bounds);
     const heldOut = new Set(test.map(({ name }) => name));
-    return { ...listing, frames: [...train, ...test], heldOut, warnings: [...warnings, ...moreWarnings] };
+    return listingOf("blender", [...train, ...test], { heldOut, background, warnings: [...warnings, ...moreWarnings] });
 }
 
 async function readSplit(file, tree, bounds) {

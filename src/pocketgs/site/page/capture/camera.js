@@ -46,7 +46,7 @@ export function cameraAt(where, { size, focal, centre }, rotation, translation, 
  * @returns {number[]} 3 x 3 row by row
  * @throws {Error} it is no rotation
  */
-export function exactRotation(where, rotation, bounds) {
+function exactRotation(where, rotation, bounds) {
     const rows = [0, 3, 6].map((first) => rotation.slice(first, first + 3));
     const product = rows.flatMap((a, i) => rows.map((b, j) => dot(a, b) - (i === j ? 1 : 0)));
     if (!(Math.max(...product.map(Math.abs)) <= bounds.rotation_tolerance)) {
@@ -56,6 +56,33 @@ export function exactRotation(where, rotation, bounds) {
         throw new Error(`${where}: the pose mirrors the scene, expected a rotation with determinant +1`);
     }
     return nearestRotation(rows).flat();
+}
+
+/** Signs of the axes x right, y down, z forward in files whose cameras have x right, y up, z back. */
+export const UP_AND_BACK = [1, -1, -1];
+
+/**
+ * World to camera of a pose that is stated from camera to world.
+ *
+ * @param {string} where file and frame, for messages
+ * @param {number[][]} axes three rows, whose first three numbers are a rotation
+ * @param {number[]} centre of the camera
+ * @param {number[]} signs of the file's axes, such as `UP_AND_BACK`
+ * @param {Object<string, number>} bounds the settings' `capture`
+ * @returns {[number[], number[]]} rotation, row by row, and translation
+ * @throws {Error} it is no rotation
+ */
+export function inverted(where, axes, centre, signs, bounds) {
+    const rows = signs.flatMap((sign, column) => [0, 1, 2].map((row) => sign * axes[row][column]));
+    const rotation = exactRotation(where, rows, bounds);
+    const turned = (first) => centre.reduce((sum, value, i) => sum + rotation[first + i] * value, 0);
+    return [rotation, [0, 3, 6].map((first) => -turned(first))];
+}
+
+/** The view of an image without a border. @type {(camera: Camera, border: number) => Camera} */
+export function cropped(camera, border) {
+    const [width, height] = [camera.width - 2 * border, camera.height - 2 * border];
+    return { ...camera, width, height, cx: camera.cx - border, cy: camera.cy - border };
 }
 
 /** The same view in an image of another size. @type {(camera: Camera, width: number, height: number) => Camera} */
@@ -90,10 +117,37 @@ export function projected({ fx, fy, cx, cy, world_to_camera: m }, x, y, z) {
     return [column, row, depth];
 }
 
+/**
+ * Whether an image shows a point.
+ *
+ * @param {{width: number, height: number}} size of the image
+ * @param {[number, number, number]} place column, row and depth, from `projected`
+ * @returns {boolean}
+ */
+export function isInImage({ width, height }, [column, row, depth]) {
+    return depth > 0 && column >= 0 && column < width && row >= 0 && row < height;
+}
+
 /** World direction of a place in the image, of length 1 along the optical axis. */
 export function rayOf({ fx, fy, cx, cy, world_to_camera: m }, column, row) {
     const [x, y] = [(column - cx) / fx, (row - cy) / fy];
     return [0, 1, 2].map((axis) => x * m[axis] + y * m[4 + axis] + m[8 + axis]);
+}
+
+/**
+ * World to camera of a recording's frame: a camera to world quaternion and a position.
+ *
+ * @param {string} where file and frame, for messages
+ * @param {number[]} numbers x, y, z, w of the quaternion
+ * @param {number[]} centre of the camera
+ * @param {number[]} signs of the file's axes, as for `inverted`
+ * @param {Object<string, number>} bounds the settings' `capture`
+ * @returns {[number[], number[]]} rotation, row by row, and translation
+ * @throws {Error} the quaternion is zero or not finite
+ */
+export function invertedQuaternion(where, [x, y, z, w], centre, signs, bounds) {
+    const rotation = rotationOf(where, [w, x, y, z]);
+    return inverted(where, [0, 3, 6].map((first) => rotation.slice(first, first + 3)), centre, signs, bounds);
 }
 
 /**

@@ -1,5 +1,5 @@
 /**
- * Reader of COLMAP captures: a sparse model and a folder of images; see `capture/colmap.py`.
+ * Reader of COLMAP captures: a sparse model and a folder of images; see `capture/formats/colmap.py`.
  *
  * @module
  */
@@ -7,7 +7,7 @@
 import { cameraAt, rotationOf } from "./camera.js";
 import * as binary from "./colmap_binary.js";
 import * as text from "./colmap_text.js";
-import { byCodePoint, soundCloud } from "./listing.js";
+import { byCodePoint, listingOf, soundCloud, sourceOf } from "./listing.js";
 
 /** @typedef {import("../archive/tree.js").FileTree} FileTree */
 
@@ -35,7 +35,7 @@ export async function read(tree, bounds) {
         return files[i] ? [frameOf(image, files[i], cameras, imageFile, bounds)] : [];
     });
     const cloud = await readPoints(part("points3D"), bounds);
-    return { format: "colmap", frames, heldOut: null, cloud, background: [0, 0, 0], warnings };
+    return listingOf("colmap", frames, { cloud, warnings });
 }
 
 function modelFolder(tree, bounds) {
@@ -55,7 +55,7 @@ function findPart(tree, folder, name) {
 
 /** Each registered image's file, undefined where it is missing, and warnings. */
 function matchFiles(registered, tree, { image_folders: usual, usual_images: first }) {
-    const folder = usual.find((name) => tree.paths.some((path) => path.startsWith(`${name}/`))) ?? "";
+    const folder = usual.find((name) => tree.hasFolder(name)) ?? "";
     const names = registered.map(({ name }) => name);
     const files = names.map((name) => tree.find(`${folder}/${name}`));
     const absent = names.filter((_, i) => !files[i]);
@@ -64,8 +64,7 @@ function matchFiles(registered, tree, { image_folders: usual, usual_images: firs
         return [files, absent.length ? [found] : []];
     }
     // Smaller copies are often renamed, but stay in order.
-    const folderOf = (path) => path.slice(0, Math.max(path.lastIndexOf("/"), 0));
-    const present = tree.paths.filter((path) => folderOf(path) === folder && /\.(jpe?g|png)$/i.test(path));
+    const present = tree.pathsIn(folder, /\.(jpe?g|png)$/i);
     if (present.length !== names.length) {
         const found = `holds none of the ${names.length} registered images, such as ${absent[0]}`;
         throw new Error(`${folder || first}: ${found}`);
@@ -84,7 +83,7 @@ function frameOf(image, file, cameras, imageFile, bounds) {
     }
     const rotation = rotationOf(where, image.quaternion);
     const posed = cameraAt(where, camera, rotation, image.translation, bounds);
-    return { name: file.path, file, camera: posed, lens: camera.lens };
+    return sourceOf(file, posed, { lens: camera.lens });
 }
 
 async function readPoints(part, bounds) {

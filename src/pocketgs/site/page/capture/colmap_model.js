@@ -1,5 +1,5 @@
 /**
- * What COLMAP's sparse models hold, in text or binary; see `capture/colmap_model.py`.
+ * What COLMAP's sparse models hold, in text or binary; see `capture/formats/colmap_model.py`.
  *
  * @module
  */

@@ -12,8 +12,11 @@
  * @property {Uint8Array} plain the file without EXIF, by which browsers would turn it
  */
 
-/** A photograph of more pixels would not fit into a phone's memory. */
-const MAX_PIXELS = 120e6;
+/** Most files state their size within so many bytes. */
+const START_BYTES = 1 << 16;
+
+/** An image of more pixels would not fit into a phone's memory. */
+export const MAX_PIXELS = 120e6;
 
 const START_OF_IMAGE = 0xffd8;
 const START_OF_SCAN = 0xda;
@@ -37,6 +40,29 @@ export function readHeader(bytes, path) {
         throw new Error(`${path}: ${found}, expected at most ${MAX_PIXELS / 1e6} million`);
     }
     return header;
+}
+
+/**
+ * Width and height of an image as stored, mostly from its first bytes.
+ *
+ * @param {import("../archive/tree.js").StoredFile} file
+ * @returns {Promise<[number, number]>}
+ * @throws {Error} it is neither a JPEG nor a PNG, or too large
+ */
+export async function storedSize(file) {
+    const start = await file.start(START_BYTES);
+    const isShort = start.length < START_BYTES;
+    const header = sizeIn(start) ?? readHeader(isShort ? start : await file.bytes(), file.path);
+    return [header.width, header.height];
+}
+
+/** Null where the size stands further behind. */
+function sizeIn(bytes) {
+    try {
+        return readHeader(bytes, "");
+    } catch {
+        return null;
+    }
 }
 
 function readPng(view, plain) {

@@ -41,6 +41,15 @@ export class Fields {
         return new Fields({ ...others.values, ...this.values }, this.where);
     }
 
+    /** @type {(name: string) => number} a finite number */
+    number(name) {
+        const value = this.optionalNumber(name);
+        if (value === null) {
+            throw this.#wrong(name, "a finite number");
+        }
+        return value;
+    }
+
     /** @type {(name: string) => number | null} a finite number, or null where there is none */
     optionalNumber(name) {
         return this.#optional(name, Number.isFinite, "a finite number");
@@ -75,12 +84,30 @@ export class Fields {
         return value.map((one, i) => new Fields(one, `${this.where}, ${name}[${i}]`));
     }
 
+    /** @type {(name: string, count: number) => number[]} */
+    numbers(name, count) {
+        const value = this.values[name];
+        if (!Array.isArray(value) || value.length !== count || !value.every(Number.isFinite)) {
+            throw this.#wrong(name, `${count} finite numbers`);
+        }
+        return value;
+    }
+
     /** @type {(name: string, rows: number[], columns: number) => number[][]} `rows` are the numbers of rows allowed */
     matrix(name, rows, columns) {
         const value = this.values[name];
-        const isRow = (row) => Array.isArray(row) && row.length === columns && row.every(Number.isFinite);
-        if (!Array.isArray(value) || !rows.includes(value.length) || !value.every(isRow)) {
+        if (!Array.isArray(value) || !rows.includes(value.length)) {
             throw this.#wrong(name, `a matrix of ${rows.join(" or ")} rows of ${columns} numbers`);
+        }
+        return this.table(name, columns);
+    }
+
+    /** @type {(name: string, columns: number) => number[][]} at least one row of numbers */
+    table(name, columns) {
+        const value = this.values[name];
+        const isRow = (row) => Array.isArray(row) && row.length === columns && row.every(Number.isFinite);
+        if (!Array.isArray(value) || !value.length || !value.every(isRow)) {
+            throw this.#wrong(name, `rows of ${columns} finite numbers`);
         }
         return value;
     }

@@ -4,12 +4,18 @@
  * @module
  */
 
+import { lensOf } from "./lens.js";
+
 /**
  * @typedef {Object} FrameSource
  * @property {string} name the image's path in the capture
  * @property {import("../archive/tree.js").StoredFile} file
+ * @property {number | null} frame its number in the video that the file is, counted from 0; null for a photograph
  * @property {import("./camera.js").Camera} camera of the image as the capture states it; the file may be smaller
  * @property {import("./lens.js").Lens} lens
+ * @property {import("../archive/tree.js").StoredFile | null} mask image that is white where pixels are to be used
+ * @property {import("./depth_map.js").DepthSource | null} depth that was measured
+ * @property {number} border pixels to crop at each side of the image
  *
  * @typedef {Object} Cloud
  * @property {Float64Array} positions (N, 3)
@@ -21,8 +27,37 @@
  * @property {Set<string> | null} heldOut names of the capture's own test frames
  * @property {Cloud | null} cloud
  * @property {number[]} background RGB in [0, 1]
+ * @property {boolean} isMetric whether lengths are metres
  * @property {string[]} warnings
  */
+
+/** @type {import("./lens.js").Lens} */
+const PINHOLE = lensOf(false, () => 0);
+
+/**
+ * A frame, with what is usual where nothing else is stated.
+ *
+ * @param {import("../archive/tree.js").StoredFile} file
+ * @param {import("./camera.js").Camera} camera
+ * @param {Object} more what differs
+ * @returns {FrameSource}
+ */
+export function sourceOf(file, camera, more = {}) {
+    return { name: file.path, file, frame: null, camera, lens: PINHOLE, mask: null, depth: null, border: 0, ...more };
+}
+
+/**
+ * A capture, with what is usual where nothing else is stated.
+ *
+ * @param {string} format
+ * @param {FrameSource[]} frames
+ * @param {Object} more what differs
+ * @returns {Listing}
+ */
+export function listingOf(format, frames, more = {}) {
+    const usual = { heldOut: null, cloud: null, background: [0, 0, 0], isMetric: false, warnings: [] };
+    return { format, frames, ...usual, ...more };
+}
 
 /**
  * Which frames are held out; the twin of `capture/hold_out.py`.

@@ -1,5 +1,6 @@
 /**
- * Reader of nerfstudio and instant-ngp captures: one transforms.json beside its images; see `capture/nerfstudio.py`.
+ * Reader of nerfstudio, instant-ngp and NeRFCapture captures: one transforms.json beside its images; see
+ * `capture/formats/nerfstudio.py`.
  *
  * @module
  */
@@ -7,7 +8,8 @@
 import { normalised } from "../archive/tree.js";
 import { readCloud } from "./cloud_file.js";
 import { Fields } from "./json_fields.js";
-import { absentWarning, readFrames } from "./transforms_file.js";
+import { listingOf } from "./listing.js";
+import { absentWarning, depthWarning, readFrames } from "./transforms_file.js";
 
 /** What makes a folder such a capture. */
 const MARK = "transforms.json";
@@ -24,7 +26,7 @@ export const recognises = (tree) => tree.find(MARK) !== undefined;
 export async function read(tree, bounds) {
     const document = await Fields.of(tree.find(MARK));
     const listed = await readFrames(document, tree, bounds);
-    const warnings = absentWarning(listed, document);
+    const warnings = [...absentWarning(listed, document), ...depthWarning(document)];
     if (!listed.some(Boolean)) {
         throw new Error(`${MARK}: none of the ${listed.length} listed frames has an image file`);
     }
@@ -35,7 +37,9 @@ export async function read(tree, bounds) {
         warnings.push(`${MARK}: the point cloud ${ply} is absent`);
     }
     const cloud = file ? await readCloud(file, bounds) : null;
-    return { format: "nerfstudio", frames, heldOut, cloud, background: [0, 0, 0], warnings };
+    // Only the NeRFCapture app writes `depth_integer_scale`, with ARKit's poses in metres.
+    const isMetric = "depth_integer_scale" in document.values || document.values.metric === true;
+    return listingOf("nerfstudio", frames, { heldOut, cloud, isMetric, warnings });
 }
 
 /** The frames to use and the names of the held-out ones, by the file's own split if it has one. */

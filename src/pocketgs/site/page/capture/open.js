@@ -8,9 +8,16 @@ import { medianOf } from "../numbers/median.js";
 import * as blender from "./blender.js";
 import { centreOf } from "./camera.js";
 import * as colmap from "./colmap.js";
+import { withReadableDepth } from "./depth_map.js";
 import { heldOutOf } from "./listing.js";
 import * as nerfstudio from "./nerfstudio.js";
-import { loadPhotograph } from "./photograph.js";
+import { withMasks } from "./masks.js";
+import { decodedPhotograph, prepared } from "./photograph.js";
+import * as polycam from "./polycam.js";
+import * as record3d from "./record3d.js";
+import * as scannerApp from "./scanner_app.js";
+import * as strayScanner from "./stray_scanner.js";
+import { Video } from "./video.js";
 
 /**
  * @typedef {import("../archive/tree.js").FileTree} FileTree
@@ -22,28 +29,30 @@ import { loadPhotograph } from "./photograph.js";
  * @property {Frame[]} heldOut
  * @property {import("./listing.js").Cloud | null} cloud
  * @property {number[]} background
+ * @property {boolean} isMetric whether lengths are metres
  * @property {string[]} warnings
  */
 
-/** The first that recognises a folder reads it. */
-const READERS = [blender, nerfstudio, colmap];
+/** The first that recognises a folder reads it: an app's own data goes before what was converted from it. */
+const READERS = [strayScanner, record3d, scannerApp, polycam, blender, nerfstudio, colmap];
 
 /**
  * Read what a capture says of its frames. An archive often holds a folder with the capture in it.
  *
  * @param {FileTree} tree
  * @param {Object} bounds the settings' `capture`
+ * @param {(done: number, of: number) => void} onProgress called while the sharpest frames are sought
  * @returns {Promise<Listing>}
  * @throws {Error} no format is recognised, or the capture is malformed
  */
-export async function readListing(tree, bounds) {
-    const place = located(tree, bounds);
-    const reader = READERS.find(({ recognises }) => place && recognises(place, bounds));
+export async function readListing(tree, bounds, onProgress = () => {}) {
+    const [place, reader] = await located(tree, bounds);
     if (!reader) {
-        const expected = "transforms.json (nerfstudio), transforms_train.json (Blender) or COLMAP's sparse/0";
-        throw new Error(`not a capture of a format that this page reads: expected ${expected}`);
+        const formats = "transforms.json (nerfstudio), transforms_train.json (Blender), COLMAP's sparse/0";
+        const apps = "Polycam, Record3D, Stray Scanner, 3D Scanner App or NeRFCapture";
+        throw new Error(`not a capture of a format that this page reads: expected ${formats}, or data of ${apps}`);
     }
-    const listing = await reader.read(place, bounds);
+    const listing = withReadableDepth(withMasks(await reader.read(place, bounds, onProgress), place, bounds));
     const names = listing.frames.map(({ name }) => name);
     const repeated = names.find((name, i) => names.indexOf(name) !== i);
     if (repeated !== undefined) {
@@ -67,37 +76,83 @@ export async function readListing(tree, bounds) {
  * @throws {Error} one cannot be used, or none is left to train on
  */
 export async function loadCapture(listing, most, settings, onProgress) {
-    const { frames, background, cloud, warnings } = listing;
+    const { frames, background, cloud, isMetric, warnings } = listing;
     const heldOut = heldOutOf(listing, settings.run.hold_out_every);
     if (frames.every(({ name }) => heldOut.has(name))) {
         throw new Error(`all of the capture's ${frames.length} frames are held out, expected one to train on`);
     }
     const loaded = [];
-    for (const source of frames) {
-        loaded.push(await loadPhotograph(source, background, most, settings.capture));
+    for await (const [source, pixels] of decodedFrames(frames, settings.capture)) {
+        // Depth maps of keyframes are completed, which are frames to train on.
+        const used = heldOut.has(source.name) ? { ...source, depth: null } : source;
+        loaded.push(await prepared(used, pixels, background, most, settings.capture));
         onProgress(loaded.length, frames.length);
     }
-    const part = (isHeldOut) => loaded.filter(({ name }) => heldOut.has(name) === isHeldOut);
-    return { train: part(false), heldOut: part(true), cloud, background, warnings };
+    const used = loaded.filter(({ mask }) => mask?.includes(255) ?? true);
+    const train = used.filter(({ name }) => !heldOut.has(name));
+    if (!train.length) {
+        const found = `the masks of ${loaded.length - used.length} frames leave no pixel to train on`;
+        throw new Error(`${found}: expected masks that are white where pixels are to be used`);
+    }
+    const rest = used.filter(({ name }) => heldOut.has(name));
+    const allWarnings = [...warnings, ...maskedOutWarning(loaded, used)];
+    return { train, heldOut: rest, cloud, background, isMetric, warnings: allWarnings };
 }
 
-/** The tree itself, or the only folder in it that is a capture. */
-function located(tree, bounds) {
-    const holds = (place) => READERS.some(({ recognises }) => recognises(place, bounds));
-    if (holds(tree)) {
-        return tree;
+function maskedOutWarning(loaded, used) {
+    const leftOut = loaded.filter((frame) => !used.includes(frame)).map(({ name }) => name);
+    const found = `the masks of ${leftOut.length} of ${loaded.length} frames leave no pixel, the first ${leftOut[0]}`;
+    return leftOut.length ? [`${found}: these frames are left out; masks are white where pixels are to be used`] : [];
+}
+
+/** Every frame with its pixels. The frames of a capture are photographs, or those of one video. */
+async function* decodedFrames(sources, bounds) {
+    if (sources[0].frame === null) {
+        for (const source of sources) {
+            yield [source, await decodedPhotograph(source, bounds)];
+        }
+        return;
+    }
+    const video = await Video.of(sources[0].file);
+    let at = 0;
+    for await (const pixels of video.frames(sources.map(({ frame }) => frame))) {
+        yield [sources[at++], pixels];
+    }
+}
+
+/** The tree itself, or the only folder in it that is a capture, and its reader. */
+async function located(tree, bounds) {
+    const reader = await readerOf(tree, bounds);
+    if (reader) {
+        return [tree, reader];
     }
     const inFolders = tree.paths.filter((path) => path.includes("/"));
-    const folders = new Set(inFolders.map((path) => path.slice(0, path.indexOf("/"))));
-    const captures = [...folders].map((folder) => tree.below(folder)).filter(holds);
-    return captures.length === 1 ? captures[0] : null;
+    const captures = [];
+    for (const folder of new Set(inFolders.map((path) => path.slice(0, path.indexOf("/"))))) {
+        const place = tree.below(folder);
+        const reader = await readerOf(place, bounds);
+        if (reader) {
+            captures.push([place, reader]);
+        }
+    }
+    return captures.length === 1 ? captures[0] : [tree, undefined];
+}
+
+async function readerOf(tree, bounds) {
+    for (const reader of READERS) {
+        if (await reader.recognises(tree, bounds)) {
+            return reader;
+        }
+    }
+    return undefined;
 }
 
 /** Scenes have 24 bits a coordinate, too few far from the origin. */
-function requireNearOrigin({ frames }, { far }) {
+function requireNearOrigin({ frames, isMetric }, { far, metric_extent: least }) {
     const centres = frames.map(({ camera }) => centreOf(camera));
     const middle = [0, 1, 2].map((axis) => medianOf(centres.map((centre) => centre[axis])));
-    const extent = Math.max(...centres.flatMap((centre) => centre.map((value, i) => Math.abs(value - middle[i]))));
+    const spread = centres.map((centre) => Math.max(...centre.map((value, i) => Math.abs(value - middle[i]))));
+    const extent = spread.reduce((most, value) => Math.max(most, value), isMetric ? least : 0);
     const distance = Math.max(...middle.map(Math.abs));
     if (extent > 0 && distance > far * extent) {
         throw new Error(

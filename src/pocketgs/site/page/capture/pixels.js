@@ -4,7 +4,13 @@
  * @module
  */
 
+import { areaAveraged } from "../numbers/resizing.js";
+import { roundedToEven } from "../numbers/rounding.js";
+import { readHeader } from "./image_header.js";
+
 /**
+ * @typedef {import("../numbers/resizing.js").Size} Size
+ *
  * @typedef {Object} Pixels
  * @property {number} width
  * @property {number} height
@@ -25,11 +31,95 @@ export async function decoded(bytes, type, path) {
     const bitmap = await createImageBitmap(new Blob([bytes], { type }), options).catch(() => {
         throw new Error(`${path}: cannot be decoded, expected a whole image`);
     });
-    const { width, height } = bitmap;
-    const context = new OffscreenCanvas(width, height).getContext("2d", { willReadFrequently: true });
-    context.drawImage(bitmap, 0, 0);
+    const pixels = drawn(bitmap, bitmap.width, bitmap.height);
     bitmap.close();
+    return pixels;
+}
+
+/**
+ * Decode an image file as it is stored.
+ *
+ * @param {import("../archive/tree.js").StoredFile} file
+ * @returns {Promise<Pixels>}
+ * @throws {Error} it cannot be read, or the browser cannot decode it
+ */
+export async function decodedAsStored(file) {
+    const { type, plain } = readHeader(await file.bytes(), file.path);
+    return decoded(plain, type, file.path);
+}
+
+/**
+ * The pixels of what can be drawn on a canvas.
+ *
+ * @param {CanvasImageSource} image
+ * @param {number} width
+ * @param {number} height
+ * @returns {Pixels}
+ */
+export function drawn(image, width, height) {
+    const context = new OffscreenCanvas(width, height).getContext("2d", { willReadFrequently: true });
+    context.drawImage(image, 0, 0, width, height);
     return { width, height, rgba: context.getImageData(0, 0, width, height).data };
+}
+
+/** Cut off a border. @type {(pixels: Pixels, border: number) => Pixels} */
+export function withoutBorder({ width, height, rgba }, border) {
+    const [across, down] = [width - 2 * border, height - 2 * border];
+    return { width: across, height: down, rgba: planeWithoutBorder(rgba, width, height, border, 4) };
+}
+
+/**
+ * Cut off a border of an array.
+ *
+ * @template {Uint8ClampedArray | Float32Array} Plane
+ * @param {Plane} values (H, W, channels)
+ * @param {number} width
+ * @param {number} height
+ * @param {number} border at each side
+ * @param {number} channels
+ * @returns {Plane}
+ */
+export function planeWithoutBorder(values, width, height, border, channels) {
+    const [across, down] = [width - 2 * border, height - 2 * border];
+    const inner = new values.constructor(channels * across * down);
+    for (let row = 0; row < down; row++) {
+        const begin = channels * ((row + border) * width + border);
+        inner.set(values.subarray(begin, begin + channels * across), channels * row * across);
+    }
+    return inner;
+}
+
+/**
+ * An array in another size, of each pixel what lies at its centre.
+ *
+ * @template {Uint8ClampedArray | Float32Array} Plane
+ * @param {Plane} values (H, W)
+ * @param {Size} before
+ * @param {Size} after
+ * @returns {Plane} the values themselves if the size stays
+ */
+export function nearestPlane(values, before, after) {
+    if (before.width === after.width && before.height === after.height) {
+        return values;
+    }
+    const found = new values.constructor(after.width * after.height);
+    for (let row = 0; row < after.height; row++) {
+        const begin = before.width * Math.floor((row + 0.5) * (before.height / after.height));
+        for (let column = 0; column < after.width; column++) {
+            const place = Math.floor((column + 0.5) * (before.width / after.width));
+            found[row * after.width + column] = values[begin + place];
+        }
+    }
+    return found;
+}
+
+/** Grey by the weights of ITU-R BT.601, as Pillow converts to "L". @type {(pixels: Pixels) => Uint8ClampedArray} */
+export function greyOf({ rgba }) {
+    const grey = new Uint8ClampedArray(rgba.length / 4);
+    for (let i = 0; i < grey.length; i++) {
+        grey[i] = 0.299 * rgba[4 * i] + 0.587 * rgba[4 * i + 1] + 0.114 * rgba[4 * i + 2];
+    }
+    return grey;
 }
 
 /** Whether any pixel is not opaque. @type {(pixels: Pixels) => boolean} */
@@ -60,74 +150,43 @@ export function composite({ rgba }, background) {
 }
 
 /**
- * Width and height of an image that is at most so many pixels long.
+ * The size of an image that is at most so many pixels long.
  *
- * @param {number} width
- * @param {number} height
+ * @param {Size} size
  * @param {number} most pixels of the longer side
- * @returns {[number, number]}
+ * @returns {Size}
  */
-export function sizeWithin(width, height, most) {
+export function sizeWithin({ width, height }, most) {
     const longer = Math.max(width, height);
     if (longer <= most) {
-        return [width, height];
+        return { width, height };
     }
-    return [width, height].map((side) => Math.max(1, roundedToEven((side * most) / longer)));
+    const [across, down] = [width, height].map((side) => Math.max(1, roundedToEven((side * most) / longer)));
+    return { width: across, height: down };
 }
 
 /**
- * Make an image smaller, averaging areas.
+ * Make an array smaller, averaging areas.
  *
- * @param {Pixels} pixels
- * @param {number} width not more than the image's
- * @param {number} height likewise
- * @returns {Pixels}
+ * @param {Uint8ClampedArray} values (H, W, channels)
+ * @param {number} channels
+ * @param {Size} before
+ * @param {Size} after not more
+ * @returns {Uint8ClampedArray} the values themselves if the size stays
  */
-export function averaged(pixels, width, height) {
-    if (width === pixels.width && height === pixels.height) {
-        return pixels;
-    }
-    const [across, down] = [sharesOf(pixels.width, width), sharesOf(pixels.height, height)];
-    const rgba = new Uint8ClampedArray(4 * width * height);
-    const line = new Float32Array(4 * pixels.width);
-    down.forEach(({ first, weights }, row) => {
-        line.fill(0);
-        weights.forEach((weight, i) => {
-            const begin = 4 * pixels.width * (first + i);
-            for (let at = 0; at < line.length; at++) {
-                line[at] += weight * pixels.rgba[begin + at];
-            }
-        });
-        across.forEach((shares, column) => {
-            for (let channel = 0; channel < 4; channel++) {
-                let sum = 0;
-                for (let i = 0; i < shares.weights.length; i++) {
-                    sum += shares.weights[i] * line[4 * (shares.first + i) + channel];
-                }
-                rgba[4 * (row * width + column) + channel] = sum;
-            }
-        });
-    });
-    return { width, height, rgba };
+export function averagedPlane(values, channels, before, after) {
+    const isSame = before.width === after.width && before.height === after.height;
+    return isSame ? values : Uint8ClampedArray.from(areaAveraged(values, channels, before, after));
 }
 
-/** For each of the new pixels along a side, the first old one that it covers, and by how much it covers each. */
-function sharesOf(before, after) {
-    const scale = before / after;
-    return Array.from({ length: after }, (_, i) => {
-        const [low, high] = [i * scale, Math.min((i + 1) * scale, before)];
-        const first = Math.floor(low + 1e-9);
-        const count = Math.max(1, Math.ceil(high - 1e-9) - first);
-        const weights = Array.from({ length: count }, (_, j) => {
-            return (Math.min(high, first + j + 1) - Math.max(low, first + j)) / (high - low);
-        });
-        return { first, weights };
-    });
-}
-
-/** As Python rounds: halves to the even number. */
-function roundedToEven(value) {
-    const below = Math.floor(value);
-    const isHalf = value - below === 0.5;
-    return isHalf ? below + (below % 2) : Math.round(value);
+/**
+ * Make a mask smaller: a pixel counts if at least half of what it covers does.
+ *
+ * @param {Uint8ClampedArray} mask (H, W), 255 or 0
+ * @param {Size} before
+ * @param {Size} after not more
+ * @returns {Uint8ClampedArray}
+ */
+export function averagedMask(mask, before, after) {
+    return averagedPlane(mask, 1, before, after).map((share) => (share > 127 ? 255 : 0));
 }

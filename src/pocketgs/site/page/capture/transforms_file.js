@@ -1,14 +1,16 @@
 /**
  * Frames of a transforms JSON file, which nerfstudio, instant-ngp and NeRF's Blender scenes share; see
- * `capture/transforms_file.py`.
+ * `capture/formats/transforms_file.py`.
  *
  * @module
  */
 
 import { normalised } from "../archive/tree.js";
-import { cameraAt, exactRotation } from "./camera.js";
-import { readHeader } from "./image_header.js";
+import { cameraAt, inverted, UP_AND_BACK } from "./camera.js";
+import { depthOf } from "./depth_map.js";
 import { lensOf } from "./lens.js";
+import { sourceOf } from "./listing.js";
+import { readIntrinsics } from "./stated_intrinsics.js";
 
 /**
  * @typedef {import("../archive/tree.js").FileTree} FileTree
@@ -35,7 +37,7 @@ export async function readFrames(document, tree, bounds) {
     const files = stated.some(Boolean) ? stated : found((path) => tree.findByName(path));
     const frames = [];
     for (const [i, fields] of listed.entries()) {
-        frames.push(files[i] ? await readFrame(fields, files[i], bounds) : null);
+        frames.push(files[i] ? await readFrame(fields, files[i], tree, bounds) : null);
     }
     return frames;
 }
@@ -57,49 +59,45 @@ export function absentWarning(frames, document) {
     return [`${document.where}: ${count} of ${frames.length} listed frames have no image file, the first ${path}`];
 }
 
-async function readFrame(fields, file, bounds) {
+/**
+ * A warning if there are depth maps without a unit: NeRFCapture writes pictures that hold no usable depth.
+ *
+ * @param {Fields} document
+ * @returns {string[]} one, or none
+ */
+export function depthWarning(document) {
+    const stated = document.objects("frames").map((own) => own.over(document).values);
+    const hasNoUnit = (values) => !("depth_file_path" in values || "integer_depth_scale" in values);
+    const isLeftOut = stated.some((values) => "depth_path" in values && hasNoUnit(values));
+    const found = "its depth maps are left out, since no 'integer_depth_scale' states their unit";
+    return isLeftOut ? [`${document.where}: ${found}`] : [];
+}
+
+async function readFrame(fields, file, tree, bounds) {
     const intrinsics = await readIntrinsics(fields, file);
-    const [rotation, translation] = readPose(fields, bounds);
-    const camera = cameraAt(fields.where, intrinsics, rotation, translation, bounds);
-    return { name: file.path, file, camera, lens: readLens(fields, bounds) };
+    const camera = cameraAt(fields.where, intrinsics, ...readPose(fields, bounds), bounds);
+    const mask = fields.optionalText("mask_path");
+    const more = { lens: readLens(fields, bounds), depth: readDepth(fields, tree, bounds) };
+    return sourceOf(file, camera, { ...more, mask: mask && stated("mask", mask, fields, tree) });
 }
 
-/** From focal lengths or fields of view in numbers; pixels are square unless stated otherwise. */
-async function readIntrinsics(fields, file) {
-    const [width, height] = statedSize(fields) ?? (await storedSize(file));
-    const fx = focalLength(fields, "fl_x", "camera_angle_x", width);
-    const fy = focalLength(fields, "fl_y", "camera_angle_y", height);
-    if (fx === null && fy === null) {
-        throw new Error(`${fields.where}: no focal length, expected fl_x or camera_angle_x`);
+/** From nerfstudio's fields, or else instant-ngp's. */
+function readDepth(fields, tree, { depth_unit: usual }) {
+    const [own, unit] = [fields.optionalText("depth_file_path"), fields.optionalNumber("depth_unit_scale_factor")];
+    const scale = fields.optionalNumber("integer_depth_scale");
+    if (own === null && scale !== null) {
+        const path = fields.optionalText("depth_path");
+        return path === null ? null : depthOf(stated("depth map", path, fields, tree), scale);
     }
-    const centre = [fields.optionalNumber("cx") ?? width / 2, fields.optionalNumber("cy") ?? height / 2];
-    return { size: [width, height], focal: [fx ?? fy, fy ?? fx], centre };
+    return own === null ? null : depthOf(stated("depth map", own, fields, tree), unit ?? usual);
 }
 
-function statedSize(fields) {
-    for (const names of [["w", "h"], ["width", "height"]]) {
-        const [width, height] = names.map((name) => fields.optionalNumber(name));
-        if (width !== null && height !== null && (width || height)) {
-            return [width, height];
-        }
+function stated(what, path, { where }, tree) {
+    const file = tree.find(path);
+    if (!file) {
+        throw new Error(`${where}: names the ${what} ${path}, which is absent`);
     }
-    return null;
-}
-
-async function storedSize(file) {
-    const { width, height } = readHeader(await file.bytes(), file.path);
-    return [width, height];
-}
-
-function focalLength(fields, focalName, angleName, side) {
-    const [focal, angle] = [fields.optionalNumber(focalName), fields.optionalNumber(angleName)];
-    if (focal !== null || angle === null) {
-        return focal;
-    }
-    if (!(angle > 0 && angle < Math.PI)) {
-        throw new Error(`${fields.where}: field '${angleName}' is ${angle}, expected radians between 0 and pi`);
-    }
-    return side / (2 * Math.tan(angle / 2));
+    return file;
 }
 
 /** World to camera of `transform_matrix`: camera to world in OpenGL axes (x right, y up, z back). */
@@ -108,12 +106,7 @@ function readPose(fields, bounds) {
     if (matrix.length === 4 && [0, 0, 0, 1].some((value, i) => Math.abs(matrix[3][i] - value) > 1e-3)) {
         throw new Error(`${fields.where}: field 'transform_matrix' is not a rigid 4x4 or 3x4 matrix`);
     }
-    const axes = [1, -1, -1].flatMap((sign, column) => [0, 1, 2].map((row) => sign * matrix[row][column]));
-    const rotation = exactRotation(fields.where, axes, bounds);
-    const centre = matrix.slice(0, 3).map((row) => row[3]);
-    const turned = (first) => centre.reduce((sum, value, i) => sum + rotation[first + i] * value, 0);
-    const translation = [0, 3, 6].map((first) => -turned(first));
-    return [rotation, translation];
+    return inverted(fields.where, matrix, matrix.slice(0, 3).map((row) => row[3]), UP_AND_BACK, bounds);
 }
 
 function readLens(fields, bounds) {

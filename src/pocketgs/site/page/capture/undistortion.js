@@ -82,4 +82,29 @@ export function resampled({ width, height, rgba }, lens, camera, left, top) {
     return { width: camera.width, height: camera.height, rgba: found };
 }
 
+/**
+ * The same of a mask or of depth, without interpolation.
+ *
+ * @template {Uint8ClampedArray | Float32Array} Plane
+ * @param {Plane} plane (H, W) of the distorted image
+ * @param {{width: number, height: number}} size of that image
+ * @param {Lens} lens
+ * @param {Camera} camera as for `resampled`
+ * @param {number} left
+ * @param {number} top
+ * @returns {Plane}
+ */
+export function resampledPlane(plane, { width, height }, lens, camera, left, top) {
+    const { fx, fy, cx, cy } = camera;
+    const found = new plane.constructor(camera.width * camera.height);
+    for (let row = 0; row < camera.height; row++) {
+        for (let column = 0; column < camera.width; column++) {
+            const [x, y] = distorted(lens, (column + 0.5 - cx) / fx, (row + 0.5 - cy) / fy);
+            const [across, down] = [clamped(x * fx + cx + left, width - 1), clamped(y * fy + cy + top, height - 1)];
+            found[row * camera.width + column] = plane[Math.floor(down) * width + Math.floor(across)];
+        }
+    }
+    return found;
+}
+
 const clamped = (value, most) => Math.min(Math.max(value, 0), most);

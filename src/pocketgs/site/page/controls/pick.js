@@ -1,5 +1,5 @@
 /**
- * What the user drops on the page, or chooses: a zip file, or a folder.
+ * What the user drops on the page, or chooses: a zip file, which .r3d files are too, or a folder.
  *
  * @module
  */
@@ -34,7 +34,7 @@ export function listenForCaptures(onPicked) {
 /** A lone file counts as an archive: what is none is refused when it is read. */
 function pick(found, onPicked) {
     if (found.length === 1) {
-        onPicked({ name: found[0].file.name.replace(/\.zip$/i, ""), archive: found[0].file, files: [] });
+        onPicked({ name: found[0].file.name.replace(/\.(zip|r3d)$/i, ""), archive: found[0].file, files: [] });
     } else if (found.length) {
         onPicked({ name: found[0].path.split("/")[0], archive: null, files: found });
     }

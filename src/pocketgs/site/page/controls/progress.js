@@ -14,6 +14,10 @@ export class ProgressView {
 
     constructor() {
         window.addEventListener("resize", () => this.#draw());
+        // On phones the pictures are below this card.
+        const rest = document.documentElement.style;
+        const place = () => rest.setProperty("--live-height", `${element("live").offsetHeight}px`);
+        new ResizeObserver(place).observe(element("live"));
     }
 
     /**
@@ -24,30 +28,43 @@ export class ProgressView {
     begin(iterations) {
         [this.#iterations, this.#samples] = [iterations, []];
         element("live").hidden = false;
-        element("live-buttons").hidden = false;
+        element("cancel").hidden = false;
+        element("live-buttons").hidden = true;
         element("saving").hidden = true;
         element("pause").textContent = "Pause";
         for (const id of ["loss", "psnr", "left", "memory"]) {
             element(id).textContent = "–";
         }
-        element("stats").textContent = element("iteration").textContent = "";
-        for (const id of ["pause", "stop"]) {
-            element(id).disabled = true;
+        for (const id of ["stats", "iteration", "plan"]) {
+            element(id).textContent = "";
         }
         this.#draw();
     }
 
-    /** What is done before training. @type {(text: string, share?: number) => void} */
-    showStage(text, share = 0) {
+    /**
+     * What is done before training.
+     *
+     * @param {string} text
+     * @param {number} share
+     * @param {number} bytes of the GPU's buffers
+     */
+    showStage(text, share, bytes = 0) {
         element("stage").textContent = text;
         element("training").value = share;
+        if (bytes) {
+            element("memory").textContent = `${Math.round(bytes / 1e6)} MB`;
+        }
+    }
+
+    /** What the run will take. @type {(text: string) => void} */
+    showPlan(text) {
+        element("plan").textContent = text;
     }
 
     /** @param {import("../training/run.js").Progress} progress */
     showProgress({ iteration, loss, held_out_psnr, rate, gaussians, bytes }) {
-        for (const id of ["pause", "stop"]) {
-            element(id).disabled = false;
-        }
+        element("cancel").hidden = true;
+        element("live-buttons").hidden = false;
         this.#samples.push({ iteration, loss, held_out_psnr });
         const iterations = this.#iterations;
         const seconds_left = rate ? (iterations - iteration) / rate : null;

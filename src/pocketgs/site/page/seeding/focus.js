@@ -18,14 +18,25 @@ import { eigenvectors } from "./eigenvectors.js";
 export function focusPoint(cameras, settings) {
     const [centres, forwards] = [cameras.map(centreOf), cameras.map(forwardOf)];
     const centre = meanOf(centres);
-    const squares = centres.map((one) => length(subtract(one, centre)) ** 2);
-    const spread = Math.sqrt(squares.reduce((sum, square) => sum + square, 0) / squares.length);
+    const spread = spreadOf(centres);
     const guess = add(centre, meanDirection(forwards), spread > 0 ? settings.guessed_distance * spread : 1);
     const across = [0, 1, 2].map((i) =>
         [0, 1, 2].map((j) => forwards.reduce((sum, f) => sum + (i === j) - f[i] * f[j], 0) / forwards.length),
     );
     const residual = meanOf(centres.map((one, i) => withoutPart(subtract(one, guess), forwards[i])));
     return add(guess, leastSquares(across, residual, settings.min_convergence));
+}
+
+/** @type {(vectors: number[][]) => [number, number, number]} */
+export function meanOf(vectors) {
+    return [0, 1, 2].map((axis) => vectors.reduce((sum, v) => sum + v[axis], 0) / vectors.length);
+}
+
+/** Root mean square of the distances from the mean. @type {(points: number[][]) => number} */
+export function spreadOf(points) {
+    const mean = meanOf(points);
+    const squares = points.map((one) => length(subtract(one, mean)) ** 2);
+    return Math.sqrt(squares.reduce((sum, square) => sum + square, 0) / squares.length);
 }
 
 /** Whether the point lies in front of more than half of the cameras. */
@@ -46,8 +57,6 @@ function leastSquares(matrix, right, least) {
 }
 
 const withoutPart = (vector, direction) => add(vector, direction, -dot(vector, direction));
-
-const meanOf = (vectors) => [0, 1, 2].map((axis) => vectors.reduce((sum, v) => sum + v[axis], 0) / vectors.length);
 
 function meanDirection(directions) {
     const mean = meanOf(directions);

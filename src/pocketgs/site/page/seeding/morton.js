@@ -5,6 +5,8 @@
  * @module
  */
 
+import { quantileOf } from "../numbers/quantile.js";
+
 /**
  * @param {Float64Array} positions (N, 3)
  * @param {number} bits per coordinate
@@ -14,7 +16,7 @@ export function mortonOrder(positions, bits) {
     const count = positions.length / 3;
     const bounds = [0, 1, 2].map((axis) => {
         const sorted = Float64Array.from({ length: count }, (_, i) => positions[3 * i + axis]).sort();
-        return [quantile(sorted, 0.01), quantile(sorted, 0.99)];
+        return [quantileOf(sorted, 0.01), quantileOf(sorted, 0.99)];
     });
     // A few outliers must not use up the bits of all others.
     const extent = Math.max(...bounds.map(([low, high]) => high - low), 1.1754944e-38);
@@ -36,12 +38,4 @@ export function mortonOrder(positions, bits) {
         return cells[decisive][a] - cells[decisive][b];
     };
     return Uint32Array.from(Array.from({ length: count }, (_, i) => i).sort(compare));
-}
-
-/** Between the two nearest of the sorted numbers, interpolated linearly. */
-function quantile(sorted, share) {
-    const place = share * (sorted.length - 1);
-    const below = Math.floor(place);
-    const above = Math.min(below + 1, sorted.length - 1);
-    return sorted[below] + (place - below) * (sorted[above] - sorted[below]);
 }

@@ -1,5 +1,5 @@
 /**
- * How well photographs agree along a ray; see `_costs` in `prior/volume.py`.
+ * How well photographs agree along a ray; see `_costs` in `prior/cloud/volume.py`.
  *
  * @module
  */
@@ -40,12 +40,15 @@ export class PatchCosts {
      * @returns {Float32Array}
      */
     along(column, row, depths) {
-        const { camera, rgba } = this.#frame;
+        const { camera, rgba, mask } = this.#frame;
         const totals = new Float32Array(depths.length);
         this.#views.fill(0);
         for (const [right, down] of this.#patch) {
             const x = Math.min(Math.max(column + right, 0), camera.width - 1);
             const y = Math.min(Math.max(row + down, 0), camera.height - 1);
+            if (mask?.[y * camera.width + x] === 0) {
+                continue;
+            }
             const direction = rayOf(camera, x + 0.5, y + 0.5);
             for (const other of this.#others) {
                 this.#add(other, turned(other.camera, direction, 0), rgba, 4 * (y * camera.width + x), depths, totals);
@@ -54,7 +57,7 @@ export class PatchCosts {
         return totals.map((total, i) => (this.#views[i] >= this.#needed ? total / (3 * this.#views[i]) : Infinity));
     }
 
-    #add({ camera, rgba: theirs, start }, [x, y, z], own, pixel, depths, totals) {
+    #add({ camera, rgba: theirs, mask, start }, [x, y, z], own, pixel, depths, totals) {
         const { width, height, fx, fy, cx, cy } = camera;
         for (let i = 0; i < depths.length; i++) {
             const depth = z * depths[i] + start[2];
@@ -64,7 +67,11 @@ export class PatchCosts {
             const column = (fx * (x * depths[i] + start[0])) / depth + cx;
             const row = (fy * (y * depths[i] + start[1])) / depth + cy;
             if (column >= 0 && column < width && row >= 0 && row < height) {
-                const at = 4 * ((row | 0) * width + (column | 0));
+                const place = (row | 0) * width + (column | 0);
+                if (mask?.[place] === 0) {
+                    continue;
+                }
+                const at = 4 * place;
                 totals[i] +=
                     Math.abs(theirs[at] - own[pixel]) +
                     Math.abs(theirs[at + 1] - own[pixel + 1]) +

@@ -35,13 +35,15 @@ export function startingPoints({ train, cloud }, most, seed, settings) {
  * @param {ArrayLike<number>} indices
  * @returns {import("../capture/listing.js").Cloud}
  */
-export function selected({ positions, colours }, indices) {
-    const found = { positions: new Float64Array(3 * indices.length), colours: new Float32Array(3 * indices.length) };
-    for (let i = 0; i < indices.length; i++) {
-        for (let axis = 0; axis < 3; axis++) {
-            found.positions[3 * i + axis] = positions[3 * indices[i] + axis];
-            found.colours[3 * i + axis] = colours[3 * indices[i] + axis];
+export function selected(cloud, indices) {
+    const chosen = Object.entries(cloud).map(([name, values]) => {
+        const found = new values.constructor(3 * indices.length);
+        for (let i = 0; i < indices.length; i++) {
+            for (let axis = 0; axis < 3; axis++) {
+                found[3 * i + axis] = values[3 * indices[i] + axis];
+            }
         }
-    }
-    return found;
+        return [name, found];
+    });
+    return Object.fromEntries(chosen);
 }

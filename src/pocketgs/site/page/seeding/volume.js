@@ -1,15 +1,16 @@
 /**
- * Random points where the photographs agree, for captures without a cloud; the twin of `prior/volume.py`: each is drawn
- * on the ray of a random pixel, at the one of a few dozen depths where neighbouring photographs agree best.
+ * Random points where the photographs agree, for captures without a cloud; the twin of `prior/cloud/volume.py`: each is
+ * drawn on the ray of a random pixel, at the one of a few dozen depths where neighbouring photographs agree best.
  *
  * @module
  */
 
-import { centreOf, forwardOf, projected, rayOf } from "../capture/camera.js";
-import { dot, normalised, subtract } from "../../page/scene/vectors.js";
+import { centreOf, forwardOf, rayOf } from "../capture/camera.js";
+import { add, dot, normalised, subtract } from "../../page/scene/vectors.js";
 import { middleOf } from "../numbers/median.js";
 import { Generator } from "../random/generator.js";
 import { focusPoint, looksAt } from "./focus.js";
+import { isOutsideHull, transparentOnes } from "./visual_hull.js";
 import { PatchCosts } from "./patch_costs.js";
 
 /** @typedef {import("../capture/photograph.js").Frame} Frame */
@@ -34,7 +35,8 @@ export function drawPoints(frames, count, seed, settings) {
     const drawn = frames.flatMap((frame) => {
         return drawFrom(frame, neighboursOf(frame, frames, focus, settings), focus, rays, random, settings);
     });
-    const solid = drawn.filter(({ position }) => !isOutsideHull(position, frames));
+    const transparent = transparentOnes(frames);
+    const solid = drawn.filter(({ position }) => !isOutsideHull(...position, transparent));
     if (solid.length < settings.min_points) {
         throw new Error(`no volume is seen by several of the ${frames.length} cameras: are the poses right?`);
     }
@@ -77,7 +79,7 @@ function drawFrom(frame, neighbours, focus, rays, random, settings) {
         const depth = depths[found.indexOf(seen[0])];
         const direction = rayOf(camera, column + 0.5, row + 0.5);
         points.push({
-            position: centre.map((value, axis) => value + depth * direction[axis]),
+            position: add(centre, direction, depth),
             colour: [0, 1, 2].map((channel) => rgba[4 * pixel + channel] / 255),
             // One grey level is added so that noise on even surfaces does not look like a clear choice.
             rivals: (seen[0] + 1) / (middleOf(seen) + 1),
@@ -86,20 +88,9 @@ function drawFrom(frame, neighbours, focus, rays, random, settings) {
     return points;
 }
 
-/** Numbers of random pixels that are not transparent. */
-function randomPixels({ rgba }, count, random) {
-    const usable = Array.from({ length: rgba.length / 4 }, (_, i) => i).filter((i) => rgba[4 * i + 3] > 0);
+/** Numbers of random pixels that are neither transparent nor masked. */
+function randomPixels({ rgba, mask }, count, random) {
+    const isUsable = (i) => rgba[4 * i + 3] > 0 && (mask?.[i] ?? 1) > 0;
+    const usable = Array.from({ length: rgba.length / 4 }, (_, i) => i).filter(isUsable);
     return Array.from({ length: usable.length ? count : 0 }, () => usable[random.integer(usable.length)]);
-}
-
-/** Whether a point projects to a transparent pixel of some image. */
-function isOutsideHull(point, frames) {
-    return frames.some(({ camera, rgba, hasAlpha }) => {
-        if (!hasAlpha) {
-            return false;
-        }
-        const [column, row, depth] = projected(camera, ...point);
-        const isSeen = depth > 0 && column >= 0 && column < camera.width && row >= 0 && row < camera.height;
-        return isSeen && rgba[4 * (Math.floor(row) * camera.width + Math.floor(column)) + 3] === 0;
-    });
 }

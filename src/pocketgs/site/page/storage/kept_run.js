@@ -53,8 +53,10 @@ export class KeptRun {
         await this.#folder.removeEntry(CHECKPOINT).catch(() => {});
         this.#number = crypto.randomUUID();
         const frames = [...train, ...heldOut];
-        await this.#write(PHOTOGRAPHS, frames.map(({ rgba }) => rgba));
-        const described = frames.map(({ name, camera, hasAlpha }) => ({ name, camera, hasAlpha }));
+        await this.#write(PHOTOGRAPHS, frames.flatMap(({ rgba, mask }) => (mask ? [rgba, mask] : [rgba])));
+        const described = frames.map(({ name, camera, hasAlpha, mask }) => {
+            return { name, camera, hasAlpha, isMasked: Boolean(mask) };
+        });
         const content = { number: this.#number, name, options, background, frames: described, training: train.length };
         await this.#write(CAPTURE, [JSON.stringify(content)]);
     }
@@ -87,10 +89,14 @@ export class KeptRun {
         const checkpoint = await readCheckpoint(await this.#file(CHECKPOINT), number);
         const photographs = await this.#file(PHOTOGRAPHS);
         let at = 0;
-        for (const frame of frames) {
-            const bytes = 4 * frame.camera.width * frame.camera.height;
-            frame.rgba = new Uint8ClampedArray(await photographs.slice(at, at + bytes).arrayBuffer());
+        const take = async (bytes) => {
             at += bytes;
+            return new Uint8ClampedArray(await photographs.slice(at - bytes, at).arrayBuffer());
+        };
+        for (const frame of frames) {
+            const pixels = frame.camera.width * frame.camera.height;
+            frame.rgba = await take(4 * pixels);
+            frame.mask = frame.isMasked ? await take(pixels) : null;
         }
         this.#number = number;
         const [train, heldOut] = [frames.slice(0, training), frames.slice(training)];

@@ -11,16 +11,18 @@ const LEAST_ERROR = 1e-10;
  *
  * @param {Float32Array} rendered (H, W, 4)
  * @param {Uint8ClampedArray} photograph (H, W, 4), 0 to 255
+ * @param {Uint8ClampedArray | null} mask (H, W), not 0 where pixels count; null for all
  * @returns {number} dB, at most 100
  */
-export function psnr(rendered, photograph) {
-    let sum = 0;
+export function psnr(rendered, photograph, mask = null) {
+    let [sum, count] = [0, 0];
     for (let i = 0; i < rendered.length; i++) {
-        if (i % 4 < 3) {
+        if (i % 4 < 3 && (mask?.[i >> 2] ?? 1)) {
             sum += (Math.min(Math.max(rendered[i], 0), 1) - photograph[i] / 255) ** 2;
+            count++;
         }
     }
-    return -10 * Math.log10(Math.max(sum / (0.75 * rendered.length), LEAST_ERROR));
+    return -10 * Math.log10(Math.max(sum / count, LEAST_ERROR));
 }
 
 /**

@@ -4,7 +4,7 @@
  * @module
  */
 
-import { projected } from "../capture/camera.js";
+import { isInImage, projected } from "../capture/camera.js";
 import { medianOf } from "../numbers/median.js";
 
 /** @typedef {Object<string, number>} Rates by the names of `LearningRates` */
@@ -53,9 +53,9 @@ export function pixelFootprint(cameras, positions) {
     for (const camera of cameras) {
         const focal = Math.sqrt(camera.fx * camera.fy);
         for (let i = 0; i < positions.length; i += 3) {
-            const [column, row, depth] = projected(camera, positions[i], positions[i + 1], positions[i + 2]);
-            if (depth > 0 && column >= 0 && column < camera.width && row >= 0 && row < camera.height) {
-                ratios.push(depth / focal);
+            const place = projected(camera, positions[i], positions[i + 1], positions[i + 2]);
+            if (isInImage(camera, place)) {
+                ratios.push(place[2] / focal);
             }
         }
     }

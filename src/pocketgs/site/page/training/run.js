@@ -1,5 +1,5 @@
 /**
- * A training run: starts from a capture, and reports what becomes of it; see `training/loop.py`.
+ * A training run: starts from a capture, and reports what becomes of it; see `training/train.py`.
  *
  * @module
  */
@@ -7,7 +7,7 @@
 import { GaussianColumns } from "../../page/scene/gaussian_columns.js";
 import { mortonOrder } from "../seeding/morton.js";
 import { seedDiscs } from "../seeding/discs.js";
-import { selected, startingPoints } from "../seeding/points.js";
+import { selected } from "../seeding/points.js";
 import { onScreen, psnr } from "./evaluation.js";
 import { initialRates, pixelFootprint, ratesAt } from "./rates.js";
 import { ViewOrder } from "./view_order.js";
@@ -19,7 +19,9 @@ import { ViewOrder } from "./view_order.js";
  * @typedef {Object} Options
  * @property {number} iterations
  * @property {number} gaussians maximum number
+ * @property {"dense" | "none"} prior whether depth is computed first
  * @property {number} seed
+ * @property {number} mostBufferBytes that the GPU's buffers may take together
  *
  * @typedef {Object} Progress
  * @property {number} iteration
@@ -121,12 +123,12 @@ export class Run {
     /**
      * Train.
      *
+     * @param {import("../capture/listing.js").Cloud} points to start from
      * @returns {Promise<GaussianColumns>} the trained scene
-     * @throws {Error} there is nothing to start from, or the GPU's memory does not hold it
+     * @throws {Error} the GPU's memory does not hold it
      */
-    async go() {
+    async go(points) {
         const { train, background } = this.#capture;
-        const points = startingPoints(this.#capture, this.#options.gaussians, this.#options.seed, this.#settings);
         const { recipe, seeding } = this.#settings;
         const unit = pixelFootprint(train.map(({ camera }) => camera), points.positions);
         const order = mortonOrder(Float64Array.from(Float32Array.from(points.positions)), seeding.morton_bits);
@@ -230,8 +232,8 @@ export class Run {
     async #lookAtHeldOut() {
         if (this.#heldOut.length) {
             let sum = 0;
-            for (const { camera, rgba } of this.#heldOut) {
-                sum += psnr(await this.#trainer.render(camera), rgba);
+            for (const { camera, rgba, mask } of this.#heldOut) {
+                sum += psnr(await this.#trainer.render(camera), rgba, mask);
             }
             this.#psnr = sum / this.#heldOut.length;
         }

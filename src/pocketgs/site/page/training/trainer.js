@@ -7,11 +7,11 @@
  */
 
 import { Description } from "../../gpu/description.js";
-import { BUFFER_LIMITS, openDevice } from "../../gpu/device.js";
 import { Executor } from "../../gpu/executor.js";
 import { viewValues } from "../../page/drawing/view_values.js";
 import { GaussianColumns, MEAN } from "../../page/scene/gaussian_columns.js";
 import { nearPlane } from "../../page/scene/near_plane.js";
+import { expectedIntersections, largestSizes, symbolsOf, totalOf } from "./buffer_sizes.js";
 import { PIXEL_BYTES, Shelf } from "./shelf.js";
 import { structuralShare, updateValues } from "./update_values.js";
 
@@ -28,7 +28,7 @@ import { structuralShare, updateValues } from "./update_values.js";
 
 const MOMENTS = ["first_moments", "second_moments"];
 
-/** Holds the device, the scene, and the optimiser's state. */
+/** Holds the scene, and the optimiser's state. */
 export class Trainer {
     #executor;
     #settings;
@@ -49,26 +49,24 @@ export class Trainer {
     /** @type {number[]} loss of every completed step, before its update */
     losses = [];
 
+    /** Bytes that all buffers may take together. */
+    mostBytes = Infinity;
+
     /**
-     * Open the GPU, and compile all passes.
+     * Compile all passes.
      *
+     * @param {GPUDevice} device
      * @param {Object} passes from `passes.json`
      * @param {Object} settings from `settings.json`
-     * @param {(text: string) => void} onComplaint called with what the GPU complains of
      * @returns {Promise<Trainer>}
-     * @throws {Error} there is no WebGPU, or no GPU
      */
-    static async open(passes, settings, onComplaint) {
-        const device = await openDevice(BUFFER_LIMITS);
-        device.addEventListener("uncapturederror", ({ error }) => onComplaint(error.message));
+    static async open(device, passes, settings) {
         const executor = new Executor(device, new Description(passes));
         await executor.prepare();
-        return new Trainer(executor, settings, device.lost);
+        return new Trainer(executor, settings);
     }
 
-    constructor(executor, settings, lost) {
-        /** @type {Promise<GPUDeviceLostInfo>} resolves when the GPU is lost */
-        this.lost = lost;
+    constructor(executor, settings) {
         this.#executor = executor;
         this.#settings = settings;
     }
@@ -78,10 +76,19 @@ export class Trainer {
         return this.#scene?.count ?? 0;
     }
 
+    /** What a plan has to know of the GPU. @type {import("./plan.js").Device} */
+    get device() {
+        return { description: this.#executor.description, largestBuffer: this.#executor.largestBuffer };
+    }
+
+    /** Free the last run's buffers. */
+    release() {
+        this.#executor.free();
+    }
+
     /** Bytes of all buffers on the GPU. */
     get bytes() {
-        const names = Object.keys(this.#executor.description.buffers);
-        return names.reduce((sum, name) => sum + (this.#executor.buffer(name)?.size ?? 0), 0);
+        return this.#executor.bytes;
     }
 
     /**
@@ -96,16 +103,19 @@ export class Trainer {
     async begin(frames, background, scene, state = null) {
         const { engine } = this.#settings;
         const executor = this.#executor;
-        [this.#background, this.#scene] = [background, scene];
+        executor.free();
+        [this.#background, this.#scene, this.#intersections] = [background, scene, 0];
         const room = Math.floor(executor.largestBuffer / PIXEL_BYTES);
         this.#shelf = new Shelf(frames.map(({ rgba }) => rgba.length / 4), room);
         this.#frames = frames.map(({ camera }) => ({ camera, pixels: null }));
-        await this.#makeRoom(engine.intersections_per_gaussian * scene.count, engine.min_intersections);
-        frames.forEach(({ rgba }, view) => {
+        const sizes = this.#frames.map(({ camera }) => camera);
+        const expected = expectedIntersections(scene.count, sizes, executor.largestBuffer, engine);
+        await this.#makeRoom(expected, engine.min_intersections);
+        frames.forEach((frame, view) => {
             if (this.#shelf.isResident(view)) {
-                this.#shelve(view, countedPixels(rgba));
+                this.#shelve(view, countedPixels(frame));
             } else {
-                this.#frames[view].pixels = countedPixels(rgba);
+                this.#frames[view].pixels = countedPixels(frame);
             }
         });
         executor.write("shape", scene.shape);
@@ -225,13 +235,18 @@ export class Trainer {
 
     /** Let the lists of tiles hold as many intersections as are wanted, or at least those that are needed. */
     async #makeRoom(wanted, needed) {
-        const most = Math.floor(this.#executor.largestBuffer / this.#settings.engine.intersection_bytes);
-        this.#intersections = Math.max(this.#intersections, needed, Math.min(Math.ceil(wanted), most));
-        const { description } = this.#executor;
-        const sizes = this.#frames.map(({ camera }) => camera);
-        for (const size of new Map(sizes.map((one) => [`${one.width}x${one.height}`, one])).values()) {
-            await this.#executor.reserve(description.sizes(this.#symbols(size, true)));
+        const { largestBuffer, description } = this.#executor;
+        const most = Math.floor(largestBuffer / this.#settings.engine.intersection_bytes);
+        const before = this.#intersections;
+        for (const target of [Math.min(Math.ceil(wanted), most), needed]) {
+            this.#intersections = Math.max(before, needed, target);
+            const sizes = largestSizes(description, this.#extent, this.#frames.map(({ camera }) => camera));
+            if (totalOf(sizes) <= this.mostBytes) {
+                return this.#executor.reserve(sizes);
+            }
         }
+        const found = `${needed.toLocaleString("en")} places where splats meet tiles do not fit`;
+        throw new Error(`${found} into the memory that is left: expected smaller photographs or fewer splats`);
     }
 
     /** Let the GPU know how many steps are completed, and that nothing stands in the way of the next. */
@@ -247,32 +262,26 @@ export class Trainer {
         }
     }
 
-    #symbols({ width, height }, structural = false) {
-        const { count, coefficients } = this.#scene;
-        return this.#executor.description.symbols({
-            gaussians: count,
-            capacity: count,
-            coefficients,
+    #symbols(size, structural = false) {
+        return symbolsOf(this.#executor.description, this.#extent, size, structural);
+    }
+
+    get #extent() {
+        return {
+            gaussians: this.#scene.count,
+            coefficients: this.#scene.coefficients,
             intersections: this.#intersections,
             photographs: this.#frames.length,
-            photograph_pixels: this.#shelf.pixels,
-            replay_depth: 0,
-            listed: 0,
-            width,
-            height,
-            structural: Number(structural),
-            regularised: 0,
-            collecting: 0,
-            colours_learned: 0,
-        });
+            photographPixels: this.#shelf.pixels,
+        };
     }
 }
 
-/** A photograph with 255 in the fourth byte of pixels that count: all of them. */
-function countedPixels(rgba) {
+/** A photograph with 255 in the fourth byte of pixels that count: those that no mask leaves out. */
+function countedPixels({ rgba, mask }) {
     const pixels = new Uint8Array(rgba);
-    for (let i = 3; i < pixels.length; i += 4) {
-        pixels[i] = 255;
+    for (let i = 0; i < pixels.length / 4; i++) {
+        pixels[4 * i + 3] = mask?.[i] ?? 255;
     }
     return pixels;
 }

@@ -1,5 +1,6 @@
 /**
- * The frame loop: draws only after changes, and at lower resolution during motion if frames are slow.
+ * The frame loop: draws only after changes, first at the resolution that frames are quick at, and at full resolution
+ * once nothing moves.
  *
  * @module
  */
@@ -7,9 +8,15 @@
 /** Resolutions relative to the canvas. */
 const SHARES = [1, 0.7, 0.5, 0.35, 0.25];
 
-/** During motion, a frame slower than this lowers the resolution, and a faster one than that raises it. */
+/** The resolution to begin with, while nothing is known about how long frames take. */
+export const FIRST_SHARE = 0.25;
+
+/** A frame slower than this lowers the resolution for motion, and a faster one than that raises it. */
 const SLOW_FRAME = 50;
 const QUICK_FRAME = 20;
+
+/** Where a frame of full resolution takes longer than this, a coarse one comes before it. */
+const LONG_FRAME = 300;
 
 /** Milliseconds without changes after which the image is drawn at full resolution. */
 const REST = 200;
@@ -22,14 +29,18 @@ export class FrameLoop {
     #movers = new Set();
     #changed = 0;
     #drawn = 0;
-    #share = 1;
+    /** Resolution for motion. */
+    #share = FIRST_SHARE;
+    /** Duration of the last frame of full resolution. */
+    #fullTook = Infinity;
     #drawnShare = 0;
-    #moved = 0;
+    #moved = -Infinity;
     #running = false;
     #lastTick = 0;
 
     /**
-     * @param {(share: number) => Promise<void>} draw a frame with this share of the full resolution
+     * @param {(share: number, isWanted: () => boolean) => Promise<boolean>} draw a frame with this share of the full
+     *     resolution; it may end early once it is not wanted any more, and returns whether it did not
      * @param {(milliseconds: number) => void} onDrawn called with the duration of each frame
      * @param {(rests: boolean) => void} onRest called when drawing begins, and when there is nothing left to draw
      */
@@ -39,7 +50,7 @@ export class FrameLoop {
         this.#onRest = onRest;
     }
 
-    /** Redraw at full resolution: something other than the camera has changed. */
+    /** Redraw: something other than the camera has changed. */
     invalidate() {
         this.#changed++;
         this.#start();
@@ -48,6 +59,12 @@ export class FrameLoop {
     /** Redraw, at the resolution for motion until nothing has moved for a while. */
     move() {
         this.#moved = performance.now();
+        this.invalidate();
+    }
+
+    /** Redraw by another renderer, of whose speed nothing is known. */
+    beginAnew() {
+        [this.#share, this.#fullTook] = [FIRST_SHARE, Infinity];
         this.invalidate();
     }
 
@@ -76,11 +93,12 @@ export class FrameLoop {
         this.#runMovers((now - this.#lastTick) / 1000);
         this.#lastTick = now;
         const moving = now - this.#moved < REST;
-        const share = moving ? this.#share : 1;
-        if (this.#changed !== this.#drawn || share > this.#drawnShare) {
-            await this.#frame(share, moving);
+        if (this.#changed !== this.#drawn) {
+            await this.#frame(moving || this.#fullTook > LONG_FRAME ? this.#share : 1, () => true);
+        } else if (!moving && this.#drawnShare < 1) {
+            await this.#frame(1, () => this.#changed === this.#drawn);
         }
-        if (moving || this.#changed !== this.#drawn) {
+        if (moving || this.#changed !== this.#drawn || this.#drawnShare < 1) {
             requestAnimationFrame(() => this.#tick());
         } else {
             this.#running = false;
@@ -98,25 +116,28 @@ export class FrameLoop {
         }
     }
 
-    async #frame(share, moving) {
+    async #frame(share, isWanted) {
         const change = this.#changed;
         const start = performance.now();
-        await this.#draw(share);
+        const isComplete = await this.#draw(share, isWanted);
         const took = performance.now() - start;
-        this.#drawn = change;
-        this.#drawnShare = share;
-        this.#onDrawn(took);
-        if (moving) {
-            this.#adapt(took);
+        if (isComplete) {
+            [this.#drawn, this.#drawnShare] = [change, share];
+            this.#onDrawn(took);
         }
+        this.#adapt(share, took);
     }
 
-    #adapt(took) {
+    /** Choose the resolution for motion by the duration of a frame. */
+    #adapt(share, took) {
         const at = SHARES.indexOf(this.#share);
-        if (took > SLOW_FRAME) {
+        if (share === 1) {
+            this.#fullTook = took;
+        }
+        if (took < QUICK_FRAME && share >= this.#share) {
+            this.#share = share > this.#share ? share : SHARES[Math.max(at - 1, 0)];
+        } else if (took > SLOW_FRAME && share <= this.#share) {
             this.#share = SHARES[Math.min(at + 1, SHARES.length - 1)];
-        } else if (took < QUICK_FRAME) {
-            this.#share = SHARES[Math.max(at - 1, 0)];
         }
     }
 }

@@ -13,12 +13,17 @@ import { Points } from "./points.js";
  * @typedef {import("./renderer.js").Picture} Picture
  */
 
+/** Milliseconds of drawing after which the page gets its turn. */
+const TURN = 12;
+
 /** Draws on a canvas of its own, which is hidden at first; has the interface of `Renderer`. */
 export class PointRenderer {
     #canvas;
     #context;
     #points = null;
     #image = null;
+    /** The current task: two at once would draw into one image. */
+    #busy = Promise.resolve();
 
     /** @param {HTMLCanvasElement} canvas */
     constructor(canvas) {
@@ -44,19 +49,17 @@ export class PointRenderer {
         this.#points.extendTo(count);
     }
 
-    /** @param {Picture} picture */
-    draw({ camera, share, background }) {
-        if (!this.count) {
-            return;
-        }
-        const { width, height } = camera;
-        if (this.#image?.data.width !== width || this.#image.data.height !== height) {
-            this.#image = new PointImage(width, height);
-            [this.#canvas.width, this.#canvas.height] = [width, height];
-        }
-        this.#image.draw(this.#points, camera, share, background);
-        this.#context.putImageData(this.#image.data, 0, 0);
-        this.#canvas.hidden = false;
+    /**
+     * Draw. The canvas changes when the image is complete.
+     *
+     * @param {Picture} picture
+     * @param {() => boolean} isWanted asked now and then; drawing ends early once it is not
+     * @returns {Promise<boolean>} whether it is complete
+     */
+    draw(picture, isWanted = () => true) {
+        const done = this.#busy.then(() => this.#draw(picture, isWanted));
+        this.#busy = done.catch(() => {});
+        return done;
     }
 
     /**
@@ -65,8 +68,8 @@ export class PointRenderer {
      * @param {Picture} picture
      * @returns {Promise<Blob>} a PNG
      */
-    photograph(picture) {
-        this.draw(picture);
+    async photograph(picture) {
+        await this.draw(picture);
         return new Promise((resolve) => this.#canvas.toBlob(resolve, "image/png"));
     }
 
@@ -75,5 +78,31 @@ export class PointRenderer {
         this.#canvas.hidden = true;
         this.#canvas.width = this.#canvas.height = 0;
         this.#points = this.#image = null;
+    }
+
+    async #draw({ camera, background }, isWanted) {
+        const points = this.#points;
+        if (!this.count) {
+            return true;
+        }
+        const { width, height } = camera;
+        if (this.#image?.data.width !== width || this.#image.data.height !== height) {
+            this.#image = new PointImage(width, height);
+        }
+        const image = this.#image;
+        let turn = performance.now();
+        for (const _ of image.draw(points, camera, background)) {
+            if (performance.now() - turn > TURN) {
+                await new Promise((resolve) => setTimeout(resolve));
+                if (!isWanted() || points !== this.#points) {
+                    return false;
+                }
+                turn = performance.now();
+            }
+        }
+        [this.#canvas.width, this.#canvas.height] = [width, height];
+        this.#context.putImageData(image.data, 0, 0);
+        this.#canvas.hidden = false;
+        return true;
     }
 }

@@ -10,6 +10,7 @@ import { Executor } from "../../gpu/executor.js";
 import { MEAN } from "../scene/gaussian_columns.js";
 import { nearPlane } from "../scene/near_plane.js";
 import { Display } from "./display.js";
+import { SubmissionSizes } from "./submission_sizes.js";
 import { viewValues } from "./view_values.js";
 
 /**
@@ -18,7 +19,7 @@ import { viewValues } from "./view_values.js";
  *
  * @typedef {Object} Picture parameters of an image
  * @property {Camera} camera
- * @property {number} share of the full resolution
+ * @property {boolean} isSharp whether it has the full resolution
  * @property {[number, number, number]} background RGB
  * @property {boolean} asDepth
  *
@@ -31,6 +32,12 @@ import { viewValues } from "./view_values.js";
 const INTERSECTIONS_PER_GAUSSIAN = 8;
 const MIN_INTERSECTIONS = 1 << 16;
 const GROWTH = 1.25;
+
+/** How often the host waits while splats are listed in parts: a browser may take 100 ms each time. */
+const WAITS = 3;
+
+/** Descriptions of passes by their address, so that a lost GPU can be opened again when the server is gone. */
+const DESCRIPTIONS = new Map();
 
 /** Holds the device and its buffers. */
 export class Renderer {
@@ -50,6 +57,9 @@ export class Renderer {
     #reserved = new Set();
     /** The current task: two at once would replace each other's buffers. */
     #busy = Promise.resolve();
+    /** Number of tasks that wait for it. */
+    #waiting = 0;
+    #sizes = new SubmissionSizes();
 
     /**
      * Open the GPU for a canvas, and compile the shaders.
@@ -113,10 +123,11 @@ export class Renderer {
      * Draw on the canvas, whose size may differ from the camera's image. The canvas changes when the image is complete.
      *
      * @param {Picture} picture
-     * @returns {Promise<void>}
+     * @param {() => boolean} isWanted asked now and then; drawing ends early once it is not, or another task waits
+     * @returns {Promise<boolean>} whether it is complete
      */
-    draw(picture) {
-        return this.#inTurn(() => this.#draw(picture));
+    draw(picture, isWanted = () => true) {
+        return this.#inTurn(() => this.#draw(picture, () => isWanted() && !this.#waiting));
     }
 
     /**
@@ -127,14 +138,18 @@ export class Renderer {
      */
     photograph(picture) {
         return this.#inTurn(async () => {
-            await this.#draw(picture);
+            await this.#draw(picture, () => true);
             // In the same task as the drawing: later the canvas may be cleared.
             return new Promise((resolve) => this.#canvas.toBlob(resolve, "image/png"));
         });
     }
 
     #inTurn(task) {
-        const done = this.#busy.then(task);
+        this.#waiting++;
+        const done = this.#busy.then(() => {
+            this.#waiting--;
+            return task();
+        });
         this.#busy = done.catch(() => {});
         return done;
     }
@@ -170,6 +185,7 @@ export class Renderer {
         const expected = INTERSECTIONS_PER_GAUSSIAN * scene.count;
         const intersections = Math.max(this.#intersections, MIN_INTERSECTIONS, expected);
         const symbols = symbolsOf(executor.description, [1, 1], scene, intersections);
+        this.#reserved.clear();
         await executor.reserve(executor.description.sizes(symbols));
         executor.write("shape", scene.shape);
         executor.write("sh", scene.sh);
@@ -185,38 +201,91 @@ export class Renderer {
         this.#reserved = new Set([JSON.stringify(symbols)]);
     }
 
-    async #draw({ camera, background, asDepth }) {
+    async #draw({ camera, background, asDepth }, isWanted) {
         if (!this.#scene) {
-            return;
+            return true;
         }
-        const sequence = asDepth ? "render depth" : "render";
-        const behind = asDepth ? [0, 0, 0] : background;
+        const start = performance.now();
+        const drawing = { camera, behind: asDepth ? [0, 0, 0] : background, suffix: asDepth ? " depth" : "" };
+        const pixels = camera.width * camera.height;
+        const waits = this.#sizes.mayDrawWhole(pixels)
+            ? await this.#drawWhole(drawing)
+            : await this.#drawInParts(drawing, isWanted);
+        if (waits) {
+            this.#sizes.imageTook(pixels, performance.now() - start, waits);
+            this.#display.show(this.#executor.buffer("image"), camera, this.#canvas, background, asDepth);
+        }
+        return waits > 0;
+    }
+
+    /** Returns how often it waited for the GPU. */
+    async #drawWhole(drawing) {
+        await this.#whileThereIsRoom(drawing, async (symbols) => {
+            this.#executor.submit(`render${drawing.suffix}`, symbols);
+            return true;
+        });
+        return 1;
+    }
+
+    /** Draw in submissions of bounded duration. Returns how often it waited, or 0 if it was not wanted to the end. */
+    async #drawInParts(drawing, isWanted) {
+        const list = (symbols) => this.#executor.submitByPass("list splats", symbols, WAITS, isWanted);
+        if (!(await this.#whileThereIsRoom(drawing, list))) {
+            return 0;
+        }
+        let waits = WAITS + 1;
+        const symbols = this.#symbolsOf(drawing.camera, this.#intersections);
+        for (let first = 0, tiles; first < symbols.tiles; first += tiles) {
+            tiles = Math.min(this.#sizes.tiles, symbols.tiles - first);
+            const start = performance.now();
+            this.#writeView(drawing, symbols, first);
+            this.#executor.submit(`draw tiles${drawing.suffix}`, { ...symbols, drawn_tiles: tiles });
+            await this.#executor.finished();
+            this.#sizes.partTook(tiles, performance.now() - start);
+            waits++;
+            if (!isWanted()) {
+                return 0;
+            }
+        }
+        return waits;
+    }
+
+    /** Submit passes, again with more room for as long as they run out of it. Returns what `submit` returns. */
+    async #whileThereIsRoom(drawing, submit) {
         let intersections = this.#intersections;
         for (;;) {
-            const symbols = symbolsOf(this.#executor.description, [camera.width, camera.height], this.#scene, intersections);
+            const symbols = this.#symbolsOf(drawing.camera, intersections);
             await this.#makeRoom(symbols);
-            this.#executor.writeUniform("view", viewValues(camera, behind, this.#near, symbols));
-            this.#executor.submit(sequence, symbols);
+            this.#writeView(drawing, symbols, 0);
+            const isComplete = await submit(symbols);
             const [, halted, needed] = await this.#executor.read("status", Uint32Array, 3);
-            if (!halted) {
-                break;
+            if (halted) {
+                intersections = Math.ceil(needed * GROWTH);
+                this.#executor.write("status", new Uint32Array(3));
             }
-            intersections = Math.ceil(needed * GROWTH);
-            this.#resume();
+            if (!halted || !isComplete) {
+                return isComplete;
+            }
         }
-        this.#display.show(this.#executor.buffer("image"), camera, this.#canvas, background, asDepth);
     }
 
-    /** Grow the buffers after the passes ran out of room. */
-    #resume() {
-        this.#executor.write("status", new Uint32Array(3));
+    #symbolsOf({ width, height }, intersections) {
+        return symbolsOf(this.#executor.description, [width, height], this.#scene, intersections);
     }
 
+    #writeView({ camera, behind }, symbols, firstTile) {
+        const values = viewValues(camera, behind, this.#near, symbols);
+        this.#executor.writeUniform("view", { ...values, first_tile: firstTile });
+    }
+
+    /** Grow the buffers, if they have never been large enough. */
     async #makeRoom(symbols) {
         const key = JSON.stringify(symbols);
         if (!this.#reserved.has(key)) {
+            const known = this.#reserved;
+            this.#reserved = new Set();
             await this.#executor.reserve(this.#executor.description.sizes(symbols));
-            this.#reserved.add(key);
+            this.#reserved = known.add(key);
             this.#intersections = symbols.intersections;
         }
     }
@@ -250,9 +319,13 @@ function passesFor(scene, appearance) {
 
 /** @param {Passes} passes */
 async function fetchDescription({ appearance, weights }) {
-    const response = await fetch(`passes.json?appearance=${appearance}${weights ? `&weights=${weights}` : ""}`);
-    if (!response.ok) {
-        throw new Error(`passes.json: the server answers ${response.status}`);
+    const address = `passes.json?appearance=${appearance}${weights ? `&weights=${weights}` : ""}`;
+    if (!DESCRIPTIONS.has(address)) {
+        const response = await fetch(address);
+        if (!response.ok) {
+            throw new Error(`passes.json: the server answers ${response.status}`);
+        }
+        DESCRIPTIONS.set(address, new Description(await response.json()));
     }
-    return new Description(await response.json());
+    return DESCRIPTIONS.get(address);
 }

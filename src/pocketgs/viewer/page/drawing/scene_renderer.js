@@ -4,6 +4,8 @@
  * @module
  */
 
+import { FIRST_SHARE } from "./frame_loop.js";
+
 /**
  * @typedef {import("../scene/gaussian_columns.js").GaussianColumns} GaussianColumns
  * @typedef {import("./point_renderer.js").PointRenderer} PointRenderer
@@ -11,11 +13,23 @@
  * @typedef {import("./renderer.js").Renderer} Renderer
  *
  * @typedef {Object} Told
- * @property {() => Picture} pictureNow returns the parameters of the current image
+ * @property {(share: number) => Picture} pictureNow returns the parameters of the current image at a share of the full
+ *     resolution
  * @property {() => void} onChange called when the image would change
- * @property {(milliseconds: number) => void} onSharp called when the GPU takes over, with the time of its first image
+ * @property {() => void} onTakeOver called when another renderer draws from now on
+ * @property {(done: Promise<void>) => void} onRegaining called when a GPU was lost; `done` resolves when it is
+ *     open again, or given up
+ * @property {(text: string) => void} onNote called with what is worth a quiet line
  * @property {(text: string) => void} onFault
  */
+
+/** A GPU that is lost more often than this, each time within so many milliseconds of work, is not opened again. */
+const MAX_LOSSES = 3;
+const LASTING = 60_000;
+
+/** Tries to open a lost GPU, and milliseconds between them: a browser may have to start a process for it. */
+const TRIES = 3;
+const PAUSE = 1000;
 
 /** Draws points or on the GPU; marks the document when only points are possible. */
 export class SceneRenderer {
@@ -28,6 +42,7 @@ export class SceneRenderer {
     #scene = null;
     #appearance = "splats";
     #pointsOnly = false;
+    #losses = 0;
     /** Queue of scenes to upload to the GPU. */
     #sharpening = Promise.resolve();
     #told;
@@ -52,6 +67,15 @@ export class SceneRenderer {
         return this.#scene?.fileBytes ?? 0;
     }
 
+    /** Share of the full resolution that images have at most: less on a GPU that was lost over them. */
+    get largestShare() {
+        return this.#drawing === this.#points ? 1 : this.#largestOnGpu;
+    }
+
+    get #largestOnGpu() {
+        return 0.5 ** this.#losses;
+    }
+
     /** How Gaussians come together in an image. */
     get compositor() {
         const weighting = this.#appearance === "splats" && this.#scene?.weighting;
@@ -64,28 +88,27 @@ export class SceneRenderer {
     }
 
     /**
-     * Draw on the GPU, once a complete scene is there and its first image is done, until the GPU is lost.
+     * Draw on the GPU, once a complete scene is there and its first image is done. A lost GPU is opened again, to draw
+     * smaller images.
      *
      * @param {Renderer} gpu
+     * @param {() => Promise<Renderer>} reopen opens it again
      */
-    async useGpu(gpu) {
+    async useGpu(gpu, reopen) {
         this.#gpu = gpu;
+        const start = performance.now();
         gpu.lost.then(({ message }) => {
             this.#gpu = null;
-            this.stayWithPoints();
-            this.#tell(`the GPU was lost (${message}): reload the page`);
+            this.#losses += Number(performance.now() - start < LASTING);
+            this.#told.onRegaining(this.#regain(message, reopen));
         });
         await this.#sharpen();
     }
 
     /** Draw points, since there is no GPU, at least for now. */
     stayWithPoints() {
-        this.#drawing = this.#points;
-        if (this.#scene) {
-            this.#points.setScene(this.#scene);
-        }
+        this.#drawPoints();
         this.#setPointsOnly(true);
-        this.#told.onChange();
     }
 
     /**
@@ -120,11 +143,17 @@ export class SceneRenderer {
         this.#appearance = appearance;
     }
 
-    /** @param {Picture} picture */
-    async draw(picture) {
+    /**
+     * @param {Picture} picture
+     * @param {() => boolean} isWanted asked now and then; drawing ends early once it is not
+     * @returns {Promise<boolean>} whether it is complete
+     */
+    async draw(picture, isWanted) {
         const drawing = this.#drawing;
         try {
-            await drawing.draw(picture);
+            if (!(await drawing.draw(picture, isWanted))) {
+                return false;
+            }
         } catch (error) {
             // Pending work of a lost GPU fails as well.
             if (drawing === this.#drawing) {
@@ -134,6 +163,10 @@ export class SceneRenderer {
         if (drawing.count) {
             markOnce("first picture");
         }
+        if (drawing === this.#gpu && picture.isSharp) {
+            markOnce("first sharp picture");
+        }
+        return true;
     }
 
     /**
@@ -175,8 +208,10 @@ export class SceneRenderer {
 
     /** Switch from points to the GPU. Points are drawn until its first image is done. */
     async #takeOver(gpu) {
-        const [start, picture] = [performance.now(), this.#told.pictureNow()];
-        await gpu.draw(picture);
+        let isDone = false;
+        while (gpu === this.#gpu && !isDone) {
+            isDone = await gpu.draw(this.#told.pictureNow(Math.min(FIRST_SHARE, this.#largestOnGpu)));
+        }
         if (gpu !== this.#gpu) {
             return;
         }
@@ -184,11 +219,41 @@ export class SceneRenderer {
         this.#points.release();
         this.#setPointsOnly(false);
         this.#fault = null;
-        markOnce("first sharp picture");
-        this.#told.onSharp(performance.now() - start);
-        if (JSON.stringify(picture) !== JSON.stringify(this.#told.pictureNow())) {
-            this.#told.onChange();
+        this.#told.onTakeOver();
+    }
+
+    #drawPoints() {
+        this.#drawing = this.#points;
+        if (this.#scene) {
+            this.#points.setScene(this.#scene);
         }
+        this.#told.onTakeOver();
+    }
+
+    /** Open a lost GPU again, and draw points meanwhile. */
+    async #regain(message, reopen) {
+        this.#drawPoints();
+        const gpu = this.#losses <= MAX_LOSSES && (await this.#reopened(reopen));
+        if (!gpu) {
+            this.stayWithPoints();
+            this.#told.onNote("");
+            this.#tell(`the GPU was lost (${message}): reload the page`);
+            return;
+        }
+        const resolution = this.#losses ? `${100 * this.#largestOnGpu} %` : "the same";
+        this.#told.onNote(`the GPU was lost: now at ${resolution} resolution`);
+        await this.useGpu(gpu, reopen);
+    }
+
+    async #reopened(reopen) {
+        for (let i = 0; i < TRIES; i++) {
+            try {
+                return await reopen();
+            } catch {
+                await new Promise((resolve) => setTimeout(resolve, PAUSE));
+            }
+        }
+        return null;
     }
 
     /** Report an error of the GPU, but not repeatedly for every scene of a run or every image. */

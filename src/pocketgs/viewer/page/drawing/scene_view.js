@@ -54,22 +54,26 @@ export class SceneView {
     /**
      * @param {HTMLCanvasElement} canvas that receives pointer events
      * @param {PointRenderer} points
-     * @param {{onStatistics: (found: Statistics) => void, onFault: (text: string) => void}} told
+     * @param {{
+     *     onStatistics: (found: Statistics) => void, onNote: (text: string) => void, onFault: (text: string) => void,
+     * }} told
      */
-    constructor(canvas, points, { onStatistics, onFault }) {
+    constructor(canvas, points, { onStatistics, onNote, onFault }) {
         this.#canvas = canvas;
         this.#onStatistics = onStatistics;
         this.#renderer = new SceneRenderer(points, {
-            pictureNow: () => this.#picture(1),
+            pictureNow: (share) => this.#picture(share),
             onChange: () => this.#loop.invalidate(),
-            onSharp: (took) => {
+            onTakeOver: () => {
                 this.#times = [];
-                this.#count(took);
+                this.#loop.beginAnew();
             },
+            onRegaining: (done) => this.busyUntil(done),
+            onNote,
             onFault,
         });
         this.#loop = new FrameLoop(
-            (share) => this.#renderer.draw(this.#picture(share)),
+            (share, isWanted) => this.#renderer.draw(this.#picture(share), isWanted),
             (took) => this.#count(took),
             (rests) => {
                 this.#rests = rests;
@@ -184,8 +188,9 @@ export class SceneView {
         if (this.#canvas.width !== size[0] || this.#canvas.height !== size[1]) {
             [this.#canvas.width, this.#canvas.height] = size;
         }
-        const camera = this.camera.of(...size.map((side) => Math.max(1, Math.round(share * side))));
-        return { camera, share, background: this.#background, asDepth: this.#appearance === "depth" };
+        const scaled = Math.min(share, this.#renderer.largestShare);
+        const camera = this.camera.of(...size.map((side) => Math.max(1, Math.round(scaled * side))));
+        return { camera, isSharp: share === 1, background: this.#background, asDepth: this.#appearance === "depth" };
     }
 
     #showBusy() {

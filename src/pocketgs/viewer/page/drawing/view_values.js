@@ -9,6 +9,20 @@ const FRUSTUM_MARGIN = 0.15;
 const TILE = 8;
 
 /**
+ * Bounds on x/z and y/z: the image and a margin.
+ *
+ * @param {import("../scene/camera.js").Camera} camera
+ * @returns {{low: [number, number], high: [number, number]}}
+ */
+export function slopeBounds({ width, height, fx, fy, cx, cy }) {
+    const [beside, above] = [FRUSTUM_MARGIN * width, FRUSTUM_MARGIN * height];
+    return {
+        low: [-(cx + beside) / fx, -(cy + above) / fy],
+        high: [(width - cx + beside) / fx, (height - cy + above) / fy],
+    };
+}
+
+/**
  * Fields of the struct `View`.
  *
  * @param {import("../scene/camera.js").Camera} camera
@@ -21,7 +35,7 @@ export function viewValues(camera, background, near, symbols) {
     const { width, height, fx, fy, cx, cy, world_to_camera: m } = camera;
     const [x, y, z] = [m.slice(0, 4), m.slice(4, 8), m.slice(8, 12)];
     const centre = [0, 1, 2].map((axis) => -(x[axis] * x[3] + y[axis] * y[3] + z[axis] * z[3]));
-    const margin = [FRUSTUM_MARGIN * width, FRUSTUM_MARGIN * height];
+    const { low, high } = slopeBounds(camera);
     return {
         to_camera_x: x,
         to_camera_y: y,
@@ -30,8 +44,8 @@ export function viewValues(camera, background, near, symbols) {
         background: [...background, 1],
         focal: [fx, fy],
         principal: [cx, cy],
-        slopes_low: [-(cx + margin[0]) / fx, -(cy + margin[1]) / fy],
-        slopes_high: [(width - cx + margin[0]) / fx, (height - cy + margin[1]) / fy],
+        slopes_low: low,
+        slopes_high: high,
         width,
         height,
         tiles_across: Math.ceil(width / TILE),
@@ -42,6 +56,7 @@ export function viewValues(camera, background, near, symbols) {
         photograph: 0,
         replay_depth: symbols.replay_depth,
         channel_groups: 1,
+        first_tile: 0,
         near,
     };
 }

@@ -5,7 +5,7 @@
  */
 
 import { GaussianColumns, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, requireRoom } from "../scene/gaussian_columns.js";
-import { coarsenessOf, nearestBefore, readColours, readHarmonics, readScales, readTurns } from "./pgs_attributes.js";
+import { coarsenessOf, codeColours, codeHarmonic, codeScales, codeTurns, nearestBefore } from "./pgs_attributes.js";
 import { decodePositions } from "./pgs_positions.js";
 import { finenessOf, quaternionOf, stepOf } from "./pgs_rotations.js";
 import { splitSections } from "./pgs_sections.js";
@@ -31,27 +31,34 @@ export async function readPgs(source) {
     const sections = splitSections(await source.takeUpTo(Infinity));
     const layout = layoutOf(sections);
     const { count, coefficients } = layout;
-    const coderOf = (name) => new RangeDecoder(sections.get(name));
+    const codeOf = (name) => readingOf(sections.get(name));
+    const table = [0, 1, 2].map(() => new Int32Array(count));
     const gaussians = new GaussianColumns(count, coefficients);
     const cells = decodePositions(sections.get("position"), count, layout.bits);
     cells.forEach((column, axis) => {
         scaled(gaussians.column(MEAN + axis), column, 2 ** layout.exponent, layout.origin[axis]);
     });
-    const scales = readScales(coderOf("scale"), coarsenessOf(cells));
+    const scales = codeScales(codeOf("scale"), table, coarsenessOf(cells));
     scales.forEach((column, axis) => scaled(gaussians.column(LOG_SCALE + axis), column, layout.steps.logScale));
-    readRotations(coderOf("rotation"), scales, layout, gaussians);
-    const opacities = coderOf("opacity").column(new Uint8Array(count));
+    readRotations(codeOf("rotation"), table, scales, layout, gaussians);
+    const opacities = codeOf("opacity")(table[0], new Uint8Array(count));
     scaled(gaussians.column(OPACITY_LOGIT), opacities, layout.steps.opacity);
-    readColours(coderOf("colour"), count, nearestBefore(cells)).forEach((column, channel) => {
+    codeColours(codeOf("colour"), table, nearestBefore(cells)).forEach((column, channel) => {
         scaled(gaussians.harmonics(0, channel), column, layout.steps.colour);
     });
     if (coefficients > 1) {
-        fillHarmonics(coderOf, layout, gaussians);
+        fillHarmonics(codeOf, layout, gaussians);
     }
     if (sections.has("weights")) {
         gaussians.weighting = readWeighting(sections, count);
     }
     return gaussians;
+}
+
+/** How the columns of a section are read. @type {(section: Uint8Array) => import("./pgs_attributes.js").Code} */
+function readingOf(section) {
+    const coder = new RangeDecoder(section);
+    return (_, contexts, neighbours) => coder.column(contexts, undefined, neighbours);
 }
 
 function layoutOf(sections) {
@@ -103,10 +110,10 @@ function scaled(column, levels, step, origin = 0) {
     }
 }
 
-function readRotations(coder, scales, { count, steps }, gaussians) {
+function readRotations(code, table, scales, { count, steps }, gaussians) {
     const logScales = scales.map((column) => Float64Array.from(column, (level) => level * steps.logScale));
     const { swing, twist } = finenessOf(logScales);
-    const [ps, rs, ts] = readTurns(coder, { swing, twist });
+    const [ps, rs, ts] = codeTurns(code, table, { swing, twist });
     const parts = [0, 1, 2, 3].map((part) => gaussians.column(QUATERNION + part));
     for (let i = 0; i < count; i++) {
         const [tilt, turn] = [stepOf(swing[i], steps.rotation), stepOf(twist[i], steps.rotation)];
@@ -115,24 +122,17 @@ function readRotations(coder, scales, { count, steps }, gaussians) {
     }
 }
 
-function fillHarmonics(coderOf, { count, entries, coefficients, steps }, gaussians) {
-    if (!entries) {
-        readHarmonics(coderOf("harmonic"), count, coefficients - 1).forEach((channels, place) => {
-            channels.forEach((levels, channel) => {
-                scaled(gaussians.harmonics(place + 1, channel), levels, steps.harmonics);
-            });
-        });
-        return;
-    }
-    const book = readHarmonics(coderOf("codebook"), entries, coefficients - 1);
-    const labels = coderOf("harmonic").column(new Uint8Array(count));
-    if (labels.some((label) => label < 0 || label >= entries)) {
+function fillHarmonics(codeOf, { count, entries, coefficients, steps }, gaussians) {
+    const code = codeOf(entries ? "codebook" : "harmonic");
+    const table = [0, 1, 2].map(() => new Int32Array(entries || count));
+    const labels = entries ? codeOf("harmonic")(table[0], new Uint8Array(count)) : null;
+    if (labels?.some((label) => label < 0 || label >= entries)) {
         throw new Error(`the .pgs is broken: an entry outside the codebook of ${entries}`);
     }
-    book.forEach((channels, place) => {
-        channels.forEach((levels, channel) => {
-            const column = gaussians.harmonics(place + 1, channel);
-            labels.forEach((label, i) => (column[i] = levels[label] * steps.harmonics));
+    for (let place = 1; place < coefficients; place++) {
+        codeHarmonic(code, table).forEach((levels, channel) => {
+            const column = gaussians.harmonics(place, channel);
+            scaled(column, labels ? labels.map((label) => levels[label]) : levels, steps.harmonics);
         });
-    });
+    }
 }

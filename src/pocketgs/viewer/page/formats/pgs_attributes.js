@@ -1,14 +1,19 @@
 /**
- * The columns of a `.pgs`'s attributes; the twin of `formats/pgs_attributes.py`.
+ * The columns of a `.pgs`'s attributes, and what is expected of each: reader and writer share this description; the
+ * twin of `formats/pgs_attributes.py`.
  *
  * @module
+ */
+
+/**
+ * @typedef {(values: ArrayLike<number>, contexts: ArrayLike<number>, neighbours?: Int32Array) => Int32Array} Code
+ *     writes or reads the next column, and returns it; a reader ignores the values
  */
 
 const WINDOW = 16;
 const MAX_SIZE = 127;
 const MAX_FLATNESS = 15;
 const MAX_TILT = 7;
-const [RED, GREEN, BLUE] = [0, 1, 2];
 
 /**
  * Two indices per Gaussian of the nearest of the `WINDOW` before it; -1 for the first.
@@ -60,64 +65,63 @@ export function coarsenessOf([xs, ys, zs]) {
 /**
  * Levels of log scales along x, y and z.
  *
- * @param {import("./range_decoder.js").RangeDecoder} coder
+ * @param {Code} code
+ * @param {Int32Array[]} table
  * @param {Int32Array} coarseness
  * @returns {Int32Array[]}
  */
-export function readScales(coder, coarseness) {
-    const y = coder.column(coarseness);
+export function codeScales(code, [xs, ys, zs], coarseness) {
+    const y = code(ys, coarseness);
     const least = y.reduce((sum, value) => Math.min(sum, value), y[0]);
-    const flatness = coder.column(y.map((value) => Math.min(value - least, MAX_SIZE)));
+    const sizes = y.map((value) => Math.min(value - least, MAX_SIZE));
+    const flatness = code(minus(ys, zs), sizes);
     const shapes = flatness.map((value) => Math.max(-MAX_FLATNESS, Math.min(value, MAX_FLATNESS)) + MAX_FLATNESS);
-    const x = coder.column(shapes).map((value, i) => y[i] - value);
-    return [x, y, flatness.map((value, i) => y[i] - value)];
+    return [minus(y, code(minus(ys, xs), shapes)), y, minus(y, flatness)];
 }
 
 /**
  * Levels of the turns p, r and t.
  *
- * @param {import("./range_decoder.js").RangeDecoder} coder
+ * @param {Code} code
+ * @param {Int32Array[]} table
  * @param {{swing: Uint8Array, twist: Uint8Array}} fineness
  * @returns {Int32Array[]}
  */
-export function readTurns(coder, { swing, twist }) {
-    const p = coder.column(swing);
+export function codeTurns(code, [ps, rs, ts], { swing, twist }) {
+    const p = code(ps, swing);
     const contexts = swing.map((fine, i) => fine * (MAX_TILT + 1) + Math.min(Math.abs(p[i]) >> fine, MAX_TILT));
-    return [p, coder.column(contexts), coder.column(twist)];
+    return [p, code(rs, contexts), code(ts, twist)];
 }
 
 /**
  * Levels of red, green and blue of degree 0.
  *
- * @param {import("./range_decoder.js").RangeDecoder} coder
- * @param {number} count
+ * @param {Code} code
+ * @param {Int32Array[]} table
  * @param {Int32Array} neighbours
  * @returns {Int32Array[]}
  */
-export function readColours(coder, count, neighbours) {
-    const nothing = new Uint8Array(count);
-    const green = coder.column(nothing, undefined, neighbours);
-    const red = coder.column(nothing, undefined, neighbours).map((value, i) => green[i] + value);
-    const blue = coder.column(nothing, undefined, neighbours).map((value, i) => green[i] + value);
-    return [red, green, blue];
+export function codeColours(code, [reds, greens, blues], neighbours) {
+    const nothing = new Uint8Array(greens.length);
+    const green = code(greens, nothing, neighbours);
+    const red = code(minus(reds, greens), nothing, neighbours);
+    const blue = code(minus(blues, greens), nothing, neighbours);
+    return [plus(red, green), green, plus(blue, green)];
 }
 
 /**
- * Levels of a codebook's entries, or of all Gaussians: by coefficient above degree 0 and channel, one column each.
+ * Levels of red, green and blue of one coefficient above degree 0, of a codebook's entries or of all Gaussians.
  *
- * @param {import("./range_decoder.js").RangeDecoder} coder
- * @param {number} count
- * @param {number} coefficients
- * @returns {Int32Array[][]}
+ * @param {Code} code
+ * @param {Int32Array[]} table
+ * @returns {Int32Array[]}
  */
-export function readHarmonics(coder, count, coefficients) {
-    const nothing = new Uint8Array(count);
-    return Array.from({ length: coefficients }, () => {
-        const channels = [];
-        channels[GREEN] = coder.column(nothing);
-        const seen = channels[GREEN].map((value) => Math.min(Math.abs(value), 2));
-        channels[RED] = coder.column(seen);
-        channels[BLUE] = coder.column(seen.map((value, i) => value + 3 * Math.min(Math.abs(channels[RED][i]), 2)));
-        return channels;
-    });
+export function codeHarmonic(code, [reds, greens, blues]) {
+    const green = code(greens, new Uint8Array(greens.length));
+    const seen = green.map((value) => Math.min(Math.abs(value), 2));
+    const red = code(reds, seen);
+    return [red, green, code(blues, seen.map((value, i) => value + 3 * Math.min(Math.abs(red[i]), 2)))];
 }
+
+const plus = (some, others) => some.map((value, i) => value + others[i]);
+const minus = (some, others) => some.map((value, i) => value - others[i]);

@@ -4,7 +4,8 @@
  * @module
  */
 
-import { Models, RangeDecoder } from "./range_decoder.js";
+import { RangeDecoder } from "./range_decoder.js";
+import { Models } from "./range_models.js";
 
 const EXACT = 24;
 const COUNTS = EXACT + 33;
@@ -24,18 +25,42 @@ const UPPER = 2;
  */
 export function decodePositions(stream, count, bits) {
     const coder = new RangeDecoder(stream);
-    const [splits, stops] = [new Models(3 * COUNTS), new Models(bits + 1)];
-    let nodes = newNodes(1);
-    nodes.counts[0] = count;
-    nodes.isOpen[0] = 1;
+    const { splits, stops } = treeModels(bits);
+    let nodes = rootOf(count);
     for (let bit = bits - 1; bit >= 0; bit--) {
-        stopLone(nodes, coder, stops, bit);
+        const lone = loneOf(nodes);
+        const ends = coder.column(new Uint8Array(lone.length).fill(bit), stops);
+        ends.forEach((isEnd, i) => (nodes.isOpen[lone[i]] = isEnd ? 0 : 1));
         for (let axis = 0; axis < 3; axis++) {
-            nodes = halved(nodes, lowerCounts(nodes, coder, splits), axis, bit);
+            const open = openOf(nodes);
+            const found = coder.column(contextsOf(nodes, open), splits);
+            const lower = Int32Array.from(nodes.counts);
+            open.forEach((node, i) => (lower[node] = Math.max(0, Math.min(found[i], lower[node]))));
+            nodes = halved(nodes, lower, axis, bit);
         }
     }
     return nodes.cells.map((cells) => repeated(cells, nodes.counts, count));
 }
+
+/**
+ * @typedef {Object} Nodes of one level of the tree
+ * @property {number} length
+ * @property {Int32Array[]} cells x, y and z of their lowest corners
+ * @property {Int32Array} counts of Gaussians
+ * @property {Uint8Array} isOpen whether they are still divided
+ * @property {Uint8Array} outcomes which halves of the node above hold something
+ */
+
+/** The node that holds all Gaussians. @type {(count: number) => Nodes} */
+export function rootOf(count) {
+    const nodes = newNodes(1);
+    nodes.counts[0] = count;
+    nodes.isOpen[0] = 1;
+    return nodes;
+}
+
+/** New ones of the decisions that describe a tree. @type {(bits: number) => {splits: Models, stops: Models}} */
+export const treeModels = (bits) => ({ splits: new Models(3 * COUNTS), stops: new Models(bits + 1) });
 
 function newNodes(length) {
     return {
@@ -47,39 +72,41 @@ function newNodes(length) {
     };
 }
 
-function stopLone({ counts, isOpen }, coder, stops, bit) {
-    const lone = new Int32Array(counts.length);
-    let found = 0;
-    for (let i = 0; i < counts.length; i++) {
-        if (isOpen[i] && counts[i] === 1) {
-            lone[found++] = i;
-        }
-    }
-    const ends = coder.column(new Uint8Array(found).fill(bit), stops);
-    ends.forEach((isEnd, i) => (isOpen[lone[i]] = isEnd ? 0 : 1));
-}
+/** Indices of the nodes that hold one Gaussian and are still divided. @type {(nodes: Nodes) => Int32Array} */
+export const loneOf = ({ counts, isOpen }) => indicesWhere(counts.length, (i) => isOpen[i] && counts[i] === 1);
 
-/** How many of each node's Gaussians lie in the lower half. */
-function lowerCounts({ counts, isOpen, outcomes, length }, coder, splits) {
-    const contexts = new Int32Array(length);
-    let open = 0;
+/** Indices of the nodes that are still divided. @type {(nodes: Nodes) => Int32Array} */
+export const openOf = ({ isOpen }) => indicesWhere(isOpen.length, (i) => isOpen[i]);
+
+function indicesWhere(length, holds) {
+    const found = new Int32Array(length);
+    let next = 0;
     for (let i = 0; i < length; i++) {
-        if (isOpen[i]) {
-            const size = counts[i] <= EXACT ? counts[i] : EXACT + 32 - Math.clz32(counts[i]);
-            contexts[open++] = size + COUNTS * outcomes[i];
+        if (holds(i)) {
+            found[next++] = i;
         }
     }
-    const found = coder.column(contexts.subarray(0, open), splits);
-    const lower = Int32Array.from(counts);
-    for (let i = 0, next = 0; i < length; i++) {
-        if (isOpen[i]) {
-            lower[i] = Math.max(0, Math.min(found[next++], counts[i]));
-        }
-    }
-    return lower;
+    return found.subarray(0, next);
 }
 
-function halved(nodes, lower, axis, bit) {
+/** Of what open nodes' lower halves hold. @type {(nodes: Nodes, open: Int32Array) => Int32Array} */
+export function contextsOf({ counts, outcomes }, open) {
+    return open.map((node) => {
+        const count = counts[node];
+        return (count <= EXACT ? count : EXACT + 32 - Math.clz32(count)) + COUNTS * outcomes[node];
+    });
+}
+
+/**
+ * The halves of all nodes that hold something, in order.
+ *
+ * @param {Nodes} nodes
+ * @param {Int32Array} lower how many Gaussians each node's lower half holds
+ * @param {number} axis
+ * @param {number} bit of the coordinate
+ * @returns {Nodes}
+ */
+export function halved(nodes, lower, axis, bit) {
     let length = 0;
     for (let i = 0; i < nodes.length; i++) {
         length += (lower[i] > 0) + (lower[i] < nodes.counts[i]);

@@ -6,14 +6,14 @@
 
 import { crc32 } from "./crc32.js";
 
-const MAGIC = 0x43534750;
-const VERSION = 1;
-const HEADER = 12;
-const ROW = 16;
+export const MAGIC = 0x43534750;
+export const VERSION = 1;
+export const HEADER = 12;
+export const ROW = 16;
 const OPTIONAL = 1;
 
 /** The sections that can be read, and their types. */
-const KNOWN = {
+export const KNOWN = {
     scene: 1,
     position: 2,
     scale: 3,

@@ -4,28 +4,10 @@
  * @module
  */
 
-const SLOTS = 112;
-const LONGEST = 26;
-const SIGN = 26;
-const BITS = 28;
-const TREES = 12;
-const CERTAIN = 1 << 16;
-const LEAST = 32;
-const SETTLED = 255;
-const ACTIVITIES = 6;
-const RATES = Int32Array.from({ length: SETTLED + 1 }, (_, n) => Math.floor((1 << 14) / (n + 1.5)));
+import { BITS, expectedAt, LONGEST, modelAt, Models, SIGN, TREES } from "./range_models.js";
 
 /** The largest magnitude of a number, and the largest count of Gaussians. */
 export const MAX_NUMBER = 1 << 24;
-
-/** Probabilities of the binary decisions in each context, which adapt. */
-export class Models {
-    /** @param {number} contexts */
-    constructor(contexts) {
-        this.zeros = new Int32Array(contexts * ACTIVITIES * SLOTS).fill(CERTAIN / 2);
-        this.counts = new Uint8Array(this.zeros.length);
-    }
-}
 
 /** Decodes columns of numbers; zeros follow the end of the stream. */
 export class RangeDecoder {
@@ -51,18 +33,11 @@ export class RangeDecoder {
      * @returns {Int32Array}
      * @throws {Error} a number exceeds all bounds
      */
-    column(contexts, models = modelsFor(contexts), neighbours = null) {
+    column(contexts, models = Models.for(contexts), neighbours = null) {
         const values = new Int32Array(contexts.length);
         for (let i = 0; i < values.length; i++) {
-            let expected = 0;
-            let activity = 0;
-            if (neighbours && neighbours[2 * i] >= 0) {
-                const first = values[neighbours[2 * i]];
-                const second = values[neighbours[2 * i + 1]];
-                expected = (first + second) >> 1;
-                activity = Math.min(32 - Math.clz32(Math.abs(first - second)), ACTIVITIES - 1);
-            }
-            const value = expected + this.#number(models, (contexts[i] * ACTIVITIES + activity) * SLOTS);
+            const model = modelAt(contexts[i], values, neighbours, i);
+            const value = expectedAt(values, neighbours, i) + this.#number(models, model);
             if (Math.abs(value) > MAX_NUMBER) {
                 throw new Error("the .pgs is broken: a number exceeds all bounds");
             }
@@ -98,14 +73,8 @@ export class RangeDecoder {
     }
 
     #bit(models, slot) {
-        const zero = models.zeros[slot];
-        const count = models.counts[slot];
-        const bit = this.#take((this.#range >>> 16) * zero);
-        const moved = zero + ((((bit ? 0 : CERTAIN) - zero) * RATES[count]) >> 14);
-        models.zeros[slot] = Math.min(Math.max(moved, LEAST), CERTAIN - LEAST);
-        if (count < SETTLED) {
-            models.counts[slot] = count + 1;
-        }
+        const bit = this.#take((this.#range >>> 16) * models.zeros[slot]);
+        models.adapt(slot, bit);
         return bit;
     }
 
@@ -125,12 +94,4 @@ export class RangeDecoder {
         }
         return bit;
     }
-}
-
-function modelsFor(contexts) {
-    let most = 0;
-    for (let i = 0; i < contexts.length; i++) {
-        most = Math.max(most, contexts[i]);
-    }
-    return new Models(most + 1);
 }

@@ -18,7 +18,7 @@ import { readSpz } from "./spz.js";
  */
 
 /** Suffixes of the files that can be read. */
-export const SUFFIXES = [".pgs", ".ply", ".splat", ".spz"];
+const SUFFIXES = [".pgs", ".ply", ".splat", ".spz"];
 
 /**
  * Read a scene while it loads.

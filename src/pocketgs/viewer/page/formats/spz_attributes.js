@@ -15,16 +15,16 @@ import { logitOfByte } from "./opacity.js";
  * @property {number} fractionalBits of the positions
  */
 
-const COLOUR_SCALE = 0.15 * 255;
-const MAX_OTHER = Math.SQRT1_2;
-const ROTATION_STEPS = 511;
+export const COLOUR_SCALE = 0.15 * 255;
+export const MAX_OTHER = Math.SQRT1_2;
+export const ROTATION_STEPS = 511;
 
 /** The file's axes are right, up, back; ours are right, down, forward. */
-const AXIS_SIGNS = [1, -1, -1];
-const QUATERNION_SIGNS = [1, 1, -1, -1];
+export const AXIS_SIGNS = [1, -1, -1];
+export const QUATERNION_SIGNS = [1, 1, -1, -1];
 
 /** Signs of the harmonics under that half turn about x, in the order of the 3DGS `.ply`. */
-const HARMONIC_SIGNS = [1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1];
+export const HARMONIC_SIGNS = [1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1];
 
 /**
  * Sizes of the six streams in bytes.
@@ -79,8 +79,8 @@ function unpackPositions(positions, { version, fractionalBits }, gaussians) {
     }
 }
 
-/** A number from its half-precision bits. */
-function half(bits) {
+/** A number from its half-precision bits. @type {(bits: number) => number} */
+export function half(bits) {
     const [sign, exponent, fraction] = [bits & 0x8000 ? -1 : 1, (bits >> 10) & 31, bits & 1023];
     if (exponent === 31) {
         return fraction ? NaN : sign * Infinity;

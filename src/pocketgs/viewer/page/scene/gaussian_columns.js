@@ -9,7 +9,7 @@ export const MEAN = 0;
 export const LOG_SCALE = 3;
 export const QUATERNION = 6;
 export const OPACITY_LOGIT = 10;
-const SHAPE_COLUMNS = 11;
+export const SHAPE_COLUMNS = 11;
 
 /** Maximum memory of a scene while it is read, as in `pocketgs`: a file can state any number. */
 const MAX_BYTES = 3e9;

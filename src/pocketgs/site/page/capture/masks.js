@@ -1,0 +1,147 @@
+/**
+ * Masks of photographs: which image belongs to which photograph, in the layouts that other programs write, and which
+ * pixels it says are to be used; see `capture/masks.py` and `capture/mask_file.py`.
+ *
+ * @module
+ */
+
+import { folderOf, nameOf, normalised } from "../archive/tree.js";
+import { decodedAsStored, greyOf } from "./pixels.js";
+
+/**
+ * @typedef {import("../archive/tree.js").FileTree} FileTree
+ * @typedef {import("./listing.js").Listing} Listing
+ */
+
+const IMAGE = /\.(png|jpe?g)$/i;
+
+/** Grey counts from half of white upwards, since edges are often smoothed. */
+const HALF = 127;
+
+/**
+ * Add a mask to each frame of a capture that has one, unless the capture states masks itself.
+ *
+ * @param {Listing} listing
+ * @param {FileTree} tree
+ * @param {{mask_folders: string[]}} bounds the settings' `capture`
+ * @returns {Listing}
+ */
+export function withMasks(listing, tree, { mask_folders: usual }) {
+    if (listing.frames.some(({ mask }) => mask)) {
+        return listing;
+    }
+    const names = listing.frames.map(({ name }) => name);
+    const warnings = [...listing.warnings];
+    for (const folder of foldersOfMasks(names, tree, usual)) {
+        const [found, reason] = matched(names, folder, tree);
+        if (!reason) {
+            const lacking = names.filter((name) => !found.has(name));
+            if (lacking.length) {
+                const count = `${lacking.length} of ${names.length} frames`;
+                warnings.push(`${folder}: no masks for ${count}, which are used whole, the first ${lacking[0]}`);
+            }
+            const frames = listing.frames.map((frame) => ({ ...frame, mask: found.get(frame.name) ?? null }));
+            return { ...listing, frames, warnings };
+        }
+        warnings.push(`${folder}: ${reason}; these masks are not used`);
+    }
+    return { ...listing, warnings };
+}
+
+/**
+ * Which pixels a mask says are to be used.
+ *
+ * @param {import("../archive/tree.js").StoredFile} file
+ * @returns {Promise<{width: number, height: number, used: Uint8ClampedArray}>} 255 for those, else 0
+ * @throws {Error} it cannot be decoded
+ */
+export async function readMask(file) {
+    const pixels = await decodedAsStored(file);
+    const values = greyOf(pixels);
+    const alpha = values.map((_, i) => pixels.rgba[4 * i + 3]);
+    const most = values.reduce((most, value) => Math.max(most, value), 0);
+    // Canvases lose the colours of transparent pixels.
+    const opaque = values.filter((_, i) => alpha[i] === 255);
+    const isCutOut = opaque.length < values.length && opaque.every((value) => value === opaque[0]);
+    // Of a cut-out in one colour its alpha says all. Masks of zeros and ones are known by their maximum, and in a
+    // palette everything but black counts.
+    const least = isCutOut ? -1 : most <= 1 || isPalette(await file.start(26)) ? 0 : HALF;
+    const used = values.map((value, i) => (value > least && alpha[i] > HALF ? 255 : 0));
+    return { width: pixels.width, height: pixels.height, used };
+}
+
+/** Whether a PNG's header states indexed colours. */
+function isPalette(start) {
+    return start[0] === 0x89 && start[25] === 3;
+}
+
+/** Beside the photographs' folder, whatever its name, or in the capture; for `images_2` there may be `masks_2`. */
+function foldersOfMasks(names, tree, usual) {
+    const folders = [...new Set(names.map(folderOf))];
+    const sizes = [...new Set(folders.flatMap((folder) => /_\d+$/.exec(nameOf(folder))?.[0] ?? []))].sort();
+    const parents = new Set(folders.map(folderOf));
+    const places = ["", ...[...parents].sort()];
+    const candidates = places.flatMap((place) => {
+        return [...sizes, ""].flatMap((size) => usual.map((name) => normalised(`${place}/${name}${size}`)));
+    });
+    return [...new Set(candidates)].filter((folder) => tree.hasFolder(folder));
+}
+
+/** The masks by their photographs, and why they cannot be used, if so. */
+function matched(names, folder, tree) {
+    const files = tree.paths.filter((path) => path.startsWith(`${folder}/`) && IMAGE.test(path)).sort();
+    const byName = new Map();
+    for (const path of files) {
+        const name = path.slice(folder.length + 1).toLowerCase();
+        for (const key of [name, withoutSuffix(name)]) {
+            byName.has(key) || byName.set(key, path);
+        }
+    }
+    const named = new Map(names.map((name) => [name, namedAs(name, byName)]).filter(([, path]) => path));
+    const found = named.size ? named : numbered(names, files);
+    if (!found.size) {
+        return [found, `none of its ${files.length} images is the mask of a frame`];
+    }
+    const paths = [...found.values()];
+    const shared = paths.find((path, i) => paths.indexOf(path) !== i);
+    if (shared !== undefined) {
+        return [found, `${shared} fits several frames`];
+    }
+    return [new Map([...found].map(([name, path]) => [name, tree.find(path)])), null];
+}
+
+/** The mask of a photograph by its path, or by the longest end of its path. */
+function namedAs(photograph, byName) {
+    const parts = photograph.toLowerCase().split("/");
+    for (let start = 0; start < parts.length; start++) {
+        const name = parts.slice(start).join("/");
+        // A mask's name without its last suffix counts as well: NAME.jpg.png is found as NAME.jpg.
+        const found = byName.get(name) ?? byName.get(withoutSuffix(name));
+        if (found !== undefined) {
+            return found;
+        }
+    }
+    return undefined;
+}
+
+/** Masks by the last numbers in their names; none unless the photographs have the same numbers, each once. */
+function numbered(names, files) {
+    const byNumber = new Map(files.map((path) => [numberIn(path), path]));
+    const numbers = new Map(names.map((name) => [name, numberIn(name)]));
+    const isOwn = new Set(numbers.values()).size === names.length && byNumber.size === files.length;
+    const agree = names.length === files.length && [...numbers.values()].every((number) => byNumber.has(number));
+    if (!isOwn || !agree || byNumber.has(null)) {
+        return new Map();
+    }
+    return new Map([...numbers].map(([name, number]) => [name, byNumber.get(number)]));
+}
+
+/** The last number in a file's name, without leading zeros; null where there is none. */
+function numberIn(path) {
+    const digits = withoutSuffix(nameOf(path)).match(/\d+/g)?.at(-1);
+    return digits === undefined ? null : digits.replace(/^0+(?=\d)/, "");
+}
+
+function withoutSuffix(name) {
+    return name.replace(/(?<=[^/])\.[^./]+$/, "");
+}

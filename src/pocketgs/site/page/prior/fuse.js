@@ -1,0 +1,148 @@
+/**
+ * Fusion of the keyframes' depth maps: which pixels are consistent; the twin of `prior/cloud/fuse.py`.
+ *
+ * @module
+ */
+
+import { centreOf, rayOf } from "../capture/camera.js";
+import { medianOf } from "../numbers/median.js";
+import { meanOf } from "../seeding/focus.js";
+import { isOutsideHull, transparentOnes } from "../seeding/visual_hull.js";
+import { add, dot, length, normalised, subtract } from "../../page/scene/vectors.js";
+import { Candidates } from "./candidates.js";
+import { detailOf } from "./detail.js";
+import { frameWithin } from "./photographs.js";
+
+/**
+ * @typedef {import("../capture/photograph.js").Frame} Frame
+ * @typedef {import("./comparison_inputs.js").View} View
+ *
+ * @typedef {{centre: number[], radius: number}} Shell the sphere for points too distant to have a measurable depth
+ */
+
+/**
+ * Fuse pixels that other keyframes confirm, and in the holes between them those that none contradicts.
+ *
+ * @param {Frame[]} keyframes
+ * @param {View[]} views of the keyframes
+ * @param {Frame[]} frames to train on, whose transparency bounds the cloud
+ * @param {Object} settings the settings' `fusion`
+ * @param {import("./stereo.js").Stereo} stereo compares the depth maps
+ * @returns {Promise<Candidates>}
+ */
+export async function fuse(keyframes, views, frames, settings, stereo) {
+    const [shell, transparent] = [farShell(views, settings), transparentOnes(frames)];
+    const pixels = views.reduce((sum, { map }) => sum + map.depth.length, 0);
+    const stride = Math.max(1, Math.ceil(pixels / settings.max_candidates));
+    const candidates = new Candidates(Math.ceil(pixels / stride) + views.length);
+    let view = 0;
+    for await (const agreement of stereo.compare(views, settings.tolerance)) {
+        const { camera } = views[view];
+        const keyframe = frameWithin(keyframes[view], camera.width * camera.height);
+        addBelieved(candidates, keyframe, views[view].map, agreement, stride, shell, transparent, settings);
+        view++;
+    }
+    return candidates;
+}
+
+/**
+ * Confidence in [0, 1] of a depth: every view that agrees halves the doubt, views that see through the point divide the
+ * confidence, and depths that are hardly cheaper than another get little.
+ *
+ * @param {number} agreeing number of other views that agree
+ * @param {number} contradicting number of other views that see something behind the point
+ * @param {number} margin share by which the depth is cheaper than the next best
+ * @param {number} clear margin that gives full confidence
+ * @returns {number}
+ */
+export function confidenceOf(agreeing, contradicting, margin, clear) {
+    const support = ((1 - 0.5 ** agreeing) * agreeing) / Math.max(agreeing + contradicting, 1);
+    return Math.fround(support * Math.min(margin / Math.fround(clear), 1));
+}
+
+/** Add a keyframe's pixels with enough confidence, or every so many of them. */
+function addBelieved(candidates, keyframe, map, { votes, footprints }, stride, shell, transparent, settings) {
+    const { camera, rgba } = keyframe;
+    const confidences = confidencesOf(camera, map, votes, settings);
+    const [centre, details] = [centreOf(camera), detailOf(keyframe, settings.detail_scale)];
+    let found = 0;
+    for (let i = 0; i < confidences.length; i++) {
+        if (!confidences[i] || found++ % stride) {
+            continue;
+        }
+        const ray = rayOf(camera, (i % camera.width) + 0.5, Math.floor(i / camera.width) + 0.5);
+        const isResolved = map.depth[i] <= 1 / map.step;
+        const depth = isResolved ? map.depth[i] : depthOnShell(centre, ray, shell);
+        const position = add(centre, ray, depth);
+        if (!isOutsideHull(...position, transparent)) {
+            const colour = [0, 1, 2].map((channel) => rgba[4 * i + channel] / 255);
+            const away = normalised(ray).map((value) => -value);
+            const footprint = isResolved ? footprints[i] : depth / camera.fx;
+            candidates.add(position, colour, away, footprint, details[i], confidences[i]);
+        }
+    }
+}
+
+/** Of every pixel; 0 for those that are not used. */
+function confidencesOf(camera, { depth, margin }, votes, settings) {
+    const agreeing = votes.map((vote) => vote & 0xffff);
+    const contradicting = votes.map((vote) => vote >>> 16);
+    const confidences = margin.map((one, i) => {
+        const confidence = confidenceOf(agreeing[i], contradicting[i], one, settings.clear_margin);
+        return confidence >= Math.fround(settings.confidence) ? confidence : 0;
+    });
+    const holes = holesOf(confidences, camera, settings);
+    return confidences.map((confidence, i) => {
+        const fills = holes[i] && depth[i] > 0 && !contradicting[i] && margin[i] >= Math.fround(settings.filler_margin);
+        return fills ? settings.filler_confidence : confidence;
+    });
+}
+
+/** Pixels with few confident depths around them, the image mirrored at its border. */
+function holesOf(confidences, { width, height }, { hole, hole_share: share }) {
+    const reach = (hole - 1) / 2;
+    const counted = (values, lines, length, stride, step) => {
+        const sums = new Uint16Array(values.length);
+        for (let line = 0; line < lines; line++) {
+            const at = (i) => values[line * stride + mirrored(i, length) * step];
+            let sum = 0;
+            for (let i = -reach; i < reach; i++) {
+                sum += at(i);
+            }
+            for (let i = 0; i < length; i++) {
+                sum += at(i + reach);
+                sums[line * stride + i * step] = sum;
+                sum -= at(i - reach);
+            }
+        }
+        return sums;
+    };
+    const believed = Uint16Array.from(confidences, (confidence) => Number(confidence > 0));
+    const around = counted(counted(believed, height, width, width, 1), width, height, 1, width);
+    return Uint8Array.from(around, (count) => Number(count / hole ** 2 < share));
+}
+
+/** With the border repeated. */
+function mirrored(i, length) {
+    let place = i;
+    while (place < 0 || place >= length) {
+        place = place < 0 ? -1 - place : 2 * length - 1 - place;
+    }
+    return place;
+}
+
+/** @type {(views: View[], settings: Object) => Shell} */
+function farShell(views, settings) {
+    const centres = views.map(({ camera }) => centreOf(camera));
+    const centre = meanOf(centres);
+    const extent = Math.max(...centres.map((one) => length(subtract(one, centre))));
+    const resolved = medianOf(views.map(({ map }) => 1 / map.step));
+    return { centre, radius: Math.max(resolved, settings.shell_extent * extent) };
+}
+
+/** By what a ray from a point inside the shell has to be multiplied so that it ends on it. */
+function depthOnShell(origin, ray, { centre, radius }) {
+    const offset = subtract(origin, centre);
+    const [square, half] = [dot(ray, ray), dot(ray, offset)];
+    return (Math.sqrt(half ** 2 + square * (radius ** 2 - dot(offset, offset))) - half) / square;
+}

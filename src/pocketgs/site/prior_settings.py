@@ -1,0 +1,104 @@
+"""The geometry prior's numbers that the page has to know, as data."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from pocketgs.capture.sharpness import REDUCED_SIDE
+from pocketgs.prior import keyframes, scale, seen_points
+from pocketgs.prior.cloud import complete, coverage, fuse, merge
+from pocketgs.prior.cloud.detail import DETAIL_SCALE
+from pocketgs.prior.depth import depth_maps, depth_range, sensor_depth
+from pocketgs.prior.depth.source_views import BASELINE_SPREAD, THIRD_VIEW
+from pocketgs.prior.depth.sweep import MAX_PIXELS, SweepSettings
+from pocketgs.prior.depth.webgpu.layout import MATCHED, MOST_BANDS, USABLE
+from pocketgs.training.planning.effort import QUICK_KEYFRAMES
+
+
+def prior_settings() -> dict[str, Any]:
+    """The settings' `prior`: each group is that of the module of the same name, or of its stage."""
+    return {
+        "scale": {
+            "one_place": scale.ONE_PLACE,
+            "rounding": scale.ROUNDING,
+            "metric_distance": scale.METRIC_DISTANCE,
+        },
+        "keyframes": {
+            **asdict(keyframes.KeyframeSettings(max_keyframes=QUICK_KEYFRAMES)),
+            "cells": keyframes.CELLS,
+            "neighbouring_frames": keyframes.NEIGHBOURING_FRAMES,
+            "hidden": keyframes.HIDDEN,
+            "coarser": keyframes.COARSER,
+            "widest_angle": float(keyframes.WIDEST_ANGLE),
+            "max_views": keyframes.MAX_VIEWS,
+            "sharpness_side": REDUCED_SIDE,
+        },
+        "sweep": {
+            **{name: float(value) for name, value in asdict(SweepSettings()).items()},
+            "third_view": THIRD_VIEW,
+            "baseline_spread": BASELINE_SPREAD,
+            "min_points": depth_maps.MIN_POINTS,
+            "max_points": depth_maps.MAX_POINTS,
+            "grid": depth_maps.GRID,
+            "max_pixels": MAX_PIXELS,
+            "max_swept_pixels": depth_maps.MAX_SWEPT_PIXELS,
+            "sure_margin": sensor_depth.SURE_MARGIN,
+            "most_hypotheses": depth_range.MOST,
+            "most_bands": MOST_BANDS,
+            "matched": MATCHED,
+            "usable": USABLE,
+        },
+        "sensor_depth": {
+            "weak_margin": sensor_depth.WEAK_MARGIN,
+            "sure_margin": sensor_depth.SURE_MARGIN,
+            "min_pixels": sensor_depth.MIN_PIXELS,
+        },
+        "depth_range": {
+            "quantiles": depth_range.QUANTILES,
+            "nearest_share": depth_range.NEAREST_SHARE,
+            "nearest_quantile": depth_range.NEAREST_QUANTILE,
+            "unknown_nearest": depth_range.UNKNOWN_NEAREST,
+            "min_points": depth_range.MIN_POINTS,
+            "wide_hypotheses": depth_range.WIDE_HYPOTHESES,
+            "wide_pixels": depth_range.WIDE_PIXELS,
+            "widened": depth_range.WIDENED,
+            "pixels_per_step": depth_range.PIXELS_PER_STEP,
+            "fewest": depth_range.FEWEST,
+            "most": depth_range.MOST,
+        },
+        "fusion": {
+            **asdict(fuse.FusionSettings()),
+            "clear_margin": fuse.CLEAR_MARGIN,
+            "hole": fuse.HOLE,
+            "hole_share": fuse.HOLE_SHARE,
+            "filler_margin": fuse.FILLER_MARGIN,
+            "filler_confidence": fuse.FILLER_CONFIDENCE,
+            "shell_extent": fuse.SHELL_EXTENT,
+            "max_candidates": fuse.MAX_CANDIDATES,
+            "detail_scale": DETAIL_SCALE,
+        },
+        "merging": {
+            "rounds": merge.MERGING_ROUNDS,
+            "overfull": merge.OVERFULL,
+            "detail_power": merge.DETAIL_POWER,
+            "max_octaves": merge.MAX_OCTAVES,
+            "min_detail": merge.MIN_DETAIL,
+            "key_factors": [str(factor) for factor in merge.KEY_FACTORS],  # JSON's numbers have 53 bits
+            "steps_an_octave": merge.STEPS_AN_OCTAVE,
+            "sizes_an_octave": merge.SIZES_AN_OCTAVE,
+        },
+        "coverage": {
+            "cells": coverage.CELLS,
+            "neighbours": coverage.NEIGHBOURS,
+            "widest_angle": float(coverage.WIDEST_ANGLE),
+            "largest": coverage.LARGEST,
+            "missing_share": complete.MISSING_SHARE,
+            "max_added_share": complete.MAX_ADDED_SHARE,
+        },
+        "seen_points": {
+            "max_points": seen_points.MAX_POINTS,
+            "max_seen": seen_points.MAX_SEEN,
+            "hidden": seen_points.HIDDEN,
+        },
+    }

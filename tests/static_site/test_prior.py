@@ -1,0 +1,141 @@
+"""The page's prior on a GPU in software: depth maps, and a whole capture's cloud, as Python has them on the CPU."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from pocketgs.capture import Capture
+from pocketgs.capture.synthetic import true_capture
+from pocketgs.prior.depth.cpu.stereo import CpuStereo
+from pocketgs.prior.depth.depth_range import DepthRange
+from pocketgs.prior.depth.sweep import SweepSettings
+from pocketgs.prior.prior import build_prior
+from static_site.given import TYPED, WITHOUT_FEATURES, plain_cloud, plain_frames
+
+Call = Callable[..., Any]
+
+OPEN = """
+    const { BUFFER_LIMITS, openDevice } = await import(new URL("../gpu/device.js", location.href));
+    const { Stereo } = await import(new URL("prior/stereo.js", location.href));
+    const passes = await (await fetch("depth_passes.json")).json();
+    const device = await openDevice(BUFFER_LIMITS);
+    const complaints = [];
+    device.addEventListener("uncapturederror", ({ error }) => complaints.push(error.message));
+    const stereo = await Stereo.open(device, passes, settings.prior.sweep);
+"""
+
+
+@pytest.fixture(scope="module")
+def capture() -> Capture:
+    """With a transparent part and a masked one."""
+    capture = true_capture(width=57, height=42, frames=6, points=400)
+    first, second, *others = capture.train
+    alpha = np.full((42, 57), 255, np.uint8)
+    alpha[:, :12] = 0
+    masked = replace(second, mask=np.arange(57)[None].repeat(42, 0) > 10)
+    return replace(capture, train=[replace(first, alpha=alpha), masked, *others])
+
+
+@pytest.mark.parametrize("farthest", [6.0, np.inf])
+def test_sweeps(call: Call, capture: Capture, farthest: float) -> None:
+    search = DepthRange(0.8, farthest, 50)
+    script = (
+        TYPED
+        + OPEN
+        + """
+        const [keyframe, ...sources] = framesOf(given.frames);
+        const search = {...given.search, farthest: given.search.farthest ?? Infinity};
+        const { depth, margin, step } = await stereo.sweep(keyframe, sources, search);
+        // A device whose buffers hold half of the sums.
+        const limit = Object.getOwnPropertyDescriptor(GPUSupportedLimits.prototype, "maxBufferSize");
+        Object.defineProperty(GPUSupportedLimits.prototype, "maxBufferSize", { ...limit, get: () => 400_000 });
+        const inBands = await stereo.reserve([keyframe.camera], 5).then(() => stereo.sweep(keyframe, sources, search));
+        stereo.mostBytes = 1e6;
+        const short = await stereo.reserve([keyframe.camera], 5).catch(({ message }) => message);
+        stereo.mostBytes = Infinity;
+        const refused = await stereo.reserve([{ width: 400, height: 300 }], 5).catch(({ message }) => message);
+        Object.defineProperty(GPUSupportedLimits.prototype, "maxBufferSize", limit);
+        const isSame = inBands.depth.every((value, i) => value === depth[i]);
+        device.destroy();
+        return [[...depth], [...margin], step, isSame, short, refused, complaints];
+    """
+    )
+    ends = {"nearest": 0.8, "hypotheses": 50} | ({"farthest": farthest} if np.isfinite(farthest) else {})
+    given = {"frames": plain_frames(capture.train[:5]), "search": ends}
+    depth, margin, step, is_same, short, refused, complaints = call("prior/stereo.js", script, given)
+    expected = CpuStereo().sweep(capture.train[0], capture.train[1:5], search, SweepSettings())
+    assert complaints == []
+    assert is_same
+    assert short == "it would take 2 MB, of which 1 MB are left"
+    assert "the device allows 0 MB" in refused
+    assert step == pytest.approx(expected.step, rel=1e-5)
+    found = np.reshape(depth, expected.depth.shape)
+    np.testing.assert_array_equal(found > 0, expected.depth > 0)
+    known = found > 0
+    close = np.abs(1 / found[known] - 1 / expected.depth[known]) < 0.1 * step
+    assert np.mean(close) > 0.99
+    assert np.mean(np.abs(np.reshape(margin, found.shape) - expected.margin) < 1e-3) > 0.99
+
+
+@pytest.mark.parametrize(("has_cloud", "has_depth"), [(True, False), (False, False), (False, True)])
+def test_clouds(call: Call, capture: Capture, has_cloud: bool, has_depth: bool) -> None:
+    capture = capture if has_cloud else replace(capture, points=None)
+    if not has_depth:
+        capture = replace(capture, train=[replace(frame, depth=None) for frame in capture.train])
+    script = (
+        TYPED
+        + OPEN
+        + """
+        const own = given.cloud ? cloudOf(given.cloud) : null;
+        const stages = [];
+        const listener = { onStage: async (text) => stages.push(text) };
+        const loaded = { train: framesOf(given.frames), cloud: own };
+        const { cloud, covered, keyframes } = await module.buildPrior(loaded, 1500, settings, stereo, listener);
+        device.destroy();
+        return [[...cloud.positions], [...cloud.colours], covered, keyframes, stages, complaints];
+    """
+    )
+    cloud = plain_cloud(capture.points) if capture.points else None
+    given = {"frames": plain_frames(capture.train), "cloud": cloud}
+    positions, colours, covered, keyframes, stages, complaints = call("prior/prior.js", script, given)
+    expected = build_prior(replace(capture, metric=False), 1500, WITHOUT_FEATURES)
+    assert complaints == []
+    assert expected.report is not None
+    assert expected.points is not None
+    assert keyframes == sum(decision.kept for decision in expected.report.decisions)
+    assert f"depth of keyframe {keyframes} of {keyframes}" in stages
+    assert covered == pytest.approx(expected.report.coverage, abs=0.01)
+    found = np.reshape(positions, (-1, 3))
+    assert abs(len(found) - len(expected.points)) <= 30
+    # With one pixel more or less, by rounding, all voxels have another size: points are the same within their spacing.
+    away, nearest = cKDTree(expected.points.positions).query(found)
+    spacing, _ = cKDTree(expected.points.positions).query(expected.points.positions, k=2)
+    assert np.quantile(away, 0.95) < 1.5 * np.median(spacing[:, 1])
+    off = np.abs(np.reshape(colours, (-1, 3)) - expected.points.colours[nearest])
+    assert np.median(off) < 0.02
+
+
+def test_too_little_memory_is_told_and_training_starts_from_other_points(call: Call, capture: Capture) -> None:
+    script = (
+        TYPED
+        + """
+        const stereo = { reserve: async () => { throw new Error("the GPU is full"); }, release: () => {} };
+        const warnings = [];
+        const listener = { onStage: async () => {}, onWarning: (text) => warnings.push(text) };
+        const loaded = { train: framesOf(given.frames), cloud: cloudOf(given.cloud) };
+        const options = { gaussians: 10_000, seed: 0, prior: "dense" };
+        const points = await module.preparedPoints(loaded, options, settings, stereo, listener);
+        return [points.positions.length / 3, warnings];
+    """
+    )
+    assert capture.points is not None
+    given = {"frames": plain_frames(capture.train), "cloud": plain_cloud(capture.points)}
+    found, warnings = call("training/preparation.js", script, given)
+    assert found == 400
+    assert warnings == ["Depth is not computed: the GPU is full. Training starts from the capture's own points."]

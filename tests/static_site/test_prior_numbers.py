@@ -1,0 +1,310 @@
+"""What the page's prior computes beside the passes is what Python's computes, number by number."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from pocketgs.capture import Capture, Frame
+from pocketgs.capture.loading import downscaled
+from pocketgs.capture.synthetic import true_capture
+from pocketgs.prior.cloud.complete import completion
+from pocketgs.prior.cloud.detail import detail
+from pocketgs.prior.cloud.fuse import confidence
+from pocketgs.prior.cloud.merge import Candidates, merged
+from pocketgs.prior.depth.depth_range import DepthRange, depths_of, narrowed, wide_range
+from pocketgs.prior.depth.sensor_depth import completed
+from pocketgs.prior.depth.source_views import choose_source_views
+from pocketgs.prior.depth.sweep import DepthMap, SweepSettings, step_of
+from pocketgs.prior.depth.webgpu.sweep_inputs import packed, source_records
+from pocketgs.prior.keyframes import KeyframeSettings, select_keyframes
+from pocketgs.prior.scale import estimate_scale
+from pocketgs.prior.seen_points import seen_points
+from pocketgs.scene.point_cloud import PointCloud
+from pocketgs.training.planning.effort import QUICK_KEYFRAMES
+from static_site.given import TYPED, plain, plain_cloud, plain_frames
+
+Call = Callable[..., Any]
+
+
+@pytest.fixture(scope="module")
+def capture() -> Capture:
+    return true_capture(width=48, height=36, frames=9, points=600)
+
+
+@pytest.fixture(scope="module")
+def frames(capture: Capture) -> list[Frame]:
+    """One with a transparent part, one with a mask, one of another size."""
+    first, second, third, *others = capture.train
+    alpha = np.full(first.image.shape[:2], 255, np.uint8)
+    alpha[:, :15] = 90
+    alpha[:9] = 0
+    masked = replace(third, mask=np.arange(48)[None].repeat(36, 0) > 20)
+    return [replace(first, alpha=alpha), downscaled(second, 1.37, None), masked, *others]
+
+
+def cloud_of(capture: Capture) -> PointCloud:
+    assert capture.points is not None
+    return capture.points
+
+
+@pytest.mark.parametrize("after", [(48, 33), (96, 72), (32, 24), (1, 1), (64, 7)])
+def test_resized_arrays(call: Call, after: tuple[int, int]) -> None:
+    values = np.random.default_rng(0).normal(size=(48, 64)).astype(np.float32)
+    script = """
+        const [before, after] = [{width: 64, height: 48}, {width: given.after[0], height: given.after[1]}];
+        return [module.areaAveraged(given.values, 1, before, after), module.interpolated(given.values, before, after)]
+            .map((values) => [...values]);
+    """
+    given = {"values": values.reshape(-1).tolist(), "after": after}
+    found = call("numbers/resizing.js", script, given)
+    for some, how in zip(found, (cv2.INTER_AREA, cv2.INTER_LINEAR), strict=True):
+        np.testing.assert_allclose(some, cv2.resize(values, after, interpolation=how).reshape(-1), atol=2e-5)
+
+
+@pytest.mark.parametrize("metric", [False, True])
+def test_distance_to_the_scene(call: Call, capture: Capture, metric: bool) -> None:
+    script = "return given.sets.map((cameras) => module.typicalDistance(cameras, given.metric, settings));"
+    inwards = [frame.camera for frame in capture.train]
+    away = np.diag([1.0, -1.0, -1.0, 1.0])
+    outwards = [replace(camera, world_to_camera=away @ camera.world_to_camera) for camera in inwards]
+    sets = [inwards, outwards, inwards[:1], [inwards[0], inwards[0]]]
+    given = {"sets": [[plain(camera) for camera in cameras] for cameras in sets], "metric": metric}
+    for distance, cameras in zip(call("prior/scale.js", script, given), sets, strict=True):
+        posed = [replace(capture.train[0], camera=camera) for camera in cameras]
+        expected = estimate_scale(replace(capture, train=posed, metric=metric)).distance
+        assert distance == pytest.approx(expected, rel=1e-6)
+
+
+def test_points_that_frames_see(call: Call, capture: Capture, frames: list[Frame]) -> None:
+    script = (
+        TYPED
+        + """
+        const {ViewCells} = await import(new URL("prior/coverage.js", location.href));
+        const views = new ViewCells(framesOf(given.frames), settings.prior.coverage);
+        const seen = module.seenPoints(cloudOf(given.cloud), views, settings.prior);
+        return seen.map((points) => [...points]);
+    """
+    )
+    given = {"cloud": plain_cloud(cloud_of(capture)), "frames": plain_frames(frames)}
+    expected = seen_points(cloud_of(capture), frames)
+    assert 20 < min(map(len, expected)) < 600
+    for found, points in zip(call("prior/seen_points.js", script, given), expected, strict=True):
+        np.testing.assert_array_equal(np.reshape(found, (-1, 3)), points)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_keyframes(call: Call, capture: Capture, frames: list[Frame], known: bool) -> None:
+    points = seen_points(cloud_of(capture), frames) if known else [np.zeros((0, 3))] * len(frames)
+    blurred = replace(frames[3], image=cv2.GaussianBlur(frames[3].image, (9, 9), 2))
+    frames = [*frames[:3], blurred, *frames[4:]]
+    script = (
+        TYPED
+        + """
+        const points = given.points.map((some) => Float64Array.from(some));
+        const frames = framesOf(given.frames);
+        const limits = given.mosts.map((most) => ({...settings.prior.keyframes, max_keyframes: most}));
+        return limits.map((limit) => module.selectKeyframes(frames, points, 2.5, limit));
+    """
+    )
+    mosts = QUICK_KEYFRAMES, 5
+    given = {"frames": plain_frames(frames), "points": [p.reshape(-1).tolist() for p in points], "mosts": mosts}
+    for most, found in zip(mosts, call("prior/keyframes.js", script, given), strict=True):
+        decisions = select_keyframes(frames, points, 2.5, KeyframeSettings(max_keyframes=most))
+        assert found == [index for index, decision in enumerate(decisions) if decision.kept]
+
+
+def test_source_views(call: Call, capture: Capture) -> None:
+    points = seen_points(cloud_of(capture), capture.train)[4][:60]
+    script = """
+        const points = Float64Array.from(given.points);
+        return given.cameras.map((_, i) => module.chooseSourceViews(i, given.cameras, points, settings.prior.sweep));
+    """
+    cameras = [plain(frame.camera) for frame in capture.train]
+    found = call("prior/source_views.js", script, {"cameras": cameras, "points": points.reshape(-1).tolist()})
+    names = [frame.name for frame in capture.train]
+    for keyframe, chosen in zip(capture.train, found, strict=True):
+        expected = choose_source_views(keyframe, capture.train, points, SweepSettings())
+        assert [names[index] for index in chosen] == [frame.name for frame in expected]
+
+
+def test_depth_ranges(call: Call, capture: Capture) -> None:
+    keyframe, *others = capture.train[:4]
+    points = seen_points(cloud_of(capture), [keyframe])[0]
+    script = """
+        const {view, sources, found, distance} = given;
+        const ranges = settings.prior.depth_range;
+        const depths = module.depthsOf(view, Float64Array.from(given.points));
+        const wide = module.wideRange(depths, distance, ranges);
+        const search = module.narrowed(wide, Float64Array.from(found), view, sources, ranges);
+        return [[...depths], ...[wide, search].map((range) => [...module.inverseDepths(range)]),
+                module.stepOf(module.inverseDepths(search))];
+    """
+    for count, found in ((len(points), [2.0] * 30 + [3.0] * 10), (3, [2.0]), (len(points), [1e4] * 30)):
+        seen, away = points[:count], np.array(found)
+        given = {
+            "view": plain(keyframe.camera),
+            "sources": [plain(frame.camera) for frame in others],
+            "points": seen.reshape(-1).tolist(),
+            "found": found,
+            "distance": 2.0,
+        }
+        depths, wide, search, step = call("prior/depth_range.js", script, given)
+        widest: DepthRange = wide_range(keyframe, seen, 2.0)
+        expected = narrowed(widest, away, keyframe, others)
+        np.testing.assert_allclose(depths, depths_of(keyframe, seen), rtol=1e-12)
+        np.testing.assert_array_equal(np.float32(wide), widest.inverse_depths)
+        np.testing.assert_allclose(search, expected.inverse_depths, rtol=1e-6)
+        assert step == pytest.approx(step_of(expected.inverse_depths), rel=1e-4)
+
+
+def test_inputs_of_a_sweep(call: Call, frames: list[Frame]) -> None:
+    script = (
+        TYPED
+        + """
+        const frames = framesOf(given);
+        const numbers = module.sweepNumbers(frames, new Float32Array(9), settings.prior.sweep);
+        const [view, ...sources] = frames.map(({camera}) => camera);
+        return [[...module.packed(frames, numbers, settings.prior.sweep)], [...module.sourceRecords(view, sources)]];
+    """
+    )
+    pixels, records = call("prior/sweep_inputs.js", script, plain_frames(frames))
+    expected = source_records(frames[0].camera, [frame.camera for frame in frames[1:]])
+    np.testing.assert_array_equal(pixels, packed(frames).reshape(-1))
+    np.testing.assert_allclose(records, expected.reshape(-1), rtol=1e-6, atol=1e-6)
+
+
+def test_detail(call: Call, frames: list[Frame]) -> None:
+    script = (
+        TYPED
+        + """
+        const frames = framesOf(given);
+        return frames.map((frame) => [...module.detailOf(frame, settings.prior.fusion.detail_scale)]);
+    """
+    )
+    narrow = Frame("narrow", replace(frames[5].camera, width=3), frames[5].image[:, :3].copy())
+    some = [frames[4], narrow]
+    for found, frame in zip(call("prior/detail.js", script, plain_frames(some)), some, strict=True):
+        np.testing.assert_allclose(np.reshape(found, frame.image.shape[:2]), detail(frame.image), atol=1e-6)
+
+
+def test_confidence(call: Call) -> None:
+    script = """
+        const { clear_margin: clear } = settings.prior.fusion;
+        return given.map(([agreeing, contradicting, margin]) =>
+            module.confidenceOf(agreeing, contradicting, margin, clear));
+    """
+    cases = [(a, c, m) for a in (0, 1, 2, 7) for c in (0, 1, 5) for m in (0.0, 0.03, 0.2)]
+    agreeing, contradicting, margins = (np.array(column) for column in zip(*cases, strict=True))
+    expected = confidence(agreeing, contradicting, margins.astype(np.float32))
+    np.testing.assert_allclose(call("prior/fuse.js", script, cases), expected, rtol=1e-6)
+
+
+def random_candidates(count: int) -> Candidates:
+    random = np.random.default_rng(count)
+    directions = random.normal(size=(count, 3))
+    return Candidates(
+        random.normal(size=(count, 3)) * [2.0, 3.0, 0.01],
+        random.uniform(size=(count, 3)).astype(np.float32),
+        (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32),
+        random.choice([0.01, 0.02, 0.021, 0.03], count).astype(np.float32),
+        random.uniform(0, 0.2, count).astype(np.float32),
+        random.choice([0.1, 0.5, 0.75], count).astype(np.float32),
+    )
+
+
+@pytest.mark.parametrize(("pixels", "count"), [(6000, 400), (6000, 3000), (200, 5000), (0, 10)])
+def test_merged_points(call: Call, pixels: int, count: int) -> None:
+    """The same points, in the same order."""
+    candidates = random_candidates(pixels)
+    script = """
+        const { Candidates } = await import(new URL("prior/candidates.js", location.href));
+        const candidates = new Candidates(given.footprints.length);
+        for (const [name, values] of Object.entries(given.arrays)) {
+            candidates[name].set(values);
+        }
+        candidates.footprints.set(given.footprints);
+        candidates.count = given.footprints.length;
+        const cloud = module.merged(candidates, given.count, settings.prior.merging);
+        return [cloud.positions, cloud.colours, cloud.directions].map((values) => [...values]);
+    """
+    names = ("positions", "colours", "directions", "details", "confidences")
+    arrays = {name: getattr(candidates, name).reshape(-1).tolist() for name in names}
+    given = {"arrays": arrays, "footprints": candidates.footprints.tolist(), "count": count}
+    expected = merged(candidates, count)
+    found = [np.reshape(values, (-1, 3)) for values in call("prior/merge.js", script, given)]
+    assert len(expected) <= count
+    for values, name in zip(found, ("positions", "colours", "directions"), strict=True):
+        np.testing.assert_allclose(values, getattr(expected, name), atol=1e-6)
+
+
+@pytest.mark.parametrize("given_points", [600, 30, 0])
+def test_completed_clouds(call: Call, capture: Capture, frames: list[Frame], given_points: int) -> None:
+    """A cloud with a hole is filled up from the capture's own points, and from the surroundings."""
+    own = cloud_of(capture)
+    part = own.select(np.flatnonzero(own.positions[:, 0] < np.median(own.positions[:, 0]))[:given_points])
+    centre = capture.train[0].camera.centre
+    away = centre - part.positions
+    cloud = replace(part, directions=away / np.linalg.norm(away, axis=1, keepdims=True))
+    rest = own.select(np.arange(0, len(own), 3)) if given_points else None
+    script = (
+        TYPED
+        + """
+        const own = given.own ? cloudOf(given.own) : null;
+        const {ViewCells} = await import(new URL("prior/coverage.js", location.href));
+        const { coverage } = settings.prior;
+        const views = new ViewCells(framesOf(given.frames), coverage);
+        const { added, covered } = module.completion(cloudOf(given.cloud), views, own, 2, 900, coverage);
+        return [[added.positions, added.colours, added.directions].map((values) => [...values]), covered];
+    """
+    )
+    given = {
+        "cloud": plain_cloud(cloud),
+        "own": plain_cloud(rest) if rest else None,
+        "frames": plain_frames(frames),
+    }
+    arrays, covered = call("prior/complete.js", script, given)
+    expected = completion(cloud, frames, [rest] if rest else [], 2.0, 900)
+    assert covered == pytest.approx(expected.covered, abs=1e-3)
+    assert len(expected.added) > 200
+    positions, colours, directions = (np.reshape(values, (-1, 3)) for values in arrays)
+    np.testing.assert_allclose(positions, expected.added.positions, atol=1e-4)
+    np.testing.assert_allclose(directions, expected.added.directions, atol=1e-5)
+    np.testing.assert_allclose(colours, expected.added.colours, atol=2 / 255)
+
+
+@pytest.mark.parametrize("sure", [0.5, 0.01])
+def test_depth_maps_completed_by_the_sensor(call: Call, frames: list[Frame], sure: float) -> None:
+    """With and without enough confident pixels, of frames with alpha and with a mask."""
+    script = (
+        TYPED
+        + """
+        const all = framesOf(given.frames).map((frame, i) => {
+            const [depth, margin] = ["depth", "margin"].map((name) => Float32Array.from(given.maps[i][name]));
+            return module.completed({depth, margin, step: 0.1}, frame, settings.prior.sensor_depth);
+        });
+        return all.map(({depth, margin, step}) => [[...depth], [...margin], step]);
+    """
+    )
+    random = np.random.default_rng(0)
+    maps = []
+    for frame in frames[:4]:
+        shape = frame.image.shape[:2]
+        margin = np.where(random.uniform(size=shape) < sure, random.uniform(0.04, 0.3, shape), 0.03)
+        depth = random.uniform(1, 5, shape) * (random.uniform(size=shape) < 0.8)
+        maps.append(DepthMap(depth.astype(np.float32), margin.astype(np.float32), 0.1))
+    given_maps = [{"depth": m.depth.reshape(-1).tolist(), "margin": m.margin.reshape(-1).tolist()} for m in maps]
+    given = {"frames": plain_frames(frames[:4]), "maps": given_maps}
+    for (depth, margin, step), frame, found in zip(
+        call("prior/sensor_depth.js", script, given), frames, maps, strict=False
+    ):
+        expected = completed(found, frame)
+        assert frame.depth is not None
+        np.testing.assert_allclose(np.reshape(depth, expected.depth.shape), expected.depth, rtol=1e-6)
+        np.testing.assert_array_equal(np.reshape(margin, expected.margin.shape), expected.margin)
+        assert step == expected.step
