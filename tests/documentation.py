@@ -21,6 +21,7 @@ SUBCOMMANDS = (
     "distil",
     "convert",
     "export-colmap",
+    "serve",
     "site",
     "demo",
     "bench",

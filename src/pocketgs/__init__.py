@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from pocketgs.splat.rasterizer import Rasterizer
     from pocketgs.splat.rendering import render
     from pocketgs.splat.settings import LearningRates
-    from pocketgs.training.loop import train
     from pocketgs.training.options import TrainingOptions
     from pocketgs.training.preparation import prepare
+    from pocketgs.training.train import train
 
 __all__ = [
     "Adam",
@@ -75,7 +75,7 @@ _HOMES = {
     "photometric_loss": "splat.optimiser",
     "prepare": "training.preparation",
     "render": "splat.rendering",
-    "train": "training.loop",
+    "train": "training.train",
 }
 
 

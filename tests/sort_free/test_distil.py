@@ -22,7 +22,7 @@ from pocketgs.sort_free.forms import FORMS
 from pocketgs.sort_free.scene import SortFreeScene, sort_free
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.rendering import render
-from pocketgs.training.loop import train
+from pocketgs.training.train import train
 
 CPU = EngineOptions("cpu")
 

@@ -14,8 +14,8 @@ from pocketgs.bench.methods import METHODS, Method
 from pocketgs.bench.results import Cell, CellResult, read_results, write_result
 from pocketgs.capture.synthetic import demo_capture
 from pocketgs.errors import PocketGSError
-from pocketgs.training.loop import train
 from pocketgs.training.options import TrainingOptions
+from pocketgs.training.train import train
 
 OVERHEAD = 1.5
 """Factor from a cell's own seconds to its total time, with evaluations, start-up and measurements."""

@@ -15,8 +15,8 @@ from pocketgs.capture.listed import ListedCapture
 from pocketgs.errors import PocketGSError
 from pocketgs.files.plain_names import plain_names
 from pocketgs.metrics.evaluation import Evaluation, Pair, evaluate
+from pocketgs.prior.depth.stereo import Stereo
 from pocketgs.prior.prior import PreparedCapture
-from pocketgs.prior.stereo import Stereo
 from pocketgs.results import folder as result_folder
 from pocketgs.results.cameras_file import write_cameras
 from pocketgs.results.checkpoint import (
@@ -40,7 +40,6 @@ from pocketgs.system import freed_memory
 from pocketgs.system.interrupt import deferred_interrupt
 from pocketgs.system.process import seconds_since_start
 from pocketgs.system.stopwatch import Stopwatch
-from pocketgs.training.loop import train
 from pocketgs.training.open_ended import end_of
 from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.planning.calibration import measure_speed, times_prior
@@ -50,6 +49,7 @@ from pocketgs.training.planning.plan import Plan, make_plan, plan_again, shrinki
 from pocketgs.training.preparation import prepare, stereo_of
 from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint, TrainingResult
+from pocketgs.training.train import train
 from pocketgs.training.validation import render_frame
 
 SECONDS_BETWEEN_CHECKPOINTS = 60.0

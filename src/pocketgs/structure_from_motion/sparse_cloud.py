@@ -11,7 +11,7 @@ from PIL import Image
 from scipy.spatial import cKDTree
 
 from pocketgs.capture.capture import Frame
-from pocketgs.capture.colmap_files import read_points
+from pocketgs.capture.formats.colmap_files import read_points
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.structure_from_motion.job import Job
