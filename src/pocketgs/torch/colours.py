@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from pocketgs.torch.arrays import check_shape
-from pocketgs.torch.harmonics import spherical_harmonics
+from pocketgs.torch.harmonics import ViewColours, coefficients_used
 from pocketgs.torch.rows import Rows
 
 
@@ -29,7 +29,7 @@ def drawn_colours(rows: Rows, means: Tensor, colors: Tensor, viewmats: Tensor, s
     are_shared = colors.ndim == len(shared) + len(tail)
     if sh_degree is None:
         return rows.of_gaussians(colors) if are_shared else rows.of_views(colors)
-    seen = rows.seen
+    used = coefficients_used(sh_degree, colors.shape[-2])
     places = means.reshape(-1, rows.count, 3)
     coefficients = colors.reshape(-1, rows.count, *colors.shape[-2:])
     # Degree 0 does not depend on the direction.
@@ -39,6 +39,6 @@ def drawn_colours(rows: Rows, means: Tensor, colors: Tensor, viewmats: Tensor, s
         batch = image // rows.cameras
         directions = places[batch].detach() if centres is None else places[batch] - centres[image]
         table = coefficients[batch if are_shared else image]
-        found.append(spherical_harmonics(sh_degree, directions, table, seen[image]))
-    values = found[0] if len(found) == 1 else torch.stack(found)
-    return rows.of_views((values + 0.5).clamp(min=0.0).reshape(*own, 3))
+        found.append(ViewColours.apply(directions, table, used, rows.gaussians_seen_in(image), rows.packed))
+    values = found[0] if len(found) == 1 else torch.cat(found)
+    return values if rows.packed else values.reshape(*own, 3)

@@ -127,7 +127,7 @@ class Project2D(torch.autograd.Function):
         arrays = [centres.reshape(-1, 2), depths.reshape(-1), conics.reshape(-1, 3), compensations.reshape(-1)]
         arrays.append(radii.reshape(-1, 2))
         if projection.packed:
-            arrays = [array[seen] for array in arrays]
+            arrays = [np.take(array, seen, axis=0) for array in arrays]
         splats = Splats._make(map(torch.from_numpy, [*arrays, seen]))
         ctx.projection, ctx.views, ctx.rows = projection, views, seen
         ctx.save_for_backward(means, quats, scales, splats.conics, splats.compensations)

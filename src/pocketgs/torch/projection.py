@@ -13,6 +13,7 @@ from pocketgs.splat.cpu.operators.projection import REACH, UNBOUNDED
 from pocketgs.torch.arrays import check_shape, checked_dtype
 from pocketgs.torch.covariance import from_upper_triangle, proj, quat_scale_to_covar_preci, world_to_cam
 from pocketgs.torch.project import Project2D, Projection, Splats
+from pocketgs.torch.rows import Rows
 from pocketgs.torch.unsupported import check_camera_model
 
 _MIN_DETERMINANT = 1e-10
@@ -66,36 +67,52 @@ def fully_fused_projection(
     Raises:
         PocketGSError: shapes or types disagree, or an argument is not supported.
     """
+    sizes = (eps2d, near_plane, far_plane, radius_clip, calc_compensations, packed, sparse_grad)
+    projection = Projection(width, height, *sizes, camera_model)
+    splats = projected(means, covars, quats, scales, opacities, viewmats, Ks, projection)
+    lead, cameras, count = tuple(means.shape[:-2]), viewmats.shape[-3], means.shape[-2]
+    centres, depths, conics, factors, radii = in_rows(splats, projection, (*lead, cameras, count))
+    ids = Rows(lead, cameras, count, splats.seen, packed).ids or ()
+    return *ids, radii, centres, depths, conics, factors
+
+
+def projected(
+    means: Tensor,
+    covars: Tensor | None,
+    quats: Tensor | None,
+    scales: Tensor | None,
+    opacities: Tensor | None,
+    viewmats: Tensor,
+    Ks: Tensor,
+    projection: Projection,
+) -> Splats:
+    """`fully_fused_projection`, with its settings in one object, before the rows get their shape."""
     tensors = {"means": means, "covars": covars, "quats": quats, "scales": scales}
     dtype = checked_dtype({**tensors, "viewmats": viewmats, "opacities": opacities})
-    check_camera_model(camera_model)
+    check_camera_model(projection.camera_model)
     lead, count, cameras = tuple(means.shape[:-2]), means.shape[-2], viewmats.shape[-3]
     check_shape("means", means, (*lead, count, 3))
     check_shape("viewmats", viewmats, (*lead, cameras, 4, 4))
     check_shape("Ks", Ks, (*lead, cameras, 3, 3))
-    if sparse_grad and (not packed or lead):
+    if projection.sparse_grad and (not projection.packed or lead):
         raise PocketGSError("sparse_grad: it takes packed=True, and means without batches")
     if covars is None and (quats is None or scales is None):
         raise PocketGSError("fully_fused_projection: found neither covars nor both quats and scales")
-    sizes = (eps2d, near_plane, far_plane, radius_clip, calc_compensations, packed, sparse_grad)
-    projection = Projection(width, height, *sizes, camera_model)
     bounding = means.new_empty((*lead, 0)) if opacities is None else opacities
     if covars is None and quats is not None and scales is not None:
         check_shape("quats", quats, (*lead, count, 4))
         check_shape("scales", scales, (*lead, count, 3))
         if dtype == torch.float32:
-            splats = Splats(*Project2D.apply(means, quats, scales, bounding, viewmats, Ks, projection))
-            return _as_returned(splats, projection, (*lead, cameras, count))
+            return Splats(*Project2D.apply(means, quats, scales, bounding, viewmats, Ks, projection))
         matrices, _ = quat_scale_to_covar_preci(quats, scales, compute_preci=False)
     else:
         assert covars is not None
         check_shape("covars", covars, (*lead, count, 6))
         matrices = from_upper_triangle(covars)
     assert matrices is not None
-    if sparse_grad:
+    if projection.sparse_grad:
         raise PocketGSError("sparse_grad: it takes float32 quats and scales")
-    splats = _project(means, matrices, bounding, viewmats, Ks.to(dtype), projection)
-    return _as_returned(splats, projection, (*lead, cameras, count))
+    return _project(means, matrices, bounding, viewmats, Ks.to(dtype), projection)
 
 
 def _project(
@@ -140,15 +157,18 @@ def _project(
     return Splats._make([*kept, radii.reshape(-1, 2), rows])
 
 
-def _as_returned(splats: Splats, projection: Projection, shape: tuple[int, ...]) -> tuple[Any, ...]:
-    """The results in gsplat's order and shapes."""
-    centres, depths, conics, compensations, radii, seen = splats
+def in_rows(
+    splats: Splats, projection: Projection, shape: tuple[int, ...]
+) -> tuple[Tensor, Tensor, Tensor, Tensor | None, Tensor]:
+    """Centres, depths, conics, compensations (None if not asked for) and radii.
+
+    They are (..., C, N, X) of the given (..., C, N), or as they are if packed.
+    """
+    centres, depths, conics, compensations, radii, _ = splats
     factors = compensations if projection.compensated else None
     if projection.packed:
-        cameras, count = shape[-2:]
-        images, gaussians = seen // count, seen % count
-        return images // cameras, images % cameras, gaussians, radii, centres, depths, conics, factors
+        return centres, depths, conics, factors, radii
     if factors is not None:
         factors = factors.reshape(shape)
-    numbers = (radii.reshape(*shape, 2), centres.reshape(*shape, 2), depths.reshape(shape))
-    return (*numbers, conics.reshape(*shape, 3), factors)
+    by_image = (centres.reshape(*shape, 2), depths.reshape(shape), conics.reshape(*shape, 3))
+    return *by_image, factors, radii.reshape(*shape, 2)

@@ -17,7 +17,8 @@ from pocketgs.torch.engine import gpu_compositor
 from pocketgs.torch.intersections import isect_offset_encode, isect_tiles
 from pocketgs.torch.meta import Meta
 from pocketgs.torch.pixels import rasterize_to_pixels
-from pocketgs.torch.projection import fully_fused_projection
+from pocketgs.torch.project import Projection
+from pocketgs.torch.projection import in_rows, projected
 from pocketgs.torch.rasterize import TileRasterizer
 from pocketgs.torch.rows import Rows
 from pocketgs.torch.tiles import TileBinner
@@ -141,26 +142,14 @@ def rasterization(
     if covars is not None:
         check_shape("covars", covars, (*lead, count, 3, 3))
     viewmats = viewmats.to(dtype)
-    *ids, radii, means2d, depths, conics, compensations = fully_fused_projection(
-        means,
-        None if covars is None else upper_triangle(covars),
-        quats if covars is None else None,
-        scales if covars is None else None,
-        viewmats,
-        Ks,
-        width,
-        height,
-        eps2d,
-        near_plane,
-        far_plane,
-        radius_clip,
-        packed,
-        sparse_grad,
-        rasterize_mode == "antialiased",
-        camera_model,
-        opacities,
-    )
-    rows = Rows(lead, cameras, count, radii, *ids)
+    sizes = (eps2d, near_plane, far_plane, radius_clip, rasterize_mode == "antialiased", packed, sparse_grad)
+    projection = Projection(width, height, *sizes, camera_model)
+    if covars is None:
+        splats = projected(means, None, quats, scales, opacities, viewmats, Ks, projection)
+    else:
+        splats = projected(means, upper_triangle(covars), None, None, opacities, viewmats, Ks, projection)
+    rows = Rows(lead, cameras, count, splats.seen, packed)
+    means2d, depths, conics, compensations, radii = in_rows(splats, projection, (*lead, cameras, count))
     shown = rows.of_gaussians(opacities[..., None])[..., 0]
     if compensations is not None:
         shown = shown * compensations
@@ -171,7 +160,7 @@ def rasterization(
     elif render_mode != "RGB":
         values = torch.cat([values, depths[..., None]], -1)
         behind = None if backgrounds is None else torch.nn.functional.pad(backgrounds, (0, 1))
-    meta = described(rows, Splatted(means2d, conics, shown, depths), width, height, tile_size)
+    meta = described(rows, Splatted(radii, means2d, conics, shown, depths), width, height, tile_size)
     images, alphas = composited(rows, meta, values, behind, absgrad)
     if "ED" in render_mode:
         images = torch.cat([images[..., :-1], images[..., -1:] / alphas.clamp(min=1e-10)], -1)
@@ -191,8 +180,9 @@ def check_modes(render_mode: str, rasterize_mode: str) -> None:
 
 
 class Splatted(NamedTuple):
-    """Rows of splats: (..., 2) centres, (..., 3) conics, (...) opacities and depths."""
+    """Rows of splats: (..., 2) int32 radii, (..., 2) centres, (..., 3) conics, (...) opacities and depths."""
 
+    radii: Tensor
     means2d: Tensor
     conics: Tensor
     opacities: Tensor
@@ -200,31 +190,28 @@ class Splatted(NamedTuple):
 
 
 def described(rows: Rows, splats: Splatted, width: int, height: int, tile_size: int) -> Meta:
-    """The dictionary of gsplat; its tile intersections are computed when they are first used."""
+    """The dictionary of gsplat; indices and tile intersections are computed when they are first used."""
     across, down = math.ceil(width / tile_size), math.ceil(height / tile_size)
-    packed = rows.image_ids is not None
+
+    def ids() -> tuple[Tensor | None, ...]:
+        return rows.ids or (None, None, None)
 
     def intersections() -> tuple[Tensor, ...]:
         found = isect_tiles(
             splats.means2d.detach(),
-            rows.radii,
+            splats.radii,
             splats.depths.detach(),
             tile_size,
             across,
             down,
-            packed=packed,
+            packed=rows.packed,
             n_images=rows.images,
             image_ids=rows.image_ids,
-            gaussian_ids=rows.gaussian_ids,
         )
         offsets = isect_offset_encode(found[1], rows.images, across, down)
         return *found, offsets.reshape(*rows.lead, rows.cameras, down, across)
 
     known = {
-        "batch_ids": rows.batch_ids,
-        "camera_ids": rows.camera_ids,
-        "gaussian_ids": rows.gaussian_ids,
-        "radii": rows.radii,
         **splats._asdict(),
         "tile_width": across,
         "tile_height": down,
@@ -234,7 +221,8 @@ def described(rows: Rows, splats: Splatted, width: int, height: int, tile_size: 
         "n_batches": math.prod(rows.lead),
         "n_cameras": rows.cameras,
     }
-    return Meta(known, {("tiles_per_gauss", "isect_ids", "flatten_ids", "isect_offsets"): intersections})
+    names = ("tiles_per_gauss", "isect_ids", "flatten_ids", "isect_offsets")
+    return Meta(known, {("batch_ids", "camera_ids", "gaussian_ids"): ids, names: intersections})
 
 
 def composited(
@@ -245,8 +233,7 @@ def composited(
     width, height = meta["width"], meta["height"]
     if values.dtype == torch.float64:
         lists = (width, height, meta["tile_size"], meta["isect_offsets"], meta["flatten_ids"])
-        packed = rows.image_ids is not None
-        return rasterize_to_pixels(*splats, *lists, backgrounds, packed=packed, absgrad=absgrad)
+        return rasterize_to_pixels(*splats, *lists, backgrounds, packed=rows.packed, absgrad=absgrad)
     behind = None if backgrounds is None else backgrounds.reshape(rows.images, -1)
     gpu = gpu_compositor()
     if gpu is None:

@@ -24,7 +24,8 @@ def harmonics(
     directions: np.ndarray,
     coefficients: np.ndarray,
     used: int,
-    drawn: np.ndarray,
+    gaussians: np.ndarray,
+    rows: np.ndarray,
     threads: int,
     values: np.ndarray,
 ) -> None:
@@ -34,26 +35,26 @@ def harmonics(
         directions: (N, 3) float32 of any length.
         coefficients: (N, K, 3) float32.
         used: number of coefficients to use: 1, 4, 9 or 16.
-        drawn: (N,) bool, where to compute values; the others are 0.
+        gaussians: (V,) int64 Gaussians to compute values of.
+        rows: (V,) int64 their rows in `values`.
         threads: number of threads.
-        values: (N, 3) float32, written.
+        values: (M, 3) float32, written in these rows.
     """
     counter = first_piece()
     for _ in prange(threads):
         basis = np.empty(16)
         first = PIECE * take(counter)
-        while first < len(directions):
-            for i in range(first, min(first + PIECE, len(directions))):
-                values[i, 0], values[i, 1], values[i, 2] = 0.0, 0.0, 0.0
-                if drawn[i]:
-                    length = _length(directions[i])
-                    x, y, z = directions[i, 0] / length, directions[i, 1] / length, directions[i, 2] / length
-                    sh_basis(x, y, z, used, basis)
-                    for channel in range(COLOURS):
-                        value = 0.0
-                        for k in range(used):
-                            value += basis[k] * coefficients[i, k, channel]
-                        values[i, channel] = value
+        while first < len(gaussians):
+            for place in range(first, min(first + PIECE, len(gaussians))):
+                i, row = gaussians[place], rows[place]
+                length = _length(directions[i])
+                x, y, z = directions[i, 0] / length, directions[i, 1] / length, directions[i, 2] / length
+                sh_basis(x, y, z, used, basis)
+                for channel in range(COLOURS):
+                    value = 0.0
+                    for k in range(used):
+                        value += basis[k] * coefficients[i, k, channel]
+                    values[row, channel] = value
             first = PIECE * take(counter)
 
 
@@ -62,7 +63,8 @@ def harmonics_backward(
     directions: np.ndarray,
     coefficients: np.ndarray,
     used: int,
-    drawn: np.ndarray,
+    gaussians: np.ndarray,
+    rows: np.ndarray,
     d_values: np.ndarray,
     threads: int,
     d_directions: np.ndarray,
@@ -74,38 +76,39 @@ def harmonics_backward(
         directions: (N, 3) float32.
         coefficients: (N, K, 3) float32.
         used: number of coefficients to use.
-        drawn: (N,) bool, as in the forward pass.
-        d_values: (N, 3) float32 gradient with respect to the values.
+        gaussians: (V,) int64, as in the forward pass.
+        rows: (V,) int64 their rows in `d_values`.
+        d_values: (M, 3) float32 gradient with respect to the values.
         threads: number of threads.
-        d_directions: (N, 3) float32, all 0; written where drawn. Or (0, 3) for none.
-        d_coefficients: (N, K, 3) float32, all 0; written where drawn.
+        d_directions: (N, 3) float32, written for these Gaussians; or (0, 3) for none.
+        d_coefficients: (N, K, 3) float32, written for these Gaussians.
     """
     counter = first_piece()
     for _ in prange(threads):
         basis, gradient = np.empty(16), np.empty((16, 3))
         first = PIECE * take(counter)
-        while first < len(directions):
-            for i in range(first, min(first + PIECE, len(directions))):
-                if drawn[i]:
-                    length = _length(directions[i])
-                    x, y, z = directions[i, 0] / length, directions[i, 1] / length, directions[i, 2] / length
-                    sh_basis(x, y, z, used, basis)
-                    for k in range(used):
+        while first < len(gaussians):
+            for place in range(first, min(first + PIECE, len(gaussians))):
+                i, row = gaussians[place], rows[place]
+                length = _length(directions[i])
+                x, y, z = directions[i, 0] / length, directions[i, 1] / length, directions[i, 2] / length
+                sh_basis(x, y, z, used, basis)
+                for k in range(used):
+                    for channel in range(COLOURS):
+                        d_coefficients[i, k, channel] = basis[k] * d_values[row, channel]
+                if used > 1 and len(d_directions):
+                    sh_basis_gradient(x, y, z, used, gradient)
+                    d_x, d_y, d_z = 0.0, 0.0, 0.0
+                    for k in range(1, used):
+                        weight = 0.0
                         for channel in range(COLOURS):
-                            d_coefficients[i, k, channel] = basis[k] * d_values[i, channel]
-                    if used > 1 and len(d_directions):
-                        sh_basis_gradient(x, y, z, used, gradient)
-                        d_x, d_y, d_z = 0.0, 0.0, 0.0
-                        for k in range(1, used):
-                            weight = 0.0
-                            for channel in range(COLOURS):
-                                weight += coefficients[i, k, channel] * d_values[i, channel]
-                            d_x += gradient[k, 0] * weight
-                            d_y += gradient[k, 1] * weight
-                            d_z += gradient[k, 2] * weight
-                        # Normalisation removes the component along the direction.
-                        along = x * d_x + y * d_y + z * d_z
-                        d_directions[i, 0] = (d_x - along * x) / length
-                        d_directions[i, 1] = (d_y - along * y) / length
-                        d_directions[i, 2] = (d_z - along * z) / length
+                            weight += coefficients[i, k, channel] * d_values[row, channel]
+                        d_x += gradient[k, 0] * weight
+                        d_y += gradient[k, 1] * weight
+                        d_z += gradient[k, 2] * weight
+                    # Normalisation removes the component along the direction.
+                    along = x * d_x + y * d_y + z * d_z
+                    d_directions[i, 0] = (d_x - along * x) / length
+                    d_directions[i, 1] = (d_y - along * y) / length
+                    d_directions[i, 2] = (d_z - along * z) / length
             first = PIECE * take(counter)
