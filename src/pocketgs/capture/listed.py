@@ -168,7 +168,8 @@ class ListedCapture:
             origin=self.listing.origin,
             protocol=", ".join([describe_images(self.listing.frames, frames, preparation), self.split]),
             warnings=warnings,
-            photographs=StoredPhotographs(self.listing.frames, self._of_pinholes),
+            # Where memory is short, nothing decodes them at a larger size.
+            photographs=StoredPhotographs(self.listing.frames, self._of_pinholes) if shrink == 1 else None,
         )
 
     @cached_property
