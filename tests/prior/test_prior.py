@@ -213,7 +213,7 @@ def test_hardly_any_frames(walk: Capture, count: int) -> None:
 
 @pytest.mark.slow
 def test_default_demo(tmp_path: Path) -> None:
-    """The default options on the default demo: the cloud is right, and complete.
+    """The demo's own effort on the default demo: the cloud is right, and complete.
 
     The cloud is first moved by the similarity that takes the centres of all its cameras nearest to the true ones.
     The true surface is what the keyframes' true depth maps show at their true poses.
@@ -226,7 +226,7 @@ def test_default_demo(tmp_path: Path) -> None:
     1 % from the true depth of the pixel that it falls in.
     """
     write_demo(tmp_path / "demo")
-    prior = prepare(open_capture(tmp_path / "demo"), TrainingOptions())
+    prior = prepare(open_capture(tmp_path / "demo"), TrainingOptions(effort="quick"))
     truth = read_ground_truth(tmp_path / "demo")
     assert prior.report is not None
     keyframes = [decision.name for decision in prior.report.decisions if decision.kept]

@@ -237,12 +237,21 @@ PHOTOGRAPH = """async (camera) => {
     const [{ Renderer }, { fetchScene }] = await Promise.all(["drawing/renderer", "formats/scene_file"].map(load));
     const { scene } = await (await fetch("viewer.json")).json();
     const { width, height } = camera;
+    const request = GPUAdapter.prototype.requestDevice;
+    const devices = [];
+    GPUAdapter.prototype.requestDevice = async function (...given) {
+        devices.push(await request.apply(this, given));
+        return devices[0];
+    };
     const renderer = await Renderer.open(Object.assign(document.createElement("canvas"), { width, height }));
+    GPUAdapter.prototype.requestDevice = request;
     await renderer.setScene(await fetchScene(scene, () => {}, () => {}));
     const picture = { camera, isSharp: true, background: [0.1, 0.2, 0.3], asDepth: false };
     // Nothing is known of this GPU yet, so it draws the first image in parts.
     const [first] = await Promise.all([renderer.photograph(picture), renderer.draw(picture)]);
     const photographs = [first, await renderer.photograph(picture)];
+    // Chromium 156 may hang if it collects a second device as garbage while the page draws.
+    devices[0].destroy();
     return Promise.all(photographs.map(async (blob) => Array.from(new Uint8Array(await blob.arrayBuffer()))));
 }"""
 
