@@ -238,10 +238,9 @@ PHOTOGRAPH = """async (camera) => {
     const { scene } = await (await fetch("viewer.json")).json();
     const { width, height } = camera;
     const request = GPUAdapter.prototype.requestDevice;
-    const devices = [];
+    let device;
     GPUAdapter.prototype.requestDevice = async function (...given) {
-        devices.push(await request.apply(this, given));
-        return devices[0];
+        return (device = await request.apply(this, given));
     };
     const renderer = await Renderer.open(Object.assign(document.createElement("canvas"), { width, height }));
     GPUAdapter.prototype.requestDevice = request;
@@ -251,7 +250,7 @@ PHOTOGRAPH = """async (camera) => {
     const [first] = await Promise.all([renderer.photograph(picture), renderer.draw(picture)]);
     const photographs = [first, await renderer.photograph(picture)];
     // Chromium 156 may hang if it collects a second device as garbage while the page draws.
-    devices[0].destroy();
+    device.destroy();
     return Promise.all(photographs.map(async (blob) => Array.from(new Uint8Array(await blob.arrayBuffer()))));
 }"""
 

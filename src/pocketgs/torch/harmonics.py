@@ -108,7 +108,8 @@ def gradients_of(
 def _basis(directions: np.ndarray, used: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The harmonics in the directions, the normalised directions, and the original lengths."""
     lengths = np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-12)
-    return basis(directions / lengths, used), directions / lengths, lengths
+    units = directions / lengths
+    return basis(units, used), units, lengths
 
 
 def _backward(

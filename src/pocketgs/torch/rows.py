@@ -48,7 +48,7 @@ class Rows:
         """(nnz,) image of each row; None if not packed."""
         if not self.packed:
             return None
-        # Division takes longer than drawing a small image's tiles.
+        # One image, the usual case in training, needs no division.
         return torch.zeros_like(self.seen) if self.images == 1 else self.seen // self.count
 
     @cached_property

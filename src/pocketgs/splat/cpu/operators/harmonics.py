@@ -14,9 +14,11 @@ from pocketgs.system.dealing import PIECE, first_piece, take
 
 
 @inlined
-def _length(vector: np.ndarray) -> float:
+def _unit(vector: np.ndarray) -> tuple[tuple[float, float, float], float]:
+    """The normalised vector, and its original length."""
     x, y, z = float(vector[0]), float(vector[1]), float(vector[2])
-    return max(math.sqrt(x * x + y * y + z * z), 1e-12)
+    length = max(math.sqrt(x * x + y * y + z * z), 1e-12)
+    return (x / length, y / length, z / length), length
 
 
 @parallel_kernel
@@ -47,8 +49,7 @@ def harmonics(
         while first < len(gaussians):
             for place in range(first, min(first + PIECE, len(gaussians))):
                 i, row = gaussians[place], rows[place]
-                length = _length(directions[i])
-                x, y, z = directions[i, 0] / length, directions[i, 1] / length, directions[i, 2] / length
+                x, y, z = _unit(directions[i])[0]
                 sh_basis(x, y, z, used, basis)
                 for channel in range(COLOURS):
                     value = 0.0
@@ -90,8 +91,7 @@ def harmonics_backward(
         while first < len(gaussians):
             for place in range(first, min(first + PIECE, len(gaussians))):
                 i, row = gaussians[place], rows[place]
-                length = _length(directions[i])
-                x, y, z = directions[i, 0] / length, directions[i, 1] / length, directions[i, 2] / length
+                (x, y, z), length = _unit(directions[i])
                 sh_basis(x, y, z, used, basis)
                 for k in range(used):
                     for channel in range(COLOURS):
