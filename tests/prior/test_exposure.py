@@ -10,7 +10,7 @@ import pytest
 
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
-from pocketgs.prior.features.sift import Features
+from pocketgs.prior.features.features import Features
 from pocketgs.prior.poses.structure import Structure
 from pocketgs.prior.scale import Scale, estimate_scale
 

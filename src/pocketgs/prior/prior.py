@@ -17,6 +17,7 @@ from pocketgs.prior.dense_cloud import dense_cloud
 from pocketgs.prior.depth.stereo import Stereo, create_stereo
 from pocketgs.prior.depth.sweep import SweepSettings
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
+from pocketgs.prior.features.finder import FeatureFinder, create_finder
 from pocketgs.prior.keyframes import KeyframeSettings, select_keyframes
 from pocketgs.prior.poses.structure import Structure, StructureSettings, build_structure
 from pocketgs.prior.report import Poses, PriorReport
@@ -70,6 +71,7 @@ def build_prior(
     settings: PriorSettings | None = None,
     stopwatch: Stopwatch | None = None,
     stereo: Stereo | None = None,
+    finder: FeatureFinder | None = None,
 ) -> PreparedCapture:
     """Build the geometry prior.
 
@@ -82,6 +84,7 @@ def build_prior(
         settings: None for the defaults.
         stopwatch: times the stages; None for a new one.
         stereo: computes depth; None for the CPU.
+        finder: detects and matches features; None for the CPU.
 
     Raises:
         PocketGSError: a frame's camera has a lens.
@@ -90,11 +93,12 @@ def build_prior(
         raise PocketGSError(f"prior of {capture.name}: found cameras with lenses, expected what without_lenses gives")
     settings = settings or PriorSettings()
     stopwatch = stopwatch or Stopwatch()
-    stereo = stereo or create_stereo()
+    stereo, finder = stereo or create_stereo(), finder or create_finder()
     hints = photograph_hints(capture.frames)
     with stopwatch.stage("poses"):
         scale = estimate_scale(capture)
-        structure = build_structure(capture.frames, scale, settings.structure, capture.photographs)
+        structure = build_structure(capture.frames, scale, settings.structure, capture.photographs, finder)
+        finder.release()
         capture = _with_poses_of(structure, capture)
         poses = Poses.of(structure, capture)
         structure = structure.of(capture.train) if structure else None

@@ -8,6 +8,7 @@ from pathlib import Path
 import pocketgs.gpu
 import pocketgs.viewer
 from pocketgs.prior.depth.webgpu.passes import describe_comparison, describe_sweep
+from pocketgs.prior.features.webgpu.passes import describe_features, describe_matching
 from pocketgs.site.settings import settings
 from pocketgs.splat.webgpu.passes import Variant, describe
 
@@ -61,6 +62,8 @@ def site_files() -> dict[str, bytes]:
     files["train/passes.json"] = _encoded(describe(Variant()).part(SEQUENCES, NEVER).to_json())
     depth = {"sweep": describe_sweep().to_json(), "comparison": describe_comparison().to_json()}
     files["train/depth_passes.json"] = _encoded(depth)
+    features = {"finding": describe_features().to_json(), "matching": describe_matching().to_json()}
+    files["train/features_passes.json"] = _encoded(features)
     files["train/settings.json"] = _encoded(settings())
     return files
 

@@ -13,6 +13,9 @@ from pocketgs.prior.depth import depth_maps, depth_range, sensor_depth
 from pocketgs.prior.depth.source_views import BASELINE_SPREAD, THIRD_VIEW
 from pocketgs.prior.depth.sweep import MAX_PIXELS, SweepSettings
 from pocketgs.prior.depth.webgpu.layout import MATCHED, MOST_BANDS, USABLE
+from pocketgs.prior.features import features
+from pocketgs.prior.features.webgpu import layout
+from pocketgs.prior.poses.structure import StructureSettings
 from pocketgs.training.planning.effort import QUICK_KEYFRAMES
 
 
@@ -33,6 +36,17 @@ def prior_settings() -> dict[str, Any]:
             "widest_angle": float(keyframes.WIDEST_ANGLE),
             "max_views": keyframes.MAX_VIEWS,
             "sharpness_side": REDUCED_SIDE,
+        },
+        "features": {
+            "most": StructureSettings().features,
+            "ratio": features.RATIO,
+            "descriptor": features.DESCRIPTOR,
+            "most_octaves": layout.MOST_OCTAVES,
+            "border": layout.BORDER,
+            "kernels": [kernel.tolist() for kernel in layout.kernels()],
+            "octave_bytes": layout.OCTAVE_BYTES,
+            "pixel_bytes": layout.PIXEL_BYTES,
+            "other_bytes": layout.OTHER_BYTES,
         },
         "sweep": {
             **{name: float(value) for name, value in asdict(SweepSettings()).items()},

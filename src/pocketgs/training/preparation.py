@@ -14,6 +14,7 @@ from pocketgs.prior.advice import check_photographs
 from pocketgs.prior.cloud.volume import draw_points
 from pocketgs.prior.depth.stereo import Stereo, create_stereo
 from pocketgs.prior.depth.sweep import SweepSettings
+from pocketgs.prior.features.finder import create_finder
 from pocketgs.prior.keyframes import KeyframeSettings
 from pocketgs.prior.poses.structure import StructureSettings
 from pocketgs.prior.prior import PreparedCapture, PriorSettings, build_prior
@@ -47,7 +48,7 @@ def prepare(
         capture: to train on.
         options: None for the defaults.
         stopwatch: times the stages; None for a new one.
-        stereo: computes depth maps; None for the one that the options name.
+        stereo: computes depth maps; None for the one that the options name. Features are found on the same device.
 
     Raises:
         PocketGSError: there is no training view, there are too few photographs, or there is nothing to start from.
@@ -65,7 +66,8 @@ def prepare(
     if options.prior != "none":
         numba.set_num_threads(kernel_threads(options.threads))
         stereo = stereo or stereo_of(options)
-        prepared = build_prior(capture, options.most_at_start, _settings(options), stopwatch, stereo)
+        finder = create_finder(stereo.name, options.gpu, options.max_memory)
+        prepared = build_prior(capture, options.most_at_start, _settings(options), stopwatch, stereo, finder)
         if options.prior == "colmap":
             prepared = _with_colmap_cloud(capture, prepared, options, stopwatch)
         if prepared.points and len(prepared.points) >= MIN_POINTS:

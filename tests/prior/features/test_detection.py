@@ -12,10 +12,11 @@ from pocketgs.capture.capture import Frame, Result
 from pocketgs.capture.loading import cropped, downscaled
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.prior.features import detection
+from pocketgs.prior.features.cpu.finder import CpuFinder
 from pocketgs.prior.features.detection import detect_all
-from pocketgs.prior.features.sift import detect
 
 MOST = 500
+FINDER = CpuFinder()
 
 
 @dataclass(frozen=True)
@@ -40,12 +41,14 @@ def photographs() -> list[Frame]:
 
 def test_larger_photographs_give_features_in_the_frames_pixels(photographs: list[Frame]) -> None:
     frames = [downscaled(cropped(photo, 20, 10, 200, 160), 2.0, None) for photo in photographs]
-    for frame, photo, found in zip(frames, photographs, detect_all(frames, MOST, Enlarged(photographs)), strict=True):
-        expected = (detect(photo, MOST).pixels - (20, 10)) / 2
+    for frame, photo, found in zip(
+        frames, photographs, detect_all(frames, MOST, FINDER, Enlarged(photographs)), strict=True
+    ):
+        expected = (FINDER.detect(photo, MOST).pixels - (20, 10)) / 2
         inside = np.all((expected >= 0) & (expected < (frame.camera.width, frame.camera.height)), axis=1)
         np.testing.assert_allclose(found.pixels, expected[inside], atol=1e-9)
         assert found.grain == pytest.approx(0.5)
-        assert len(found.pixels) > 1.5 * len(detect(frame, MOST).pixels)
+        assert len(found.pixels) > 1.5 * len(FINDER.detect(frame, MOST).pixels)
 
 
 def test_frames_as_large_as_their_photographs_are_looked_at_themselves(photographs: list[Frame]) -> None:
@@ -53,18 +56,18 @@ def test_frames_as_large_as_their_photographs_are_looked_at_themselves(photograp
         def map(self, look: Callable[[Frame], Result], max_size: int) -> dict[str, Result]:
             raise AssertionError("decoded again")
 
-    found = detect_all(photographs, MOST, Untouched(photographs))
-    np.testing.assert_array_equal(found[0].pixels, detect(photographs[0], MOST).pixels)
+    found = detect_all(photographs, MOST, FINDER, Untouched(photographs))
+    np.testing.assert_array_equal(found[0].pixels, FINDER.detect(photographs[0], MOST).pixels)
     assert [features.grain for features in found] == [1.0] * len(photographs)
 
 
 def test_many_pixels_are_reduced(photographs: list[Frame], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(detection, "PIXELS", 120 * 90 * len(photographs))
-    for frame, found in zip(photographs, detect_all(photographs, MOST), strict=True):
+    for frame, found in zip(photographs, detect_all(photographs, MOST, FINDER), strict=True):
         assert found.grain == pytest.approx(2.0)
         assert found.pixels.max() > 120
         assert np.all(found.pixels < (frame.camera.width, frame.camera.height))
 
 
 def test_no_frames() -> None:
-    assert detect_all([], MOST) == []
+    assert detect_all([], MOST, FINDER) == []

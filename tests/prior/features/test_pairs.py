@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pocketgs.geometry.camera import Camera, look_at
+from pocketgs.prior.features.features import Features
 from pocketgs.prior.features.pairs import PAIRS_PER_VIEW, by_appearance, by_pose, choose_pairs, in_sequence
-from pocketgs.prior.features.sift import Features
 
 
 def camera_at(eye: tuple[float, float, float]) -> Camera:

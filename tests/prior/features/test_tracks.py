@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pocketgs.geometry.camera import Camera, look_at
+from pocketgs.prior.features.features import Features
 from pocketgs.prior.features.observations import Observations
-from pocketgs.prior.features.sift import Features
 from pocketgs.prior.features.tracks import (
     link,
     reprojection_errors,

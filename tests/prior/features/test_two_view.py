@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pocketgs.geometry.camera import Camera
-from pocketgs.prior.features.sift import Features
+from pocketgs.prior.features.cpu.finder import CpuFinder
+from pocketgs.prior.features.features import Features
 from pocketgs.prior.features.two_view import VERIFICATION, agreeing, match_views
 from prior.bundle_problem import Problem, make_problem, turned_and_moved
 
@@ -52,7 +53,7 @@ def test_given_poses_do_not_count() -> None:
     features[1].pixels[wrong] = rng.uniform(0, [640, 480], (wrong.sum(), 2))
     features[2] = Features(rng.uniform(0, [640, 480], (120, 2)), descriptors)
     astray = [turned_and_moved(camera, *rng.normal(size=(2, 3))) for camera in problem.cameras]
-    matches = match_views(astray, features, [(0, 1), (0, 2), (1, 2)])
+    matches = match_views(astray, features, [(0, 1), (0, 2), (1, 2)], CpuFinder())
     assert list(matches) == [(0, 1)]
     np.testing.assert_array_equal(matches[0, 1][:, 0], matches[0, 1][:, 1])
     found = np.isin(np.arange(120), matches[0, 1][:, 0])

@@ -11,7 +11,6 @@ import pytest
 from pocketgs.capture import Capture, Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import Camera
-from pocketgs.prior.poses.placed_again import placed_again
 from pocketgs.prior.poses.structure import Structure, StructureSettings, build_structure
 from pocketgs.prior.scale import estimate_scale
 from prior.bundle_problem import turned_and_moved
@@ -122,14 +121,3 @@ def test_turning_on_the_spot_tells_no_depth(capture: Capture) -> None:
 
 def test_a_blank_wall(capture: Capture) -> None:
     assert built(capture, [replace(frame, image=np.full_like(frame.image, 200)) for frame in capture.frames]) is None
-
-
-def test_one_frame_is_placed_again(capture: Capture) -> None:
-    structure = built(capture, capture.train, replace(SETTINGS, bundle=False))
-    assert structure is not None
-    frame = capture.held_out[1]
-    camera = placed_again(replace(frame, camera=turned_and_moved(frame.camera, np.ones(3), np.ones(3))), structure)
-    assert camera is not None
-    assert offsets([camera], [frame])[0] < 0.02
-    strange = replace(frame, image=np.ascontiguousarray(frame.image[:, ::-1]))
-    assert placed_again(strange, structure) is None

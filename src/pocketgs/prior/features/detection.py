@@ -12,7 +12,8 @@ import numpy as np
 from pocketgs.capture.capture import Frame, Photographs
 from pocketgs.capture.loading import downscaled
 from pocketgs.geometry.camera import Camera
-from pocketgs.prior.features.sift import Features, detect
+from pocketgs.prior.features.features import Features
+from pocketgs.prior.features.finder import FeatureFinder
 
 MAX_SIDE = 1280
 """Larger images do not give better features: phones blur by more than a pixel."""
@@ -24,43 +25,46 @@ WORTHWHILE = 1.1
 """Minimum factor in size for which photographs are decoded again."""
 
 
-def detect_all(frames: Sequence[Frame], most: int, photographs: Photographs | None = None) -> list[Features]:
+def detect_all(
+    frames: Sequence[Frame], most: int, finder: FeatureFinder, photographs: Photographs | None = None
+) -> list[Features]:
     """Detect features in every frame, in parallel, in the frame's own pixel coordinates.
 
     Args:
         frames: as for training; all have a pinhole camera.
         most: maximum number of features per frame, the strongest.
+        finder: detects them.
         photographs: the frames' photographs, possibly larger, or None to use the frames themselves.
     """
     if not frames:
         return []
-    side = _side(frames)
+    side = _side(frames, finder.most_pixels)
     held = max(max(frame.camera.width, frame.camera.height) for frame in frames)
     if photographs is not None and min(side, photographs.longest_side) > WORTHWHILE * held:
         own = {frame.name: frame for frame in frames}
 
         def look(photograph: Frame) -> Features | None:
             frame = own.get(photograph.name)
-            return None if frame is None else _seen_in(frame, photograph.camera, detect(photograph, most))
+            return None if frame is None else _seen_in(frame, photograph.camera, finder.detect(photograph, most))
 
         found = photographs.map(look, side)
         if all(found.get(frame.name) is not None for frame in frames):
             return [features for frame in frames if (features := found[frame.name]) is not None]
     with ThreadPoolExecutor(numba.get_num_threads()) as pool:
-        return list(pool.map(partial(_detect_in_memory, most=most, side=side), frames))
+        return list(pool.map(partial(_detect_in_memory, most=most, finder=finder, side=side), frames))
 
 
-def _side(frames: Sequence[Frame]) -> int:
-    """Longer side of the images to use, so that all of them together have `PIXELS`."""
+def _side(frames: Sequence[Frame], most_pixels: int) -> int:
+    """Longer side of the images to use, so that all of them together have `PIXELS`, and none more than the maximum."""
     shapes = [sorted((frame.camera.width, frame.camera.height)) for frame in frames]
     shape = float(np.median([longer / shorter for shorter, longer in shapes]))
-    return int(min(MAX_SIDE, np.sqrt(PIXELS / len(frames) * shape)))
+    return int(min(MAX_SIDE, np.sqrt(min(PIXELS / len(frames), most_pixels) * shape)))
 
 
-def _detect_in_memory(frame: Frame, most: int, side: int) -> Features:
+def _detect_in_memory(frame: Frame, most: int, finder: FeatureFinder, side: int) -> Features:
     # The depth map is not needed, and takes time to resize.
     small = downscaled(Frame(frame.name, frame.camera, frame.image, frame.alpha, frame.mask), 1.0, side)
-    return _seen_in(frame, small.camera, detect(small, most))
+    return _seen_in(frame, small.camera, finder.detect(small, most))
 
 
 def _seen_in(frame: Frame, camera: Camera, features: Features) -> Features:

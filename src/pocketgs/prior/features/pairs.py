@@ -11,7 +11,7 @@ import numpy as np
 
 from pocketgs.capture.unposed import by_number
 from pocketgs.geometry.camera import Camera
-from pocketgs.prior.features.sift import Features
+from pocketgs.prior.features.features import Features
 from pocketgs.prior.features.tracks import WIDEST_ANGLE, view_distances
 
 Pair = tuple[int, int]

@@ -9,8 +9,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from pocketgs.geometry.camera import Camera
+from pocketgs.prior.features.features import Features
 from pocketgs.prior.features.observations import Observations
-from pocketgs.prior.features.sift import Features
 
 WIDEST_ANGLE = np.radians(60)
 """Maximum angle between optical axes for SIFT matching."""

@@ -10,8 +10,9 @@ import numba
 import numpy as np
 
 from pocketgs.geometry.camera import Camera
+from pocketgs.prior.features.features import Features
+from pocketgs.prior.features.finder import FeatureFinder
 from pocketgs.prior.features.pairs import Pair
-from pocketgs.prior.features.sift import Features, match
 
 VERIFICATION = 1.5
 """Maximum distance from epipolar lines, in pixels of the images matched."""
@@ -26,13 +27,16 @@ Matches = dict[Pair, np.ndarray]
 """For each pair of views, (M, 2) int64 indices of features."""
 
 
-def match_views(cameras: Sequence[Camera], features: Sequence[Features], pairs: Sequence[Pair]) -> Matches:
+def match_views(
+    cameras: Sequence[Camera], features: Sequence[Features], pairs: Sequence[Pair], finder: FeatureFinder
+) -> Matches:
     """Match pairs of views and keep what one motion explains. Uses intrinsics only, not poses.
 
     Args:
         cameras: of F views.
         features: of the views.
         pairs: to match.
+        finder: matches them.
 
     Returns:
         The pairs with matches, in the given order.
@@ -40,7 +44,7 @@ def match_views(cameras: Sequence[Camera], features: Sequence[Features], pairs: 
 
     def matched(pair: Pair) -> np.ndarray:
         first, second = pair
-        found = match(features[first], features[second])
+        found = finder.match(features[first], features[second])
         here, there = features[first].pixels[found[:, 0]], features[second].pixels[found[:, 1]]
         grain = max(features[first].grain, features[second].grain)
         return found[agreeing(cameras[first], cameras[second], here, there, VERIFICATION * grain)]

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from pocketgs.geometry.camera import Camera
+from pocketgs.prior.features.features import Features
+from pocketgs.prior.features.finder import FeatureFinder
 from pocketgs.prior.features.pairs import MAX_SIMILAR, Pair, by_pose, likeness
-from pocketgs.prior.features.sift import Features
 from pocketgs.prior.features.tracks import link, triangulate
 from pocketgs.prior.features.two_view import Matches, match_views
 from pocketgs.prior.poses.consensus import consensus
@@ -43,10 +44,11 @@ class Placement:
         wrong: np.ndarray,
         tolerance: float,
         scene_distance: float,
+        finder: FeatureFinder,
     ) -> None:
         self.cameras, self.matches, self.wrong = list(cameras), dict(matches), wrong.copy()
         self._given, self._features, self._distance = list(cameras), features, scene_distance
-        self._tolerance = tolerance
+        self._tolerance, self._finder = tolerance, finder
 
     def run(self) -> None:
         """Place as many views as possible."""
@@ -87,7 +89,7 @@ class Placement:
 
     def _match(self, pairs: Sequence[Pair]) -> None:
         missing = [pair for pair in dict.fromkeys(pairs) if pair not in self.matches]
-        found = match_views(self.cameras, self._features, missing)
+        found = match_views(self.cameras, self._features, missing, self._finder)
         self.matches |= {pair: found.get(pair, np.zeros((0, 2), np.int64)) for pair in missing}
 
     def _known_points(self) -> list[np.ndarray]:

@@ -12,9 +12,10 @@ from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle.adjustment import BundleSettings
 from pocketgs.prior.features.detection import detect_all
+from pocketgs.prior.features.features import Features
+from pocketgs.prior.features.finder import FeatureFinder, create_finder
 from pocketgs.prior.features.observations import Observations
 from pocketgs.prior.features.pairs import choose_pairs
-from pocketgs.prior.features.sift import Features
 from pocketgs.prior.features.tracks import link, reprojection_errors, triangulate, triangulation_angles
 from pocketgs.prior.features.two_view import VERIFICATION, Matches, match_views
 from pocketgs.prior.poses.consensus import consensus
@@ -123,7 +124,11 @@ class Structure:
 
 
 def build_structure(
-    frames: Sequence[Frame], scale: Scale, settings: StructureSettings, photographs: Photographs | None = None
+    frames: Sequence[Frame],
+    scale: Scale,
+    settings: StructureSettings,
+    photographs: Photographs | None = None,
+    finder: FeatureFinder | None = None,
 ) -> Structure | None:
     """Triangulate points that several frames see, and refine the poses where the points contradict them.
 
@@ -132,17 +137,19 @@ def build_structure(
         scale: of the scene.
         settings: None for the defaults.
         photographs: the frames' photographs, to detect features in larger images; None to use the frames themselves.
+        finder: detects and matches features; None for the CPU.
 
     Returns:
         None if there is too little texture.
     """
+    finder = finder or create_finder()
     names = tuple(frame.name for frame in frames)
     given = [frame.camera for frame in frames]
-    features = detect_all(frames, settings.features, photographs)
+    features = detect_all(frames, settings.features, finder, photographs)
     finest = FINEST * float(np.median([view.grain for view in features])) if features else FINEST
     pairs = choose_pairs(names, given, features, scale.distance)
-    matches = match_views(given, features, pairs)
-    placed, matches, wrong = _placed(given, features, matches, finest, settings.bundle, scale)
+    matches = match_views(given, features, pairs, finder)
+    placed, matches, wrong = _placed(given, features, matches, finest, settings.bundle, scale, finder)
     sound = {pair: found for pair, found in matches.items() if not wrong[list(pair)].any()}
     tracks, feature = link(features, sound)
     if not len(tracks):
@@ -175,7 +182,13 @@ def build_structure(
 
 
 def _placed(
-    given: list[Camera], features: Sequence[Features], matches: Matches, finest: float, may_move: bool, scale: Scale
+    given: list[Camera],
+    features: Sequence[Features],
+    matches: Matches,
+    finest: float,
+    may_move: bool,
+    scale: Scale,
+    finder: FeatureFinder,
 ) -> tuple[list[Camera], Matches, np.ndarray]:
     """Cameras, with wrong ones relocalised where possible; all matches; and (F,) bool which remain wrong."""
     tracks, _ = link(features, matches)
@@ -185,7 +198,7 @@ def _placed(
     wrong = contradicted(given, features, matches, gross) | strangers(given, features, matches, scale.distance)
     if not (wrong.any() and may_move):
         return given, matches, wrong
-    placement = Placement(given, features, matches, wrong, tolerance, scale.distance)
+    placement = Placement(given, features, matches, wrong, tolerance, scale.distance, finder)
     placement.run()
     return placement.cameras, placement.matches, placement.wrong
 

@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pocketgs.geometry.camera import Camera
+from pocketgs.prior.features.features import Features
 from pocketgs.prior.features.pairs import Pair
-from pocketgs.prior.features.sift import Features
 from pocketgs.prior.features.tracks import view_distances
 
 PAIR_FIT = 0.8

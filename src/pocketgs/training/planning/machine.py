@@ -14,8 +14,8 @@ from pocketgs.system.process import resident_bytes
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.planning.calibration import Speed, times_prior
 
-PRIOR_ROOMS = ("prior.features", "prior.poses")
-"""Packages with kernels that every prior runs."""
+FEATURES_ROOM, POSES_ROOM = "prior.features.cpu", "prior.poses"
+"""Packages with kernels that every prior runs; the first only if the CPU finds features."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def this_machine(engine: Engine, stereo: Stereo, options: SizedOptions) -> Machi
     """Describe this machine; its speed is measured only if time is bounded."""
     rooms = ["splat.cpu"] if engine.name == "cpu" else []
     if options.prior != "none":
-        rooms += PRIOR_ROOMS
+        rooms += [FEATURES_ROOM, POSES_ROOM] if stereo.name == "cpu" else [POSES_ROOM]
     if options.time_budget is not None and times_prior(engine, options):
         rooms.append("prior.depth.cpu")
     return Machine(

@@ -1,0 +1,1 @@
+"""Features on the CPU: OpenCV's SIFT, matched by a Numba kernel."""

@@ -1,0 +1,63 @@
+"""Feature finder: what detects and matches features, the seam between the prior and its devices."""
+
+from __future__ import annotations
+
+from typing import Literal, Protocol
+
+import numpy as np
+
+from pocketgs.capture.capture import Frame
+from pocketgs.prior.features.features import Features
+
+
+class FeatureFinder(Protocol):
+    """Detects and matches features on one device. Several threads may use it at once.
+
+    All devices find SIFT features as OpenCV does, in the image at twice its size.
+    """
+
+    name: Literal["cpu", "webgpu"]
+
+    @property
+    def most_pixels(self) -> int:
+        """The largest image, in pixels, that the device's memory holds."""
+
+    def detect(self, frame: Frame, most: int) -> Features:
+        """Detect features in the pixels that mask and alpha leave.
+
+        Args:
+            frame: the photograph.
+            most: maximum number of features, the strongest.
+        """
+
+    def match(self, first: Features, second: Features) -> np.ndarray:
+        """Match features that are mutual nearest neighbours and pass the ratio test.
+
+        Returns:
+            (M, 2) int64 indices into `first` and `second`.
+        """
+
+    def release(self) -> None:
+        """Give the device's memory back."""
+
+
+def create_finder(
+    device: Literal["cpu", "webgpu"] = "cpu", gpu: str | None = None, max_memory: int = 3000
+) -> FeatureFinder:
+    """Choose the device that finds features.
+
+    Args:
+        device: where it computes.
+        gpu: part of the name of the GPU to use, or None for the best.
+        max_memory: megabytes of GPU memory that it may take.
+
+    Raises:
+        PocketGSError: there is no such device.
+    """
+    if device == "webgpu":
+        from pocketgs.prior.features.webgpu.finder import WebGpuFinder
+
+        return WebGpuFinder(gpu, max_memory)
+    from pocketgs.prior.features.cpu.finder import CpuFinder
+
+    return CpuFinder()

@@ -1,0 +1,1 @@
+"""Features on a GPU: WGSL passes and their host."""

@@ -1,0 +1,78 @@
+"""The page's features on a GPU in software, as Python has them on the CPU."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from pocketgs.capture.synthetic import true_capture
+from pocketgs.prior.features.cpu.finder import CpuFinder
+from static_site.given import TYPED, plain_frames
+
+Call = Callable[..., Any]
+
+
+def test_features_and_matches(call: Call) -> None:
+    """A transparent photograph, a masked one, and one that is larger than the memory allows."""
+    capture = true_capture(width=120, height=90, frames=4, points=1)
+    first, second, third = capture.train[:3]
+    alpha, mask = np.full((90, 120), 255, np.uint8), np.ones((90, 120), bool)
+    alpha[:30] = 0
+    mask[:, 90:] = False
+    frames = [replace(first, alpha=alpha), replace(second, mask=mask), third]
+    script = (
+        TYPED
+        + """
+        const { BUFFER_LIMITS, openDevice } = await import(new URL("../gpu/device.js", location.href));
+        const passes = await (await fetch("features_passes.json")).json();
+        const device = await openDevice(BUFFER_LIMITS);
+        const complaints = [];
+        device.addEventListener("uncapturederror", ({ error }) => complaints.push(error.message));
+        const finder = await module.FeatureFinder.open(device, passes, settings.prior.features);
+        const frames = framesOf(given);
+        const stages = [];
+        const found = await finder.detect(frames, async (done) => stages.push(done));
+        const matches = await finder.match(0, 1);
+        const isFreed = finder.bytes > 0;
+        finder.release();
+        finder.mostBytes = settings.prior.features.other_bytes + 3000 * settings.prior.features.pixel_bytes;
+        const [reduced] = await finder.detect(frames.slice(2), async () => {});
+        finder.release();
+        const bytes = finder.bytes;
+        device.destroy();
+        const plain = ({ pixels, count, grain }) => ({ pixels: [...pixels], count, grain });
+        return [[...found, reduced].map(plain), [...matches], stages, isFreed, bytes, complaints];
+    """
+    )
+    found, matches, stages, is_freed, released, complaints = call("prior/features.js", script, plain_frames(frames))
+    assert complaints == []
+    assert stages == [0, 1, 2]
+    assert is_freed
+    assert released == 0
+    finder = CpuFinder()
+    expected = [finder.detect(frame, 2000) for frame in frames]
+    positions = [np.reshape(one["pixels"], (-1, 2)) for one in found]
+    for pixels, features, one in zip(positions, expected, found, strict=False):
+        assert one["grain"] == 1
+        assert one["count"] == len(pixels)
+        assert abs(len(pixels) - len(features.pixels)) <= 0.02 * len(features.pixels)
+        assert np.mean(cKDTree(pixels).query(features.pixels)[0] < 0.01) > 0.98
+    pairs, theirs = np.reshape(matches, (-1, 2)), finder.match(expected[0], expected[1])
+    assert abs(len(pairs) - len(theirs)) <= 0.03 * len(theirs)
+    joined, others = (
+        np.concatenate([one[chosen[:, 0]], other[chosen[:, 1]]], axis=1)
+        for one, other, chosen in (
+            (*positions[:2], pairs),
+            (expected[0].pixels, expected[1].pixels, theirs),
+        )
+    )
+    assert np.mean(cKDTree(joined).query(others)[0] < 0.02) > 0.97
+    # Of an image of 3,000 pixels, in the pixels of the frame.
+    assert found[3]["grain"] == pytest.approx(np.sqrt(120 * 90 / 3000), rel=0.03)
+    near = cKDTree(expected[2].pixels).query(positions[3])[0]
+    assert np.mean(near < 1) > 0.5
