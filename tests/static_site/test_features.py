@@ -12,9 +12,23 @@ from scipy.spatial import cKDTree
 
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.prior.features.cpu.finder import CpuFinder
+from pocketgs.prior.poses.structure import StructureSettings, build_structure
+from pocketgs.prior.scale import estimate_scale
 from static_site.given import TYPED, plain_frames
+from static_site.test_poses import astray
 
 Call = Callable[..., Any]
+
+
+OPEN = """
+    const { BUFFER_LIMITS, openDevice } = await import(new URL("../gpu/device.js", location.href));
+    const { FeatureFinder } = await import(new URL("prior/features/finder.js", location.href));
+    const passes = await (await fetch("features_passes.json")).json();
+    const device = await openDevice(BUFFER_LIMITS);
+    const complaints = [];
+    device.addEventListener("uncapturederror", ({ error }) => complaints.push(error.message));
+    const finder = await FeatureFinder.open(device, passes, settings.prior.features);
+"""
 
 
 def test_features_and_matches(call: Call) -> None:
@@ -27,32 +41,32 @@ def test_features_and_matches(call: Call) -> None:
     frames = [replace(first, alpha=alpha), replace(second, mask=mask), third]
     script = (
         TYPED
+        + OPEN
         + """
-        const { BUFFER_LIMITS, openDevice } = await import(new URL("../gpu/device.js", location.href));
-        const passes = await (await fetch("features_passes.json")).json();
-        const device = await openDevice(BUFFER_LIMITS);
-        const complaints = [];
-        device.addEventListener("uncapturederror", ({ error }) => complaints.push(error.message));
-        const finder = await module.FeatureFinder.open(device, passes, settings.prior.features);
         const frames = framesOf(given);
         const stages = [];
         const found = await finder.detect(frames, async (done) => stages.push(done));
         const matches = await finder.match(0, 1);
         const isFreed = finder.bytes > 0;
         finder.release();
-        finder.mostBytes = settings.prior.features.other_bytes + 3000 * settings.prior.features.pixel_bytes;
+        const { other_bytes, pixel_bytes, descriptor, most } = settings.prior.features;
+        finder.mostBytes = other_bytes + 3000 * pixel_bytes + 4 * descriptor * most;
+        const hasRoom = finder.hasRoomFor(1);
         const [reduced] = await finder.detect(frames.slice(2), async () => {});
         finder.release();
         const bytes = finder.bytes;
         device.destroy();
         const plain = ({ pixels, count, grain }) => ({ pixels: [...pixels], count, grain });
-        return [[...found, reduced].map(plain), [...matches], stages, isFreed, bytes, complaints];
+        return [[...found, reduced].map(plain), [...matches], stages, isFreed, hasRoom, bytes, complaints];
     """
     )
-    found, matches, stages, is_freed, released, complaints = call("prior/features.js", script, plain_frames(frames))
+    found, matches, stages, is_freed, has_room, released, complaints = call(
+        "prior/features/finder.js", script, plain_frames(frames)
+    )
     assert complaints == []
     assert stages == [0, 1, 2]
     assert is_freed
+    assert not has_room
     assert released == 0
     finder = CpuFinder()
     expected = [finder.detect(frame, 2000) for frame in frames]
@@ -76,3 +90,38 @@ def test_features_and_matches(call: Call) -> None:
     assert found[3]["grain"] == pytest.approx(np.sqrt(120 * 90 / 3000), rel=0.03)
     near = cKDTree(expected[2].pixels).query(positions[3])[0]
     assert np.mean(near < 1) > 0.5
+
+
+def test_structure(call: Call) -> None:
+    """Points and refined poses of views that are off by a quarter of a degree, from the page's own features."""
+    capture, rng = true_capture(width=128, height=96, frames=6, points=1), np.random.default_rng(0)
+    scale = estimate_scale(capture)
+    frames = [replace(frame, camera=astray(frame.camera, rng, scale)) for frame in capture.train]
+    script = (
+        TYPED
+        + OPEN
+        + """
+        const stages = [];
+        const onStage = async (text) => stages.push(text);
+        const found = await module.buildStructure(framesOf(given.frames), given.scale, settings.prior, finder, onStage);
+        const blank = framesOf(given.frames).map((frame) => ({ ...frame, rgba: frame.rgba.map(() => 200) }));
+        const nothing = await module.buildStructure(blank, given.scale, settings.prior, finder, onStage);
+        device.destroy();
+        return [found.cameras.map(({ world_to_camera: m }) => m), found.points.length / 3, nothing, stages, complaints];
+    """
+    )
+    given = {"frames": plain_frames(frames), "scale": {"distance": scale.distance, "unit": scale.unit}}
+    poses, points, nothing, stages, complaints = call("prior/poses/structure.js", script, given)
+    expected = build_structure(frames, scale, StructureSettings())
+    assert complaints == []
+    assert nothing is None
+    assert stages[0] == f"features of photograph 1 of {len(frames)}"
+    assert "adjusting poses" in stages
+    assert expected is not None
+    assert expected.refined
+    assert points == pytest.approx(len(expected.points), rel=0.1)
+    offsets = np.reshape(poses, (-1, 4, 4)) - [camera.world_to_camera for camera in expected.cameras]
+    given_offsets = [
+        frame.camera.world_to_camera - new.world_to_camera for frame, new in zip(frames, expected.cameras, strict=True)
+    ]
+    assert np.abs(offsets).mean() < 0.2 * np.abs(given_offsets).mean()

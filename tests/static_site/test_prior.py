@@ -95,8 +95,9 @@ def test_clouds(call: Call, capture: Capture, has_cloud: bool, has_depth: bool) 
         const own = given.cloud ? cloudOf(given.cloud) : null;
         const stages = [];
         const listener = { onStage: async (text) => stages.push(text) };
-        const loaded = { train: framesOf(given.frames), cloud: own };
-        const { cloud, covered, keyframes } = await module.buildPrior(loaded, 1500, settings, stereo, listener);
+        const loaded = { train: framesOf(given.frames), heldOut: [], cloud: own };
+        const options = { most: 1500, refines: false };
+        const { cloud, covered, keyframes } = await module.buildPrior(loaded, options, settings, { stereo }, listener);
         device.destroy();
         return [[...cloud.positions], [...cloud.colours], covered, keyframes, stages, complaints];
     """
@@ -128,9 +129,9 @@ def test_too_little_memory_is_told_and_training_starts_from_other_points(call: C
         const stereo = { reserve: async () => { throw new Error("the GPU is full"); }, release: () => {} };
         const warnings = [];
         const listener = { onStage: async () => {}, onWarning: (text) => warnings.push(text) };
-        const loaded = { train: framesOf(given.frames), cloud: cloudOf(given.cloud) };
-        const options = { gaussians: 10_000, seed: 0, prior: "dense" };
-        const points = await module.preparedPoints(loaded, options, settings, stereo, listener);
+        const loaded = { train: framesOf(given.frames), heldOut: [], cloud: cloudOf(given.cloud) };
+        const options = { gaussians: 10_000, seed: 0, prior: "dense", refines: false };
+        const { points } = await module.prepared(loaded, options, settings, { stereo }, listener);
         return [points.positions.length / 3, warnings];
     """
     )

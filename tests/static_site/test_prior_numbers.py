@@ -69,16 +69,17 @@ def test_resized_arrays(call: Call, after: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("metric", [False, True])
 def test_distance_to_the_scene(call: Call, capture: Capture, metric: bool) -> None:
-    script = "return given.sets.map((cameras) => module.typicalDistance(cameras, given.metric, settings));"
+    script = "return given.sets.map((cameras) => module.scaleOf(cameras, given.metric, settings));"
     inwards = [frame.camera for frame in capture.train]
     away = np.diag([1.0, -1.0, -1.0, 1.0])
     outwards = [replace(camera, world_to_camera=away @ camera.world_to_camera) for camera in inwards]
     sets = [inwards, outwards, inwards[:1], [inwards[0], inwards[0]]]
     given = {"sets": [[plain(camera) for camera in cameras] for cameras in sets], "metric": metric}
-    for distance, cameras in zip(call("prior/scale.js", script, given), sets, strict=True):
+    for scale, cameras in zip(call("prior/scale.js", script, given), sets, strict=True):
         posed = [replace(capture.train[0], camera=camera) for camera in cameras]
-        expected = estimate_scale(replace(capture, train=posed, metric=metric)).distance
-        assert distance == pytest.approx(expected, rel=1e-6)
+        expected = estimate_scale(replace(capture, train=posed, metric=metric))
+        assert scale["distance"] == pytest.approx(expected.distance, rel=1e-6)
+        assert scale["unit"] == pytest.approx(expected.unit, rel=1e-6)
 
 
 def test_points_that_frames_see(call: Call, capture: Capture, frames: list[Frame]) -> None:
@@ -259,7 +260,7 @@ def test_completed_clouds(call: Call, capture: Capture, frames: list[Frame], giv
         const {ViewCells} = await import(new URL("prior/coverage.js", location.href));
         const { coverage } = settings.prior;
         const views = new ViewCells(framesOf(given.frames), coverage);
-        const { added, covered } = module.completion(cloudOf(given.cloud), views, own, 2, 900, coverage);
+        const { added, covered } = module.completion(cloudOf(given.cloud), views, own ? [own] : [], 2, 900, coverage);
         return [[added.positions, added.colours, added.directions].map((values) => [...values]), covered];
     """
     )

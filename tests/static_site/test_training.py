@@ -70,11 +70,12 @@ def visit(browser: Browser, host: Host) -> Iterator[Visit]:
         yield visit
 
 
-def choose(visit: Visit, depth: bool = False, **options: int) -> None:
+def choose(visit: Visit, depth: bool = False, refines: bool = False, **options: int) -> None:
     """Set the page's options."""
     if visit["#another"].is_visible():
         visit["#another"].click()
     visit["#depth"].set_checked(depth)
+    visit["#refines"].set_checked(refines)
     for name, value in options.items():
         visit[f"#{name}"].fill(str(value))
 
@@ -288,11 +289,17 @@ def test_recordings_of_apps(
 
 
 def test_measured_depth(visit: Visit, copied_phone: Callable[[str], Path], tmp_path: Path) -> None:
-    """A recording with depth of the sensor, which the prior uses as Python's does."""
+    """A recording with depth of the sensor, which the prior uses as Python's does. Its photographs are too small for
+    features.
+    """
     folder = copied_phone("polycam")
-    choose(visit, depth=True, most=48, iterations=20, gaussians=800)
+    choose(visit, depth=True, refines=True, most=48, iterations=20, gaussians=800)
     visit.drop("recording.zip", zipped(folder))
     scene = saved(visit, tmp_path / "recording.ply")
+    expect(visit["#message-text"]).to_have_text(
+        "The photographs have too few features in common: poses stay as they are."
+    )
+    visit["#message-close"].click()
     assert visit.complaints == []
     expected = trained_with_depth(folder, tmp_path / "python.ply", max_size=48, iterations=20, gaussians=800)
     capture = open_capture(folder, max_size=48)

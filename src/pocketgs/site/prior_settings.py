@@ -6,21 +6,25 @@ from dataclasses import asdict
 from typing import Any
 
 from pocketgs.capture.sharpness import REDUCED_SIDE
-from pocketgs.prior import keyframes, scale, seen_points
+from pocketgs.prior import exposure, keyframes, scale, seen_points
+from pocketgs.prior.bundle.adjustment import BundleSettings
 from pocketgs.prior.cloud import complete, coverage, fuse, merge
 from pocketgs.prior.cloud.detail import DETAIL_SCALE
 from pocketgs.prior.depth import depth_maps, depth_range, sensor_depth
 from pocketgs.prior.depth.source_views import BASELINE_SPREAD, THIRD_VIEW
 from pocketgs.prior.depth.sweep import MAX_PIXELS, SweepSettings
 from pocketgs.prior.depth.webgpu.layout import MATCHED, MOST_BANDS, USABLE
-from pocketgs.prior.features import features
+from pocketgs.prior.features import features, pairs, two_view
+from pocketgs.prior.features.tracks import WIDEST_ANGLE
 from pocketgs.prior.features.webgpu import layout
-from pocketgs.prior.poses.structure import StructureSettings
+from pocketgs.prior.poses import consensus, refinement, tolerance
+from pocketgs.prior.poses.structure import MAX_STEPS, NEGLIGIBLE_GAIN, StructureSettings
 from pocketgs.training.planning.effort import QUICK_KEYFRAMES
 
 
 def prior_settings() -> dict[str, Any]:
     """The settings' `prior`: each group is that of the module of the same name, or of its stage."""
+    structure = StructureSettings()
     return {
         "scale": {
             "one_place": scale.ONE_PLACE,
@@ -38,7 +42,7 @@ def prior_settings() -> dict[str, Any]:
             "sharpness_side": REDUCED_SIDE,
         },
         "features": {
-            "most": StructureSettings().features,
+            "most": structure.features,
             "ratio": features.RATIO,
             "descriptor": features.DESCRIPTOR,
             "most_octaves": layout.MOST_OCTAVES,
@@ -47,6 +51,54 @@ def prior_settings() -> dict[str, Any]:
             "octave_bytes": layout.OCTAVE_BYTES,
             "pixel_bytes": layout.PIXEL_BYTES,
             "other_bytes": layout.OTHER_BYTES,
+        },
+        "pairs": {
+            "ranks": list(pairs.RANKS_BY_POSE),
+            "steps": list(pairs.STEPS_IN_SEQUENCE),
+            "widest_angle": float(WIDEST_ANGLE),
+        },
+        "two_view": {
+            "verification": two_view.VERIFICATION,
+            "min_matches": two_view.MIN_MATCHES,
+            "min_share": two_view.MIN_SHARE,
+            "widest": tolerance.WIDEST,
+        },
+        "poses": {
+            "max_trials": consensus.MAX_TRIALS,
+            "min_angle": float(tolerance.MIN_ANGLE),
+            "widest": tolerance.WIDEST,
+            "medians": tolerance.MEDIANS,
+            "finest": tolerance.FINEST,
+            "tolerance_rounds": tolerance.ROUNDS,
+            "checked_share": refinement.CHECKED_SHARE,
+            "left_out_share": refinement.LEFT_OUT_SHARE,
+            "min_gain": refinement.MIN_GAIN,
+            "rounds": refinement.ROUNDS,
+            "sightings_per_view": refinement.SIGHTINGS_PER_VIEW,
+            "min_sightings": refinement.MIN_SIGHTINGS,
+            "min_cells": refinement.MIN_CELLS,
+            "min_views": refinement.MIN_VIEWS,
+            "fewest_points": structure.fewest_points,
+            "bundle": {
+                "huber": BundleSettings().huber,
+                "iterations": MAX_STEPS,
+                "tolerance": NEGLIGIBLE_GAIN,
+                "position_sigma": structure.position_sigma,
+                "rotation_sigma": float(structure.rotation_sigma),
+            },
+        },
+        "exposure": {
+            "darkest": exposure.DARKEST,
+            "brightest": exposure.BRIGHTEST,
+            "smoothing": exposure.SMOOTHING,
+            "blur_radius": exposure.BLUR_RADIUS,
+            "alternations": exposure.ALTERNATIONS,
+            "settled": exposure.SETTLED,
+            "min_points": exposure.MIN_POINTS,
+            "enough_points": exposure.ENOUGH_POINTS,
+            "neighbours": exposure.NEIGHBOURS,
+            "min_variation": exposure.MIN_VARIATION,
+            "predictable": exposure.PREDICTABLE,
         },
         "sweep": {
             **{name: float(value) for name, value in asdict(SweepSettings()).items()},

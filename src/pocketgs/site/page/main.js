@@ -97,7 +97,8 @@ listenForCaptures((picked) => {
     begin(picked.name, iterations);
     const { width, height } = window.screen;
     const prior = element("depth").checked ? "dense" : "none";
-    const options = { most, iterations, gaussians, prior, bytes: 1e6 * megabytes, screen: { width, height } };
+    const refines = element("refines").checked;
+    const options = { most, iterations, gaussians, prior, refines, bytes: 1e6 * megabytes, screen: { width, height } };
     worker.postMessage({ type: "train", picked, options });
 });
 

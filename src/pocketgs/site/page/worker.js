@@ -13,11 +13,12 @@ import { outlineOf } from "./capture/outline.js";
 import { pgsOf } from "./formats/pgs_writer.js";
 import { plyOf } from "./formats/ply_writer.js";
 import { spzOf } from "./formats/spz_writer.js";
+import { FeatureFinder } from "./prior/features/finder.js";
 import { Stereo } from "./prior/stereo.js";
 import { KeptRun } from "./storage/kept_run.js";
 import { firstView } from "./training/first_view.js";
 import { planRun } from "./training/plan.js";
-import { preparedPoints } from "./training/preparation.js";
+import { prepared } from "./training/preparation.js";
 import { Run } from "./training/run.js";
 import { Trainer } from "./training/trainer.js";
 
@@ -30,8 +31,8 @@ import { Trainer } from "./training/trainer.js";
 
 const MS_UNTIL_LOSS_IS_TOLD = 500;
 
-const DATA = ["settings.json", "passes.json", "depth_passes.json"];
-const [settings, passes, depthPasses] = await Promise.all(DATA.map(fetched));
+const DATA = ["settings.json", "passes.json", "depth_passes.json", "features_passes.json"];
+const [settings, passes, depthPasses, featuresPasses] = await Promise.all(DATA.map(fetched));
 /** @type {Run | null} */
 let run = null;
 /** Ends what comes before training. */
@@ -63,15 +64,16 @@ tellOfKept();
  * @typedef {Object} Own what a plan leaves as it is
  * @property {number} iterations
  * @property {"dense" | "none"} prior
+ * @property {boolean} refines whether the prior finds features, and by them refines poses
  *
  * @type {(picked: Picked, options: import("./training/plan.js").Wish & Own) => Promise<void>}
  */
-async function train(picked, { iterations, prior, ...wish }) {
+async function train(picked, { iterations, prior, refines, ...wish }) {
     await endLast();
-    const [capture, { gaussians, mostBufferBytes }] = await opened(picked, wish, prior);
-    const options = { seed: settings.run.seed, iterations, gaussians, prior, mostBufferBytes };
+    const [given, { gaussians, mostBufferBytes }] = await opened(picked, wish, prior);
+    const options = { seed: settings.run.seed, iterations, gaussians, prior, refines, mostBufferBytes };
     const gpu = await compiled();
-    const points = await Promise.race([lossOf(gpu), prepared(capture, options, gpu).catch(thrownLater)]);
+    const { capture, points } = await Promise.race([lossOf(gpu), preparedOn(gpu, given, options).catch(thrownLater)]);
     capture.train.forEach((frame) => (frame.depth = null));
     // A browser that has no room for the run trains all the same.
     const isKept = (await kept?.begin(picked.name, capture, options).then(() => true, () => false)) ?? false;
@@ -97,11 +99,11 @@ async function compiled() {
     return opening;
 }
 
-function prepared(capture, options, { trainer, stereo }) {
+function preparedOn({ trainer, stereo, finder }, capture, options) {
     trainer.release();
-    stereo.mostBytes = options.mostBufferBytes;
-    return preparedPoints(capture, options, settings, stereo, {
-        onStage: (text, share) => stage(text, share, stereo.bytes),
+    stereo.mostBytes = finder.mostBytes = options.mostBufferBytes;
+    return prepared(capture, options, settings, { stereo, finder }, {
+        onStage: (text, share) => stage(text, share, stereo.bytes + finder.bytes),
         onWarning: (text) => tell("complaint", { text }),
     });
 }
@@ -171,6 +173,7 @@ function open() {
  * @typedef {Object} Gpu
  * @property {Trainer} trainer
  * @property {Stereo} stereo
+ * @property {FeatureFinder} finder
  * @property {Promise<GPUDeviceLostInfo>} lost resolves when the GPU is lost
  */
 async function compiledOn(opened) {
@@ -178,7 +181,8 @@ async function compiledOn(opened) {
     device.addEventListener("uncapturederror", ({ error }) => tell("complaint", { text: error.message }));
     const trainer = await Trainer.open(device, passes, settings);
     const stereo = await Stereo.open(device, depthPasses, settings.prior.sweep);
-    return { trainer, stereo, lost: device.lost };
+    const finder = await FeatureFinder.open(device, featuresPasses, settings.prior.features);
+    return { trainer, stereo, finder, lost: device.lost };
 }
 
 /** @returns {Promise<never>} rejects when the GPU is lost */

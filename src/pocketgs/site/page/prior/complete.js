@@ -21,28 +21,28 @@ import { pulled } from "./pull_push.js";
  */
 
 /**
- * Find points for what training views show and the cloud does not cover: first the capture's own, where the views that
- * show them lack coverage, then points at depths interpolated from their surroundings.
+ * Find points for what training views show and the cloud does not cover: first those of other sources, where the views
+ * that show them lack coverage, then points at depths interpolated from their surroundings.
  *
  * @param {Cloud} cloud of fused depths
  * @param {import("./coverage.js").ViewCells} views those to train on
- * @param {Cloud | null} own the capture's
+ * @param {Cloud[]} sources other points for what the cloud does not cover, best first
  * @param {number} distance depth for views without any known depth
  * @param {number} count maximum number of points of the whole cloud
  * @param {Object} settings the settings' `coverage`
  * @returns {Completion}
  */
-export function completion(cloud, views, own, distance, count, settings) {
+export function completion(cloud, views, sources, distance, count, settings) {
     const depths = views.empty();
     const radiiOf = ({ positions }) => pointRadii(positions, settings.neighbours);
     views.cover(depths, cloud, radiiOf(cloud));
     const fused = cloud.positions.length / 3;
     let room = Math.max(Math.trunc(settings.max_added_share * count), count - fused);
     const found = [];
-    if (own) {
-        const bare = views.uncoveredShare(depths, own.positions);
+    for (const source of sources) {
+        const bare = views.uncoveredShare(depths, source.positions);
         const missing = Array.from(bare, (_, i) => i).filter((i) => bare[i] > settings.missing_share);
-        const more = selected(own, spread(missing.length, room).map((i) => missing[i]));
+        const more = selected(source, spread(missing.length, room).map((i) => missing[i]));
         views.cover(depths, more, radiiOf(more));
         found.push(more);
         room -= more.positions.length / 3;

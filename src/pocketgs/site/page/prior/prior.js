@@ -1,7 +1,7 @@
 /**
- * The geometry prior: from photographs with poses to a dense cloud; the twin of `build_prior` in `prior/prior.py` for
- * poses that stay as given. Which points the frames see comes from the capture's own cloud, or from sweeps of small
- * copies, as long as nothing here finds features.
+ * The geometry prior: from photographs with poses to refined poses and a dense cloud; the twin of `build_prior` in
+ * `prior/prior.py`. Without features, which points the frames see comes from the capture's own cloud, or from sweeps of
+ * small copies.
  *
  * @module
  */
@@ -9,12 +9,14 @@
 import { completion, joined } from "./complete.js";
 import { ViewCells } from "./coverage.js";
 import { depthMap, sweptPixels } from "./depth_maps.js";
+import { compensated, exposureGains, needsCompensation } from "./exposure.js";
 import { fuse } from "./fuse.js";
 import { selectKeyframes } from "./keyframes.js";
 import { merged } from "./merge.js";
 import { cameraWithin } from "./photographs.js";
+import { buildStructure, pointsSeen, sparseCloud, structureOfFirst } from "./poses/structure.js";
 import { roughPoints } from "./rough_points.js";
-import { typicalDistance } from "./scale.js";
+import { scaleOf } from "./scale.js";
 import { seenPoints } from "./seen_points.js";
 
 /**
@@ -23,38 +25,87 @@ import { seenPoints } from "./seen_points.js";
  *
  * @typedef {Object} Listener
  * @property {(text: string, share: number) => Promise<void>} onStage called before each piece of work; rejects to stop
+ * @property {(text: string) => void} onWarning
  */
 
 /**
  * @param {Capture} capture
- * @param {number} most maximum size of the cloud
+ * @param {{most: number, refines: boolean}} options maximum size of the cloud, and whether features are found, by which
+ *     poses are refined and exposures compared
  * @param {Object} settings
- * @param {import("./stereo.js").Stereo} stereo
+ * @param {{stereo: import("./stereo.js").Stereo, finder: import("./features/finder.js").FeatureFinder}} gpu
  * @param {Listener} listener
- * @returns {Promise<{cloud: Cloud, covered: number, keyframes: number}>} covered: share of the training pixels
+ * @returns {Promise<{capture: Capture, cloud: Cloud, covered: number, keyframes: number}>} the capture with refined
+ *     poses and photographs of one exposure; covered: share of the training pixels
  * @throws {NoRoom} the GPU's memory does not hold it
  */
-export async function buildPrior({ train, cloud: own, isMetric }, most, settings, stereo, { onStage }) {
+export async function buildPrior(capture, { most, refines }, settings, { stereo, finder }, { onStage, onWarning }) {
     const { prior } = settings;
+    await onStage("comparing poses", 0);
+    const frames = [...capture.train, ...capture.heldOut];
+    const scale = scaleOf(capture.train.map(({ camera }) => camera), capture.isMetric, settings);
+    const structure = refines ? await foundBy(finder, frames, scale, prior, { onStage, onWarning }) : null;
+    const refined = structure ? withStructure(capture, structure, scale, prior) : capture;
+    const sources = sourcesOf(refined, structure, capture);
+    const { train } = refined;
+    const { distance } = scale;
     await onStage("choosing keyframes", 0);
-    const distance = typicalDistance(train.map(({ camera }) => camera), isMetric, settings);
     const views = new ViewCells(train, prior.coverage);
-    const points = await pointsSeen(own, train, views, distance, prior, stereo, onStage);
+    const points = structure
+        ? pointsSeen(structureOfFirst(structure, train.length))
+        : await pointsWithoutFeatures(capture.cloud, train, views, distance, prior, stereo, onStage);
     const chosen = selectKeyframes(train, points, distance, prior.keyframes);
     const candidates = await swept(chosen, train, points, distance, prior, stereo, onStage);
     await onStage("merging depth maps", 1);
     let fused = merged(candidates, most, prior.merging);
     await onStage("filling holes", 1);
-    const { added, covered } = completion(fused, views, own, distance, most, prior.coverage);
+    const { added, covered } = completion(fused, views, sources, distance, most, prior.coverage);
     const rest = most - added.positions.length / 3;
     if (fused.positions.length / 3 > rest) {
         fused = merged(candidates, rest, prior.merging);
     }
-    return { cloud: joined([fused, added]), covered, keyframes: chosen.length };
+    return { capture: refined, cloud: joined([fused, added]), covered, keyframes: chosen.length };
+}
+
+/** Points and poses by features; null if there is too little texture. The GPU's memory is free again afterwards. */
+async function foundBy(finder, frames, scale, settings, { onStage, onWarning }) {
+    if (!finder.hasRoomFor(frames.length)) {
+        onWarning("There is too little memory to find features: poses stay as they are.");
+        return null;
+    }
+    try {
+        const structure = await buildStructure(frames, scale, settings, finder, onStage);
+        if (!structure) {
+            onWarning("The photographs have too few features in common: poses stay as they are.");
+        }
+        return structure;
+    } finally {
+        finder.release();
+    }
+}
+
+/** The capture with the structure's poses, and with photographs of one exposure if theirs jump. */
+function withStructure(capture, structure, { distance }, settings) {
+    const count = capture.train.length;
+    const posed = (frames, first) => frames.map((frame, i) => ({ ...frame, camera: structure.cameras[first + i] }));
+    const [train, heldOut] = [posed(capture.train, 0), posed(capture.heldOut, count)];
+    const own = structureOfFirst(structure, count);
+    const gains = exposureGains(train, own, distance, settings.exposure);
+    const isNeeded = needsCompensation(own.cameras, gains, distance, settings.exposure);
+    return { ...capture, train: isNeeded ? compensated(train, gains) : train, heldOut };
+}
+
+/** Points for what depth does not cover, best first. The capture's own are in the world of its original poses. */
+function sourcesOf({ train, cloud }, structure, given) {
+    const isAdjusted = structure?.cameras.some((camera, i) => i < train.length && camera !== given.train[i].camera);
+    return [
+        ...(structure ? [sparseCloud(train, structureOfFirst(structure, train.length))] : []),
+        ...(cloud && !isAdjusted ? [cloud] : []),
+    ];
 }
 
 /** For each frame the points that it sees: of the capture's own cloud, or rough ones. */
-async function pointsSeen(own, frames, views, distance, settings, stereo, onStage) {
+async function pointsWithoutFeatures(own, frames, views, distance, settings, stereo, onStage) {
     const seen = own ? seenPoints(own, views, settings) : [];
     if (seen.some(({ length }) => length > 0)) {
         return seen;

@@ -10,6 +10,21 @@ import { focusPoint, looksAt, spreadOf } from "../seeding/focus.js";
 import { length, subtract } from "../../page/scene/vectors.js";
 
 /**
+ * @typedef {Object} Scale of a scene
+ * @property {number} distance typical distance from the cameras to the scene
+ * @property {number} unit factor for thresholds given in metres: 1 if lengths are metres, otherwise the distance
+ *
+ * @param {import("../capture/camera.js").Camera[]} cameras
+ * @param {boolean} isMetric whether lengths are metres
+ * @param {Object} settings the settings' `volume` and `prior`
+ * @returns {Scale}
+ */
+export function scaleOf(cameras, isMetric, settings) {
+    const distance = typicalDistance(cameras, isMetric, settings);
+    return { distance, unit: isMetric ? 1 : distance };
+}
+
+/**
  * The median distance from the cameras to the point nearest to their optical axes. If they face outwards or are in one
  * place: 2 m, or if lengths are not metres a multiple of the cameras' spread; 1 if that is zero.
  *
@@ -18,7 +33,7 @@ import { length, subtract } from "../../page/scene/vectors.js";
  * @param {Object} settings the settings' `volume` and `prior`
  * @returns {number}
  */
-export function typicalDistance(cameras, isMetric, { volume, prior: { scale } }) {
+function typicalDistance(cameras, isMetric, { volume, prior: { scale } }) {
     const centres = cameras.map(centreOf);
     const focus = focusPoint(cameras, volume);
     const spread = spreadOf(centres);

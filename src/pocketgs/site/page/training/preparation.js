@@ -1,5 +1,5 @@
 /**
- * The points that training starts from; the twin of `prepare` in `training/preparation.py`.
+ * What training starts from; the twin of `prepare` in `training/preparation.py`.
  *
  * @module
  */
@@ -9,6 +9,11 @@ import { startingPoints } from "../seeding/points.js";
 
 /**
  * @typedef {import("../capture/listing.js").Cloud} Cloud
+ * @typedef {import("../capture/open.js").Capture} Capture
+ *
+ * @typedef {Object} Gpu
+ * @property {import("../prior/stereo.js").Stereo} stereo
+ * @property {import("../prior/features/finder.js").FeatureFinder} finder
  *
  * @typedef {Object} Listener
  * @property {(text: string, share: number) => Promise<void>} onStage called before each piece of work; rejects to stop
@@ -21,24 +26,24 @@ import { startingPoints } from "../seeding/points.js";
  * @param {import("../capture/open.js").Capture} capture
  * @param {import("./run.js").Options} options
  * @param {Object} settings
- * @param {import("../prior/stereo.js").Stereo} stereo
+ * @param {Gpu} gpu
  * @param {Listener} listener
- * @returns {Promise<Cloud>}
+ * @returns {Promise<{capture: Capture, points: Cloud}>} the capture as it is trained on, and its points
  * @throws {Error} there is nothing to start from
  */
-export async function preparedPoints(capture, options, settings, stereo, listener) {
-    const cloud = options.prior === "dense" ? await denseCloud(capture, options, settings, stereo, listener) : null;
+export async function prepared(capture, options, settings, gpu, listener) {
+    const prior = options.prior === "dense" ? await densePrior(capture, options, settings, gpu, listener) : null;
     await listener.onStage("placing splats", 1);
-    return cloud ?? startingPoints(capture, options.gaussians, options.seed, settings);
+    return prior ?? { capture, points: startingPoints(capture, options.gaussians, options.seed, settings) };
 }
 
-/** @returns {Promise<Cloud | null>} */
-async function denseCloud(capture, { gaussians }, settings, stereo, { onStage, onWarning }) {
+/** @returns {Promise<{capture: Capture, points: Cloud} | null>} */
+async function densePrior(capture, { gaussians: most, refines }, settings, gpu, { onStage, onWarning }) {
     try {
-        const { cloud } = await buildPrior(capture, gaussians, settings, stereo, { onStage });
-        const found = cloud.positions.length / 3;
+        const prior = await buildPrior(capture, { most, refines }, settings, gpu, { onStage, onWarning });
+        const found = prior.cloud.positions.length / 3;
         if (found >= settings.run.min_points) {
-            return cloud;
+            return { capture: prior.capture, points: prior.cloud };
         }
         onWarning(`Too few points were found (${found}): training starts from other points.`);
     } catch (error) {

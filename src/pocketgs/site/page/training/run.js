@@ -20,6 +20,7 @@ import { ViewOrder } from "./view_order.js";
  * @property {number} iterations
  * @property {number} gaussians maximum number
  * @property {"dense" | "none"} prior whether depth is computed first
+ * @property {boolean} refines whether poses are refined before
  * @property {number} seed
  * @property {number} mostBufferBytes that the GPU's buffers may take together
  *

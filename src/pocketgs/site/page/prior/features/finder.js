@@ -5,12 +5,12 @@
  * @module
  */
 
-import { Description } from "../../gpu/description.js";
-import { Executor } from "../../gpu/executor.js";
-import { frameWithin, isUsable } from "./photographs.js";
+import { Description } from "../../../gpu/description.js";
+import { Executor } from "../../../gpu/executor.js";
+import { frameWithin, isUsable } from "../photographs.js";
 
 /**
- * @typedef {import("../capture/photograph.js").Frame} Frame
+ * @typedef {import("../../capture/photograph.js").Frame} Frame
  *
  * @typedef {Object} Features of one photograph
  * @property {Float64Array} pixels (N, 2) positions in the frame; the centre of the top left pixel is (0.5, 0.5)
@@ -24,6 +24,9 @@ const [RECORD, RESPONSE, ANGLE, OCTAVE, LAYER] = [8, 3, 4, 5, 6];
 /** Words of a descriptor's nearest, see `nearest.wgsl`. */
 const NEAREST = 3;
 
+/** Smaller photographs have too few features. */
+const LEAST_PIXELS = 10_000;
+
 /** Detects features in photographs, keeps their descriptors, and matches them. */
 export class FeatureFinder {
     #finding;
@@ -32,7 +35,7 @@ export class FeatureFinder {
     /** Of each photograph, (N, 128). @type {Float32Array[]} */
     #descriptors = [];
 
-    /** Bytes that all buffers may take together. */
+    /** Bytes that all buffers and descriptors may take together. */
     mostBytes = Infinity;
 
     /**
@@ -61,10 +64,14 @@ export class FeatureFinder {
         return this.#finding.bytes + this.#matching.bytes;
     }
 
-    /** The largest photograph, in pixels, that the GPU's memory holds; larger ones are reduced. */
-    get mostPixels() {
-        const { octave_bytes: largest, pixel_bytes: all, other_bytes: others } = this.#settings;
-        return Math.floor(Math.min(this.#finding.largestBuffer / largest, (this.mostBytes - others) / all));
+    /**
+     * Whether there is memory for the features of so many photographs, which may have to be reduced.
+     *
+     * @param {number} photographs
+     * @returns {boolean}
+     */
+    hasRoomFor(photographs) {
+        return this.#mostPixels(photographs) >= LEAST_PIXELS;
     }
 
     /** Give the GPU's memory back, and forget the descriptors. */
@@ -86,7 +93,7 @@ export class FeatureFinder {
         const found = [];
         for (const [done, frame] of frames.entries()) {
             await onFrame(done);
-            found.push(await this.#detectIn(frame));
+            found.push(await this.#detectIn(frame, this.#mostPixels(frames.length)));
         }
         this.#finding.free();
         return found;
@@ -116,12 +123,19 @@ export class FeatureFinder {
         return mutualMatches(forwards, backwards, this.#settings.ratio);
     }
 
+    /** The largest photograph, in pixels, that memory holds beside all descriptors; larger ones are reduced. */
+    #mostPixels(photographs) {
+        const { octave_bytes: largest, pixel_bytes: all, other_bytes: others, descriptor, most } = this.#settings;
+        const room = this.mostBytes - others - 4 * descriptor * most * photographs;
+        return Math.floor(Math.min(this.#finding.largestBuffer / largest, room / all));
+    }
+
     #count(photograph) {
         return this.#descriptors[photograph].length / this.#settings.descriptor;
     }
 
-    async #detectIn(frame) {
-        const small = frameWithin(frame, this.mostPixels);
+    async #detectIn(frame, mostPixels) {
+        const small = frameWithin(frame, mostPixels);
         const { width, height } = small.camera;
         const given = { width, height, octaves: octavesOf(width, height, this.#settings), chosen: this.#settings.most };
         const { found, pixels } = unmasked(small, strongest(await this.#find(small, given), this.#settings.most));

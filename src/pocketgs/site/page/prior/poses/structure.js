@@ -1,0 +1,151 @@
+/**
+ * Sparse structure of a capture: triangulated points and refined poses; the twin of `prior/poses/structure.py`, except
+ * that wrong cameras are not relocalised.
+ *
+ * @module
+ */
+
+import { centreOf } from "../../capture/camera.js";
+import { medianOf } from "../../numbers/median.js";
+import { countsOf, filtered, indicesWhere, renumbered, selected } from "../features/observations.js";
+import { choosePairs } from "../features/pairs.js";
+import { link, reprojectionErrors, triangulate, triangulationAngles } from "../features/tracks.js";
+import { agreeing } from "../features/two_view.js";
+import { consensus } from "./consensus.js";
+import { normalised, subtract } from "../../../page/scene/vectors.js";
+import { refine } from "./refinement.js";
+import { measuredTolerance, widestTolerance } from "./tolerance.js";
+
+/**
+ * @typedef {import("../../capture/camera.js").Camera} Camera
+ * @typedef {import("../../capture/photograph.js").Frame} Frame
+ * @typedef {import("../features/finder.js").Features} Features
+ * @typedef {import("../features/observations.js").Observations} Observations
+ *
+ * @typedef {Object} Structure
+ * @property {Camera[]} cameras of the frames; the given ones, the same objects, where they are not refined
+ * @property {Float64Array} points (N, 3)
+ * @property {Observations} observations of the points
+ */
+
+/**
+ * Triangulate points that several frames see, and refine the poses where the points contradict them.
+ *
+ * @param {Frame[]} frames with given poses, including held-out ones: only geometry is used
+ * @param {import("../scale.js").Scale} scale
+ * @param {Object} settings the settings' `pairs`, `two_view` and `poses`
+ * @param {import("../features/finder.js").FeatureFinder} finder
+ * @param {(text: string, share: number) => Promise<void>} onStage called before each piece of work; rejects to stop
+ * @returns {Promise<Structure | null>} null if there is too little texture
+ */
+export async function buildStructure(frames, scale, settings, finder, onStage) {
+    const given = frames.map(({ camera }) => camera);
+    const features = await finder.detect(frames, (done) => {
+        return onStage(`features of photograph ${done + 1} of ${frames.length}`, done / frames.length);
+    });
+    const finest = settings.poses.finest * medianOf(features.map(({ grain }) => grain));
+    const pairs = choosePairs(frames.map(({ name }) => name), given, scale.distance, settings.pairs);
+    const matches = await matched(given, features, pairs, finder, settings.two_view, onStage);
+    await onStage("adjusting poses", 1);
+    return structureOf(given, link(features, matches).tracks, scale, finest, settings.poses);
+}
+
+/**
+ * The structure of tracks.
+ *
+ * @param {Camera[]} given
+ * @param {Observations} tracks sorted by point, including wrong ones
+ * @param {import("../scale.js").Scale} scale
+ * @param {number} finest errors below this many pixels are noise
+ * @param {Object} settings the settings' `poses`
+ * @returns {Structure | null} null if there are too few points
+ */
+export function structureOf(given, tracks, { distance, unit }, finest, settings) {
+    const bundle = { ...settings.bundle, position_sigma: settings.bundle.position_sigma * unit };
+    const widest = widestTolerance(given, settings);
+    const cameras = refine(given, tracks, widest, finest, { ...settings, bundle }, distance);
+    const tolerance = measuredTolerance(cameras, tracks, finest, settings);
+    const { points, observations } = agreedOn(cameras, tracks, tolerance, settings);
+    return points.length < 3 * settings.fewest_points ? null : { cameras, points, observations };
+}
+
+/**
+ * The structure of some frames: the points that at least two of them see, renumbered.
+ *
+ * @param {Structure} structure
+ * @param {number} count of frames, the first ones
+ * @returns {Structure}
+ */
+export function structureOfFirst({ cameras, points, observations }, count) {
+    const inside = filtered(observations, (i) => observations.frame[i] < count);
+    const views = countsOf(inside.point, points.length / 3);
+    const kept = filtered(inside, (i) => views[inside.point[i]] >= 2);
+    const chosen = indicesWhere(views.length, (point) => views[point] >= 2);
+    return {
+        cameras: cameras.slice(0, count),
+        points: Float64Array.from(chosen.flatMap((point) => [...points.subarray(3 * point, 3 * point + 3)])),
+        observations: renumbered(kept),
+    };
+}
+
+/** For each frame the points that it sees. @type {(structure: Structure) => Float64Array[]} (N, 3) each */
+export function pointsSeen({ cameras, points, observations: { frame, point } }) {
+    const seen = cameras.map(() => []);
+    frame.forEach((view, i) => seen[view].push(...points.subarray(3 * point[i], 3 * point[i] + 3)));
+    return seen.map((positions) => Float64Array.from(positions));
+}
+
+/**
+ * The triangulated points, each with the colour of one of its features and the direction to that camera.
+ *
+ * @param {Frame[]} frames those of the structure
+ * @param {Structure} structure
+ * @returns {import("../../capture/listing.js").Cloud}
+ */
+export function sparseCloud(frames, { cameras, points, observations: { frame, point, pixels } }) {
+    const [colours, directions] = [new Float32Array(points.length), new Float32Array(points.length)];
+    const centres = cameras.map(centreOf);
+    frame.forEach((view, i) => {
+        const at = 3 * point[i];
+        const [column, row] = pixels.subarray(2 * i, 2 * i + 2).map(Math.trunc);
+        const { rgba, camera } = frames[view];
+        const first = 4 * (row * camera.width + column);
+        colours.set(Array.from(rgba.subarray(first, first + 3), (level) => level / 255), at);
+        directions.set(normalised(subtract(centres[view], points.subarray(at, at + 3))), at);
+    });
+    return { positions: points, colours, directions };
+}
+
+async function matched(cameras, features, pairs, finder, settings, onStage) {
+    const matches = [];
+    for (const [done, [first, second]] of pairs.entries()) {
+        await onStage(`matching pair ${done + 1} of ${pairs.length}`, done / pairs.length);
+        const found = await finder.match(first, second);
+        const [here, there] = [first, second].map((view, side) => {
+            const numbers = found.filter((_, i) => i % 2 === side);
+            const { pixels } = features[view];
+            return Float64Array.from({ length: found.length }, (_, i) => pixels[2 * numbers[i >> 1] + (i % 2)]);
+        });
+        const tolerance = settings.verification * Math.max(features[first].grain, features[second].grain);
+        const agrees = agreeing(cameras[first], cameras[second], here, there, tolerance, settings);
+        matches.push({ first, second, pairs: found.filter((_, i) => agrees[i >> 1]) });
+    }
+    return matches;
+}
+
+/** The points that observations agree on, and those observations. */
+function agreedOn(cameras, tracks, tolerance, settings) {
+    const { agrees } = consensus(cameras, tracks, tolerance, settings);
+    let seen = renumbered(filtered(tracks, (i) => agrees[i]));
+    for (let round = 0; round < 2; round++) {
+        const points = triangulate(cameras, seen);
+        const errors = reprojectionErrors(cameras, points, seen);
+        const near = indicesWhere(errors.length, (i) => errors[i] < tolerance);
+        const good = selected(seen, near);
+        const views = countsOf(good.point, points.length / 3);
+        const angles = triangulationAngles(cameras, points, good);
+        const isSure = (point) => views[point] >= 2 && angles[point] >= settings.min_angle;
+        seen = renumbered(filtered(good, (i) => isSure(good.point[i])));
+    }
+    return { points: triangulate(cameras, seen), observations: seen };
+}
