@@ -207,10 +207,11 @@ def test_poses_from_larger_photographs_are_kept(fern: Refined) -> None:
 
 @pytest.mark.slow
 def test_poses_of_a_film_are_kept(data_folder: Path) -> None:
-    fox = refine(open_capture(data_folder / "fox", downscale=4))
+    film = open_capture(data_folder / "fox", downscale=4)
+    fox = refine(replace(film, train=film.train[:16], held_out=film.held_out[:2]))
     assert not fox.structure.refined
     assert fox.structure.rmse_after < 0.7
-    assert len(fox.structure.points) > 1000
+    assert len(fox.structure.points) > 500
 
 
 def test_real_tracks_are_adjusted_as_colmap_does(fern: Refined) -> None:

@@ -68,16 +68,22 @@ tellOfKept();
  *
  * @type {(picked: Picked, options: import("./training/plan.js").Wish & Own) => Promise<void>}
  */
-async function train(picked, { iterations, prior, refines, ...wish }) {
+async function train(picked, own) {
     await endLast();
+    const { gpu, capture, points, options } = await readied(picked, own);
+    // A browser that has no room for the run trains all the same.
+    const isKept = (await kept?.begin(picked.name, capture, options).then(() => true, () => false)) ?? false;
+    await perform(capture, options, gpu, isKept, (run) => run.go(points));
+}
+
+/** What a run needs: the GPU, its capture with refined poses, the points that it starts from, its options. */
+async function readied(picked, { iterations, prior, refines, ...wish }) {
     const [given, { gaussians, mostBufferBytes }] = await opened(picked, wish, prior);
     const options = { seed: settings.run.seed, iterations, gaussians, prior, refines, mostBufferBytes };
     const gpu = await compiled();
     const { capture, points } = await Promise.race([lossOf(gpu), preparedOn(gpu, given, options).catch(thrownLater)]);
     capture.train.forEach((frame) => (frame.depth = null));
-    // A browser that has no room for the run trains all the same.
-    const isKept = (await kept?.begin(picked.name, capture, options).then(() => true, () => false)) ?? false;
-    await perform(capture, options, gpu, isKept, (run) => run.go(points));
+    return { gpu, capture, points, options };
 }
 
 /** Go on with the run of an earlier visit. */

@@ -1,24 +1,12 @@
 // Remove the steps between hypotheses on slanted surfaces: a bilateral filter on inverse depth, over a disc, with the
 // image mirrored at its border. Unknown depths take no part. One thread per pixel.
-import sweep, workgroups
+import sweep, mirrored, workgroups
 
 @group(0) @binding(0) var<uniform> sweep: Sweep;
 @group(0) @binding(1) var<storage, read> winner_depths: array<f32>;
 @group(0) @binding(2) var<storage, read_write> depths: array<f32>;
 
 const REACH: i32 = i32(SMOOTHING_WINDOW / 2u);
-
-// Mirrored at both ends without repeating them.
-fn mirrored(index: i32, length: i32) -> u32 {
-    if (length == 1) {
-        return 0u;
-    }
-    var place = index;
-    while (place < 0 || place >= length) {
-        place = select(-place, 2 * length - 2 - place, place >= length);
-    }
-    return u32(place);
-}
 
 @compute @workgroup_size(THREADS)
 fn main(

@@ -1,5 +1,5 @@
 // Blur an image by a Gaussian along its rows or columns, mirrored at the border. One thread per pixel.
-import scale_space, workgroups
+import scale_space, mirrored, workgroups
 
 @group(0) @binding(0) var<uniform> image: Image;
 @group(0) @binding(1) var<storage, read> sharp: array<f32>;
@@ -13,18 +13,6 @@ override kernel: u32 = 0u;
 override radius: i32 = 0;
 // 1 to blur along columns.
 override is_down: u32 = 0u;
-
-// Mirrored at both ends without repeating them.
-fn mirrored(index: i32, length: i32) -> u32 {
-    if (length == 1) {
-        return 0u;
-    }
-    var place = index;
-    while (place < 0 || place >= length) {
-        place = select(-place, 2 * length - 2 - place, place >= length);
-    }
-    return u32(place);
-}
 
 @compute @workgroup_size(THREADS)
 fn main(
