@@ -75,7 +75,9 @@ def choose(visit: Visit, depth: bool = False, refines: bool = False, **options: 
     if visit["#another"].is_visible():
         visit["#another"].click()
     visit["#depth"].set_checked(depth)
-    visit["#refines"].set_checked(refines)
+    expect(visit["#refines"]).to_be_enabled(enabled=depth)
+    if depth:
+        visit["#refines"].set_checked(refines)
     for name, value in options.items():
         visit[f"#{name}"].fill(str(value))
 

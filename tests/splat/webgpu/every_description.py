@@ -9,7 +9,8 @@ from typing import get_args
 
 from pocketgs.gpu.description import Description, Pass, Sequence
 from pocketgs.gpu.shader_library import Shader
-from pocketgs.prior.depth.webgpu import passes as prior
+from pocketgs.prior.depth.webgpu.passes import describe_comparison, describe_sweep
+from pocketgs.prior.features.webgpu.passes import describe_features, describe_matching
 from pocketgs.splat.webgpu.compositor_passes import describe_compositor
 from pocketgs.splat.webgpu.passes import Variant, Weights, describe
 from pocketgs.splat.webgpu.rasterizer_passes import describe_rasterizer
@@ -25,8 +26,9 @@ RENDERING += [Variant(weights=weights) for weights in get_args(Weights)]
 DESCRIPTIONS = {str(variant): describe(variant) for variant in TRAINING}
 DESCRIPTIONS |= {str(variant): describe(variant, training=False) for variant in RENDERING}
 DESCRIPTIONS |= {f"rasterizer {subgroups}": describe_rasterizer(subgroups) for subgroups in (False, True)}
-DESCRIPTIONS |= {"rasterizer sum": describe_rasterizer(False, "sum"), "sweep": prior.describe_sweep()}
-DESCRIPTIONS |= {"comparison": prior.describe_comparison()}
+DESCRIPTIONS |= {"rasterizer sum": describe_rasterizer(False, "sum"), "sweep": describe_sweep()}
+DESCRIPTIONS |= {"comparison": describe_comparison()}
+DESCRIPTIONS |= {"features": describe_features(), "matching": describe_matching()}
 DESCRIPTIONS |= {f"compositor {subgroups}": describe_compositor(subgroups) for subgroups in (False, True)}
 
 OPTIONAL = {str(variant) for variant in TRAINING if variant.features} | {"rasterizer True", "compositor True"}

@@ -11,12 +11,15 @@ import pytest
 import pocketgs
 from pocketgs.gpu.description import Description, Pass
 from pocketgs.gpu.sizes import ceil_div, evaluate
-from pocketgs.prior.depth.webgpu.shader_files import SHADERS as PRIOR_SHADERS
+from pocketgs.prior.depth.webgpu.shader_files import SHADERS as DEPTH_SHADERS
+from pocketgs.prior.features.webgpu.shader_files import SHADERS as FEATURE_SHADERS
 from pocketgs.splat.webgpu.passes import Variant, describe
 from pocketgs.splat.webgpu.rasterizer_passes import CENTRE_WORDS, SPLAT_WORDS, describe_rasterizer
 from pocketgs.splat.webgpu.shader_files import SHADERS
 from splat.webgpu.every_description import DESCRIPTIONS
 from splat.webgpu.wgsl_layout import constant, workgroup_bytes, workgroup_size
+
+LIBRARIES = (SHADERS, DEPTH_SHADERS, FEATURE_SHADERS)
 
 CASE = {
     "gaussians": 1000,
@@ -44,6 +47,10 @@ CASE = {
     "paths": 8,
     "bands": 4,
     "views": 20,
+    "octaves": 7,
+    "chosen": 2000,
+    "first": 2000,
+    "second": 1900,
 }
 
 
@@ -135,7 +142,7 @@ def test_every_shader_file_is_of_use() -> None:
     named = {name for description in DESCRIPTIONS.values() for name in description.shaders}
     for path in Path(pocketgs.__file__).parent.rglob("shaders/*.wgsl"):
         assert path.stem in named, path
-    for name, section in (*SHADERS.sections.items(), *PRIOR_SHADERS.sections.items()):
+    for name, section in (each for library in LIBRARIES for each in library.sections.items()):
         lines = [line for line in section.splitlines() if not line.startswith(("import ", "enable "))]
         assert any("\n".join(lines) in text for text in texts), name
 

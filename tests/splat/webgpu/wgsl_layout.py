@@ -48,7 +48,7 @@ class _Types:
             return 4 * (2 if length == 2 else 4), 4 * length
         if match := re.fullmatch(r"atomic<(\w+)>", kind):
             return self.layout(match[1])
-        if match := re.fullmatch(r"array<(.+), (\w+)>", kind):
+        if match := re.fullmatch(r"array<(.+), ([\w *]+)>", kind):
             alignment, size = self.layout(match[1])
             return alignment, self.number(match[2]) * _up(size, alignment)
         if kind in self._aliases:

@@ -102,6 +102,9 @@ listenForCaptures((picked) => {
     worker.postMessage({ type: "train", picked, options });
 });
 
+// Without depth poses stay as they are.
+element("depth").addEventListener("change", ({ target }) => (element("refines").disabled = !target.checked));
+
 element("go-on").addEventListener("click", () => {
     begin(kept.name, kept.iterations);
     worker.postMessage({ type: "go on" });

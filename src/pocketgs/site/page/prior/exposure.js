@@ -167,7 +167,8 @@ export function compensated(frames, gains) {
         if (frame.hasAlpha) {
             return frame;
         }
-        const rgba = frame.rgba.map((level, at) => (at % 4 < 3 ? roundedToEven(level / gains[i][at % 4]) : level));
+        // A clamped array rounds and cuts off by itself.
+        const rgba = frame.rgba.map((level, at) => (at % 4 < 3 ? level / gains[i][at % 4] : level));
         return { ...frame, rgba };
     });
 }

@@ -10,6 +10,7 @@ import { completion, joined } from "./complete.js";
 import { ViewCells } from "./coverage.js";
 import { depthMap, sweptPixels } from "./depth_maps.js";
 import { compensated, exposureGains, needsCompensation } from "./exposure.js";
+import { NoRoomForFeatures } from "./features/finder.js";
 import { fuse } from "./fuse.js";
 import { selectKeyframes } from "./keyframes.js";
 import { merged } from "./merge.js";
@@ -36,7 +37,7 @@ import { seenPoints } from "./seen_points.js";
  * @param {{stereo: import("./stereo.js").Stereo, finder: import("./features/finder.js").FeatureFinder}} gpu
  * @param {Listener} listener
  * @returns {Promise<{capture: Capture, cloud: Cloud, covered: number, keyframes: number}>} the capture with refined
- *     poses and photographs of one exposure; covered: share of the training pixels
+ *     poses and training photographs of one exposure; covered: share of the training pixels
  * @throws {NoRoom} the GPU's memory does not hold it
  */
 export async function buildPrior(capture, { most, refines }, settings, { stereo, finder }, { onStage, onWarning }) {
@@ -46,14 +47,13 @@ export async function buildPrior(capture, { most, refines }, settings, { stereo,
     const scale = scaleOf(capture.train.map(({ camera }) => camera), capture.isMetric, settings);
     const structure = refines ? await foundBy(finder, frames, scale, prior, { onStage, onWarning }) : null;
     const refined = structure ? withStructure(capture, structure, scale, prior) : capture;
-    const sources = sourcesOf(refined, structure, capture);
+    await onStage("choosing keyframes", 0);
     const { train } = refined;
     const { distance } = scale;
-    await onStage("choosing keyframes", 0);
     const views = new ViewCells(train, prior.coverage);
-    const points = structure
-        ? pointsSeen(structureOfFirst(structure, train.length))
-        : await pointsWithoutFeatures(capture.cloud, train, views, distance, prior, stereo, onStage);
+    const { points, sources } = structure
+        ? knownByFeatures(refined, structure, capture)
+        : await knownWithoutFeatures(capture, views, distance, prior, stereo, onStage);
     const chosen = selectKeyframes(train, points, distance, prior.keyframes);
     const candidates = await swept(chosen, train, points, distance, prior, stereo, onStage);
     await onStage("merging depth maps", 1);
@@ -67,7 +67,7 @@ export async function buildPrior(capture, { most, refines }, settings, { stereo,
     return { capture: refined, cloud: joined([fused, added]), covered, keyframes: chosen.length };
 }
 
-/** Points and poses by features; null if there is too little texture. The GPU's memory is free again afterwards. */
+/** Points and poses by features; null if there is too little texture or memory. The GPU is free again afterwards. */
 async function foundBy(finder, frames, scale, settings, { onStage, onWarning }) {
     if (!finder.hasRoomFor(frames.length)) {
         onWarning("There is too little memory to find features: poses stay as they are.");
@@ -79,12 +79,18 @@ async function foundBy(finder, frames, scale, settings, { onStage, onWarning }) 
             onWarning("The photographs have too few features in common: poses stay as they are.");
         }
         return structure;
+    } catch (error) {
+        if (!(error instanceof NoRoomForFeatures)) {
+            throw error;
+        }
+        onWarning(`Features are not found: ${error.message}. Poses stay as they are.`);
+        return null;
     } finally {
         finder.release();
     }
 }
 
-/** The capture with the structure's poses, and with photographs of one exposure if theirs jump. */
+/** The capture with the structure's poses, and with training photographs of one exposure if theirs jump. */
 function withStructure(capture, structure, { distance }, settings) {
     const count = capture.train.length;
     const posed = (frames, first) => frames.map((frame, i) => ({ ...frame, camera: structure.cameras[first + i] }));
@@ -95,24 +101,28 @@ function withStructure(capture, structure, { distance }, settings) {
     return { ...capture, train: isNeeded ? compensated(train, gains) : train, heldOut };
 }
 
-/** Points for what depth does not cover, best first. The capture's own are in the world of its original poses. */
-function sourcesOf({ train, cloud }, structure, given) {
-    const isAdjusted = structure?.cameras.some((camera, i) => i < train.length && camera !== given.train[i].camera);
-    return [
-        ...(structure ? [sparseCloud(train, structureOfFirst(structure, train.length))] : []),
-        ...(cloud && !isAdjusted ? [cloud] : []),
-    ];
+/**
+ * For each frame the points that it sees; and clouds for what depth does not cover, best first. The capture's own is in
+ * the world of its original poses.
+ */
+function knownByFeatures({ train, cloud }, structure, given) {
+    const own = structureOfFirst(structure, train.length);
+    const isAdjusted = own.cameras.some((camera, i) => camera !== given.train[i].camera);
+    const sources = [sparseCloud(train, own), ...(cloud && !isAdjusted ? [cloud] : [])];
+    return { points: pointsSeen(own), sources };
 }
 
-/** For each frame the points that it sees: of the capture's own cloud, or rough ones. */
-async function pointsWithoutFeatures(own, frames, views, distance, settings, stereo, onStage) {
-    const seen = own ? seenPoints(own, views, settings) : [];
+/** The same from the capture's own cloud, or if no frame sees any of it from sweeps of small copies. */
+async function knownWithoutFeatures({ train, cloud }, views, distance, settings, stereo, onStage) {
+    const sources = cloud ? [cloud] : [];
+    const seen = cloud ? seenPoints(cloud, views, settings) : [];
     if (seen.some(({ length }) => length > 0)) {
-        return seen;
+        return { points: seen, sources };
     }
-    return roughPoints(frames, distance, settings, stereo, (done) => {
-        return onStage(`rough depth of photograph ${done + 1} of ${frames.length}`, done / frames.length);
+    const points = await roughPoints(train, distance, settings, stereo, (done) => {
+        return onStage(`rough depth of photograph ${done + 1} of ${train.length}`, done / train.length);
     });
+    return { points, sources };
 }
 
 /** The consistent pixels of all keyframes' depth maps. The GPU's memory is free again afterwards. */

@@ -24,7 +24,7 @@ const [RECORD, RESPONSE, ANGLE, OCTAVE, LAYER] = [8, 3, 4, 5, 6];
 /** Words of a descriptor's nearest, see `nearest.wgsl`. */
 const NEAREST = 3;
 
-/** Smaller photographs have too few features. */
+/** With less room per photograph, too few features would be found. */
 const LEAST_PIXELS = 10_000;
 
 /** Detects features in photographs, keeps their descriptors, and matches them. */
@@ -113,7 +113,7 @@ export class FeatureFinder {
         }
         const executor = this.#matching;
         const symbols = executor.description.symbols(counts);
-        await executor.reserve(executor.description.sizes(symbols));
+        await executor.reserve(executor.description.sizes(symbols)).catch(refused);
         executor.write("first_descriptors", this.#descriptors[first]);
         executor.write("second_descriptors", this.#descriptors[second]);
         executor.writeUniform("sizes", { rows: counts.first, columns: counts.second });
@@ -154,7 +154,7 @@ export class FeatureFinder {
     async #find(frame, given) {
         const executor = this.#finding;
         const symbols = executor.description.symbols(given);
-        await executor.reserve(executor.description.sizes(symbols));
+        await executor.reserve(executor.description.sizes(symbols)).catch(refused);
         executor.write("grey", greyLevels(frame));
         executor.write("kernels", Float32Array.from(this.#settings.kernels.flat()));
         this.#submitByOctave("find", symbols);
@@ -184,6 +184,13 @@ export class FeatureFinder {
             this.#finding.submit(`${what} in octave ${octave}`, symbols);
         }
     }
+}
+
+/** The GPU's memory does not hold what features take. */
+export class NoRoomForFeatures extends Error {}
+
+function refused({ message }) {
+    throw new NoRoomForFeatures(message);
 }
 
 /** Number of octaves of a photograph; the twin of `octaves_of` in `prior/features/webgpu/layout.py`. */
