@@ -32,6 +32,15 @@ TYPED = """
 """Functions for scripts: JSON has no typed arrays."""
 
 
+OPEN_DEVICE = """
+    const { BUFFER_LIMITS, openDevice } = await import(new URL("../gpu/device.js", location.href));
+    const device = await openDevice(BUFFER_LIMITS);
+    const complaints = [];
+    device.addEventListener("uncapturederror", ({ error }) => complaints.push(error.message));
+"""
+"""Opens a GPU for a script, and collects its complaints."""
+
+
 WITHOUT_FEATURES = PriorSettings(structure=StructureSettings(bundle=False, fewest_points=10**9), exposure="off")
 """The prior as the page has it."""
 

@@ -14,21 +14,20 @@ from pocketgs.capture.synthetic import true_capture
 from pocketgs.prior.features.cpu.finder import CpuFinder
 from pocketgs.prior.poses.structure import StructureSettings, build_structure
 from pocketgs.prior.scale import estimate_scale
-from static_site.given import TYPED, plain_frames
+from static_site.given import OPEN_DEVICE, TYPED, plain_frames
 from static_site.test_poses import astray
 
 Call = Callable[..., Any]
 
 
-OPEN = """
-    const { BUFFER_LIMITS, openDevice } = await import(new URL("../gpu/device.js", location.href));
+OPEN = (
+    OPEN_DEVICE
+    + """
     const { FeatureFinder } = await import(new URL("prior/features/finder.js", location.href));
     const passes = await (await fetch("features_passes.json")).json();
-    const device = await openDevice(BUFFER_LIMITS);
-    const complaints = [];
-    device.addEventListener("uncapturederror", ({ error }) => complaints.push(error.message));
     const finder = await FeatureFinder.open(device, passes, settings.prior.features);
 """
+)
 
 
 def test_features_and_matches(call: Call) -> None:

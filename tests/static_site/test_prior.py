@@ -16,19 +16,18 @@ from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.depth_range import DepthRange
 from pocketgs.prior.depth.sweep import SweepSettings
 from pocketgs.prior.prior import build_prior
-from static_site.given import TYPED, WITHOUT_FEATURES, plain_cloud, plain_frames
+from static_site.given import OPEN_DEVICE, TYPED, WITHOUT_FEATURES, plain_cloud, plain_frames
 
 Call = Callable[..., Any]
 
-OPEN = """
-    const { BUFFER_LIMITS, openDevice } = await import(new URL("../gpu/device.js", location.href));
+OPEN = (
+    OPEN_DEVICE
+    + """
     const { Stereo } = await import(new URL("prior/stereo.js", location.href));
     const passes = await (await fetch("depth_passes.json")).json();
-    const device = await openDevice(BUFFER_LIMITS);
-    const complaints = [];
-    device.addEventListener("uncapturederror", ({ error }) => complaints.push(error.message));
     const stereo = await Stereo.open(device, passes, settings.prior.sweep);
 """
+)
 
 
 @pytest.fixture(scope="module")

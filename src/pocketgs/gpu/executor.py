@@ -93,6 +93,11 @@ class Executor:
                     self._buffers.pop(name).destroy()
                 self._buffers[name] = self.device.create_buffer(label=name, size=size, usage=_STORAGE)
 
+    def grow(self, sizes: Mapping[str, int]) -> None:
+        """Let buffers have at least these sizes in bytes. Those that have are kept, others lose their content."""
+        present = self.sizes()
+        self.reserve({name: size for name, size in sizes.items() if size > present.get(name, 0)})
+
     def release(self) -> None:
         """Destroy all buffers but the uniform ones."""
         for name in [name for name in self._buffers if name not in self.description.uniforms]:

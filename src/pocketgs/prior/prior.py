@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, fields, replace
 from typing import Literal
 
@@ -95,10 +96,10 @@ def build_prior(
     stopwatch = stopwatch or Stopwatch()
     stereo, finder = stereo or create_stereo(), finder or create_finder()
     hints = photograph_hints(capture.frames)
-    with stopwatch.stage("poses"):
+    with stopwatch.stage("poses"), ExitStack() as held:
+        held.callback(finder.release)
         scale = estimate_scale(capture)
         structure = build_structure(capture.frames, scale, settings.structure, capture.photographs, finder)
-        finder.release()
         capture = _with_poses_of(structure, capture)
         poses = Poses.of(structure, capture)
         structure = structure.of(capture.train) if structure else None

@@ -45,8 +45,6 @@ def prior_settings() -> dict[str, Any]:
             "most": structure.features,
             "ratio": features.RATIO,
             "descriptor": features.DESCRIPTOR,
-            "most_octaves": layout.MOST_OCTAVES,
-            "border": layout.BORDER,
             "kernels": [kernel.tolist() for kernel in layout.kernels()],
             "octave_bytes": layout.OCTAVE_BYTES,
             "pixel_bytes": layout.PIXEL_BYTES,

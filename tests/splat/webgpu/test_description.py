@@ -47,7 +47,6 @@ CASE = {
     "paths": 8,
     "bands": 4,
     "views": 20,
-    "octaves": 7,
     "chosen": 2000,
     "first": 2000,
     "second": 1900,

@@ -17,7 +17,7 @@ from pocketgs.prior.features.cpu.finder import CpuFinder
 from pocketgs.prior.features.detection import detect_all
 from pocketgs.prior.features.features import Features
 from pocketgs.prior.features.webgpu.finder import WebGpuFinder
-from pocketgs.prior.features.webgpu.layout import MOST_OCTAVES, OCTAVE_BYTES, PIXEL_BYTES, octaves_of
+from pocketgs.prior.features.webgpu.layout import MOST_OCTAVES, OCTAVE_BYTES, PIXEL_BYTES
 from pocketgs.prior.poses.structure import StructureSettings, build_structure
 from pocketgs.prior.scale import estimate_scale
 from prior.features.test_finder import frame_of, random_features, texture
@@ -142,10 +142,9 @@ def test_what_memory_is_planned_by() -> None:
     """The bytes per pixel are at least those of the buffers, for images of any shape."""
     for width, height in ((1280, 960), (960, 1280), (1180, 1180), (1280, 300)):
         description = WebGpuFinder().finding.description
-        octaves = octaves_of(width, height)
-        assert octaves <= MOST_OCTAVES
-        given = {"width": width, "height": height, "octaves": octaves, "chosen": 2000}
-        bytes_of = description.sizes(description.symbols(given), description.buffers)
+        symbols = description.symbols({"width": width, "height": height, "chosen": 2000})
+        assert symbols["octaves"] <= MOST_OCTAVES
+        bytes_of = description.sizes(symbols, description.buffers)
         pixels = width * height
         assert max(bytes_of.values()) <= OCTAVE_BYTES * pixels
         assert sum(bytes_of.values()) <= PIXEL_BYTES * pixels + 2_000_000

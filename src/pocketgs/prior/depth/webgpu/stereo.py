@@ -138,8 +138,8 @@ class WebGpuStereo:
 
     def _make_room_to_sweep(self, given: Symbols) -> None:
         """Let every buffer be large enough, and keep those that are."""
-        plan, present = self._plan_sweep(given, self._bands), self.sweeping.sizes()
-        self.sweeping.reserve({name: size for name, size in plan.sizes.items() if size > present.get(name, 0)})
+        plan = self._plan_sweep(given, self._bands)
+        self.sweeping.grow(plan.sizes)
         self._bands = plan.bands
 
     def _plan_sweep(self, given: Symbols, least: int = 1) -> _Plan:

@@ -16,33 +16,15 @@ from pocketgs.gpu.executor import Executor
 from pocketgs.gpu.sizes import Symbols
 from pocketgs.prior.features.features import DESCRIPTOR, Features, Nearest, mutual_matches, unmasked
 from pocketgs.prior.features.webgpu.layout import (
+    FEATURE,
     FEATURES,
+    NEAREST,
     OCTAVE_BYTES,
     OTHER_BYTES,
     PIXEL_BYTES,
     kernels,
-    octaves_of,
 )
 from pocketgs.prior.features.webgpu.passes import DESCRIBE, FIND, MATCH, describe_features, describe_matching
-
-MIN_SIDE = 3
-"""Smaller images have no features: the border of the first octave takes them up."""
-
-FEATURE = np.dtype(
-    [
-        ("place", np.float32, 2),
-        ("scale", np.float32),
-        ("response", np.float32),
-        ("angle", np.float32),
-        ("octave", np.uint32),
-        ("layer", np.uint32),
-        ("padding", np.uint32),
-    ]
-)
-"""See `shaders/common/feature.wgsl`."""
-
-NEAREST = np.dtype([("number", np.uint32), ("product", np.float32), ("next_product", np.float32)])
-"""See `shaders/nearest.wgsl`."""
 
 
 class WebGpuFinder:
@@ -71,10 +53,8 @@ class WebGpuFinder:
         """Detect features."""
         grey = cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY).astype(np.float32)
         height, width = grey.shape
-        if min(width, height) < MIN_SIDE:
-            return Features.none()
         with self._lock:
-            given = {"width": width, "height": height, "octaves": octaves_of(width, height), "chosen": most}
+            given = {"width": width, "height": height, "chosen": most}
             found = _strongest(self._find(grey, given), most)
             pixels = _pixels_of(found)
             inside = unmasked(frame, pixels)
@@ -88,13 +68,15 @@ class WebGpuFinder:
             return np.zeros((0, 2), np.int64)
         with self._lock:
             executor = self.matching
-            _make_room(executor, counts)
+            executor.grow(executor.description.sizes(counts, executor.description.buffers))
             executor.write("first_descriptors", first.descriptors)
             executor.write("second_descriptors", second.descriptors)
             executor.write_uniform("sizes", {"rows": counts["first"], "columns": counts["second"]})
             executor.submit(MATCH, counts)
-            forwards = executor.read("forwards", np.uint32, 3 * counts["first"]).view(NEAREST)
-            backwards = executor.read("backwards", np.uint32, 3 * counts["second"]).view(NEAREST)
+            forwards, backwards = (
+                executor.read(name, np.uint32, NEAREST.itemsize // 4 * count).view(NEAREST)
+                for name, count in zip(("forwards", "backwards"), counts.values(), strict=True)
+            )
         number = forwards["number"].astype(np.int64)
         return mutual_matches(
             Nearest(number, forwards["product"], forwards["next_product"]), backwards["number"].astype(np.int64)
@@ -110,7 +92,7 @@ class WebGpuFinder:
         """All features of a photograph, as `FEATURE` records in no particular order."""
         executor = self.finding
         symbols = executor.description.symbols(given)
-        _make_room(executor, given)
+        executor.grow(executor.description.sizes(symbols, executor.description.buffers))
         executor.write("grey", grey)
         executor.write("kernels", np.concatenate(kernels()).astype(np.float32))
         self._submit_by_octave(FIND, symbols)
@@ -134,13 +116,6 @@ class WebGpuFinder:
             values = {**symbols, "octave": octave}
             self.finding.write_uniform("image", {field: values[field] for field in fields})
             self.finding.submit(name, symbols)
-
-
-def _make_room(executor: Executor, given: Symbols) -> None:
-    """Let every buffer be large enough, and keep those that are."""
-    description, present = executor.description, executor.sizes()
-    sizes = description.sizes(description.symbols(given), description.buffers)
-    executor.reserve({name: size for name, size in sizes.items() if size > present.get(name, 0)})
 
 
 def _strongest(found: np.ndarray, most: int) -> np.ndarray:

@@ -32,6 +32,22 @@ CELLS, BINS = 4, 8
 KEYPOINTS, FEATURES = 0, 1
 """Places of the two counts."""
 
+FEATURE = np.dtype(
+    [
+        ("place", np.float32, 2),
+        ("scale", np.float32),
+        ("response", np.float32),
+        ("angle", np.float32),
+        ("octave", np.uint32),
+        ("layer", np.uint32),
+        ("padding", np.uint32),
+    ]
+)
+"""A keypoint or a feature: see `shaders/common/feature.wgsl`."""
+
+NEAREST = np.dtype([("number", np.uint32), ("product", np.float32), ("next_product", np.float32)])
+"""A descriptor's nearest: see `shaders/nearest.wgsl`."""
+
 OCTAVE_BYTES = 4 * 4 * IMAGES
 """Bytes per pixel of a photograph of the largest buffer, the first octave."""
 
@@ -60,14 +76,6 @@ CONSTANTS = {
     "MOST_SHARE": 0.2,  # of a descriptor's length, for a single number
     "DESCRIPTOR_LENGTH": 512.0,  # before numbers are rounded
 }
-
-
-def octaves_of(width: int, height: int) -> int:
-    """Number of octaves of a photograph: the last one has room for extrema between its borders."""
-    octaves = 1
-    while octaves < MOST_OCTAVES and (2 * min(width, height)) >> octaves > 2 * BORDER:
-        octaves += 1
-    return octaves
 
 
 def kernels() -> list[np.ndarray]:

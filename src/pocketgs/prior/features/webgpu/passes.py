@@ -9,7 +9,16 @@ from pocketgs.gpu.description import Description, Pass, Sequence, shader_names
 from pocketgs.gpu.uniforms import UniformLayout
 from pocketgs.gpu.workgroups import THREADS
 from pocketgs.prior.features.features import DESCRIPTOR
-from pocketgs.prior.features.webgpu.layout import IMAGES, LAYERS, MOST_OCTAVES, TILE, kernels
+from pocketgs.prior.features.webgpu.layout import (
+    BORDER,
+    FEATURE,
+    IMAGES,
+    LAYERS,
+    MOST_OCTAVES,
+    NEAREST,
+    TILE,
+    kernels,
+)
 from pocketgs.prior.features.webgpu.shader_files import SHADERS
 
 FIND = tuple(f"find in octave {octave}" for octave in range(MOST_OCTAVES))
@@ -18,28 +27,26 @@ MATCH = "match"
 """Names of the sequences. Those of an octave come one after the other, each with its number in the uniform buffer: as a
 constant of the shaders it would need pipelines for each."""
 
-FEATURE_BYTES = 32
-"""Of a keypoint or a feature: see `common/feature.wgsl`."""
-
-NEAREST_BYTES = 12
-"""Of a descriptor's nearest: see `nearest.wgsl`."""
-
 _OCTAVES = range(MOST_OCTAVES)
 
 
 def _definitions() -> dict[str, str]:
-    """The pixels of each octave; and room for more extrema than blurred images have."""
+    """The pixels of each octave; how many octaves have room between their borders; and room for more extrema than
+    blurred images have.
+    """
     halved = {
         f"{side}_{octave}": f"0 - ceil_div(0 - {side}_{octave - 1}, 2)"  # rounded down
         for octave in _OCTAVES[1:]
         for side in ("width", "height")
     }
+    has_room = (f"(width_{octave} > {2 * BORDER}) * (height_{octave} > {2 * BORDER})" for octave in _OCTAVES[1:])
     return {
         "pixels": "width * height",
         "width_0": "2 * width",
         "height_0": "2 * height",
         **halved,
         **{f"pixels_{octave}": f"width_{octave} * height_{octave}" for octave in _OCTAVES},
+        "octaves": " + ".join(["1", *has_room]),
         "keypoint_room": "ceil_div(pixels, 4)",
         "feature_room": "ceil_div(pixels, 2)",
     }
@@ -53,8 +60,8 @@ def _buffers() -> dict[str, str]:
         "across": "4 * pixels_0",
         **{f"octave_{octave}": f"{4 * IMAGES} * pixels_{octave} * (octaves > {octave})" for octave in _OCTAVES},
         "counts": "8",
-        "keypoints": f"{FEATURE_BYTES} * keypoint_room",
-        "features": f"{FEATURE_BYTES} * feature_room",
+        "keypoints": f"{FEATURE.itemsize} * keypoint_room",
+        "features": f"{FEATURE.itemsize} * feature_room",
         "descriptors": f"{4 * DESCRIPTOR} * chosen",
     }
 
@@ -92,8 +99,8 @@ def _find(octave: int) -> Iterator[Pass]:
 def describe_features() -> Description:
     """Describe how features are found and described.
 
-    The numbers that the expressions are computed from: width and height of the photograph; octaves, at most
-    MOST_OCTAVES; and chosen, how many features are described.
+    The numbers that the expressions are computed from: width and height of the photograph; and chosen, how many
+    features are described.
     """
     sequences = {}
     for octave in _OCTAVES:
@@ -114,8 +121,8 @@ def describe_matching() -> Description:
     buffers = {
         "first_descriptors": f"{4 * DESCRIPTOR} * first",
         "second_descriptors": f"{4 * DESCRIPTOR} * second",
-        "forwards": f"{NEAREST_BYTES} * first",
-        "backwards": f"{NEAREST_BYTES} * second",
+        "forwards": f"{NEAREST.itemsize} * first",
+        "backwards": f"{NEAREST.itemsize} * second",
     }
     first, second = "first_descriptors", "second_descriptors"
     forwards = {"rows": first, "columns": second, "nearest": "forwards"}

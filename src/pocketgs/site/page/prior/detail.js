@@ -4,6 +4,8 @@
  * @module
  */
 
+import { mirrored } from "../numbers/mirrored.js";
+
 /**
  * Local contrast: RMS, over a Gaussian window, of the difference from the image blurred with that window.
  *
@@ -49,12 +51,4 @@ function windowOf(scale) {
     const weights = Array.from({ length: 2 * reach + 1 }, (_, i) => Math.exp(-((i - reach) ** 2) / (2 * scale ** 2)));
     const sum = weights.reduce((total, weight) => total + weight, 0);
     return weights.map((weight) => weight / sum);
-}
-
-function mirrored(i, length) {
-    let place = i;
-    while (length > 1 && (place < 0 || place >= length)) {
-        place = place < 0 ? -place : 2 * (length - 1) - place;
-    }
-    return length > 1 ? place : 0;
 }

@@ -7,6 +7,7 @@
 
 import { isInImage, projected } from "../capture/camera.js";
 import { medianOf } from "../numbers/median.js";
+import { mirrored } from "../numbers/mirrored.js";
 import { roundedToEven } from "../numbers/rounding.js";
 import { enoughForEachView } from "./features/observations.js";
 import { sortedBy, viewDistances } from "./features/pairs.js";
@@ -88,19 +89,24 @@ function colourAt(frame, camera, point, { darkest, brightest, smoothing, blur_ra
         return null;
     }
     const [column, row] = place.map(Math.trunc);
-    const { width, height } = camera;
-    if (frame.hasAlpha && frame.rgba[4 * (row * width + column) + 3] < 255) {
+    const isTransparent = frame.hasAlpha && frame.rgba[4 * (row * camera.width + column) + 3] < 255;
+    if (isTransparent || (frame.mask && isNearMasked(frame.mask, camera, column, row, inner))) {
         return null;
-    }
-    for (let y = Math.max(row - inner, 0); frame.mask && y <= Math.min(row + inner, height - 1); y++) {
-        for (let x = Math.max(column - inner, 0); x <= Math.min(column + inner, width - 1); x++) {
-            if (!frame.mask[y * width + x]) {
-                return null;
-            }
-        }
     }
     const colour = blurred(frame.rgba, camera, column, row, smoothing);
     return colour.every((level) => level >= darkest && level <= brightest) ? colour : null;
+}
+
+/** Whether something is masked in the square around a pixel: blurred colours there are mixed with what is left out. */
+function isNearMasked(mask, { width, height }, column, row, reach) {
+    for (let y = Math.max(row - reach, 0); y <= Math.min(row + reach, height - 1); y++) {
+        for (let x = Math.max(column - reach, 0); x <= Math.min(column + reach, width - 1); x++) {
+            if (!mask[y * width + x]) {
+                return true;
+            }
+        }
+    }
+    return false;
 }
 
 /** A pixel of the photograph blurred by a Gaussian, mirrored at its border, in whole levels as OpenCV's. */
@@ -117,16 +123,6 @@ function blurred(rgba, { width, height }, column, row, sigma) {
         }
     }
     return sums.map((sum) => Math.round(sum / total));
-}
-
-/** Mirrored at both ends without repeating them. */
-function mirrored(index, length) {
-    if (length === 1) {
-        return 0;
-    }
-    const period = 2 * length - 2;
-    const place = ((index % period) + period) % period;
-    return Math.min(place, period - place);
 }
 
 /**

@@ -46,13 +46,14 @@ export async function buildPrior(capture, { most, refines }, settings, { stereo,
     const frames = [...capture.train, ...capture.heldOut];
     const scale = scaleOf(capture.train.map(({ camera }) => camera), capture.isMetric, settings);
     const structure = refines ? await foundBy(finder, frames, scale, prior, { onStage, onWarning }) : null;
-    const refined = structure ? withStructure(capture, structure, scale, prior) : capture;
+    const own = structure && structureOfFirst(structure, capture.train.length);
+    const refined = structure ? withStructure(capture, structure, own, scale, prior) : capture;
     await onStage("choosing keyframes", 0);
     const { train } = refined;
     const { distance } = scale;
     const views = new ViewCells(train, prior.coverage);
     const { points, sources } = structure
-        ? knownByFeatures(refined, structure, capture)
+        ? knownByFeatures(refined, own, capture)
         : await knownWithoutFeatures(capture, views, distance, prior, stereo, onStage);
     const chosen = selectKeyframes(train, points, distance, prior.keyframes);
     const candidates = await swept(chosen, train, points, distance, prior, stereo, onStage);
@@ -90,12 +91,14 @@ async function foundBy(finder, frames, scale, settings, { onStage, onWarning }) 
     }
 }
 
-/** The capture with the structure's poses, and with training photographs of one exposure if theirs jump. */
-function withStructure(capture, structure, { distance }, settings) {
+/**
+ * The capture with the structure's poses, and with training photographs of one exposure if theirs jump by the structure
+ * of their own.
+ */
+function withStructure(capture, structure, own, { distance }, settings) {
     const count = capture.train.length;
     const posed = (frames, first) => frames.map((frame, i) => ({ ...frame, camera: structure.cameras[first + i] }));
     const [train, heldOut] = [posed(capture.train, 0), posed(capture.heldOut, count)];
-    const own = structureOfFirst(structure, count);
     const gains = exposureGains(train, own, distance, settings.exposure);
     const isNeeded = needsCompensation(own.cameras, gains, distance, settings.exposure);
     return { ...capture, train: isNeeded ? compensated(train, gains) : train, heldOut };
@@ -105,8 +108,7 @@ function withStructure(capture, structure, { distance }, settings) {
  * For each frame the points that it sees; and clouds for what depth does not cover, best first. The capture's own is in
  * the world of its original poses.
  */
-function knownByFeatures({ train, cloud }, structure, given) {
-    const own = structureOfFirst(structure, train.length);
+function knownByFeatures({ train, cloud }, own, given) {
     const isAdjusted = own.cameras.some((camera, i) => camera !== given.train[i].camera);
     const sources = [sparseCloud(train, own), ...(cloud && !isAdjusted ? [cloud] : [])];
     return { points: pointsSeen(own), sources };

@@ -137,8 +137,9 @@ export class FeatureFinder {
     async #detectIn(frame, mostPixels) {
         const small = frameWithin(frame, mostPixels);
         const { width, height } = small.camera;
-        const given = { width, height, octaves: octavesOf(width, height, this.#settings), chosen: this.#settings.most };
-        const { found, pixels } = unmasked(small, strongest(await this.#find(small, given), this.#settings.most));
+        const { most } = this.#settings;
+        const given = { width, height, chosen: most };
+        const { found, pixels } = unmasked(small, strongest(await this.#find(small, given), most));
         this.#descriptors.push(await this.#describe(found, { ...given, chosen: found.length / RECORD }));
         const [across, down] = [frame.camera.fx / small.camera.fx, frame.camera.fy / small.camera.fy];
         if (small !== frame) {
@@ -191,15 +192,6 @@ export class NoRoomForFeatures extends Error {}
 
 function refused({ message }) {
     throw new NoRoomForFeatures(message);
-}
-
-/** Number of octaves of a photograph; the twin of `octaves_of` in `prior/features/webgpu/layout.py`. */
-function octavesOf(width, height, { most_octaves: most, border }) {
-    let octaves = 1;
-    while (octaves < most && (2 * Math.min(width, height)) >> octaves > 2 * border) {
-        octaves += 1;
-    }
-    return octaves;
 }
 
 /** Grey levels in OpenCV's fixed point. */

@@ -6,6 +6,7 @@
 
 import { centreOf, projected, rayOf } from "../../capture/camera.js";
 import { factorise, substitute } from "../../numbers/cholesky.js";
+import { dot, normalised } from "../../../page/scene/vectors.js";
 import { pointsOf } from "./observations.js";
 
 /**
@@ -115,11 +116,7 @@ export function triangulate(cameras, observations) {
 /** (M, 3) unit directions of the observations' rays. */
 function raysOf(cameras, { frame, pixels }) {
     const rays = new Float64Array(3 * frame.length);
-    frame.forEach((view, i) => {
-        const ray = rayOf(cameras[view], pixels[2 * i], pixels[2 * i + 1]);
-        const length = Math.hypot(...ray);
-        rays.set(ray.map((value) => value / length), 3 * i);
-    });
+    frame.forEach((view, i) => rays.set(normalised(rayOf(cameras[view], pixels[2 * i], pixels[2 * i + 1])), 3 * i));
     return rays;
 }
 
@@ -148,7 +145,7 @@ function solved(m, right) {
 function weightOf(points, point, centre, ray, focal) {
     const offset = centre.map((value, axis) => points[3 * point + axis] - value);
     const distance = Math.max(Math.hypot(...offset), 1e-12);
-    const along = offset.reduce((sum, value, axis) => sum + value * ray[axis], 0);
+    const along = dot(offset, ray);
     const missed = (Math.hypot(...offset.map((value, axis) => value - along * ray[axis])) * focal) / distance;
     return (focal / distance) ** 2 / (1 + missed ** 2) || 0;
 }
@@ -180,19 +177,13 @@ export function reprojectionErrors(cameras, points, { frame, point, pixels }) {
 export function triangulationAngles(cameras, points, { frame, point }) {
     const centres = cameras.map(centreOf);
     const offsets = Array.from(frame, (view, i) => centres[view].map((c, axis) => points[3 * point[i] + axis] - c));
-    const directions = offsets.map(unit);
+    const directions = offsets.map(normalised);
     const means = new Float64Array(points.length);
     directions.forEach((direction, i) => direction.forEach((value, axis) => (means[3 * point[i] + axis] += value)));
     const angles = new Float64Array(points.length / 3);
     directions.forEach((direction, i) => {
-        const mean = unit([...means.subarray(3 * point[i], 3 * point[i] + 3)]);
-        const cosine = direction.reduce((sum, value, axis) => sum + value * mean[axis], 0);
+        const cosine = dot(direction, normalised(means.subarray(3 * point[i], 3 * point[i] + 3)));
         angles[point[i]] = Math.max(angles[point[i]], 2 * Math.acos(Math.min(Math.max(cosine, -1), 1)));
     });
     return angles;
-}
-
-function unit(vector) {
-    const length = Math.max(Math.hypot(...vector), 1e-12);
-    return vector.map((value) => value / length);
 }
