@@ -24,6 +24,7 @@ from pocketgs.scene.morton import morton_order
 from pocketgs.splat.cpu.clusters import Clusters
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.cpu.layout import View
+from pocketgs.splat.cpu.lenses.lens import KernelLens
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.timing import PassTimer
 from pocketgs.training.recipes import recipe_named
@@ -36,7 +37,7 @@ SH_DEGREE = 2
 class AllInView(Clusters):
     """Clusters that are never culled."""
 
-    def in_view(self, scene: Gaussians, view: View, near: float, threads: int) -> np.ndarray:
+    def in_view(self, scene: Gaussians, view: View, lens: KernelLens, near: float, threads: int) -> np.ndarray:
         """All clusters, without checking their bounds."""
         return self.all
 

@@ -1,0 +1,54 @@
+"""The benchmarks in `bench/`: each runs, on something tiny.
+
+Those with PyTorch train with other programs, and are left out.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pocketgs.gpu.adapters import Adapter
+
+BENCH = Path(__file__).resolve().parents[2] / "bench"
+
+ON_THE_CPU = {
+    "cpu_step": "--steps 1",
+    "culling": "--gaussians 5000 --width 64 --height 48 --rounds 1",
+    "sort_free": "--sizes 2000 --width 64 --height 48 --rounds 1 --frames 3",
+}
+ON_THE_GPU = {
+    "webgpu_culling": "--gaussians 3000 --steps 1",
+    "webgpu_features": "--width 96 --height 72 --repeats 1",
+    "webgpu_step": "--small --steps 1 --iterations 1",
+    "webgpu_sweep": "--width 64 --height 48 --hypotheses 16 --repeats 1",
+}
+WITH_PYTORCH = {"torch_step", "gsplat_simple_trainer", "gsplat_strategies", "splatfacto"}
+PARTS_OF_OTHERS = {"webgpu_roofline", "webgpu_tables", "webgpu_work"}
+
+
+def table_of(name: str, options: str) -> str:
+    """What a benchmark prints."""
+    command = [sys.executable, str(BENCH / f"{name}.py"), *options.split()]
+    run = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, "COLUMNS": "200"})
+    assert run.returncode == 0, run.stderr
+    return run.stdout
+
+
+@pytest.mark.parametrize("name", ON_THE_CPU)
+def test_benchmarks_of_the_cpu_run(name: str) -> None:
+    assert "ms" in table_of(name, ON_THE_CPU[name])
+
+
+@pytest.mark.parametrize("name", ON_THE_GPU)
+def test_benchmarks_of_the_gpu_run(name: str, adapter: Adapter) -> None:
+    assert "ms" in table_of(name, f"{ON_THE_GPU[name]} --gpu {adapter.name.split()[0]}")
+
+
+def test_every_benchmark_is_known_here() -> None:
+    known = {*ON_THE_CPU, *ON_THE_GPU, *WITH_PYTORCH, *PARTS_OF_OTHERS}
+    assert {path.stem for path in BENCH.glob("*.py")} == known
