@@ -135,3 +135,11 @@ def test_only_jumps_need_compensation(clean_walk: Capture, scale: Scale, logarit
     # It is the views that tell what is near, not the order of frames.
     order = np.random.default_rng(0).permutation(10)
     assert needs_compensation([clean_walk.train[index] for index in order], gains[order], scale) == needed
+
+
+def test_one_photograph_needs_no_compensation(clean_walk: Capture, scale: Scale) -> None:
+    assert not needs_compensation(clean_walk.train[:1], np.ones((1, 3)), scale)
+
+
+def test_two_photographs_that_differ_need_compensation(clean_walk: Capture, scale: Scale) -> None:
+    assert needs_compensation(clean_walk.train[:2], np.exp([[0.1] * 3, [-0.1] * 3]), scale)

@@ -103,11 +103,13 @@ def needs_compensation(frames: Sequence[Frame], gains: np.ndarray, scale: Scale)
     cameras = [frame.camera for frame in frames]
     apart = view_distances(cameras, cameras, scale.distance)
     np.fill_diagonal(apart, np.inf)
-    similar = np.argsort(apart, axis=1, kind="stable")[:, :NEIGHBOURS]
+    similar = np.argsort(apart, axis=1, kind="stable")[:, : min(NEIGHBOURS, len(frames) - 1)]
     exposures = np.log(gains)
     variation = float(np.abs(exposures).mean())
+    if variation < MIN_VARIATION:
+        return False
     surprise = float(np.abs(exposures - exposures[similar].mean(axis=1)).mean())
-    return variation >= MIN_VARIATION and surprise > PREDICTABLE * variation
+    return surprise > PREDICTABLE * variation
 
 
 def compensated(frames: Sequence[Frame], gains: np.ndarray) -> list[Frame]:

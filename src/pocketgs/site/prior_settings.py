@@ -74,6 +74,7 @@ def prior_settings() -> dict[str, Any]:
             "rounds": refinement.ROUNDS,
             "sightings_per_view": refinement.SIGHTINGS_PER_VIEW,
             "min_sightings": refinement.MIN_SIGHTINGS,
+            "cells": refinement.CELLS,
             "min_cells": refinement.MIN_CELLS,
             "min_views": refinement.MIN_VIEWS,
             "fewest_points": structure.fewest_points,

@@ -33,9 +33,11 @@ ROUNDS = 4
 SIGHTINGS_PER_VIEW = 250
 """Points are added, those seen by most views first, until every view has this many observations."""
 
+CELLS = 4
+"""Cells along each side of an image, to tell whether its points are spread out."""
+
 MIN_SIGHTINGS, MIN_CELLS = 30, 5
-"""A view with fewer observations, or in fewer of 4 x 4 cells of its image, is not adjusted but follows its
-neighbours."""
+"""A view with fewer observations, or in fewer cells of its image, is not adjusted but follows its neighbours."""
 
 MIN_VIEWS = 3
 """Minimum number of views in a connected component that is adjusted."""
@@ -147,16 +149,17 @@ def _accepted(
         views_before, views_after = (
             _truncated(by_views, part[tracks.frame[~checked]], final, which) for which in (0, 1)
         )
-        if after <= (1 - MIN_GAIN) * before and views_after <= views_before:
+        # Without points to judge by, errors are NaN and nothing is accepted; views only confirm.
+        if after <= (1 - MIN_GAIN) * before and not views_after > views_before:
             accepted |= part
     return accepted
 
 
 def _truncated(errors: Sequence[np.ndarray], inside: np.ndarray, tolerance: float, which: int) -> float:
-    """RMS error, truncated at the tolerance, of observations that are good under either set of poses."""
+    """RMS error, truncated at the tolerance, of observations that are good under either set of poses; NaN for none."""
     either = inside & ((errors[0] < tolerance) | (errors[1] < tolerance))
     if not either.any():
-        return 0.0
+        return float("nan")
     return float(np.sqrt(np.mean(np.minimum(errors[which][either], tolerance) ** 2)))
 
 
@@ -214,11 +217,11 @@ def _well_seen(cameras: Sequence[Camera], tracks: Observations) -> tuple[Observa
 
 
 def _cells(cameras: Sequence[Camera], tracks: Observations) -> np.ndarray:
-    """(F,) in how many of 4 x 4 cells of its image each camera sees a point."""
+    """(F,) in how many cells of its image each camera sees a point."""
     sizes = np.array([(camera.width, camera.height) for camera in cameras])
-    across, down = np.clip(tracks.pixels / sizes[tracks.frame] * 4, 0, 3).astype(np.int64).T
-    occupied = np.zeros((len(cameras), 16), bool)
-    occupied[tracks.frame, 4 * down + across] = True
+    across, down = np.clip(tracks.pixels / sizes[tracks.frame] * CELLS, 0, CELLS - 1).astype(np.int64).T
+    occupied = np.zeros((len(cameras), CELLS**2), bool)
+    occupied[tracks.frame, CELLS * down + across] = True
     return occupied.sum(axis=1)
 
 

@@ -47,7 +47,8 @@ export async function depthMap(keyframe, frames, points, distance, most, setting
     const known = depthsOf(camera, points);
     const wide = wideRange(known, distance, settings.depth_range);
     const first = await stereo.sweep(small, smallSources, wide);
-    const sure = first.depth.filter((depth, i) => depth > 0 && first.margin[i] >= Math.fround(settings.sweep.sure_margin));
+    const sureMargin = Math.fround(settings.sweep.sure_margin);
+    const sure = first.depth.filter((depth, i) => depth > 0 && first.margin[i] >= sureMargin);
     const found = Float64Array.from([...sure, ...known]);
     const search = narrowed(wide, found, camera, sources.map((source) => source.camera), settings.depth_range);
     return completed(await stereo.sweep(view, sources, search), view, settings.sensor_depth);

@@ -140,7 +140,7 @@ export function needsCompensation(cameras, gains, distance, { neighbours, min_va
     const exposures = gains.map((gain) => gain.map(Math.log));
     let [variation, surprise] = [0, 0];
     exposures.forEach((own, i) => {
-        const similar = sortedBy(apart[i].map((value, j) => (i === j ? Infinity : value))).slice(0, neighbours);
+        const similar = sortedBy(apart[i]).filter((view) => view !== i).slice(0, neighbours);
         own.forEach((exposure, channel) => {
             const mean = similar.reduce((sum, view) => sum + exposures[view][channel], 0) / similar.length;
             variation += Math.abs(exposure) / (3 * gains.length);

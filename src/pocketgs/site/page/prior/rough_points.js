@@ -24,7 +24,8 @@ const UNKNOWN = new Float64Array(0);
  * @param {(done: number) => Promise<void>} onProgress called before each frame
  * @returns {Promise<Float64Array[]>} (N, 3) positions
  */
-export async function roughPoints(frames, distance, { sweep, depth_range: ranges, seen_points: most }, stereo, onProgress) {
+export async function roughPoints(frames, distance, settings, stereo, onProgress) {
+    const { sweep, depth_range: ranges, seen_points: most } = settings;
     const small = frames.map((frame) => frameWithin(frame, ranges.wide_pixels));
     const cameras = small.map(({ camera }) => camera);
     const wide = wideRange(UNKNOWN, distance, ranges);

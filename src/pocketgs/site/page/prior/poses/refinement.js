@@ -26,9 +26,6 @@ import { nextTolerance } from "./tolerance.js";
  * @typedef {import("../features/observations.js").Observations} Observations
  */
 
-/** Cells along each side of an image in which a view's points have to lie. */
-const CELLS = 4;
-
 /**
  * Adjust poses, component by component, and keep those that pass validation. Cameras that see too few points are moved
  * with the nearest refined one.
@@ -119,19 +116,23 @@ function acceptedViews(given, tracks, tolerance, finest, settings) {
         const isSeen = (i) => part[checked.frame[i]] && present[checked.frame[i]];
         const [before, after] = truncated(byPoints, isSeen, final);
         const [viewsBefore, viewsAfter] = truncated(byViews, (i) => part[unchecked.frame[i]], final);
-        if (after <= (1 - settings.min_gain) * before && viewsAfter <= viewsBefore) {
+        // Without points to judge by, errors are NaN and nothing is accepted; views only confirm.
+        if (after <= (1 - settings.min_gain) * before && !(viewsAfter > viewsBefore)) {
             part.forEach((isPart, view) => (accepted[view] ||= isPart));
         }
     }
     return accepted;
 }
 
-/** RMS errors before and after, truncated at the tolerance, of observations that are good under either set of poses. */
+/**
+ * RMS errors before and after, truncated at the tolerance, of observations that are good under either set of poses; NaN
+ * for none.
+ */
 function truncated([before, after], isInside, tolerance) {
     const good = indicesWhere(before.length, (i) => isInside(i) && Math.min(before[i], after[i]) < tolerance);
     return [before, after].map((errors) => {
         const squares = good.reduce((sum, i) => sum + Math.min(errors[i], tolerance) ** 2, 0);
-        return good.length ? Math.sqrt(squares / good.length) : 0;
+        return Math.sqrt(squares / good.length);
     });
 }
 
@@ -185,16 +186,17 @@ function agreedPoints(cameras, tracks, absent, tolerance, settings) {
 }
 
 /** Enough observations to adjust by, and which cameras have enough of them, well spread. */
-function wellSeen(cameras, tracks, { min_sightings: least, min_cells: leastCells, sightings_per_view: most }) {
+function wellSeen(cameras, tracks, settings) {
+    const { min_sightings: least, cells, min_cells: leastCells, sightings_per_view: most } = settings;
     let supported = cameras.map(() => true);
     for (let isSettled = false; !isSettled; ) {
         tracks = filtered(tracks, (i) => supported[tracks.frame[i]]);
         const views = countsOf(tracks.point, pointsOf(tracks));
         tracks = filtered(tracks, (i) => views[tracks.point[i]] >= 2);
         const sightings = countsOf(tracks.frame, cameras.length);
-        const cells = occupiedCells(cameras, tracks);
+        const occupied = occupiedCells(cameras, tracks, cells);
         const before = supported;
-        supported = before.map((was, view) => was && sightings[view] >= least && cells[view] >= leastCells);
+        supported = before.map((was, view) => was && sightings[view] >= least && occupied[view] >= leastCells);
         isSettled = supported.every((isSupported, view) => isSupported === before[view]);
     }
     const wanted = enoughForEachView(tracks, cameras.length, most);
@@ -202,14 +204,14 @@ function wellSeen(cameras, tracks, { min_sightings: least, min_cells: leastCells
 }
 
 /** In how many cells of its image each camera sees a point. */
-function occupiedCells(cameras, { frame, pixels }) {
+function occupiedCells(cameras, { frame, pixels }, cells) {
     const occupied = cameras.map(() => new Set());
     frame.forEach((view, i) => {
         const { width, height } = cameras[view];
         const [across, down] = [pixels[2 * i] / width, pixels[2 * i + 1] / height].map((share) => {
-            return Math.trunc(Math.min(Math.max(share * CELLS, 0), CELLS - 1));
+            return Math.trunc(Math.min(Math.max(share * cells, 0), cells - 1));
         });
-        occupied[view].add(CELLS * down + across);
+        occupied[view].add(cells * down + across);
     });
     return occupied.map(({ size }) => size);
 }
