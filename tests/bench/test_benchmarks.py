@@ -1,7 +1,4 @@
-"""The benchmarks in `bench/`: each runs, on something tiny.
-
-Those with PyTorch train with other programs, and are left out.
-"""
+"""The benchmarks in `bench/` run, on tiny inputs; those that need PyTorch or another trainer are left out."""
 
 from __future__ import annotations
 
@@ -27,12 +24,12 @@ ON_THE_GPU = {
     "webgpu_step": "--small --steps 1 --iterations 1",
     "webgpu_sweep": "--width 64 --height 48 --hypotheses 16 --repeats 1",
 }
-WITH_PYTORCH = {"torch_step", "gsplat_simple_trainer", "gsplat_strategies", "splatfacto"}
+LEFT_OUT = {"torch_step", "gsplat_simple_trainer", "gsplat_strategies", "splatfacto"}
 PARTS_OF_OTHERS = {"webgpu_roofline", "webgpu_tables", "webgpu_work"}
 
 
 def table_of(name: str, options: str) -> str:
-    """What a benchmark prints."""
+    """The output of a benchmark."""
     command = [sys.executable, str(BENCH / f"{name}.py"), *options.split()]
     run = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, "COLUMNS": "200"})
     assert run.returncode == 0, run.stderr
@@ -50,5 +47,5 @@ def test_benchmarks_of_the_gpu_run(name: str, adapter: Adapter) -> None:
 
 
 def test_every_benchmark_is_known_here() -> None:
-    known = {*ON_THE_CPU, *ON_THE_GPU, *WITH_PYTORCH, *PARTS_OF_OTHERS}
+    known = {*ON_THE_CPU, *ON_THE_GPU, *LEFT_OUT, *PARTS_OF_OTHERS}
     assert {path.stem for path in BENCH.glob("*.py")} == known

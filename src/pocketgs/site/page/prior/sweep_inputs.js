@@ -11,8 +11,10 @@ import { mappingTo } from "./source_views.js";
 /** @typedef {import("../capture/photograph.js").Frame} Frame */
 
 /** The uniform fields that are numbers of the description. */
-const SIZES = ["width", "height", "image_width", "image_height"];
-const NUMBERS = [...SIZES, "hypotheses", "lanes", "bands", "band_rows", "paths"];
+const NUMBERS = [
+    ...["width", "height", "image_width", "image_height"],
+    ...["hypotheses", "lanes", "bands", "band_rows", "paths"],
+];
 
 /**
  * The numbers that the description of a sweep names, but for `bands`.
