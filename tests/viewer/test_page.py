@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 from playwright.sync_api import Browser, expect
 
 from pocketgs.geometry.camera import Camera
@@ -39,6 +41,8 @@ def content(scene: Gaussians, cameras: list[Camera], tmp_path_factory: pytest.Te
     ply.write_gaussians(path, scene)
     photo = np.full((HEIGHT, WIDTH, 3), (255, 255, 0), np.uint8)
     views = [View(f"{i}.jpg", camera, i == 1, photo) for i, camera in enumerate(cameras)]
+    Image.fromarray(photo // 2).save(path.with_name("moved.png"))
+    views[0] = replace(views[0], transients=path.with_name("moved.png"))
     return Content("marks", path, False, BACKGROUND, tuple(views), UP, (0.0, 0.0, 0.0))
 
 
@@ -288,6 +292,18 @@ def test_compare_lays_the_photograph_over_its_part_of_the_canvas(visit: Visit) -
     visit.page.keyboard.press("c")
     expect(visit["#compare"]).to_be_hidden()
     visit.page.set_viewport_size({"width": WIDTH, "height": HEIGHT})
+
+
+def test_compare_shows_what_moved_in_a_training_photograph(visit: Visit) -> None:
+    visit["#compare-button"].click()
+    expect(visit["#camera-name"]).to_have_text("1.jpg, held out")
+    visit["#next"].click()
+    expect(visit["#camera-name"]).to_have_text("0.jpg, red: moved, left out")
+    expect(visit["#photo"]).to_have_attribute("src", "transients/0.png")
+    visit.page.wait_for_function("document.getElementById('photo').naturalWidth > 0")
+    visit["#next"].click()
+    expect(visit["#camera-name"]).to_have_text("1.jpg, held out")
+    visit.page.keyboard.press("c")
 
 
 def test_help(visit: Visit) -> None:

@@ -20,10 +20,12 @@ from PIL import Image
 
 import pocketgs.viewer.routes
 from pocketgs import Capture, Gaussians, PocketGSError
+from pocketgs.results.folder import write_transients
 from pocketgs.splat.webgpu.passes import Variant, describe
 from pocketgs.viewer.access import Access, is_same_origin
 from pocketgs.viewer.content import Content, capture_views, looked_at
 from pocketgs.viewer.live import LiveRun
+from pocketgs.viewer.scene_content import previews_in, with_transients
 from pocketgs.viewer.server import Page, serving
 from viewer.client import fetch, origin_of
 
@@ -162,8 +164,6 @@ def test_paths_that_climb(page: Page, folder: Path, start: str, climb: str) -> N
 
 @pytest.mark.skipif(not hasattr(os, "symlink"), reason="no links here")
 def test_links_that_lead_out_are_not_previews(folder: Path, tmp_path: Path) -> None:
-    from pocketgs.viewer.scene_content import previews_in
-
     inside = tmp_path / "result" / "held_out"
     inside.mkdir(parents=True)
     (inside / "a.png").write_bytes((folder / "secret.png").read_bytes())
@@ -184,6 +184,21 @@ def test_links_that_lead_out_are_not_previews(folder: Path, tmp_path: Path) -> N
     elsewhere.mkdir()
     (elsewhere / "held_out").symlink_to(inside, target_is_directory=True)
     assert previews_in(elsewhere) == {}
+
+
+def test_pictures_of_what_moved(small_capture: Capture, tmp_path: Path) -> None:
+    cells = [np.full((6, 8), number == 1) for number in range(len(small_capture.train))]
+    write_transients(tmp_path, small_capture.train, cells)
+    views = with_transients(capture_views(small_capture), tmp_path)
+    written = next((tmp_path / "transients").iterdir()).read_bytes()
+    with serving(Content("x", views=views)) as page:
+        cameras = fetch(page.url, "viewer.json").json["cameras"]
+        moved = [camera for camera in cameras if camera["transients"]]
+        assert [camera["name"] for camera in moved] == [small_capture.train[1].name]
+        assert fetch(page.url, moved[0]["transients"]).body == written
+        still = cameras.index(next(camera for camera in cameras if not camera["transients"]))
+        assert fetch(page.url, f"transients/{still}.png").status == 404
+        assert fetch(page.url, f"transients/{len(cameras)}.png").status == 404
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "HEAD", "OPTIONS", "PATCH", "TRACE"])

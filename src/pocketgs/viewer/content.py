@@ -31,12 +31,14 @@ class View:
         camera: of the photograph.
         held_out: whether it is held out for evaluation.
         photo: (H, W, 3) uint8, or None.
+        transients: a picture of the photograph in which red marks what the run left out since it moved, or None.
     """
 
     name: str
     camera: Camera
     held_out: bool
     photo: np.ndarray | None = None
+    transients: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,7 @@ def _view_to_json(number: int, view: View) -> dict[str, Any]:
         "world_to_camera": camera.world_to_camera.reshape(-1).tolist(),
         "held_out": view.held_out,
         "photo": None if view.photo is None else f"photos/{number}.jpg",
+        "transients": None if view.transients is None else f"transients/{number}.png",
     }
 
 

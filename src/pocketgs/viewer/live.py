@@ -20,7 +20,7 @@ from pocketgs.system.process import peak_rss_mb
 from pocketgs.training.progress import Progress
 from pocketgs.viewer.content import Content, capture_views, looked_at
 from pocketgs.viewer.news import News
-from pocketgs.viewer.scene_content import previews_in
+from pocketgs.viewer.scene_content import previews_in, with_transients
 
 Command = Literal["pause", "resume", "stop"]
 _Fact = TypeVar("_Fact")
@@ -91,7 +91,9 @@ class LiveRun:
         """Show the result of the run."""
         with self._changed:
             self._over = True
-        self.news.post_content(replace(self.news.content, previews=previews_in(result.folder)))
+        content, folder = self.news.content, result.folder
+        views = with_transients(content.views, folder)
+        self.news.post_content(replace(content, views=views, previews=previews_in(folder)))
         iteration = int(result.summary["iterations"])
         self._encoder.submit(self._encode, iteration, result.scene).result()
         self._encoder.shutdown()

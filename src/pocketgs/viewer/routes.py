@@ -175,6 +175,13 @@ def scene_handlers(content: Callable[[web.Request], Awaitable[Content]]) -> dict
             raise web.HTTPNotFound
         return web.Response(body=await asyncio.to_thread(jpeg, photo), content_type="image/jpeg")
 
+    async def transients(request: web.Request) -> web.StreamResponse:
+        views, number = (await content(request)).views, int(request.match_info["number"])
+        picture = views[number].transients if number < len(views) else None
+        if picture is None:
+            raise web.HTTPNotFound
+        return await send_file(request, picture, open_in_place)
+
     async def preview(request: web.Request) -> web.StreamResponse:
         return await send_named(request, (await content(request)).previews, open_in_place)
 
@@ -184,6 +191,7 @@ def scene_handlers(content: Callable[[web.Request], Awaitable[Content]]) -> dict
     return {
         "/viewer.json": viewer,
         "/photos/{number:\\d{1,6}}.jpg": photo,
+        "/transients/{number:\\d{1,6}}.png": transients,
         "/previews/{name}": preview,
         "/{name}": scene,
     }

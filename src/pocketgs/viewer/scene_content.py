@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +14,9 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.journal import settle
 from pocketgs.files.json_fields import read_json
 from pocketgs.files.opening import reading_inside
+from pocketgs.files.plain_names import plain_names
 from pocketgs.results.cameras_file import read_cameras
-from pocketgs.results.folder import CAMERAS, PICTURES, RECORD
+from pocketgs.results.folder import CAMERAS, PICTURES, RECORD, TRANSIENTS
 from pocketgs.scene.background import checked_background
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.viewer.content import UP, Content, View, capture_views, looked_at
@@ -46,14 +49,27 @@ def scene_content(
         background = _background(record)
     up, target = looked_at(views) if views else (UP, np.median(gaussians.means, axis=0).tolist())
     previews = previews_in(result) if result else {}
+    views = with_transients(views, result) if result else views
     return Content(title, scene, background=background, views=views, up=up, target=target, previews=previews)
 
 
 def previews_in(result: Path) -> dict[str, Path]:
-    """A result's images by name; empty if there are none. Links that lead elsewhere are left out."""
+    """A result's images of held-out views by name; empty if there are none. Links that lead elsewhere are left out."""
+    return {path.name: path for path in _pictures_in(result, PICTURES)}
+
+
+def with_transients(views: Sequence[View], result: Path) -> tuple[View, ...]:
+    """The views with a result's pictures of what moved in their photographs. Links that lead elsewhere are left out."""
+    pictures = {path.stem: path.resolve() for path in _pictures_in(result, TRANSIENTS)}
+    trained = [view.name for view in views if not view.held_out]
+    picture_of = {name: pictures.get(plain) for name, plain in zip(trained, plain_names(trained), strict=True)}
+    return tuple(replace(view, transients=picture_of.get(view.name)) for view in views)
+
+
+def _pictures_in(result: Path, folder: str) -> list[Path]:
     root = result.resolve()
-    found = (path for path in sorted((result / PICTURES).glob("*.png")) if path.is_file())
-    return {path.name: path for path in found if path.resolve().is_relative_to(root)}
+    found = (path for path in sorted((result / folder).glob("*.png")) if path.is_file())
+    return [path for path in found if path.resolve().is_relative_to(root)]
 
 
 def _views_of_result(result: Path, record: dict[str, Any]) -> tuple[View, ...]:

@@ -11,12 +11,12 @@ import { Comparison } from "./compare.js";
 /**
  * @typedef {import("../drawing/scene_view.js").SceneView} SceneView
  *
- * @typedef {import("../scene/camera.js").Camera & {name: string, held_out: boolean, photo: string | null}} View a
- * camera of the
- *     capture
+ * @typedef {import("../scene/camera.js").Camera & {name: string, held_out: boolean, photo: string | null,
+ *     transients: string | null}} View a camera of the capture; `transients` is a picture of its photograph in which
+ *     red marks what training left out
  */
 
-/** Moves the view from camera to camera. */
+/** Moves the view from camera to camera. Held-out photographs can be compared, and those in which something moved. */
 export class CaptureCameras {
     #view;
     #comparison;
@@ -99,7 +99,7 @@ export class CaptureCameras {
         if (count) {
             this.#go(this.#comparison.isOn);
             if (this.#comparison.isOn) {
-                this.#comparison.show(this.#views[this.#at]);
+                this.#showPhotograph();
             }
         }
     }
@@ -134,7 +134,7 @@ export class CaptureCameras {
             this.#at = (this.#at + 1) % this.#views.length;
         }
         this.#go(true);
-        this.#comparison.show(this.#views[this.#at]);
+        this.#showPhotograph();
     }
 
     /** Stop comparing, since the camera has moved. */
@@ -144,14 +144,21 @@ export class CaptureCameras {
     }
 
     #isComparable(view) {
-        return Boolean(view.photo) && (view.held_out || !this.#views.some((other) => other.held_out && other.photo));
+        const shown = view.photo && (view.held_out || !this.#views.some((other) => other.held_out && other.photo));
+        return Boolean(shown || view.transients);
+    }
+
+    #showPhotograph() {
+        const { name, photo, transients } = this.#views[this.#at];
+        this.#comparison.show({ name, photo: transients ?? photo });
     }
 
     #go(atOnce) {
         const view = this.#views[this.#at];
         this.#pose = MovingCamera.poseOf(view, this.#target);
         this.#view.goTo(this.#pose, view, atOnce);
-        document.getElementById("camera-name").textContent = `${view.name}${view.held_out ? ", held out" : ""}`;
+        const notes = [view.held_out && ", held out", view.transients && ", red: moved, left out"];
+        document.getElementById("camera-name").textContent = view.name + notes.filter(Boolean).join("");
     }
 
     #showButtons() {
