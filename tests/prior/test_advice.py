@@ -65,13 +65,13 @@ def test_few_photographs_are_worth_a_hint_and_fewer_an_error(small_capture: Capt
 
 def test_exposure_counts_in_stops() -> None:
     assert exposure_hint(None) == ()
-    assert exposure_hint((0.9, 1.1)) == ()
-    assert "differs by 2.2 stops" in exposure_hint((0.7, 1.4))[0]
+    assert exposure_hint(np.array([[0.9, 1.0, 1.0], [1.0, 1.0, 1.1]])) == ()
+    assert "differs by 2.2 stops" in exposure_hint(np.array([[0.7, 0.7, 0.7], [1.4, 1.4, 1.4]]))[0]
 
 
 def test_hints_name_parts_of_the_page(small_capture: Capture) -> None:
     dull = noise((90, 120, 3), 20, 1)
-    hints = (*photograph_hints(frames_of(dull, 4)), *exposure_hint((0.5, 2)))
+    hints = (*photograph_hints(frames_of(dull, 4)), *exposure_hint(np.array([[0.5, 1.0, 2.0]])))
     assert len(hints) == 4
     for hint in hints:
         assert f"\n## {hint.split(chr(34))[1]}\n" in PAGE

@@ -21,6 +21,7 @@ from pocketgs.geometry.lens import Lens
 from pocketgs.metrics.evaluation import psnr
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.training.options import TrainingOptions
+from pocketgs.training.preparation import prepare
 from pocketgs.training.train import train
 from pocketgs.training.validation import render_frame
 
@@ -45,6 +46,24 @@ def room_through(change: Callable[[Camera], Camera]) -> Capture:
     held_out = [frames[number] for number in HELD_OUT]
     train_frames = [frame for number, frame in enumerate(frames) if number not in HELD_OUT]
     return Capture("room", Path("room"), "demo", train_frames, held_out, metric=True, protocol="synthetic")
+
+
+def test_exposure_is_compensated_behind_a_lens() -> None:
+    """Measured on undistorted copies, undone in the photographs themselves."""
+    room = room_through(fisheye)
+    exposed = [
+        replace(frame, image=np.rint(np.clip(frame.image * gain, 0, 255)).astype(np.uint8))
+        for frame, gain in zip(room.train, np.resize([0.8, 1.2], len(room.train)), strict=True)
+    ]
+    prepared = prepare(replace(room, train=exposed), replace(OPTIONS, prior="sparse"))
+    assert prepared.report is not None
+    assert prepared.report.gains is not None
+    np.testing.assert_allclose(prepared.report.gains[1::2].mean() / prepared.report.gains[::2].mean(), 1.5, rtol=0.05)
+    for frame, original in zip(prepared.train, room.train, strict=True):
+        assert frame.camera.lens == original.camera.lens
+        grey = (original.image > 40) & (original.image < 180)
+        ratio = np.median(frame.image[grey] / original.image[grey])
+        assert ratio == pytest.approx(1.0, abs=0.06)
 
 
 def held_out_psnr(capture: Capture) -> float:

@@ -158,8 +158,8 @@ def prior_line(report: PriorReport) -> str:
         change = f"{report.rmse_given:.2f} -> {report.rmse:.2f} px" if report.poses_refined else f"{report.rmse:.2f} px"
         parts.append(f"{report.sparse_points:,} sparse points")
         parts.append(f"poses {'refined' if report.poses_refined else 'as given'} (reprojection {change})")
-    if report.gains:
-        parts.append("exposure compensated, gains {:.0%} to {:.0%}".format(*report.gains))
+    if report.gains is not None:
+        parts.append(f"exposure compensated, gains {report.gains.min():.0%} to {report.gains.max():.0%}")
     parts.append(f"cloud of {report.points:,} points")
     if report.coverage is not None:
         known = f" ({report.coverage_known:.1%} by known depths)"

@@ -88,13 +88,13 @@ def photograph_hints(frames: Sequence[Frame]) -> tuple[str, ...]:
     return tuple(hints)
 
 
-def exposure_hint(gains: tuple[float, float] | None) -> tuple[str, ...]:
+def exposure_hint(gains: np.ndarray | None) -> tuple[str, ...]:
     """A hint if exposures differ much.
 
     Args:
-        gains: minimum and maximum factor on display values, or None if they were not measured.
+        gains: (F, 3) factor on the display values of each photograph, or None if they were not measured.
     """
-    stops = 0.0 if gains is None else DISPLAY_GAMMA * float(np.log2(gains[1] / gains[0]))
+    stops = 0.0 if gains is None else DISPLAY_GAMMA * float(np.log2(gains.max() / gains.min()))
     if stops < STOPS:
         return ()
     return (f"exposure differs by {stops:.1f} stops between photographs: lock it; {_see('Exposure that jumps')}",)

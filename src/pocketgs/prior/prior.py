@@ -166,14 +166,14 @@ def _with_poses_of(structure: Structure | None, capture: Capture) -> Capture:
 
 def _with_one_exposure(
     capture: Capture, keyframes: Sequence[Frame], structure: Structure | None, scale: Scale, settings: PriorSettings
-) -> tuple[Capture, tuple[float, float] | None]:
-    """The capture with exposure-compensated training photographs if needed, and the range of their gains."""
+) -> tuple[Capture, np.ndarray | None]:
+    """The capture with exposure-compensated training photographs if needed, and their gains."""
     if structure is None or settings.exposure == "off":
         return capture, None
     gains = exposure_gains(capture.train, keyframes, structure, scale)
     if settings.exposure == "auto" and not needs_compensation(capture.train, gains, scale):
         return capture, None
-    return replace(capture, train=compensated(capture.train, gains)), (float(gains.min()), float(gains.max()))
+    return replace(capture, train=compensated(capture.train, gains)), gains
 
 
 def _seen_points(structure: Structure | None, capture: Capture) -> list[np.ndarray]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from pocketgs.capture.capture import Capture
 from pocketgs.prior.keyframes import Decision
 from pocketgs.prior.poses.structure import Structure
@@ -76,7 +78,8 @@ class PriorReport:
             without sparse points.
         poses_refined: whether poses were changed.
         poses: frames whose poses were wrong or could not be refined.
-        gains: minimum and maximum exposure, if it was compensated.
+        gains: (F, 3) exposure of each training photograph in red, green and blue, as a factor on display values whose
+            geometric mean is 1, if it was compensated.
         points: number of points of the cloud.
         swept_on: device that computed depth, "cpu" or "webgpu", or None if none was computed.
         coverage: share of the training pixels that the cloud covers, or None if no depth was computed.
@@ -91,7 +94,7 @@ class PriorReport:
     rmse: float | None
     poses_refined: bool
     poses: Poses
-    gains: tuple[float, float] | None
+    gains: np.ndarray | None
     points: int
     swept_on: str | None
     coverage: float | None

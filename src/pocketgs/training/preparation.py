@@ -14,6 +14,7 @@ from pocketgs.prior.advice import check_photographs
 from pocketgs.prior.cloud.volume import draw_points
 from pocketgs.prior.depth.stereo import Stereo, create_stereo
 from pocketgs.prior.depth.sweep import SweepSettings
+from pocketgs.prior.exposure import compensated
 from pocketgs.prior.features.finder import create_finder
 from pocketgs.prior.keyframes import KeyframeSettings
 from pocketgs.prior.poses.structure import StructureSettings
@@ -93,15 +94,11 @@ def stereo_of(options: TrainingOptions) -> Stereo:
 def _prepared_through_lenses(
     capture: Capture, options: TrainingOptions, stopwatch: Stopwatch | None, stereo: Stereo | None
 ) -> PreparedCapture:
-    """The prior of undistorted copies, with the original photographs: the prior needs pinhole cameras.
-
-    Raises:
-        PocketGSError: exposures are to be compensated, which the prior does on its copies.
-    """
-    if options.exposure == "on":
-        raise PocketGSError("exposure: found on, expected auto or off with --lens direct")
-    found = prepare(without_lenses(capture), replace(options, exposure="off"), stopwatch, stereo)
+    """The prior of undistorted copies, with the original photographs: the prior needs pinhole cameras."""
+    found = prepare(without_lenses(capture), options, stopwatch, stereo)
     train, held_out = frames_at(capture.train, found.train), frames_at(capture.held_out, found.held_out)
+    if found.report is not None and found.report.gains is not None:
+        train = compensated(train, found.report.gains)
     return replace(found, train=train, held_out=held_out)
 
 
