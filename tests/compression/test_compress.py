@@ -87,7 +87,7 @@ def test_a_size_that_the_whole_scene_fits(scene: Gaussians, views: Views, engine
 
 def test_grids_are_tried_once(scene: Gaussians, views: Views, engine: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
     """Even if no candidate is within the bound."""
-    monkeypatch.setattr("pocketgs.compression.compress.GRIDS", 1)
+    monkeypatch.setattr("pocketgs.compression.searches.GRIDS", 1)
     cameras = {frame.name: frame.camera for frame in views.train[:2]}
     own = rendered(scene, cameras, engine, views.background)
     monkeypatch.setattr("pocketgs.compression.compress._least_psnr", lambda *_: 99.0)

@@ -11,6 +11,7 @@ import pytest
 
 from pocketgs.capture.capture import Capture
 from pocketgs.cli import main
+from pocketgs.compression.views import cameras_around
 from pocketgs.errors import PocketGSError
 from pocketgs.metrics.evaluation import psnr
 from pocketgs.scene.gaussians import Gaussians
@@ -152,6 +153,24 @@ def test_the_commands(
             main(arguments)
         assert left.value.code == 2, arguments
     assert output.read_bytes() == before
+
+
+def test_without_the_capture(
+    small_capture: Capture, teacher: Gaussians, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From a file alone: renderings from around the scene take the photographs' place."""
+    monkeypatch.setattr("pocketgs.compression.views.SIDE", 96)
+    teacher.save(tmp_path / "teacher.ply")
+    shown = []
+    for iterations in ("0", "200"):
+        output = tmp_path / f"free{iterations}.ply"
+        main(["distil", str(tmp_path / "teacher.ply"), "--output", str(output), "--iterations", iterations])
+        shown.append(SortFreeDrawing(read_sort_free(output)))
+    errors = np.zeros(2)
+    for camera in cameras_around(teacher).values():
+        wanted = render(teacher, camera, engine=CPU).image
+        errors += [np.abs(drawing.render(camera).image - wanted).mean() for drawing in shown]
+    assert errors[1] < 0.9 * errors[0]
 
 
 def test_mistakes_are_named(small_capture: Capture, teacher: Gaussians) -> None:

@@ -13,24 +13,22 @@ from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.compression_table import WRITING_SECONDS, closing_lines, figures_table, print_figures
 from pocketgs.cli.display import Display
 from pocketgs.cli.output_file import check_place
+from pocketgs.cli.own_views import own_background, own_cameras, trained_cameras
 from pocketgs.cli.scene_file import as_trained_on, load_scene, names_scene
 from pocketgs.cli.terminal import Terminal
 from pocketgs.compression.compress import compress as compress_scene
 from pocketgs.compression.compress import drawable, memory_needed
 from pocketgs.compression.options import CompressionOptions
-from pocketgs.compression.views import Views, cameras_around, not_too_many, photographed, rendered
+from pocketgs.compression.views import Views, photographed, rendered
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
-from pocketgs.files.json_fields import read_json
 from pocketgs.files.memory_bound import memory_bound, require_memory
 from pocketgs.geometry.camera import Camera
-from pocketgs.results.cameras_file import read_cameras
-from pocketgs.results.folder import CAMERAS, RECORD, SCENE, write_json
+from pocketgs.results.folder import SCENE, write_json
 from pocketgs.results.run import check_comparable
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine, EngineOptions, chosen_engine, create_engine
 from pocketgs.splat.rasterizer import Rasterizer
-from pocketgs.splat.rendering import BLACK
 from pocketgs.system.process import seconds_since_start
 
 SUFFIX = ".pgs"
@@ -109,15 +107,13 @@ def _views(
         PocketGSError: the capture, or a file of the result folder, cannot be read, or compression would take too much
             memory.
     """
-    folder = scene if scene.is_dir() else scene.parent
-    cameras = read_cameras(folder / CAMERAS).cameras if (folder / CAMERAS).is_file() else {}
     if capture is not None:
         opened = as_trained_on(scene, reading.open(capture))
         require_memory(scene, memory_needed(original, [frame.camera for frame in opened.train], engine), "compression")
-        console.say(*size_warnings(opened, cameras), style="yellow")
+        console.say(*size_warnings(opened, trained_cameras(scene)), style="yellow")
         return photographed(opened)
-    background = reading.background or _background_of(folder)
-    chosen = not_too_many(cameras or cameras_around(original))
+    background = reading.background or own_background(scene)
+    chosen = own_cameras(scene, original)
     require_memory(scene, memory_needed(original, chosen.values(), engine), "compression")
     return rendered(original, chosen, engine, background)
 
@@ -130,12 +126,3 @@ def size_warnings(capture: Capture, cameras: dict[str, Camera]) -> list[str]:
             hint = "give the options that it was trained with, such as --downscale or --images"
             return [f"warning: the scene was trained on photographs {expected} pixels wide, found {found}: {hint}"]
     return []
-
-
-def _background_of(folder: Path) -> tuple[float, float, float]:
-    """The background that the run of a result folder was trained with; black without a run."""
-    try:
-        red, green, blue = map(float, read_json(folder / RECORD).values["capture"]["background"])
-    except (PocketGSError, OSError, KeyError, TypeError, ValueError):
-        return BLACK
-    return red, green, blue

@@ -10,17 +10,20 @@ import tyro
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.display import Display
 from pocketgs.cli.output_file import check_place
+from pocketgs.cli.own_views import rendered_capture
 from pocketgs.cli.scene_file import as_trained_on, load_scene
 from pocketgs.cli.terminal import Terminal
 from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
 from pocketgs.sort_free.distil import DistilOptions
 from pocketgs.sort_free.distil import distil as distil_scene
 from pocketgs.sort_free.file import check_name, write_sort_free
+from pocketgs.splat.engine import EngineOptions, create_engine
 
 
 def distil(
     scene: Annotated[Path, tyro.conf.Positional],
-    capture: Annotated[Path, tyro.conf.Positional],
+    capture: Annotated[Path | None, tyro.conf.Positional] = None,
+    *,
     output: Path,
     options: DistilOptions = DistilOptions(),  # noqa: B008 - a frozen dataclass
     reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
@@ -30,7 +33,8 @@ def distil(
 
     Args:
         scene: A trained scene: a file (.ply, .spz, .splat, .glb …), or a result folder.
-        capture: The capture that it was trained on.
+        capture: The capture that it was trained on. Without it, renderings of the scene itself take the photographs'
+            place, from the cameras of its result folder, or from around it.
         output: The file to write: a .ply, or a small .pgs. PocketGS draws both as trained; other programs read the
             .ply but sort its Gaussians.
         options: Options of distilling.
@@ -42,7 +46,11 @@ def distil(
     check_place(output)
     with memory_bound(max_memory):
         teacher = load_scene(scene)
-        opened = as_trained_on(scene, reading.open(capture))
+        if capture is None:
+            engine = create_engine(EngineOptions("cpu", threads=options.threads))
+            opened = rendered_capture(scene, teacher, engine, reading.background)
+        else:
+            opened = as_trained_on(scene, reading.open(capture))
     with Display(console).showing() as reporter:
         stages: list[str] = []
 

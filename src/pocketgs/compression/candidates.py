@@ -8,17 +8,17 @@ from dataclasses import dataclass, field
 from pocketgs.compression.fine_tuning import FineTuner
 from pocketgs.compression.judgement import Judge
 from pocketgs.compression.pruning import Pruner
-from pocketgs.compression.rounding import ORDER, rounded_in_turn
+from pocketgs.compression.rounding import rounded_in_turn, steps_of_rounding
 from pocketgs.compression.timekeeper import StoppedError, Timekeeper
 from pocketgs.scene.formats.pgs import decode, encode
 from pocketgs.scene.formats.pgs_coding import Coding
 from pocketgs.scene.formats.pgs_rounding import rounded
 from pocketgs.scene.gaussians import Gaussians
 
-TUNING_STEPS, ROUNDING_STEPS = 800, 40
+TUNING_STEPS, ROUNDING_STEPS = 800, 120
 """Training steps of a candidate before rounding, and after the rounding of each group but the last."""
 
-STEPS = TUNING_STEPS + (len(ORDER) - 1) * ROUNDING_STEPS
+STEPS = TUNING_STEPS + steps_of_rounding(ROUNDING_STEPS)
 
 CANDIDATES = 3
 """Expected number of candidates of a search."""
@@ -112,10 +112,6 @@ class Workshop:
         start = min((scene for scene in starts if len(scene) >= count), key=len)
         scene = self.tuner.tune(self.pruner.down_to(start, count), round(self._share() * TUNING_STEPS))
         self.tuned.append(scene)
-        return self.rounded_in_turn(scene)
-
-    def rounded_in_turn(self, scene: Gaussians) -> Candidate:
-        """Make the candidate of a scene without pruning; raises the errors of `make`."""
         steps, weights = round(self._share() * ROUNDING_STEPS), self.pruner.weights(scene)
         scene = rounded_in_turn(scene, self.tuner, self.coding, steps, weights)
         self.timekeeper.expected = max(self.timekeeper.expected, self.timekeeper.done + STEPS)

@@ -7,19 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pocketgs.compression.candidates import CANDIDATES, SEARCH_STEPS, Candidate, Level, Workshop
-from pocketgs.compression.codings import CODINGS, finer
+from pocketgs.compression.candidates import CANDIDATES, SEARCH_STEPS, Candidate, Workshop
 from pocketgs.compression.fine_tuning import FineTuner
 from pocketgs.compression.judgement import Judge
 from pocketgs.compression.options import QUALITY, CompressionOptions
-from pocketgs.compression.pruning import LEAST, Pruner
-from pocketgs.compression.search import Goal, search
+from pocketgs.compression.pruning import Pruner
+from pocketgs.compression.searches import search_by_size, search_on_photographs, search_on_renderings
 from pocketgs.compression.spz_file import as_spz
 from pocketgs.compression.timekeeper import StoppedError, Timekeeper
 from pocketgs.compression.views import Views
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
-from pocketgs.scene.formats.pgs_coding import DEFAULT, FINE, Coding
+from pocketgs.scene.formats.pgs_coding import DEFAULT
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.rasterizer import Rasterizer
@@ -27,32 +26,8 @@ from pocketgs.system.interrupt import deferred_interrupt
 
 MB = 1_000_000
 
-BYTES_PER_GAUSSIAN = 11
-"""Approximate size of a file; the search starts from it."""
-
-RECOVERS = 0.8
-"""Approximate gain in dB of a candidate over the round of pruning that it starts from."""
-
-SLACK = 1.6
-"""dB below the bound at which pruning in rounds ends."""
-
 PACE = 0.1
 """Learning rates on renderings of the scene itself, relative to those on photographs: it fits them already."""
-
-DB_PER_FACTOR = 1.0
-"""Approximate gain in dB when the number of Gaussians grows by a factor of e."""
-
-PSNR_TOLERANCE, SIZE_TOLERANCE = 0.04, 0.04
-"""Distances from the bound at which the search ends: dB of quality, or logarithm of the size."""
-
-FEWER = 0.8
-"""Number of Gaussians of the next candidate, relative to the number that would fit if size were proportional to it."""
-
-GRIDS = 5
-"""Number of grids to choose from for rounding alone."""
-
-MAKES_UP = 0.5
-"""Approximate loss by rounding, in dB, that training on renderings recovers."""
 
 GENTLE = 0.3
 """Learning rates on photographs, relative to the recipe's, for scenes that training at these makes worse."""
@@ -143,12 +118,11 @@ def compress(
             tuner.pace = _suitable_pace(scene, workshop) if views.photographs else PACE
             if bound is None:
                 assert options.size is not None
-                _search_by_size(scene, workshop, options.size * MB)
+                search_by_size(scene, workshop, options.size * MB)
             elif views.photographs:
-                _search_on_photographs(scene, workshop, bound)
+                search_on_photographs(scene, workshop, bound)
             else:
-                workshop.coding = _round_only(scene, workshop, bound)
-                _search_by_quality(scene, workshop, bound)
+                search_on_renderings(scene, workshop, bound)
         except StoppedError:
             if not any(map(is_within, workshop.candidates)):
                 raise KeyboardInterrupt from None
@@ -203,23 +177,6 @@ def _least_psnr(scene: Gaussians, views: Views, judge: Judge, quality: float | N
     return judge.psnr(spz.scene) - (quality or 0.0)
 
 
-def _round_only(scene: Gaussians, workshop: Workshop, bound: float) -> Coding:
-    """Make candidates of the whole scene on finer and finer grids until one is within the bound.
-
-    Returns:
-        The coarsest of these grids that training may bring within the bound.
-    """
-    coding, chosen = FINE, None
-    for _ in range(GRIDS):
-        psnr = workshop.only_rounded(scene, coding).psnr
-        if chosen is None and psnr >= bound - MAKES_UP:
-            chosen = coding
-        if psnr >= bound:
-            break
-        coding = finer(coding)
-    return chosen or coding
-
-
 def _suitable_pace(scene: Gaussians, workshop: Workshop) -> float:
     """GENTLE if some training at the recipe's learning rates leaves the scene worse, as it does after long training."""
     steps = int(min(TRIAL_STEPS, TRIAL_TIME * workshop.timekeeper.steps_left()))
@@ -229,46 +186,6 @@ def _suitable_pace(scene: Gaussians, workshop: Workshop) -> float:
     trained = workshop.tuner.tune(scene, steps)
     judge = workshop.judge
     return 1.0 if judge.psnr_by_training_views(trained) >= judge.original_psnr else GENTLE
-
-
-def _affordable_coding(scene: Gaussians, workshop: Workshop, bound: float) -> Coding:
-    """The coarsest coding that keeps the whole scene within the bound; the finest if none does, or time is up."""
-    for coding in CODINGS[:-1]:
-        if workshop.timekeeper.is_up():
-            break
-        workshop.coding = coding
-        if workshop.rounded_in_turn(scene).psnr >= bound:
-            return coding
-    return CODINGS[-1]
-
-
-def _search_by_size(scene: Gaussians, workshop: Workshop, size: float) -> None:
-    workshop.only_rounded(scene, FINE)  # if this fits, little is better
-    guess = max(int(size / BYTES_PER_GAUSSIAN), LEAST)
-    workshop.prune(scene, lambda level: len(level.scene) > guess)
-    goal = Goal(float(np.log(size)), 1.0, SIZE_TOLERANCE, from_above=False)
-    is_time_up = workshop.timekeeper.is_up
-    search(lambda count: float(np.log(len(workshop.make(count).contents))), goal, guess, LEAST, len(scene), is_time_up)
-    # The size of small files shrinks less than in proportion to the number of Gaussians, which the search assumes.
-    fewest = min(workshop.candidates, key=lambda each: len(each.contents))
-    while len(fewest.contents) > size and fewest.count > LEAST:
-        fewer = FEWER * fewest.count * size / len(fewest.contents)
-        fewest = workshop.make(max(int(fewer), LEAST))
-
-
-def _search_on_photographs(scene: Gaussians, workshop: Workshop, bound: float) -> None:
-    workshop.coding = _affordable_coding(scene, workshop, bound)
-    _search_by_quality(scene, workshop, bound)
-    if not any(map(workshop.is_within, workshop.candidates)):
-        _round_only(scene, workshop, bound)
-
-
-def _search_by_quality(scene: Gaussians, workshop: Workshop, bound: float) -> None:
-    workshop.prune(scene, lambda level: level.psnr > bound - SLACK)
-    good: list[Level] = [level for level in workshop.levels if level.psnr >= bound - RECOVERS]
-    guess = len(min(good, key=lambda level: len(level.scene)).scene) if good else len(scene)
-    goal = Goal(bound, DB_PER_FACTOR, PSNR_TOLERANCE, from_above=True)
-    search(lambda count: workshop.make(count).psnr, goal, guess, LEAST, len(scene), workshop.timekeeper.is_up)
 
 
 def _within(candidates: list[Candidate], size: float | None, bound: float | None) -> list[Candidate]:

@@ -81,8 +81,7 @@ def rendered(scene: Gaussians, cameras: Mapping[str, Camera], engine: Engine, ba
         engine: renders; the scene stays uploaded.
         background: behind the scene.
     """
-    engine.upload(scene)
-    frames = [_rendering(name, camera, engine, background) for name, camera in cameras.items()]
+    frames = renderings(scene, cameras, engine, background)
     if len(frames) < EVERY:
         return Views(frames, frames, frames, background, False)
     reported = frames[::EVERY]
@@ -90,6 +89,12 @@ def rendered(scene: Gaussians, cameras: Mapping[str, Camera], engine: Engine, ba
     judges = others[EVERY // 2 :: EVERY]
     train = [frame for place, frame in enumerate(others) if place % EVERY != EVERY // 2]
     return Views(train, judges or reported, reported, background, False)
+
+
+def renderings(scene: Gaussians, cameras: Mapping[str, Camera], engine: Engine, background: Colour) -> list[Frame]:
+    """Renderings of the scene itself; arguments as those of `rendered`."""
+    engine.upload(scene)
+    return [_rendering(name, camera, engine, background) for name, camera in cameras.items()]
 
 
 def _rendering(name: str, camera: Camera, engine: Engine, background: Colour) -> Frame:
@@ -108,7 +113,7 @@ def cameras_around(scene: Gaussians) -> dict[str, Camera]:
     centre = np.median(finite, axis=0) if len(finite) else np.zeros(3)
     radius = float(np.quantile(np.linalg.norm(finite - centre, axis=1), 0.9)) if len(finite) else 0.0
     if radius <= 0.0:
-        raise PocketGSError("compression: the scene is a single point, expected Gaussians in several places")
+        raise PocketGSError("scene: it is a single point, expected Gaussians in several places")
     directions = [_direction(height, turn) for height in RINGS for turn in np.arange(VIEWS_OF_RING) / VIEWS_OF_RING]
     outside = [_camera(centre + DISTANCE * radius * each, centre) for each in directions]
     inside = [_camera(centre, centre + radius * each) for each in directions]

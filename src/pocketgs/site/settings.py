@@ -30,7 +30,6 @@ from pocketgs.capture.poses import (
 )
 from pocketgs.capture.sharpness import MAX_FRAMES, REDUCED_SIDE
 from pocketgs.capture.undistortion import BORDER_SAMPLES
-from pocketgs.compression.codings import finer
 from pocketgs.geometry.camera_geometry import GUESSED_DISTANCE, MIN_CONVERGENCE
 from pocketgs.geometry.lens import MAX_HALF_FIELD, MAX_STEP
 from pocketgs.prior.cloud import volume
@@ -67,7 +66,7 @@ MOST_MEMORY = 1000
 LEAST_SIDE, LEAST_GAUSSIANS = 320, 5_000
 """A run that does not fit is reduced to photographs of such a longest side, and then to so many Gaussians."""
 
-PGS_CODING = finer(finer(finer(finer(FINE))))
+PGS_CODING = FINE.finer().finer().finer().finer()
 """The grids of the `.pgs` that the page saves: as close to the trained scene as its `.spz`, and smaller."""
 
 PACES = 256

@@ -8,6 +8,9 @@ import numpy as np
 
 from pocketgs.scene.formats.spz_precision import Detail
 
+FINER = 0.7
+"""Steps of a grid relative to those of the next coarser one."""
+
 
 @dataclass(frozen=True)
 class Coding:
@@ -43,6 +46,12 @@ class Coding:
             f"logits to {self.opacity / 2:.2g}, coefficients of degree 0 to {self.colour / 2:.2g}, higher spherical "
             f"harmonics {harmonics}, and rotations, those of round Gaussians less exactly"
         )
+
+    def finer(self) -> Coding:
+        """The next finer grids."""
+        *steps, entries, per_entry = astuple(self)
+        position, log_scale, rotation, opacity, colour, harmonics = (FINER * step for step in steps)
+        return Coding(position, log_scale, rotation, opacity, colour, harmonics, entries, per_entry)
 
     def in_single_precision(self) -> Coding:
         """With the steps as the file holds them."""

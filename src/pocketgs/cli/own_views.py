@@ -1,0 +1,68 @@
+"""A scene without its capture: renderings of it take the photographs' place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pocketgs.capture.capture import Capture
+from pocketgs.compression.views import Colour, cameras_around, not_too_many, renderings
+from pocketgs.errors import PocketGSError
+from pocketgs.files.json_fields import read_json
+from pocketgs.geometry.camera import Camera
+from pocketgs.results.cameras_file import read_cameras
+from pocketgs.results.folder import CAMERAS, RECORD
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.engine import Engine
+from pocketgs.splat.rendering import BLACK
+
+
+def folder_of(scene: Path) -> Path:
+    """The result folder that a scene belongs to, if it belongs to one."""
+    return scene if scene.is_dir() else scene.parent
+
+
+def trained_cameras(scene: Path) -> dict[str, Camera]:
+    """The cameras of a scene's result folder, by name; empty if there is none."""
+    path = folder_of(scene) / CAMERAS
+    return read_cameras(path).cameras if path.is_file() else {}
+
+
+def own_cameras(scene: Path, gaussians: Gaussians) -> dict[str, Camera]:
+    """Cameras to render a scene from: those of its result folder, or some around it.
+
+    Args:
+        scene: a file, or a result folder.
+        gaussians: its content.
+
+    Raises:
+        PocketGSError: the folder's cameras cannot be read, or the scene has no extent.
+    """
+    return not_too_many(trained_cameras(scene) or cameras_around(gaussians))
+
+
+def own_background(scene: Path) -> Colour:
+    """The background that the run of a scene's result folder was trained with; black without a run."""
+    try:
+        red, green, blue = map(float, read_json(folder_of(scene) / RECORD).values["capture"]["background"])
+    except (PocketGSError, OSError, KeyError, TypeError, ValueError):
+        return BLACK
+    return red, green, blue
+
+
+def rendered_capture(scene: Path, gaussians: Gaussians, engine: Engine, background: Colour | None) -> Capture:
+    """A capture of renderings of a scene, for training.
+
+    Args:
+        scene: a file, or a result folder.
+        gaussians: its content.
+        engine: renders; the scene stays uploaded.
+        background: None for that of the scene's run.
+
+    Raises:
+        PocketGSError: as `own_cameras`.
+    """
+    background = background or own_background(scene)
+    frames = renderings(gaussians, own_cameras(scene, gaussians), engine, background)
+    return Capture(
+        scene.stem, scene, "renderings", frames, [], background=background, protocol="renderings of the scene itself"
+    )
