@@ -39,6 +39,7 @@ LENSES = {
 }
 BENT = [name for name in LENSES if name != "pinhole"]
 CASES = [*((name, False) for name in BENT), ("pinhole", True), ("fisheye", True)]
+AGREEING = [*(("cpu", *case) for case in CASES), ("webgpu", "pinhole", True)]
 OUTPUTS = ("rgb", "alpha", "depth", "features")
 FEATURES = 3
 STEP = 1e-6
@@ -128,20 +129,27 @@ def test_gradients_of_the_reference(
         assert gradient.pose[k] == pytest.approx(expected, rel=1e-5, abs=1e-5 * np.abs(gradient.pose).max())
 
 
-@pytest.mark.parametrize(("name", "antialiased"), CASES)
-def test_the_cpu_agrees_with_the_reference(
-    camera: Camera, make_gaussians: MakeGaussians, name: str, antialiased: bool
+@pytest.mark.parametrize(("engine", "name", "antialiased"), AGREEING)
+def test_engines_agree_with_the_reference(
+    request: pytest.FixtureRequest,
+    camera: Camera,
+    make_gaussians: MakeGaussians,
+    engine: str,
+    name: str,
+    antialiased: bool,
 ) -> None:
+    if engine == "webgpu":
+        request.getfixturevalue("adapter")
     camera = through(camera, name)
     scene = a_scene(make_gaussians, name, 60, 0.05 if antialiased else 0.15)
     features = np.random.default_rng(2).normal(size=(60, FEATURES)).astype(np.float32)
 
-    def computed(engine: str) -> tuple[Raster, RasterGradient]:
-        rasterizer = Rasterizer(engine)  # type: ignore[arg-type]
+    def computed(name: str) -> tuple[Raster, RasterGradient]:
+        rasterizer = Rasterizer(name)  # type: ignore[arg-type]
         raster = rasterizer.forward(scene, camera, (*OUTPUTS, "radii"), features=features, antialiased=antialiased)
         return raster, rasterizer.backward(raster, **weights(6, raster), pose=True)
 
-    (found, d_found), (expected, d_expected) = computed("cpu"), computed("reference")
+    (found, d_found), (expected, d_expected) = computed(engine), computed("reference")
     assert np.count_nonzero(np.any(expected.radii > 0, axis=1)) > 30
     for output in OUTPUTS:
         one, other = getattr(found, output), getattr(expected, output)
@@ -167,8 +175,12 @@ def test_a_training_step_through_a_fisheye_agrees(camera: Camera, make_gaussians
     assert np.quantile(error, 0.99) < 2e-3 * np.abs(gradient.means).max()
 
 
-@pytest.mark.parametrize("engine", ["cpu", "reference"])
-def test_antialiasing_keeps_what_a_small_gaussian_adds_to_the_image(engine: str) -> None:
+@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"])
+def test_antialiasing_keeps_what_a_small_gaussian_adds_to_the_image(
+    request: pytest.FixtureRequest, engine: str
+) -> None:
+    if engine == "webgpu":
+        request.getfixturevalue("adapter")
     camera = Camera(21, 21, 20.0, 20.0, 10.5, 10.5, np.eye(4))
     totals = {}
     for size in (0.01, 0.02):
@@ -179,8 +191,9 @@ def test_antialiasing_keeps_what_a_small_gaussian_adds_to_the_image(engine: str)
             np.full(1, 3.0),
             np.ones((1, 1, 3)),
         )
+        rasterizer = Rasterizer(engine)  # type: ignore[arg-type]
         for antialiased in (False, True):
-            raster = Rasterizer(engine).forward(scene, camera, ("alpha",), antialiased=antialiased)  # type: ignore[arg-type]
+            raster = rasterizer.forward(scene, camera, ("alpha",), antialiased=antialiased)
             totals[size, antialiased] = float(raster.alpha.sum())
     # Twice the size is four times the area; without the filter both look about as large as a pixel.
     assert totals[0.02, True] / totals[0.01, True] == pytest.approx(4.0, rel=0.2)

@@ -40,6 +40,7 @@ CASE = {
     "drawn_tiles": 70,
     "channel_groups": 5,
     "colours": 1,
+    "antialiased": 1,
     "image_width": 700,
     "image_height": 480,
     "images": 5,

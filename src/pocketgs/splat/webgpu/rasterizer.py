@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.ellipse import half_sizes
@@ -40,6 +39,7 @@ class _Tape:
         colours: whether the first group of channels is the Gaussians' colour.
         channels: number of channels, colour included.
         values: (N, 3 G) float32, the channels of each Gaussian, in whole groups.
+        antialiased: whether Gaussians smaller than a pixel fade.
     """
 
     scene: Gaussians
@@ -48,6 +48,7 @@ class _Tape:
     colours: bool
     channels: int
     values: np.ndarray
+    antialiased: bool
 
     @property
     def symbols(self) -> dict[str, int]:
@@ -60,6 +61,7 @@ class _Tape:
             "height": self.camera.height,
             "channel_groups": self.values.shape[1] // GROUP,
             "colours": int(self.colours),
+            "antialiased": int(self.antialiased),
             "replay_depth": 0,
         }
 
@@ -94,15 +96,13 @@ class WebGpuBackend:
         """Project → sort → bin → rasterize.
 
         Raises:
-            PocketGSError: the camera is no pinhole, or anti-aliasing is asked for.
+            PocketGSError: the camera is no pinhole.
         """
-        if antialiased:
-            raise PocketGSError('anti-aliased rasterizing: not on WebGPU, expected the engine "cpu" or "reference"')
         scene = Gaussians(*(getattr(parameters, name) for name in PARAMETERS))
         shown = GROUP if colours else 0
         composited = shown + channels.shape[1]
         values = in_groups(channels, first=shown)
-        tape = _Tape(scene, camera, near, colours, composited, values)
+        tape = _Tape(scene, camera, near, colours, composited, values, antialiased)
         self._show(tape)
         image, transmittance = read_image(self._lists, composited, camera.width, camera.height)
         visible = self._visible()

@@ -48,6 +48,7 @@ _INSPECTION_BUFFERS = {
 
 RASTERIZE = Pass("rasterize", "rasterize", "tiles * channel_groups", buffers=SORTED)
 _RASTERIZE_BACKWARD = Pass("rasterize backward", "rasterize_channels_backward", "tiles", buffers=SORTED)
+_PROJECT_BACKWARD = Pass("project backward", "project_backward", "groups")
 _GATHER_CHANNELS = Pass("gather channels", "gather_channels", "groups")
 
 
@@ -56,17 +57,17 @@ def backward_sequence(absolute: bool) -> str:
     return "backward, absolute too" if absolute else "backward"
 
 
-def backward_sequences(gathered: str, gather: Pass) -> dict[str, Sequence]:
+def backward_sequences(gathered: str, *gather: Pass) -> dict[str, Sequence]:
     """The sequences of `backward_sequence`.
 
     Args:
         gathered: buffer that `gather` writes to.
-        gather: the pass after rasterizing backward, besides that of the channels.
+        gather: the passes after rasterizing backward, besides that of the channels.
     """
     return {
         backward_sequence(absolute): Sequence(
             ("gradient_rows", gathered, "channel_gradients"),
-            (replace(_RASTERIZE_BACKWARD, constants={"absolute": int(absolute)}), gather, _GATHER_CHANNELS),
+            (replace(_RASTERIZE_BACKWARD, constants={"absolute": int(absolute)}), *gather, _GATHER_CHANNELS),
         )
         for absolute in (False, True)
     }
@@ -79,6 +80,12 @@ _INSPECT = Sequence(
         Pass("gather contributions", "gather_contributions", "groups"),
     ),
 )
+
+
+def _with_and_without_antialiasing(one: Pass) -> tuple[Pass, Pass]:
+    """Two passes of which an image takes one."""
+    antialiased = replace(one, name=f"{one.name}, antialiased", constants={"antialiased": 1}, when="antialiased")
+    return antialiased, replace(one, when="1 - antialiased")
 
 
 def channel_sections(subgroups: bool, compositor: str) -> dict[str, str]:
@@ -96,8 +103,9 @@ def channel_sections(subgroups: bool, compositor: str) -> dict[str, str]:
 def describe_rasterizer(subgroups: bool, compositor: str = "over") -> Description:
     """Describe the rasterizer's passes.
 
-    The numbers that the expressions are computed from: those of `describe` that rendering needs; channel_groups; and
-    colours, 1 where the first group is the Gaussians' colour. Passes after "forward" work from what it has left.
+    The numbers that the expressions are computed from: those of `describe` that rendering needs; channel_groups;
+    colours, 1 where the first group is the Gaussians' colour; and antialiased, 1 or 0. Passes after "forward" work from
+    what it has left.
 
     Args:
         subgroups: see `Variant`.
@@ -107,16 +115,21 @@ def describe_rasterizer(subgroups: bool, compositor: str = "over") -> Descriptio
     by_depth = compositor == "over"
     # No bounds of clusters hold: each image may be of another scene.
     cleared = (*CLEARED, "cluster_bounds")
+    binning = [
+        part
+        for one in bin_passes(by_depth)
+        for part in (_with_and_without_antialiasing(one) if one.shader == "project" else (one,))
+    ]
     sequences = {
         "forward": Sequence(
             cleared if by_depth else tuple(name for name in cleared if name not in SORTING_BUFFERS),
             (
-                *bin_passes(by_depth),
+                *binning,
                 Pass("take colours", "take_colours", "groups", when="colours"),
                 RASTERIZE,
             ),
         ),
-        **backward_sequences("gradients", Pass("project backward", "project_backward", "groups")),
+        **backward_sequences("gradients", *_with_and_without_antialiasing(_PROJECT_BACKWARD)),
     }
     if by_depth:
         sequences["inspect"] = _INSPECT

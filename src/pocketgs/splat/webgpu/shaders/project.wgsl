@@ -12,6 +12,10 @@ import depth_keys.kind, weights.kind, clusters, finite, workgroups
 @group(0) @binding(5) var<storage, read_write> tile_counts: array<u32>;
 @group(0) @binding(6) var<storage, read> cluster_places: array<u32>;
 
+// Whether opacities are multiplied by √(det Σ / det Σ') with Σ = Σ' - 0.3 I, so that Gaussians smaller than a pixel fade
+// in place of covering a whole one (Mip-Splatting, Yu et al. 2024, equation 10).
+override antialiased: bool = false;
+
 struct Projected {
     splat: Splat,
     visible: bool,
@@ -23,7 +27,7 @@ fn project_shape(gaussian: Gaussian) -> Projected {
     let local = to_camera(view, gaussian.mean);
     let logit = gaussian.opacity_logit;
     // log2 of the logistic function: of either sign of the logit, what is exponentiated is at most 0.
-    let log2_opacity = min(logit, 0.0) * LOG2_E - log2(1.0 + exp2(-abs(logit) * LOG2_E));
+    var log2_opacity = min(logit, 0.0) * LOG2_E - log2(1.0 + exp2(-abs(logit) * LOG2_E));
     let sound = all_finite(vec4f(gaussian.mean, logit)) && all_finite(gaussian.quaternion)
         && all_finite(vec4f(gaussian.log_scale, 0.0)) && all(gaussian.log_scale < vec3f(MAX_LOG_SCALE));
     if (!(sound && local.z >= view.near && log2_opacity >= LOG2_ALPHA_MIN)) {
@@ -46,7 +50,14 @@ fn project_shape(gaussian: Gaussian) -> Projected {
     }
     // xx yy - xy² as a sum of squares (Cauchy and Binet), which float32 can hold for needles too.
     let minors = vec3f(p.x * q.y - p.y * q.x, p.x * r.y - p.y * r.x, q.x * r.y - q.y * r.x);
-    let determinant = dot(minors, minors) + LOW_PASS * (xx + yy - LOW_PASS);
+    let sharp = dot(minors, minors);
+    let determinant = sharp + LOW_PASS * (xx + yy - LOW_PASS);
+    if (antialiased) {
+        log2_opacity += 0.5 * log2(sharp / determinant);
+        if (!(log2_opacity >= LOG2_ALPHA_MIN)) {
+            return result;
+        }
+    }
     let mean = project_point(view, local);
     let reach = sqrt(max(0.0, 2.0 * (log2_opacity - LOG2_ALPHA_MIN) / LOG2_E));
     let radii = reach * vec2f(sqrt(xx), sqrt(yy));

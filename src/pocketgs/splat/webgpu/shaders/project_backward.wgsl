@@ -13,6 +13,9 @@ import gradient_rows.gather, workgroups
 @group(0) @binding(7) var<storage, read_write> gradients: array<f32>;
 @group(0) @binding(8) var<storage, read> intersection_count: array<u32>;
 
+// As in `project.wgsl`.
+override antialiased: bool = false;
+
 fn write_gradient(column: u32, i: u32, value: f32) {
     gradients[column * view.gaussians + i] = value;
 }
@@ -28,6 +31,25 @@ fn write_gradient3(column: u32, i: u32, value: vec3f) {
 fn covariance_gradient(inverse: mat2x2f, sums: SplatSums) -> mat2x2f {
     let moments = mat2x2f(sums.square.x, sums.square.y, sums.square.y, sums.square.z);
     return 0.5 * (inverse * moments * inverse);
+}
+
+// ∂L/∂Σ' through the factor √(det Σ / det Σ') of the opacity. The gradient of its logarithm is ½ (Σ⁻¹ - Σ'⁻¹); the logarithm
+// of an opacity has the gradient of the pixels' exponents.
+fn compensation_gradient(gaussian: Gaussian, jacobian: Jacobian, d_exponent: f32) -> mat2x2f {
+    let axes = axes_of(gaussian.quaternion);
+    let scale = exp(gaussian.log_scale);
+    let p = project_vector(jacobian, rotate_to_camera(view, scale.x * axes[0]));
+    let q = project_vector(jacobian, rotate_to_camera(view, scale.y * axes[1]));
+    let r = project_vector(jacobian, rotate_to_camera(view, scale.z * axes[2]));
+    let xx = p.x * p.x + q.x * q.x + r.x * r.x;
+    let xy = p.x * p.y + q.x * q.y + r.x * r.y;
+    let yy = p.y * p.y + q.y * q.y + r.y * r.y;
+    let minors = vec3f(p.x * q.y - p.y * q.x, p.x * r.y - p.y * r.x, q.x * r.y - q.y * r.x);
+    let sharp = dot(minors, minors);
+    let blurred = sharp + LOW_PASS * (xx + yy + LOW_PASS);
+    let sharp_inverse = mat2x2f(yy, -xy, -xy, xx) * (1.0 / sharp);
+    let blurred_inverse = mat2x2f(yy + LOW_PASS, -xy, -xy, xx + LOW_PASS) * (1.0 / blurred);
+    return 0.5 * d_exponent * (sharp_inverse - blurred_inverse);
 }
 
 // Write the gradients of scales and rotation; return that of the Jacobian's four entries.
@@ -115,7 +137,11 @@ fn main(
     let gaussian = read_gaussian(i);
     let local = to_camera(view, gaussian.mean);
     let jacobian = jacobian_at(view, local);
-    let d_jacobian = shape_backward(gaussian, jacobian, covariance_gradient(inverse, sums), i);
+    var d_covariance = covariance_gradient(inverse, sums);
+    if (antialiased) {
+        d_covariance += compensation_gradient(gaussian, jacobian, sums.exponent);
+    }
+    let d_jacobian = shape_backward(gaussian, jacobian, d_covariance, i);
     let d_local = position_backward(local, jacobian, inverse * sums.offset, d_jacobian);
     write_gradient3(GRADIENT_MEAN, i, to_world(view, d_local) + colour_backward(gaussian.mean, sums.colour, i));
     write_gradient(GRADIENT_OPACITY, i, sums.exponent / (1.0 + exp(gaussian.opacity_logit)));
