@@ -141,6 +141,8 @@ def test_exposure_that_alternates(attempt: Callable[[str], Attempt]) -> None:
     flicker = attempt("flicker")
     assert flicker.gain > USABLE
     assert flicker.was_told("stops between photographs", "Exposure that jumps")
+    least, largest = flicker.summary["prior"]["gains"]
+    assert largest > 2.0 * least
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from typing import Any
 
 from pocketgs.capture.capture import Capture
 from pocketgs.metrics.evaluation import MEANS, Evaluation
+from pocketgs.prior.report import PriorReport
 from pocketgs.results.memory_trace import MemorySample
 from pocketgs.splat.colours import transforms_of
 from pocketgs.system.process import peak_rss_mb
@@ -63,7 +64,7 @@ def summarise(
         },
         "options": asdict(options),
         "plan": _expected_and_actual(plan, result, seconds["total"]),
-        "prior": asdict(result.prior) if result.prior else None,
+        "prior": _prior(result.prior) if result.prior else None,
         "images": [asdict(image) for image in evaluation.images] if evaluation else [],
         "progress": [asdict(sample) for sample in result.losses],
         "validation": asdict(result.course) if result.course else None,
@@ -92,6 +93,12 @@ def _learned_colours(result: TrainingResult) -> dict[str, float] | None:
         return None
     gains = transforms_of(table)[:, range(3), range(3)]
     return {"least_gain": float(gains.min()), "largest_gain": float(gains.max())}
+
+
+def _prior(report: PriorReport) -> dict[str, Any]:
+    """The report; of the photographs' gains the least and the largest, if exposure was compensated."""
+    gains = None if report.gains is None else [float(report.gains.min()), float(report.gains.max())]
+    return {**asdict(report), "gains": gains}
 
 
 def _transients(result: TrainingResult) -> dict[str, float] | None:
