@@ -11,9 +11,9 @@ import pytest
 
 from pocketgs.capture.capture import Capture
 from pocketgs.cli import main
-from pocketgs.compression.views import cameras_around
 from pocketgs.errors import PocketGSError
 from pocketgs.metrics.evaluation import psnr
+from pocketgs.results.cameras_file import write_cameras
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.scene.morton import morton_order
 from pocketgs.sort_free.distil import Distilled, DistilOptions, distil
@@ -155,21 +155,23 @@ def test_the_commands(
     assert output.read_bytes() == before
 
 
-def test_without_the_capture(
-    small_capture: Capture, teacher: Gaussians, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """From a file alone: renderings from around the scene take the photographs' place."""
-    monkeypatch.setattr("pocketgs.compression.views.SIDE", 96)
-    teacher.save(tmp_path / "teacher.ply")
+def test_without_the_capture(small_capture: Capture, teacher: Gaussians, tmp_path: Path) -> None:
+    """Renderings from the result folder's cameras take the photographs' place."""
+    scene = tmp_path / "scene.ply"
+    teacher.save(scene)
+    with pytest.raises(SystemExit) as left:
+        main(["distil", str(scene), "--output", str(tmp_path / "free.ply")])
+    assert left.value.code == 2, "there are no cameras"
+    write_cameras(tmp_path / "cameras.json", small_capture.train, refined=False)
     shown = []
-    for iterations in ("0", "200"):
+    for iterations in ("0", "40"):
         output = tmp_path / f"free{iterations}.ply"
-        main(["distil", str(tmp_path / "teacher.ply"), "--output", str(output), "--iterations", iterations])
+        main(["distil", str(scene), "--output", str(output), "--iterations", iterations])
         shown.append(SortFreeDrawing(read_sort_free(output)))
     errors = np.zeros(2)
-    for camera in cameras_around(teacher).values():
-        wanted = render(teacher, camera, engine=CPU).image
-        errors += [np.abs(drawing.render(camera).image - wanted).mean() for drawing in shown]
+    for frame in small_capture.train:
+        wanted = render(teacher, frame.camera, engine=CPU).image
+        errors += [np.abs(drawing.render(frame.camera).image - wanted).mean() for drawing in shown]
     assert errors[1] < 0.9 * errors[0]
 
 

@@ -34,7 +34,7 @@ def distil(
     Args:
         scene: A trained scene: a file (.ply, .spz, .splat, .glb …), or a result folder.
         capture: The capture that it was trained on. Without it, renderings of the scene itself take the photographs'
-            place, from the cameras of its result folder, or from around it.
+            place, from the cameras of its result folder.
         output: The file to write: a .ply, or a small .pgs. PocketGS draws both as trained; other programs read the
             .ply but sort its Gaussians.
         options: Options of distilling.

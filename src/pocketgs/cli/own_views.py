@@ -50,19 +50,22 @@ def own_background(scene: Path) -> Colour:
 
 
 def rendered_capture(scene: Path, gaussians: Gaussians, engine: Engine, background: Colour | None) -> Capture:
-    """A capture of renderings of a scene, for training.
+    """A capture of renderings of a scene from the cameras of its result folder, for training.
 
     Args:
-        scene: a file, or a result folder.
+        scene: a result folder, or a file in one.
         gaussians: its content.
         engine: renders; the scene stays uploaded.
         background: None for that of the scene's run.
 
     Raises:
-        PocketGSError: as `own_cameras`.
+        PocketGSError: there are no cameras, or they cannot be read.
     """
+    cameras = trained_cameras(scene)
+    if not cameras:
+        raise PocketGSError(f"{scene}: found no {CAMERAS} beside the scene, expected its result folder, or its capture")
     background = background or own_background(scene)
-    frames = renderings(gaussians, own_cameras(scene, gaussians), engine, background)
+    frames = renderings(gaussians, not_too_many(cameras), engine, background)
     return Capture(
         scene.stem, scene, "renderings", frames, [], background=background, protocol="renderings of the scene itself"
     )
