@@ -22,6 +22,7 @@ from pocketgs.splat.settings import LearningRates
 from pocketgs.training import open_ended
 from pocketgs.training.open_ended import MIN_GAIN, OpenEndedPace, stages
 from pocketgs.training.options import TrainingOptions
+from pocketgs.training.planning import effort
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint
@@ -46,9 +47,11 @@ def psnrs(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return values
 
 
-def pace(seconds: float | None = None, longest: int = 20_000, course: Course | None = None) -> OpenEndedPace:
+def pace(
+    seconds: float | None = None, longest: int = 20_000, course: Course | None = None, least: int = 0
+) -> OpenEndedPace:
     frames: Any = [None] * 40
-    return OpenEndedPace(longest, seconds, RATES, frames, (0.0, 0.0, 0.0), 1000, course)
+    return OpenEndedPace(least, longest, seconds, RATES, frames, (0.0, 0.0, 0.0), 1000, course)
 
 
 def run(found: OpenEndedPace, seconds_per_step: float = 0.0) -> int:
@@ -81,6 +84,16 @@ def test_it_ends_when_a_stage_gains_too_little(psnrs: list[float]) -> None:
     assert run(found) == round(889 * 1.5)
     assert found.course.decays_from == 889
     assert [look.iteration for look in found.course.looks] == [500, 667, 889]
+
+
+def test_it_is_not_shorter_than_a_run_of_given_length(psnrs: list[float]) -> None:
+    """The first stages of a capture with many views tell little."""
+    psnrs += [20.0, 19.9, 19.8, 19.7, 19.6]
+    found = pace(least=1700)
+    assert found.iterations == round(1185 * 1.5)
+    assert run(found) == round(1185 * 1.5)
+    psnrs += [20.0, 19.9]
+    assert run(pace(least=1700, seconds=90.0), seconds_per_step=0.1) == 900
 
 
 def test_it_goes_on_while_it_pays(psnrs: list[float]) -> None:
@@ -146,6 +159,7 @@ def test_best_sizes_a_run_by_its_capture() -> None:
     assert best.strategy == "budgeted"
     assert best.max_gaussians == 2 * standard.max_gaussians
     assert best.most_at_start == standard.max_gaussians
+    assert best.least_iterations >= 500
     assert not standard.open_ended
     assert standard.recipe == "pocketgs"
     # Too few views to hold any back, or a length that the user gives.
@@ -164,6 +178,8 @@ def capture() -> Capture:
 
 def test_a_whole_run(capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The run evaluates, grows and ends, and a resumed one ends with the same bits."""
+    monkeypatch.setattr(effort, "MIN_ITERATIONS", 30)
+    monkeypatch.setattr(effort, "MAX_EPOCHS", 1)
     monkeypatch.setattr(open_ended, "FIRST_STAGE", 20)
     monkeypatch.setattr(open_ended, "SLOWS_FROM", 25)
     options = TrainingOptions(recipe="long", prior="none", max_gaussians=800, evaluate_every=0, colours="on")
@@ -199,6 +215,8 @@ def test_a_whole_run(capture: Capture, tmp_path: Path, monkeypatch: pytest.Monke
 def test_a_command_goes_on_from_a_finished_run_only_for_more(
     capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(effort, "MIN_ITERATIONS", 15)
+    monkeypatch.setattr(effort, "MAX_EPOCHS", 1)
     monkeypatch.setattr(open_ended, "FIRST_STAGE", 10)
     write_nerfstudio(capture, tmp_path / "room")
     options = TrainingOptions(recipe="long", prior="none", bundle=False, evaluate_every=0)

@@ -1,8 +1,10 @@
 """Open-ended training: a run that continues as long as the validation PSNR improves.
 
 It explores in stages, each of which adds a third to the iterations so far. A stage that gains less than MIN_GAIN on the
-validation views ends the exploration. Then the learning rates decay, and the validation views are trained on too. So
-the length of a run depends on the capture, and not on the speed of the machine.
+validation views ends the exploration, unless the run would be shorter than with a length chosen by size: in the first
+stages of a capture with many views, each has been visited only a few times, and gains are noise. Then the learning
+rates decay, and the validation views are trained on too. So the length of a run depends on the capture, and not on the
+speed of the machine.
 """
 
 from __future__ import annotations
@@ -41,7 +43,7 @@ class OpenEndedPace:
     """The pace of open-ended training; it also schedules the growth of the strategy `budgeted`.
 
     Args:
-        iterations: maximum number.
+        least, iterations: minimum number, unless time is short, and maximum number.
         seconds: maximum training time, or None.
         initial: initial learning rates.
         frames: the training views, enough for `validation_views`.
@@ -52,6 +54,7 @@ class OpenEndedPace:
 
     def __init__(
         self,
+        least: int,
         iterations: int,
         seconds: float | None,
         initial: LearningRates,
@@ -68,6 +71,7 @@ class OpenEndedPace:
         self._all = range(len(frames))
         self._shown = [index for index in self._all if index not in held_back]
         self._stages = stages(int(iterations / (1.0 + DECAY)))
+        self._may_end_from = next((end for end in self._stages if _end(end, iterations) >= least), self._stages[-1])
 
     @property
     def course(self) -> Course:
@@ -78,7 +82,7 @@ class OpenEndedPace:
     def iterations(self) -> int:
         """End of the run if the current stage does not gain enough."""
         next_stage = self._stages[min(len(self.course.looks), len(self._stages) - 1)]
-        return end_of(self.course, self._longest) or _end(next_stage, self._longest)
+        return end_of(self.course, self._longest) or _end(max(next_stage, self._may_end_from), self._longest)
 
     def fraction(self, iteration: int, seconds: float) -> float:
         """Progress by iterations, as far as they are known, or by time."""
@@ -108,7 +112,7 @@ class OpenEndedPace:
             value = validation_psnr(engine, self._validation, self._background)
             self._course = self.course.with_look(Look(iteration, value, engine.count, self._seconds_before + seconds))
         is_late = share_of_time(seconds, self._seconds) >= 1.0 / (1.0 + DECAY)
-        gain = self.course.gain if iteration in self._stages else None
+        gain = self.course.gain if iteration in self._stages and iteration >= self._may_end_from else None
         if is_late or iteration >= self._stages[-1] or (gain is not None and not gain >= MIN_GAIN):
             self._course = replace(self.course, decays_from=iteration)
 

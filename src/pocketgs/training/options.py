@@ -136,7 +136,8 @@ class SizedOptions(TrainingOptions):
     """Training options with the sizes of the run set: see `pocketgs.training.planning.effort.sized`.
 
     Attributes:
-        open_ended: whether the run ends when it stops paying, after at most `iterations`.
+        open_ended: whether the run ends when it stops paying, after `least_iterations` to `iterations`.
+        least_iterations: iterations of a run of the same effort that is not open-ended.
     """
 
     iterations: int = 500
@@ -147,6 +148,7 @@ class SizedOptions(TrainingOptions):
     recipe: str = "pocketgs"
     strategy: StrategyName = "fixed"
     open_ended: bool = False
+    least_iterations: int = 0
 
     @property
     def most_at_start(self) -> int:

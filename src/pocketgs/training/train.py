@@ -136,8 +136,8 @@ def _pace(
     """As long as training pays, or as long as the options say."""
     course = resume.course if resume else None
     if options.open_ended:
-        views, background = capture.train, capture.background
-        return OpenEndedPace(options.iterations, seconds, rates, views, background, options.max_gaussians, course)
+        least, most, gaussians = options.least_iterations, options.iterations, options.max_gaussians
+        return OpenEndedPace(least, most, seconds, rates, capture.train, capture.background, gaussians, course)
     return SetPace(options.iterations, seconds, recipe.schedule, rates, len(capture.train), course)
 
 

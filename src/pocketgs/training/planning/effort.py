@@ -68,10 +68,11 @@ def sized(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> SizedOp
         given[name] = getattr(recipe, name) if given[name] is None else given[name]
     options = replace(options, max_gaussians=given["max_gaussians"])
     sizes = _quick() if options.effort == "quick" else _standard(options, recipe, views)
+    least = sizes["iterations"]
     if grows:
         sizes |= {"iterations": MAX_OPEN_ENDED, "max_gaussians": OPEN_ENDED_GAUSSIANS * sizes["max_gaussians"]}
     sizes = {name: size for name, size in sizes.items() if given[name] is None}
-    return SizedOptions(**{**given, **sizes, "open_ended": open_ended})
+    return SizedOptions(**{**given, **sizes}, open_ended=open_ended, least_iterations=least)
 
 
 def _quick() -> dict[str, int]:
