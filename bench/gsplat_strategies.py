@@ -24,6 +24,7 @@ from pocketgs.metrics.evaluation import psnr
 from pocketgs.prior.prior import PreparedCapture
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.scene.morton import morton_order
+from pocketgs.seeding.seeds import SEEDINGS
 from pocketgs.splat.engine import create_engine
 from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.torch import install_as_gsplat
@@ -31,7 +32,6 @@ from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.preparation import prepare
 from pocketgs.training.recipes import Recipe, camera_extent, recipe_named
-from pocketgs.training.seeding import SEEDINGS
 from pocketgs.training.train import train
 from pocketgs.training.validation import render_frame
 

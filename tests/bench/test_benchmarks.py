@@ -21,6 +21,7 @@ ON_THE_CPU = {
 ON_THE_GPU = {
     "webgpu_culling": "--gaussians 3000 --steps 1",
     "webgpu_features": "--width 96 --height 72 --repeats 1",
+    "webgpu_neighbours": "--points 500 --repeats 1",
     "webgpu_step": "--small --steps 1 --iterations 1",
     "webgpu_sweep": "--width 64 --height 48 --hypotheses 16 --repeats 1",
 }

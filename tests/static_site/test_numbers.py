@@ -19,15 +19,15 @@ from pocketgs.geometry.lens import Lens
 from pocketgs.prior.cloud.volume import draw_points
 from pocketgs.scene.morton import morton_order
 from pocketgs.scene.point_cloud import PointCloud
+from pocketgs.seeding.seeds import seed_discs
 from pocketgs.site.settings import RECIPE
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.frame_values import update_values
 from pocketgs.splat.webgpu.photographs import Shelf
 from pocketgs.splat.webgpu.scene_columns import from_columns
 from pocketgs.training.recipes import RECIPES, pixel_footprint
-from pocketgs.training.seeding import seed_discs
 from pocketgs.training.view_choice import view_of_step
-from static_site.given import plain, plain_frames
+from static_site.given import OPEN_DEVICE, TYPED, plain, plain_cloud, plain_frames
 
 Call = Callable[..., Any]
 
@@ -65,16 +65,27 @@ def test_seeds_are_the_same_discs(call: Call) -> None:
     positions[100:103] = positions[99]  # coincident
     points = PointCloud(positions, random.uniform(0, 1, (700, 3)))
     recipe = RECIPES[RECIPE]
-    script = """
-        const cloud = {positions: Float64Array.from(given.positions), colours: Float32Array.from(given.colours)};
-        const scene = module.seedDiscs(cloud, settings.recipe, settings.seeding);
-        return [[...scene.shape], [...scene.sh]];
+    script = (
+        TYPED
+        + OPEN_DEVICE
+        + """
+        const { NeighbourSearch } = await import(new URL("seeding/neighbour_search.js", location.href));
+        const passes = await (await fetch("seeding_passes.json")).json();
+        const search = await NeighbourSearch.open(device, passes, settings.seeding);
+        const cloud = cloudOf(given);
+        const scene = module.seedDiscs(
+            cloud, await search.around(cloud.positions), settings.recipe, settings.seeding,
+        );
+        device.destroy();
+        return [[...scene.shape], [...scene.sh], complaints];
     """
-    given = {"positions": points.positions.reshape(-1).tolist(), "colours": points.colours.reshape(-1).tolist()}
-    shape, sh = (np.float32(values).reshape(-1, 700) for values in call("seeding/discs.js", script, given))
+    )
+    *scene, complaints = call("seeding/discs.js", script, plain_cloud(points))
+    assert complaints == []
+    shape, sh = (np.float32(values).reshape(-1, 700) for values in scene)
     found, expected = from_columns(shape, sh), seed_discs(points, recipe.opacity, recipe.sh_degree, recipe.seed_size)
     for name in ("means", "log_scales", "opacity_logits", "sh"):
-        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=0, atol=2e-6)
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=0, atol=1e-5)
     alike = np.abs(np.sum(normals(found.quaternions) * normals(expected.quaternions), axis=1))
     assert np.quantile(alike, 0.01) > 1 - 1e-6  # three coincident points may have no plane
 

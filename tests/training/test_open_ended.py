@@ -17,6 +17,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.results.checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
 from pocketgs.results.run import run as run_command
 from pocketgs.scene.gaussians import PARAMETERS
+from pocketgs.seeding.seeds import seed_balls
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.settings import LearningRates
 from pocketgs.training import open_ended
@@ -26,7 +27,6 @@ from pocketgs.training.planning import effort
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint
-from pocketgs.training.seeding import seed_balls
 from pocketgs.training.train import train
 from pocketgs.training.validation import Course, Look, validation_psnr, validation_views
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -148,6 +149,14 @@ def test_seeds_by_name(small_capture: Capture) -> None:
     )
     assert np.allclose(balls.scales, balls.scales[:, :1])
     assert np.all(discs.scales[:, 2] < 0.5 * discs.scales[:, 0])
+
+
+def test_neighbours_that_the_gpu_has_no_room_for(small_capture: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    narrow = SimpleNamespace(name="webgpu", most_points=10)
+    monkeypatch.setattr("pocketgs.training.train.create_search", lambda *_: narrow)
+    report = prepare_and_train(small_capture, prior="sparse", iterations=1).prior
+    assert report is not None
+    assert report.warnings[-1].startswith("neighbours are found on the CPU")
 
 
 def test_what_is_prepared_is_not_prepared_again(small_capture: Capture) -> None:

@@ -9,6 +9,7 @@ import pocketgs.gpu
 import pocketgs.viewer
 from pocketgs.prior.depth.webgpu.passes import describe_comparison, describe_sweep
 from pocketgs.prior.features.webgpu.passes import describe_features, describe_matching
+from pocketgs.seeding.webgpu.passes import describe_neighbourhoods
 from pocketgs.site.settings import settings
 from pocketgs.splat.webgpu.passes import Variant, describe
 
@@ -64,6 +65,7 @@ def site_files() -> dict[str, bytes]:
     files["train/depth_passes.json"] = _encoded(depth)
     features = {"finding": describe_features().to_json(), "matching": describe_matching().to_json()}
     files["train/features_passes.json"] = _encoded(features)
+    files["train/seeding_passes.json"] = _encoded(describe_neighbourhoods().to_json())
     files["train/settings.json"] = _encoded(settings())
     return files
 

@@ -38,6 +38,8 @@ from pocketgs.scene.formats.pgs_coding import FINE
 from pocketgs.scene.formats.spz_arrangement import AXES, RENAMINGS
 from pocketgs.scene.gaussians import SH_COEFFICIENTS
 from pocketgs.scene.morton import BITS
+from pocketgs.seeding.seeds import THICKNESS
+from pocketgs.seeding.webgpu.layout import LEAF, MOST_NEIGHBOURS
 from pocketgs.site.prior_settings import prior_settings
 from pocketgs.splat.constants import SSIM_WINDOW
 from pocketgs.splat.engine import KEPT_LOSSES
@@ -56,7 +58,6 @@ from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.effort import QUICK_GAUSSIANS, QUICK_ITERATIONS
 from pocketgs.training.preparation import MIN_POINTS
 from pocketgs.training.recipes import RECIPES, SLOWEST_SCALES, Recipe, Schedule
-from pocketgs.training.seeding import PLANE_NEIGHBOURS, SPACING_NEIGHBOURS, THICKNESS
 
 RECIPE = "pocketgs"
 
@@ -129,8 +130,8 @@ def settings() -> dict[str, Any]:
             "max_step": MAX_STEP,
         },
         "seeding": {
-            "spacing_neighbours": SPACING_NEIGHBOURS,
-            "plane_neighbours": PLANE_NEIGHBOURS,
+            "leaf": LEAF,
+            "most_neighbours": MOST_NEIGHBOURS,
             "thickness": THICKNESS,
             "morton_bits": BITS,
         },

@@ -8,9 +8,13 @@ from dataclasses import replace
 from pocketgs.capture.capture import Capture
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.prior import PreparedCapture
+from pocketgs.prior.report import PriorReport
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.scene.morton import morton_order
-from pocketgs.splat.engine import Engine, create_engine
+from pocketgs.scene.point_cloud import PointCloud
+from pocketgs.seeding.neighbourhoods import create_search, with_room
+from pocketgs.seeding.seeds import SEEDINGS
+from pocketgs.splat.engine import Engine, chosen_engine, create_engine
 from pocketgs.splat.settings import LearningRates
 from pocketgs.system.process import peak_rss_mb
 from pocketgs.system.stopwatch import Stopwatch
@@ -23,7 +27,6 @@ from pocketgs.training.preparation import prepare
 from pocketgs.training.progress import Observer
 from pocketgs.training.recipes import Recipe, camera_extent, recipe_named
 from pocketgs.training.result import Checkpoint, TrainingResult
-from pocketgs.training.seeding import SEEDINGS
 from pocketgs.training.strategies.choose import create_strategy
 from pocketgs.training.strategies.strategy import GrowthPlan, Situation
 from pocketgs.training.transients import Transients
@@ -72,7 +75,7 @@ def train(
         raise PocketGSError(f"{prepared.path}: no points to start from, expected what `prepare` gives")
     with stopwatch.stage("seeding"):
         unit = recipe.length([frame.camera for frame in prepared.train], prepared.points)
-        start = resume.gaussians if resume else _first_gaussians(prepared, recipe, options)
+        start, warnings = (resume.gaussians, ()) if resume else _first_gaussians(prepared.points, recipe, options)
     with stopwatch.stage("compilation"):
         engine = opened_engine or create_engine(options.engine_options)
         engine.prepare()
@@ -109,7 +112,7 @@ def train(
         peak_rss_mb=peak_rss_mb(),
         engine_bytes=engine.memory(),
         losses=loop.samples,
-        prior=prepared.report,
+        prior=_with_warnings(prepared.report, warnings),
         strategy=strategy.name,
         statistics=loop.statistics(),
         course=pace.course,
@@ -117,12 +120,17 @@ def train(
     )
 
 
-def _first_gaussians(capture: PreparedCapture, recipe: Recipe, options: SizedOptions) -> Gaussians:
-    """The capture's points as Gaussians, in Morton order: neighbours form clusters that most views can skip."""
-    assert capture.points is not None
+def _first_gaussians(points: PointCloud, recipe: Recipe, options: SizedOptions) -> tuple[Gaussians, tuple[str, ...]]:
+    """Seeds at points, in Morton order: neighbours form clusters that most views can skip; and warnings."""
     degree = recipe.sh_degree if options.sh_degree is None else options.sh_degree
-    start = SEEDINGS[options.seeds](capture.points, recipe.opacity, degree, recipe.seed_size)
-    return start.select(morton_order(start.means))
+    device = create_search(chosen_engine(options.engine_options), options.gpu, options.max_memory)
+    search, warnings = with_room(device, len(points))
+    start = SEEDINGS[options.seeds](points, recipe.opacity, degree, recipe.seed_size, search)
+    return start.select(morton_order(start.means)), warnings
+
+
+def _with_warnings(report: PriorReport | None, warnings: tuple[str, ...]) -> PriorReport | None:
+    return replace(report, warnings=(*report.warnings, *warnings)) if report else None
 
 
 def _pace(

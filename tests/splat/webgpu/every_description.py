@@ -11,6 +11,7 @@ from pocketgs.gpu.description import Description, Pass, Sequence
 from pocketgs.gpu.shader_library import Shader
 from pocketgs.prior.depth.webgpu.passes import describe_comparison, describe_sweep
 from pocketgs.prior.features.webgpu.passes import describe_features, describe_matching
+from pocketgs.seeding.webgpu.passes import describe_neighbourhoods
 from pocketgs.splat.webgpu.compositor_passes import describe_compositor
 from pocketgs.splat.webgpu.passes import Variant, Weights, describe
 from pocketgs.splat.webgpu.rasterizer_passes import describe_rasterizer
@@ -29,6 +30,7 @@ DESCRIPTIONS |= {f"rasterizer {subgroups}": describe_rasterizer(subgroups) for s
 DESCRIPTIONS |= {"rasterizer sum": describe_rasterizer(False, "sum"), "sweep": describe_sweep()}
 DESCRIPTIONS |= {"comparison": describe_comparison()}
 DESCRIPTIONS |= {"features": describe_features(), "matching": describe_matching()}
+DESCRIPTIONS |= {"neighbourhoods": describe_neighbourhoods()}
 DESCRIPTIONS |= {f"compositor {subgroups}": describe_compositor(subgroups) for subgroups in (False, True)}
 
 OPTIONAL = {str(variant) for variant in TRAINING if variant.features} | {"rasterizer True", "compositor True"}

@@ -13,13 +13,14 @@ from pocketgs.gpu.description import Description, Pass
 from pocketgs.gpu.sizes import ceil_div, evaluate
 from pocketgs.prior.depth.webgpu.shader_files import SHADERS as DEPTH_SHADERS
 from pocketgs.prior.features.webgpu.shader_files import SHADERS as FEATURE_SHADERS
+from pocketgs.seeding.webgpu.shader_files import SHADERS as SEED_SHADERS
 from pocketgs.splat.webgpu.passes import Variant, describe
 from pocketgs.splat.webgpu.rasterizer_passes import CENTRE_WORDS, SPLAT_WORDS, describe_rasterizer
 from pocketgs.splat.webgpu.shader_files import SHADERS
 from splat.webgpu.every_description import DESCRIPTIONS
 from splat.webgpu.wgsl_layout import constant, workgroup_bytes, workgroup_size
 
-LIBRARIES = (SHADERS, DEPTH_SHADERS, FEATURE_SHADERS)
+LIBRARIES = (SHADERS, DEPTH_SHADERS, FEATURE_SHADERS, SEED_SHADERS)
 
 CASE = {
     "gaussians": 1000,
@@ -51,6 +52,8 @@ CASE = {
     "chosen": 2000,
     "first": 2000,
     "second": 1900,
+    "points": 5000,
+    "leaves": 1024,
 }
 
 

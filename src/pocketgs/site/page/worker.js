@@ -15,6 +15,7 @@ import { plyOf } from "./formats/ply_writer.js";
 import { spzOf } from "./formats/spz_writer.js";
 import { FeatureFinder } from "./prior/features/finder.js";
 import { Stereo } from "./prior/stereo.js";
+import { NeighbourSearch } from "./seeding/neighbour_search.js";
 import { KeptRun } from "./storage/kept_run.js";
 import { firstView } from "./training/first_view.js";
 import { planRun } from "./training/plan.js";
@@ -31,8 +32,8 @@ import { Trainer } from "./training/trainer.js";
 
 const MS_UNTIL_LOSS_IS_TOLD = 500;
 
-const DATA = ["settings.json", "passes.json", "depth_passes.json", "features_passes.json"];
-const [settings, passes, depthPasses, featuresPasses] = await Promise.all(DATA.map(fetched));
+const DATA = ["settings.json", "passes.json", "depth_passes.json", "features_passes.json", "seeding_passes.json"];
+const [settings, passes, depthPasses, featuresPasses, seedingPasses] = await Promise.all(DATA.map(fetched));
 /** @type {Run | null} */
 let run = null;
 /** Ends what comes before training. */
@@ -73,7 +74,7 @@ async function train(picked, own) {
     const { gpu, capture, points, options } = await readied(picked, own);
     // A browser that has no room for the run trains all the same.
     const isKept = (await kept?.begin(picked.name, capture, options).then(() => true, () => false)) ?? false;
-    await perform(capture, options, gpu, isKept, (run) => run.go(points));
+    await perform(capture, options, gpu, isKept, (run) => run.go(points, gpu.search));
 }
 
 /** What a run needs: the GPU, its capture with refined poses, the points that it starts from, its options. */
@@ -180,6 +181,7 @@ function open() {
  * @property {Trainer} trainer
  * @property {Stereo} stereo
  * @property {FeatureFinder} finder
+ * @property {NeighbourSearch} search
  * @property {Promise<GPUDeviceLostInfo>} lost resolves when the GPU is lost
  */
 async function compiledOn(opened) {
@@ -188,7 +190,8 @@ async function compiledOn(opened) {
     const trainer = await Trainer.open(device, passes, settings);
     const stereo = await Stereo.open(device, depthPasses, settings.prior.sweep);
     const finder = await FeatureFinder.open(device, featuresPasses, settings.prior.features);
-    return { trainer, stereo, finder, lost: device.lost };
+    const search = await NeighbourSearch.open(device, seedingPasses, settings.seeding);
+    return { trainer, stereo, finder, search, lost: device.lost };
 }
 
 /** @returns {Promise<never>} rejects when the GPU is lost */

@@ -171,7 +171,7 @@ def _size(shrink: int, outline: Outline, options: SizedOptions, machine: Machine
         shrink,
         work,
         stage_bytes(work, engine, stereo, machine.resident, compiles, machine.readers),
-        # Each gives its buffers back before the next makes its own.
+        # Each gives its buffers back before the next makes its own. Seeding's never take as much as the engine's.
         max(engine.device, stereo.sweeping.device, stereo.comparing.device),
         times,
         compiles,

@@ -125,16 +125,19 @@ export class Run {
      * Train.
      *
      * @param {import("../capture/listing.js").Cloud} points to start from
+     * @param {import("../seeding/neighbour_search.js").NeighbourSearch} search
      * @returns {Promise<GaussianColumns>} the trained scene
      * @throws {Error} the GPU's memory does not hold it
      */
-    async go(points) {
+    async go(points, search) {
         const { train, background } = this.#capture;
         const { recipe, seeding } = this.#settings;
         const unit = pixelFootprint(train.map(({ camera }) => camera), points.positions);
         const order = mortonOrder(Float64Array.from(Float32Array.from(points.positions)), seeding.morton_bits);
         this.#initial = initialRates(recipe, this.#options.iterations, unit);
-        await this.#trainer.begin(train, background, seedDiscs(selected(points, order), recipe, seeding));
+        const ordered = selected(points, order);
+        const around = await search.around(ordered.positions);
+        await this.#trainer.begin(train, background, seedDiscs(ordered, around, recipe, seeding));
         return this.#finish();
     }
 

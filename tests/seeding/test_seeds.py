@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from pocketgs import Gaussians, PocketGSError, PointCloud
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, SH_DC
-from pocketgs.training.seeding import SEEDINGS, Seeding, seed_balls, seed_discs
+from pocketgs.seeding.seeds import SEEDINGS, Seeding, seed_balls, seed_discs
 
 SHAPES = {"discs": np.array([1, 1, 0.3]), "balls": np.ones(3)}
 NORMAL = np.array([2.0, -1.0, 2.0]) / 3

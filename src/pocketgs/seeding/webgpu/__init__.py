@@ -1,0 +1,1 @@
+"""Nearest neighbours on a GPU: WGSL passes and their host."""

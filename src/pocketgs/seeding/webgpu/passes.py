@@ -1,0 +1,41 @@
+"""The passes that find every point's nearest neighbours, and the surface through them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from pocketgs.gpu.description import Description, Pass, Sequence, shader_names
+from pocketgs.gpu.uniforms import UniformLayout
+from pocketgs.gpu.workgroups import THREADS
+from pocketgs.seeding.webgpu.layout import BOX_BYTES, LARGEST_BYTES
+from pocketgs.seeding.webgpu.shader_files import SHADERS
+
+LOOK_AROUND = "look around"
+"""Name of the sequence."""
+
+
+@cache
+def describe_neighbourhoods() -> Description:
+    """Describe how neighbourhoods are found.
+
+    The numbers that the expressions are computed from: points; and leaves, see `numbers_of`.
+    """
+    by_point = f"ceil_div(points, {THREADS})"
+    passes = (
+        Pass("enclose points", "enclose_points", f"ceil_div(leaves, {THREADS})"),
+        Pass("enclose boxes", "enclose_boxes", "1"),
+        Pass("nearest points", "nearest_points", by_point),
+        Pass("surfaces", "surfaces", by_point),
+    )
+    buffers = {
+        "positions": "12 * points",
+        "boxes": f"{2 * BOX_BYTES} * leaves",
+        "neighbours": f"{LARGEST_BYTES} * points",
+        "spacing": "4 * points",
+        "normals": "12 * points",
+        "tangents": "12 * points",
+    }
+    sequences = {LOOK_AROUND: Sequence((), passes)}
+    shaders = {name: SHADERS.link(name, {}) for name in shader_names(sequences.values())}
+    uniforms = {"cloud": UniformLayout.of("Cloud", shaders["surfaces"].source)}
+    return Description({}, {}, buffers, uniforms, shaders, sequences)
