@@ -78,12 +78,17 @@ def test_validation_views_are_few_and_spread(views: int) -> None:
     assert all(0 <= index < views for index in found)
 
 
-def test_it_ends_when_a_stage_gains_too_little(psnrs: list[float]) -> None:
-    psnrs += [20.0, 21.0, 21.0 + 0.9 * MIN_GAIN]
+def test_it_ends_when_two_stages_gain_too_little(psnrs: list[float]) -> None:
+    psnrs += [20.0, 21.0, 21.0 + 0.9 * MIN_GAIN, 20.9]
     found = pace()
-    assert run(found) == round(889 * 1.5)
-    assert found.course.decays_from == 889
-    assert [look.iteration for look in found.course.looks] == [500, 667, 889]
+    assert run(found) == round(1185 * 1.5)
+    assert found.course.decays_from == 1185
+    assert [look.iteration for look in found.course.looks] == [500, 667, 889, 1185]
+
+
+def test_one_worse_stage_does_not_end_it(psnrs: list[float]) -> None:
+    psnrs += [20.0, 21.0, 20.5, 21.0 + 1.1 * MIN_GAIN, 20.6, 20.7]
+    assert run(pace()) == round(2107 * 1.5)
 
 
 def test_it_is_not_shorter_than_a_run_of_given_length(psnrs: list[float]) -> None:

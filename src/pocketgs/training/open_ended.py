@@ -1,10 +1,10 @@
 """Open-ended training: a run that continues as long as the validation PSNR improves.
 
-It explores in stages, each of which adds a third to the iterations so far. A stage that gains less than MIN_GAIN on the
-validation views ends the exploration, unless the run would be shorter than with a length chosen by size: in the first
-stages of a capture with many views, each has been visited only a few times, and gains are noise. Then the learning
-rates decay, and the validation views are trained on too. So the length of a run depends on the capture, and not on the
-speed of the machine.
+It explores in stages, each of which adds a third to the iterations so far. When PATIENCE stages in a row have gained
+less than MIN_GAIN on the validation views, the exploration ends, unless the run would be shorter than with a length
+chosen by size: in the first stages of a capture with many views, each has been visited only a few times, and gains are
+noise. Then the learning rates decay, and the validation views are trained on too. So the length of a run depends on the
+capture, and not on the speed of the machine.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from pocketgs.capture.capture import Frame
 from pocketgs.splat.engine import Engine
@@ -23,7 +25,10 @@ FIRST_STAGE, STAGE_RATIO = 500, 4 / 3
 """Iterations of the first stage, and the ratio between the ends of consecutive stages."""
 
 MIN_GAIN = 0.05
-"""Minimum gain of a stage in dB."""
+"""Minimum gain in dB over the best stage before."""
+
+PATIENCE = 2
+"""Stages without it that end the exploration: while rates are high, PSNR goes up and down by some tenths of a dB."""
 
 DECAY = 0.5
 """Length of the final decay, relative to the iterations before it."""
@@ -112,8 +117,8 @@ class OpenEndedPace:
             value = validation_psnr(engine, self._validation, self._background)
             self._course = self.course.with_look(Look(iteration, value, engine.count, self._seconds_before + seconds))
         is_late = share_of_time(seconds, self._seconds) >= 1.0 / (1.0 + DECAY)
-        gain = self.course.gain if iteration in self._stages and iteration >= self._may_end_from else None
-        if is_late or iteration >= self._stages[-1] or (gain is not None and not gain >= MIN_GAIN):
+        may_end = iteration in self._stages and iteration >= self._may_end_from
+        if is_late or iteration >= self._stages[-1] or (may_end and not _pays(self.course.looks)):
             self._course = replace(self.course, decays_from=iteration)
 
     def next_growth(self, iteration: int) -> int | None:
@@ -125,6 +130,12 @@ class OpenEndedPace:
     def target(self, iteration: int, count: int) -> int:
         """Number of Gaussians to grow to from `count`."""
         return min(int(GROWTH * count), self._most)
+
+
+def _pays(looks: Sequence[Look]) -> bool:
+    """Whether one of the last stages was worth it, or it is too early to say."""
+    before, last = [look.psnr for look in looks[:-PATIENCE]], [look.psnr for look in looks[-PATIENCE:]]
+    return bool(np.isfinite(last).all()) and (not before or max(last) >= max(before) + MIN_GAIN)
 
 
 def end_of(course: Course, longest: int) -> int | None:
