@@ -30,8 +30,9 @@ GAUSSIANS_POWER, SECONDS_POWER = 0.5, 0.75
 
 MIN_ITERATIONS, MAX_ITERATIONS = 500, 3000
 
-MAX_OPEN_ENDED = 20_000
-"""Maximum iterations of a run that trains until it stops paying."""
+MAX_OPEN_ENDED, MAX_OPEN_ENDED_EPOCHS = 20_000, 60
+"""Maximum iterations of a run that trains until it stops paying, and maximum visits to each photograph: validation
+views gain a little by every decrease of the learning rates, even where longer training overfits."""
 
 OPEN_ENDED_GAUSSIANS = 2
 """Maximum number of Gaussians of such a run relative to `standard`. It begins with half of them, or with 0.8 of them
@@ -70,7 +71,8 @@ def sized(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> SizedOp
     sizes = _quick() if options.effort == "quick" else _standard(options, recipe, views)
     least = sizes["iterations"]
     if grows:
-        sizes |= {"iterations": MAX_OPEN_ENDED, "max_gaussians": OPEN_ENDED_GAUSSIANS * sizes["max_gaussians"]}
+        longest = max(min(MAX_OPEN_ENDED, MAX_OPEN_ENDED_EPOCHS * len(views)), least)
+        sizes |= {"iterations": longest, "max_gaussians": OPEN_ENDED_GAUSSIANS * sizes["max_gaussians"]}
     sizes = {name: size for name, size in sizes.items() if given[name] is None}
     return SizedOptions(**{**given, **sizes}, open_ended=open_ended, least_iterations=least)
 
