@@ -41,8 +41,8 @@ STEP = 3.0
 TABLE_ROWS = CANDIDATES + 3
 """Approximate number of scenes in the final comparison: candidates, one on fine grids, original, .spz."""
 
-COPIES = 12
-"""Number of scenes in memory: five from rounds of pruning, five before rounding, and those in work."""
+COPIES = 17
+"""Number of scenes in memory: five from rounds of pruning, ten before rounding, and those in work."""
 
 
 @dataclass(frozen=True)
