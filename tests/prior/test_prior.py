@@ -136,7 +136,6 @@ def test_report_is_of_what_was_done(walk: Capture, prior: PreparedCapture) -> No
     assert report.sparse_points > 50
     assert prior.points is not None
     assert 4000 < report.points == len(prior.points) <= 5000
-    assert json.loads(json.dumps(asdict(report)))["decisions"][0]["name"] == walk.train[0].name
     assert "poses refined" in prior_line(report)
     assert f"cloud of {report.points:,} points" in prior_line(report)
 

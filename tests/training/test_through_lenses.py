@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,7 @@ def fisheye(camera: Camera) -> Camera:
     return replace(camera, lens=Lens("fisheye", (0.0, 0.0, 0.0, 0.0)))
 
 
+@cache
 def room_through(change: Callable[[Camera], Camera]) -> Capture:
     """Photographs of the demo's room, with the central resolution of a fisheye of 170 degrees."""
     focal, frames = SIDE / 2 / HALF_ANGLE, []

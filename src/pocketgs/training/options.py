@@ -148,7 +148,7 @@ class SizedOptions(TrainingOptions):
     recipe: str = "pocketgs"
     strategy: StrategyName = "fixed"
     open_ended: bool = False
-    least_iterations: int = 0
+    least_iterations: int = 500
 
     @property
     def most_at_start(self) -> int:
