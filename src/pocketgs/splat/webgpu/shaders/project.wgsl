@@ -33,27 +33,18 @@ fn project_shape(gaussian: Gaussian) -> Projected {
     if (!(sound && local.z >= view.near && log2_opacity >= LOG2_ALPHA_MIN)) {
         return result;
     }
-    let scale = exp(gaussian.log_scale);
-    if (is_veil(view, local, scale)) {
+    if (is_veil(view, local, exp(gaussian.log_scale))) {
         return result;
     }
-    let jacobian = jacobian_at(view, local);
-    let axes = axes_of(gaussian.quaternion);
-    let p = project_vector(jacobian, rotate_to_camera(view, scale.x * axes[0]));
-    let q = project_vector(jacobian, rotate_to_camera(view, scale.y * axes[1]));
-    let r = project_vector(jacobian, rotate_to_camera(view, scale.z * axes[2]));
-    let xx = p.x * p.x + q.x * q.x + r.x * r.x + LOW_PASS;
-    let xy = p.x * p.y + q.x * q.y + r.x * r.y;
-    let yy = p.y * p.y + q.y * q.y + r.y * r.y + LOW_PASS;
+    let sharp = footprint_of(view, gaussian, jacobian_at(view, local));
+    let xx = sharp.xx + LOW_PASS;
+    let yy = sharp.yy + LOW_PASS;
     if (!(xx < MAX_VARIANCE && yy < MAX_VARIANCE)) {
         return result;
     }
-    // xx yy - xy² as a sum of squares (Cauchy and Binet), which float32 can hold for needles too.
-    let minors = vec3f(p.x * q.y - p.y * q.x, p.x * r.y - p.y * r.x, q.x * r.y - q.y * r.x);
-    let sharp = dot(minors, minors);
-    let determinant = sharp + LOW_PASS * (xx + yy - LOW_PASS);
+    let determinant = sharp.determinant + LOW_PASS * (xx + yy - LOW_PASS);
     if (antialiased) {
-        log2_opacity += 0.5 * log2(sharp / determinant);
+        log2_opacity += 0.5 * log2(sharp.determinant / determinant);
         if (!(log2_opacity >= LOG2_ALPHA_MIN)) {
             return result;
         }
@@ -70,7 +61,7 @@ fn project_shape(gaussian: Gaussian) -> Projected {
     result.splat.mean = mean;
     result.splat.depth = local.z;
     result.splat.log2_opacity = log2_opacity;
-    result.splat.exponents = LOG2_E * vec3f(-0.5 * yy, xy, -0.5 * xx) / determinant;
+    result.splat.exponents = LOG2_E * vec3f(-0.5 * yy, sharp.xy, -0.5 * xx) / determinant;
     return result;
 }
 

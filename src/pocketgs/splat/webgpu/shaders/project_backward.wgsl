@@ -33,22 +33,14 @@ fn covariance_gradient(inverse: mat2x2f, sums: SplatSums) -> mat2x2f {
     return 0.5 * (inverse * moments * inverse);
 }
 
-// ∂L/∂Σ' through the factor √(det Σ / det Σ') of the opacity. The gradient of its logarithm is ½ (Σ⁻¹ - Σ'⁻¹); the logarithm
-// of an opacity has the gradient of the pixels' exponents.
+// ∂L/∂Σ' through the factor √(det Σ / det Σ') of the opacity. The gradient of its logarithm is ½ (Σ⁻¹ - Σ'⁻¹); the
+// logarithm of an opacity has the gradient of the pixels' exponents.
 fn compensation_gradient(gaussian: Gaussian, jacobian: Jacobian, d_exponent: f32) -> mat2x2f {
-    let axes = axes_of(gaussian.quaternion);
-    let scale = exp(gaussian.log_scale);
-    let p = project_vector(jacobian, rotate_to_camera(view, scale.x * axes[0]));
-    let q = project_vector(jacobian, rotate_to_camera(view, scale.y * axes[1]));
-    let r = project_vector(jacobian, rotate_to_camera(view, scale.z * axes[2]));
-    let xx = p.x * p.x + q.x * q.x + r.x * r.x;
-    let xy = p.x * p.y + q.x * q.y + r.x * r.y;
-    let yy = p.y * p.y + q.y * q.y + r.y * r.y;
-    let minors = vec3f(p.x * q.y - p.y * q.x, p.x * r.y - p.y * r.x, q.x * r.y - q.y * r.x);
-    let sharp = dot(minors, minors);
-    let blurred = sharp + LOW_PASS * (xx + yy + LOW_PASS);
-    let sharp_inverse = mat2x2f(yy, -xy, -xy, xx) * (1.0 / sharp);
-    let blurred_inverse = mat2x2f(yy + LOW_PASS, -xy, -xy, xx + LOW_PASS) * (1.0 / blurred);
+    let sharp = footprint_of(view, gaussian, jacobian);
+    let blurred = sharp.determinant + LOW_PASS * (sharp.xx + sharp.yy + LOW_PASS);
+    let adjugate = mat2x2f(sharp.yy, -sharp.xy, -sharp.xy, sharp.xx);
+    let sharp_inverse = adjugate * (1.0 / sharp.determinant);
+    let blurred_inverse = (adjugate + mat2x2f(LOW_PASS, 0.0, 0.0, LOW_PASS)) * (1.0 / blurred);
     return 0.5 * d_exponent * (sharp_inverse - blurred_inverse);
 }
 
