@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pocketgs.capture.capture import Capture
+from pocketgs.cli.scene_file import folder_of
 from pocketgs.compression.views import Colour, cameras_around, not_too_many, renderings
 from pocketgs.errors import PocketGSError
 from pocketgs.files.json_fields import read_json
@@ -14,11 +15,6 @@ from pocketgs.results.folder import CAMERAS, RECORD
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.rendering import BLACK
-
-
-def folder_of(scene: Path) -> Path:
-    """The result folder that a scene belongs to, if it belongs to one."""
-    return scene if scene.is_dir() else scene.parent
 
 
 def trained_cameras(scene: Path) -> dict[str, Camera]:

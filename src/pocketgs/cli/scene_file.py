@@ -28,6 +28,11 @@ def names_scene(path: Path) -> bool:
     return is_scene_name(path) or all((path / name).is_file() for name in (SCENE, RECORD))
 
 
+def folder_of(scene: Path) -> Path:
+    """The result folder that a scene belongs to, if it belongs to one."""
+    return scene if scene.is_dir() else scene.parent
+
+
 def load_scene(path: Path) -> Gaussians:
     """Read a scene file of any format, or the scene of a result folder, which is drawn sorted.
 
@@ -68,7 +73,7 @@ def in_world_of(path: Path, capture: Capture) -> Capture:
     Raises:
         PocketGSError: they cannot be read.
     """
-    cameras = (path if path.is_dir() else path.parent) / CAMERAS
+    cameras = folder_of(path) / CAMERAS
     return with_poses_of(capture, cameras) if cameras.is_file() else capture
 
 
@@ -78,4 +83,4 @@ def as_trained_on(path: Path, capture: Capture) -> Capture:
     Raises:
         PocketGSError: poses or transients cannot be read.
     """
-    return without_transients_of(path if path.is_dir() else path.parent, in_world_of(path, capture))
+    return without_transients_of(folder_of(path), in_world_of(path, capture))

@@ -18,7 +18,7 @@ import pocketgs.viewer
 from pocketgs.files.opening import open_in_place
 from pocketgs.splat.webgpu.passes import Appearance, Variant, Weights, describe
 from pocketgs.viewer.access import Access, is_same_origin
-from pocketgs.viewer.content import Content, jpeg
+from pocketgs.viewer.content import Content, View, jpeg
 from pocketgs.viewer.following import Followers
 from pocketgs.viewer.live import LiveRun
 
@@ -168,16 +168,20 @@ def scene_handlers(content: Callable[[web.Request], Awaitable[Content]]) -> dict
         except OSError as error:
             raise web.HTTPNotFound from error
 
-    async def photo(request: web.Request) -> web.StreamResponse:
+    async def view_of(request: web.Request) -> View:
         views, number = (await content(request)).views, int(request.match_info["number"])
-        photo = views[number].photo if number < len(views) else None
+        if number >= len(views):
+            raise web.HTTPNotFound
+        return views[number]
+
+    async def photo(request: web.Request) -> web.StreamResponse:
+        photo = (await view_of(request)).photo
         if photo is None:
             raise web.HTTPNotFound
         return web.Response(body=await asyncio.to_thread(jpeg, photo), content_type="image/jpeg")
 
     async def transients(request: web.Request) -> web.StreamResponse:
-        views, number = (await content(request)).views, int(request.match_info["number"])
-        picture = views[number].transients if number < len(views) else None
+        picture = (await view_of(request)).transients
         if picture is None:
             raise web.HTTPNotFound
         return await send_file(request, picture, open_in_place)
