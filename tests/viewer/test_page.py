@@ -300,7 +300,7 @@ def test_compare_shows_what_moved_in_a_training_photograph(visit: Visit) -> None
     visit["#next"].click()
     expect(visit["#camera-name"]).to_have_text("0.jpg, red: moved, left out")
     expect(visit["#photo"]).to_have_attribute("src", "transients/0.png")
-    visit.page.wait_for_function("document.getElementById('photo').naturalWidth > 0")
+    expect(visit["#photo"]).not_to_have_js_property("naturalWidth", 0)
     visit["#next"].click()
     expect(visit["#camera-name"]).to_have_text("1.jpg, held out")
     visit.page.keyboard.press("c")
