@@ -18,6 +18,7 @@ from pocketgs.capture import list_capture
 from pocketgs.errors import PocketGSError
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import run
+from pocketgs.system.process import peak_rss_mb
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.progress import Progress
 
@@ -55,7 +56,7 @@ def test_result_folder(result: Path) -> None:
     assert 15 < record["psnr"] < 60
     assert 0.3 < record["ssim"] < 1
     assert record["protocol"] == "96x72, held out every 8th by name"
-    assert 50 < record["peak_rss_mb"] < 2000
+    assert 50 < record["peak_rss_mb"] <= peak_rss_mb()
     seconds = record["seconds"]
     assert {"startup", "capture", "seeding", "compilation", "training", "evaluation", "writing", "total"} <= set(
         seconds
