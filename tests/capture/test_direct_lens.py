@@ -14,10 +14,8 @@ from pocketgs.capture.colmap_export import export_capture
 from pocketgs.capture.pinhole_copy import frames_at, has_lenses, without_lenses
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import look_at
-from pocketgs.geometry.lens import Lens
 from pocketgs.prior.prior import build_prior
 from pocketgs.results.cameras_file import read_cameras, write_cameras
-from pocketgs.splat.checks import check_pinhole
 
 COEFFICIENTS = (-0.1, 0.02, 0.001, -0.002)
 
@@ -87,9 +85,3 @@ def test_lenses_are_kept_in_files(folder: Path, tmp_path: Path) -> None:
 def test_the_prior_takes_pinhole_cameras_only(folder: Path) -> None:
     with pytest.raises(PocketGSError, match="found cameras with lenses"):
         build_prior(open_capture(folder, lens="direct"), 100)
-
-
-def test_the_gpu_engine_says_that_it_draws_no_lens(folder: Path) -> None:
-    with pytest.raises(PocketGSError, match="lens of model 'opencv', expected a pinhole"):
-        check_pinhole(open_capture(folder, lens="direct").train[0].camera)
-    assert Lens().distorts is False

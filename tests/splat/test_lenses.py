@@ -1,4 +1,4 @@
-"""Splatting through lenses and with anti-aliasing: the reference's gradients, the CPU engine against it, culling."""
+"""Splatting through lenses and with anti-aliasing: the reference's gradients, the engines against it, culling."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.geometry.lens import Lens
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.cpu.clusters import Clusters
-from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.cpu.layout import CLUSTER, View
 from pocketgs.splat.cpu.lenses.lens import kernel_lens
+from pocketgs.splat.engine import EngineName, EngineOptions, create_engine
 from pocketgs.splat.rasterizer import Raster, RasterGradient
 from pocketgs.splat.reference import project as reference_project
 from pocketgs.splat.reference import rasterize as reference_rasterize
@@ -39,7 +39,7 @@ LENSES = {
 }
 BENT = [name for name in LENSES if name != "pinhole"]
 CASES = [*((name, False) for name in BENT), ("pinhole", True), ("fisheye", True)]
-AGREEING = [*(("cpu", *case) for case in CASES), ("webgpu", "pinhole", True)]
+AGREEING = [(engine, *case) for engine in ("cpu", "webgpu") for case in CASES]
 OUTPUTS = ("rgb", "alpha", "depth", "features")
 FEATURES = 3
 STEP = 1e-6
@@ -162,11 +162,16 @@ def test_engines_agree_with_the_reference(
             assert np.quantile(np.abs(one - other), 0.99) < 5e-3 * np.abs(other).max(), field.name
 
 
-def test_a_training_step_through_a_fisheye_agrees(camera: Camera, make_gaussians: MakeGaussians) -> None:
-    camera = through(camera, "fisheye")
-    gaussians, frame = a_scene(make_gaussians, "fisheye", 60, 0.15), photograph(camera)
+@pytest.mark.parametrize(("engine_name", "name"), [("cpu", "fisheye"), ("webgpu", "fisheye"), ("webgpu", "opencv")])
+def test_a_training_step_through_a_lens_agrees(
+    request: pytest.FixtureRequest, camera: Camera, make_gaussians: MakeGaussians, engine_name: EngineName, name: str
+) -> None:
+    if engine_name == "webgpu":
+        request.getfixturevalue("adapter")
+    camera = through(camera, name)
+    gaussians, frame = a_scene(make_gaussians, name, 60, 0.15), photograph(camera)
     settings_of_step = StepSettings(RATES, LossSettings(), background=BACKGROUND)
-    engine = begin(CpuEngine(), gaussians, [frame])
+    engine = begin(create_engine(EngineOptions(engine_name)), gaussians, [frame])
     engine.step(0, settings_of_step)
     loss, gradient, _ = reference_step(Scene.of(gaussians), frame, settings_of_step)
     assert engine.loss() == pytest.approx(loss, rel=1e-4)
@@ -223,15 +228,19 @@ def test_a_lens_needs_hardly_more_clusters_than_a_pinhole() -> None:
     assert max(found.values()) <= 1.2 * found["pinhole"]
 
 
-def test_a_fisheye_shows_what_stands_behind_it_and_not_what_its_polynomial_folds_over() -> None:
+@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"])
+def test_a_fisheye_shows_what_stands_behind_it_and_not_what_its_polynomial_folds_over(
+    request: pytest.FixtureRequest, engine: str
+) -> None:
+    if engine == "webgpu":
+        request.getfixturevalue("adapter")
     for coefficients, expected in (((0.0, 0.0, 0.0, 0.0), True), ((-0.15, 0.0, 0.0, 0.0), False)):
         camera = Camera(60, 60, 10.0, 10.0, 30.0, 30.0, np.eye(4), Lens("fisheye", coefficients))
         # 110 degrees off axis.
         mean = np.array([[np.sin(np.radians(110)), 0.0, np.cos(np.radians(110))]])
         scene = Gaussians(mean, np.full((1, 3), -3.0), np.eye(4)[:1], np.full(1, 4.0), np.ones((1, 1, 3)))
-        for engine in ("cpu", "reference"):
-            raster = Rasterizer(engine).forward(scene, camera, ("alpha", "depth"), near=0.1)  # type: ignore[arg-type]
-            assert (raster.alpha.max() > 0.5) == expected
-            if expected:
-                assert np.unravel_index(np.argmax(raster.alpha), raster.alpha.shape) == (29, 49)
-                assert raster.depth.max() == pytest.approx(1.0, abs=1e-3)
+        raster = Rasterizer(engine).forward(scene, camera, ("alpha", "depth"), near=0.1)  # type: ignore[arg-type]
+        assert (raster.alpha.max() > 0.5) == expected
+        if expected:
+            assert np.unravel_index(np.argmax(raster.alpha), raster.alpha.shape) == (29, 49)
+            assert raster.depth.max() == pytest.approx(1.0, abs=1e-3)

@@ -5,7 +5,7 @@ sections: a line `section name` starts one, which is imported as `file.name`. Th
 with each of them.
 
 An imported name can be an interface with several implementations, such as `splats.words`: the chosen variants say which
-section to use. Constants that the host also needs are written at the top of every shader.
+section to use. Constants that the host also needs are written at the top of each shader that uses them.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ SHADERS = Path(__file__).parent / "shaders"
 Constant = int | float | Sequence[float]
 
 _IMPORT = re.compile(r"^import (.+)$", re.MULTILINE)
+_WORD = re.compile(r"\w+")
 _ENABLE = re.compile(r"^enable (\w+);$", re.MULTILINE)
 _SECTION = re.compile(r"^section (\w+)\n", re.MULTILINE)
 _BINDING = re.compile(
@@ -69,7 +70,7 @@ class ShaderLibrary:
 
     def __init__(self, folder: Path, constants: Mapping[str, Constant]) -> None:
         self._folders = (SHADERS, folder)
-        self._constants = "".join(_declaration(*item) for item in {**CONSTANTS, **constants}.items())
+        self._constants = {name: _declaration(name, value) for name, value in {**CONSTANTS, **constants}.items()}
 
     def link(self, name: str, variants: Mapping[str, str]) -> Shader:
         """Link a shader.
@@ -88,7 +89,9 @@ class ShaderLibrary:
         texts = [*parts.values(), self._shaders[name]]
         extensions = dict.fromkeys(extension for text in texts for extension in _ENABLE.findall(text))
         body = "\n".join(_without_directives(text) for text in texts)
-        return Shader(name, f"{self._constants}\n{body}", tuple(extensions), _bindings(name, body))
+        used = set(_WORD.findall(body))
+        constants = "".join(text for constant, text in self._constants.items() if constant in used)
+        return Shader(name, f"{constants}\n{body}", tuple(extensions), _bindings(name, body))
 
     @cached_property
     def sections(self) -> dict[str, str]:

@@ -33,7 +33,6 @@ from pocketgs.results.memory_trace import MemoryTrace
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.summary import summarise
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.checks import check_pinhole
 from pocketgs.splat.constants import SSIM_WINDOW
 from pocketgs.splat.engine import Engine, Renderer, create_engine
 from pocketgs.system import freed_memory
@@ -137,9 +136,6 @@ def _run(
         capture = listed.load(plan.shrink)
     reporter.on_capture(capture)
     check_comparable(capture.held_out)
-    if engine.name == "webgpu":
-        for frame in capture.frames:
-            check_pinhole(frame.camera)  # before the prior's work, not after it
     identity = _identity(capture, options, plan)
     checkpoint = read_checkpoint(folder, identity) if resume else None
     if checkpoint and checkpoint.iteration >= _end(checkpoint, options):

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from pocketgs.errors import PocketGSError
-from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.engine import OptimiserState
 from pocketgs.splat.parameters import ParameterLayout
@@ -32,17 +31,6 @@ def checked_scene(gaussians: Gaussians) -> Gaussians:
     if not isinstance(gaussians, Gaussians):
         raise PocketGSError(f"upload: found {type(gaussians).__name__}, expected Gaussians")
     return Gaussians(*(getattr(gaussians, name) for name in PARAMETERS))
-
-
-def check_pinhole(camera: Camera) -> None:
-    """Refuse a camera with a lens, which only the CPU engine and the reference support.
-
-    Raises:
-        PocketGSError: the camera has one.
-    """
-    if not camera.is_pinhole:
-        expected = "expected a pinhole (--lens undistort), or the engine cpu"
-        raise PocketGSError(f"engine webgpu: found a camera with a lens of model {camera.lens.model!r}, {expected}")
 
 
 def check_state(gaussians: Gaussians, state: OptimiserState) -> None:

@@ -43,3 +43,17 @@ NOISE_STEEPNESS = 100.0
 NOISE_THRESHOLD = 0.005
 """Noise on positions fades at an opacity of 0.005, as steeply as σ(-100 (o - 0.005)) (Kheradmand et al. 2024,
 equation 8)."""
+
+ARCTANGENT = (
+    0.9999999972,
+    -0.3333327629,
+    0.1999807528,
+    -0.1426001609,
+    0.1093234151,
+    -0.0834972500,
+    0.0570895563,
+    -0.0303518651,
+    0.0104876494,
+    -0.0017011701,
+)
+"""Polynomial of atan(√u)/√u on [0, 1] in u, from its values at Chebyshev points. Its error is 2e-9."""

@@ -13,6 +13,7 @@ from pocketgs.prior.depth.webgpu.passes import describe_comparison, describe_swe
 from pocketgs.prior.features.webgpu.passes import describe_features, describe_matching
 from pocketgs.seeding.webgpu.passes import describe_neighbourhoods
 from pocketgs.splat.webgpu.compositor_passes import describe_compositor
+from pocketgs.splat.webgpu.lenses import LENSES
 from pocketgs.splat.webgpu.passes import Variant, Weights, describe
 from pocketgs.splat.webgpu.rasterizer_passes import describe_rasterizer
 
@@ -23,8 +24,9 @@ TRAINING = [
     )
 ]
 RENDERING = [Variant(appearance="points"), Variant(appearance="discs")]
-RENDERING += [Variant(weights=weights) for weights in get_args(Weights)]
+RENDERING += [Variant(weights=weights, lenses=LENSES) for weights in get_args(Weights)]
 DESCRIPTIONS = {str(variant): describe(variant) for variant in TRAINING}
+DESCRIPTIONS |= {"lenses": describe(Variant(lenses=LENSES))}
 DESCRIPTIONS |= {str(variant): describe(variant, training=False) for variant in RENDERING}
 DESCRIPTIONS |= {f"rasterizer {subgroups}": describe_rasterizer(subgroups) for subgroups in (False, True)}
 DESCRIPTIONS |= {"rasterizer sum": describe_rasterizer(False, "sum"), "sweep": describe_sweep()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.settings import AdamSettings, LossSettings, PositionNoise
 from pocketgs.splat.webgpu.engine import WebGpuEngine
 from splat.test_clusters import FAST, a_camera, around
+from splat.test_lenses import BENT, through
 from splat.training_step import assert_identical, begin, photograph
 from splat.webgpu.variants import shared_engine
 
@@ -81,9 +83,9 @@ def test_training_is_the_same_with_and_without_culling(seen_only: bool, scale_we
     assert np.abs(scene_of_one.means - scene.means).max() > 0.1
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_no_bits_of_a_rendering_change(seed: int) -> None:
-    scene, camera = small_ones(seed, 12_000), a_camera(np.random.default_rng(seed))
+@pytest.mark.parametrize(("lens", "seed"), [*product(["pinhole"], range(6)), *product(BENT, (1, 2))])
+def test_no_bits_of_a_rendering_change(lens: str, seed: int) -> None:
+    scene, camera = small_ones(seed, 12_000), through(a_camera(np.random.default_rng(seed)), lens)
     engine = begin(shared_engine(ENGINE), scene)
     culled = engine.render(camera)
     assert not in_view(engine).all()

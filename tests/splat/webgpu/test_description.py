@@ -14,6 +14,7 @@ from pocketgs.gpu.sizes import ceil_div, evaluate
 from pocketgs.prior.depth.webgpu.shader_files import SHADERS as DEPTH_SHADERS
 from pocketgs.prior.features.webgpu.shader_files import SHADERS as FEATURE_SHADERS
 from pocketgs.seeding.webgpu.shader_files import SHADERS as SEED_SHADERS
+from pocketgs.splat.webgpu.lenses import LENSES
 from pocketgs.splat.webgpu.passes import Variant, describe
 from pocketgs.splat.webgpu.rasterizer_passes import CENTRE_WORDS, SPLAT_WORDS, describe_rasterizer
 from pocketgs.splat.webgpu.shader_files import SHADERS
@@ -42,6 +43,7 @@ CASE = {
     "channel_groups": 5,
     "colours": 1,
     "antialiased": 1,
+    **dict.fromkeys(LENSES, 1),
     "image_width": 700,
     "image_height": 480,
     "images": 5,

@@ -13,6 +13,7 @@ from pocketgs.gpu.sizes import Symbols
 from pocketgs.scene.background import Background, checked_background
 from pocketgs.splat.engine import Rendering
 from pocketgs.splat.webgpu.frame_values import view_values
+from pocketgs.splat.webgpu.lenses import lens_values
 
 Draw: TypeAlias = Callable[[str, Camera, Background], np.ndarray]
 """Runs a sequence: gives (H, W, 4) float32, colour and how much of the background shows."""
@@ -55,8 +56,16 @@ def draw_once(
         (H, W, 4) float32, colour and how much of the background shows; and the intersections that there was too little
         room for, 0 if there was enough.
     """
-    executor.write_uniform("view", view_values(camera, background, near, symbols))
+    write_camera(executor, camera, background, near, symbols)
     executor.submit(sequence, symbols)
     pixels = executor.read("image", np.float32, 4 * symbols["pixels"])
     _, halted, needed = executor.read("status", np.uint32, 3)
     return pixels.reshape(camera.height, camera.width, 4), int(needed) if halted else 0
+
+
+def write_camera(
+    executor: Executor, camera: Camera, background: Background, near: float, symbols: Symbols, photograph: int = 0
+) -> None:
+    """Set the uniform buffers of an image; the arguments are those of `view_values`."""
+    executor.write_uniform("view", view_values(camera, background, near, symbols, photograph))
+    executor.write_uniform("lens", lens_values(camera))

@@ -15,15 +15,16 @@ from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
 from pocketgs.scene.background import Background
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.checks import check_masks, check_pinhole, check_state, check_view, checked_scene
+from pocketgs.splat.checks import check_masks, check_state, check_view, checked_scene
 from pocketgs.splat.colours import check_transforms
 from pocketgs.splat.engine import EngineOptions, OptimiserState, Rendering
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import RowChange, Statistics, check_change
 from pocketgs.splat.settings import StepSettings
-from pocketgs.splat.webgpu.drawing import draw_once, rendered
-from pocketgs.splat.webgpu.frame_values import is_regularised, structural_share, update_values, view_values
+from pocketgs.splat.webgpu.drawing import draw_once, rendered, write_camera
+from pocketgs.splat.webgpu.frame_values import is_regularised, structural_share, update_values
+from pocketgs.splat.webgpu.lenses import LENSES, lens_symbols
 from pocketgs.splat.webgpu.memory import (
     GROWTH,
     INTERSECTIONS_PER_GAUSSIAN,
@@ -77,7 +78,7 @@ class WebGpuEngine:
         adapter = choose_adapter(options.gpu)
         self.device = f"{adapter.name}, {adapter.backend}"
         subgroups = "subgroup" in adapter.features and not options.portable
-        variant = Variant(options.precision, options.replay, options.accumulation, subgroups)
+        variant = Variant(options.precision, options.replay, options.accumulation, subgroups, lenses=LENSES)
         self.executor = Executor(shared_device(adapter, variant.features), describe(variant))
         self._shares_memory = adapter.shares_memory
         self._limits = Limits(options.max_memory * 1_000_000, adapter.largest_buffer)
@@ -94,10 +95,8 @@ class WebGpuEngine:
         """Take the photographs that `step` refers to by index.
 
         Raises:
-            PocketGSError: the GPU's memory does not hold what training on them takes, or one was taken through a lens.
+            PocketGSError: the GPU's memory does not hold what training on them takes.
         """
-        for frame in frames:
-            check_pinhole(frame.camera)
         self._settle()
         sizes = tuple((frame.camera.width, frame.camera.height) for frame in frames)
         self._fit(replace(self._extent, photographs=sizes, drawn_sizes=frozenset(), trains=True), frames)
@@ -228,6 +227,7 @@ class WebGpuEngine:
                 "replay_depth": self._plan.replay_depth,
                 "width": camera.width,
                 "height": camera.height,
+                **lens_symbols(camera),
                 "structural": int(settings is not None and structural_share(settings, camera) > 0.0),
                 "regularised": int(settings is not None and is_regularised(settings)),
                 "collecting": int(settings is not None and settings.statistics),
@@ -265,7 +265,7 @@ class WebGpuEngine:
         if not shelf.is_resident(step.view):
             self.executor.write("photographs", packed(frame), PIXEL_BYTES * place)
         symbols = self._symbols(camera, step.settings)
-        self.executor.write_uniform("view", view_values(camera, step.settings.background, self._near, symbols, place))
+        write_camera(self.executor, camera, step.settings.background, self._near, symbols, place)
         self.executor.write_uniform(
             "update", update_values(step.settings, camera, symbols, self._ahead.next_number, step.view)
         )

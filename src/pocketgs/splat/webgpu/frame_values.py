@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from pocketgs.geometry.camera import Camera
 from pocketgs.gpu.sizes import Symbols, ceil_div
 from pocketgs.scene.gaussians import SH_COEFFICIENTS
-from pocketgs.splat.checks import check_pinhole
-from pocketgs.splat.constants import FRUSTUM_MARGIN, SSIM_WINDOW
+from pocketgs.splat.constants import SSIM_WINDOW
 from pocketgs.splat.engine import KEPT_LOSSES
 from pocketgs.splat.settings import StepSettings
+from pocketgs.splat.slope_limits import slope_limits
 from pocketgs.splat.webgpu.layout import TILE
 
 
@@ -29,24 +28,19 @@ def view_values(
         symbols: gives gaussians, coefficients, intersections, replay_depth, and channel_groups where channels are
             composited.
         photograph: where it begins, in pixels.
-
-    Raises:
-        PocketGSError: the camera has a lens.
     """
-    check_pinhole(camera)
-    pose, size = camera.world_to_camera, np.array([camera.width, camera.height])
-    focal, principal = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
-    margin = FRUSTUM_MARGIN * size
+    pose = camera.world_to_camera
+    low, high = slope_limits(camera)
     return {
         "to_camera_x": pose[0],
         "to_camera_y": pose[1],
         "to_camera_z": pose[2],
         "centre": (*camera.centre, 1.0),
         "background": (*background, 1.0),
-        "focal": focal,
-        "principal": principal,
-        "slopes_low": -(principal + margin) / focal,
-        "slopes_high": (size - principal + margin) / focal,
+        "focal": (camera.fx, camera.fy),
+        "principal": (camera.cx, camera.cy),
+        "slopes_low": low,
+        "slopes_high": high,
         "width": camera.width,
         "height": camera.height,
         "tiles_across": ceil_div(camera.width, TILE),

@@ -14,7 +14,7 @@ from pocketgs.gpu.description import Description
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
 from pocketgs.gpu.sizes import Symbols
-from pocketgs.splat.webgpu.frame_values import view_values
+from pocketgs.splat.webgpu.drawing import write_camera
 from pocketgs.splat.webgpu.memory import GROWTH, MIN_INTERSECTIONS
 from pocketgs.splat.webgpu.passes import Variant
 
@@ -59,7 +59,7 @@ class ImageLists:
         while True:
             self.symbols = self._executor.description.symbols({**given, "intersections": self._room})
             self._reserve("forward")
-            self._executor.write_uniform("view", view_values(camera, (0.0, 0.0, 0.0), near, self.symbols))
+            write_camera(self._executor, camera, (0.0, 0.0, 0.0), near, self.symbols)
             self._submit("forward", {**content, "status": np.zeros(3, np.uint32)})
             _, halted, needed = self.read("status", np.uint32, 3)
             if not halted:

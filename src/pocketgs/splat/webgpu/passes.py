@@ -14,7 +14,7 @@ from pocketgs.gpu.workgroups import BLOCK, DIGIT_BITS, THREADS
 from pocketgs.splat.colours import COLUMNS
 from pocketgs.splat.engine import KEPT_LOSSES, Accumulation, Precision, Replay
 from pocketgs.splat.webgpu.layout import GRADIENT_COLUMNS, PATCH, SHAPE_COLUMNS, TILE
-from pocketgs.splat.webgpu.shader_files import SHADERS
+from pocketgs.splat.webgpu.lenses import PINHOLE, link, through_lenses
 
 DEFINITIONS = {
     "pixels": "width * height",
@@ -51,6 +51,7 @@ class Variant:
         subgroups: whether threads of a subgroup add up without workgroup memory.
         appearance: what Gaussians are drawn as; training is always of splats.
         weights: what Gaussians are weighted by where nothing is sorted, which is for rendering only; None to sort.
+        lenses: what cameras may have: PINHOLE or LENSES.
     """
 
     precision: Precision = "f32"
@@ -59,6 +60,7 @@ class Variant:
     subgroups: bool = False
     appearance: Appearance = "splats"
     weights: Weights | None = None
+    lenses: tuple[str, ...] = PINHOLE
 
     @property
     def sections(self) -> dict[str, str]:
@@ -296,7 +298,8 @@ def describe(variant: Variant, training: bool = True) -> Description:
     The numbers that the expressions are computed from: gaussians, capacity (room for them), coefficients,
     view_coefficients (of weights, where there are any), width, height, intersections (room for them), photographs,
     photograph_pixels, replay_depth, listed (rows to set), structural, regularised, collecting and colours_learned (0 or
-    1); and for a rasterization of some of the tiles, drawn_tiles, their number.
+    1); those of `lens_symbols`, where cameras may have a lens; and for a rasterization of some of the tiles,
+    drawn_tiles, their number.
     """
     assert not training or (variant.appearance == "splats" and variant.weights is None), variant
     bins = bin_passes(variant.weights is None)
@@ -318,8 +321,11 @@ def describe(variant: Variant, training: bool = True) -> Description:
         if variant.replay == "cache":
             buffers["replay_cache"] = f"pixels * (4 + {RECORD_BYTES[variant.precision]} * replay_depth)"
         buffers["gradient_rows"] = f"36 * {'intersections' if variant.accumulation == 'ordered' else 'capacity'}"
+    sequences = {
+        name: replace(one, passes=tuple(through_lenses(one.passes, variant.lenses))) for name, one in sequences.items()
+    }
     shaders = {name: _shader(name, variant) for name in shader_names(sequences.values())}
-    uniforms = {"view": UniformLayout.of("View", shaders["project"].source)}
+    uniforms = camera_uniforms(shaders["project"])
     if training:
         uniforms["update"] = UniformLayout.of("Update", shaders["adam"].source)
         uniforms["rows"] = UniformLayout.of("Rows", shaders["gather_rows"].source)
@@ -331,5 +337,10 @@ def describe(variant: Variant, training: bool = True) -> Description:
 def _shader(name: str, variant: Variant) -> Shader:
     """Only a rasterization that is replayed later fills a cache."""
     if name == "rasterize_for_replay":
-        return replace(SHADERS.link("rasterize", variant.sections), name=name)
-    return SHADERS.link(name, {**variant.sections, "replay.record": "replay.record_nothing"})
+        return replace(link("rasterize", variant.sections), name=name)
+    return link(name, {**variant.sections, "replay.record": "replay.record_nothing"})
+
+
+def camera_uniforms(project: Shader) -> dict[str, UniformLayout]:
+    """The layouts of the uniform buffers of a camera, from the shader that projects."""
+    return {struct.lower(): UniformLayout.of(struct, project.source) for struct in ("View", "Lens")}

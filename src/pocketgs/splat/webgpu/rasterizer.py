@@ -15,6 +15,7 @@ from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
 from pocketgs.splat.webgpu.channels import in_groups, packed, read_channel_gradients, read_image
 from pocketgs.splat.webgpu.image_lists import ImageLists
+from pocketgs.splat.webgpu.lenses import lens_symbols
 from pocketgs.splat.webgpu.rasterizer_passes import (
     CENTRE_WORDS,
     GROUP,
@@ -63,6 +64,7 @@ class _Tape:
             "colours": int(self.colours),
             "antialiased": int(self.antialiased),
             "replay_depth": 0,
+            **lens_symbols(self.camera),
         }
 
 
@@ -93,11 +95,7 @@ class WebGpuBackend:
         channels: np.ndarray,
         antialiased: bool = False,
     ) -> Composite:
-        """Project → sort → bin → rasterize.
-
-        Raises:
-            PocketGSError: the camera is no pinhole.
-        """
+        """Project → sort → bin → rasterize."""
         scene = Gaussians(*(getattr(parameters, name) for name in PARAMETERS))
         shown = GROUP if colours else 0
         composited = shown + channels.shape[1]

@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 from pocketgs.gpu.description import Description, Pass, Sequence, shader_names
-from pocketgs.gpu.uniforms import UniformLayout
+from pocketgs.splat.webgpu.lenses import LENSES, link, through_lenses
 from pocketgs.splat.webgpu.passes import (
     CLEARED,
     DEFINITIONS,
@@ -14,9 +14,9 @@ from pocketgs.splat.webgpu.passes import (
     SORTING_BUFFERS,
     Variant,
     bin_passes,
+    camera_uniforms,
     rendering_buffers,
 )
-from pocketgs.splat.webgpu.shader_files import SHADERS
 
 GROUP = 3
 """Channels that are composited together, where a step has its three colours."""
@@ -104,8 +104,8 @@ def describe_rasterizer(subgroups: bool, compositor: str = "over") -> Descriptio
     """Describe the rasterizer's passes.
 
     The numbers that the expressions are computed from: those of `describe` that rendering needs; channel_groups;
-    colours, 1 where the first group is the Gaussians' colour; and antialiased, 1 or 0. Passes after "forward" work from
-    what it has left.
+    colours, 1 where the first group is the Gaussians' colour; antialiased, 1 or 0; and those of `lens_symbols`. Passes
+    after "forward" work from what it has left.
 
     Args:
         subgroups: see `Variant`.
@@ -124,12 +124,12 @@ def describe_rasterizer(subgroups: bool, compositor: str = "over") -> Descriptio
         "forward": Sequence(
             cleared if by_depth else tuple(name for name in cleared if name not in SORTING_BUFFERS),
             (
-                *binning,
+                *through_lenses(binning, LENSES),
                 Pass("take colours", "take_colours", "groups", when="colours"),
                 RASTERIZE,
             ),
         ),
-        **backward_sequences("gradients", *_with_and_without_antialiasing(_PROJECT_BACKWARD)),
+        **backward_sequences("gradients", *through_lenses(_with_and_without_antialiasing(_PROJECT_BACKWARD), LENSES)),
     }
     if by_depth:
         sequences["inspect"] = _INSPECT
@@ -138,6 +138,5 @@ def describe_rasterizer(subgroups: bool, compositor: str = "over") -> Descriptio
     if not by_depth:
         for name in (*SORTING_BUFFERS, *_INSPECTION_BUFFERS):
             del buffers[name]
-    shaders = {name: SHADERS.link(name, sections) for name in shader_names(sequences.values())}
-    uniforms = {"view": UniformLayout.of("View", shaders["project"].source)}
-    return Description(sections, DEFINITIONS, buffers, uniforms, shaders, sequences)
+    shaders = {name: link(name, sections) for name in shader_names(sequences.values())}
+    return Description(sections, DEFINITIONS, buffers, camera_uniforms(shaders["project"]), shaders, sequences)

@@ -38,6 +38,8 @@ SHADERS = ShaderLibrary(
         "GSPLAT_ALPHA_MAX": float(GSPLAT.most_opaque),
         "LOG2_E": math.log2(math.e),
         "MAX_LOG_SCALE": _MAX_LOG_SCALE,
+        "ARCTANGENT": constants.ARCTANGENT,
+        "ARCTANGENT_TERMS": len(constants.ARCTANGENT),
         **PLACES,
         "COLOUR_COLUMNS": COLUMNS,
         "COLOUR_UPDATES": UPDATES,

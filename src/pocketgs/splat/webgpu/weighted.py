@@ -18,6 +18,7 @@ from pocketgs.splat.checks import checked_scene
 from pocketgs.splat.engine import EngineOptions, Rendering
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.webgpu.drawing import draw_once, rendered
+from pocketgs.splat.webgpu.lenses import LENSES, lens_symbols
 from pocketgs.splat.webgpu.memory import GROWTH, INTERSECTIONS_PER_GAUSSIAN, MIN_INTERSECTIONS
 from pocketgs.splat.webgpu.passes import Variant, Weights, describe
 from pocketgs.splat.webgpu.scene_columns import to_columns, transposed
@@ -50,7 +51,7 @@ class WeightedDrawing:
         max_memory: int = EngineOptions.max_memory,
     ) -> None:
         adapter = choose_adapter(gpu)
-        variant = Variant(subgroups="subgroup" in adapter.features, weights=weights)
+        variant = Variant(subgroups="subgroup" in adapter.features, weights=weights, lenses=LENSES)
         device = shared_device(adapter, variant.features)
         self._executor = Executor(device, describe(variant, training=False))
         self._largest = adapter.largest_buffer
@@ -77,7 +78,7 @@ class WeightedDrawing:
         """Render the scene.
 
         Raises:
-            PocketGSError: it does not fit in the GPU's memory, or the camera has a lens.
+            PocketGSError: it does not fit in the GPU's memory.
         """
         return rendered(self._draw, camera, background, depth)
 
@@ -97,7 +98,7 @@ class WeightedDrawing:
         before anything is changed.
         """
         description = self._executor.description
-        given = {"width": camera.width, "height": camera.height, "replay_depth": 0}
+        given = {"width": camera.width, "height": camera.height, "replay_depth": 0, **lens_symbols(camera)}
         symbols = description.symbols({**self._counts, **given, "intersections": intersections})
         sizes = description.sizes(symbols, description.buffers_of(description.sequences))
         check_buffers(sizes, self._largest, "fewer Gaussians or smaller images")

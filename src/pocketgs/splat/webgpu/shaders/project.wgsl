@@ -5,12 +5,12 @@ import view, gaussians.read, gaussians.read_sh, projection, spherical_harmonics,
 import depth_keys.kind, weights.kind, clusters, finite, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
-@group(0) @binding(1) var<storage, read> shape: array<f32>;
-@group(0) @binding(2) var<storage, read> sh: array<f32>;
-@group(0) @binding(3) var<storage, read_write> splats: array<u32>;
-@group(0) @binding(4) var<storage, read_write> order: array<u32>;
-@group(0) @binding(5) var<storage, read_write> tile_counts: array<u32>;
-@group(0) @binding(6) var<storage, read> cluster_places: array<u32>;
+@group(0) @binding(2) var<storage, read> shape: array<f32>;
+@group(0) @binding(3) var<storage, read> sh: array<f32>;
+@group(0) @binding(4) var<storage, read_write> splats: array<u32>;
+@group(0) @binding(5) var<storage, read_write> order: array<u32>;
+@group(0) @binding(6) var<storage, read_write> tile_counts: array<u32>;
+@group(0) @binding(7) var<storage, read> cluster_places: array<u32>;
 
 // Whether opacities are multiplied by √(det Σ / det Σ') with Σ = Σ' - 0.3 I, so that Gaussians smaller than a pixel fade
 // in place of covering a whole one (Mip-Splatting, Yu et al. 2024, equation 10).
@@ -30,10 +30,12 @@ fn project_shape(gaussian: Gaussian) -> Projected {
     var log2_opacity = min(logit, 0.0) * LOG2_E - log2(1.0 + exp2(-abs(logit) * LOG2_E));
     let sound = all_finite(vec4f(gaussian.mean, logit)) && all_finite(gaussian.quaternion)
         && all_finite(vec4f(gaussian.log_scale, 0.0)) && all(gaussian.log_scale < vec3f(MAX_LOG_SCALE));
-    if (!(sound && local.z >= view.near && log2_opacity >= LOG2_ALPHA_MIN)) {
+    let depth = depth_of(local);
+    if (!(sound && depth >= view.near && log2_opacity >= LOG2_ALPHA_MIN)) {
         return result;
     }
-    if (is_veil(view, local, exp(gaussian.log_scale))) {
+    let scale = exp(gaussian.log_scale);
+    if (!is_shown(view, local, max(scale.x, max(scale.y, scale.z)))) {
         return result;
     }
     let sharp = footprint_of(view, gaussian, jacobian_at(view, local));
@@ -59,7 +61,7 @@ fn project_shape(gaussian: Gaussian) -> Projected {
     let rows = tiles_between(mean.y - radii.y, mean.y + radii.y, view.height);
     result.visible = columns.x < columns.y && rows.x < rows.y;
     result.splat.mean = mean;
-    result.splat.depth = local.z;
+    result.splat.depth = depth;
     result.splat.log2_opacity = log2_opacity;
     result.splat.exponents = LOG2_E * vec3f(-0.5 * yy, sharp.xy, -0.5 * xx) / determinant;
     return result;

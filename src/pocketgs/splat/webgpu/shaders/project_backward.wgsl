@@ -1,17 +1,17 @@
 // Gradients from the image back to the Gaussians, through the sort permutation: ∇θ[π(i)] = g_i, 0 where no tile is
 // reached. Those of clusters outside the view are not written. One thread per Gaussian, in order of depth.
-import view, ranks.slots, gaussians.read, gaussians.read_sh, projection, spherical_harmonics.gradient, splats.read
-import gradient_rows.gather, workgroups
+import view, ranks.slots, gaussians.read, gaussians.read_sh, projection, lens.backward, splats.read
+import spherical_harmonics.gradient, gradient_rows.gather, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
-@group(0) @binding(1) var<storage, read> shape: array<f32>;
-@group(0) @binding(2) var<storage, read> sh: array<f32>;
-@group(0) @binding(3) var<storage, read> splats: array<u32>;
-@group(0) @binding(4) var<storage, read> order: array<u32>;
-@group(0) @binding(5) var<storage, read> first_slots: array<u32>;
-@group(0) @binding(6) var<storage, read> gradient_rows: array<f32>;
-@group(0) @binding(7) var<storage, read_write> gradients: array<f32>;
-@group(0) @binding(8) var<storage, read> intersection_count: array<u32>;
+@group(0) @binding(2) var<storage, read> shape: array<f32>;
+@group(0) @binding(3) var<storage, read> sh: array<f32>;
+@group(0) @binding(4) var<storage, read> splats: array<u32>;
+@group(0) @binding(5) var<storage, read> order: array<u32>;
+@group(0) @binding(6) var<storage, read> first_slots: array<u32>;
+@group(0) @binding(7) var<storage, read> gradient_rows: array<f32>;
+@group(0) @binding(8) var<storage, read_write> gradients: array<f32>;
+@group(0) @binding(9) var<storage, read> intersection_count: array<u32>;
 
 // As in `project.wgsl`.
 override antialiased: bool = false;
@@ -44,7 +44,7 @@ fn compensation_gradient(gaussian: Gaussian, jacobian: Jacobian, d_exponent: f32
     return 0.5 * d_exponent * (sharp_inverse - blurred_inverse);
 }
 
-// Write the gradients of scales and rotation; return that of the Jacobian's four entries.
+// Write the gradients of scales and rotation; return that of the Jacobian.
 fn shape_backward(gaussian: Gaussian, jacobian: Jacobian, d_covariance: mat2x2f, i: u32) -> Jacobian {
     let axes = axes_of(gaussian.quaternion);
     let scale = exp(gaussian.log_scale);
@@ -55,11 +55,9 @@ fn shape_backward(gaussian: Gaussian, jacobian: Jacobian, d_covariance: mat2x2f,
     for (var k = 0u; k < 3u; k++) {
         let a = rotate_to_camera(view, scale[k] * axes[k]);
         let du = 2.0 * (d_covariance * project_vector(jacobian, a));
-        d_jacobian.xx += du.x * a.x;
-        d_jacobian.xz += du.x * a.z;
-        d_jacobian.yy += du.y * a.y;
-        d_jacobian.yz += du.y * a.z;
-        let d_a = vec3f(jacobian.xx * du.x, jacobian.yy * du.y, jacobian.xz * du.x + jacobian.yz * du.y);
+        d_jacobian.x += du.x * a;
+        d_jacobian.y += du.y * a;
+        let d_a = du.x * jacobian.x + du.y * jacobian.y;
         let d_axis = scale[k] * to_world(view, d_a);
         d_log_scale[k] = dot(axes[k], d_axis);
         skew[k] = vec3f(dot(axes[0], d_axis), dot(axes[1], d_axis), dot(axes[2], d_axis));
@@ -69,21 +67,6 @@ fn shape_backward(gaussian: Gaussian, jacobian: Jacobian, d_covariance: mat2x2f,
     let d_rotation = vec3f(skew[1].z - skew[2].y, skew[2].x - skew[0].z, skew[0].y - skew[1].x);
     write_gradient3(GRADIENT_ROTATION, i, d_rotation);
     return d_jacobian;
-}
-
-// Gradient with respect to the camera-space position, from the projected centre and from the Jacobian.
-fn position_backward(local: vec3f, jacobian: Jacobian, d_mean: vec2f, d_jacobian: Jacobian) -> vec3f {
-    let z = local.z;
-    let slopes = local.xy / z;
-    let free = (slopes >= view.slopes_low) & (slopes <= view.slopes_high);
-    var d = vec3f(d_mean * view.focal / z, 0.0);
-    d.z = -(dot(d.xy, local.xy) + jacobian.xx * d_jacobian.xx + jacobian.yy * d_jacobian.yy) / z;
-    // xx = fx/z and xz = -fx x/z², or -fx · limit/z where clamped.
-    d.x -= select(0.0, jacobian.xx / z * d_jacobian.xz, free.x);
-    d.y -= select(0.0, jacobian.yy / z * d_jacobian.yz, free.y);
-    d.z -= select(1.0, 2.0, free.x) * jacobian.xz / z * d_jacobian.xz;
-    d.z -= select(1.0, 2.0, free.y) * jacobian.yz / z * d_jacobian.yz;
-    return d;
 }
 
 // Write the gradient of the SH coefficients; return that of the world position through the viewing direction.
@@ -134,7 +117,7 @@ fn main(
         d_covariance += compensation_gradient(gaussian, jacobian, sums.exponent);
     }
     let d_jacobian = shape_backward(gaussian, jacobian, d_covariance, i);
-    let d_local = position_backward(local, jacobian, inverse * sums.offset, d_jacobian);
+    let d_local = position_backward(view, local, jacobian, inverse * sums.offset, d_jacobian);
     write_gradient3(GRADIENT_MEAN, i, to_world(view, d_local) + colour_backward(gaussian.mean, sums.colour, i));
     write_gradient(GRADIENT_OPACITY, i, sums.exponent / (1.0 + exp(gaussian.opacity_logit)));
 }

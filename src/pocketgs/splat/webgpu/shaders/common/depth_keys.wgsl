@@ -2,7 +2,7 @@
 
 section written
 // The bits of a depth, which sort as the depth does.
-@group(0) @binding(7) var<storage, read_write> depth_keys: array<u32>;
+@group(0) @binding(8) var<storage, read_write> depth_keys: array<u32>;
 
 // The key of what is not drawn: greater than any depth's.
 const CULLED: u32 = 0xffffffffu;

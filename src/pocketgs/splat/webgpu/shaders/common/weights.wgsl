@@ -29,8 +29,8 @@ const LARGEST_EXPONENT: f32 = 40.0;
 section seen
 import weights.shared, view, gaussians, spherical_harmonics, finite
 // What the camera sees of a Gaussian; `views` lies column by column, as the other parameters do.
-@group(0) @binding(7) var<uniform> weighting: Weighting;
-@group(0) @binding(8) var<storage, read> views: array<f32>;
+@group(0) @binding(8) var<uniform> weighting: Weighting;
+@group(0) @binding(9) var<storage, read> views: array<f32>;
 
 fn distance_of(gaussian: Gaussian) -> f32 {
     return length(gaussian.mean - view.centre.xyz) / weighting.unit;
@@ -103,7 +103,7 @@ fn exponent_of(key: u32) -> f32 {
 section visibility
 import weights.seen, weights.exponents, splats
 // The logarithm of the weight. A common factor of all weights cancels, so the largest is found first.
-@group(0) @binding(9) var<storage, read_write> largest_exponents: array<atomic<u32>, 2>;
+@group(0) @binding(10) var<storage, read_write> largest_exponents: array<atomic<u32>, 2>;
 
 fn weight_of(gaussian: Gaussian, i: u32) -> f32 {
     return view_of(gaussian, i) - weighting.sigma * log(distance_of(gaussian));
