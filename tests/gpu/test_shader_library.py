@@ -22,7 +22,7 @@ fn shade() -> f32 { return WHITE; }
 PAINT = """import shades.kind, workgroups
 @group(0) @binding(1) var<storage, read_write> out: array<f32>;
 @group(0) @binding(0) var<uniform> size: Size;
-fn main() { out[0] = shade(); }
+fn main() { out[0] = shade() * SHARE * WEIGHTS[COUNT] + f32(THREADS); }
 """
 
 
@@ -53,8 +53,8 @@ def test_variants_choose_sections(folder: Path) -> None:
     assert "enable" not in dark.source
 
 
-def test_constants_are_written_out(folder: Path) -> None:
-    constants = {"COUNT": 3, "SHARE": 0.1, "WEIGHTS": [0.25, 0.5]}
+def test_constants_are_written_out_where_they_are_used(folder: Path) -> None:
+    constants = {"COUNT": 3, "SHARE": 0.1, "WEIGHTS": [0.25, 0.5], "UNUSED": 4}
     source = ShaderLibrary(folder, constants).link("paint", {"shades.kind": "shades.light"}).source
     for line in (
         "const THREADS: u32 = 256u;",
@@ -63,6 +63,7 @@ def test_constants_are_written_out(folder: Path) -> None:
         "const WEIGHTS: array<f32, 2> = array<f32, 2>(0.25, 0.5);",
     ):
         assert f"{line}\n" in source
+    assert "UNUSED" not in source
 
 
 def test_what_is_missing_is_named(folder: Path) -> None:

@@ -38,7 +38,7 @@ def test_the_passes_are_those_that_run(site: Path) -> None:
     passes = json.loads((site / "train" / "passes.json").read_text(encoding="utf-8"))
     whole = describe(Variant())
     assert set(passes["sequences"]) == set(SEQUENCES)
-    assert set(passes["uniforms"]) == {"view", "update"}
+    assert set(passes["uniforms"]) == {"view", "lens", "update"}
     used = {one["shader"] for sequence in passes["sequences"].values() for one in sequence["passes"]}
     assert set(passes["shaders"]) == used < set(whole.shaders)
     assert set(passes["buffers"]) == set(whole.buffers_of(SEQUENCES)) - {"statistics"}
