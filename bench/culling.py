@@ -79,8 +79,8 @@ def street(count: int, width: int, height: int) -> tuple[Gaussians, Frame]:
     order = morton_order(means)
     rng = np.random.default_rng(1)
     sh = rng.normal(0.0, 0.3, (len(means), (SH_DEGREE + 1) ** 2, 3))
-    parts = (np.tile(part, (BLOCKS, *[1] * (part.ndim - 1))) for part in (block.log_scales, block.quaternions))
-    return Gaussians(means, *parts, np.tile(block.opacity_logits, BLOCKS), sh).select(order), frame
+    log_scales, quaternions = (np.tile(part, (BLOCKS, 1)) for part in (block.log_scales, block.quaternions))
+    return Gaussians(means, log_scales, quaternions, np.tile(block.opacity_logits, BLOCKS), sh).select(order), frame
 
 
 def opened(scene: Gaussians, frame: Frame, clusters: type[Clusters]) -> CpuEngine:

@@ -82,7 +82,7 @@ def main() -> None:
 def frames_by_name(opened: Capture) -> list[tuple[str, Frame]]:
     """Frames under names in whose order every eighth, from the first, is held out, as the trainer does."""
     train, held_out = list(opened.train), list(opened.held_out)
-    frames = []
+    frames: list[Frame] = []
     while train or held_out:
         own = held_out if held_out and (len(frames) % 8 == 0 or not train) else train
         frames.append(own.pop(0))

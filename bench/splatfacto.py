@@ -51,7 +51,7 @@ def main(
     opened = reading.open(capture)
     if opened.points is None:
         raise SystemExit(f"{capture}: has no cloud of its own, expected one with points to start from")
-    torch.Tensor.cuda = lambda self, *arguments, **named: self  # type: ignore[method-assign]
+    torch.Tensor.cuda = lambda self, *arguments, **named: self
     import torchmetrics.image.lpip
 
     torchmetrics.image.lpip.LearnedPerceptualImagePatchSimilarity = lambda **options: torch.nn.Identity()

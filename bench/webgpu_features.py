@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Callable
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -54,8 +55,8 @@ def main(width: int = 320, height: int = 240, most: int = 2000, repeats: int = 5
     for finder in finders:
         features = [finder.detect(frame, most) for frame in frames]  # compiles what is needed
         pairs = finder.match(*features)
-        detecting = _median(lambda finder=finder: finder.detect(frames[0], most), repeats)
-        matching = _median(lambda finder=finder, features=features: finder.match(*features), repeats)
+        detecting = _median(partial(finder.detect, frames[0], most), repeats)
+        matching = _median(partial(finder.match, *features), repeats)
         table.add_row(
             finder.name, f"{len(features[0].pixels):,}", f"{detecting:.1f}", f"{len(pairs):,}", f"{matching:.1f}"
         )

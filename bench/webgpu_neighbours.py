@@ -10,6 +10,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import tyro
@@ -42,7 +43,7 @@ def main(points: int = 50_000, repeats: int = 5, gpu: str | None = None) -> None
     table = Table("cloud", "CPU ms", "GPU ms", "nearest points", "surfaces", "boxes tested", "points looked at")
     for name, positions in (("surface", surface(points)), ("with a shell", with_a_shell(points))):
         search.around(positions[:100])  # compiles what is needed
-        on_cpu, on_gpu = (_median(lambda one=one, at=positions: one.around(at), repeats) for one in (cpu, search))
+        on_cpu, on_gpu = (_median(partial(one.around, positions), repeats) for one in (cpu, search))
         with search.executor.timed() as times:
             search.around(positions)
         passes = [f"{times.medians()[name]:.1f}" for name in ("nearest points", "surfaces")]

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 from rich.console import Console
@@ -110,7 +110,8 @@ def _variants(options: EngineOptions, asked: dict[str, str]) -> Iterator[EngineO
     """Every combination of the requested options."""
     ways = [CHOICES[name] if value == "both" else (value,) for name, value in asked.items()]
     for combination in itertools.product(*ways):
-        yield replace(options, **dict(zip(asked, combination, strict=True)))
+        chosen: dict[str, Any] = dict(zip(asked, combination, strict=True))
+        yield replace(options, **chosen)
 
 
 def random_scenes(small: bool) -> Iterator[Scene]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from rich.table import Table
 
@@ -112,7 +113,8 @@ def ratios_table(measurements: Sequence[Measurement]) -> Table:
     of = {one.options: one for one in measurements}
     for choice, (plain, other) in CHOICES.items():
         for one in measurements:
-            compared = of.get(replace(one.options, **{choice: plain}))
+            changed: dict[str, Any] = {choice: plain}
+            compared = of.get(replace(one.options, **changed))
             if getattr(one.options, choice) == plain or compared is None:
                 continue
             times = [one.milliseconds[name] / compared.milliseconds[name] for name in PAIR_PASSES]

@@ -27,7 +27,8 @@ from pocketgs.capture.synthetic.room import room
 from pocketgs.capture.synthetic.walk import LOOK_AT
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera, look_at
-from pocketgs.results.run import Reporter, run
+from pocketgs.results.reporter import Reporter
+from pocketgs.results.run import run
 from pocketgs.scene.formats import read_scene
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.rendering import render
