@@ -19,6 +19,7 @@ ON_THE_CPU = {
     "sort_free": "--sizes 2000 --width 64 --height 48 --rounds 1 --frames 3",
 }
 ON_THE_GPU = {
+    "webgpu_bundle": "--cameras 6 --observations 300 --views 3 --repeats 1",
     "webgpu_culling": "--gaussians 3000 --steps 1",
     "webgpu_features": "--width 96 --height 72 --repeats 1",
     "webgpu_neighbours": "--points 500 --repeats 1",

@@ -13,6 +13,7 @@ from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.pinhole_copy import has_lenses
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.advice import exposure_hint, nothing_found, photograph_hints, poses_hint
+from pocketgs.prior.bundle.equations import Adjuster, create_adjuster
 from pocketgs.prior.cloud.fuse import FusionSettings
 from pocketgs.prior.dense_cloud import dense_cloud
 from pocketgs.prior.depth.stereo import Stereo, create_stereo
@@ -73,6 +74,7 @@ def build_prior(
     stopwatch: Stopwatch | None = None,
     stereo: Stereo | None = None,
     finder: FeatureFinder | None = None,
+    adjuster: Adjuster | None = None,
 ) -> PreparedCapture:
     """Build the geometry prior.
 
@@ -86,6 +88,7 @@ def build_prior(
         stopwatch: times the stages; None for a new one.
         stereo: computes depth; None for the CPU.
         finder: detects and matches features; None for the CPU.
+        adjuster: makes the normal equations of bundle adjustment; None for the CPU.
 
     Raises:
         PocketGSError: a frame's camera has a lens.
@@ -94,12 +97,13 @@ def build_prior(
         raise PocketGSError(f"prior of {capture.name}: found cameras with lenses, expected what without_lenses gives")
     settings = settings or PriorSettings()
     stopwatch = stopwatch or Stopwatch()
-    stereo, finder = stereo or create_stereo(), finder or create_finder()
+    stereo, finder, adjuster = stereo or create_stereo(), finder or create_finder(), adjuster or create_adjuster()
     hints = photograph_hints(capture.frames)
     with stopwatch.stage("poses"), ExitStack() as held:
         held.callback(finder.release)
+        held.callback(adjuster.release)
         scale = estimate_scale(capture)
-        structure = build_structure(capture.frames, scale, settings.structure, capture.photographs, finder)
+        structure = build_structure(capture.frames, scale, settings.structure, capture.photographs, finder, adjuster)
         capture = _with_poses_of(structure, capture)
         poses = Poses.of(structure, capture)
         structure = structure.of(capture.train) if structure else None

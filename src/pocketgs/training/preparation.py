@@ -11,6 +11,7 @@ from pocketgs.capture.capture import Capture
 from pocketgs.capture.pinhole_copy import frames_at, has_lenses, without_lenses
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.advice import check_photographs
+from pocketgs.prior.bundle.equations import create_adjuster
 from pocketgs.prior.cloud.volume import draw_points
 from pocketgs.prior.depth.stereo import Stereo, create_stereo
 from pocketgs.prior.depth.sweep import SweepSettings
@@ -68,7 +69,8 @@ def prepare(
         numba.set_num_threads(kernel_threads(options.threads))
         stereo = stereo or stereo_of(options)
         finder = create_finder(stereo.name, options.gpu, options.max_memory)
-        prepared = build_prior(capture, options.most_at_start, _settings(options), stopwatch, stereo, finder)
+        adjuster = create_adjuster(stereo.name, options.gpu, options.max_memory)
+        prepared = build_prior(capture, options.most_at_start, _settings(options), stopwatch, stereo, finder, adjuster)
         if options.prior == "colmap":
             prepared = _with_colmap_cloud(capture, prepared, options, stopwatch)
         if prepared.points and len(prepared.points) >= MIN_POINTS:

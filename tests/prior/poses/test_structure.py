@@ -13,7 +13,9 @@ from pocketgs.capture import Capture, Frame, open_capture
 from pocketgs.capture.synthetic import demo_capture, demo_ground_truth
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
+from pocketgs.gpu.adapters import Adapter
 from pocketgs.prior.bundle.adjustment import BundleSettings, adjust_bundle, huber_cost
+from pocketgs.prior.bundle.equations import create_adjuster
 from pocketgs.prior.features.tracks import reprojection_errors, triangulate, triangulation_angles, view_distances
 from pocketgs.prior.poses.structure import Structure, StructureSettings, build_structure
 from pocketgs.prior.poses.tolerance import MIN_ANGLE
@@ -233,3 +235,22 @@ def test_real_tracks_are_adjusted_as_colmap_does(fern: Refined) -> None:
     distance, turn = pose_errors(result.cameras, result.points, theirs, their_points)
     assert distance < 1e-3 * fern.scale.distance
     assert turn < 1e-3
+
+
+def test_real_tracks_are_adjusted_on_the_gpu_as_on_the_cpu(adapter: Adapter, fern: Refined) -> None:
+    rng = np.random.default_rng(1)
+    turned = [
+        turned_and_moved(camera, *(rng.normal(size=(2, 3)) * [[0.003], [0.003 * fern.scale.distance]]))
+        for camera in fern.structure.cameras
+    ]
+    seen = fern.structure.observations
+    points = triangulate(turned, seen)
+    settings = BundleSettings(position_sigma=0.01 * fern.scale.distance, rotation_sigma=0.01, refine_focal=True)
+    gpu, cpu = (
+        adjust_bundle(turned, points, seen, settings, adjuster=create_adjuster(device)) for device in ("webgpu", "cpu")
+    )
+    assert cpu.cost_before > 5 * cpu.cost_after
+    assert gpu.cost_after == pytest.approx(cpu.cost_after, rel=1e-5)
+    for one, other in zip(gpu.cameras, cpu.cameras, strict=True):
+        np.testing.assert_allclose(one.world_to_camera[:3, :3], other.world_to_camera[:3, :3], atol=1e-4)
+        assert np.linalg.norm(one.centre - other.centre) < 1e-4 * fern.scale.distance

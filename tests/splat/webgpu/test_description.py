@@ -11,6 +11,7 @@ import pytest
 import pocketgs
 from pocketgs.gpu.description import Description, Pass
 from pocketgs.gpu.sizes import ceil_div, evaluate
+from pocketgs.prior.bundle.webgpu.shader_files import SHADERS as BUNDLE_SHADERS
 from pocketgs.prior.depth.webgpu.shader_files import SHADERS as DEPTH_SHADERS
 from pocketgs.prior.features.webgpu.shader_files import SHADERS as FEATURE_SHADERS
 from pocketgs.seeding.webgpu.shader_files import SHADERS as SEED_SHADERS
@@ -21,7 +22,7 @@ from pocketgs.splat.webgpu.shader_files import SHADERS
 from splat.webgpu.every_description import DESCRIPTIONS
 from splat.webgpu.wgsl_layout import constant, workgroup_bytes, workgroup_size
 
-LIBRARIES = (SHADERS, DEPTH_SHADERS, FEATURE_SHADERS, SEED_SHADERS)
+LIBRARIES = (SHADERS, BUNDLE_SHADERS, DEPTH_SHADERS, FEATURE_SHADERS, SEED_SHADERS)
 
 CASE = {
     "gaussians": 1000,
@@ -56,6 +57,10 @@ CASE = {
     "second": 1900,
     "points": 5000,
     "leaves": 1024,
+    "cameras": 30,
+    "observations": 25_000,
+    "pairs": 435,
+    "meetings": 60_000,
 }
 
 

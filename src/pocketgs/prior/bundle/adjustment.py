@@ -17,11 +17,12 @@ from scipy.spatial.transform import Rotation
 
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
+from pocketgs.prior.bundle.equations import Adjuster, CameraEquations, create_adjuster
 from pocketgs.prior.bundle.levenberg_marquardt import minimise
 from pocketgs.prior.bundle.pose_prior import PosePrior, pose_prior, unheld
 from pocketgs.prior.bundle.problem import by_point, check, first_estimate
 from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, SHARED_UNKNOWNS, Estimate, Sightings, distances
-from pocketgs.prior.bundle.schur import MIN_DIAGONAL, CameraEquations, camera_equations, point_steps, reduced_equations
+from pocketgs.prior.bundle.schur import MIN_DIAGONAL, camera_equations
 from pocketgs.prior.features.observations import Observations
 
 
@@ -114,6 +115,7 @@ def adjust_bundle(
     settings: BundleSettings,
     radial: float = 0.0,
     start: Sequence[Camera] | None = None,
+    adjuster: Adjuster | None = None,
 ) -> BundleResult:
     """Optimise poses and points, and the lens if the settings say so.
 
@@ -127,6 +129,7 @@ def adjust_bundle(
         settings: see `BundleSettings`.
         radial: initial k1; kept if it is not refined.
         start: initial poses, of F cameras.
+        adjuster: makes the normal equations; None for the CPU.
 
     Raises:
         PocketGSError: array shapes disagree or numbers are not finite, a point is observed by fewer than two cameras, a
@@ -141,13 +144,14 @@ def adjust_bundle(
     prior = pose_prior(given, settings.position_sigma, settings.rotation_sigma)
     of_cameras = unheld(first, settings.position_sigma is not None, settings.rotation_sigma is not None)
     free = np.append(of_cameras, [settings.refine_focal, settings.refine_distortion])
+    equations = (adjuster or create_adjuster()).equations(sightings, settings.huber)
 
     def step(estimate: Estimate, damping: float) -> tuple[Estimate, float]:
-        equations, blocks = reduced_equations(sightings, estimate, settings.huber, damping)
-        camera_step, expected = _solve(equations, prior, estimate, damping, free)
-        moves = point_steps(sightings, estimate, settings.huber, blocks, camera_step)
-        expected += 0.5 * float(np.sum(moves * (blocks.damping * moves + blocks.gradients)))
-        return _moved(estimate, camera_step)._replace(points=estimate.points + moves), expected
+        reduced = equations.reduced(estimate, damping)
+        camera_step, expected = _solve(reduced, prior, estimate, damping, free)
+        moves, expected_of_points = equations.point_steps(camera_step)
+        moved = _moved(estimate, camera_step)._replace(points=estimate.points + moves)
+        return moved, expected + expected_of_points
 
     cost = partial(_cost, sightings, prior, settings.huber)
     outcome = minimise(first, cost, step, settings.iterations, settings.tolerance)

@@ -1,18 +1,14 @@
-"""Normal equations of a bundle adjustment, with the points eliminated by the Schur complement.
-
-Triggs et al., "Bundle adjustment: a modern synthesis" (2000), section 6.1. With H the camera and point blocks of JᵀJ
-and b those of -Jᵀr, the cameras' step solves (H_cc - H_cp H_pp⁻¹ H_pc) δ_c = b_c - H_cp H_pp⁻¹ b_p, and the points
-follow by δ_p = H_pp⁻¹ (b_p - H_pc δ_c).
-"""
+"""Normal equations on the CPU, in double precision; see `equations.py` for the method."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numba import prange
 
+from pocketgs.prior.bundle.equations import CameraEquations
 from pocketgs.prior.bundle.reprojection import (
     CAMERA_UNKNOWNS,
     COLUMNS,
@@ -32,22 +28,6 @@ MIN_DIAGONAL = 1e-9
 """Damping is proportional to the diagonal of JᵀJ, with this lower bound."""
 
 
-class CameraEquations(NamedTuple):
-    """The cameras' side, of size D = 6 F + 2: each camera's unknowns, then the shared ones.
-
-    Attributes:
-        matrix: (D, D) H_cc, or the reduced matrix. Only the lower triangle counts.
-        right: (D,) b_c, or the reduced right-hand side.
-        diagonal: (D,) of H_cc.
-        gradient: (D,) b_c.
-    """
-
-    matrix: np.ndarray
-    right: np.ndarray
-    diagonal: np.ndarray
-    gradient: np.ndarray
-
-
 class PointEquations(NamedTuple):
     """The points' side.
 
@@ -60,6 +40,45 @@ class PointEquations(NamedTuple):
     inverses: np.ndarray
     gradients: np.ndarray
     damping: np.ndarray
+
+
+class CpuEquations:
+    """See `pocketgs.prior.bundle.equations.NormalEquations`.
+
+    Args:
+        sightings: the observations.
+        huber: length in pixels above which the loss of a residual is linear.
+    """
+
+    _estimate: Estimate
+    _points: PointEquations
+
+    def __init__(self, sightings: Sightings, huber: float) -> None:
+        self._sightings, self._huber = sightings, huber
+
+    def reduced(self, estimate: Estimate, damping: float) -> CameraEquations:
+        """The equations for the cameras' step."""
+        self._estimate = estimate
+        equations, self._points = reduced_equations(self._sightings, estimate, self._huber, damping)
+        return equations
+
+    def point_steps(self, camera_step: np.ndarray) -> tuple[np.ndarray, float]:
+        """Steps of the points, and their part of the expected decrease."""
+        steps = point_steps(self._sightings, self._estimate, self._huber, self._points, camera_step)
+        return steps, 0.5 * float(np.sum(steps * (self._points.damping * steps + self._points.gradients)))
+
+
+class CpuAdjuster:
+    """See `pocketgs.prior.bundle.equations.Adjuster`."""
+
+    name: Literal["cpu", "webgpu"] = "cpu"
+
+    def equations(self, sightings: Sightings, huber: float) -> CpuEquations:
+        """The equations of a problem."""
+        return CpuEquations(sightings, huber)
+
+    def release(self) -> None:
+        """Nothing is held."""
 
 
 @kernel

@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle.adjustment import BundleSettings, adjust_bundle, adjust_pose
+from pocketgs.prior.bundle.equations import Adjuster
 from pocketgs.prior.features.observations import Observations, enough_for_each_view
 from pocketgs.prior.features.tracks import reprojection_errors, triangulate, view_distances
 from pocketgs.prior.poses.consensus import consensus
@@ -65,6 +66,7 @@ def refine(
     finest: float,
     settings: BundleSettings,
     scene_distance: float,
+    adjuster: Adjuster,
 ) -> Refinement:
     """Adjust poses, component by component, and keep those that pass validation.
 
@@ -75,12 +77,13 @@ def refine(
         finest: errors below this many pixels are noise.
         settings: of bundle adjustment.
         scene_distance: typical distance to the scene.
+        adjuster: makes the normal equations.
     """
     nothing = Refinement(list(given), np.zeros(len(given), bool), np.zeros(len(given), bool))
-    accepted = _accepted(given, tracks, tolerance, finest, settings)
+    accepted = _accepted(given, tracks, tolerance, finest, settings, adjuster)
     if not accepted.any():
         return nothing
-    adjusted, supported, _ = _adjusted(given, tracks, tolerance, finest, settings)
+    adjusted, supported, _ = _adjusted(given, tracks, tolerance, finest, settings, adjuster)
     moved = accepted & supported
     if not moved.any():
         return nothing
@@ -99,7 +102,12 @@ def carried_along(camera: Camera, given: Camera, refined: Camera) -> Camera:
 
 
 def _adjusted(
-    given: Sequence[Camera], tracks: Observations, tolerance: float, finest: float, settings: BundleSettings
+    given: Sequence[Camera],
+    tracks: Observations,
+    tolerance: float,
+    finest: float,
+    settings: BundleSettings,
+    adjuster: Adjuster,
 ) -> tuple[list[Camera], np.ndarray, float]:
     """Cameras adjusted to the consistent observations, which of them see enough, and the final tolerance."""
     cameras, supported = list(given), np.zeros(len(given), bool)
@@ -113,7 +121,7 @@ def _adjusted(
         points = triangulate(cameras, seen)
         finite = np.isfinite(points).all(axis=1)
         seen = _renumbered(seen.select(finite[seen.point]))
-        result = adjust_bundle(given, points[finite], seen, settings, start=cameras)
+        result = adjust_bundle(given, points[finite], seen, settings, start=cameras, adjuster=adjuster)
         cameras = [new if own else old for old, new, own in zip(given, result.cameras, supported, strict=True)]
         last, tolerance = tolerance, next_tolerance(result.residuals, tolerance, finest)
         if tolerance > 0.8 * last:
@@ -127,6 +135,7 @@ def _accepted(
     tolerance: float,
     finest: float,
     settings: BundleSettings,
+    adjuster: Adjuster,
 ) -> np.ndarray:
     """(F,) bool: cameras in components that refined poses explain better.
 
@@ -135,7 +144,7 @@ def _accepted(
     checked = tracks.point % CHECKED_SHARE == 0
     absent = np.arange(len(given)) % LEFT_OUT_SHARE == LEFT_OUT_SHARE // 2
     fitted = _renumbered(tracks.select(~checked & ~absent[tracks.frame]))
-    adjusted, present, final = _adjusted(given, fitted, tolerance, finest, settings)
+    adjusted, present, final = _adjusted(given, fitted, tolerance, finest, settings, adjuster)
     by_points = [_errors_of_points(cameras, tracks.select(checked), final) for cameras in (given, adjusted)]
     by_views = [
         _errors_of_views(cameras, tracks.select(~checked), absent, final, settings) for cameras in (given, adjusted)

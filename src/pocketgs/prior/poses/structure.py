@@ -11,6 +11,7 @@ from pocketgs.capture.capture import Frame, Photographs
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle.adjustment import BundleSettings
+from pocketgs.prior.bundle.equations import Adjuster, create_adjuster
 from pocketgs.prior.features.detection import detect_all
 from pocketgs.prior.features.features import Features
 from pocketgs.prior.features.finder import FeatureFinder, create_finder
@@ -129,6 +130,7 @@ def build_structure(
     settings: StructureSettings,
     photographs: Photographs | None = None,
     finder: FeatureFinder | None = None,
+    adjuster: Adjuster | None = None,
 ) -> Structure | None:
     """Triangulate points that several frames see, and refine the poses where the points contradict them.
 
@@ -138,6 +140,7 @@ def build_structure(
         settings: None for the defaults.
         photographs: the frames' photographs, to detect features in larger images; None to use the frames themselves.
         finder: detects and matches features; None for the CPU.
+        adjuster: makes the normal equations of bundle adjustment; None for the CPU.
 
     Returns:
         None if there is too little texture.
@@ -157,7 +160,7 @@ def build_structure(
     cameras, carried = placed, np.zeros(len(frames), bool)
     if settings.bundle:
         widest, how = widest_tolerance(given), settings.bundle_settings(scale)
-        refinement = refine(placed, tracks, widest, finest, how, scale.distance)
+        refinement = refine(placed, tracks, widest, finest, how, scale.distance, adjuster or create_adjuster())
         cameras, carried = refinement.cameras, refinement.carried
     tolerance = measured_tolerance(cameras, tracks, finest)
     points, seen, behind = _agreeing(cameras, tracks, tolerance)

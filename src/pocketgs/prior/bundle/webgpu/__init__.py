@@ -1,0 +1,1 @@
+"""Bundle adjustment on a GPU: WGSL passes and their host."""

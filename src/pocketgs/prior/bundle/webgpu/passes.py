@@ -1,0 +1,67 @@
+"""The passes that make and reduce the normal equations, and those of the points' steps."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from pocketgs.gpu.description import Description, Pass, Sequence, shader_names
+from pocketgs.gpu.uniforms import UniformLayout
+from pocketgs.gpu.workgroups import THREADS
+from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, SHARED_UNKNOWNS
+from pocketgs.prior.bundle.webgpu.layout import (
+    CAMERA_SUMS,
+    CAMERA_WORDS,
+    COUPLING_WORDS,
+    PAIR_SUMS,
+    POINT_WORDS,
+    SHARED_SUMS,
+    SIGHT_WORDS,
+)
+from pocketgs.prior.bundle.webgpu.shader_files import SHADERS
+
+REDUCE, STEP = "reduce", "step"
+"""Names of the sequences."""
+
+
+@cache
+def describe_equations() -> Description:
+    """Describe bundle adjustment.
+
+    The numbers that the expressions are computed from: cameras, points, observations, pairs (of cameras that see a
+    point in common, each with itself too) and meetings (of two observations of a point).
+    """
+    by_point = f"ceil_div(points, {THREADS})"
+    sequences = {
+        REDUCE: Sequence(
+            (),
+            (
+                Pass("linearise", "linearise", by_point),
+                Pass("sum cameras", "sum_cameras", f"ceil_div({CAMERA_SUMS} * cameras, {THREADS})"),
+                Pass("sum pairs", "sum_pairs", f"ceil_div({PAIR_SUMS} * pairs, {THREADS})"),
+                Pass("sum points", "sum_points", "1"),
+            ),
+        ),
+        STEP: Sequence((), (Pass("step points", "step_points", by_point),)),
+    }
+    buffers = {
+        "cameras": f"{4 * CAMERA_WORDS} * cameras",
+        "positions": "12 * points",
+        "starts": "4 * (points + 1)",
+        "frames": "4 * observations",
+        "pixels": "8 * observations",
+        "camera_starts": "4 * (cameras + 1)",
+        "seen": "8 * observations",
+        "pair_starts": "4 * (pairs + 1)",
+        "meetings": "8 * meetings",
+        "point_blocks": f"{4 * POINT_WORDS} * points",
+        "sights": f"{4 * SIGHT_WORDS} * observations",
+        "eliminated": f"{4 * COUPLING_WORDS} * observations",
+        "camera_sums": f"{4 * CAMERA_SUMS} * cameras",
+        "pair_sums": f"{4 * PAIR_SUMS} * pairs",
+        "shared_sums": f"{4 * SHARED_SUMS}",
+        "camera_step": f"4 * ({CAMERA_UNKNOWNS} * cameras + {SHARED_UNKNOWNS})",
+        "point_steps": "16 * points",
+    }
+    shaders = {name: SHADERS.link(name, {}) for name in shader_names(sequences.values())}
+    uniforms = {"adjustment": UniformLayout.of("Adjustment", shaders["step_points"].source)}
+    return Description({}, {}, buffers, uniforms, shaders, sequences)
