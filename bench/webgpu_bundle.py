@@ -8,9 +8,6 @@ of 128 photographs.
 
 from __future__ import annotations
 
-import statistics
-import time
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -18,6 +15,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from medians import median_milliseconds
 from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.gpu.adapters import choose_adapter
 from pocketgs.gpu.device import shared_device
@@ -56,8 +54,9 @@ def main(
     on_gpu, on_cpu = WebGpuEquations(executor, sightings, HUBER), CpuEquations(sightings, HUBER)
     table = Table("", "CPU ms", "GPU ms", "CPU / GPU")
     camera_step = 1e-4 * np.random.default_rng(1).normal(size=6 * cameras + 2)
+    on_gpu.reduced(estimate, DAMPING)  # compiles what is needed
     for name, work in ((REDUCE, _reduce), (STEP, partial(_step, camera_step))):
-        cpu, gpu_time = (_median(partial(work, one, estimate), repeats) for one in (on_cpu, on_gpu))
+        cpu, gpu_time = (median_milliseconds(partial(work, one, estimate), repeats) for one in (on_cpu, on_gpu))
         table.add_row(name, f"{cpu:.1f}", f"{gpu_time:.1f}", f"{cpu / gpu_time:.2f}")
     console.print(table)
     with executor.timed() as times:
@@ -94,17 +93,6 @@ def _reduce(equations: NormalEquations, estimate: Estimate) -> None:
 
 def _step(camera_step: np.ndarray, equations: NormalEquations, estimate: Estimate) -> None:
     equations.point_steps(camera_step)
-
-
-def _median(work: Callable[[], object], repeats: int) -> float:
-    """Milliseconds; the first run, which compiles, does not count."""
-    work()
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        work()
-        times.append(1000 * (time.perf_counter() - start))
-    return statistics.median(times)
 
 
 if __name__ == "__main__":

@@ -8,11 +8,8 @@ Both sides work on the same views. Passes on the GPU are timed by timestamps, or
 
 from __future__ import annotations
 
-import time
 from collections import defaultdict
-from collections.abc import Callable
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 import tyro
@@ -20,6 +17,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.spatial import cKDTree
 
+from medians import median_milliseconds
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.gpu.adapters import choose_adapter
 from pocketgs.gpu.timing import CLEAR, PassTimes
@@ -30,8 +28,6 @@ from pocketgs.prior.features.webgpu.finder import WebGpuFinder
 
 NEAR = 0.01
 """Pixels within which two features are the same."""
-
-Result = TypeVar("Result")
 
 
 def main(width: int = 320, height: int = 240, most: int = 2000, repeats: int = 5, gpu: str | None = None) -> None:
@@ -55,8 +51,8 @@ def main(width: int = 320, height: int = 240, most: int = 2000, repeats: int = 5
     for finder in finders:
         features = [finder.detect(frame, most) for frame in frames]  # compiles what is needed
         pairs = finder.match(*features)
-        detecting = _median(partial(finder.detect, frames[0], most), repeats)
-        matching = _median(partial(finder.match, *features), repeats)
+        detecting = median_milliseconds(partial(finder.detect, frames[0], most), repeats)
+        matching = median_milliseconds(partial(finder.match, *features), repeats)
         table.add_row(
             finder.name, f"{len(features[0].pixels):,}", f"{detecting:.1f}", f"{len(pairs):,}", f"{matching:.1f}"
         )
@@ -72,16 +68,6 @@ def main(width: int = 320, height: int = 240, most: int = 2000, repeats: int = 5
     for name, milliseconds in (*_sums(finding).items(), *_sums(matching_times).items()):
         passes.add_row(name, f"{milliseconds:.2f}")
     console.print(passes)
-
-
-def _median(work: Callable[[], Result], repeats: int) -> float:
-    """Milliseconds of a function."""
-    times = []
-    for _ in range(repeats):
-        started = time.perf_counter()
-        work()
-        times.append(1e3 * (time.perf_counter() - started))
-    return float(np.median(times))
 
 
 def _sums(times: PassTimes) -> dict[str, float]:

@@ -7,9 +7,6 @@ Each cloud is a curved surface; the second has a twentieth of its points on a sh
 
 from __future__ import annotations
 
-import statistics
-import time
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -17,6 +14,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from medians import median_milliseconds
 from pocketgs.gpu.adapters import choose_adapter
 from pocketgs.scene.morton import morton_order
 from pocketgs.seeding.cpu import CpuSearch
@@ -43,7 +41,7 @@ def main(points: int = 50_000, repeats: int = 5, gpu: str | None = None) -> None
     table = Table("cloud", "CPU ms", "GPU ms", "nearest points", "surfaces", "boxes tested", "points looked at")
     for name, positions in (("surface", surface(points)), ("with a shell", with_a_shell(points))):
         search.around(positions[:100])  # compiles what is needed
-        on_cpu, on_gpu = (_median(partial(one.around, positions), repeats) for one in (cpu, search))
+        on_cpu, on_gpu = (median_milliseconds(partial(one.around, positions), repeats) for one in (cpu, search))
         with search.executor.timed() as times:
             search.around(positions)
         passes = [f"{times.medians()[name]:.1f}" for name in ("nearest points", "surfaces")]
@@ -95,16 +93,6 @@ def _work_of(point: int, placed: np.ndarray, boxes: np.ndarray, leaves: int) -> 
             waiting.append(number ^ 1)
             number //= 2
     return tested, looked_at
-
-
-def _median(search: Callable[[], object], repeats: int) -> float:
-    """Milliseconds."""
-    durations = []
-    for _ in range(repeats):
-        started = time.perf_counter()
-        search()
-        durations.append(1000 * (time.perf_counter() - started))
-    return statistics.median(durations)
 
 
 if __name__ == "__main__":

@@ -22,12 +22,13 @@ ON_THE_GPU = {
     "webgpu_bundle": "--cameras 6 --observations 300 --views 3 --repeats 1",
     "webgpu_culling": "--gaussians 3000 --steps 1",
     "webgpu_features": "--width 96 --height 72 --repeats 1",
+    "webgpu_merging": "--candidates 400 --points 100 --repeats 1",
     "webgpu_neighbours": "--points 500 --repeats 1",
     "webgpu_step": "--small --steps 1 --iterations 1",
     "webgpu_sweep": "--width 64 --height 48 --hypotheses 16 --repeats 1",
 }
 LEFT_OUT = {"torch_step", "gsplat_simple_trainer", "gsplat_strategies", "splatfacto"}
-PARTS_OF_OTHERS = {"webgpu_roofline", "webgpu_tables", "webgpu_work"}
+PARTS_OF_OTHERS = {"medians", "webgpu_roofline", "webgpu_tables", "webgpu_work"}
 
 
 def table_of(name: str, options: str) -> str:

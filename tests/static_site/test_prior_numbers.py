@@ -14,9 +14,10 @@ from pocketgs.capture import Capture, Frame
 from pocketgs.capture.loading import downscaled
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.prior.cloud.complete import completion
+from pocketgs.prior.cloud.cpu_merger import CpuMerger
 from pocketgs.prior.cloud.detail import detail
 from pocketgs.prior.cloud.fuse import confidence
-from pocketgs.prior.cloud.merge import Candidates, merged
+from pocketgs.prior.cloud.merge import Candidates
 from pocketgs.prior.depth.depth_range import DepthRange, depths_of, narrowed, wide_range
 from pocketgs.prior.depth.sensor_depth import completed
 from pocketgs.prior.depth.source_views import choose_source_views
@@ -237,7 +238,7 @@ def test_merged_points(call: Call, pixels: int, count: int) -> None:
     names = ("positions", "colours", "directions", "details", "confidences")
     arrays = {name: getattr(candidates, name).reshape(-1).tolist() for name in names}
     given = {"arrays": arrays, "footprints": candidates.footprints.tolist(), "count": count}
-    expected = merged(candidates, count)
+    expected = CpuMerger().merged(candidates, count)
     found = [np.reshape(values, (-1, 3)) for values in call("prior/merge.js", script, given)]
     assert len(expected) <= count
     for values, name in zip(found, ("positions", "colours", "directions"), strict=True):

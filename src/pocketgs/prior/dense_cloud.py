@@ -12,10 +12,11 @@ from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.cloud.complete import Completion, completion, joined
 from pocketgs.prior.cloud.fuse import FusionSettings, fuse
-from pocketgs.prior.cloud.merge import Candidates, merged
+from pocketgs.prior.cloud.merge import Candidates
 from pocketgs.prior.depth.depth_maps import depth_maps, stereo_extent
 from pocketgs.prior.depth.stereo import Stereo, create_stereo, with_room
 from pocketgs.prior.depth.sweep import DepthMap, SweepSettings
+from pocketgs.prior.devices import Devices
 from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.system.stopwatch import Stopwatch
 
@@ -46,7 +47,7 @@ def dense_cloud(
     count: int,
     sweep: SweepSettings,
     fusion: FusionSettings,
-    stereo: Stereo,
+    devices: Devices,
     stopwatch: Stopwatch,
 ) -> DenseCloud:
     """Compute the depth of keyframes, fuse it, and complete it from other sources.
@@ -60,16 +61,17 @@ def dense_cloud(
         count: maximum number of points.
         sweep: settings of depth maps.
         fusion: settings of their fusion.
-        stereo: computes depth; the CPU does if this has no room or fails.
+        devices: compute depth and merge; the CPU does where a GPU has no room, or fails.
         stopwatch: times the stages.
     """
-    candidates, swept_on, warnings = _confirmed(frames, keyframes, seen, distance, sweep, fusion, stereo, stopwatch)
+    confirmed = _confirmed(frames, keyframes, seen, distance, sweep, fusion, devices.stereo, stopwatch)
+    candidates, swept_on, warnings = confirmed
     with stopwatch.stage("fusion"):
-        fused = merged(candidates, count)
+        fused = devices.merger.merged(candidates, count)
     with stopwatch.stage("coverage"):
         complete = completion(fused, frames, sources, distance, count)
         if len(fused) + len(complete.added) > count:
-            fused = merged(candidates, count - len(complete.added))
+            fused = devices.merger.merged(candidates, count - len(complete.added))
         return DenseCloud(joined([fused, complete.added]), complete, swept_on, warnings)
 
 

@@ -13,13 +13,11 @@ from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.pinhole_copy import has_lenses
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.advice import exposure_hint, nothing_found, photograph_hints, poses_hint
-from pocketgs.prior.bundle.equations import Adjuster, create_adjuster
 from pocketgs.prior.cloud.fuse import FusionSettings
 from pocketgs.prior.dense_cloud import dense_cloud
-from pocketgs.prior.depth.stereo import Stereo, create_stereo
 from pocketgs.prior.depth.sweep import SweepSettings
+from pocketgs.prior.devices import Devices, create_devices
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
-from pocketgs.prior.features.finder import FeatureFinder, create_finder
 from pocketgs.prior.keyframes import KeyframeSettings, select_keyframes
 from pocketgs.prior.poses.structure import Structure, StructureSettings, build_structure
 from pocketgs.prior.report import Poses, PriorReport
@@ -72,9 +70,7 @@ def build_prior(
     max_points: int,
     settings: PriorSettings | None = None,
     stopwatch: Stopwatch | None = None,
-    stereo: Stereo | None = None,
-    finder: FeatureFinder | None = None,
-    adjuster: Adjuster | None = None,
+    devices: Devices | None = None,
 ) -> PreparedCapture:
     """Build the geometry prior.
 
@@ -86,9 +82,7 @@ def build_prior(
         max_points: maximum size of the cloud.
         settings: None for the defaults.
         stopwatch: times the stages; None for a new one.
-        stereo: computes depth; None for the CPU.
-        finder: detects and matches features; None for the CPU.
-        adjuster: makes the normal equations of bundle adjustment; None for the CPU.
+        devices: what computes the stages; None for the CPU.
 
     Raises:
         PocketGSError: a frame's camera has a lens.
@@ -97,13 +91,15 @@ def build_prior(
         raise PocketGSError(f"prior of {capture.name}: found cameras with lenses, expected what without_lenses gives")
     settings = settings or PriorSettings()
     stopwatch = stopwatch or Stopwatch()
-    stereo, finder, adjuster = stereo or create_stereo(), finder or create_finder(), adjuster or create_adjuster()
+    devices = devices or create_devices()
     hints = photograph_hints(capture.frames)
     with stopwatch.stage("poses"), ExitStack() as held:
-        held.callback(finder.release)
-        held.callback(adjuster.release)
+        held.callback(devices.finder.release)
+        held.callback(devices.adjuster.release)
         scale = estimate_scale(capture)
-        structure = build_structure(capture.frames, scale, settings.structure, capture.photographs, finder, adjuster)
+        structure = build_structure(
+            capture.frames, scale, settings.structure, capture.photographs, devices.finder, devices.adjuster
+        )
         capture = _with_poses_of(structure, capture)
         poses = Poses.of(structure, capture)
         structure = structure.of(capture.train) if structure else None
@@ -111,7 +107,7 @@ def build_prior(
     seen = _seen_points(structure, capture)
     if settings.dense and not any(map(len, seen)):
         with stopwatch.stage("depth"):
-            seen = rough_points(capture.train, scale.distance, settings.sweep, stereo)
+            seen = rough_points(capture.train, scale.distance, settings.sweep, devices.stereo)
     with stopwatch.stage("keyframes"):
         decisions = select_keyframes(capture.train, seen, scale.distance, settings.keyframes)
     cloud, dense = _sparse_cloud(capture.train, structure), None
@@ -127,7 +123,7 @@ def build_prior(
             max_points,
             settings.sweep,
             settings.fusion,
-            stereo,
+            devices,
             stopwatch,
         )
         cloud, hints = dense.points, (*hints, *dense.warnings)

@@ -45,7 +45,7 @@ from pocketgs.training.planning.calibration import measure_speed, times_prior
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.planning.machine import this_machine
 from pocketgs.training.planning.plan import Plan, make_plan, plan_again, shrinking_warning
-from pocketgs.training.preparation import prepare, stereo_of
+from pocketgs.training.preparation import devices_of, prepare
 from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint, TrainingResult
 from pocketgs.training.train import train
@@ -122,13 +122,13 @@ def _run(
 ) -> RunResult:
     folder = claim.folder
     engine = create_engine(options.engine_options)  # fails before the work starts if there is no such engine
-    stereo = stereo_of(options)
+    devices = devices_of(options)
     with stopwatch.stage("capture"):
         listed = list_capture()
     with stopwatch.stage("planning"):
         options = sized(options, listed.outline().training)
         size = read_size(folder) if resume else None
-        plan = _plan(listed, options, engine, stereo, size)
+        plan = _plan(listed, options, engine, devices.stereo, size)
     if size is None and (warning := shrinking_warning(plan, options)):
         reporter.on_warning(warning)
     reporter.on_plan(plan)
@@ -148,7 +148,7 @@ def _run(
         saver.observe(progress)
 
     planned = replace(options, max_gaussians=plan.gaussians)
-    prepared = prepare(capture, planned, stopwatch, stereo)
+    prepared = prepare(capture, planned, stopwatch, devices)
     if prepared.report:
         reporter.on_prior(prepared.report)
     reporter.on_prepared(prepared)

@@ -11,12 +11,10 @@ from pocketgs.capture.capture import Capture
 from pocketgs.capture.pinhole_copy import frames_at, has_lenses, without_lenses
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.advice import check_photographs
-from pocketgs.prior.bundle.equations import create_adjuster
 from pocketgs.prior.cloud.volume import draw_points
-from pocketgs.prior.depth.stereo import Stereo, create_stereo
 from pocketgs.prior.depth.sweep import SweepSettings
+from pocketgs.prior.devices import Devices, create_devices
 from pocketgs.prior.exposure import compensated
-from pocketgs.prior.features.finder import create_finder
 from pocketgs.prior.keyframes import KeyframeSettings
 from pocketgs.prior.poses.structure import StructureSettings
 from pocketgs.prior.prior import PreparedCapture, PriorSettings, build_prior
@@ -39,7 +37,7 @@ def prepare(
     capture: Capture,
     options: TrainingOptions | None = None,
     stopwatch: Stopwatch | None = None,
-    stereo: Stereo | None = None,
+    devices: Devices | None = None,
 ) -> PreparedCapture:
     """Build the prior selected by the options.
 
@@ -50,7 +48,7 @@ def prepare(
         capture: to train on.
         options: None for the defaults.
         stopwatch: times the stages; None for a new one.
-        stereo: computes depth maps; None for the one that the options name. Features are found on the same device.
+        devices: compute the prior; None for what the options name.
 
     Raises:
         PocketGSError: there is no training view, there are too few photographs, or there is nothing to start from.
@@ -58,7 +56,7 @@ def prepare(
     if not capture.train:
         raise PocketGSError(f"{capture.path}: no training view, expected at least one")
     if has_lenses(capture):
-        return _prepared_through_lenses(capture, options or TrainingOptions(), stopwatch, stereo)
+        return _prepared_through_lenses(capture, options or TrainingOptions(), stopwatch, devices)
     check_photographs(capture)
     options = sized(options or TrainingOptions(), [(f.camera.width, f.camera.height) for f in capture.train])
     stopwatch = stopwatch or Stopwatch()
@@ -67,10 +65,8 @@ def prepare(
         check_installed()
     if options.prior != "none":
         numba.set_num_threads(kernel_threads(options.threads))
-        stereo = stereo or stereo_of(options)
-        finder = create_finder(stereo.name, options.gpu, options.max_memory)
-        adjuster = create_adjuster(stereo.name, options.gpu, options.max_memory)
-        prepared = build_prior(capture, options.most_at_start, _settings(options), stopwatch, stereo, finder, adjuster)
+        devices = devices or devices_of(options)
+        prepared = build_prior(capture, options.most_at_start, _settings(options), stopwatch, devices)
         if options.prior == "colmap":
             prepared = _with_colmap_cloud(capture, prepared, options, stopwatch)
         if prepared.points and len(prepared.points) >= MIN_POINTS:
@@ -84,20 +80,20 @@ def prepare(
     return replace(prepared, points=points, report=report)
 
 
-def stereo_of(options: TrainingOptions) -> Stereo:
-    """What computes depth maps: the device of the engine that the options choose.
+def devices_of(options: TrainingOptions) -> Devices:
+    """What computes the prior: the device of the engine that the options choose.
 
     Raises:
         PocketGSError: there is no such device.
     """
-    return create_stereo(chosen_engine(options.engine_options), options.gpu, options.max_memory)
+    return create_devices(chosen_engine(options.engine_options), options.gpu, options.max_memory)
 
 
 def _prepared_through_lenses(
-    capture: Capture, options: TrainingOptions, stopwatch: Stopwatch | None, stereo: Stereo | None
+    capture: Capture, options: TrainingOptions, stopwatch: Stopwatch | None, devices: Devices | None
 ) -> PreparedCapture:
     """The prior of undistorted copies, with the original photographs: the prior needs pinhole cameras."""
-    found = prepare(without_lenses(capture), options, stopwatch, stereo)
+    found = prepare(without_lenses(capture), options, stopwatch, devices)
     train, held_out = frames_at(capture.train, found.train), frames_at(capture.held_out, found.held_out)
     if found.report is not None and found.report.gains is not None:
         train = compensated(train, found.report.gains)

@@ -11,8 +11,9 @@ from scipy.spatial import cKDTree
 from pocketgs import Camera, PointCloud
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.synthetic import true_capture
+from pocketgs.prior.cloud.cpu_merger import CpuMerger
 from pocketgs.prior.cloud.fuse import SHELL_EXTENT, FusionSettings, confidence, fuse
-from pocketgs.prior.cloud.merge import Candidates, merged
+from pocketgs.prior.cloud.merge import Candidates
 from pocketgs.prior.depth.consistency import Views
 from pocketgs.prior.depth.cpu.consistency import compare_depths
 from pocketgs.prior.depth.stereo import create_stereo
@@ -38,7 +39,7 @@ def certain(depth: np.ndarray, step: float = 1e-5) -> DepthMap:
 
 
 def cloud_of(keyframes: list[Frame], maps: list[DepthMap], frames: list[Frame], count: int) -> PointCloud:
-    return merged(fuse(keyframes, maps, frames, SETTINGS, create_stereo()), count)
+    return CpuMerger().merged(fuse(keyframes, maps, frames, SETTINGS, create_stereo()), count)
 
 
 def cameras_of(views: Views) -> list[Camera]:
@@ -199,7 +200,8 @@ def test_points_on_opposite_sides_stay_apart() -> None:
     directions = np.random.default_rng(0).normal(size=(20_000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     ones = np.ones(len(directions), np.float32)
-    cloud = merged(Candidates(5 * directions, np.abs(directions), directions, 0.05 * ones, ones, ones), 2000)
+    candidates = Candidates(5 * directions, np.abs(directions), directions, 0.05 * ones, ones, ones)
+    cloud = CpuMerger().merged(candidates, 2000)
     assert np.linalg.norm(cloud.positions, axis=1).min() > 4.9
 
 

@@ -10,6 +10,7 @@ from typing import get_args
 from pocketgs.gpu.description import Description, Pass, Sequence
 from pocketgs.gpu.shader_library import Shader
 from pocketgs.prior.bundle.webgpu.passes import describe_equations
+from pocketgs.prior.cloud.webgpu.passes import describe_merging
 from pocketgs.prior.depth.webgpu.passes import describe_comparison, describe_sweep
 from pocketgs.prior.features.webgpu.passes import describe_features, describe_matching
 from pocketgs.seeding.webgpu.passes import describe_neighbourhoods
@@ -33,7 +34,7 @@ DESCRIPTIONS |= {f"rasterizer {subgroups}": describe_rasterizer(subgroups) for s
 DESCRIPTIONS |= {"rasterizer sum": describe_rasterizer(False, "sum"), "sweep": describe_sweep()}
 DESCRIPTIONS |= {"comparison": describe_comparison()}
 DESCRIPTIONS |= {"features": describe_features(), "matching": describe_matching()}
-DESCRIPTIONS |= {"equations": describe_equations()}
+DESCRIPTIONS |= {"equations": describe_equations(), "merging": describe_merging()}
 DESCRIPTIONS |= {"neighbourhoods": describe_neighbourhoods()}
 DESCRIPTIONS |= {f"compositor {subgroups}": describe_compositor(subgroups) for subgroups in (False, True)}
 

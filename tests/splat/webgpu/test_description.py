@@ -12,6 +12,7 @@ import pocketgs
 from pocketgs.gpu.description import Description, Pass
 from pocketgs.gpu.sizes import ceil_div, evaluate
 from pocketgs.prior.bundle.webgpu.shader_files import SHADERS as BUNDLE_SHADERS
+from pocketgs.prior.cloud.webgpu.shader_files import SHADERS as CLOUD_SHADERS
 from pocketgs.prior.depth.webgpu.shader_files import SHADERS as DEPTH_SHADERS
 from pocketgs.prior.features.webgpu.shader_files import SHADERS as FEATURE_SHADERS
 from pocketgs.seeding.webgpu.shader_files import SHADERS as SEED_SHADERS
@@ -22,7 +23,7 @@ from pocketgs.splat.webgpu.shader_files import SHADERS
 from splat.webgpu.every_description import DESCRIPTIONS
 from splat.webgpu.wgsl_layout import constant, workgroup_bytes, workgroup_size
 
-LIBRARIES = (SHADERS, BUNDLE_SHADERS, DEPTH_SHADERS, FEATURE_SHADERS, SEED_SHADERS)
+LIBRARIES = (SHADERS, BUNDLE_SHADERS, CLOUD_SHADERS, DEPTH_SHADERS, FEATURE_SHADERS, SEED_SHADERS)
 
 CASE = {
     "gaussians": 1000,
@@ -58,6 +59,9 @@ CASE = {
     "points": 5000,
     "leaves": 1024,
     "cameras": 30,
+    "candidates": 40_000,
+    "levels": 12,
+    "voxels": 9000,
     "observations": 25_000,
     "pairs": 435,
     "meetings": 60_000,

@@ -1,8 +1,10 @@
-"""Merging: from millions of pixels with depths to a point cloud of bounded size."""
+"""Merging: from millions of pixels with depths to a point cloud of bounded size; the seam to its devices."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -23,15 +25,6 @@ STEPS_AN_OCTAVE = 2
 
 SIZES_AN_OCTAVE = 64
 """Voxel sizes are tried in steps of 2^(1/64): devices whose depths differ in a few pixels then find the same voxels."""
-
-KEY_FACTORS = (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB, 0xD6E8FEB86659FD93)
-"""A voxel's key is the sum, modulo 2^64, of its place and relative level times these odd numbers without a pattern.
-
-Two voxels have one key only if their difference times the factors is 0, which no difference of some thousand cells is
-likely to give. Exclusive or would not do in place of the sum: cells on opposite sides of an axis would have one key.
-Levels count from the lowest, so that the order of keys, which decides between equally heavy voxels, does not depend on
-the unit of length.
-"""
 
 
 @dataclass(frozen=True)
@@ -66,46 +59,70 @@ class Candidates:
         )
 
 
-def merged(candidates: Candidates, count: int) -> PointCloud:
-    """Average the candidates in each voxel; the voxel size is chosen so that about `count` voxels are filled.
+class Merger(Protocol):
+    """Brings candidates together, on one device."""
 
-    A voxel's side is proportional to the footprints of the pixels in it, and shrinks with their detail: a bounded
-    number of Gaussians is most useful where there is detail. Both are rounded to steps of √2.
+    name: Literal["cpu", "webgpu"]
+
+    def merged(self, candidates: Candidates, count: int) -> PointCloud:
+        """Average the candidates in each voxel; the voxel size is chosen so that about `count` voxels are filled.
+
+        A voxel's side is proportional to the footprints of the pixels in it, and shrinks with their detail: a bounded
+        number of Gaussians is most useful where there is detail. Both are rounded to steps of √2.
+
+        Args:
+            candidates: to merge.
+            count: maximum number of points.
+
+        Returns:
+            At most `count` points, with their directions and the mean confidence of their pixels; dense where many
+            pixels see a detailed surface.
+        """
+
+
+def create_merger(device: Literal["cpu", "webgpu"] = "cpu", gpu: str | None = None, max_memory: int = 3000) -> Merger:
+    """Choose the device that merges.
 
     Args:
-        candidates: to merge.
+        device: where it computes.
+        gpu: part of the name of the GPU to use, or None for the best.
+        max_memory: megabytes of GPU memory that it may take.
+
+    Raises:
+        PocketGSError: there is no such device.
+    """
+    if device == "webgpu":
+        from pocketgs.prior.cloud.webgpu.merger import WebGpuMerger
+
+        return WebGpuMerger(gpu, max_memory)
+    from pocketgs.prior.cloud.cpu_merger import CpuMerger
+
+    return CpuMerger()
+
+
+def choose_size(filled: Callable[[float], int], candidates: int, count: int) -> tuple[float, int]:
+    """Choose the voxels' size.
+
+    Args:
+        filled: number of voxels of a size that have a candidate. It is asked for the chosen size last.
+        candidates: their number.
         count: maximum number of points.
 
     Returns:
-        At most `count` points, with their directions and the mean confidence of their pixels; dense where many pixels
-        see a detailed surface.
+        The size, in levels' sides, and the number of voxels that it fills.
     """
-    if len(candidates.positions) == 0:
-        return PointCloud(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-    level = _levels(candidates)
-    size = 2.0
+    size, tried, found = 2.0, 0.0, 0
     for _ in range(MERGING_ROUNDS):
-        _, voxel = np.unique(_voxels(candidates.positions, level, size), return_inverse=True)
-        filled = int(voxel.max()) + 1
-        if count <= filled <= OVERFULL * count or (filled < count and filled == len(voxel)):
+        tried, found = size, filled(size)
+        if count <= found <= OVERFULL * count or (found < count and found == candidates):
             break
         # The number of voxels on a surface grows with the square of the resolution.
-        size *= np.sqrt(filled / ((1 + OVERFULL) / 2 * count))
-        size = np.exp2(np.round(SIZES_AN_OCTAVE * np.log2(size)) / SIZES_AN_OCTAVE)
-    weight = np.bincount(voxel, candidates.confidences)
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        weighted = values * candidates.confidences[:, None]
-        return np.stack([np.bincount(voxel, column) for column in weighted.T], axis=1) / weight[:, None]
-
-    directions = mean(candidates.directions)
-    directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-9)
-    confidences = weight / np.bincount(voxel)
-    cloud = PointCloud(mean(candidates.positions), mean(candidates.colours), directions, confidences)
-    return cloud if len(cloud) <= count else cloud.select(np.sort(np.argsort(-weight, kind="stable")[:count]))
+        size *= np.sqrt(found / ((1 + OVERFULL) / 2 * count))
+        size = float(np.exp2(np.round(SIZES_AN_OCTAVE * np.log2(size)) / SIZES_AN_OCTAVE))
+    return tried, found
 
 
-def _levels(candidates: Candidates) -> np.ndarray:
+def levels_of(candidates: Candidates) -> np.ndarray:
     """(M,) int64 logarithm of the voxels' relative sides, in steps of √2."""
     details = np.maximum(candidates.details.astype(np.float64), MIN_DETAIL)
     octaves = -DETAIL_POWER * np.log2(details / np.median(details))
@@ -113,8 +130,11 @@ def _levels(candidates: Candidates) -> np.ndarray:
     return np.round(STEPS_AN_OCTAVE * octaves).astype(np.int64)
 
 
-def _voxels(positions: np.ndarray, level: np.ndarray, size: float) -> np.ndarray:
-    """(M,) int64 key of each voxel, see `KEY_FACTORS`."""
-    cells = np.floor(positions / (size * np.exp2(level / STEPS_AN_OCTAVE))[:, None]).astype(np.int64)
-    factors = np.array(KEY_FACTORS, np.uint64).view(np.int64)
-    return cells @ factors[:3] + (level - level.min()) * factors[3]
+def side_of(levels: np.ndarray, size: float) -> np.ndarray:
+    """Sides of voxels, in scene units."""
+    return np.asarray(size * np.exp2(levels / STEPS_AN_OCTAVE))
+
+
+def heaviest(cloud: PointCloud, weight: np.ndarray, count: int) -> PointCloud:
+    """At most `count` points, those of largest weight, in their order."""
+    return cloud if len(cloud) <= count else cloud.select(np.sort(np.argsort(-weight, kind="stable")[:count]))

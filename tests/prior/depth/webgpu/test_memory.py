@@ -16,13 +16,14 @@ from pocketgs.prior.depth.consistency import Agreement, Views
 from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.depth_maps import stereo_extent
 from pocketgs.prior.depth.depth_range import DepthRange
-from pocketgs.prior.depth.stereo import StereoExtent, create_stereo, need_of, with_room
+from pocketgs.prior.depth.stereo import Stereo, StereoExtent, create_stereo, need_of, with_room
 from pocketgs.prior.depth.sweep import SweepSettings
 from pocketgs.prior.depth.webgpu.layout import MOST_BANDS
 from pocketgs.prior.depth.webgpu.stereo import WebGpuStereo, _numbers_of
+from pocketgs.prior.devices import Devices, create_devices
 from pocketgs.prior.prior import build_prior
 from pocketgs.training.options import SizedOptions, TrainingOptions
-from pocketgs.training.preparation import stereo_of
+from pocketgs.training.preparation import devices_of
 
 pytestmark = pytest.mark.usefixtures("adapter")
 
@@ -43,6 +44,11 @@ def limited(largest: int) -> WebGpuStereo:
 
 def bands_of(stereo: WebGpuStereo) -> int:
     return sum(name.startswith("totals") and size > MIN_BUFFER for name, size in stereo.sweeping.sizes().items())
+
+
+def sweeping_on(stereo: Stereo) -> Devices:
+    """The CPU, but for depth."""
+    return replace(create_devices(), stereo=stereo)
 
 
 def test_bands_of_rows_change_nothing(frames: list[Frame]) -> None:
@@ -123,7 +129,9 @@ def test_the_cpu_takes_the_place_of_a_gpu_with_too_little_memory(frames: list[Fr
 
 def test_a_prior_without_room_on_the_gpu_is_the_cpus() -> None:
     capture = true_capture(64, 48, frames=5, points=10)
-    found, expected = (build_prior(capture, 500, stereo=stereo) for stereo in (limited(1000), create_stereo()))
+    found, expected = (
+        build_prior(capture, 500, devices=sweeping_on(stereo)) for stereo in (limited(1000), create_stereo())
+    )
     assert found.report is not None
     assert expected.report is not None
     assert found.report.swept_on == "cpu"
@@ -135,13 +143,13 @@ def test_a_prior_without_room_on_the_gpu_is_the_cpus() -> None:
 
 def test_a_gpu_that_fails_after_its_sweeps_leaves_comparing_to_the_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
     capture, stereo = true_capture(64, 48, frames=5, points=10), WebGpuStereo()
-    expected = build_prior(capture, 500, stereo=stereo)
+    expected = build_prior(capture, 500, devices=sweeping_on(stereo))
 
     def fails(views: Views, tolerance: float) -> Iterator[Agreement]:
         raise PocketGSError("the GPU is out of memory")
 
     monkeypatch.setattr(stereo, "compare", fails)
-    found = build_prior(capture, 500, stereo=stereo)
+    found = build_prior(capture, 500, devices=sweeping_on(stereo))
     assert found.report is not None
     assert expected.report is not None
     assert found.report.swept_on == "webgpu"
@@ -158,7 +166,7 @@ def test_memory_is_given_back_when_a_sweep_fails(monkeypatch: pytest.MonkeyPatch
     uniforms = stereo.sweeping.sizes()
     monkeypatch.setattr(stereo, "sweep", fails)
     with pytest.raises(KeyboardInterrupt):
-        build_prior(true_capture(64, 48, frames=5, points=10), 500, stereo=stereo)
+        build_prior(true_capture(64, 48, frames=5, points=10), 500, devices=sweeping_on(stereo))
     assert stereo.sweeping.sizes() == uniforms
 
 
@@ -186,7 +194,7 @@ def test_frames_of_both_orientations_get_their_room() -> None:
 
 
 def test_the_engine_chooses_the_device() -> None:
-    assert stereo_of(TrainingOptions(engine="cpu")).name == "cpu"
-    assert stereo_of(SizedOptions(engine="webgpu")).name == "webgpu"
+    assert devices_of(TrainingOptions(engine="cpu")).stereo.name == "cpu"
+    assert devices_of(SizedOptions(engine="webgpu")).stereo.name == "webgpu"
     with pytest.raises(PocketGSError, match="expected one named like 'none of that name'"):
-        stereo_of(TrainingOptions(engine="webgpu", gpu="none of that name"))
+        devices_of(TrainingOptions(engine="webgpu", gpu="none of that name"))

@@ -1,0 +1,1 @@
+"""Merging of candidates on a GPU: WGSL passes and their host."""
