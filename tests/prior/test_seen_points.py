@@ -9,7 +9,7 @@ import pytest
 
 from pocketgs.capture.capture import Capture
 from pocketgs.capture.synthetic import true_capture
-from pocketgs.prior.depth.stereo import create_stereo
+from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.sweep import SweepSettings
 from pocketgs.prior.poses.structure import StructureSettings
 from pocketgs.prior.prior import PriorSettings, build_prior
@@ -56,9 +56,7 @@ def test_of_large_clouds_some_are_returned(room: Capture) -> None:
 
 def test_rough_points_lie_on_the_surfaces(room: Capture) -> None:
     distance = estimate_scale(room).distance
-    for frame, points in zip(
-        room.train, rough_points(room.train, distance, SweepSettings(), create_stereo()), strict=True
-    ):
+    for frame, points in zip(room.train, rough_points(room.train, distance, SweepSettings(), CpuStereo()), strict=True):
         assert frame.depth is not None
         pixels, depth = frame.camera.project(points)
         columns, rows = pixels.astype(int).T

@@ -14,7 +14,7 @@ from pocketgs.capture.capture import Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle.adjustment import adjust_bundle, adjust_pose
-from pocketgs.prior.bundle.equations import create_adjuster
+from pocketgs.prior.bundle.schur import CpuAdjuster
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
 from pocketgs.prior.features.cpu.finder import CpuFinder
 from pocketgs.prior.features.features import Features
@@ -227,7 +227,7 @@ def test_refinement(call: Call, walk: Walk, stray: bool) -> None:
     }
     found, points, kept, first, last = call("prior/poses/structure.js", script, given)
     widest, settings = widest_tolerance(cameras), StructureSettings().bundle_settings(walk.scale)
-    expected = refine(cameras, tracks, widest, FINEST, settings, walk.scale.distance, create_adjuster())
+    expected = refine(cameras, tracks, widest, FINEST, settings, walk.scale.distance, CpuAdjuster())
     assert expected.moved.any() == stray
     assert kept == [new is old for new, old in zip(expected.cameras, cameras, strict=True)]
     np.testing.assert_allclose(found, poses(expected.cameras), atol=1e-4)

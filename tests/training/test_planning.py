@@ -21,7 +21,7 @@ from pocketgs.capture.loading import Preparation
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.depth.cpu.stereo import CpuStereo
-from pocketgs.prior.depth.stereo import StereoExtent, StereoNeed, create_stereo, need_of
+from pocketgs.prior.depth.stereo import StereoExtent, StereoNeed, need_of
 from pocketgs.prior.depth.webgpu.stereo import WebGpuStereo
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.engine import EngineOptions, create_engine
@@ -329,7 +329,7 @@ def test_speed_beside_a_gpu_without_room_is_the_cpus() -> None:
 def test_speed_is_measured_on_any_engine() -> None:
     options = SizedOptions(engine="cpu")
     engine = create_engine(EngineOptions(engine="cpu"))
-    stereo = create_stereo()
+    stereo = CpuStereo()
     machine = this_machine(engine, stereo, options)
     assert machine.resident > 50_000_000
     speed = measure_speed(engine, stereo, 1, with_prior=True)

@@ -24,3 +24,8 @@ def check_buffers(sizes: Mapping[str, int], largest: int, expected: str) -> None
                 f"the GPU's buffer {name!r} would take {size / 1e6:.0f} MB, the device allows "
                 f"{largest / 1e6:.0f} MB: expected {expected}"
             )
+
+
+def fit(sizes: Mapping[str, int], largest: int, most: int) -> bool:
+    """Whether a device holds some buffers: `largest` bytes in a single one, and `most` in all."""
+    return max(sizes.values()) <= largest and sum(sizes.values()) <= most

@@ -13,8 +13,9 @@ from pocketgs.errors import PocketGSError
 from pocketgs.prior.cloud.complete import Completion, completion, joined
 from pocketgs.prior.cloud.fuse import FusionSettings, fuse
 from pocketgs.prior.cloud.merge import Candidates
+from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.depth_maps import depth_maps, stereo_extent
-from pocketgs.prior.depth.stereo import Stereo, create_stereo, with_room
+from pocketgs.prior.depth.stereo import Stereo, with_room
 from pocketgs.prior.depth.sweep import DepthMap, SweepSettings
 from pocketgs.prior.devices import Devices
 from pocketgs.scene.point_cloud import PointCloud
@@ -112,4 +113,4 @@ def _candidates(
         if stereo.name == "cpu":
             raise
         warning = f"depth maps are compared on the CPU: {error}"
-    return fuse(keyframes, maps, frames, settings, create_stereo()), (warning,)
+    return fuse(keyframes, maps, frames, settings, CpuStereo()), (warning,)

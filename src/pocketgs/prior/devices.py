@@ -5,10 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from pocketgs.prior.bundle.equations import Adjuster, create_adjuster
-from pocketgs.prior.cloud.merge import Merger, create_merger
-from pocketgs.prior.depth.stereo import Stereo, create_stereo
-from pocketgs.prior.features.finder import FeatureFinder, create_finder
+from pocketgs.prior.bundle.equations import Adjuster
+from pocketgs.prior.bundle.schur import CpuAdjuster
+from pocketgs.prior.cloud.cpu_merger import CpuMerger
+from pocketgs.prior.cloud.merge import Merger
+from pocketgs.prior.depth.cpu.stereo import CpuStereo
+from pocketgs.prior.depth.stereo import Stereo
+from pocketgs.prior.features.cpu.finder import CpuFinder
+from pocketgs.prior.features.finder import FeatureFinder
 
 
 @dataclass(frozen=True)
@@ -37,7 +41,15 @@ def create_devices(device: Literal["cpu", "webgpu"] = "cpu", gpu: str | None = N
         max_memory: megabytes of GPU memory that a stage may take.
 
     Raises:
-        PocketGSError: there is no such device.
+        PocketGSError: there is no such device, or it lacks something.
     """
-    chosen = (device, gpu, max_memory)
-    return Devices(create_finder(*chosen), create_adjuster(*chosen), create_stereo(*chosen), create_merger(*chosen))
+    if device == "cpu":
+        return Devices(CpuFinder(), CpuAdjuster(), CpuStereo(), CpuMerger())
+    # The package works without a graphics library: it is loaded where a GPU is asked for.
+    from pocketgs.prior.bundle.webgpu.equations import WebGpuAdjuster
+    from pocketgs.prior.cloud.webgpu.merger import WebGpuMerger
+    from pocketgs.prior.depth.webgpu.stereo import WebGpuStereo
+    from pocketgs.prior.features.webgpu.finder import WebGpuFinder
+
+    chosen = (gpu, max_memory)
+    return Devices(WebGpuFinder(*chosen), WebGpuAdjuster(*chosen), WebGpuStereo(*chosen), WebGpuMerger(*chosen))

@@ -9,10 +9,10 @@ import pytest
 
 from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.prior.bundle.adjustment import BundleResult, BundleSettings, adjust_bundle
-from pocketgs.prior.bundle.equations import Adjuster, CameraEquations, create_adjuster
+from pocketgs.prior.bundle.equations import Adjuster, CameraEquations
 from pocketgs.prior.bundle.problem import by_point, first_estimate
 from pocketgs.prior.bundle.reprojection import Sightings
-from pocketgs.prior.bundle.schur import CpuEquations
+from pocketgs.prior.bundle.schur import CpuAdjuster, CpuEquations
 from pocketgs.prior.bundle.webgpu.equations import WebGpuAdjuster
 from prior.bundle_problem import Problem, make_problem
 
@@ -24,7 +24,7 @@ HELD = BundleSettings(position_sigma=0.02, rotation_sigma=0.02, refine_focal=Tru
 
 @pytest.fixture(scope="module")
 def adjuster() -> Adjuster:
-    return create_adjuster("webgpu")
+    return WebGpuAdjuster()
 
 
 def sightings_of(problem: Problem) -> Sightings:
@@ -105,7 +105,7 @@ def test_adjustments_end_as_on_the_cpu(adjuster: Adjuster, size: float) -> None:
     def adjusted(device: Adjuster) -> BundleResult:
         return adjust_bundle(problem.cameras, problem.points, problem.observations, settings, adjuster=device)
 
-    found, expected = adjusted(adjuster), adjusted(create_adjuster())
+    found, expected = adjusted(adjuster), adjusted(CpuAdjuster())
     assert found.converged
     assert found.cost_after == pytest.approx(expected.cost_after, rel=1e-6)
     for one, other in zip(found.cameras, expected.cameras, strict=True):

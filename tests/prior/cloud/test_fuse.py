@@ -16,7 +16,7 @@ from pocketgs.prior.cloud.fuse import SHELL_EXTENT, FusionSettings, confidence, 
 from pocketgs.prior.cloud.merge import Candidates
 from pocketgs.prior.depth.consistency import Views
 from pocketgs.prior.depth.cpu.consistency import compare_depths
-from pocketgs.prior.depth.stereo import create_stereo
+from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.sweep import DepthMap
 from prior.random_depth_maps import random_views
 
@@ -39,7 +39,7 @@ def certain(depth: np.ndarray, step: float = 1e-5) -> DepthMap:
 
 
 def cloud_of(keyframes: list[Frame], maps: list[DepthMap], frames: list[Frame], count: int) -> PointCloud:
-    return CpuMerger().merged(fuse(keyframes, maps, frames, SETTINGS, create_stereo()), count)
+    return CpuMerger().merged(fuse(keyframes, maps, frames, SETTINGS, CpuStereo()), count)
 
 
 def cameras_of(views: Views) -> list[Camera]:
@@ -268,7 +268,7 @@ def test_what_is_too_far_to_tell_lies_on_one_sphere(step: float) -> None:
     resolved = 1 / step
     maps = [certain(np.full((64, 64), resolved * far, np.float32), step) for far in (1.5, 3.0, 40.0)]
     maps[0].depth[:32] = 0.05 * resolved  # what can be told stays where it is
-    found = fuse(frames, maps, frames, SETTINGS, create_stereo())
+    found = fuse(frames, maps, frames, SETTINGS, CpuStereo())
     far = np.abs(found.positions[:, 2] - 0.05 * resolved) > 0.04 * resolved
     assert np.count_nonzero(far) > 2.4 * 64 * 64
     middle = eyes.mean(axis=0)
@@ -291,7 +291,7 @@ def test_stars_that_three_views_see_are_at_the_same_pixels_of_all() -> None:
     frames = [wall_frame(f"{index}", eye, 64) for index, eye in enumerate(eyes)]
     step = 1 / (64 * 3.0)  # a pixel's shift over the widest baseline
     maps = [certain(np.full((64, 64), far / step, np.float32), step) for far in (1.2, 3.0, 40.0)]
-    found = fuse(frames, maps, frames, SETTINGS, create_stereo())
+    found = fuse(frames, maps, frames, SETTINGS, CpuStereo())
     for frame in frames:
         pixels, depth = frame.camera.project(found.positions)
         assert np.all(depth > 0)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
+from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.depth_maps import MAX_SWEPT_PIXELS, depth_maps, sweep_pixels
 from pocketgs.prior.depth.depth_range import (
     FEWEST,
@@ -24,7 +25,6 @@ from pocketgs.prior.depth.depth_range import (
     small_copy,
     wide_range,
 )
-from pocketgs.prior.depth.stereo import create_stereo
 from pocketgs.prior.depth.sweep import MAX_PIXELS, DepthMap, SweepSettings
 
 DISTANCE = 4.0
@@ -169,7 +169,7 @@ def test_depth_maps_tell_near_wall_and_sky(know_points: bool) -> None:
     frames = [three_layers(x) for x in (-0.5, -0.25, 0.0, 0.25, 0.5)]
     bare = [replace(one, depth=None) for one in frames]
     points = [points_at(4.0) if know_points else np.zeros((0, 3))]
-    (keyframe,), (found,) = depth_maps(bare[2:3], bare, points, DISTANCE, SweepSettings(), create_stereo())
+    (keyframe,), (found,) = depth_maps(bare[2:3], bare, points, DISTANCE, SweepSettings(), CpuStereo())
     assert isinstance(found, DepthMap)
     assert keyframe.name == bare[2].name
     depth = frames[2].depth

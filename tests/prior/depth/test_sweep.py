@@ -12,13 +12,13 @@ from pocketgs import Camera, PocketGSError
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import look_at
+from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.depth_range import DepthRange
 from pocketgs.prior.depth.source_views import choose_source_views
-from pocketgs.prior.depth.stereo import create_stereo
 from pocketgs.prior.depth.sweep import MAX_PIXELS, DepthMap, SweepSettings, at_sweep_size
 
 SETTINGS = SweepSettings()
-STEREO = create_stereo()
+STEREO = CpuStereo()
 PLANE = np.array([0.25, -0.4, 1.0]), 3.0
 """Normal n and offset d of the plane n · x = d that the frames of `plane` see."""
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle.adjustment import BundleSettings
-from pocketgs.prior.bundle.equations import create_adjuster
+from pocketgs.prior.bundle.schur import CpuAdjuster
 from pocketgs.prior.features.observations import Observations
 from pocketgs.prior.poses.refinement import CHECKED_SHARE, Refinement, refine
 from prior.bundle_problem import Problem, make_problem, position_errors
@@ -19,7 +19,7 @@ PROBLEM = make_problem(frames=10, points=600, views=5, noise=0.2, pose_error=0.0
 
 def refined(problem: Problem, tracks: Observations) -> Refinement:
     order = np.lexsort((tracks.frame, tracks.point))
-    return refine(problem.cameras, tracks.select(order), 40.0, 0.5, BUNDLE, 4.0, create_adjuster())
+    return refine(problem.cameras, tracks.select(order), 40.0, 0.5, BUNDLE, 4.0, CpuAdjuster())
 
 
 def errors(cameras: list[Camera]) -> float:

@@ -15,7 +15,8 @@ from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.gpu.adapters import Adapter
 from pocketgs.prior.bundle.adjustment import BundleSettings, adjust_bundle, huber_cost
-from pocketgs.prior.bundle.equations import create_adjuster
+from pocketgs.prior.bundle.schur import CpuAdjuster
+from pocketgs.prior.bundle.webgpu.equations import WebGpuAdjuster
 from pocketgs.prior.features.tracks import reprojection_errors, triangulate, triangulation_angles, view_distances
 from pocketgs.prior.poses.structure import Structure, StructureSettings, build_structure
 from pocketgs.prior.poses.tolerance import MIN_ANGLE
@@ -247,7 +248,7 @@ def test_real_tracks_are_adjusted_on_the_gpu_as_on_the_cpu(adapter: Adapter, fer
     points = triangulate(turned, seen)
     settings = BundleSettings(position_sigma=0.01 * fern.scale.distance, rotation_sigma=0.01, refine_focal=True)
     gpu, cpu = (
-        adjust_bundle(turned, points, seen, settings, adjuster=create_adjuster(device)) for device in ("webgpu", "cpu")
+        adjust_bundle(turned, points, seen, settings, adjuster=device) for device in (WebGpuAdjuster(), CpuAdjuster())
     )
     assert cpu.cost_before > 5 * cpu.cost_after
     assert gpu.cost_after == pytest.approx(cpu.cost_after, rel=1e-5)

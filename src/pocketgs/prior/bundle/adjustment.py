@@ -17,12 +17,12 @@ from scipy.spatial.transform import Rotation
 
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
-from pocketgs.prior.bundle.equations import Adjuster, CameraEquations, create_adjuster
+from pocketgs.prior.bundle.equations import Adjuster, CameraEquations
 from pocketgs.prior.bundle.levenberg_marquardt import minimise
 from pocketgs.prior.bundle.pose_prior import PosePrior, pose_prior, unheld
 from pocketgs.prior.bundle.problem import by_point, check, first_estimate
 from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, SHARED_UNKNOWNS, Estimate, Sightings, distances
-from pocketgs.prior.bundle.schur import MIN_DIAGONAL, camera_equations
+from pocketgs.prior.bundle.schur import MIN_DIAGONAL, CpuAdjuster, camera_equations
 from pocketgs.prior.features.observations import Observations
 
 
@@ -144,7 +144,7 @@ def adjust_bundle(
     prior = pose_prior(given, settings.position_sigma, settings.rotation_sigma)
     of_cameras = unheld(first, settings.position_sigma is not None, settings.rotation_sigma is not None)
     free = np.append(of_cameras, [settings.refine_focal, settings.refine_distortion])
-    equations = (adjuster or create_adjuster()).equations(sightings, settings.huber)
+    equations = (adjuster or CpuAdjuster()).equations(sightings, settings.huber)
 
     def step(estimate: Estimate, damping: float) -> tuple[Estimate, float]:
         reduced = equations.reduced(estimate, damping)

@@ -64,25 +64,3 @@ class Adjuster(Protocol):
 
     def release(self) -> None:
         """Give the device's memory back."""
-
-
-def create_adjuster(
-    device: Literal["cpu", "webgpu"] = "cpu", gpu: str | None = None, max_memory: int = 3000
-) -> Adjuster:
-    """Choose the device that makes the equations.
-
-    Args:
-        device: where it computes.
-        gpu: part of the name of the GPU to use, or None for the best.
-        max_memory: megabytes of GPU memory that it may take.
-
-    Raises:
-        PocketGSError: there is no such device.
-    """
-    if device == "webgpu":
-        from pocketgs.prior.bundle.webgpu.equations import WebGpuAdjuster
-
-        return WebGpuAdjuster(gpu, max_memory)
-    from pocketgs.prior.bundle.schur import CpuAdjuster
-
-    return CpuAdjuster()

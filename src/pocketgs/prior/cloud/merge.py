@@ -80,26 +80,6 @@ class Merger(Protocol):
         """
 
 
-def create_merger(device: Literal["cpu", "webgpu"] = "cpu", gpu: str | None = None, max_memory: int = 3000) -> Merger:
-    """Choose the device that merges.
-
-    Args:
-        device: where it computes.
-        gpu: part of the name of the GPU to use, or None for the best.
-        max_memory: megabytes of GPU memory that it may take.
-
-    Raises:
-        PocketGSError: there is no such device.
-    """
-    if device == "webgpu":
-        from pocketgs.prior.cloud.webgpu.merger import WebGpuMerger
-
-        return WebGpuMerger(gpu, max_memory)
-    from pocketgs.prior.cloud.cpu_merger import CpuMerger
-
-    return CpuMerger()
-
-
 def choose_size(filled: Callable[[float], int], candidates: int, count: int) -> tuple[float, int]:
     """Choose the voxels' size.
 

@@ -116,26 +116,6 @@ class Stereo(Protocol):
         """
 
 
-def create_stereo(device: Literal["cpu", "webgpu"] = "cpu", gpu: str | None = None, max_memory: int = 3000) -> Stereo:
-    """Choose the device that computes depth.
-
-    Args:
-        device: where it computes.
-        gpu: part of the name of the GPU to use, or None for the best.
-        max_memory: megabytes of GPU memory that it may take.
-
-    Raises:
-        PocketGSError: there is no such device.
-    """
-    if device == "webgpu":
-        from pocketgs.prior.depth.webgpu.stereo import WebGpuStereo
-
-        return WebGpuStereo(gpu, max_memory)
-    from pocketgs.prior.depth.cpu.stereo import CpuStereo
-
-    return CpuStereo()
-
-
 def with_room(stereo: Stereo, extent: StereoExtent) -> tuple[Stereo, tuple[str, ...]]:
     """The device with its memory reserved, or the CPU where it has too little memory; and warnings.
 
@@ -147,7 +127,7 @@ def with_room(stereo: Stereo, extent: StereoExtent) -> tuple[Stereo, tuple[str, 
         stereo.reserve(extent)
     except PocketGSError as error:
         stereo.release()
-        return create_stereo(), (f"depth is computed on the CPU: {error}",)
+        return _cpu(), (f"depth is computed on the CPU: {error}",)
     return stereo, ()
 
 
@@ -156,4 +136,11 @@ def need_of(stereo: Stereo, extent: StereoExtent) -> StereoNeed:
     try:
         return stereo.memory_needed(extent)
     except PocketGSError:
-        return create_stereo().memory_needed(extent)
+        return _cpu().memory_needed(extent)
+
+
+def _cpu() -> Stereo:
+    """What takes the place of a GPU; its module needs this one."""
+    from pocketgs.prior.depth.cpu.stereo import CpuStereo
+
+    return CpuStereo()

@@ -39,25 +39,3 @@ class FeatureFinder(Protocol):
 
     def release(self) -> None:
         """Give the device's memory back."""
-
-
-def create_finder(
-    device: Literal["cpu", "webgpu"] = "cpu", gpu: str | None = None, max_memory: int = 3000
-) -> FeatureFinder:
-    """Choose the device that finds features.
-
-    Args:
-        device: where it computes.
-        gpu: part of the name of the GPU to use, or None for the best.
-        max_memory: megabytes of GPU memory that it may take.
-
-    Raises:
-        PocketGSError: there is no such device.
-    """
-    if device == "webgpu":
-        from pocketgs.prior.features.webgpu.finder import WebGpuFinder
-
-        return WebGpuFinder(gpu, max_memory)
-    from pocketgs.prior.features.cpu.finder import CpuFinder
-
-    return CpuFinder()

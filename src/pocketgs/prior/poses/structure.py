@@ -11,10 +11,12 @@ from pocketgs.capture.capture import Frame, Photographs
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle.adjustment import BundleSettings
-from pocketgs.prior.bundle.equations import Adjuster, create_adjuster
+from pocketgs.prior.bundle.equations import Adjuster
+from pocketgs.prior.bundle.schur import CpuAdjuster
+from pocketgs.prior.features.cpu.finder import CpuFinder
 from pocketgs.prior.features.detection import detect_all
 from pocketgs.prior.features.features import Features
-from pocketgs.prior.features.finder import FeatureFinder, create_finder
+from pocketgs.prior.features.finder import FeatureFinder
 from pocketgs.prior.features.observations import Observations
 from pocketgs.prior.features.pairs import choose_pairs
 from pocketgs.prior.features.tracks import link, reprojection_errors, triangulate, triangulation_angles
@@ -145,7 +147,7 @@ def build_structure(
     Returns:
         None if there is too little texture.
     """
-    finder = finder or create_finder()
+    finder = finder or CpuFinder()
     names = tuple(frame.name for frame in frames)
     given = [frame.camera for frame in frames]
     features = detect_all(frames, settings.features, finder, photographs)
@@ -160,7 +162,7 @@ def build_structure(
     cameras, carried = placed, np.zeros(len(frames), bool)
     if settings.bundle:
         widest, how = widest_tolerance(given), settings.bundle_settings(scale)
-        refinement = refine(placed, tracks, widest, finest, how, scale.distance, adjuster or create_adjuster())
+        refinement = refine(placed, tracks, widest, finest, how, scale.distance, adjuster or CpuAdjuster())
         cameras, carried = refinement.cameras, refinement.carried
     tolerance = measured_tolerance(cameras, tracks, finest)
     points, seen, behind = _agreeing(cameras, tracks, tolerance)

@@ -11,8 +11,9 @@ import numpy as np
 
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
+from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.depth_range import DepthRange
-from pocketgs.prior.depth.stereo import Stereo, StereoExtent, create_stereo, with_room
+from pocketgs.prior.depth.stereo import Stereo, StereoExtent, with_room
 from pocketgs.prior.depth.sweep import SweepSettings
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
@@ -68,7 +69,7 @@ def measure_speed(engine: Engine, stereo: Stereo, threads: int, with_prior: bool
     training = _step_seconds(engine, frames[0], rng) / STEP_SECONDS
     if not with_prior:
         return Speed(training, training, training)
-    prior = _sweep_seconds(create_stereo(), frames) / SWEEP_SECONDS
+    prior = _sweep_seconds(CpuStereo(), frames) / SWEEP_SECONDS
     stereo, _ = with_room(stereo, StereoExtent.of([(WIDTH, HEIGHT)], len(frames) - 1, len(frames)))
     if stereo.name == "cpu":
         return Speed(prior, prior, training)

@@ -10,8 +10,8 @@ import pytest
 from pocketgs.capture import Capture, open_capture
 from pocketgs.capture.synthetic import demo_capture
 from pocketgs.prior.depth.depth_maps import depth_maps
-from pocketgs.prior.depth.stereo import create_stereo
 from pocketgs.prior.depth.sweep import SweepSettings
+from pocketgs.prior.devices import create_devices
 from pocketgs.prior.scale import estimate_scale
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.preparation import prepare
@@ -25,7 +25,7 @@ def assert_same_depths(capture: Capture, keyframes: list[int]) -> None:
     chosen, points = [frames[index] for index in keyframes], [np.zeros((0, 3)) for _ in keyframes]
     distance = estimate_scale(capture).distance
     gpu, cpu = (
-        depth_maps(chosen, frames, points, distance, SweepSettings(), create_stereo(device))[1]
+        depth_maps(chosen, frames, points, distance, SweepSettings(), create_devices(device).stereo)[1]
         for device in ("webgpu", "cpu")
     )
     for found, expected in zip(gpu, cpu, strict=True):

@@ -16,7 +16,7 @@ from pocketgs.prior.depth.consistency import Agreement, Views
 from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.depth_maps import stereo_extent
 from pocketgs.prior.depth.depth_range import DepthRange
-from pocketgs.prior.depth.stereo import Stereo, StereoExtent, create_stereo, need_of, with_room
+from pocketgs.prior.depth.stereo import Stereo, StereoExtent, need_of, with_room
 from pocketgs.prior.depth.sweep import SweepSettings
 from pocketgs.prior.depth.webgpu.layout import MOST_BANDS
 from pocketgs.prior.depth.webgpu.stereo import WebGpuStereo, _numbers_of
@@ -130,7 +130,7 @@ def test_the_cpu_takes_the_place_of_a_gpu_with_too_little_memory(frames: list[Fr
 def test_a_prior_without_room_on_the_gpu_is_the_cpus() -> None:
     capture = true_capture(64, 48, frames=5, points=10)
     found, expected = (
-        build_prior(capture, 500, devices=sweeping_on(stereo)) for stereo in (limited(1000), create_stereo())
+        build_prior(capture, 500, devices=sweeping_on(stereo)) for stereo in (limited(1000), CpuStereo())
     )
     assert found.report is not None
     assert expected.report is not None

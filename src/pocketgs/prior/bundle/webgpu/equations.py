@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from pocketgs.gpu.adapters import choose_adapter
+from pocketgs.gpu.buffer_sizes import fit
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
 from pocketgs.prior.bundle.equations import CameraEquations, NormalEquations
@@ -51,10 +52,9 @@ class WebGpuAdjuster:
             "meetings": meetings,
         }
         description = self._executor.description
-        sizes = description.sizes(counts, description.buffers).values()
-        if max(sizes) > self._adapter.largest_buffer or sum(sizes) > self._max_memory:
-            return CpuEquations(sightings, huber)
-        return WebGpuEquations(self._executor, sightings, huber)
+        if fit(description.sizes(counts, description.buffers), self._adapter.largest_buffer, self._max_memory):
+            return WebGpuEquations(self._executor, sightings, huber)
+        return CpuEquations(sightings, huber)
 
     def release(self) -> None:
         """Give the GPU's memory back."""

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from pocketgs.gpu.adapters import choose_adapter
+from pocketgs.gpu.buffer_sizes import fit
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
 from pocketgs.prior.cloud.cpu_merger import CpuMerger
@@ -68,8 +69,8 @@ class WebGpuMerger:
         return heaviest(PointCloud(positions, found[:, 3:6], directions, weight / members), weight, count)
 
     def _holds(self, candidates: int) -> bool:
-        sizes = self._sizes(self._symbols(candidates, 1, candidates)).values()
-        return max(sizes) <= self._adapter.largest_buffer and sum(sizes) <= self._max_memory
+        sizes = self._sizes(self._symbols(candidates, 1, candidates))
+        return fit(sizes, self._adapter.largest_buffer, self._max_memory)
 
     def _symbols(self, candidates: int, levels: int, voxels: int) -> dict[str, int]:
         given = {"candidates": candidates, "levels": levels, "voxels": voxels}
