@@ -68,4 +68,5 @@ def write_camera(
 ) -> None:
     """Set the uniform buffers of an image; the arguments are those of `view_values`."""
     executor.write_uniform("view", view_values(camera, background, near, symbols, photograph))
-    executor.write_uniform("lens", lens_values(camera))
+    if "lens" in executor.description.uniforms:  # not where splats come projected
+        executor.write_uniform("lens", lens_values(camera))
