@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import lzfse
 import numpy as np
 from PIL import Image
 from scipy.spatial.transform import Rotation
@@ -94,7 +95,7 @@ def with_quarter_turn(mp4: bytes, height: int) -> bytes:
 
 
 def write_record3d(capture: Capture, folder: Path, **metadata: Any) -> None:
-    """Without depth, which needs an optional package; given fields replace those of the metadata."""
+    """Given fields replace those of the metadata."""
     frames = in_order(capture)
     camera = frames[0].camera
     poses = []
@@ -102,6 +103,10 @@ def write_record3d(capture: Capture, folder: Path, **metadata: Any) -> None:
         to_world = frame.camera.camera_to_world
         poses.append([*Rotation.from_matrix(to_world[:3, :3] * TO_ARKIT).as_quat(), *to_world[:3, 3]])
         save(frame.image, folder / f"rgbd/{index}.jpg", quality=95, subsampling=0)
+        if frame.depth is not None:
+            depth, confidence = depth_and_confidence(frame)
+            (folder / f"rgbd/{index}.depth").write_bytes(lzfse.compress(depth.astype("<f4").tobytes()))
+            (folder / f"rgbd/{index}.conf").write_bytes(lzfse.compress(confidence.tobytes()))
     document = {
         "w": camera.width,
         "h": camera.height,

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+import struct
 from pathlib import Path
 
+import lzfse
 import numpy as np
 import pytest
 
-from capture.phone_layouts import depth_and_confidence, edit_json, expected_depth, frames_of, in_order, zip_folder
+from capture.phone_layouts import edit_json, expected_depth, frames_of, in_order, zip_folder
 from pocketgs.capture import open_capture
-from pocketgs.capture.formats.lzfse import lzfse_is_installed, read_compressed, unpacked_size
+from pocketgs.capture.formats.lzfse import most_unpacked, read_compressed
 from pocketgs.capture.open import read_listing
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import memory_bound
@@ -95,48 +97,58 @@ def test_damaged_members_of_archives(written_phones, tmp_path):
         open_capture(archive)
 
 
-def test_without_the_package_depth_is_left_out(copied_phone):
-    if lzfse_is_installed():
-        pytest.skip("pyliblzfse is installed")
-    folder = copied_phone("record3d")
-    (folder / "rgbd/0.depth").write_bytes(b"bvx2")
-    capture = open_capture(folder)
-    assert capture.warnings == (f"{folder}: its depth maps are left out, reading them needs the package pyliblzfse",)
-    assert all(frame.depth is None for frame in capture.frames)
-
-
 @pytest.mark.parametrize("packed", [False, True])
-def test_compressed_depths_come_back(small_capture, copied_phone, tmp_path, packed):
-    liblzfse = pytest.importorskip("liblzfse")
-    folder = copied_phone("record3d")
-    originals = in_order(small_capture)
-    for index, frame in enumerate(originals):
-        depth, confidence = depth_and_confidence(frame)
-        (folder / f"rgbd/{index}.depth").write_bytes(liblzfse.compress(depth.astype("<f4").tobytes()))
-        (folder / f"rgbd/{index}.conf").write_bytes(liblzfse.compress(confidence.tobytes()))
+def test_compressed_depths_come_back(small_capture, written_phones, tmp_path, packed):
+    folder = written_phones["record3d"]
     path = zip_folder(folder, tmp_path / "walk.r3d") if packed else folder
-    for frame, original in zip(frames_of(path), originals, strict=True):
+    for frame, original in zip(frames_of(path), in_order(small_capture), strict=True):
         np.testing.assert_allclose(frame.depth, expected_depth(original), rtol=1e-6)
-    if not packed:
-        (folder / "rgbd/5.depth").write_bytes(liblzfse.compress(bytes(12)))
-        with pytest.raises(PocketGSError, match=r"5\.depth: holds 12 bytes, expected 6912 for 48x36 pixels"):
-            open_capture(path)
 
 
-@pytest.mark.parametrize("raw", [bytes(3_000_000), bytes(range(256)) * 40, b"short"])
-def test_what_lzfse_unpacks_to_is_known_before(raw: bytes) -> None:
-    liblzfse = pytest.importorskip("liblzfse")
-    assert unpacked_size(liblzfse.compress(raw)) == len(raw)
+def test_depths_of_another_size(copied_phone):
+    folder = copied_phone("record3d")
+    (folder / "rgbd/5.depth").write_bytes(lzfse.compress(bytes(12)))
+    with pytest.raises(PocketGSError, match=r"5\.depth: holds 12 bytes, expected 6912 for 48x36 pixels"):
+        open_capture(folder)
+
+
+@pytest.mark.parametrize("missing", ["dw", "dh"])
+def test_depths_without_a_stated_size_are_left_out(copied_phone, missing):
+    folder = copied_phone("record3d")
+    edit_json(folder / "metadata", **{missing: None})
+    listing = read_listing(folder)
+    assert "depth maps are left out, no fields 'dh' and 'dw' state their size" in listing.warnings[-1]
+    assert all(frame.depth_path is None and frame.confidence_path is None for frame in listing.frames)
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [bytes(3_000_000), bytes(range(256)) * 40, b"word " * 200, b"short"],
+    ids=["zeros", "lzfse", "lzvn", "stored"],
+)
+def test_the_bound_of_what_lzfse_unpacks_to(raw: bytes) -> None:
+    packed = lzfse.compress(raw)
+    assert len(raw) <= most_unpacked(packed) <= len(raw) + 40_000 + 136 * len(packed)
 
 
 def test_a_bomb_of_lzfse_is_refused(tmp_path: Path) -> None:
-    liblzfse = pytest.importorskip("liblzfse")
     path = tmp_path / "bomb.depth"
-    path.write_bytes(liblzfse.compress(bytes(50_000_000)))
-    assert path.stat().st_size < 100_000
-    with memory_bound(60), pytest.raises(PocketGSError, match="unpacking 50,000,000 bytes would take"):
-        read_compressed(path)
-    for damaged in (b"bvx2", path.read_bytes()[:2000], b"bvx?" + bytes(40)):
-        path.write_bytes(damaged)
-        with pytest.raises(PocketGSError, match="cannot be decompressed"):
+    honest = lzfse.compress(bytes(50_000_000))
+    assert len(honest) < 100_000
+    modest = honest[:4] + struct.pack("<I", 12) + honest[8:]  # states that its first block unpacks to 12 bytes
+    for bomb in (honest, modest):
+        path.write_bytes(bomb)
+        with memory_bound(60), pytest.raises(PocketGSError, match=r"unpacking up to 5\d,\d{3},\d{3} bytes would take"):
             read_compressed(path)
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [b"", b"bvx2", b"bvx2" + bytes(40), b"bvx?" + bytes(40), lzfse.compress(bytes(range(256)) * 40)[:300]],
+    ids=["empty", "no header", "header of no bytes", "unknown", "truncated"],
+)
+def test_damaged_lzfse(tmp_path: Path, damaged: bytes) -> None:
+    path = tmp_path / "0.depth"
+    path.write_bytes(damaged)
+    with pytest.raises(PocketGSError, match=r"0\.depth: cannot be decompressed with LZFSE"):
+        read_compressed(path)

@@ -10,9 +10,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import lzfse
 import numpy as np
 import OpenEXR
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from PIL import Image
 from playwright.sync_api import Error
 
@@ -30,17 +33,24 @@ READ = """
         return new StoredFile(name, bytes.length, async () => bytes);
     };
     const [file, confidence] = [fileOf(given.file), given.confidence && fileOf(given.confidence)];
-    const {width, height, values} = await module.readDepth({file, unit: given.unit, confidence});
+    const {width, height, values} = await module.readDepth({file, unit: given.unit, confidence, size: given.size});
     return [width, height, [...values]];
 """
 
 
-def read(call: Call, path: Path, unit: float = 0.001, confidence: Path | None = None) -> np.ndarray:
+def read(
+    call: Call,
+    path: Path,
+    unit: float = 0.001,
+    confidence: Path | None = None,
+    shape: tuple[int, int] | None = None,
+) -> np.ndarray:
     def given(path: Path) -> dict[str, str]:
         return {"name": path.name, "content": base64.b64encode(path.read_bytes()).decode()}
 
     files = {"file": given(path), "confidence": None if confidence is None else given(confidence)}
-    width, height, values = call("capture/depth_map.js", READ, {**files, "unit": unit})
+    size = None if shape is None else shape[::-1]
+    width, height, values = call("capture/depth_map.js", READ, {**files, "unit": unit, "size": size})
     return np.reshape(values, (height, width))
 
 
@@ -120,6 +130,68 @@ def test_npy(call: Call, tmp_path: Path, kind: str) -> None:
     path = tmp_path / "depth.npy"
     np.save(path, np.random.default_rng(0).uniform(-3, 200, (5, 7)).astype(kind))
     np.testing.assert_array_equal(read(call, path, 0.01), read_depth(path, 0.01))
+
+
+def depths_of(kind: str, shape: tuple[int, int]) -> np.ndarray:
+    """Depth that LZFSE packs in its different ways: stored, as LZVN, in one or in several blocks."""
+    random = np.random.default_rng(0)
+    smooth = 2 + np.cumsum(random.normal(0, 0.01, shape), axis=1)
+    made = {
+        "noise": random.uniform(0, 5, shape),
+        "smooth": smooth,
+        "steps": np.round(smooth, 2),
+        "flat": np.ones(shape),
+    }
+    return made[kind].astype("<f4")
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (10, 9), (36, 48), (192, 256)])
+@pytest.mark.parametrize("kind", ["noise", "smooth", "steps", "flat"])
+def test_lzfse(call: Call, tmp_path: Path, kind: str, shape: tuple[int, int]) -> None:
+    path = tmp_path / "0.depth"
+    path.write_bytes(lzfse.compress(depths_of(kind, shape).tobytes()))
+    np.testing.assert_array_equal(read(call, path, 1.0, shape=shape), read_depth(path, 1.0, shape))
+
+
+UNPACK = """
+    const bytesOf = (text) => Uint8Array.from(atob(text), (character) => character.charCodeAt(0));
+    return given.map(({packed, size}) => {
+        const content = module.unpacked(bytesOf(packed), size);
+        return content && btoa([...content].map((byte) => String.fromCharCode(byte)).join(""));
+    });
+"""
+
+
+def unpacked(call: Call, files: list[tuple[bytes, int]]) -> list[bytes | None]:
+    """What the page makes of LZFSE files that are said to unpack to these sizes."""
+    given = [{"packed": base64.b64encode(packed).decode(), "size": size} for packed, size in files]
+    return [None if one is None else base64.b64decode(one) for one in call("archive/lzfse.js", UNPACK, given)]
+
+
+@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(content=st.lists(st.binary(max_size=9).flatmap(lambda piece: st.integers(1, 999).map(lambda n: n * piece))))
+def test_any_content_of_lzfse(call: Call, content: list[bytes]) -> None:
+    joined = b"".join(content)
+    packed = lzfse.compress(joined)
+    assert unpacked(call, [(packed, len(joined)), (packed, len(joined) + 1)]) == [joined, None]
+
+
+def test_damaged_lzfse(call: Call) -> None:
+    """Each ends, in the original content or in none of its size."""
+    random = np.random.default_rng(0)
+    originals = [depths_of(kind, (36, 48)).tobytes() for kind in ("smooth", "steps", "flat")] + [b"word " * 200]
+    files = []
+    for number in range(2000):
+        content = originals[number % 4]
+        packed = bytearray(lzfse.compress(content))
+        for _ in range(random.integers(1, 4)):
+            packed[random.integers(min(len(packed), random.choice([64, 9999])))] = random.integers(256)
+        files.append(
+            (bytes(packed[: random.integers(4, len(packed) + 1)] if number % 3 == 0 else packed), len(content))
+        )
+    found = unpacked(call, files)
+    assert all(one is None or len(one) == size for one, (_, size) in zip(found, files, strict=True))
+    assert sum(one is None for one in found) > 1000
 
 
 def encoded(image: Image.Image) -> bytes:

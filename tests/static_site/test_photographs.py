@@ -122,6 +122,18 @@ def test_as_in_python(
         assert np.abs(rgba[..., 3] - expected.alpha.astype(int)).max() <= 1
 
 
+@pytest.mark.parametrize("most", [40, 20, 10])
+def test_averages_are_rounded_as_in_python(call: Call, tmp_path: Path, most: int) -> None:
+    """Most averages of four pixels are halves or wholes."""
+    content = encoded(np.random.default_rng(0).integers(0, 256, (60, 80, 3), np.uint8), "png")
+    path = tmp_path / "photograph.png"
+    path.write_bytes(content)
+    expected = load_frame(FrameSource("photograph", path, LANDSCAPE), Preparation((1.0, 1.0, 1.0), max_size=most))
+    found = load(call, content, LANDSCAPE, Lens(), most)
+    rgba = np.reshape(found["rgba"], (*expected.image.shape[:2], 4))
+    np.testing.assert_array_equal(rgba[..., :3], expected.image)
+
+
 def spots(height: int, width: int) -> np.ndarray:
     return smooth(height, width, 1)[..., 0] > 128
 

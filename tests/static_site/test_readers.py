@@ -36,7 +36,7 @@ READ = """
         frames: listing.frames.map(({mask, depth, ...frame}) => ({
             ...frame,
             mask: mask?.path ?? null,
-            depth: depth && [depth.file.path, depth.unit, depth.confidence?.path ?? null],
+            depth: depth && [depth.file.path, depth.unit, depth.confidence?.path ?? null, depth.size],
         })),
         heldOut: [...heldOutOf(listing, settings.run.hold_out_every)].sort(),
         cloud: listing.cloud && [[...listing.cloud.positions], [...listing.cloud.colours]],
@@ -73,7 +73,8 @@ def assert_same(call: Call, folder: Path) -> None:
             for path in (other.mask_path, other.depth_path, other.confidence_path)
         ]
         assert one["mask"] == paths[0]
-        assert one["depth"] == (None if paths[1] is None else [paths[1], other.depth_unit, paths[2]])
+        size = None if other.depth_shape is None else list(other.depth_shape)[::-1]
+        assert one["depth"] == (None if paths[1] is None else [paths[1], other.depth_unit, paths[2], size])
     assert found["heldOut"] == sorted(choose_held_out(expected, 8)[0])
     assert found["background"] == list(expected.background)
     assert found["warnings"] == len(expected.warnings)

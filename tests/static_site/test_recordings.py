@@ -89,12 +89,12 @@ def test_record3d_with_intrinsics_of_each_frame(call: Call, copied_phone: Callab
     assert_same(call, folder)
 
 
-def test_depth_that_browsers_cannot_unpack(call: Call, copied_phone: Callable[[str], Path]) -> None:
+@pytest.mark.parametrize("missing", ["dw", "dh"])
+def test_record3d_without_the_size_of_depth(call: Call, copied_phone: Callable[[str], Path], missing: str) -> None:
     folder = copied_phone("record3d")
-    (folder / "rgbd" / "0.depth").write_bytes(b"bvx$")
-    found = read(call, folder)
-    assert [frame["depth"] for frame in found["frames"]] == [None] * 8
-    assert found["warnings"] == 1
+    edit_json(folder / "metadata", **{missing: None})
+    assert_same(call, folder)
+    assert [frame["depth"] for frame in read(call, folder)["frames"]] == [None] * 8
 
 
 def test_an_apps_own_data_goes_first(

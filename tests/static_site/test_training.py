@@ -291,13 +291,16 @@ def test_recordings_of_apps(
     assert abs(mean_psnr(scene, capture) - mean_psnr(tmp_path / "python" / "scene.ply", capture)) < TOLERANCE
 
 
-def test_measured_depth(visit: Visit, copied_phone: Callable[[str], Path], tmp_path: Path) -> None:
+@pytest.mark.parametrize(("name", "file"), [("polycam", "recording.zip"), ("record3d", "recording.r3d")])
+def test_measured_depth(
+    visit: Visit, copied_phone: Callable[[str], Path], tmp_path: Path, name: str, file: str
+) -> None:
     """A recording with depth of the sensor, which the prior uses as Python's does. Its photographs are too small for
     features.
     """
-    folder = copied_phone("polycam")
+    folder = copied_phone(name)
     choose(visit, depth=True, refines=True, most=48, iterations=20, gaussians=800)
-    visit.drop("recording.zip", zipped(folder))
+    visit.drop(file, zipped(folder))
     scene = saved(visit, tmp_path / "recording.ply")
     expect(visit["#message-text"]).to_have_text(
         "The photographs have too few features in common: poses stay as they are."

@@ -23,7 +23,7 @@ class CaptureOptions:
         background: Red, green and blue from 0 to 1 behind images with alpha. By default the format's own.
         undistort: Undo lens distortion and crop to what the lens saw; --no-undistort uses images as they are.
         lens: Undo lens distortion before training, or render through the lens (direct): photographs are then neither
-            resampled nor cropped, fisheyes up to 180 degrees. Needs the engine cpu.
+            resampled nor cropped, fisheyes up to 180 degrees.
         hold_out: Hold out every n-th frame for evaluation, unless the data set has its own split; 0 for none.
         masks: Folder with masks, white for pixels to use. By default those that the capture states or has in a folder
             masks or mask; "none" uses no masks.

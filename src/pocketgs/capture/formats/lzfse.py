@@ -1,50 +1,53 @@
-"""Decompression of LZFSE, Apple's format, with the optional extra `pocketgs[record3d]`."""
+"""Decompression of LZFSE, Apple's format."""
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import struct
+
+import lzfse
 
 from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.memory_bound import require_memory
 from pocketgs.files.opening import read_bytes
 from pocketgs.files.paths import CaptureFile
 
-MODULE, PACKAGE = "liblzfse", "pyliblzfse"
+MAX_MATCH = 2359
+"""Most bytes that one match of an LZFSE block copies: the largest of its 20 length symbols, 312, and 11 bits beyond."""
 
+MAX_LITERALS = 40_064
+"""Most literals that an LZFSE block copies: the decoder's buffer ends there."""
 
-def lzfse_is_installed() -> bool:
-    """Whether the package that decompresses LZFSE is installed."""
-    return importlib.util.find_spec(MODULE) is not None
+MIN_HEADER = 32
+"""Bytes of the shortest header of an LZFSE block."""
+
+MAX_LZVN_GROWTH = 136
+"""Most bytes per byte of an LZVN block: two bytes copy up to 271."""
 
 
 def read_compressed(path: CaptureFile) -> bytes:
     """Read a file that is compressed with LZFSE.
 
     Raises:
-        PocketGSError: the package is missing, the file is damaged, or its content exceeds the memory bound.
+        PocketGSError: the file is damaged, or its content could exceed the memory bound.
     """
-    if not lzfse_is_installed():
-        raise PocketGSError(f"{path}: compressed with LZFSE, which needs the package {PACKAGE}")
+    content = read_bytes(path)
     try:
-        content = read_bytes(path)
-        unpacked = unpacked_size(content)
-    except PocketGSError:
-        raise
-    except Exception as error:  # damaged files raise different types
+        most = most_unpacked(content)
+    except (ValueError, struct.error) as error:
         raise PocketGSError(f"{path}: cannot be decompressed with LZFSE ({clipped(error)})") from error
-    require_memory(path, len(content) + 2 * unpacked, f"unpacking {unpacked:,} bytes")
+    # While it unpacks, the library's buffer grows to up to twice the size of the content, which is then copied.
+    require_memory(path, len(content) + 3 * most, f"unpacking up to {most:,} bytes")
     try:
-        return bytes(importlib.import_module(MODULE).decompress(content))
-    except Exception as error:
+        return bytes(lzfse.decompress(content))
+    except Exception as error:  # the library raises several types
         raise PocketGSError(f"{path}: cannot be decompressed with LZFSE ({clipped(error)})") from error
 
 
-def unpacked_size(content: bytes) -> int:
-    """Size of the decompressed content, as the LZFSE blocks state it.
+def most_unpacked(content: bytes) -> int:
+    """Upper bound of the decompressed size.
 
-    A block starts with its type and its decompressed size; where its compressed size is depends on the type (Apple's
+    A block starts with its type and its decompressed size, but nothing holds a damaged file to that size. So the bound
+    follows from how much the block's literals and matches can make. Where a block ends depends on its type (Apple's
     reference implementation, lzfse_internal.h).
 
     Raises:
@@ -53,15 +56,21 @@ def unpacked_size(content: bytes) -> int:
     """
     total, at = 0, 0
     while (kind := content[at : at + 4]) != b"bvx$":
-        (unpacked,) = struct.unpack_from("<I", content, at + 4)
-        total += unpacked
         if kind == b"bvx-":  # stored
-            at += 8 + unpacked
+            (stored,) = struct.unpack_from("<I", content, at + 4)
+            total += min(stored, len(content))
+            at += 8 + stored
         elif kind == b"bvxn":  # LZVN
-            at += 12 + struct.unpack_from("<I", content, at + 8)[0]
-        elif kind == b"bvx2":  # LZFSE; literal, match and header lengths are packed into bits
-            literals, matches, header = struct.unpack_from("<QQQ", content, at + 8)
-            at += (header & 0xFFFFFFFF) + (literals >> 20 & 0xFFFFF) + (matches >> 40 & 0xFFFFF)
+            (packed,) = struct.unpack_from("<I", content, at + 8)
+            total += MAX_LZVN_GROWTH * min(packed, len(content))
+            at += 12 + packed
+        elif kind == b"bvx2":  # LZFSE; the number of matches and the lengths of the parts are packed into bits
+            first, second, third = struct.unpack_from("<QQQ", content, at + 8)
+            header, literals, matches = third & 0xFFFFFFFF, first >> 20 & 0xFFFFF, second >> 40 & 0xFFFFF
+            if header < MIN_HEADER:
+                raise ValueError(f"a header of {header} bytes")
+            total += MAX_LITERALS + MAX_MATCH * (first >> 40 & 0xFFFFF)
+            at += header + literals + matches
         else:
             raise ValueError(f"a block of the unknown type {kind!r}")
     return total

@@ -12,8 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from pocketgs.capture.formats.lzfse import PACKAGE as LZFSE_PACKAGE
-from pocketgs.capture.formats.lzfse import lzfse_is_installed
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.poses import camera_at, rotation_from_quaternion, world_to_camera_from_axes
 from pocketgs.capture.sharpness import sharpest_photographs, thinning_warning
@@ -32,18 +30,18 @@ class Layout:
 
     Attributes:
         metadata, image, depth, confidence: paths inside the recording.
-        compressed: whether depths and confidences are compressed with LZFSE.
     """
 
     metadata: str
     image: str
     depth: str
     confidence: str
-    compressed: bool
 
 
-ARCHIVE = Layout("metadata", "rgbd/{}.jpg", "rgbd/{}.depth", "rgbd/{}.conf", compressed=True)
-EXPORT = Layout("metadata.json", "rgb/{}.jpg", "depth/{}.exr", "conf/{}.png", compressed=False)
+ARCHIVE = Layout("metadata", "rgbd/{}.jpg", "rgbd/{}.depth", "rgbd/{}.conf")
+"""Depths and confidences are compressed with LZFSE, without their size."""
+
+EXPORT = Layout("metadata.json", "rgb/{}.jpg", "depth/{}.exr", "conf/{}.png")
 
 
 @dataclass(frozen=True)
@@ -93,11 +91,12 @@ def read(path: Path, images: str | None = None) -> Listing:
         raise PocketGSError(f"{metadata.where}: none of its {len(poses)} poses has an image {expected}")
     chosen = sharpest_photographs(present)
     intrinsics = _intrinsics(metadata, len(poses))
-    frames = [_frame(recording, metadata, number, poses[number], intrinsics[number]) for number in chosen]
+    shape = _depth_shape(metadata) if archived else None
+    frames = [_frame(recording, metadata, number, poses[number], intrinsics[number], shape) for number in chosen]
     warnings = _mismatch_warning(recording, metadata, len(present), len(poses))
-    if recording.layout.compressed and frames[0].depth_path is not None and not lzfse_is_installed():
+    if archived and shape is None and any(frame.depth_path for frame in frames):
         frames = [replace(frame, depth_path=None, confidence_path=None) for frame in frames]
-        warnings += (f"{path}: its depth maps are left out, reading them needs the package {LZFSE_PACKAGE}",)
+        warnings += (f"{metadata.where}: depth maps are left out, no fields 'dh' and 'dw' state their size",)
     warnings += thinning_warning(str(path), len(chosen), len(present))
     return Listing(FORMAT, frames, metric=True, warnings=warnings)
 
@@ -116,7 +115,12 @@ def _is_export(path: Path) -> bool:
 
 
 def _frame(
-    recording: Recording, metadata: Fields, number: int, pose: np.ndarray, intrinsics: np.ndarray
+    recording: Recording,
+    metadata: Fields,
+    number: int,
+    pose: np.ndarray,
+    intrinsics: np.ndarray,
+    depth_shape: tuple[int, int] | None,
 ) -> FrameSource:
     where = f"{metadata.where}, frame {number}"
     qx, qy, qz, qw = pose[:4]
@@ -125,7 +129,6 @@ def _frame(
     fx, fy, cx, cy = intrinsics
     image, depth = recording.file("image", number), recording.file("depth", number)
     assert image is not None
-    compressed = depth is not None and recording.layout.compressed
     return FrameSource(
         name=recording.layout.image.format(number),
         image=image,
@@ -138,9 +141,15 @@ def _frame(
         ),
         depth_path=depth,
         depth_unit=1.0,
-        depth_shape=(round(metadata.number("dh")), round(metadata.number("dw"))) if compressed else None,
+        depth_shape=depth_shape,
         confidence_path=None if depth is None else recording.file("confidence", number),
     )
+
+
+def _depth_shape(metadata: Fields) -> tuple[int, int] | None:
+    """Rows and columns of compressed depth maps, or None if the metadata does not state them."""
+    rows, columns = (metadata.optional_number(name) for name in ("dh", "dw"))
+    return None if rows is None or columns is None else (round(rows), round(columns))
 
 
 def _archive(path: Path) -> zipfile.Path:

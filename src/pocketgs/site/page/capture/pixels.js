@@ -166,7 +166,8 @@ export function sizeWithin({ width, height }, most) {
 }
 
 /**
- * Make an array smaller, averaging areas.
+ * Make an array smaller, averaging areas. Halves are rounded as by OpenCV: up where both sides are halved, otherwise to
+ * even numbers.
  *
  * @param {Uint8ClampedArray} values (H, W, channels)
  * @param {number} channels
@@ -175,8 +176,12 @@ export function sizeWithin({ width, height }, most) {
  * @returns {Uint8ClampedArray} the values themselves if the size stays
  */
 export function averagedPlane(values, channels, before, after) {
-    const isSame = before.width === after.width && before.height === after.height;
-    return isSame ? values : Uint8ClampedArray.from(areaAveraged(values, channels, before, after));
+    if (before.width === after.width && before.height === after.height) {
+        return values;
+    }
+    const averages = areaAveraged(values, channels, before, after);
+    const isHalved = before.width === 2 * after.width && before.height === 2 * after.height;
+    return Uint8ClampedArray.from(isHalved ? averages.map((value) => Math.floor(value + 0.5)) : averages);
 }
 
 /**

@@ -1,6 +1,5 @@
 /**
- * Reader of Record3D recordings: .r3d archives, whose depth browsers cannot unpack (LZFSE), and exports as "EXR + JPG";
- * see `capture/formats/record3d.py`.
+ * Reader of Record3D recordings: .r3d archives, and exports as "EXR + JPG"; see `capture/formats/record3d.py`.
  *
  * @module
  */
@@ -14,11 +13,26 @@ import { sharpestPhotographs, thinningWarning } from "./sharpness.js";
 /** @typedef {import("../archive/tree.js").FileTree} FileTree */
 
 /** A frame's number is also the index of its pose. */
-const ARCHIVE = { metadata: "metadata", folder: "rgbd", depth: (number) => `rgbd/${number}.depth` };
-const EXPORT = { metadata: "metadata.json", folder: "rgb", depth: (number) => `depth/${number}.exr` };
+const ARCHIVE = {
+    metadata: "metadata",
+    folder: "rgbd",
+    depth: (number) => `rgbd/${number}.depth`,
+    confidence: (number) => `rgbd/${number}.conf`,
+    isCompressed: true,
+};
+const EXPORT = {
+    metadata: "metadata.json",
+    folder: "rgb",
+    depth: (number) => `depth/${number}.exr`,
+    confidence: (number) => `conf/${number}.png`,
+    isCompressed: false,
+};
 
 /** The unit of depth. */
 const METRES = 1;
+
+/** Pixels of a side of a depth map, which metadata states. */
+const MAX_SIDE = 16_384;
 
 const holds = (tree, { metadata, folder }) => tree.find(metadata) !== undefined && tree.hasFolder(folder);
 
@@ -44,7 +58,7 @@ export async function recognises(tree) {
  * @throws {Error} the metadata is malformed, no pose has an image, or all poses are equal
  */
 export async function read(tree, bounds, onProgress) {
-    const { metadata, folder, depth } = holds(tree, ARCHIVE) ? ARCHIVE : EXPORT;
+    const { metadata, folder, depth, confidence, isCompressed } = holds(tree, ARCHIVE) ? ARCHIVE : EXPORT;
     const fields = await Fields.of(tree.find(metadata));
     const poses = fields.table("poses", 7);
     if (poses.length > 1 && poses.every((pose) => pose.every((value, i) => value === poses[0][i]))) {
@@ -58,9 +72,10 @@ export async function read(tree, bounds, onProgress) {
     }
     const chosen = await sharpestPhotographs(present.map(fileOf), bounds, onProgress);
     const intrinsics = readIntrinsics(fields, poses.length);
+    const size = isCompressed ? sizeOfDepth(fields) : null;
     const frames = chosen.map((place) => {
         const number = present[place];
-        const measured = depthOf(tree.find(depth(number)), METRES, tree.find(`conf/${number}.png`));
+        const measured = depthOf(tree.find(depth(number)), METRES, tree.find(confidence(number)), size);
         const frame = frameOf(fileOf(number), number, poses[number], intrinsics(number), fields, bounds);
         return { ...frame, depth: measured };
     });
@@ -75,6 +90,18 @@ function frameOf(file, number, pose, [fx, fy, cx, cy], fields, bounds) {
     const size = [fields.number("w"), fields.number("h")];
     const posed = invertedQuaternion(where, pose.slice(0, 4), pose.slice(4), UP_AND_BACK, bounds);
     return sourceOf(file, cameraAt(where, { size, focal: [fx, fy], centre: [cx, cy] }, ...posed, bounds));
+}
+
+/** Columns and rows of compressed depth, or null where they are not stated. */
+function sizeOfDepth(fields) {
+    const size = ["dw", "dh"].map((name) => fields.optionalNumber(name));
+    if (size.includes(null)) {
+        return null;
+    }
+    if (!size.every((side) => Number.isInteger(side) && side > 0 && side <= MAX_SIDE)) {
+        throw new Error(`${fields.where}: depth of ${size[0]}x${size[1]} pixels`);
+    }
+    return size;
 }
 
 /** Of each frame fx, fy, cx, cy in pixels of the image. */
