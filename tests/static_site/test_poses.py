@@ -19,12 +19,13 @@ from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensat
 from pocketgs.prior.features.cpu.finder import CpuFinder
 from pocketgs.prior.features.features import Features
 from pocketgs.prior.features.observations import Observations, enough_for_each_view
-from pocketgs.prior.features.pairs import by_pose, in_sequence
+from pocketgs.prior.features.pairs import WORDS, by_pose, choose_pairs, in_sequence, likeness
 from pocketgs.prior.features.tracks import link, triangulate, triangulation_angles
 from pocketgs.prior.features.two_view import VERIFICATION, Matches, agreeing
 from pocketgs.prior.poses.consensus import consensus
 from pocketgs.prior.poses.refinement import refine
 from pocketgs.prior.poses.structure import Structure, StructureSettings, _agreeing, _landmarks
+from pocketgs.prior.poses.suspects import contradicted, strangers
 from pocketgs.prior.poses.tolerance import FINEST, MIN_ANGLE, measured_tolerance, widest_tolerance
 from pocketgs.prior.scale import Scale, estimate_scale
 from static_site.given import TYPED, plain, plain_frames
@@ -91,13 +92,26 @@ def poses(cameras: Sequence[Camera]) -> np.ndarray:
 
 
 def test_pairs(call: Call, walk: Walk) -> None:
-    script = "return module.choosePairs(given.names, given.cameras, given.distance, settings.prior.pairs);"
+    script = """
+        const { likeness } = await import(new URL("prior/features/appearance.js", location.href));
+        const rows = likeness(given.words, settings.prior.pairs.words);
+        return [module.choosePairs(given.names, given.cameras, rows, given.distance, settings.prior.pairs), rows];
+    """
     names = ["b10.png", "b9.png", "b9x.png", "a2.png", "a010.png", "a2b.png", "b1.png", "c.png", "b2.png", "a1.png"]
     cameras = [frame.camera for frame in walk.frames][: len(names)]
-    given = {"names": names, "cameras": plain_cameras(cameras), "distance": walk.scale.distance}
-    expected = sorted({*by_pose(cameras, walk.scale.distance), *in_sequence(names[: len(cameras)])})
-    given["names"] = names[: len(cameras)]
-    assert [tuple(pair) for pair in call("prior/features/pairs.js", script, given)] == expected
+    names, features = names[: len(cameras)], walk.features[: len(cameras)]
+    vocabulary = np.concatenate([view.descriptors for view in features])
+    vocabulary = vocabulary[np.sort(np.random.default_rng(0).permutation(len(vocabulary))[:WORDS])]
+    given = {
+        "names": names,
+        "cameras": plain_cameras(cameras),
+        "distance": walk.scale.distance,
+        "words": [(view.descriptors @ vocabulary.T).argmax(axis=1).tolist() for view in features],
+    }
+    pairs, rows = call("prior/features/pairs.js", script, given)
+    np.testing.assert_allclose(rows, likeness(features), atol=1e-9)
+    assert [tuple(pair) for pair in pairs] == choose_pairs(names, cameras, features, walk.scale.distance)
+    assert len(pairs) > len({*by_pose(cameras, walk.scale.distance), *in_sequence(names)})
 
 
 def test_one_motion_explains_the_same_matches(call: Call, walk: Walk) -> None:
@@ -118,6 +132,69 @@ def test_one_motion_explains_the_same_matches(call: Call, walk: Walk) -> None:
     both = np.concatenate(found).astype(bool), np.concatenate(expected)
     assert np.mean(both[0] == both[1]) > 0.95
     assert np.mean(both[0][both[1]]) > 0.97
+
+
+def test_motions_that_the_poses_do_not_tell(call: Call, walk: Walk) -> None:
+    """All cameras are said to be where the first one is, turned by 40 degrees from one to the next."""
+    script = """
+        return given.map(([first, second, here, there]) => {
+            const pixels = [here, there].map((one) => Float64Array.from(one));
+            return [...module.agreeing(first, second, ...pixels, 1.5, settings.prior.two_view)];
+        });
+    """
+    given, expected = [], []
+    for (first, second), found in walk.raw.items():
+        here, there = walk.features[first].pixels[found[:, 0]], walk.features[second].pixels[found[:, 1]]
+        one, other = (turned(walk.frames[0].camera, 40 * index) for index in (first, second))
+        given.append([plain(one), plain(other), here.reshape(-1).tolist(), there.reshape(-1).tolist()])
+        expected.append(agreeing(one, other, here, there, VERIFICATION))
+    found = call("prior/features/two_view.js", script, given)
+    kept, theirs = np.concatenate(found).astype(bool), np.concatenate(expected)
+    assert np.mean(kept == theirs) > 0.9
+    assert np.mean(kept[theirs]) > 0.9
+
+
+def turned(camera: Camera, degrees: float) -> Camera:
+    pose = camera.world_to_camera.copy()
+    pose[:3] = Rotation.from_euler("y", degrees, degrees=True).as_matrix() @ pose[:3]
+    return replace(camera, world_to_camera=pose)
+
+
+def test_wrong_poses(call: Call, walk: Walk) -> None:
+    """One camera is turned by 30 degrees; another view matches nothing. Poses a little off are not suspected."""
+    script = """
+        const features = given.features.map((pixels) => {
+            return { pixels: Float64Array.from(pixels), count: pixels.length / 2 };
+        });
+        const matches = given.matches.map(([first, second, pairs]) => {
+            return { first, second, pairs: Int32Array.from(pairs) };
+        });
+        const { suspects } = settings.prior;
+        return [
+            module.contradicted(given.cameras, features, matches, given.tolerance, suspects),
+            module.strangers(given.cameras, features, matches, given.distance, suspects),
+        ];
+    """
+    lone = 7
+    matches = {pair: found for pair, found in walk.matches.items() if lone not in pair}
+    given_poses = [frame.camera for frame in walk.frames]
+    one_turned = [turned(camera, 30) if view == 2 else camera for view, camera in enumerate(given_poses)]
+    for cameras, wrong in ((one_turned, [2]), (given_poses, [])):
+        given = {
+            "cameras": plain_cameras(cameras),
+            "features": [view.pixels.reshape(-1).tolist() for view in walk.features],
+            "matches": [[*pair, found.reshape(-1).tolist()] for pair, found in matches.items()],
+            "tolerance": 4.0,
+            "distance": walk.scale.distance,
+        }
+        found = call("prior/poses/suspects.js", script, given)
+        expected = [
+            contradicted(cameras, walk.features, matches, 4.0),
+            strangers(cameras, walk.features, matches, walk.scale.distance),
+        ]
+        assert found == [flags.tolist() for flags in expected]
+        assert np.flatnonzero(found[0]).tolist() == wrong
+        assert np.flatnonzero(found[1]).tolist() == [lone]
 
 
 def test_tracks_and_points(call: Call, walk: Walk) -> None:
@@ -210,10 +287,11 @@ def test_refinement(call: Call, walk: Walk, stray: bool) -> None:
         + """
         const { cameras, scale } = given;
         const found = module.structureOf(cameras, observed(given.tracks), scale, given.finest, settings.prior.poses);
-        const first = module.structureOfFirst(found, 5);
-        const last = Math.max(...first.observations.frame);
+        const some = module.structureOfFrames(found, [0, 2, 3, 5, 6]);
+        const last = Math.max(...some.observations.frame);
         const kept = cameras.map((camera, i) => camera === found.cameras[i]);
-        return [posesOf(found.cameras), [...found.points], kept, first.points.length / 3, last];
+        const isOfThem = some.cameras[4] === found.cameras[6];
+        return [posesOf(found.cameras), [...found.points], kept, some.points.length / 3, last, isOfThem];
     """
     )
     cameras = [frame.camera for frame in walk.frames] if stray else walk.true
@@ -225,7 +303,7 @@ def test_refinement(call: Call, walk: Walk, stray: bool) -> None:
         "scale": scale,
         "finest": FINEST,
     }
-    found, points, kept, first, last = call("prior/poses/structure.js", script, given)
+    found, points, kept, seen, last, is_of_them = call("prior/poses/structure.js", script, given)
     widest, settings = widest_tolerance(cameras), StructureSettings().bundle_settings(walk.scale)
     expected = refine(cameras, tracks, widest, FINEST, settings, walk.scale.distance, CpuAdjuster())
     assert expected.moved.any() == stray
@@ -233,8 +311,9 @@ def test_refinement(call: Call, walk: Walk, stray: bool) -> None:
     np.testing.assert_allclose(found, poses(expected.cameras), atol=1e-4)
     agreed, _, _ = _agreeing(expected.cameras, tracks, measured_tolerance(expected.cameras, tracks, FINEST))
     assert abs(len(points) / 3 - len(agreed)) <= 0.01 * len(agreed)
-    assert 50 < first < len(points) / 3
+    assert 50 < seen < len(points) / 3
     assert last == 4
+    assert is_of_them
 
 
 def jumping(frames: Sequence[Frame]) -> list[Frame]:

@@ -17,7 +17,7 @@ from pocketgs.prior.depth.webgpu.layout import MATCHED, MOST_BANDS, USABLE
 from pocketgs.prior.features import features, pairs, two_view
 from pocketgs.prior.features.tracks import WIDEST_ANGLE
 from pocketgs.prior.features.webgpu import layout
-from pocketgs.prior.poses import consensus, refinement, tolerance
+from pocketgs.prior.poses import consensus, refinement, suspects, tolerance
 from pocketgs.prior.poses.structure import MAX_STEPS, NEGLIGIBLE_GAIN, StructureSettings
 from pocketgs.training.planning.effort import QUICK_KEYFRAMES
 
@@ -54,11 +54,24 @@ def prior_settings() -> dict[str, Any]:
             "ranks": list(pairs.RANKS_BY_POSE),
             "steps": list(pairs.STEPS_IN_SEQUENCE),
             "widest_angle": float(WIDEST_ANGLE),
+            "max_similar": pairs.MAX_SIMILAR,
+            "words": pairs.WORDS,
+        },
+        "suspects": {
+            "pair_fit": suspects.PAIR_FIT,
+            "min_support": suspects.MIN_SUPPORT,
+            "min_matches": suspects.MIN_MATCHES,
+            "neighbours": suspects.NEIGHBOURS,
+            "min_features": suspects.MIN_FEATURES,
+            "min_views": suspects.MIN_VIEWS,
+            "min_main": suspects.MIN_MAIN,
         },
         "two_view": {
             "verification": two_view.VERIFICATION,
             "min_matches": two_view.MIN_MATCHES,
             "min_share": two_view.MIN_SHARE,
+            "confidence": two_view.CONFIDENCE,
+            "trials": two_view.TRIALS,
             "widest": tolerance.WIDEST,
         },
         "poses": {

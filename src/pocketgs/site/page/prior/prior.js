@@ -15,7 +15,7 @@ import { fuse } from "./fuse.js";
 import { selectKeyframes } from "./keyframes.js";
 import { merged } from "./merge.js";
 import { cameraWithin } from "./photographs.js";
-import { buildStructure, pointsSeen, sparseCloud, structureOfFirst } from "./poses/structure.js";
+import { buildStructure, pointsSeen, sparseCloud, structureOfFrames } from "./poses/structure.js";
 import { roughPoints } from "./rough_points.js";
 import { scaleOf } from "./scale.js";
 import { seenPoints } from "./seen_points.js";
@@ -28,6 +28,9 @@ import { seenPoints } from "./seen_points.js";
  * @property {(text: string, share: number) => Promise<void>} onStage called before each piece of work; rejects to stop
  * @property {(text: string) => void} onWarning
  */
+
+/** Photographs that a warning names at most. */
+const NAMED = 8;
 
 /**
  * @param {Capture} capture
@@ -46,14 +49,18 @@ export async function buildPrior(capture, { most, refines }, settings, { stereo,
     const frames = [...capture.train, ...capture.heldOut];
     const scale = scaleOf(capture.train.map(({ camera }) => camera), capture.isMetric, settings);
     const structure = refines ? await foundBy(finder, frames, scale, prior, { onStage, onWarning }) : null;
-    const own = structure && structureOfFirst(structure, capture.train.length);
+    const sound = frames.map((_, i) => i).filter((i) => i < capture.train.length && !structure?.doubtful[i]);
+    const own = structure && structureOfFrames(structure, sound);
     const refined = structure ? withStructure(capture, structure, own, scale, prior) : capture;
+    if (structure?.doubtful.some(Boolean)) {
+        onWarning(contradiction(frames.filter((_, i) => structure.doubtful[i]).map(({ name }) => name)));
+    }
     await onStage("choosing keyframes", 0);
     const { train } = refined;
     const { distance } = scale;
     const views = new ViewCells(train, prior.coverage);
     const { points, sources } = structure
-        ? knownByFeatures(refined, own, capture)
+        ? knownByFeatures(refined, own, sound.map((i) => capture.train[i]))
         : await knownWithoutFeatures(capture, views, distance, prior, stereo, onStage);
     const chosen = selectKeyframes(train, points, distance, prior.keyframes);
     const candidates = await swept(chosen, train, points, distance, prior, stereo, onStage);
@@ -91,14 +98,22 @@ async function foundBy(finder, frames, scale, settings, { onStage, onWarning }) 
     }
 }
 
+/** A warning that names photographs. */
+function contradiction(names) {
+    const named = names.slice(0, NAMED).join(", ") + (names.length > NAMED ? ", ..." : "");
+    return `The poses of ${names.length} photographs contradict the others; these are left out: ${named}.`;
+}
+
 /**
- * The capture with the structure's poses, and with training photographs of one exposure if theirs jump by the structure
- * of their own.
+ * The capture with the structure's poses, without photographs whose poses are wrong, and with training photographs of
+ * one exposure if theirs jump by the structure of their own.
  */
 function withStructure(capture, structure, own, { distance }, settings) {
-    const count = capture.train.length;
-    const posed = (frames, first) => frames.map((frame, i) => ({ ...frame, camera: structure.cameras[first + i] }));
-    const [train, heldOut] = [posed(capture.train, 0), posed(capture.heldOut, count)];
+    const posed = (frames, first) => {
+        const all = frames.map((frame, i) => ({ ...frame, camera: structure.cameras[first + i] }));
+        return all.filter((_, i) => !structure.doubtful[first + i]);
+    };
+    const [train, heldOut] = [posed(capture.train, 0), posed(capture.heldOut, capture.train.length)];
     const gains = exposureGains(train, own, distance, settings.exposure);
     const isNeeded = needsCompensation(own.cameras, gains, distance, settings.exposure);
     return { ...capture, train: isNeeded ? compensated(train, gains) : train, heldOut };
@@ -109,7 +124,7 @@ function withStructure(capture, structure, own, { distance }, settings) {
  * the world of its original poses.
  */
 function knownByFeatures({ train, cloud }, own, given) {
-    const isAdjusted = own.cameras.some((camera, i) => camera !== given.train[i].camera);
+    const isAdjusted = own.cameras.some((camera, i) => camera !== given[i].camera);
     const sources = [sparseCloud(train, own), ...(cloud && !isAdjusted ? [cloud] : [])];
     return { points: pointsSeen(own), sources };
 }

@@ -7,6 +7,7 @@
 
 import { Description } from "../../../gpu/description.js";
 import { Executor } from "../../../gpu/executor.js";
+import { Generator } from "../../random/generator.js";
 import { frameWithin, isUsable } from "../photographs.js";
 
 /**
@@ -107,20 +108,56 @@ export class FeatureFinder {
      * @returns {Promise<Int32Array>} (M, 2) numbers of features of the first and the second
      */
     async match(first, second) {
-        const counts = { first: this.#count(first), second: this.#count(second) };
-        if (Math.min(counts.first, counts.second) < 2) {
+        if (Math.min(this.#count(first), this.#count(second)) < 2) {
             return new Int32Array(0);
         }
+        const found = await this.#nearest(this.#descriptors[first], this.#descriptors[second]);
+        return mutualMatches(found.forwards, found.backwards, this.#settings.ratio);
+    }
+
+    /**
+     * The word of each feature: the nearest of random features of all photographs. Clustering would hardly give better
+     * ones.
+     *
+     * @param {number} most words
+     * @param {(done: number) => Promise<void>} onPhotograph called before each one; rejects to stop
+     * @returns {Promise<Uint32Array[]>} for each photograph (N,) numbers of words
+     */
+    async words(most, onPhotograph) {
+        const words = this.#drawn(most);
+        const found = [];
+        for (const [done, own] of this.#descriptors.entries()) {
+            await onPhotograph(done);
+            const { forwards } = own.length ? await this.#nearest(own, words) : { forwards: new Uint32Array(0) };
+            found.push(forwards.filter((_, i) => i % NEAREST === 0));
+        }
+        return found;
+    }
+
+    /** Random descriptors, the same as in Python, in their order. */
+    #drawn(most) {
+        const { descriptor: size } = this.#settings;
+        const all = this.#descriptors.flatMap((own) => {
+            return Array.from({ length: own.length / size }, (_, i) => own.subarray(size * i, size * (i + 1)));
+        });
+        const chosen = new Generator(0).permutation(all.length).slice(0, most).sort();
+        const words = new Float32Array(size * chosen.length);
+        chosen.forEach((number, i) => words.set(all[number], size * i));
+        return words;
+    }
+
+    /** For each descriptor of either the nearest of the other's, see `nearest.wgsl`. */
+    async #nearest(first, second) {
+        const [rows, columns] = [first, second].map(({ length }) => length / this.#settings.descriptor);
         const executor = this.#matching;
-        const symbols = executor.description.symbols(counts);
+        const symbols = executor.description.symbols({ first: rows, second: columns });
         await executor.reserve(executor.description.sizes(symbols)).catch(refused);
-        executor.write("first_descriptors", this.#descriptors[first]);
-        executor.write("second_descriptors", this.#descriptors[second]);
-        executor.writeUniform("sizes", { rows: counts.first, columns: counts.second });
+        executor.write("first_descriptors", first);
+        executor.write("second_descriptors", second);
+        executor.writeUniform("sizes", { rows, columns });
         executor.submit("match", symbols);
-        const forwards = await executor.read("forwards", Uint32Array, NEAREST * counts.first);
-        const backwards = await executor.read("backwards", Uint32Array, NEAREST * counts.second);
-        return mutualMatches(forwards, backwards, this.#settings.ratio);
+        const forwards = await executor.read("forwards", Uint32Array, NEAREST * rows);
+        return { forwards, backwards: await executor.read("backwards", Uint32Array, NEAREST * columns) };
     }
 
     /** The largest photograph, in pixels, that memory holds beside all descriptors; larger ones are reduced. */

@@ -1,6 +1,5 @@
 /**
- * Pairs of views to match: near by pose, or consecutive; the twin of `prior/features/pairs.py`, which also compares
- * what the views look like.
+ * Pairs of views to match: near by pose, consecutive, or similar in appearance; the twin of `prior/features/pairs.py`.
  *
  * @module
  */
@@ -13,15 +12,17 @@ import { dot, length, subtract } from "../../../page/scene/vectors.js";
 /**
  * @param {string[]} names of the views; in sorted order they are in capture order
  * @param {Camera[]} cameras with given poses
+ * @param {number[][]} likeness of the views, see `appearance.js`
  * @param {number} distance typical distance to the scene
  * @param {Object} settings the settings' `pairs`
  * @returns {[number, number][]} indices of two views, the smaller first; sorted and unique
  */
-export function choosePairs(names, cameras, distance, settings) {
+export function choosePairs(names, cameras, likeness, distance, settings) {
     const pairs = new Map();
     const add = (a, b) => pairs.set(`${Math.min(a, b)} ${Math.max(a, b)}`, [Math.min(a, b), Math.max(a, b)]);
     byPose(cameras, distance, settings, add);
     inSequence(names, settings, add);
+    byAppearance(likeness, settings, add);
     return [...pairs.values()].sort(([a, b], [c, d]) => a - c || b - d);
 }
 
@@ -51,6 +52,14 @@ function inSequence(names, { steps }, add) {
             add(order[i], order[i + step]);
         }
     }
+}
+
+/** Pairs of views with similar features. */
+function byAppearance(likeness, { max_similar: most }, add) {
+    likeness.forEach((row, view) => {
+        const order = sortedBy(row.map((value, other) => (other === view ? Infinity : -value)));
+        order.slice(0, most).filter((other) => other !== view && row[other] > 0).forEach((other) => add(view, other));
+    });
 }
 
 /** Texts and numbers take turns, so that those at one place are of one kind. */

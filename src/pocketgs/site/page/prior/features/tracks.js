@@ -26,6 +26,20 @@ const REWEIGHTINGS = 3;
 const DEGENERATE = 1e-13;
 
 /**
+ * Positions of matched features in either view.
+ *
+ * @param {Features[]} features
+ * @param {Matches} matches
+ * @returns {[Float64Array, Float64Array]} (M, 2) pixels each
+ */
+export function positionsOf(features, { first, second, pairs }) {
+    return [first, second].map((view, side) => {
+        const { pixels } = features[view];
+        return Float64Array.from({ length: pairs.length }, (_, i) => pixels[2 * pairs[i - (i % 2) + side] + (i % 2)]);
+    });
+}
+
+/**
  * Link matches into tracks: connected features are observations of the same point. A track with two features in one
  * view is dropped: one of its matches is wrong.
  *

@@ -1,19 +1,21 @@
 /**
  * Sparse structure of a capture: triangulated points and refined poses; the twin of `prior/poses/structure.py`, except
- * that wrong cameras are not relocalised.
+ * that wrong cameras are only found, not relocalised.
  *
  * @module
  */
 
 import { centreOf } from "../../capture/camera.js";
 import { medianOf } from "../../numbers/median.js";
+import { likeness } from "../features/appearance.js";
 import { countsOf, filtered, indicesWhere, renumbered, selected } from "../features/observations.js";
 import { choosePairs } from "../features/pairs.js";
-import { link, reprojectionErrors, triangulate, triangulationAngles } from "../features/tracks.js";
+import { link, positionsOf, reprojectionErrors, triangulate, triangulationAngles } from "../features/tracks.js";
 import { agreeing } from "../features/two_view.js";
 import { consensus } from "./consensus.js";
 import { normalised, subtract } from "../../../page/scene/vectors.js";
 import { refine } from "./refinement.js";
+import { contradicted, strangers } from "./suspects.js";
 import { measuredTolerance, widestTolerance } from "./tolerance.js";
 
 /**
@@ -26,6 +28,7 @@ import { measuredTolerance, widestTolerance } from "./tolerance.js";
  * @property {Camera[]} cameras of the frames; the given ones, the same objects, where they are not refined
  * @property {Float64Array} points (N, 3)
  * @property {Observations} observations of the points
+ * @property {boolean[]} doubtful for each camera whether the others contradict its pose
  */
 
 /**
@@ -33,7 +36,7 @@ import { measuredTolerance, widestTolerance } from "./tolerance.js";
  *
  * @param {Frame[]} frames with given poses, including held-out ones: only geometry is used
  * @param {import("../scale.js").Scale} scale
- * @param {Object} settings the settings' `pairs`, `two_view` and `poses`
+ * @param {Object} settings the settings' `pairs`, `two_view`, `suspects` and `poses`
  * @param {import("../features/finder.js").FeatureFinder} finder
  * @param {(text: string, share: number) => Promise<void>} onStage called before each piece of work; rejects to stop
  * @returns {Promise<Structure | null>} null if there is too little texture
@@ -44,10 +47,26 @@ export async function buildStructure(frames, scale, settings, finder, onStage) {
         return onStage(`features of photograph ${done + 1} of ${frames.length}`, done / frames.length);
     });
     const finest = settings.poses.finest * medianOf(features.map(({ grain }) => grain));
-    const pairs = choosePairs(frames.map(({ name }) => name), given, scale.distance, settings.pairs);
+    const words = await finder.words(settings.pairs.words, (done) => {
+        return onStage(`comparing photograph ${done + 1} of ${frames.length}`, done / frames.length);
+    });
+    const names = frames.map(({ name }) => name);
+    const pairs = choosePairs(names, given, likeness(words, settings.pairs.words), scale.distance, settings.pairs);
     const matches = await matched(given, features, pairs, finder, settings.two_view, onStage);
     await onStage("adjusting poses", 1);
-    return structureOf(given, link(features, matches).tracks, scale, finest, settings.poses);
+    const doubtful = suspects(given, features, matches, finest, scale, settings);
+    const sound = matches.filter(({ first, second }) => !doubtful[first] && !doubtful[second]);
+    return structureOf(given, link(features, sound).tracks, scale, finest, settings.poses, doubtful);
+}
+
+/** For each view whether the others contradict its pose. */
+function suspects(given, features, matches, finest, { distance }, { two_view: { verification }, ...settings }) {
+    const { tracks } = link(features, matches);
+    const measured = measuredTolerance(given, tracks, finest, settings.poses);
+    // Drift accumulates along a walk: errors slightly above the usual do not contradict a pose.
+    const gross = Math.max(verification * finest, measured, widestTolerance(given, settings.poses) / 2);
+    const strange = strangers(given, features, matches, distance, settings.suspects);
+    return contradicted(given, features, matches, gross, settings.suspects).map((is, view) => is || strange[view]);
 }
 
 /**
@@ -58,33 +77,37 @@ export async function buildStructure(frames, scale, settings, finder, onStage) {
  * @param {import("../scale.js").Scale} scale
  * @param {number} finest errors below this many pixels are noise
  * @param {Object} settings the settings' `poses`
+ * @param {boolean[]} doubtful for each camera whether its pose is wrong; none of the tracks is seen by it
  * @returns {Structure | null} null if there are too few points
  */
-export function structureOf(given, tracks, { distance, unit }, finest, settings) {
+export function structureOf(given, tracks, { distance, unit }, finest, settings, doubtful = given.map(() => false)) {
     const bundle = { ...settings.bundle, position_sigma: settings.bundle.position_sigma * unit };
     const widest = widestTolerance(given, settings);
     const cameras = refine(given, tracks, widest, finest, { ...settings, bundle }, distance);
     const tolerance = measuredTolerance(cameras, tracks, finest, settings);
     const { points, observations } = agreedOn(cameras, tracks, tolerance, settings);
-    return points.length < 3 * settings.fewest_points ? null : { cameras, points, observations };
+    return points.length < 3 * settings.fewest_points ? null : { cameras, points, observations, doubtful };
 }
 
 /**
  * The structure of some frames: the points that at least two of them see, renumbered.
  *
  * @param {Structure} structure
- * @param {number} count of frames, the first ones
+ * @param {number[]} frames their indices, ascending
  * @returns {Structure}
  */
-export function structureOfFirst({ cameras, points, observations }, count) {
-    const inside = filtered(observations, (i) => observations.frame[i] < count);
+export function structureOfFrames({ cameras, points, observations, doubtful }, frames) {
+    const places = new Map(frames.map((frame, place) => [frame, place]));
+    const own = filtered(observations, (i) => places.has(observations.frame[i]));
+    const inside = { ...own, frame: own.frame.map((frame) => places.get(frame)) };
     const views = countsOf(inside.point, points.length / 3);
     const kept = filtered(inside, (i) => views[inside.point[i]] >= 2);
     const chosen = indicesWhere(views.length, (point) => views[point] >= 2);
     return {
-        cameras: cameras.slice(0, count),
+        cameras: frames.map((frame) => cameras[frame]),
         points: Float64Array.from(chosen.flatMap((point) => [...points.subarray(3 * point, 3 * point + 3)])),
         observations: renumbered(kept),
+        doubtful: frames.map((frame) => doubtful[frame]),
     };
 }
 
@@ -121,16 +144,12 @@ async function matched(cameras, features, pairs, finder, settings, onStage) {
     for (const [done, [first, second]] of pairs.entries()) {
         await onStage(`matching pair ${done + 1} of ${pairs.length}`, done / pairs.length);
         const found = await finder.match(first, second);
-        const [here, there] = [first, second].map((view, side) => {
-            const numbers = found.filter((_, i) => i % 2 === side);
-            const { pixels } = features[view];
-            return Float64Array.from({ length: found.length }, (_, i) => pixels[2 * numbers[i >> 1] + (i % 2)]);
-        });
+        const [here, there] = positionsOf(features, { first, second, pairs: found });
         const tolerance = settings.verification * Math.max(features[first].grain, features[second].grain);
         const agrees = agreeing(cameras[first], cameras[second], here, there, tolerance, settings);
         matches.push({ first, second, pairs: found.filter((_, i) => agrees[i >> 1]) });
     }
-    return matches;
+    return matches.filter(({ pairs }) => pairs.length);
 }
 
 /** The points that observations agree on, and those observations. */

@@ -1,0 +1,121 @@
+/**
+ * Detection of wrong poses: cameras whose matches with the others imply another relative motion; the twin of
+ * `prior/poses/suspects.py`, which says why in groups.
+ *
+ * @module
+ */
+
+import { medianOf } from "../../numbers/median.js";
+import { essentialOf, givenMotion, raysOf, sampsonDistances } from "../features/epipolar.js";
+import { sortedBy, viewDistances } from "../features/pairs.js";
+import { positionsOf } from "../features/tracks.js";
+
+/**
+ * @typedef {import("../../capture/camera.js").Camera} Camera
+ * @typedef {import("../features/finder.js").Features} Features
+ * @typedef {import("../features/tracks.js").Matches} Matches
+ */
+
+/** Square tables of numbers, one per pair of views. */
+class PairTable {
+    constructor(views) {
+        this.views = views;
+        this.values = new Float64Array(views * views);
+    }
+
+    set(first, second, value) {
+        this.values[first * this.views + second] = this.values[second * this.views + first] = value;
+    }
+
+    at(first, second) {
+        return this.values[first * this.views + second];
+    }
+
+    /** The sum over the pairs of a view of the one group and a view of the other. */
+    between(one, other) {
+        return one.reduce((sum, first) => sum + other.reduce((own, second) => own + this.at(first, second), 0), 0);
+    }
+}
+
+/**
+ * Views whose poses contradict those of most others.
+ *
+ * @param {Camera[]} cameras
+ * @param {Features[]} features of the views
+ * @param {Matches[]} matches that one motion explains, whatever the poses; none is without any
+ * @param {number} tolerance maximum distance in pixels from epipolar lines under correct poses
+ * @param {Object<string, number>} settings the settings' `suspects`
+ * @returns {boolean[]} one for each view
+ */
+export function contradicted(cameras, features, matches, tolerance, settings) {
+    const { pair_fit: fit, min_support: support, min_matches: least, min_views: views, min_main: share } = settings;
+    const [total, supporting] = [new PairTable(cameras.length), new PairTable(cameras.length)];
+    for (const { first, second, pairs } of matches) {
+        const count = pairs.length / 2;
+        const rays = raysOf(cameras[first], cameras[second], ...positionsOf(features, { first, second, pairs }));
+        const distances = sampsonDistances(essentialOf(givenMotion(cameras[first], cameras[second])), rays);
+        const near = distances.reduce((sum, distance) => sum + (Math.abs(distance) < tolerance), 0);
+        total.set(first, second, count);
+        supporting.set(first, second, near >= fit * count ? count : 0);
+    }
+    const groups = groupsOf(cameras.length, matches, total, supporting, support);
+    const main = groups.reduce((one, other) => (other.length > one.length ? other : one));
+    const found = cameras.map(() => false);
+    if (main.length < Math.max(views, share * cameras.length)) {
+        return found;
+    }
+    for (const group of groups.filter((one) => one !== main)) {
+        const between = total.between(group, main);
+        if (between >= least && supporting.between(group, main) < support * between) {
+            group.forEach((view) => (found[view] = true));
+        }
+    }
+    return found;
+}
+
+/** Views by groups whose poses fit each other: merged by pairs, those with most supporting matches first. */
+function groupsOf(views, matches, total, supporting, support) {
+    const groups = Array.from({ length: views }, (_, view) => [view]);
+    const ordered = [...matches].sort((a, b) => a.first - b.first || a.second - b.second);
+    ordered.sort((a, b) => supporting.at(b.first, b.second) - supporting.at(a.first, a.second));
+    for (const { first, second } of ordered) {
+        const [one, other] = [groups[first], groups[second]];
+        if (one === other || !supporting.at(first, second)) {
+            continue;
+        }
+        if (supporting.between(one, other) >= support * total.between(one, other)) {
+            one.push(...other);
+            other.forEach((view) => (groups[view] = one));
+        }
+    }
+    return [...new Set(groups)];
+}
+
+/**
+ * Views with features but no matches, though views all around them match each other.
+ *
+ * @param {Camera[]} cameras
+ * @param {Features[]} features of the views
+ * @param {Matches[]} matches that one motion explains, whatever the poses; none is without any
+ * @param {number} distance typical distance to the scene
+ * @param {Object<string, number>} settings the settings' `suspects`
+ * @returns {boolean[]} one for each view
+ */
+export function strangers(cameras, features, matches, distance, { neighbours, min_features: least }) {
+    const matched = new PairTable(cameras.length);
+    matches.forEach(({ first, second }) => matched.set(first, second, 1));
+    const apart = viewDistances(cameras, cameras, distance);
+    apart.forEach((row, view) => (row[view] = Infinity));
+    return cameras.map((_, view) => {
+        if (cameras.some((_, other) => matched.at(view, other))) {
+            return false;
+        }
+        const near = sortedBy(apart[view]).slice(0, neighbours);
+        const pairs = near.flatMap((one) => near.map((other) => [one, other]));
+        const linked = pairs.filter(([one, other]) => matched.at(one, other));
+        const reach = linked.reduce((most, [one, other]) => Math.max(most, apart[one][other]), 0);
+        const expected = near.filter((one) => linked.some(([other]) => other === one) && apart[view][one] <= reach);
+        const enough = least * medianOf(near.map((one) => features[one].count));
+        return expected.length >= neighbours - 1 && features[view].count >= enough;
+    });
+}
