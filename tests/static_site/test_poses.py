@@ -114,8 +114,11 @@ def test_pairs(call: Call, walk: Walk) -> None:
     assert len(pairs) > len({*by_pose(cameras, walk.scale.distance), *in_sequence(names)})
 
 
-def test_one_motion_explains_the_same_matches(call: Call, walk: Walk) -> None:
-    """Poses are off by a degree between two views; OpenCV starts from no pose, and chooses at random."""
+def of_one_motion(call: Call, walk: Walk, cameras: Sequence[Camera]) -> tuple[np.ndarray, np.ndarray]:
+    """Of all pairs' matches, which agree with one motion by the page and by OpenCV, where the page has these poses.
+
+    OpenCV starts from no pose, and chooses at random.
+    """
     script = """
         return given.map(([first, second, here, there]) => {
             const pixels = [here, there].map((one) => Float64Array.from(one));
@@ -124,34 +127,27 @@ def test_one_motion_explains_the_same_matches(call: Call, walk: Walk) -> None:
     """
     given, expected = [], []
     for (first, second), found in walk.raw.items():
-        one, other = walk.frames[first].camera, walk.frames[second].camera
+        one, other = cameras[first], cameras[second]
         here, there = walk.features[first].pixels[found[:, 0]], walk.features[second].pixels[found[:, 1]]
         given.append([plain(one), plain(other), here.reshape(-1).tolist(), there.reshape(-1).tolist()])
         expected.append(agreeing(one, other, here, there, VERIFICATION))
     found = call("prior/features/two_view.js", script, given)
-    both = np.concatenate(found).astype(bool), np.concatenate(expected)
-    assert np.mean(both[0] == both[1]) > 0.95
-    assert np.mean(both[0][both[1]]) > 0.97
+    return np.concatenate(found).astype(bool), np.concatenate(expected)
+
+
+def test_one_motion_explains_the_same_matches(call: Call, walk: Walk) -> None:
+    """Poses are off by a degree between two views."""
+    found, expected = of_one_motion(call, walk, [frame.camera for frame in walk.frames])
+    assert np.mean(found == expected) > 0.95
+    assert np.mean(found[expected]) > 0.97
 
 
 def test_motions_that_the_poses_do_not_tell(call: Call, walk: Walk) -> None:
     """All cameras are said to be where the first one is, turned by 40 degrees from one to the next."""
-    script = """
-        return given.map(([first, second, here, there]) => {
-            const pixels = [here, there].map((one) => Float64Array.from(one));
-            return [...module.agreeing(first, second, ...pixels, 1.5, settings.prior.two_view)];
-        });
-    """
-    given, expected = [], []
-    for (first, second), found in walk.raw.items():
-        here, there = walk.features[first].pixels[found[:, 0]], walk.features[second].pixels[found[:, 1]]
-        one, other = (turned(walk.frames[0].camera, 40 * index) for index in (first, second))
-        given.append([plain(one), plain(other), here.reshape(-1).tolist(), there.reshape(-1).tolist()])
-        expected.append(agreeing(one, other, here, there, VERIFICATION))
-    found = call("prior/features/two_view.js", script, given)
-    kept, theirs = np.concatenate(found).astype(bool), np.concatenate(expected)
-    assert np.mean(kept == theirs) > 0.9
-    assert np.mean(kept[theirs]) > 0.9
+    cameras = [turned(walk.frames[0].camera, 40 * index) for index in range(len(walk.frames))]
+    found, expected = of_one_motion(call, walk, cameras)
+    assert np.mean(found == expected) > 0.9
+    assert np.mean(found[expected]) > 0.9
 
 
 def turned(camera: Camera, degrees: float) -> Camera:
