@@ -15,3 +15,12 @@ def test_a_point_on_a_ray_falls_on_the_rays_pixel_at_its_depth() -> None:
     found, depth = camera.project(camera.centre + camera.rays(pixels) * depths[:, None])
     np.testing.assert_allclose(found, pixels, rtol=1e-9)
     np.testing.assert_allclose(depth, depths, rtol=1e-9)
+
+
+def test_an_image_contains_its_left_and_top_edges_only() -> None:
+    camera = Camera(640, 480, 500.0, 510.0, 310.0, 250.0, np.eye(4))
+    inside = [(0.0, 0.0), (0.5, 0.5), (639.9, 479.9), (310.0, 0.0), (0.0, 250.0)]
+    outside = [(-0.1, 250.0), (310.0, -0.1), (640.0, 250.0), (310.0, 480.0), (900.0, -1.0), (np.nan, 250.0)]
+    found = camera.contains(np.array(inside + outside))
+    assert found.tolist() == [True] * len(inside) + [False] * len(outside)
+    assert camera.contains(np.zeros((0, 2))).shape == (0,)

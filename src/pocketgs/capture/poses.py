@@ -56,6 +56,17 @@ def world_to_camera_from_axes(axes: np.ndarray, centre: np.ndarray, where: str) 
     return world_to_camera_of(rotation, -rotation @ centre, where)
 
 
+def world_to_camera_from_opengl(axes: np.ndarray, centre: np.ndarray, where: str) -> np.ndarray:
+    """(4, 4) world_to_camera of the camera at `centre` whose right, up and back axes are the columns of `axes`.
+
+    These are the axes of OpenGL and ARKit.
+
+    Raises:
+        PocketGSError: as `world_to_camera_of`.
+    """
+    return world_to_camera_from_axes(axes * (1.0, -1.0, -1.0), centre, where)
+
+
 def rotation_from_quaternion(quaternion: np.ndarray, where: str) -> np.ndarray:
     """(3, 3) rotation of a (4,) quaternion w, x, y, z of any length.
 

@@ -8,11 +8,11 @@ from typing import Literal
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pocketgs.capture.even_choice import evenly_chosen
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.rasterizer import Rasterizer
 from pocketgs.system.cores import usable_cores
-from pocketgs.training.view_choice import evenly_chosen
 
 Importance = Literal["contribution", "distinct"]
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from pocketgs.capture.capture import Frame
+from pocketgs.capture.even_choice import evenly_chosen
 from pocketgs.compression.views import Views
 from pocketgs.metrics.evaluation import squared_error
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.training.validation import render_frame
-from pocketgs.training.view_choice import evenly_chosen
 
 TRAINING_VIEWS = 40
 """Maximum number of training views for the estimate that replaces held-out ones."""

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from pocketgs.capture.capture import Capture, Frame
+from pocketgs.capture.even_choice import evenly_chosen
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.training.validation import render_frame
-from pocketgs.training.view_choice import evenly_chosen
 
 Colour = tuple[float, float, float]
 

@@ -130,6 +130,15 @@ class Camera:
         pixels = np.stack([self.fx * local[:, 0] / safe + self.cx, self.fy * local[:, 1] / safe + self.cy], axis=1)
         return pixels, depth
 
+    def contains(self, pixels: np.ndarray) -> np.ndarray:
+        """(N,) bool: whether (N, 2) pixel coordinates, with pixel centres at + 0.5, lie in the image.
+
+        The left and top edges, at 0, belong to it, the right and bottom ones do not: rounded down, the coordinates are
+        columns and rows.
+        """
+        inside: np.ndarray = np.all((pixels >= 0) & (pixels < (self.width, self.height)), axis=1)
+        return inside
+
     def depths(self, points: np.ndarray) -> np.ndarray:
         """(N,) depths of (N, 3) world points: along the optical axis, or for a fisheye distances from the camera."""
         if self.lens.model == "fisheye":

@@ -132,8 +132,7 @@ def compensated(frames: Sequence[Frame], gains: np.ndarray) -> list[Frame]:
 def _colours_at(frame: Frame, points: np.ndarray) -> np.ndarray:
     """(N, 3) colours where points fall in a photograph, NaN where it does not see them well."""
     pixels, depth = frame.camera.project(points)
-    height, width = frame.image.shape[:2]
-    seen = (depth > 0) & np.all((pixels >= 0) & (pixels < (width, height)), axis=1)
+    seen = (depth > 0) & frame.camera.contains(pixels)
     columns, rows = np.where(seen[:, None], pixels, 0).astype(np.int64).T
     colours = cv2.GaussianBlur(frame.image, (0, 0), SMOOTHING)[rows, columns].astype(np.float64)
     seen &= np.all((colours >= DARKEST) & (colours <= BRIGHTEST), axis=1)

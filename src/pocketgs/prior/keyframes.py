@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from pocketgs.capture.capture import Frame
+from pocketgs.capture.even_choice import evenly_chosen
 from pocketgs.capture.sharpness import sharpness
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
@@ -91,7 +92,7 @@ def select_keyframes(
         One decision per frame. At least one frame is selected if there is any.
     """
     sharpnesses = np.array([sharpness(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY)) for frame in frames])
-    looked_at = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), MAX_VIEWS)).round().astype(np.int64))
+    looked_at = evenly_chosen(len(frames), MAX_VIEWS)
     views = [_Cells.of(frames[index], points[index], distance) for index in looked_at]
     relative = _relative_sharpness(sharpnesses)[looked_at] ** 2
     chosen = {int(looked_at[view]): gain for view, gain in _greedy(views, relative, settings)}
@@ -183,7 +184,7 @@ def _sees(view: _Cells, positions: np.ndarray, lengths: np.ndarray, rays: np.nda
     """(C,) bool: whether a view sees positions that others see along rays."""
     camera = view.camera
     pixels, depth = camera.project(positions)
-    inside = (depth > 0) & np.all((pixels >= 0) & (pixels < (camera.width, camera.height)), axis=1)
+    inside = (depth > 0) & camera.contains(pixels)
     rows, columns = view.depths.shape
     column, row = (np.where(inside[:, None], pixels, 0) * (columns / camera.width, rows / camera.height)).astype(int).T
     unhidden = depth < HIDDEN * view.depths[row, column]

@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from pocketgs.capture.even_choice import evenly_chosen
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 from pocketgs.scene.spherical_harmonics import basis
 from pocketgs.splat.rasterizer import Rasterizer
-from pocketgs.training.view_choice import evenly_chosen
 
 LEAST_VISIBLE = 1e-3
 """Less of a Gaussian than this counts as this."""

@@ -61,7 +61,7 @@ def pixel_footprint(cameras: Sequence[Camera], points: PointCloud) -> float:
     ratios = []
     for camera in cameras:
         pixels, depth = camera.project(points.positions.astype(np.float64))
-        seen = (depth > 0) & np.all((pixels >= 0) & (pixels < [camera.width, camera.height]), axis=1)
+        seen = (depth > 0) & camera.contains(pixels)
         ratios.append(depth[seen] / math.sqrt(camera.fx * camera.fy))
     together = np.concatenate(ratios)
     if len(together) == 0:

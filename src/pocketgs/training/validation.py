@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pocketgs.capture.capture import Frame
+from pocketgs.capture.even_choice import evenly_chosen
 from pocketgs.metrics.evaluation import psnr
 from pocketgs.splat.engine import Engine, Renderer
-from pocketgs.training.view_choice import evenly_chosen
 
 EVERY, FIRST = 8, 4
 """Every eighth training view, starting with the fifth, is a validation view."""

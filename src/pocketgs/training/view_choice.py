@@ -1,4 +1,4 @@
-"""Choice and order of views."""
+"""The view of each training step."""
 
 from __future__ import annotations
 
@@ -15,8 +15,3 @@ def view_of_step(step: int, views: int, seed: int) -> int:
     """
     epoch, place = divmod(step, views)
     return int(np.random.default_rng((seed, epoch)).permutation(views)[place])
-
-
-def evenly_chosen(views: int, most: int) -> np.ndarray:
-    """Indices of at most `most` views, ascending and evenly spaced from the first to the last."""
-    return np.unique(np.linspace(0, views - 1, min(views, most)).round().astype(int))

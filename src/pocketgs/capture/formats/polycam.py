@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pocketgs.capture.listing import FrameSource, Listing
-from pocketgs.capture.poses import camera_at, world_to_camera_from_axes
+from pocketgs.capture.poses import camera_at, world_to_camera_from_opengl
 from pocketgs.errors import PocketGSError
 from pocketgs.files.json_fields import Fields, read_json
 from pocketgs.files.paths import existing_file
@@ -89,4 +89,4 @@ def _frame(path: Path, kind: str, timestamp: str) -> FrameSource | None:
 def _pose(fields: Fields) -> np.ndarray:
     """World to camera from t_00 … t_23, the rows of camera to world in ARKit's axes (x right, y up, z back)."""
     matrix = np.array([[fields.number(f"t_{row}{column}") for column in range(4)] for row in range(3)])
-    return world_to_camera_from_axes(matrix[:, :3] * np.array([1.0, -1.0, -1.0]), matrix[:, 3], fields.where)
+    return world_to_camera_from_opengl(matrix[:, :3], matrix[:, 3], fields.where)

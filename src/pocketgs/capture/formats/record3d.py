@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from pocketgs.capture.listing import FrameSource, Listing
-from pocketgs.capture.poses import camera_at, rotation_from_quaternion, world_to_camera_from_axes
+from pocketgs.capture.poses import camera_at, rotation_from_quaternion, world_to_camera_from_opengl
 from pocketgs.capture.sharpness import sharpest_photographs, thinning_warning
 from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.json_fields import Fields, parse_json
@@ -125,7 +125,7 @@ def _frame(
     where = f"{metadata.where}, frame {number}"
     qx, qy, qz, qw = pose[:4]
     # Camera to world, in OpenGL axes: x right, y up, z back (issues 36 and 64).
-    axes = rotation_from_quaternion(np.array([qw, qx, qy, qz]), where) * np.array([1.0, -1.0, -1.0])
+    axes = rotation_from_quaternion(np.array([qw, qx, qy, qz]), where)
     fx, fy, cx, cy = intrinsics
     image, depth = recording.file("image", number), recording.file("depth", number)
     assert image is not None
@@ -137,7 +137,7 @@ def _frame(
             (metadata.number("w"), metadata.number("h")),
             (fx, fy),
             (cx, cy),
-            world_to_camera_from_axes(axes, pose[4:], where),
+            world_to_camera_from_opengl(axes, pose[4:], where),
         ),
         depth_path=depth,
         depth_unit=1.0,

@@ -12,7 +12,7 @@ import numpy as np
 
 from pocketgs.capture.image_file import read_size
 from pocketgs.capture.listing import FrameSource, Listing
-from pocketgs.capture.poses import ARKIT_PIXEL_CENTRE, camera_at, world_to_camera_from_axes
+from pocketgs.capture.poses import ARKIT_PIXEL_CENTRE, camera_at, world_to_camera_from_opengl
 from pocketgs.capture.sharpness import sharpest_photographs, thinning_warning
 from pocketgs.errors import PocketGSError
 from pocketgs.files.json_fields import Fields, read_json
@@ -71,7 +71,7 @@ def _camera(fields: Fields, photograph: Path) -> Camera:
         _size(fields, matrix, photograph),
         (matrix[0, 0], matrix[1, 1]),
         (matrix[0, 2] + ARKIT_PIXEL_CENTRE, matrix[1, 2] + ARKIT_PIXEL_CENTRE),
-        world_to_camera_from_axes(pose[:3, :3] * np.array([1.0, -1.0, -1.0]), pose[:3, 3], fields.where),
+        world_to_camera_from_opengl(pose[:3, :3], pose[:3, 3], fields.where),
     )
 
 

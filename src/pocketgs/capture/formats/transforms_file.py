@@ -11,7 +11,7 @@ from pocketgs.capture.formats.stated_intrinsics import read_intrinsics
 from pocketgs.capture.image_file import read_size
 from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.named_images import find_images, find_stated
-from pocketgs.capture.poses import camera_at, world_to_camera_from_axes
+from pocketgs.capture.poses import camera_at, world_to_camera_from_opengl
 from pocketgs.errors import PocketGSError, short
 from pocketgs.files.json_fields import Fields
 from pocketgs.files.paths import inside, relative_name
@@ -110,8 +110,7 @@ def _read_pose(fields: Fields) -> np.ndarray:
     last_row_fits = len(matrix) == 3 or (len(matrix) == 4 and np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-3))
     if not last_row_fits:
         raise PocketGSError(f"{fields.where}: field 'transform_matrix' is not a rigid 4x4 or 3x4 matrix")
-    axes = matrix[:3, :3] * np.array([1.0, -1.0, -1.0])
-    return world_to_camera_from_axes(axes, matrix[:3, 3], fields.where)
+    return world_to_camera_from_opengl(matrix[:3, :3], matrix[:3, 3], fields.where)
 
 
 def _read_lens(fields: Fields) -> Lens:

@@ -24,8 +24,7 @@ def outside_hull(points: np.ndarray, frames: Sequence[Frame]) -> np.ndarray:
         if frame.alpha is None:
             continue
         pixels, depth = frame.camera.project(points)
-        height, width = frame.alpha.shape
-        seen = (depth > 0) & np.all((pixels >= 0) & (pixels < (width, height)), axis=1)
+        seen = (depth > 0) & frame.camera.contains(pixels)
         columns, rows = pixels[seen].astype(np.int64).T
         outside[seen] |= frame.alpha[rows, columns] == 0
     return outside
