@@ -34,25 +34,23 @@ def scale(clean_walk: Capture) -> Scale:
     return estimate_scale(clean_walk)
 
 
-@pytest.mark.parametrize("keyframes", [slice(None), slice(0, None, 2)], ids=["all keyframes", "every other"])
-def test_gains_are_found(clean_walk: Capture, clean_structure: Structure, scale: Scale, keyframes: slice) -> None:
-    structure = replace(clean_structure, landmarks=clean_structure.landmarks[keyframes])
+def test_gains_are_found(clean_walk: Capture, clean_structure: Structure, scale: Scale) -> None:
     gains = random_gains(len(clean_walk.train))
-    found = exposure_gains(exposed(clean_walk.train, gains), clean_walk.train[keyframes], structure, scale)
+    found = exposure_gains(exposed(clean_walk.train, gains), clean_structure, scale)
     assert np.abs(found / gains - 1).mean() < 0.01
     np.testing.assert_allclose(found, gains, rtol=0.02)
     np.testing.assert_allclose(np.log(found).mean(axis=0), 0.0, atol=1e-9)
 
 
 def test_equal_exposures_give_ones(clean_walk: Capture, clean_structure: Structure, scale: Scale) -> None:
-    gains = exposure_gains(clean_walk.train, clean_walk.train, clean_structure, scale)
+    gains = exposure_gains(clean_walk.train, clean_structure, scale)
     np.testing.assert_allclose(gains, 1.0, atol=0.01)
     assert not needs_compensation(clean_walk.train, gains, scale)
 
 
 def test_compensation_undoes_exposure(clean_walk: Capture, clean_structure: Structure, scale: Scale) -> None:
     photographs = exposed(clean_walk.train, random_gains(len(clean_walk.train)))
-    gains = exposure_gains(photographs, clean_walk.train, clean_structure, scale)
+    gains = exposure_gains(photographs, clean_structure, scale)
     for before, photograph, after in zip(clean_walk.train, photographs, compensated(photographs, gains), strict=True):
         assert after.image.dtype == np.uint8
         assert replace(after, image=photograph.image) == photograph
@@ -82,19 +80,19 @@ def test_what_is_masked_does_not_count(clean_walk: Capture, clean_structure: Str
     spoilt, dark = list(clean_walk.train), clean_walk.train[4].image.copy()
     dark[left] //= 3
     spoilt[4] = replace(spoilt[4], image=dark)
-    seen = exposure_gains(spoilt, clean_walk.train, clean_structure, scale)
+    seen = exposure_gains(spoilt, clean_structure, scale)
     assert seen[4].max() < 0.6
     alpha = np.where(edge, 0, 255).astype(np.uint8)
     spoilt[4] = replace(spoilt[4], alpha=alpha) if by == "alpha" else replace(spoilt[4], mask=~edge)
-    gains = exposure_gains(spoilt, clean_walk.train, clean_structure, scale)
+    gains = exposure_gains(spoilt, clean_structure, scale)
     np.testing.assert_allclose(gains, 1.0, atol=0.02)
 
 
 def test_too_few_points_leave_gains_at_one(clean_walk: Capture, clean_structure: Structure, scale: Scale) -> None:
     photographs = exposed(clean_walk.train, random_gains(len(clean_walk.train)))
-    landmarks = [(Features(f.pixels[:9], f.descriptors[:9]), point[:9]) for f, point in clean_structure.landmarks]
-    few = replace(clean_structure, landmarks=landmarks)
-    np.testing.assert_array_equal(exposure_gains(photographs, clean_walk.train, few, scale), np.ones((10, 3)))
+    some = [(Features(f.pixels[:9], f.descriptors[:9]), point[:9]) for f, point in clean_structure.point_features]
+    few = replace(clean_structure, point_features=some)
+    np.testing.assert_array_equal(exposure_gains(photographs, few, scale), np.ones((10, 3)))
 
 
 @pytest.mark.parametrize("level", [0, 255])
@@ -103,7 +101,7 @@ def test_a_photograph_that_shows_nothing_leaves_gains_at_one(
 ) -> None:
     photographs = exposed(clean_walk.train, random_gains(len(clean_walk.train)))
     photographs[3] = replace(photographs[3], image=np.full_like(photographs[3].image, level))
-    gains = exposure_gains(photographs, clean_walk.train, clean_structure, scale)
+    gains = exposure_gains(photographs, clean_structure, scale)
     np.testing.assert_array_equal(gains, np.ones((10, 3)))
 
 

@@ -24,7 +24,7 @@ from pocketgs.prior.features.tracks import link, triangulate, triangulation_angl
 from pocketgs.prior.features.two_view import VERIFICATION, Matches, agreeing
 from pocketgs.prior.poses.consensus import consensus
 from pocketgs.prior.poses.refinement import refine
-from pocketgs.prior.poses.structure import Structure, StructureSettings, _agreeing, _landmarks
+from pocketgs.prior.poses.structure import Structure, StructureSettings, _agreeing, _point_features
 from pocketgs.prior.poses.suspects import contradicted, strangers
 from pocketgs.prior.poses.tolerance import FINEST, MIN_ANGLE, measured_tolerance, widest_tolerance
 from pocketgs.prior.scale import Scale, estimate_scale
@@ -348,13 +348,13 @@ def test_exposure(call: Call, walk: Walk) -> None:
     frames[3] = replace(frames[3], mask=mask)
     tracks, feature = link(walk.features, walk.matches)
     points, seen, behind = _agreeing(walk.true, tracks, 2.0)
-    landmarks = [_landmarks(walk.features[view], feature[behind], seen, view) for view in range(len(frames))]
+    point_features = [_point_features(walk.features[view], feature[behind], seen, view) for view in range(len(frames))]
     structure = Structure(
         names=tuple(frame.name for frame in frames),
         cameras=walk.true,
         points=points,
         observations=seen,
-        landmarks=landmarks,
+        point_features=point_features,
         rmse_before=0.0,
         rmse_after=0.0,
         tolerance=2.0,
@@ -362,7 +362,7 @@ def test_exposure(call: Call, walk: Walk) -> None:
         adjusted=False,
     ).of(frames[:5])
     frames = frames[:5]
-    expected = exposure_gains(frames, frames, structure, walk.scale)
+    expected = exposure_gains(frames, structure, walk.scale)
     given = {
         "frames": plain_frames(frames),
         "points": structure.points.reshape(-1).tolist(),

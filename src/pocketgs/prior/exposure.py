@@ -27,10 +27,10 @@ SETTLED = 1e-4
 
 MIN_POINTS = 50
 ENOUGH_POINTS = 200
-"""Points of a keyframe that its colours are measured on: more take time and tell the same."""
+"""Points of a view that its colours are measured on: more take time and tell the same."""
 
 NEIGHBOURS = 3
-"""Keyframes, those with the most similar views, whose points a frame is taken to see."""
+"""Number of most similar views, whose points a photograph is taken to see."""
 
 MIN_VARIATION = 0.02
 """Exposures that vary by less are left as they are."""
@@ -42,9 +42,7 @@ A scene takes slow changes in: what is rendered for a view looks like the photog
 """
 
 
-def exposure_gains(
-    frames: Sequence[Frame], keyframes: Sequence[Frame], structure: Structure, scale: Scale
-) -> np.ndarray:
+def exposure_gains(frames: Sequence[Frame], structure: Structure, scale: Scale) -> np.ndarray:
     """How bright each photograph is, measured on points that several of them see.
 
     The logarithm of a colour is taken as that of the point plus that of the photograph's gain; medians, taken in turns,
@@ -52,15 +50,15 @@ def exposure_gains(
 
     Args:
         frames: F photographs with poses.
-        keyframes: K of them.
-        structure: the points that the keyframes see.
+        structure: the points that they see.
         scale: of the scene.
 
     Returns:
         (F, 3) factor on red, green and blue of each, with a geometric mean of 1; 1 for all where one
         of them sees too few points.
     """
-    distances = view_distances([f.camera for f in frames], [f.camera for f in keyframes], scale.distance)
+    cameras = [frame.camera for frame in frames]
+    distances = view_distances(cameras, cameras, scale.distance)
     points, seen_by = _chosen_points(structure)
     colours = np.full((len(frames), len(points), 3), np.nan)
     for own, frame, order in zip(colours, frames, np.argsort(distances, axis=1, kind="stable"), strict=True):
@@ -81,8 +79,8 @@ def exposure_gains(
 
 
 def _chosen_points(structure: Structure) -> tuple[np.ndarray, list[np.ndarray]]:
-    """(N, 3) points that are enough to tell exposures, and for each keyframe the numbers of those that it sees."""
-    numbers = [point for _, point in structure.landmarks]
+    """(N, 3) points that are enough to tell exposures, and for each view the numbers of those that it sees."""
+    numbers = [point for _, point in structure.point_features]
     frame = np.repeat(np.arange(len(numbers)), [len(point) for point in numbers])
     seen = Observations(frame, np.concatenate(numbers), np.zeros((len(frame), 2)))
     chosen = np.zeros(len(structure.points), bool)

@@ -103,7 +103,7 @@ def build_prior(
         capture = _with_poses_of(structure, capture)
         poses = Poses.of(structure, capture)
         structure = structure.of(capture.train) if structure else None
-        capture, gains = _with_one_exposure(capture, capture.train, structure, scale, settings)
+        capture, gains = _with_one_exposure(capture, structure, scale, settings)
     seen = _seen_points(structure, capture)
     if settings.dense and not any(map(len, seen)):
         with stopwatch.stage("depth"):
@@ -127,7 +127,7 @@ def build_prior(
             stopwatch,
         )
         cloud, hints = dense.points, (*hints, *dense.warnings)
-    hints = (*hints, *exposure_hint(gains), *_poses_said(poses, structure, capture, scale))
+    hints = (*hints, *exposure_hint(gains), *_pose_warnings(poses, structure, capture, scale))
     report = PriorReport(
         decisions=decisions,
         sparse_points=len(structure.points) if structure else 0,
@@ -146,7 +146,7 @@ def build_prior(
     return PreparedCapture.of(replace(capture, points=cloud), report)
 
 
-def _poses_said(poses: Poses, structure: Structure | None, capture: Capture, scale: Scale) -> tuple[str, ...]:
+def _pose_warnings(poses: Poses, structure: Structure | None, capture: Capture, scale: Scale) -> tuple[str, ...]:
     """Warnings about the poses."""
     if structure is None:
         return (nothing_found(capture, scale),)
@@ -165,12 +165,12 @@ def _with_poses_of(structure: Structure | None, capture: Capture) -> Capture:
 
 
 def _with_one_exposure(
-    capture: Capture, keyframes: Sequence[Frame], structure: Structure | None, scale: Scale, settings: PriorSettings
+    capture: Capture, structure: Structure | None, scale: Scale, settings: PriorSettings
 ) -> tuple[Capture, np.ndarray | None]:
     """The capture with exposure-compensated training photographs if needed, and their gains."""
     if structure is None or settings.exposure == "off":
         return capture, None
-    gains = exposure_gains(capture.train, keyframes, structure, scale)
+    gains = exposure_gains(capture.train, structure, scale)
     if settings.exposure == "auto" and not needs_compensation(capture.train, gains, scale):
         return capture, None
     return replace(capture, train=compensated(capture.train, gains)), gains
@@ -179,7 +179,7 @@ def _with_one_exposure(
 def _seen_points(structure: Structure | None, capture: Capture) -> list[np.ndarray]:
     """For each training frame, (N, 3) the sparse points that it sees; without any, those of the capture's own cloud."""
     if structure is not None:
-        return [structure.points[point] for _, point in structure.landmarks]
+        return [structure.points[point] for _, point in structure.point_features]
     if capture.points is not None:
         return seen_points(capture.points, capture.train)
     return [np.zeros((0, 3))] * len(capture.train)
@@ -190,7 +190,7 @@ def _sparse_cloud(frames: Sequence[Frame], structure: Structure | None) -> Point
     if structure is None:
         return PointCloud(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
     colours, directions = np.zeros((2, len(structure.points), 3))
-    for frame, (features, point) in zip(frames, structure.landmarks, strict=True):
+    for frame, (features, point) in zip(frames, structure.point_features, strict=True):
         columns, rows = features.pixels.astype(np.int64).T
         colours[point] = frame.image[rows, columns] / np.float32(255)
         away = frame.camera.centre - structure.points[point]

@@ -17,7 +17,7 @@ from pocketgs.prior.depth.webgpu.layout import MATCHED, MOST_BANDS, USABLE
 from pocketgs.prior.features import features, pairs, two_view
 from pocketgs.prior.features.tracks import WIDEST_ANGLE
 from pocketgs.prior.features.webgpu import layout
-from pocketgs.prior.poses import consensus, refinement, suspects, tolerance
+from pocketgs.prior.poses import consensus, refinement, support, suspects, tolerance
 from pocketgs.prior.poses.structure import MAX_STEPS, NEGLIGIBLE_GAIN, StructureSettings
 from pocketgs.training.planning.effort import QUICK_KEYFRAMES
 
@@ -85,10 +85,10 @@ def prior_settings() -> dict[str, Any]:
             "left_out_share": refinement.LEFT_OUT_SHARE,
             "min_gain": refinement.MIN_GAIN,
             "rounds": refinement.ROUNDS,
-            "sightings_per_view": refinement.SIGHTINGS_PER_VIEW,
-            "min_sightings": refinement.MIN_SIGHTINGS,
-            "cells": refinement.CELLS,
-            "min_cells": refinement.MIN_CELLS,
+            "observations_per_view": refinement.OBSERVATIONS_PER_VIEW,
+            "min_observations": refinement.MIN_OBSERVATIONS,
+            "cells": support.CELLS,
+            "min_cells": support.MIN_CELLS,
             "min_views": refinement.MIN_VIEWS,
             "fewest_points": structure.fewest_points,
             "bundle": {

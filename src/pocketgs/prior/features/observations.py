@@ -22,12 +22,23 @@ class Observations:
     point: np.ndarray
     pixels: np.ndarray
 
+    @classmethod
+    def in_one_view(cls, pixels: np.ndarray) -> Observations:
+        """Observations of as many points in a single view, at (M, 2) pixels."""
+        point = np.arange(len(pixels), dtype=np.int32)
+        return cls(np.zeros_like(point), point, pixels)
+
     def __len__(self) -> int:
         return len(self.point)
 
     def select(self, keep: np.ndarray) -> Observations:
         """The observations selected by a boolean mask or an index array; points keep their numbers."""
         return Observations(self.frame[keep], self.point[keep], self.pixels[keep])
+
+    def renumbered(self) -> Observations:
+        """The same observations, with their points numbered from 0 in the same order."""
+        _, point = np.unique(self.point, return_inverse=True)
+        return Observations(self.frame, point.astype(np.int32), self.pixels)
 
 
 def enough_for_each_view(observations: Observations, views: int, most: int) -> np.ndarray:

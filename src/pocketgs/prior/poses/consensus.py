@@ -1,4 +1,4 @@
-"""Consensus per track: the sightings that agree on a point under given poses, and the error of each against the
+"""Consensus per track: the observations that agree on a point under given poses, and the error of each against the
 rest.
 """
 
@@ -16,17 +16,18 @@ from pocketgs.prior.features.observations import Observations
 from pocketgs.system.compile import parallel_kernel, part
 
 MAX_TRIALS = 36
-"""Pairs of sightings to triangulate per track; tracks of up to nine sightings try all pairs."""
+"""Pairs of observations to triangulate per track; tracks of up to nine observations try all pairs."""
 
 
 class Consensus(NamedTuple):
-    """Agreement of M sightings in N tracks, sorted by track.
+    """Agreement of M observations in N tracks, sorted by track.
 
     Attributes:
-        agrees: (M,) bool: is in the largest set of sightings within the tolerance of one point.
-        support: (M,) int64 number of sightings of the track that agree on a point triangulated without this one.
+        agrees: (M,) bool: is in the largest set of observations within the tolerance of one point.
+        support: (M,) int64 number of observations of the track that agree on a point triangulated without this one.
         others: (M, 3) float64 that point; NaN if there is none.
-        error: (M,) float64 distance in pixels of the sighting from that point's projection; infinite behind the camera.
+        error: (M,) float64 distance in pixels of the observation from that point's projection; infinite behind the
+            camera.
     """
 
     agrees: np.ndarray
@@ -38,12 +39,12 @@ class Consensus(NamedTuple):
 def consensus(cameras: Sequence[Camera], tracks: Observations, tolerance: float, least_angle: float) -> Consensus:
     """Find the consensus of each track.
 
-    As in RANSAC, points are triangulated from pairs of sightings, and the one that most others agree with wins.
+    As in RANSAC, points are triangulated from pairs of observations, and the one that most others agree with wins.
 
     Args:
         cameras: of the views.
-        tracks: sightings sorted by point.
-        tolerance: distance in pixels within which a sighting agrees with a point.
+        tracks: observations sorted by point.
+        tolerance: distance in pixels within which an observation agrees with a point.
         least_angle: between the two rays that make a point, in radians.
     """
     count = int(tracks.point[-1]) + 1 if len(tracks) else 0
@@ -84,7 +85,7 @@ def _vote_on(
     largest_cosine: float,
     found: Consensus,
 ) -> None:
-    """Find the consensus of one track, with sightings from `first` to before `end`."""
+    """Find the consensus of one track, with observations from `first` to before `end`."""
     count = end - first
     views, seen = frame[first : first + count], pixels[first : first + count]
     most, least_cost = 1, np.inf

@@ -15,6 +15,7 @@ from pocketgs.prior.bundle.equations import Adjuster
 from pocketgs.prior.features.observations import Observations, enough_for_each_view
 from pocketgs.prior.features.tracks import reprojection_errors, triangulate, view_distances
 from pocketgs.prior.poses.consensus import consensus
+from pocketgs.prior.poses.support import well_supported
 from pocketgs.prior.poses.tolerance import MIN_ANGLE, next_tolerance
 
 CHECKED_SHARE = 3
@@ -31,14 +32,11 @@ lowers the error of the points that they are fitted to.
 """
 
 ROUNDS = 4
-SIGHTINGS_PER_VIEW = 250
+OBSERVATIONS_PER_VIEW = 250
 """Points are added, those seen by most views first, until every view has this many observations."""
 
-CELLS = 4
-"""Cells along each side of an image, to tell whether its points are spread out."""
-
-MIN_SIGHTINGS, MIN_CELLS = 30, 5
-"""A view with fewer observations, or in fewer cells of its image, is not adjusted but follows its neighbours."""
+MIN_OBSERVATIONS = 30
+"""A view with fewer observations, or with less well spread ones, is not adjusted but follows its neighbours."""
 
 MIN_VIEWS = 3
 """Minimum number of views in a connected component that is adjusted."""
@@ -116,11 +114,10 @@ def _adjusted(
         chosen, supported = _well_seen(given, agreeing)
         if not supported.any():
             return list(given), supported, tolerance
-        _, point = np.unique(chosen.point, return_inverse=True)
-        seen = Observations(chosen.frame, point.astype(np.int32), chosen.pixels)
+        seen = chosen.renumbered()
         points = triangulate(cameras, seen)
         finite = np.isfinite(points).all(axis=1)
-        seen = _renumbered(seen.select(finite[seen.point]))
+        seen = seen.select(finite[seen.point]).renumbered()
         result = adjust_bundle(given, points[finite], seen, settings, start=cameras, adjuster=adjuster)
         cameras = [new if own else old for old, new, own in zip(given, result.cameras, supported, strict=True)]
         last, tolerance = tolerance, next_tolerance(result.residuals, tolerance, finest)
@@ -143,7 +140,7 @@ def _accepted(
     """
     checked = tracks.point % CHECKED_SHARE == 0
     absent = np.arange(len(given)) % LEFT_OUT_SHARE == LEFT_OUT_SHARE // 2
-    fitted = _renumbered(tracks.select(~checked & ~absent[tracks.frame]))
+    fitted = tracks.select(~checked & ~absent[tracks.frame]).renumbered()
     adjusted, present, final = _adjusted(given, fitted, tolerance, finest, settings, adjuster)
     by_points = [_errors_of_points(cameras, tracks.select(checked), final) for cameras in (given, adjusted)]
     by_views = [
@@ -174,8 +171,7 @@ def _truncated(errors: Sequence[np.ndarray], inside: np.ndarray, tolerance: floa
 
 def _errors_of_points(cameras: Sequence[Camera], tracks: Observations, tolerance: float) -> np.ndarray:
     """(M,) distance of observations from the point that two or more others agree on; infinite without one."""
-    tracks = _renumbered(tracks)
-    found = consensus(cameras, tracks, tolerance, MIN_ANGLE)
+    found = consensus(cameras, tracks.renumbered(), tolerance, MIN_ANGLE)
     return np.where(found.support >= 2, found.error, np.inf)
 
 
@@ -188,8 +184,7 @@ def _errors_of_views(
     """
     errors = np.full(len(tracks), np.inf)
     others = tracks.select(~absent[tracks.frame])
-    numbers, point = np.unique(others.point, return_inverse=True)
-    theirs = Observations(others.frame, point.astype(np.int32), others.pixels)
+    numbers, theirs = np.unique(others.point), others.renumbered()
     theirs = theirs.select(consensus(cameras, theirs, tolerance, MIN_ANGLE).agrees)
     positions = np.full((int(tracks.point.max()) + 1, 3), np.nan)
     if len(theirs):
@@ -200,13 +195,12 @@ def _errors_of_views(
     for view in np.flatnonzero(absent).tolist():
         own = np.flatnonzero((tracks.frame == view) & known)
         fitted, judged = own[::2], own[1::2]
-        if len(fitted) < MIN_SIGHTINGS // 2:
+        if len(fitted) < MIN_OBSERVATIONS // 2:
             continue
         points, pixels = positions[tracks.point], tracks.pixels
         placed = adjust_pose(cameras[view], points[fitted], pixels[fitted], settings).camera
-        each = np.arange(len(judged))
-        sightings = Observations(np.zeros_like(each), each, pixels[judged])
-        errors[judged] = reprojection_errors([placed], points[judged], sightings)
+        observations = Observations.in_one_view(pixels[judged])
+        errors[judged] = reprojection_errors([placed], points[judged], observations)
     return errors
 
 
@@ -217,21 +211,11 @@ def _well_seen(cameras: Sequence[Camera], tracks: Observations) -> tuple[Observa
         tracks = tracks.select(supported[tracks.frame])
         views = np.bincount(tracks.point, minlength=1)
         tracks = tracks.select(views[tracks.point] >= 2)
-        sightings = np.bincount(tracks.frame, minlength=len(cameras))
-        enough = supported & (sightings >= MIN_SIGHTINGS) & (_cells(cameras, tracks) >= MIN_CELLS)
+        enough = supported & well_supported(cameras, tracks, MIN_OBSERVATIONS)
         if np.array_equal(enough, supported):
             break
         supported = enough
-    return tracks.select(enough_for_each_view(tracks, len(cameras), SIGHTINGS_PER_VIEW)), supported
-
-
-def _cells(cameras: Sequence[Camera], tracks: Observations) -> np.ndarray:
-    """(F,) in how many cells of its image each camera sees a point."""
-    sizes = np.array([(camera.width, camera.height) for camera in cameras])
-    across, down = np.clip(tracks.pixels / sizes[tracks.frame] * CELLS, 0, CELLS - 1).astype(np.int64).T
-    occupied = np.zeros((len(cameras), CELLS**2), bool)
-    occupied[tracks.frame, CELLS * down + across] = True
-    return occupied.sum(axis=1)
+    return tracks.select(enough_for_each_view(tracks, len(cameras), OBSERVATIONS_PER_VIEW)), supported
 
 
 def _parts(tracks: Observations, supported: np.ndarray) -> list[np.ndarray]:
@@ -256,9 +240,3 @@ def _nearest(camera: Camera, others: Sequence[Camera], among: np.ndarray, scene_
     numbers = np.flatnonzero(among).tolist()
     distances = view_distances([camera], [others[number] for number in numbers], scene_distance)[0]
     return int(numbers[int(distances.argmin())])
-
-
-def _renumbered(observations: Observations) -> Observations:
-    """The observations with points renumbered from 0."""
-    _, point = np.unique(observations.point, return_inverse=True)
-    return Observations(observations.frame, point.astype(np.int32), observations.pixels)

@@ -22,8 +22,8 @@ from pocketgs.prior.features.pairs import choose_pairs
 from pocketgs.prior.features.tracks import link, reprojection_errors, triangulate, triangulation_angles
 from pocketgs.prior.features.two_view import VERIFICATION, Matches, match_views
 from pocketgs.prior.poses.consensus import consensus
-from pocketgs.prior.poses.placement import Placement
 from pocketgs.prior.poses.refinement import refine
+from pocketgs.prior.poses.relocalisation import Relocalisation
 from pocketgs.prior.poses.suspects import contradicted, strangers
 from pocketgs.prior.poses.tolerance import FINEST, MIN_ANGLE, measured_tolerance, widest_tolerance
 from pocketgs.prior.scale import Scale
@@ -74,7 +74,7 @@ class Structure:
         cameras: of the frames.
         points: (N, 3) float64.
         observations: of the points in the frames, consistent with `cameras` within `tolerance`.
-        landmarks: for each frame its features that are points, and (L,) the index of each one's point.
+        point_features: for each frame its features that are points, and (L,) the index of each one's point.
         rmse_before, rmse_after: root mean square reprojection error in pixels with the given poses (for replaced
             frames, with their new ones before refinement), and with `cameras`.
         tolerance: maximum reprojection error of an observation, in pixels.
@@ -89,7 +89,7 @@ class Structure:
     cameras: list[Camera]
     points: np.ndarray
     observations: Observations
-    landmarks: list[tuple[Features, np.ndarray]]
+    point_features: list[tuple[Features, np.ndarray]]
     rmse_before: float
     rmse_after: float
     tolerance: float
@@ -113,16 +113,16 @@ class Structure:
         kept = np.bincount(self.observations.point[inside], minlength=len(self.points)) >= 2
         numbers = np.cumsum(kept, dtype=np.int32) - 1
         seen = self.observations.select(inside & kept[self.observations.point])
-        landmarks = []
-        for features, point in (self.landmarks[index] for index in chosen):
-            landmarks.append((features.select(kept[point]), numbers[point[kept[point]]]))
+        point_features = []
+        for features, point in (self.point_features[index] for index in chosen):
+            point_features.append((features.select(kept[point]), numbers[point[kept[point]]]))
         return replace(
             self,
             names=tuple(self.names[index] for index in chosen),
             cameras=[self.cameras[index] for index in chosen],
             points=self.points[kept],
             observations=Observations(place[seen.frame], numbers[seen.point], seen.pixels),
-            landmarks=landmarks,
+            point_features=point_features,
         )
 
 
@@ -139,7 +139,7 @@ def build_structure(
     Args:
         frames: F frames with given poses, including held-out ones: only geometry is used.
         scale: of the scene.
-        settings: None for the defaults.
+        settings: see `StructureSettings`.
         photographs: the frames' photographs, to detect features in larger images; None to use the frames themselves.
         finder: detects and matches features; None for the CPU.
         adjuster: makes the normal equations of bundle adjustment; None for the CPU.
@@ -174,7 +174,7 @@ def build_structure(
         cameras=cameras,
         points=points,
         observations=seen,
-        landmarks=[_landmarks(features[view], feature[behind], seen, view) for view in range(len(frames))],
+        point_features=[_point_features(features[view], feature[behind], seen, view) for view in range(len(frames))],
         rmse_before=_rmse(placed, triangulate(placed, seen), seen),
         rmse_after=_rmse(cameras, points, seen),
         tolerance=tolerance,
@@ -203,9 +203,9 @@ def _placed(
     wrong = contradicted(given, features, matches, gross) | strangers(given, features, matches, scale.distance)
     if not (wrong.any() and may_move):
         return given, matches, wrong
-    placement = Placement(given, features, matches, wrong, tolerance, scale.distance, finder)
-    placement.run()
-    return placement.cameras, placement.matches, placement.wrong
+    relocalisation = Relocalisation(given, features, matches, wrong, tolerance, scale.distance, finder)
+    relocalisation.run()
+    return relocalisation.cameras, relocalisation.matches, relocalisation.wrong
 
 
 def _chosen(names: Sequence[str], which: Sequence[bool] | np.ndarray) -> tuple[str, ...]:
@@ -218,15 +218,13 @@ def _agreeing(
     """The points that observations agree on, those observations, and their (M,) indices in the tracks."""
     kept = np.flatnonzero(consensus(cameras, tracks, tolerance, MIN_ANGLE).agrees)
     for _ in range(2):
-        _, point = np.unique(tracks.point[kept], return_inverse=True)
-        seen = Observations(tracks.frame[kept], point.astype(np.int32), tracks.pixels[kept])
+        seen = tracks.select(kept).renumbered()
         points = triangulate(cameras, seen)
         near = reprojection_errors(cameras, points, seen) < tolerance
         views = np.bincount(seen.point[near], minlength=len(points))
         angles = triangulation_angles(cameras, points, seen.select(near))
         kept = kept[near & ((views >= 2) & (angles >= MIN_ANGLE))[seen.point]]
-    _, point = np.unique(tracks.point[kept], return_inverse=True)
-    seen = Observations(tracks.frame[kept], point.astype(np.int32), tracks.pixels[kept])
+    seen = tracks.select(kept).renumbered()
     return triangulate(cameras, seen), seen, kept
 
 
@@ -236,7 +234,7 @@ def _rmse(cameras: Sequence[Camera], points: np.ndarray, observations: Observati
     return float(np.sqrt(np.mean(finite**2))) if len(finite) else 0.0
 
 
-def _landmarks(
+def _point_features(
     features: Features, feature: np.ndarray, observations: Observations, view: int
 ) -> tuple[Features, np.ndarray]:
     here = observations.frame == view

@@ -121,7 +121,7 @@ def test_structure_is_the_cpus(finder: WebGpuFinder, clean_walk: Capture) -> Non
     assert expected is not None
     assert len(found.points) == pytest.approx(len(expected.points), rel=0.02)
     assert found.rmse_after == pytest.approx(expected.rmse_after, rel=0.03)
-    gains, others = (exposure_gains(capture.train, capture.train, one, scale) for one in (found, expected))
+    gains, others = (exposure_gains(capture.train, one, scale) for one in (found, expected))
     np.testing.assert_allclose(gains, others, rtol=5e-3)
 
 

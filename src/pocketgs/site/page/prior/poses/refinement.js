@@ -153,7 +153,7 @@ function errorsOfViews(cameras, tracks, absent, tolerance, settings) {
     for (const view of indicesWhere(cameras.length, (index) => absent[index])) {
         const own = indicesWhere(errors.length, (i) => tracks.frame[i] === view && isKnown(i));
         const [fitted, judged] = [0, 1].map((half) => own.filter((_, i) => i % 2 === half));
-        if (fitted.length < Math.floor(settings.min_sightings / 2)) {
+        if (fitted.length < Math.floor(settings.min_observations / 2)) {
             continue;
         }
         const seen = selected(tracks, fitted);
@@ -187,7 +187,7 @@ function agreedPoints(cameras, tracks, absent, tolerance, settings) {
 
 /** Enough observations to adjust by, and which cameras have enough of them, well spread. */
 function wellSeen(cameras, tracks, settings) {
-    const { min_sightings: least, cells, min_cells: leastCells, sightings_per_view: most } = settings;
+    const { min_observations: least, cells, min_cells: leastCells, observations_per_view: most } = settings;
     let supported = cameras.map(() => true);
     for (let isSettled = false; !isSettled; ) {
         tracks = filtered(tracks, (i) => supported[tracks.frame[i]]);

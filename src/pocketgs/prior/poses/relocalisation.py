@@ -12,13 +12,13 @@ from pocketgs.prior.features.finder import FeatureFinder
 from pocketgs.prior.features.pairs import MAX_SIMILAR, Pair, by_pose, likeness
 from pocketgs.prior.features.tracks import link, triangulate
 from pocketgs.prior.features.two_view import Matches, match_views
+from pocketgs.prior.poses.absolute_pose import agreeing, pose_from_points
 from pocketgs.prior.poses.consensus import consensus
 from pocketgs.prior.poses.refinement import carried_along
-from pocketgs.prior.poses.relocalise import agreeing, pose_from_points
 from pocketgs.prior.poses.tolerance import MIN_ANGLE
 
 ROUNDS = 3
-"""Views that were placed in one round help to place others in the next."""
+"""Views that are relocalised in one round help to relocalise others in the next."""
 
 MORE_SIMILAR = 4 * MAX_SIMILAR
 """Number of most similar views that a wrong view is matched with: its neighbours by pose are the wrong ones."""
@@ -27,13 +27,13 @@ MIN_FIT = 0.6
 """Minimum share of observations that must agree with a new pose, once the view is matched with its neighbours there."""
 
 
-class Placement:
-    """State while wrong views are placed.
+class Relocalisation:
+    """State while wrong views are relocalised.
 
     Attributes:
         cameras: of F views; wrong ones get their new poses as these are found.
         matches: of pairs of views; more are added on the way.
-        wrong: (F,) bool: not placed so far.
+        wrong: (F,) bool: not relocalised so far.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Placement:
         self._tolerance, self._finder = tolerance, finder
 
     def run(self) -> None:
-        """Place as many views as possible."""
+        """Relocalise as many views as possible."""
         self._match(self._alike())
         for _ in range(ROUNDS):
             known = self._known_points()
@@ -106,12 +106,12 @@ class Placement:
             own[feature[here]] = points[tracks.point[here]]
         return known
 
-    def _sightings(self, view: int, pairs: Sequence[Pair], known: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    def _observations(self, view: int, pairs: Sequence[Pair], known: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """(M, 3) points that the view may see, from its matches with correct views, and (M, 2) their pixels."""
         points, pixels = [np.zeros((0, 3))], [np.zeros((0, 2))]
         for first, second in pairs:
             other = second if first == view else first
-            if self.wrong[other] or other == view:
+            if self.wrong[other]:
                 continue
             own, theirs = self.matches[first, second].T if first == view else self.matches[first, second].T[::-1]
             points.append(known[other][theirs])
@@ -121,9 +121,9 @@ class Placement:
         return both[:, :3], both[:, 3:]
 
     def _guess(self, view: int, known: list[np.ndarray]) -> Camera | None:
-        """A pose candidate for the view: from all its matches, or relative to a view that has been placed."""
+        """A pose candidate for the view: from all its matches, or relative to a view that has been relocalised."""
         placed = pose_from_points(
-            self._given[view], *self._sightings(view, self._pairs_of(view), known), 2 * self._tolerance
+            self._given[view], *self._observations(view, self._pairs_of(view), known), 2 * self._tolerance
         )
         if placed is not None:
             return placed
@@ -139,7 +139,7 @@ class Placement:
 
     def _confirmed(self, view: int, neighbours: Sequence[Pair], known: list[np.ndarray]) -> Camera | None:
         """The pose that is consistent with the view's new neighbours."""
-        points, pixels = self._sightings(view, neighbours, known)
+        points, pixels = self._observations(view, neighbours, known)
         placed = pose_from_points(self._given[view], points, pixels, 2 * self._tolerance)
         if placed is None:
             return None

@@ -1,4 +1,4 @@
-"""Relocalisation: the pose of one camera from known points, without an initial pose."""
+"""The absolute pose of one camera, from known points and without an initial pose."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle.adjustment import BundleSettings, adjust_pose
 from pocketgs.prior.features.observations import Observations
 from pocketgs.prior.features.tracks import reprojection_errors
+from pocketgs.prior.poses.support import well_supported
 
-MIN_SIGHTINGS, MIN_CELLS = 24, 5
-"""Minimum number of agreeing observations of a pose, and of 4 x 4 image cells that contain them."""
+MIN_OBSERVATIONS = 24
+"""Minimum number of observations that must agree on a pose."""
 
 CONFIDENCE, TRIALS = 0.9999, 2000
 
@@ -30,7 +31,7 @@ def pose_from_points(camera: Camera, points: np.ndarray, pixels: np.ndarray, tol
         pixels: (M, 2) possible observations, including wrong ones.
         tolerance: maximum error of an agreeing observation in pixels.
     """
-    if len(points) < MIN_SIGHTINGS:
+    if len(points) < MIN_OBSERVATIONS:
         return None
     # OpenCV's RANSAC computes in float32: points are centred and scaled down first.
     middle, size = points.mean(axis=0), max(float(np.abs(points - points.mean(axis=0)).max()), 1e-300)
@@ -55,24 +56,17 @@ def pose_from_points(camera: Camera, points: np.ndarray, pixels: np.ndarray, tol
     placed = replace(camera, world_to_camera=pose)
     for _ in range(2):
         near = agreeing(placed, points, pixels, tolerance)
-        if not enough(camera, pixels[near]):
+        if not _enough(camera, pixels[near]):
             return None
         placed = adjust_pose(placed, points[near], pixels[near], BundleSettings(huber=tolerance / 2)).camera
-    return placed if enough(camera, pixels[agreeing(placed, points, pixels, tolerance)]) else None
+    return placed if _enough(camera, pixels[agreeing(placed, points, pixels, tolerance)]) else None
 
 
 def agreeing(camera: Camera, points: np.ndarray, pixels: np.ndarray, tolerance: float) -> np.ndarray:
     """(M,) bool: pixels within the tolerance of the points' projections."""
-    each = np.arange(len(points))
-    return reprojection_errors([camera], points, Observations(np.zeros_like(each), each, pixels)) < tolerance
+    return reprojection_errors([camera], points, Observations.in_one_view(pixels)) < tolerance
 
 
-def enough(camera: Camera, pixels: np.ndarray) -> bool:
+def _enough(camera: Camera, pixels: np.ndarray) -> bool:
     """Whether observations at these pixels are enough, and well enough spread, for a pose."""
-    return len(pixels) >= MIN_SIGHTINGS and cells(camera, pixels) >= MIN_CELLS
-
-
-def cells(camera: Camera, pixels: np.ndarray) -> int:
-    """Number of the 4 x 4 cells of the camera's image that contain pixels."""
-    across, down = np.clip(pixels / (camera.width, camera.height) * 4, 0, 3).astype(np.int64).T
-    return len(np.unique(4 * down + across))
+    return bool(well_supported([camera], Observations.in_one_view(pixels), MIN_OBSERVATIONS)[0])
