@@ -53,7 +53,7 @@ def main(
     executor = Executor(shared_device(adapter), describe_equations())
     on_gpu, on_cpu = WebGpuEquations(executor, sightings, HUBER), CpuEquations(sightings, HUBER)
     table = Table("", "CPU ms", "GPU ms", "CPU / GPU")
-    camera_step = 1e-4 * np.random.default_rng(1).normal(size=6 * cameras + 2)
+    camera_step = 1e-4 * np.random.default_rng(1).normal(size=6 * cameras)
     on_gpu.reduced(estimate, DAMPING)  # compiles what is needed
     for name, work in ((REDUCE, _reduce), (STEP, partial(_step, camera_step))):
         cpu, gpu_time = (median_milliseconds(partial(work, one, estimate), repeats) for one in (on_cpu, on_gpu))
@@ -84,7 +84,7 @@ def ring(cameras: int, points: int, views: int) -> tuple[Sightings, Estimate]:
     pixels = rng.uniform([0, 0], [800, 600], (len(frame), 2))
     seen = Observations(frame.astype(np.int32), point.astype(np.int32), pixels)
     positions = rng.uniform(-1, 1, (points, 3))
-    return by_point(posed, points, seen, np.arange(len(frame))), first_estimate(posed, positions, 0.01)
+    return by_point(posed, points, seen, np.arange(len(frame))), first_estimate(posed, positions)
 
 
 def _reduce(equations: NormalEquations, estimate: Estimate) -> None:

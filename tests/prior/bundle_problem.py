@@ -30,8 +30,6 @@ def make_problem(
     noise: float = 0.0,
     pose_error: float = 0.02,
     point_error: float = 0.05,
-    focal_error: float = 1.0,
-    radial: float = 0.0,
     seed: int = 0,
 ) -> Problem:
     """Cameras on an arc around a cube of points.
@@ -43,8 +41,6 @@ def make_problem(
         noise: standard deviation of what was seen, in pixels.
         pose_error: that of the start's rotations (radians) and centres (scene units, the arc's radius is 4).
         point_error: that of the start's points.
-        focal_error: factor on the start's focal lengths.
-        radial: k1 of the true lens.
         seed: of everything random.
     """
     rng = np.random.default_rng(seed)
@@ -58,15 +54,8 @@ def make_problem(
     point = np.repeat(np.arange(points, dtype=np.int32), views)
     shuffled = rng.permutation(len(frame))
     seen = Observations(frame[shuffled], point[shuffled], np.zeros((len(frame), 2)))
-    pixels = predicted(true_cameras, true_points, seen, radial) + rng.normal(0.0, noise, seen.pixels.shape)
-    start = [
-        replace(
-            turned_and_moved(camera, *rng.normal(0.0, pose_error, (2, 3))),
-            fx=500.0 * focal_error,
-            fy=520.0 * focal_error,
-        )
-        for camera in true_cameras
-    ]
+    pixels = predicted(true_cameras, true_points, seen) + rng.normal(0.0, noise, seen.pixels.shape)
+    start = [turned_and_moved(camera, *rng.normal(0.0, pose_error, (2, 3))) for camera in true_cameras]
     start_points = true_points + rng.normal(0.0, point_error, true_points.shape)
     return Problem(true_cameras, true_points, start, start_points, replace(seen, pixels=pixels))
 
@@ -79,17 +68,13 @@ def turned_and_moved(camera: Camera, turn: np.ndarray, offset: np.ndarray) -> Ca
     return replace(camera, world_to_camera=pose)
 
 
-def predicted(
-    cameras: Sequence[Camera], points: np.ndarray, observations: Observations, radial: float = 0.0
-) -> np.ndarray:
+def predicted(cameras: Sequence[Camera], points: np.ndarray, observations: Observations) -> np.ndarray:
     """(M, 2) pixels where the points should be seen, in plain NumPy."""
     rotations = np.array([camera.world_to_camera[:3, :3] for camera in cameras])
     intrinsics = np.array([[camera.fx, camera.fy, camera.cx, camera.cy] for camera in cameras])[observations.frame]
     offsets = points[observations.point] - centres(cameras)[observations.frame]
     local = np.einsum("kij,kj->ki", rotations[observations.frame], offsets)
-    normalised = local[:, :2] / local[:, 2:]
-    swell = 1.0 + radial * np.sum(normalised**2, axis=1, keepdims=True)
-    return intrinsics[:, :2] * normalised * swell + intrinsics[:, 2:]
+    return intrinsics[:, :2] * (local[:, :2] / local[:, 2:]) + intrinsics[:, 2:]
 
 
 def centres(cameras: Sequence[Camera]) -> np.ndarray:

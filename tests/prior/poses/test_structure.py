@@ -246,7 +246,7 @@ def test_real_tracks_are_adjusted_on_the_gpu_as_on_the_cpu(adapter: Adapter, fer
     ]
     seen = fern.structure.observations
     points = triangulate(turned, seen)
-    settings = BundleSettings(position_sigma=0.01 * fern.scale.distance, rotation_sigma=0.01, refine_focal=True)
+    settings = BundleSettings(position_sigma=0.01 * fern.scale.distance, rotation_sigma=0.01)
     gpu, cpu = (
         adjust_bundle(turned, points, seen, settings, adjuster=device) for device in (WebGpuAdjuster(), CpuAdjuster())
     )

@@ -1,4 +1,4 @@
-"""Bundle adjustment: optimises poses, points and lens for the reprojection error.
+"""Bundle adjustment: optimises poses and points for the reprojection error.
 
 The cost is half the sum of the Huber loss of each reprojection error in pixels and the squared deviations from the
 given poses in units of their sigmas.
@@ -21,7 +21,7 @@ from pocketgs.prior.bundle.equations import Adjuster, CameraEquations
 from pocketgs.prior.bundle.levenberg_marquardt import minimise
 from pocketgs.prior.bundle.pose_prior import PosePrior, pose_prior, unheld
 from pocketgs.prior.bundle.problem import by_point, check, first_estimate
-from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, SHARED_UNKNOWNS, Estimate, Sightings, distances
+from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, Estimate, Sightings, distances
 from pocketgs.prior.bundle.schur import MIN_DIAGONAL, CpuAdjuster, camera_equations
 from pocketgs.prior.features.observations import Observations
 
@@ -35,9 +35,6 @@ class BundleSettings:
         iterations: maximum number of steps.
         position_sigma: standard deviation of the given camera centres, in scene units; None for no prior.
         rotation_sigma: standard deviation of the given rotations, in radians; None for no prior.
-        refine_focal: optimise a common factor on all focal lengths.
-        refine_distortion: optimise a common radial coefficient k1: x_d = x_u (1 + k1 r²), where x_u are normalised
-            coordinates and r is their length.
         tolerance: stop when a step reduces the cost by less than this share.
 
     Raises:
@@ -48,8 +45,6 @@ class BundleSettings:
     iterations: int = 50
     position_sigma: float | None = None
     rotation_sigma: float | None = None
-    refine_focal: bool = False
-    refine_distortion: bool = False
     tolerance: float = 1e-8
 
     def __post_init__(self) -> None:
@@ -69,13 +64,11 @@ class BundleResult:
     """The result of bundle adjustment.
 
     Attributes:
-        cameras: the given cameras with optimised poses and focal lengths.
+        cameras: the given cameras with optimised poses.
         points: (N, 3) float64.
         residuals: (M,) float64 reprojection errors after optimisation, in pixels, in the order of the observations. A
             point behind its camera counts as `reprojection.BEHIND`.
         rmse_before, rmse_after: root mean square reprojection error of all observations, in pixels.
-        radial: k1.
-        focal_scale: factor that the cameras' focal lengths were multiplied by.
         iterations: number of steps tried.
         converged: whether it stopped before the maximum number of steps.
         cost_before, cost_after: the minimised cost.
@@ -86,8 +79,6 @@ class BundleResult:
     residuals: np.ndarray
     rmse_before: float
     rmse_after: float
-    radial: float
-    focal_scale: float
     iterations: int
     converged: bool
     cost_before: float
@@ -113,11 +104,10 @@ def adjust_bundle(
     points: np.ndarray,
     observations: Observations,
     settings: BundleSettings,
-    radial: float = 0.0,
     start: Sequence[Camera] | None = None,
     adjuster: Adjuster | None = None,
 ) -> BundleResult:
-    """Optimise poses and points, and the lens if the settings say so.
+    """Optimise poses and points.
 
     Without `position_sigma`, the gauge is fixed by the first camera's centre and one coordinate of the camera farthest
     from it; without both sigmas, also by the first camera's rotation.
@@ -127,7 +117,6 @@ def adjust_bundle(
         points: (N, 3) start.
         observations: where points were observed.
         settings: see `BundleSettings`.
-        radial: initial k1; kept if it is not refined.
         start: initial poses, of F cameras.
         adjuster: makes the normal equations; None for the CPU.
 
@@ -139,11 +128,10 @@ def adjust_bundle(
     check(cameras, points, observations, fewest_views=2, poses_known=settings.holds_poses)
     order = np.argsort(observations.point, kind="stable")
     sightings = by_point(cameras, len(points), observations, order)
-    first = first_estimate(start or cameras, points, radial)
-    given = first_estimate(cameras, points, radial)
+    first = first_estimate(start or cameras, points)
+    given = first_estimate(cameras, points)
     prior = pose_prior(given, settings.position_sigma, settings.rotation_sigma)
-    of_cameras = unheld(first, settings.position_sigma is not None, settings.rotation_sigma is not None)
-    free = np.append(of_cameras, [settings.refine_focal, settings.refine_distortion])
+    free = unheld(first, settings.position_sigma is not None, settings.rotation_sigma is not None)
     equations = (adjuster or CpuAdjuster()).equations(sightings, settings.huber)
 
     def step(estimate: Estimate, damping: float) -> tuple[Estimate, float]:
@@ -163,8 +151,6 @@ def adjust_bundle(
         residuals=residuals,
         rmse_before=_root_mean_square(distances(sightings, first)),
         rmse_after=_root_mean_square(residuals),
-        radial=float(outcome.state.radial),
-        focal_scale=float(outcome.state.focal_scale),
         iterations=outcome.iterations,
         converged=outcome.converged,
         cost_before=outcome.cost_before,
@@ -172,17 +158,14 @@ def adjust_bundle(
     )
 
 
-def adjust_pose(
-    camera: Camera, points: np.ndarray, pixels: np.ndarray, settings: BundleSettings, radial: float = 0.0
-) -> PoseResult:
+def adjust_pose(camera: Camera, points: np.ndarray, pixels: np.ndarray, settings: BundleSettings) -> PoseResult:
     """Optimise one pose with fixed points.
 
     Args:
         camera: start, and centre of the prior.
         points: (M, 3).
         pixels: (M, 2) observations.
-        settings: see `BundleSettings`; the lens is not refined.
-        radial: k1 of the lens.
+        settings: see `BundleSettings`.
 
     Raises:
         PocketGSError: array shapes disagree or numbers are not finite, or there are fewer than three points and no pose
@@ -194,9 +177,9 @@ def adjust_pose(
     observations = Observations(np.zeros_like(each), each, pixels)
     check([camera], points, observations, fewest_views=1, poses_known=settings.holds_poses)
     sightings = by_point([camera], len(points), observations, each)
-    start = first_estimate([camera], points, radial)
+    start = first_estimate([camera], points)
     prior = pose_prior(start, settings.position_sigma, settings.rotation_sigma)
-    free = np.append(np.ones(CAMERA_UNKNOWNS, bool), [False, False])
+    free = np.ones(CAMERA_UNKNOWNS, bool)
 
     def step(estimate: Estimate, damping: float) -> tuple[Estimate, float]:
         equations = camera_equations(sightings, estimate, settings.huber)
@@ -250,23 +233,19 @@ def _solve(
 
 
 def _moved(estimate: Estimate, camera_step: np.ndarray) -> Estimate:
-    """The estimate after a step of the cameras and the shared unknowns."""
-    by_camera = camera_step[:-SHARED_UNKNOWNS].reshape(-1, CAMERA_UNKNOWNS)
-    log_focal, radial = camera_step[-SHARED_UNKNOWNS:]
+    """The estimate after a step of the cameras."""
+    by_camera = camera_step.reshape(-1, CAMERA_UNKNOWNS)
     return estimate._replace(
         rotations=Rotation.from_rotvec(by_camera[:, :3]).as_matrix() @ estimate.rotations,
         centres=estimate.centres + by_camera[:, 3:],
-        focal_scale=float(estimate.focal_scale * np.exp(log_focal)),
-        radial=float(estimate.radial + radial),
     )
 
 
 def _posed(cameras: Sequence[Camera], estimate: Estimate) -> list[Camera]:
-    """The cameras with the poses and focal lengths of the estimate."""
+    """The cameras with the poses of the estimate."""
     posed = []
     for camera, rotation, centre in zip(cameras, estimate.rotations, estimate.centres, strict=True):
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = rotation, -rotation @ centre
-        fx, fy = camera.fx * estimate.focal_scale, camera.fy * estimate.focal_scale
-        posed.append(replace(camera, fx=fx, fy=fy, world_to_camera=pose))
+        posed.append(replace(camera, world_to_camera=pose))
     return posed

@@ -10,7 +10,7 @@ from pocketgs.prior.bundle.reprojection import Estimate, Sightings
 
 
 class CameraEquations(NamedTuple):
-    """The cameras' side, of size D = 6 F + 2: each camera's unknowns, then the shared ones.
+    """The cameras' side, of size D = 6 F: each camera's unknowns.
 
     Attributes:
         matrix: (D, D) H_cc, or the reduced matrix. Only the lower triangle counts.

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pocketgs.errors import PocketGSError
-from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, SHARED_UNKNOWNS, Estimate
+from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, Estimate
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,7 @@ class PosePrior:
     """A Gaussian around each given pose: its cost is ½ Σ weights · deviation².
 
     Attributes:
-        weights: (6 F + 2,) 1/σ² of every unknown of the cameras, 0 without a prior.
+        weights: (6 F,) 1/σ² of every unknown of the cameras, 0 without a prior.
         given: the poses that it is centred on.
     """
 
@@ -24,15 +24,14 @@ class PosePrior:
     given: Estimate
 
     def deviation(self, estimate: Estimate) -> np.ndarray:
-        """(6 F + 2,) rotation vector from the given pose (radians), and offset of the centre; 0 for shared unknowns.
+        """(6 F,) rotation vector from the given pose (radians), and offset of the centre.
 
         The derivative of the rotation vector by the rotation step is approximated by the identity, correct to θ²/12;
         the gradient of the cost is exact nevertheless, because a rotation about the rotation vector changes only its
         length.
         """
         turns = Rotation.from_matrix(estimate.rotations @ self.given.rotations.transpose(0, 2, 1)).as_rotvec()
-        by_camera = np.concatenate([turns, estimate.centres - self.given.centres], axis=1)
-        return np.append(by_camera.ravel(), np.zeros(SHARED_UNKNOWNS))
+        return np.concatenate([turns, estimate.centres - self.given.centres], axis=1).ravel()
 
     def cost(self, estimate: Estimate) -> float:
         """½ Σ weights · deviation², comparable to half a squared residual in pixels."""
@@ -42,8 +41,7 @@ class PosePrior:
 def pose_prior(given: Estimate, position_sigma: float | None, rotation_sigma: float | None) -> PosePrior:
     """Make the prior from standard deviations, in scene units and radians; None means no prior."""
     turn, offset = (0.0 if sigma is None else sigma**-2 for sigma in (rotation_sigma, position_sigma))
-    weights = np.tile(np.repeat([turn, offset], 3), len(given.centres))
-    return PosePrior(np.append(weights, np.zeros(SHARED_UNKNOWNS)), given)
+    return PosePrior(np.tile(np.repeat([turn, offset], 3), len(given.centres)), given)
 
 
 def unheld(given: Estimate, positions_known: bool, rotations_known: bool) -> np.ndarray:

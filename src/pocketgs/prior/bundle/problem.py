@@ -74,8 +74,8 @@ def by_point(cameras: Sequence[Camera], points: int, observations: Observations,
     )
 
 
-def first_estimate(cameras: Sequence[Camera], points: np.ndarray, radial: float) -> Estimate:
+def first_estimate(cameras: Sequence[Camera], points: np.ndarray) -> Estimate:
     """The starting point. Poses from files are rotations only up to rounding; they are orthonormalised here."""
     rotations = Rotation.from_matrix(np.array([camera.world_to_camera[:3, :3] for camera in cameras])).as_matrix()
     centres = np.array([camera.centre for camera in cameras])
-    return Estimate(rotations, centres, 1.0, float(radial), np.array(points, np.float64))
+    return Estimate(rotations, centres, np.array(points, np.float64))

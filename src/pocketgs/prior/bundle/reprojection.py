@@ -12,13 +12,8 @@ from pocketgs.system.compile import kernel, part
 CAMERA_UNKNOWNS = 6
 """Per camera: a rotation vector ω, then the centre c. An update changes R to exp(ω)·R and c to c + δ."""
 
-SHARED_UNKNOWNS = 2
-"""Shared by all cameras: the logarithm of the factor on the focal lengths, and the radial coefficient k1."""
-
-POINT_COLUMN = CAMERA_UNKNOWNS + SHARED_UNKNOWNS
-"""Columns of a Jacobian: the camera's unknowns, the shared ones, the point's three coordinates."""
-
-COLUMNS = POINT_COLUMN + 3
+COLUMNS = CAMERA_UNKNOWNS + 3
+"""Of a Jacobian: the camera's unknowns, then the point's three coordinates."""
 
 BEHIND = 1e4
 """Reprojection error in pixels of a point that is not in front of its camera: larger than any in an image."""
@@ -51,15 +46,11 @@ class Estimate(NamedTuple):
     Attributes:
         rotations: (F, 3, 3) float64 from world to camera axes.
         centres: (F, 3) float64 camera centres in the world.
-        focal_scale: factor on the focal lengths of all cameras.
-        radial: k1; a ray at normalised coordinates x, of length r, projects to x·(1 + k1·r²).
         points: (N, 3) float64 in the world.
     """
 
     rotations: np.ndarray
     centres: np.ndarray
-    focal_scale: float
-    radial: float
     points: np.ndarray
 
 
@@ -88,7 +79,7 @@ def linearise(sightings: Sightings, estimate: Estimate, k: int, residual: np.nda
         estimate: where to linearise.
         k: index of the observation.
         residual: (2,) output, in pixels.
-        jacobian: (2, COLUMNS) output: rotation, centre, focal, radial, point.
+        jacobian: (2, COLUMNS) output: rotation, centre, point.
     """
     frame, point = sightings.frame[k], sightings.point[k]
     rotation, centre, position = estimate.rotations[frame], estimate.centres[frame], estimate.points[point]
@@ -98,27 +89,20 @@ def linearise(sightings: Sightings, estimate: Estimate, k: int, residual: np.nda
     z = rotation[2, 0] * dx + rotation[2, 1] * dy + rotation[2, 2] * dz
     if not z > GRAZING * math.sqrt(x * x + y * y + z * z):
         return False
-    u, v = x / z, y / z
-    squared, radial = u * u + v * v, estimate.radial
-    swell = 1.0 + radial * squared
     for axis in range(2):
-        focal = sightings.intrinsics[frame, axis] * estimate.focal_scale
-        own = u if axis == 0 else v
-        residual[axis] = focal * own * swell + sightings.intrinsics[frame, 2 + axis] - sightings.pixels[k, axis]
+        focal = sightings.intrinsics[frame, axis]
+        own = x / z if axis == 0 else y / z
+        residual[axis] = focal * own + sightings.intrinsics[frame, 2 + axis] - sightings.pixels[k, axis]
         # The gradient by (x, y, z), the point in camera axes. A rotation ω moves it by ω × (x, y, z), and
         # g · (ω × x) = ω · (x × g).
-        across, down = 2.0 * focal * radial * own * u / z, 2.0 * focal * radial * own * v / z
-        if axis == 0:
-            across += focal * swell / z
-        else:
-            down += focal * swell / z
-        inward = -focal * own * (swell + 2.0 * radial * squared) / z
+        across = focal / z if axis == 0 else 0.0
+        down = 0.0 if axis == 0 else focal / z
+        inward = -focal * own / z
         row = jacobian[axis]
         row[0], row[1], row[2] = y * inward - z * down, z * across - x * inward, x * down - y * across
-        row[6], row[7] = focal * own * swell, focal * own * squared
         for column in range(3):
             slope = across * rotation[0, column] + down * rotation[1, column] + inward * rotation[2, column]
-            row[3 + column], row[POINT_COLUMN + column] = -slope, slope
+            row[3 + column], row[CAMERA_UNKNOWNS + column] = -slope, slope
     return True
 
 

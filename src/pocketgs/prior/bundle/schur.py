@@ -9,16 +9,7 @@ import numpy as np
 from numba import prange
 
 from pocketgs.prior.bundle.equations import CameraEquations
-from pocketgs.prior.bundle.reprojection import (
-    CAMERA_UNKNOWNS,
-    COLUMNS,
-    POINT_COLUMN,
-    SHARED_UNKNOWNS,
-    Estimate,
-    Sightings,
-    linearise,
-    weigh,
-)
+from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, COLUMNS, Estimate, Sightings, linearise, weigh
 from pocketgs.system.compile import kernel, parallel_kernel, part
 
 SHARES = 16
@@ -90,7 +81,7 @@ def camera_equations(sightings: Sightings, estimate: Estimate, huber: float) -> 
         estimate: where to linearise.
         huber: length in pixels above which the loss of a residual is linear.
     """
-    size = CAMERA_UNKNOWNS * len(estimate.centres) + SHARED_UNKNOWNS
+    size = CAMERA_UNKNOWNS * len(estimate.centres)
     gradient = np.zeros(size)
     equations = CameraEquations(np.zeros((size, size)), gradient, np.zeros(size), gradient)
     residual, jacobian = np.empty(2), np.empty((2, COLUMNS))
@@ -113,7 +104,7 @@ def reduced_equations(
         damping: the diagonals of H_pp grow by this factor of themselves.
     """
     count = len(estimate.points)
-    size = CAMERA_UNKNOWNS * len(estimate.centres) + SHARED_UNKNOWNS
+    size = CAMERA_UNKNOWNS * len(estimate.centres)
     points = PointEquations(np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3)))
     shares = CameraEquations(np.zeros((SHARES, size, size)), *np.zeros((3, SHARES, size)))
     _reduce(sightings, estimate, huber, damping, points, shares)
@@ -134,19 +125,19 @@ def point_steps(
         camera_step: (D,).
     """
     steps = np.empty_like(estimate.points)
-    first_shared = CAMERA_UNKNOWNS * len(estimate.centres)
     residual, jacobian = np.empty(2), np.empty((2, COLUMNS))
     for p in range(len(steps)):
         right = points.gradients[p].copy()
         for k in range(sightings.starts[p], sightings.starts[p + 1]):
             if linearise(sightings, estimate, k, residual, jacobian):
                 weigh(residual, jacobian, huber)
+                camera = CAMERA_UNKNOWNS * sightings.frame[k]
                 for row in range(2):
                     moved = 0.0
-                    for a in range(POINT_COLUMN):
-                        moved += jacobian[row, a] * camera_step[_column(sightings.frame[k], a, first_shared)]
+                    for a in range(CAMERA_UNKNOWNS):
+                        moved += jacobian[row, a] * camera_step[camera + a]
                     for axis in range(3):
-                        right[axis] -= jacobian[row, POINT_COLUMN + axis] * moved
+                        right[axis] -= jacobian[row, CAMERA_UNKNOWNS + axis] * moved
         for axis in range(3):
             row_of_inverse = points.inverses[p, axis]
             steps[p, axis] = row_of_inverse[0] * right[0] + row_of_inverse[1] * right[1] + row_of_inverse[2] * right[2]
@@ -181,13 +172,13 @@ def _reduce_share(
     cameras: CameraEquations,
 ) -> None:
     """Add points from `first_point` to before `end_point` to `cameras`, and write their rows of `points`."""
-    starts, first_shared = sightings.starts, len(cameras.gradient) - SHARED_UNKNOWNS
+    starts = sightings.starts
     most = np.max(starts[1:] - starts[:-1])
     residual, jacobian = np.empty(2), np.empty((2, COLUMNS))
-    coupling, matrix = np.empty((most + 1, CAMERA_UNKNOWNS, 3)), np.empty((3, 3))
+    coupling, matrix = np.empty((most, CAMERA_UNKNOWNS, 3)), np.empty((3, 3))
     for p in range(first_point, end_point):
         first, last, gradient = starts[p], starts[p + 1], points.gradients[p]
-        coupling[: last - first + 1] = 0.0
+        coupling[: last - first] = 0.0
         matrix[:] = 0.0
         gradient[:] = 0.0
         for k in range(first, last):
@@ -195,60 +186,45 @@ def _reduce_share(
                 weigh(residual, jacobian, huber)
                 _add_to_cameras(sightings.frame[k], residual, jacobian, cameras)
                 _add_to_point(residual, jacobian, matrix, gradient)
-                _add_to_coupling(jacobian, coupling[k - first], coupling[last - first])
+                _add_to_coupling(jacobian, coupling[k - first])
         for axis in range(3):
             points.damping[p, axis] = damping * max(matrix[axis, axis], MIN_DIAGONAL)
             matrix[axis, axis] += points.damping[p, axis]
         _invert(matrix, points.inverses[p])
-        _eliminate(sightings.frame[first:last], coupling, points.inverses[p], gradient, first_shared, cameras)
+        _eliminate(sightings.frame[first:last], coupling, points.inverses[p], gradient, cameras)
     for row in range(len(cameras.right)):
         cameras.right[row] += cameras.gradient[row]
 
 
 @part
-def _column(frame: int, a: int, first_shared: int) -> int:
-    """Column of a camera's unknown a, or of the shared one that follows those."""
-    return CAMERA_UNKNOWNS * frame + a if a < CAMERA_UNKNOWNS else first_shared + a - CAMERA_UNKNOWNS
-
-
-@part
-def _add_to_cameras(
-    frame: int,
-    residual: np.ndarray,
-    jacobian: np.ndarray,
-    cameras: CameraEquations,
-) -> None:
+def _add_to_cameras(frame: int, residual: np.ndarray, jacobian: np.ndarray, cameras: CameraEquations) -> None:
     """Add an observation to the lower triangle of H_cc, to its diagonal, and to b_c."""
     matrix, diagonal, gradient = cameras.matrix, cameras.diagonal, cameras.gradient
-    first_shared = len(gradient) - SHARED_UNKNOWNS
-    for a in range(POINT_COLUMN):
-        row = _column(frame, a, first_shared)
-        gradient[row] -= jacobian[0, a] * residual[0] + jacobian[1, a] * residual[1]
-        diagonal[row] += jacobian[0, a] ** 2 + jacobian[1, a] ** 2
+    first = CAMERA_UNKNOWNS * frame
+    for a in range(CAMERA_UNKNOWNS):
+        gradient[first + a] -= jacobian[0, a] * residual[0] + jacobian[1, a] * residual[1]
+        diagonal[first + a] += jacobian[0, a] ** 2 + jacobian[1, a] ** 2
         for b in range(a + 1):
-            product = jacobian[0, a] * jacobian[0, b] + jacobian[1, a] * jacobian[1, b]
-            matrix[row, _column(frame, b, first_shared)] += product
+            matrix[first + a, first + b] += jacobian[0, a] * jacobian[0, b] + jacobian[1, a] * jacobian[1, b]
 
 
 @part
 def _add_to_point(residual: np.ndarray, jacobian: np.ndarray, matrix: np.ndarray, gradient: np.ndarray) -> None:
     """Add an observation to H_pp and to b_p."""
     for a in range(3):
-        left, right = jacobian[0, POINT_COLUMN + a], jacobian[1, POINT_COLUMN + a]
+        left, right = jacobian[0, CAMERA_UNKNOWNS + a], jacobian[1, CAMERA_UNKNOWNS + a]
         gradient[a] -= left * residual[0] + right * residual[1]
         for b in range(3):
-            matrix[a, b] += left * jacobian[0, POINT_COLUMN + b] + right * jacobian[1, POINT_COLUMN + b]
+            matrix[a, b] += left * jacobian[0, CAMERA_UNKNOWNS + b] + right * jacobian[1, CAMERA_UNKNOWNS + b]
 
 
 @part
-def _add_to_coupling(jacobian: np.ndarray, own: np.ndarray, shared: np.ndarray) -> None:
-    """Add an observation to its camera's rows of H_cp, and to the shared rows."""
+def _add_to_coupling(jacobian: np.ndarray, coupling: np.ndarray) -> None:
+    """Add an observation to its camera's rows of H_cp."""
     for axis in range(3):
-        down, across = jacobian[0, POINT_COLUMN + axis], jacobian[1, POINT_COLUMN + axis]
+        down, across = jacobian[0, CAMERA_UNKNOWNS + axis], jacobian[1, CAMERA_UNKNOWNS + axis]
         for a in range(CAMERA_UNKNOWNS):
-            own[a, axis] += jacobian[0, a] * down + jacobian[1, a] * across
-        for a in range(SHARED_UNKNOWNS):
-            shared[a, axis] += jacobian[0, CAMERA_UNKNOWNS + a] * down + jacobian[1, CAMERA_UNKNOWNS + a] * across
+            coupling[a, axis] += jacobian[0, a] * down + jacobian[1, a] * across
 
 
 @part
@@ -272,18 +248,13 @@ def _invert(matrix: np.ndarray, inverse: np.ndarray) -> None:
 
 @part
 def _eliminate(
-    frames: np.ndarray,
-    coupling: np.ndarray,
-    inverse: np.ndarray,
-    gradient: np.ndarray,
-    first_shared: int,
-    cameras: CameraEquations,
+    frames: np.ndarray, coupling: np.ndarray, inverse: np.ndarray, gradient: np.ndarray, cameras: CameraEquations
 ) -> None:
-    """Subtract H_cp H_pp⁻¹ H_pc and H_cp H_pp⁻¹ b_p of one point; its last block of couplings is the shared one."""
+    """Subtract H_cp H_pp⁻¹ H_pc and H_cp H_pp⁻¹ b_p of one point."""
     count, matrix, right = len(frames), cameras.matrix, cameras.right
-    for i in range(count + 1):
-        row, rows = (CAMERA_UNKNOWNS * frames[i], CAMERA_UNKNOWNS) if i < count else (first_shared, SHARED_UNKNOWNS)
-        for a in range(rows):
+    for i in range(count):
+        row = CAMERA_UNKNOWNS * frames[i]
+        for a in range(CAMERA_UNKNOWNS):
             x, y, z = coupling[i, a, 0], coupling[i, a, 1], coupling[i, a, 2]
             u = x * inverse[0, 0] + y * inverse[1, 0] + z * inverse[2, 0]
             v = x * inverse[0, 1] + y * inverse[1, 1] + z * inverse[2, 1]
@@ -295,7 +266,3 @@ def _eliminate(
                     for b in range(CAMERA_UNKNOWNS):
                         other = coupling[j, b]
                         matrix[row + a, column + b] -= u * other[0] + v * other[1] + w * other[2]
-            if i == count:
-                for b in range(SHARED_UNKNOWNS):
-                    other = coupling[count, b]
-                    matrix[row + a, first_shared + b] -= u * other[0] + v * other[1] + w * other[2]

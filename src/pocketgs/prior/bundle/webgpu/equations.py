@@ -16,9 +16,9 @@ from pocketgs.gpu.buffer_sizes import fit
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
 from pocketgs.prior.bundle.equations import CameraEquations, NormalEquations
-from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, POINT_COLUMN, SHARED_UNKNOWNS, Estimate, Sightings
+from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, Estimate, Sightings
 from pocketgs.prior.bundle.schur import CpuEquations
-from pocketgs.prior.bundle.webgpu.layout import CAMERA_SUMS, COLUMNS, PAIR_SUMS, PRODUCTS, SHARED_SUMS
+from pocketgs.prior.bundle.webgpu.layout import CAMERA_SUMS, COLUMNS, PAIR_SUMS, PRODUCTS
 from pocketgs.prior.bundle.webgpu.passes import REDUCE, STEP, describe_equations
 from pocketgs.prior.bundle.webgpu.problem import by_camera, meeting_count, meetings_of
 
@@ -102,14 +102,12 @@ class WebGpuEquations:
         middle = estimate.centres.mean(axis=0)
         points, centres = estimate.points - middle, estimate.centres - middle
         self._unit = float(np.median(np.abs(points).max(axis=1))) or 1.0
-        focal = self._sightings.intrinsics[:, :2] * estimate.focal_scale
-        rotations = estimate.rotations.reshape(-1, 9)
+        focal, rotations = self._sightings.intrinsics[:, :2], estimate.rotations.reshape(-1, 9)
         cameras = np.hstack([rotations, centres / self._unit, focal]).astype(np.float32)
         self._executor.write("cameras", cameras)
         self._executor.write("positions", (points / self._unit).astype(np.float32))
         counts = {name: self._numbers[name] for name in ("cameras", "points", "pairs")}
-        values = {**counts, "huber": self._huber, "damping": damping, "radial": estimate.radial}
-        self._executor.write_uniform("adjustment", values)
+        self._executor.write_uniform("adjustment", {**counts, "huber": self._huber, "damping": damping})
         self._executor.submit(REDUCE, self._numbers)
         return self._assembled()
 
@@ -122,32 +120,23 @@ class WebGpuEquations:
         return self._unit * steps[:, :3], float(steps[:, 3].sum())
 
     def _assembled(self) -> CameraEquations:
-        """Put the equations together from the sums of cameras, of pairs and of the shared unknowns."""
+        """Put the equations together from the sums of cameras and of pairs."""
         count = self._numbers["cameras"]
         products, taken = np.split(self._read("camera_sums", CAMERA_SUMS, count), [PRODUCTS], axis=1)
-        blocks, gradients = np.split(products.reshape(count, POINT_COLUMN, COLUMNS), [POINT_COLUMN], axis=2)
-        of_right, *of_shared = taken.reshape(count, 1 + SHARED_UNKNOWNS, CAMERA_UNKNOWNS).transpose(1, 0, 2)
-        own, each = slice(CAMERA_UNKNOWNS), np.arange(count)
-        matrix = np.zeros((CAMERA_UNKNOWNS * count + SHARED_UNKNOWNS,) * 2)
-        tiles = matrix[:-SHARED_UNKNOWNS, :-SHARED_UNKNOWNS].reshape(count, CAMERA_UNKNOWNS, count, CAMERA_UNKNOWNS)
-        tiles[each, :, each] = blocks[:, own, own]
+        products = products.reshape(count, CAMERA_UNKNOWNS, COLUMNS)
+        blocks, gradient = products[:, :, :CAMERA_UNKNOWNS], -products[:, :, CAMERA_UNKNOWNS].ravel()
         pairs = self._read("pair_sums", PAIR_SUMS, self._numbers["pairs"])
+        matrix, each = np.zeros((CAMERA_UNKNOWNS * count,) * 2), np.arange(count)
+        tiles = matrix.reshape(count, CAMERA_UNKNOWNS, count, CAMERA_UNKNOWNS)
+        tiles[each, :, each] = blocks
         tiles[self._pairs[:, 0], :, self._pairs[:, 1]] -= pairs.reshape(-1, CAMERA_UNKNOWNS, CAMERA_UNKNOWNS)
-        rows = blocks[:, CAMERA_UNKNOWNS:, own] - np.stack(of_shared, axis=1)
-        matrix[-SHARED_UNKNOWNS:, :-SHARED_UNKNOWNS] = rows.transpose(1, 0, 2).reshape(SHARED_UNKNOWNS, -1)
-        shared = blocks[:, CAMERA_UNKNOWNS:, CAMERA_UNKNOWNS:].sum(axis=0)
-        focal, mixed, radial, *right = self._read("shared_sums", SHARED_SUMS, 1)[0]
-        matrix[-SHARED_UNKNOWNS:, -SHARED_UNKNOWNS:] = shared - np.array([[focal, mixed], [mixed, radial]])
-        diagonal = np.append(np.einsum("faa->fa", blocks)[:, own].ravel(), np.diag(shared))
-        gradient = -np.append(gradients[:, own].ravel(), gradients[:, CAMERA_UNKNOWNS:].sum(axis=0))
-        reduced = gradient - np.append(of_right.ravel(), right)
+        diagonal, right = np.einsum("faa->fa", blocks).ravel(), gradient - taken.ravel()
         units = self._units()
-        return CameraEquations(matrix / np.outer(units, units), reduced / units, diagonal / units**2, gradient / units)
+        return CameraEquations(matrix / np.outer(units, units), right / units, diagonal / units**2, gradient / units)
 
     def _read(self, name: str, words: int, rows: int) -> np.ndarray:
         return self._executor.read(name, np.float32, words * rows).reshape(rows, words).astype(np.float64)
 
     def _units(self) -> np.ndarray:
         """(D,) length of each unknown's unit on the GPU."""
-        by_camera = np.tile(np.repeat([1.0, self._unit], 3), self._numbers["cameras"])
-        return np.append(by_camera, np.ones(SHARED_UNKNOWNS))
+        return np.tile(np.repeat([1.0, self._unit], 3), self._numbers["cameras"])

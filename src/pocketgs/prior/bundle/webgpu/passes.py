@@ -7,14 +7,13 @@ from functools import cache
 from pocketgs.gpu.description import Description, Pass, Sequence, shader_names
 from pocketgs.gpu.uniforms import UniformLayout
 from pocketgs.gpu.workgroups import THREADS
-from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, SHARED_UNKNOWNS
+from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS
 from pocketgs.prior.bundle.webgpu.layout import (
     CAMERA_SUMS,
     CAMERA_WORDS,
     COUPLING_WORDS,
     PAIR_SUMS,
     POINT_WORDS,
-    SHARED_SUMS,
     SIGHT_WORDS,
 )
 from pocketgs.prior.bundle.webgpu.shader_files import SHADERS
@@ -38,7 +37,6 @@ def describe_equations() -> Description:
                 Pass("linearise", "linearise", by_point),
                 Pass("sum cameras", "sum_cameras", f"ceil_div({CAMERA_SUMS} * cameras, {THREADS})"),
                 Pass("sum pairs", "sum_pairs", f"ceil_div({PAIR_SUMS} * pairs, {THREADS})"),
-                Pass("sum points", "sum_points", "1"),
             ),
         ),
         STEP: Sequence((), (Pass("step points", "step_points", by_point),)),
@@ -58,8 +56,7 @@ def describe_equations() -> Description:
         "eliminated": f"{4 * COUPLING_WORDS} * observations",
         "camera_sums": f"{4 * CAMERA_SUMS} * cameras",
         "pair_sums": f"{4 * PAIR_SUMS} * pairs",
-        "shared_sums": f"{4 * SHARED_SUMS}",
-        "camera_step": f"4 * ({CAMERA_UNKNOWNS} * cameras + {SHARED_UNKNOWNS})",
+        "camera_step": f"{4 * CAMERA_UNKNOWNS} * cameras",
         "point_steps": "16 * points",
     }
     shaders = {name: SHADERS.link(name, {}) for name in shader_names(sequences.values())}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pocketgs.gpu.shader_library import ShaderLibrary
-from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, GRAZING, POINT_COLUMN
+from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, GRAZING
 from pocketgs.prior.bundle.schur import MIN_DIAGONAL
 from pocketgs.prior.bundle.webgpu import layout
 
@@ -17,9 +17,8 @@ _SIZES = ("CAMERA_WORDS", "POINT_WORDS", "COLUMNS", "COUPLING_WORDS", "SIGHT_WOR
 SHADERS = ShaderLibrary(
     Path(__file__).parent / "shaders",
     {
-        "UNKNOWNS": POINT_COLUMN,
-        "RESIDUAL": POINT_COLUMN,
         "CAMERA_UNKNOWNS": CAMERA_UNKNOWNS,
+        "RESIDUAL": CAMERA_UNKNOWNS,
         **{name: getattr(layout, name) for name in _SIZES},
         "GRAZING": GRAZING,
         "MIN_DIAGONAL": MIN_DIAGONAL,

@@ -25,8 +25,6 @@ fn write_sight(observation: u32, found: Linearised) {
             sights[first + a] = found.turn[axis][a];
             sights[first + 3u + a] = -found.point[axis][a];
         }
-        sights[first + CAMERA_UNKNOWNS] = found.focal[axis];
-        sights[first + CAMERA_UNKNOWNS + 1u] = found.radial[axis];
         sights[first + RESIDUAL] = found.residual[axis];
     }
     for (var a = 0u; a < CAMERA_UNKNOWNS; a++) {
@@ -75,16 +73,12 @@ fn main(
     let position = vec3f(positions[3u * i], positions[3u * i + 1u], positions[3u * i + 2u]);
     var matrix = mat3x3f();
     var gradient = vec3f();
-    var focal = vec3f();
-    var radial = vec3f();
     for (var k = starts[i]; k < starts[i + 1u]; k++) {
         let found = linearised(read_camera(frames[k]), position, pixels[k]);
         write_sight(k, found);
         for (var axis = 0u; axis < 2u; axis++) {
             let slope = found.point[axis];
             gradient -= slope * found.residual[axis];
-            focal += slope * found.focal[axis];
-            radial += slope * found.radial[axis];
             for (var column = 0u; column < 3u; column++) {
                 matrix[column] += slope * slope[column];
             }
@@ -98,8 +92,6 @@ fn main(
     write_inverse(i, matrix);
     write_point(i, GRADIENT, gradient);
     write_point(i, DAMPING, damping);
-    write_point(i, SHARED, focal);
-    write_point(i, SHARED + 3u, radial);
     let inverse = inverse_of(i);
     for (var k = starts[i]; k < starts[i + 1u]; k++) {
         eliminate(k, inverse);

@@ -6,7 +6,6 @@ import reprojection, blocks.point, blocks.sight, workgroups
 @group(0) @binding(2) var<storage, read> frames: array<u32>;
 @group(0) @binding(3) var<storage, read> point_blocks: array<f32>;
 @group(0) @binding(4) var<storage, read> sights: array<f32>;
-// Every camera's six numbers, then those of the shared unknowns.
 @group(0) @binding(5) var<storage, read> camera_step: array<f32>;
 @group(0) @binding(6) var<storage, read_write> point_steps: array<vec4f>;
 
@@ -19,9 +18,7 @@ fn main(
     if (i >= adjustment.points) {
         return;
     }
-    let first_shared = CAMERA_UNKNOWNS * adjustment.cameras;
-    var right = vector_of(i, GRADIENT) - vector_of(i, SHARED) * camera_step[first_shared]
-        - vector_of(i, SHARED + 3u) * camera_step[first_shared + 1u];
+    var right = vector_of(i, GRADIENT);
     for (var k = starts[i]; k < starts[i + 1u]; k++) {
         for (var a = 0u; a < CAMERA_UNKNOWNS; a++) {
             right -= coupling_of(k, a) * camera_step[CAMERA_UNKNOWNS * frames[k] + a];

@@ -1,6 +1,5 @@
 // A camera's part of the equations, over its observations: products of derivatives with each other and with the residual;
-// and what eliminating the points takes from the right-hand side and from the rows of the shared unknowns. One thread per
-// camera and sum.
+// and what eliminating the points takes from the right-hand side. One thread per camera and sum.
 import reprojection, blocks.point, blocks.sight, blocks.eliminated, workgroups
 
 // A camera's observations and their points lie side by side in `seen`.
@@ -11,7 +10,7 @@ import reprojection, blocks.point, blocks.sight, blocks.eliminated, workgroups
 @group(0) @binding(5) var<storage, read> eliminated: array<f32>;
 @group(0) @binding(6) var<storage, read_write> camera_sums: array<f32>;
 
-const PRODUCTS: u32 = UNKNOWNS * COLUMNS;
+const PRODUCTS: u32 = CAMERA_UNKNOWNS * COLUMNS;
 
 fn sum_of_products(camera: u32, a: u32, b: u32) -> f32 {
     var sum = 0.0;
@@ -22,10 +21,10 @@ fn sum_of_products(camera: u32, a: u32, b: u32) -> f32 {
     return sum;
 }
 
-fn sum_of_eliminated(camera: u32, a: u32, word: u32) -> f32 {
+fn sum_of_eliminated(camera: u32, a: u32) -> f32 {
     var sum = 0.0;
     for (var k = camera_starts[camera]; k < camera_starts[camera + 1u]; k++) {
-        sum += dot(eliminated_of(seen[k].x, a), vector_of(seen[k].y, word));
+        sum += dot(eliminated_of(seen[k].x, a), vector_of(seen[k].y, GRADIENT));
     }
     return sum;
 }
@@ -43,10 +42,7 @@ fn main(
     let which = place % CAMERA_SUMS;
     if (which < PRODUCTS) {
         camera_sums[place] = sum_of_products(camera, which / COLUMNS, which % COLUMNS);
-        return;
+    } else {
+        camera_sums[place] = sum_of_eliminated(camera, which - PRODUCTS);
     }
-    // Of the right-hand side, then of the shared unknowns.
-    let part = (which - PRODUCTS) / CAMERA_UNKNOWNS;
-    let word = select(SHARED + 3u * (part - 1u), GRADIENT, part == 0u);
-    camera_sums[place] = sum_of_eliminated(camera, (which - PRODUCTS) % CAMERA_UNKNOWNS, word);
 }

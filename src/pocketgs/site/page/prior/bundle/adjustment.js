@@ -1,6 +1,6 @@
 /**
  * Bundle adjustment: optimises poses and points for the reprojection error; the twin of `prior/bundle/adjustment.py`
- * with a prior on every pose, and lenses as given.
+ * with a prior on every pose.
  *
  * @module
  */

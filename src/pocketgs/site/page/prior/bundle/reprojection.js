@@ -1,6 +1,5 @@
 /**
- * Reprojection errors and their derivatives by poses and points; the twin of `prior/bundle/reprojection.py` for lenses
- * that stay as given.
+ * Reprojection errors and their derivatives by poses and points; the twin of `prior/bundle/reprojection.py`.
  *
  * @module
  */

@@ -2,12 +2,11 @@
 // `eliminated`. The passes bind those that they read.
 
 section point
-// First word of each part in a point's row: H_pp⁻¹, damped, as its diagonal and what is beside it; b_p; what was added to
-// the diagonal of H_pp; and the rows of H_cp of the unknowns that all cameras share.
+// First word of each part in a point's row: H_pp⁻¹, damped, as its diagonal and what is beside it; b_p; and what was added
+// to the diagonal of H_pp.
 const INVERSE: u32 = 0u;
 const GRADIENT: u32 = 6u;
 const DAMPING: u32 = 9u;
-const SHARED: u32 = 12u;
 
 fn vector_of(point: u32, word: u32) -> vec3f {
     let first = POINT_WORDS * point + word;
@@ -25,8 +24,8 @@ fn inverse_of(point: u32) -> mat3x3f {
 }
 
 section sight
-// First word of each part in an observation's row of `sights`: derivatives of the residual's x by the camera's unknowns and
-// the shared ones, with the residual's x itself; the same of y; and H_cp, a row of three for each of the camera's unknowns.
+// First word of each part in an observation's row of `sights`: derivatives of the residual's x by the camera's unknowns,
+// with the residual's x itself; the same of y; and H_cp, a row of three for each of the camera's unknowns.
 const OF_X: u32 = 0u;
 const OF_Y: u32 = COLUMNS;
 const COUPLING: u32 = 2u * COLUMNS;

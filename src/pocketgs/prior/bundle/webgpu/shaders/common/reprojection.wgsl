@@ -10,8 +10,6 @@ struct Adjustment {
     huber: f32,
     // The point blocks' diagonals grow by this factor of themselves.
     damping: f32,
-    // k1, shared by all cameras.
-    radial: f32,
 }
 
 @group(0) @binding(0) var<uniform> adjustment: Adjustment;
@@ -22,13 +20,11 @@ struct Camera {
     focal: vec2f,
 }
 
-// An observation's residual and its derivatives, weighted by the Huber loss: by the camera's rotation, by the shared
-// unknowns and by the point. Those by the camera's centre are those by the point, with the other sign.
+// An observation's residual and its derivatives, weighted by the Huber loss: by the camera's rotation and by the point.
+// Those by the camera's centre are those by the point, with the other sign.
 struct Linearised {
     residual: vec2f,
     turn: array<vec3f, 2>,
-    focal: vec2f,
-    radial: vec2f,
     point: array<vec3f, 2>,
 }
 
@@ -40,20 +36,15 @@ fn linearised(camera: Camera, position: vec3f, pixel: vec2f) -> Linearised {
         return found;
     }
     let at = local.xy / local.z;
-    let square = dot(at, at);
-    let swell = 1.0 + adjustment.radial * square;
-    let residual = camera.focal * at * swell - pixel;
+    let residual = camera.focal * at - pixel;
     // Iteratively reweighted least squares: both are multiplied by the root of min(1, huber / |r|).
     let root = sqrt(min(1.0, adjustment.huber / max(length(residual), 1e-30)));
     let focal = root * camera.focal;
     found.residual = root * residual;
-    found.focal = focal * at * swell;
-    found.radial = focal * at * square;
     for (var axis = 0u; axis < 2u; axis++) {
         // By the point in camera axes. A rotation ω moves it by ω × local, and g · (ω × local) = ω · (local × g).
-        var gradient = 2.0 * adjustment.radial * at[axis] * vec3f(at, 0.0);
-        gradient[axis] += swell;
-        gradient.z = -at[axis] * (swell + 2.0 * adjustment.radial * square);
+        var gradient = vec3f(0.0, 0.0, -at[axis]);
+        gradient[axis] = 1.0;
         gradient *= focal[axis] / local.z;
         found.turn[axis] = cross(local, gradient);
         found.point[axis] = gradient * camera.rotation;
