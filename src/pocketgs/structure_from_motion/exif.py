@@ -38,11 +38,10 @@ def read_exif(image: Image.Image) -> Exif:
         return Exif()
     names = [tags.get(Base.Make), tags.get(Base.Model), details.get(Base.LensModel), details.get(Base.FocalLength)]
     camera = " ".join(str(name).strip("\0 ") for name in names if name)
-    diagonal = math.hypot(*image.size)
-    return Exif(camera, _focal_ratio(details, diagonal), _place(gps))
+    return Exif(camera, _focal_ratio(details), _place(gps))
 
 
-def _focal_ratio(details: dict[int, Any], diagonal: float) -> float | None:
+def _focal_ratio(details: dict[int, Any]) -> float | None:
     """From the 35 mm equivalent focal length, which is defined by the diagonal, else from the pixel pitch."""
     equivalent = _number(details.get(Base.FocalLengthIn35mmFilm))
     if equivalent is not None:

@@ -1,6 +1,7 @@
 """SIFT features for COLMAP, computed with OpenCV, four times as fast as COLMAP's own on a CPU.
 
-They are computed here because COLMAP's process cannot decode images: see `job`.
+They are computed outside COLMAP's process, since Pillow, which decodes the photographs, cannot share one with it: see
+`job`.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ from pocketgs.capture.photograph_copy import place_masks, place_photograph
 from pocketgs.capture.unposed import PHOTOGRAPH_SUFFIXES, find_photographs, is_video
 from pocketgs.capture.video_file import read_frames, sharpest_frames
 from pocketgs.errors import PocketGSError
+from pocketgs.structure_from_motion.folder import MASKS
 from pocketgs.structure_from_motion.work import Count, each
 
 FEWEST = 3
@@ -38,7 +39,7 @@ def source_files(source: Path) -> list[Path]:
 def gather(source: Path, folder: Path, most_frames: int, threads: int, on_count: Count) -> None:
     """Copy a video's sharpest frames, or the photographs, to a new folder; the originals are not changed.
 
-    Photographs are stored upright, see `place_photograph`; masks beside them go to a folder `masks` beside the new one.
+    Photographs are stored upright, see `place_photograph`; masks beside them go to `MASKS` beside the new folder.
 
     Args:
         source: the video, or the folder with photographs.
@@ -56,7 +57,7 @@ def gather(source: Path, folder: Path, most_frames: int, threads: int, on_count:
         _extract(source, folder, most_frames, on_count)
         return
     placed = dict(zip(files, each(files, lambda path: place_photograph(path, folder), threads, on_count), strict=True))
-    place_masks(source, placed, folder.parent / "masks")
+    place_masks(source, placed, folder.parent / MASKS)
 
 
 def _extract(video: Path, folder: Path, most_frames: int, on_count: Count) -> None:

@@ -32,12 +32,9 @@ def chosen_pairs(likeness: np.ndarray, in_order: bool, places: np.ndarray | None
         in_order: whether the images are in capture order.
         places: (F, 3) metres, NaN where unknown, or None.
     """
-    count = len(likeness)
-    if count <= MAX_FOR_ALL_PAIRS:
-        return all_pairs(count)
     pairs = _best(-likeness, MAX_SIMILAR)
     if in_order:
-        pairs |= {(i, i + step) for step in FOLLOWING for i in range(count - step)}
+        pairs |= {(i, i + step) for step in FOLLOWING for i in range(len(likeness) - step)}
     if places is not None:
         distances = np.linalg.norm(places[:, None] - places[None], axis=2)
         np.fill_diagonal(distances, np.inf)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from pocketgs.capture.image_file import high_bytes, read_image
+from pocketgs.capture.image_file import SIXTEEN_BIT_MODES, high_bytes, read_image
 from pocketgs.capture.mask_file import read_mask
 from pocketgs.structure_from_motion.exif import Exif, read_exif
 from pocketgs.structure_from_motion.features import find_features
@@ -112,7 +112,7 @@ def _reduced(image: Image.Image, max_size: int) -> tuple[tuple[int, int], np.nda
     reduced = (max(1, round(size[0] * factor)), max(1, round(size[1] * factor)))
     # JPEG can be decoded at 1/2, 1/4 or 1/8 of its size in a fraction of the time; other formats ignore this.
     image.draft(None, reduced)
-    colours = high_bytes(image) if image.mode.startswith("I") else np.asarray(image.convert("RGB"))
+    colours = high_bytes(image) if image.mode in SIXTEEN_BIT_MODES else np.asarray(image.convert("RGB"))
     if colours.ndim == 2:
         colours = np.repeat(colours[:, :, None], 3, axis=2)
     if image.size != reduced:

@@ -8,20 +8,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from pocketgs.capture.formats.colmap import POSED_RECORD
 from pocketgs.capture.image_file import read_header
 from pocketgs.capture.open import read_listing
 from pocketgs.capture.unposed import is_video
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_folder import replacing_folder
 from pocketgs.structure_from_motion.attempts import place_all
-from pocketgs.structure_from_motion.folder import (
-    IMAGES,
-    MASKS,
-    MODEL,
-    RECORD,
-    check_replaceable,
-    read_record,
-)
+from pocketgs.structure_from_motion.folder import IMAGES, MASKS, MODEL, check_replaceable, read_record
 from pocketgs.structure_from_motion.images import gather, source_files
 from pocketgs.structure_from_motion.options import PoseOptions
 from pocketgs.structure_from_motion.photographs import read_photographs
@@ -108,7 +102,7 @@ def pose(
                 raise PocketGSError(f"{source}: no poses found for {len(photographs)} images ({found}): {ADVICE}")
             read_listing(staging)  # COLMAP may not report that the disk is full
             record = {**made_from, **outcome, "frames": len(photographs), "unplaced": unplaced, "features": features}
-            (staging / RECORD).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+            (staging / POSED_RECORD).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
         raise PocketGSError(f"{output.resolve()}: cannot be written ({error.strerror or error})") from error
     if unplaced:

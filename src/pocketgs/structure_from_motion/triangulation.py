@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pycolmap
 
-from pocketgs.structure_from_motion.extraction import extract_features, import_images
 from pocketgs.structure_from_motion.job import Job, Outcome, announce, serve
 
 
@@ -38,15 +37,30 @@ def run(job: Job) -> Outcome:
 
 
 def _extract(job: Job, database: Path) -> None:
-    """Extract the features of all images, each with a camera of its own."""
+    """Create the database with all images, each with a camera of its own, and extract their features.
+
+    Images are imported before extraction, whose threads would number them in the order in which they finish.
+    """
+    names, mode = sorted(job["cameras"]), pycolmap.CameraMode.PER_IMAGE
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = "PINHOLE"
-    groups = [sorted(job["cameras"])]
-    import_images(job, database, groups, pycolmap.CameraMode.PER_IMAGE, reader)
+    pycolmap.Database.open(database).close()
+    pycolmap.import_images(database, job["images"], mode, names, reader)
     with pycolmap.Database.open(database) as found:
         for image in found.read_all_images():
             found.update_camera(_camera(image.camera_id, job["cameras"][image.name]))
-    extract_features(job, database, groups, pycolmap.CameraMode.PER_IMAGE, reader)
+    extraction = pycolmap.FeatureExtractionOptions()
+    extraction.max_image_size = job["max_size"]
+    extraction.num_threads = job["threads"]
+    pycolmap.extract_features(
+        database,
+        job["images"],
+        names,
+        mode,
+        reader_options=reader,
+        extraction_options=extraction,
+        device=pycolmap.Device.cpu,
+    )
 
 
 def _match(job: Job, database: Path) -> None:

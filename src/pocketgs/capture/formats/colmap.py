@@ -17,8 +17,9 @@ FORMAT = "colmap"
 LOOKED_FOR = "cameras and images .bin or .txt, there or in sparse/0, sparse, colmap/sparse or dense/sparse"
 MODEL_FOLDERS = ("", "sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "dense/sparse", "dense/0/sparse")
 DEFAULT_IMAGES = "images"
-POSED_RECORD = "posed.json"
 IMAGE_FOLDERS = (DEFAULT_IMAGES, "images_2", "images_4", "images_8", "rgb", "input", "photos")
+POSED_RECORD = "posed.json"
+"""Name of the record of how this package has found a capture's poses."""
 
 
 def recognises(path: Path) -> bool:
