@@ -86,16 +86,22 @@ def read_colour(path: CaptureFile, upright: bool = False) -> tuple[np.ndarray, n
     Raises:
         PocketGSError: the file is missing, truncated, damaged or far too large.
     """
-    return _decoded(path, lambda image: _colour_and_alpha(ImageOps.exif_transpose(image) if upright else image))
+    return read_image(path, lambda image: _colour_and_alpha(ImageOps.exif_transpose(image) if upright else image))
 
 
 def read_image(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
-    """Apply a function to an image that Pillow has opened.
+    """Apply a function to an image that Pillow has opened, after checking the memory bound.
 
     Raises:
         PocketGSError: as `read_colour`, or the function failed; the message names the file.
     """
-    return _decoded(path, read)
+
+    def bounded(image: Image.Image) -> Result:
+        pixel_bytes = DECODING_ALPHA if _has_alpha(image) else DECODING
+        require_memory(path, pixel_bytes * image.width * image.height, f"{image.width}x{image.height} pixels")
+        return read(image)
+
+    return _opened(path, bounded)
 
 
 def read_grey(path: CaptureFile, least_side: int) -> np.ndarray:
@@ -111,7 +117,7 @@ def read_grey(path: CaptureFile, least_side: int) -> np.ndarray:
         image.draft("L", (least_side, least_side))
         return high_bytes(image) if image.mode in SIXTEEN_BIT_MODES else np.asarray(image.convert("L"))
 
-    return _decoded(path, reduced)
+    return read_image(path, reduced)
 
 
 def read_whole_numbers(path: CaptureFile) -> np.ndarray:
@@ -120,7 +126,7 @@ def read_whole_numbers(path: CaptureFile) -> np.ndarray:
     Raises:
         PocketGSError: as `read_colour`, or the image is in colour.
     """
-    return _decoded(path, _whole_numbers)
+    return read_image(path, _whole_numbers)
 
 
 def read_array(path: Path) -> np.ndarray:
@@ -143,17 +149,6 @@ def read_array(path: Path) -> np.ndarray:
 def high_bytes(image: Image.Image) -> np.ndarray:
     """(H, W) uint8 of a 16-bit greyscale image: Pillow would clip its values at 255 instead of scaling them."""
     return (np.clip(np.asarray(image), 0, 65535) >> 8).astype(np.uint8)
-
-
-def _decoded(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
-    """Apply a function to an image after checking the memory bound."""
-
-    def bounded(image: Image.Image) -> Result:
-        pixel_bytes = DECODING_ALPHA if _has_alpha(image) else DECODING
-        require_memory(path, pixel_bytes * image.width * image.height, f"{image.width}x{image.height} pixels")
-        return read(image)
-
-    return _opened(path, bounded)
 
 
 def _opened(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:

@@ -6,9 +6,8 @@ import re
 from pathlib import Path
 
 from pocketgs.capture.video_file import VIDEO_SUFFIXES
-from pocketgs.files.paths import IMAGE_SUFFIXES, is_folder_of_photographs, list_images
+from pocketgs.files.paths import is_folder_of_photographs, list_images
 
-PHOTOGRAPH_SUFFIXES = IMAGE_SUFFIXES
 USUAL_FOLDER = "images"
 
 

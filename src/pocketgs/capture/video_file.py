@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -24,22 +23,6 @@ DECODING = 24
 
 
 @dataclass(frozen=True)
-class VideoInfo:
-    """The header of a video.
-
-    Attributes:
-        frames: number of frames; estimated if the container states only a duration.
-        width, height: of a frame in pixels.
-        frames_per_second: average rate, 0 if not stated.
-    """
-
-    frames: int
-    width: int
-    height: int
-    frames_per_second: float
-
-
-@dataclass(frozen=True)
 class VideoFrame:
     """One frame of a video, counted from 0."""
 
@@ -50,8 +33,8 @@ class VideoFrame:
         return f"{self.path}, frame {self.index}"
 
 
-def video_info(path: Path, *, upright: bool = True) -> VideoInfo:
-    """Size and length of a video, checked by decoding its first frame.
+def video_size(path: Path, *, upright: bool = True) -> tuple[int, int]:
+    """Width and height of a video's first frame in pixels.
 
     Args:
         path: the video.
@@ -65,13 +48,7 @@ def video_info(path: Path, *, upright: bool = True) -> VideoInfo:
         if not decoded:
             raise PocketGSError(f"{path}: no frame can be decoded, expected a video")
         height, width = frame.shape[:2]
-        frames, rate = video.get(cv2.CAP_PROP_FRAME_COUNT), video.get(cv2.CAP_PROP_FPS)
-        return VideoInfo(
-            frames=max(1, int(frames)) if math.isfinite(frames) else 1,
-            width=width,
-            height=height,
-            frames_per_second=float(rate) if math.isfinite(rate) and rate > 0 else 0.0,
-        )
+        return width, height
 
 
 def read_frames(path: Path, indices: Sequence[int], *, upright: bool = True) -> Iterator[tuple[int, np.ndarray]]:

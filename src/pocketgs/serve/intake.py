@@ -13,11 +13,11 @@ from pathlib import Path
 from pocketgs.capture.image_file import read_header
 from pocketgs.capture.open import lacks_poses, read_listing
 from pocketgs.capture.unposed import find_photographs, is_video
-from pocketgs.capture.video_file import VideoFrame, read_frames, video_info
+from pocketgs.capture.video_file import VideoFrame, read_frames, video_size
 from pocketgs.errors import USER_ERROR, PocketGSError
 from pocketgs.serve.archive import unpack
 from pocketgs.serve.entry import Entry, read_entry
-from pocketgs.serve.shelf import ABOUT, CAPTURE, THUMBNAIL, UPLOAD
+from pocketgs.serve.shelf import ABOUT, CAPTURE, THUMBNAIL, UPLOAD, input_of
 from pocketgs.serve.thumbnail import write_thumbnail
 
 
@@ -53,14 +53,6 @@ def check(folder: Path, entry: Entry, max_bytes: int) -> None:
         write_thumbnail(folder / THUMBNAIL, picture)
 
 
-def input_of(folder: Path, entry: Entry) -> Path:
-    """What `pocketgs train` is given: a folder, or a file."""
-    if entry.kind == "photographs":
-        return folder / UPLOAD
-    stored = entry.files[0].stored
-    return folder / CAPTURE if stored.endswith(".zip") else folder / UPLOAD / stored
-
-
 def _unpack(folder: Path, archive: Path, max_bytes: int) -> None:
     """Unpack an archive and delete it, or nothing."""
     if not archive.is_file():  # it was unpacked before the server was ended
@@ -80,7 +72,7 @@ def _unpack(folder: Path, archive: Path, max_bytes: int) -> None:
 def _checked(source: Path) -> object:
     """The picture that shows what a capture is of: an image file, a frame of a video, or a member of an archive."""
     if is_video(source):
-        video_info(source)
+        video_size(source)
         return VideoFrame(source, 0)
     if lacks_poses(source):
         photographs = find_photographs(source)

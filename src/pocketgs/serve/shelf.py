@@ -164,6 +164,14 @@ def new_id() -> str:
     return f"{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(3)}"
 
 
+def input_of(folder: Path, entry: Entry) -> Path:
+    """What `pocketgs train` is given of a capture in this folder: a folder, or a file."""
+    if entry.kind == "photographs":
+        return folder / UPLOAD
+    stored = entry.files[0].stored
+    return folder / CAPTURE if stored.endswith(".zip") else folder / UPLOAD / stored
+
+
 def free_bytes(folder: Path) -> int:
     """How many bytes uploads and archives may add to a folder's disk, below 0 if it is too full already."""
     return shutil.disk_usage(folder).free - RESERVE

@@ -7,9 +7,10 @@ from pathlib import Path
 from PIL import Image
 
 from pocketgs.capture.photograph_copy import place_masks, place_photograph
-from pocketgs.capture.unposed import PHOTOGRAPH_SUFFIXES, find_photographs, is_video
+from pocketgs.capture.unposed import find_photographs, is_video
 from pocketgs.capture.video_file import read_frames, sharpest_frames
 from pocketgs.errors import PocketGSError
+from pocketgs.files.paths import IMAGE_SUFFIXES
 from pocketgs.structure_from_motion.folder import MASKS
 from pocketgs.structure_from_motion.work import Count, each
 
@@ -29,7 +30,7 @@ def source_files(source: Path) -> list[Path]:
         raise PocketGSError(f"{source}: no such file or folder, expected a video or a folder of photographs")
     photographs = find_photographs(source)
     if len(photographs) < FEWEST:
-        kinds = ", ".join(sorted(PHOTOGRAPH_SUFFIXES))
+        kinds = ", ".join(sorted(IMAGE_SUFFIXES))
         raise PocketGSError(
             f"{source}: {len(photographs)} photographs, expected a video or a folder with at least {FEWEST} ({kinds})"
         )

@@ -15,7 +15,7 @@ import numpy as np
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.poses import ARKIT_PIXEL_CENTRE, camera_at, rotation_from_quaternion, world_to_camera_from_axes
 from pocketgs.capture.sharpness import MAX_FRAMES, sharpest_in_windows, thinning_warning
-from pocketgs.capture.video_file import VideoFrame, sharpness_of_frames, video_info
+from pocketgs.capture.video_file import VideoFrame, sharpness_of_frames, video_size
 from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.opening import read_bytes
 from pocketgs.files.paths import existing_file
@@ -63,8 +63,8 @@ def read(path: Path, images: str | None = None) -> Listing:
         raise PocketGSError(f"{path / ODOMETRY}: no pose belongs to one of the {len(sharpness)} frames of {VIDEO}")
     chosen = [posed[place] for place in sharpest_in_windows([sharpness[index] for index in posed], MAX_FRAMES)]
     # Poses and intrinsics refer to the sensor's pixels, so the video is read as stored.
-    info = video_info(video, upright=False)
-    frames = [_frame(path, video, index, shared, (info.width, info.height), poses[index]) for index in chosen]
+    size = video_size(video, upright=False)
+    frames = [_frame(path, video, index, shared, size, poses[index]) for index in chosen]
     warnings = _mismatch_warning(path, len(posed), len(poses), len(sharpness))
     warnings += thinning_warning(str(video), len(chosen), len(posed))
     return Listing(FORMAT, frames, metric=True, warnings=warnings)
