@@ -189,7 +189,7 @@ def test_a_run_outlives_its_compression(
         raise error
 
     monkeypatch.setattr(compressing_run, "run", with_transients)
-    monkeypatch.setattr(compressing_run, "compress", fails)
+    monkeypatch.setattr(compressing_run, "compress_in_time", fails)
     options = ["--output", tmp_path / "result", "--prior", "none", "--iterations", 5, "--evaluate-every", 0]
     outcome = pocketgs("train", written_capture, *options, "--compress")
     assert (outcome.status, outcome.errors) == (0, "")

@@ -10,13 +10,13 @@ import tyro
 
 from pocketgs.capture.capture import Capture
 from pocketgs.cli.capture_options import CaptureOptions
-from pocketgs.cli.compression_table import WRITING_SECONDS, closing_lines, figures_table, print_figures
+from pocketgs.cli.compression_table import closing_lines, figures_table, print_figures
 from pocketgs.cli.display import Display
 from pocketgs.cli.output_file import check_place
 from pocketgs.cli.own_views import own_background, own_cameras, trained_cameras
 from pocketgs.cli.scene_file import as_trained_on, load_scene, names_scene
 from pocketgs.cli.terminal import Terminal
-from pocketgs.compression.compress import compress as compress_scene
+from pocketgs.cli.timed_compression import compress_in_time
 from pocketgs.compression.compress import drawable, memory_needed
 from pocketgs.compression.options import CompressionOptions
 from pocketgs.compression.views import Views, photographed, rendered
@@ -27,9 +27,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.results.folder import SCENE, write_json
 from pocketgs.results.run import check_comparable
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.engine import Engine, EngineOptions, chosen_engine, create_engine
-from pocketgs.splat.rasterizer import Rasterizer
-from pocketgs.system.process import seconds_since_start
+from pocketgs.splat.engine import Engine, EngineOptions, create_engine
 
 SUFFIX = ".pgs"
 
@@ -63,15 +61,18 @@ def compress(
     with memory_bound(engine.max_memory):
         original = drawable(load_scene(scene))
         renderer = create_engine(engine)
-        rasterizer = Rasterizer(chosen_engine(engine), engine.threads, engine.gpu)
         views = _views(scene, original, capture, renderer, reading, console)
         check_comparable([*views.judges, *views.reported])
-    budget = compression.time_budget
-    seconds = None if budget is None else max(budget - seconds_since_start() - WRITING_SECONDS, 1.0)
     with Display(console).showing() as shown:
         shown.on_stage("compressing")
-        found = compress_scene(
-            original, views, renderer, compression, rasterizer=rasterizer, seconds=seconds, on_count=shown.on_count
+        found = compress_in_time(
+            original,
+            views,
+            renderer,
+            compression,
+            engine_options=engine,
+            time_budget=compression.time_budget,
+            on_count=shown.on_count,
         )
     with replacing(output) as partial:
         partial.write_bytes(found.chosen.contents)

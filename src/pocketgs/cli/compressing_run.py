@@ -7,9 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from pocketgs.capture import Capture, ListedCapture
-from pocketgs.cli.compression_table import WRITING_SECONDS, closing_lines, figures_table, print_figures
+from pocketgs.cli.compression_table import closing_lines, figures_table, print_figures
 from pocketgs.cli.terminal import Terminal
-from pocketgs.compression.compress import compress, drawable, memory_needed
+from pocketgs.cli.timed_compression import compress_in_time
+from pocketgs.compression.compress import drawable, memory_needed
 from pocketgs.compression.figures import Figures
 from pocketgs.compression.options import CompressionOptions
 from pocketgs.compression.views import Views, photographed
@@ -20,9 +21,7 @@ from pocketgs.results.folder import COMPRESSED, SCENE, publishing
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import RunResult, run
 from pocketgs.results.transients import without_transients
-from pocketgs.splat.engine import chosen_engine, create_engine
-from pocketgs.splat.rasterizer import Rasterizer
-from pocketgs.system.process import seconds_since_start
+from pocketgs.splat.engine import create_engine
 from pocketgs.training.options import TrainingOptions
 
 TRAINING_TIME = 0.6
@@ -92,21 +91,17 @@ class CompressingRun:
 
     def _compress(self, result: RunResult, capture: Capture, options: TrainingOptions, reporter: Reporter) -> None:
         reporter.on_stage("compressing")
-        with_engine = options.engine_options
-        engine = create_engine(with_engine)
-        rasterizer = Rasterizer(chosen_engine(with_engine), with_engine.threads, with_engine.gpu)
+        engine = create_engine(options.engine_options)
         original, views = drawable(result.scene), photographed(without_transients(capture, result.transients))
         needed = memory_needed(original, [frame.camera for frame in views.train], engine)
         require_memory(self._folder, needed, "compression")
-        budget = options.time_budget
-        seconds = None if budget is None else max(budget - seconds_since_start() - WRITING_SECONDS, 1.0)
-        found = compress(
+        found = compress_in_time(
             original,
             views,
             engine,
             CompressionOptions(seed=options.seed),
-            rasterizer=rasterizer,
-            seconds=seconds,
+            engine_options=options.engine_options,
+            time_budget=options.time_budget,
             on_count=reporter.on_count,
         )
         with publishing(self._folder, [COMPRESSED]) as staging:

@@ -14,9 +14,6 @@ from pocketgs.compression.views import Views
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 
-WRITING_SECONDS = 3.0
-"""What is left of a time budget for the files, besides the renderings of the table."""
-
 ORIGINAL, SPZ, TRIED, CHOSEN = "original", ".spz", ".pgs, tried", ".pgs, written"
 
 
