@@ -1,4 +1,4 @@
-"""The one exception type that bad input raises."""
+"""The one exception type that bad input raises, and the wording of messages."""
 
 from __future__ import annotations
 
@@ -36,6 +36,11 @@ def short(found: object) -> str:
     except ValueError:  # Python refuses to print integers of thousands of digits
         shown = f"{type(found).__name__} of thousands of digits"
     return clipped(shown)
+
+
+def counted(number: int, one: str, several: str) -> str:
+    """A number with the words that follow 1, or any other number: "1 frame sees", "2 frames see"."""
+    return f"{number} {one if number == 1 else several}"
 
 
 def clipped(text: object) -> str:

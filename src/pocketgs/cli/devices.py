@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from pocketgs.errors import counted
 from pocketgs.gpu.adapters import Adapter
 
 FEATURES = ("subgroup", "shader-f16", "shader-float32-atomic", "timestamp-query")
@@ -24,7 +25,7 @@ def device_lines(adapters: Sequence[Adapter], threads: int) -> list[str]:
     """
     best = next((adapter for adapter in adapters if not adapter.is_software and not adapter.lacks()), None)
     lines = [line for adapter in adapters for line in _adapter_lines(adapter, adapter is best)] or [NO_ADAPTER]
-    cpu = f"CPU engine: {threads} {'thread' if threads == 1 else 'threads'}"
+    cpu = f"CPU engine: {counted(threads, 'thread', 'threads')}"
     return [*lines, cpu if best else f"{cpu}; used by engine auto"]
 
 

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from pocketgs.capture.capture import Capture
 from pocketgs.cli.terminal import Terminal, printable
+from pocketgs.errors import counted
 from pocketgs.metrics.evaluation import Evaluation, ImageMetrics
 from pocketgs.prior.report import PriorReport
 from pocketgs.results.reporter import Reporter
@@ -204,7 +205,8 @@ def print_result(console: Terminal, result: RunResult) -> None:
     moved = summary["transients"]
     if moved and moved["photographs"]:
         share = f"on average {moved['share']:.1%} of a photograph is left out, see transients/"
-        lines.insert(0, f"{moved['photographs']} photographs show things that moved: {share}")
+        shown = counted(moved["photographs"], "photograph shows", "photographs show")
+        lines.insert(0, f"{shown} things that moved: {share}")
     console.say(*lines)
 
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from pocketgs.capture.capture import Capture, Frame
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, counted
 from pocketgs.prior.scale import Scale
 
 PAGE = "docs/photographing.md"
@@ -56,7 +56,7 @@ def check_photographs(capture: Capture) -> None:
     """
     helped = capture.points is not None or any(frame.depth is not None for frame in capture.frames)
     if len(capture.frames) < FEWEST and not helped:
-        found = f"{len(capture.frames)} photograph{'s' if len(capture.frames) > 1 else ''}"
+        found = counted(len(capture.frames), "photograph", "photographs")
         expected = f"expected at least {FEWEST} and better 30 to 60, each a step to the side of the last"
         raise PocketGSError(f"{capture.path}: only {found}, {expected}; {_see('How many')}")
 

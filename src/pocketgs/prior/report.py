@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pocketgs.capture.capture import Capture
+from pocketgs.errors import counted
 from pocketgs.prior.keyframes import Decision
 from pocketgs.prior.poses.structure import Structure
 
@@ -51,16 +52,30 @@ class Poses:
 
     def warnings(self) -> tuple[str, ...]:
         """Warnings for the user."""
+        contradicted = "that the other photographs contradict"
         said = (
-            (self.carried, "see too few points to be placed exactly and follow their neighbours"),
-            (self.replaced, "had poses that the other photographs contradict and were placed anew"),
-            (self.left_out, "have poses that the other photographs contradict and are left out of training"),
+            (
+                self.carried,
+                "frame sees too few points to be placed exactly and follows its neighbours",
+                "frames see too few points to be placed exactly and follow their neighbours",
+            ),
+            (
+                self.replaced,
+                f"frame had a pose {contradicted} and was placed anew",
+                f"frames had poses {contradicted} and were placed anew",
+            ),
+            (
+                self.left_out,
+                f"frame has a pose {contradicted} and is left out of training",
+                f"frames have poses {contradicted} and are left out of training",
+            ),
             (
                 self.doubtful,
-                "are held out and have poses that the other photographs contradict: do not rely on their figures",
+                f"frame is held out and has a pose {contradicted}: do not rely on its figures",
+                f"frames are held out and have poses {contradicted}: do not rely on their figures",
             ),
         )
-        return tuple(f"{len(names)} frames {words}: {_listed(names)}" for names, words in said if names)
+        return tuple(f"{counted(len(names), one, several)}: {_listed(names)}" for names, one, several in said if names)
 
 
 def _listed(names: Sequence[str]) -> str:
