@@ -93,10 +93,10 @@ def test_points_are_well_seen(walk: Refined) -> None:
     assert np.mean(angles >= MIN_ANGLE) > 0.99
 
 
-def test_landmarks_are_the_features_behind_the_points(walk: Refined) -> None:
+def test_point_features_are_the_features_behind_the_points(walk: Refined) -> None:
     structure = walk.structure
     seen = structure.observations
-    for view, (features, point) in enumerate(structure.landmarks):
+    for view, (features, point) in enumerate(structure.point_features):
         own = seen.frame == view
         assert len(features.pixels) == len(features.descriptors) == len(point) == own.sum()
         expected = sorted(zip(seen.point[own].tolist(), seen.pixels[own].tolist(), strict=True))
@@ -135,7 +135,7 @@ def test_a_part_of_the_frames(walk: Refined) -> None:
     assert np.all(np.bincount(part.observations.point, minlength=len(part.points)) >= 2)
     errors = reprojection_errors(part.cameras, part.points, part.observations)
     assert np.percentile(errors, 99) < part.tolerance
-    for view, (features, point) in enumerate(part.landmarks):
+    for view, (features, point) in enumerate(part.point_features):
         own = part.observations.frame == view
         assert sorted(features.pixels.tolist()) == sorted(part.observations.pixels[own].tolist())
         assert sorted(point.tolist()) == sorted(part.observations.point[own].tolist())
@@ -150,7 +150,7 @@ def test_right_poses_are_kept(clean_walk: Capture, clean_structure: Structure) -
 
 def test_points_lie_on_surfaces(clean_walk: Capture, clean_structure: Structure) -> None:
     off = []
-    for frame, (features, point) in zip(clean_walk.train, clean_structure.landmarks, strict=True):
+    for frame, (features, point) in zip(clean_walk.train, clean_structure.point_features, strict=True):
         assert frame.depth is not None
         depth = frame.camera.project(clean_structure.points[point])[1]
         columns, rows = features.pixels.astype(int).T
