@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import io
 from collections.abc import Callable
 from dataclasses import replace
@@ -120,6 +121,33 @@ def test_as_in_python(
     assert found["hasAlpha"] == (expected.alpha is not None)
     if expected.alpha is not None:
         assert np.abs(rgba[..., 3] - expected.alpha.astype(int)).max() <= 1
+
+
+LARGE = """
+    const bytes = Uint8Array.from(atob(given), (character) => character.charCodeAt(0));
+    const read = OffscreenCanvasRenderingContext2D.prototype.getImageData;
+    const canvases = new Set();
+    let most = 0;
+    OffscreenCanvasRenderingContext2D.prototype.getImageData = function (...place) {
+        canvases.add(this.canvas);
+        most = Math.max(most, this.canvas.width * this.canvas.height);
+        return read.apply(this, place);
+    };
+    const {rgba} = await module.decoded(bytes, "image/png", "large.png");
+    OffscreenCanvasRenderingContext2D.prototype.getImageData = read;
+    const left = [...canvases].reduce((sum, {width, height}) => sum + width * height, 0);
+    const hash = new Uint8Array(await crypto.subtle.digest("SHA-256", rgba));
+    return [most, left, [...hash]];
+"""
+
+
+def test_large_photographs_need_no_large_canvas(call: Call) -> None:
+    """Safari on iOS refuses such, and frees those late that are not emptied."""
+    image = np.dstack([smooth(1700, 2600), np.full((1700, 2600), 255, np.uint8)])
+    most, left, digest = call("capture/pixels.js", LARGE, base64.b64encode(encoded(image, "png")).decode())
+    assert most <= 1 << 22 < image[..., 0].size
+    assert left == 0
+    assert bytes(digest) == hashlib.sha256(image.tobytes()).digest()
 
 
 @pytest.mark.parametrize("most", [40, 20, 10])

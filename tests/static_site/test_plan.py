@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ PLAN = """
     const device = {description, largestBuffer: given.largest};
     const frames = given.sizes.map(([width, height]) => ({width, height, pixelBytes: 4}));
     const outline = {frames, storedPixels: given.stored, hasDepth: given.hasDepth ?? false, videoBytes: 0};
-    const wish = {most: given.most, gaussians: given.gaussians, bytes: given.bytes, screen: {width: 1, height: 1}};
+    const wish = {most: given.most, gaussians: given.gaussians, bytes: given.bytes, screen: given.screen};
     return module.planRun(outline, wish, device, settings);
 """
 
@@ -41,6 +42,7 @@ def planned(call: Call, **given: Any) -> dict[str, Any]:
         "gaussians": 50_000,
         "bytes": MOST_MEMORY * 1_000_000,
         "largest": LARGEST_BUFFER,
+        "screen": {"width": 1, "height": 1},
     }
     return call("training/plan.js", PLAN, {**usual, **given})
 
@@ -55,6 +57,15 @@ def test_buffers_are_those_that_python_plans(call: Call) -> None:
     plan = planned(call, sizes=[list(size) for size in photographs], stored=640 * 480, gaussians=20_000)
     assert plan["bufferBytes"] == expected
     assert (plan["most"], plan["gaussians"]) == (800, 20_000)
+    # Pictures need no buffers of training.
+    drawn = extent.drawn_sizes | {(2560, 1440)}
+    sizes = plan_memory(whole, replace(extent, drawn_sizes=drawn), Limits(1 << 40, LARGEST_BUFFER)).sizes
+    expected = sum(sizes[name] for name in whole.part(SEQUENCES, NEVER).buffers)
+    screen = {"width": 2560, "height": 1440}
+    larger = planned(
+        call, sizes=[list(size) for size in photographs], stored=640 * 480, gaussians=20_000, screen=screen
+    )
+    assert larger["bufferBytes"] == expected > plan["bufferBytes"]
     # Memory for decoding is free again when the buffers are made.
     decoding = planned(call, sizes=[list(size) for size in photographs], stored=60_000_000, gaussians=20_000)
     assert decoding["bytes"] > 960_000_000 > plan["bytes"]

@@ -149,6 +149,33 @@ def until_still(visit: Visit) -> str:
     return before
 
 
+COUNT_PICTURES = """() => {
+    const post = Worker.prototype.postMessage;
+    self.pictures = 0;
+    Worker.prototype.postMessage = function (message, ...given) {
+        self.pictures += Number(message.type === "look");
+        return post.call(this, message, ...given);
+    };
+}"""
+
+
+def cancel_after(visit: Visit, message: str) -> None:
+    """Let the worker find that the user has cancelled, once, after it has told something."""
+    visit.page.workers[0].evaluate(
+        """(message) => {
+            const post = self.postMessage;
+            self.postMessage = (data) => {
+                post.call(self, data);
+                if (data.type === message) {
+                    self.postMessage = post;
+                    self.dispatchEvent(new MessageEvent("message", { data: { type: "cancel" } }));
+                }
+            };
+        }""",
+        message,
+    )
+
+
 def shown_psnr(visit: Visit) -> float:
     return float(visit["#psnr"].inner_text().removesuffix(" dB"))
 
@@ -230,6 +257,20 @@ def test_a_broken_capture_leaves_the_page_usable(visit: Visit, capture_folder: P
     choose(visit, most=32, iterations=1, gaussians=100)
     visit.drop("sound.zip", zipped(capture_folder))
     assert b"element vertex 100\n" in saved(visit, tmp_path / "scene.ply").read_bytes()[:200]
+    assert visit.complaints == []
+
+
+def test_a_folder_that_cannot_be_read(visit: Visit) -> None:
+    visit.page.evaluate(
+        """() => {
+            const readEntries = (_, refuse) => refuse(new DOMException("it has gone", "NotFoundError"));
+            const folder = { isDirectory: true, createReader: () => ({ readEntries }) };
+            const dataTransfer = { items: [{ webkitGetAsEntry: () => folder }], files: [] };
+            window.dispatchEvent(Object.assign(new Event("drop"), { dataTransfer }));
+        }"""
+    )
+    expect(visit["#message-text"]).to_have_text("What was dropped cannot be read: it has gone")
+    visit["#message-close"].click()
     assert visit.complaints == []
 
 
@@ -330,13 +371,13 @@ def trained_with_depth(capture: Path, path: Path, max_size: int, iterations: int
 
 
 def test_what_does_not_fit_is_reduced_or_refused(visit: Visit, capture_folder: Path) -> None:
-    choose(visit, most=64, iterations=1, gaussians=20_000, budget=50)
+    choose(visit, most=64, iterations=1, gaussians=40_000, budget=50)
     visit.drop("toys.zip", zipped(capture_folder))
     visit["#save-ply"].wait_for(timeout=PATIENCE)
     total, buffers = planned(visit)
     assert shown_memory(visit) <= buffers < total <= 50
     assert "Reduced splats to" in visit["#plan"].inner_text()
-    assert "photographs of 64 pixels and 20,000 splats would take" in visit["#plan"].inner_text()
+    assert "photographs of 64 pixels and 40,000 splats would take" in visit["#plan"].inner_text()
     stream = io.BytesIO()
     Image.new("RGB", (2880, 2160)).save(stream, "png")
     for image in (capture_folder / "images").iterdir():
@@ -404,6 +445,54 @@ def test_depth_can_be_cancelled(visit: Visit, capture_folder: Path) -> None:
     visit["#start"].wait_for(timeout=PATIENCE)
     expect(visit["#live"]).to_be_hidden()
     assert visit.complaints == []
+
+
+def test_training_can_be_cancelled_until_its_first_step(visit: Visit, capture_folder: Path) -> None:
+    choose(visit, most=32, iterations=20_000, gaussians=100)
+    cancel_after(visit, "first")
+    visit.drop("toys.zip", zipped(capture_folder))
+    visit["#live"].wait_for()
+    visit["#start"].wait_for(timeout=PATIENCE)
+    expect(visit["#live"]).to_be_hidden()
+    assert visit.complaints == []
+
+
+def test_cancelling_too_late_changes_nothing(visit: Visit, capture_folder: Path, tmp_path: Path) -> None:
+    choose(visit, most=32, iterations=1, gaussians=100)
+    cancel_after(visit, "progress")
+    visit.drop("toys.zip", zipped(capture_folder))
+    assert len(decode(saved(visit, tmp_path / "scene.pgs").read_bytes())) == 100
+    expect(visit["#message"]).to_be_hidden()
+
+
+def test_a_trained_scene_is_drawn_only_when_it_turns(visit: Visit, capture_folder: Path) -> None:
+    choose(visit, most=32, iterations=1, gaussians=100)
+    visit.page.evaluate(COUNT_PICTURES)
+    visit.drop("toys.zip", zipped(capture_folder))
+    visit["#save-ply"].wait_for(timeout=PATIENCE)
+    until_still(visit)
+    drawn = visit.page.evaluate("pictures")
+    visit.page.wait_for_timeout(1000)
+    assert 0 < visit.page.evaluate("pictures") == drawn
+
+
+def test_a_gpu_lost_at_the_end_leaves_the_scene(visit: Visit, capture_folder: Path, tmp_path: Path) -> None:
+    choose(visit, most=32, iterations=1, gaussians=100)
+    visit.drop("toys.zip", zipped(capture_folder))
+    scene = saved(visit, tmp_path / "scene.ply").read_bytes()
+    visit.page.workers[0].evaluate("device.destroy()")
+    expect(visit["#message-text"]).to_contain_text("The scene can be saved, but not turned", timeout=PATIENCE)
+    visit["#message-close"].click()
+    visit.page.evaluate(
+        """() => {
+            Object.defineProperty(document, "hidden", { value: true, configurable: true });
+            document.dispatchEvent(new Event("visibilitychange"));
+            delete document.hidden;
+        }"""
+    )
+    visit.page.wait_for_timeout(1000)
+    assert saved(visit, tmp_path / "again.ply").read_bytes() == scene
+    expect(visit["#message"]).to_be_hidden()
 
 
 def test_a_run_survives_a_lost_gpu(visit: Visit, capture_folder: Path, tmp_path: Path) -> None:

@@ -65,13 +65,34 @@ export class Description {
     }
 
     /**
-     * Sizes of all buffers in bytes, multiples of 4 and never 0, which WebGPU does not allow.
+     * Names of the buffers that some sequences use, without uniform buffers.
+     *
+     * @param {string[]} sequences
+     * @returns {string[]}
+     */
+    buffersOf(sequences) {
+        const named = new Set();
+        for (const { cleared, passes } of sequences.map((name) => this.sequences[name])) {
+            cleared.forEach((name) => named.add(name));
+            for (const { shader, buffers, indirect } of passes) {
+                this.shaders[shader].bindings.forEach(({ name }) => named.add(buffers[name] ?? name));
+                if (indirect) {
+                    named.add(indirect[0]);
+                }
+            }
+        }
+        return [...named].filter((name) => !(name in this.uniforms));
+    }
+
+    /**
+     * Sizes of buffers in bytes, multiples of 4 and never 0, which WebGPU does not allow.
      *
      * @param {Symbols} symbols from `symbols`
+     * @param {string[]} names of the buffers, if not of all
      * @returns {Object<string, number>}
      */
-    sizes(symbols) {
-        const sizes = Object.entries(this.buffers).map(([name, size]) => [name, Math.max(evaluate(size, symbols), 16)]);
+    sizes(symbols, names = Object.keys(this.buffers)) {
+        const sizes = names.map((name) => [name, Math.max(evaluate(this.buffers[name], symbols), 16)]);
         return Object.fromEntries(sizes);
     }
 }

@@ -20,8 +20,10 @@ EXECUTOR = Path(pocketgs.gpu.__file__).parent
 SHARED = (
     "controls/dropping.js",
     "controls/pointer.js",
+    "controls/saving.js",
     "drawing/frame_loop.js",
     "drawing/view_values.js",
+    "formats/bits.js",
     "formats/crc32.js",
     "formats/opacity.js",
     "formats/pgs_attributes.js",

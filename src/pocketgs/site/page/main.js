@@ -4,9 +4,9 @@
  * @module
  */
 
+import { save } from "../page/controls/saving.js";
 import { listenForCaptures } from "./controls/pick.js";
 import { ProgressView } from "./controls/progress.js";
-import { save } from "./controls/saving.js";
 import { ScenePicture } from "./controls/scene_picture.js";
 import { keepAwake } from "./controls/wake_lock.js";
 
@@ -100,7 +100,7 @@ listenForCaptures((picked) => {
     const refines = element("refines").checked;
     const options = { most, iterations, gaussians, prior, refines, bytes: 1e6 * megabytes, screen: { width, height } };
     worker.postMessage({ type: "train", picked, options });
-});
+}, showMessage);
 
 // Without depth poses stay as they are.
 element("depth").addEventListener("change", ({ target }) => (element("refines").disabled = !target.checked));
@@ -146,7 +146,11 @@ element("message-close").addEventListener("click", () => (element("message").hid
 window.addEventListener("beforeunload", (event) => isTraining && event.preventDefault());
 
 // Systems end hidden pages without asking.
-document.addEventListener("visibilitychange", () => document.hidden && worker.postMessage({ type: "keep" }));
+document.addEventListener("visibilitychange", () => {
+    if (document.hidden && isTraining) {
+        worker.postMessage({ type: "keep" });
+    }
+});
 
 function backToStart() {
     setTraining(false);

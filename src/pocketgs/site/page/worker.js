@@ -13,6 +13,7 @@ import { outlineOf } from "./capture/outline.js";
 import { pgsOf } from "./formats/pgs_writer.js";
 import { plyOf } from "./formats/ply_writer.js";
 import { spzOf } from "./formats/spz_writer.js";
+import { GpuLoss } from "./gpu_loss.js";
 import { FeatureFinder } from "./prior/features/finder.js";
 import { Stereo } from "./prior/stereo.js";
 import { NeighbourSearch } from "./seeding/neighbour_search.js";
@@ -30,14 +31,15 @@ import { Trainer } from "./training/trainer.js";
  * @property {{path: string, file: File}[]} files
  */
 
-const MS_UNTIL_LOSS_IS_TOLD = 500;
+const LOST_AT_WORK = "Go on, or train again with smaller photographs.";
+const LOST_AT_REST = "The scene can be saved, but not turned.";
 
 const DATA = ["settings.json", "passes.json", "depth_passes.json", "features_passes.json", "seeding_passes.json"];
 const [settings, passes, depthPasses, featuresPasses, seedingPasses] = await Promise.all(DATA.map(fetched));
 /** @type {Run | null} */
 let run = null;
-/** Ends what comes before training. */
-let cancelling = new AbortController();
+/** Ends what comes before training; null from then on. @type {AbortController | null} */
+let cancelling = null;
 /** Until the last run's pictures are drawn. */
 let serving = Promise.resolve();
 
@@ -51,7 +53,7 @@ self.addEventListener("message", async ({ data }) => {
     } else if (data.type === "go on") {
         await goOn().catch(failed);
     } else if (data.type === "cancel") {
-        cancelling.abort();
+        cancelling?.abort();
     } else if (data.type === "look") {
         run?.look(data.camera);
     } else {
@@ -74,7 +76,8 @@ async function train(picked, own) {
     const { gpu, capture, points, options } = await readied(picked, own);
     // A browser that has no room for the run trains all the same.
     const isKept = (await kept?.begin(picked.name, capture, options).then(() => true, () => false)) ?? false;
-    await perform(capture, options, gpu, isKept, (run) => run.go(points, gpu.search));
+    cancelling.signal.throwIfAborted();
+    await perform(capture, options, gpu, isKept, (run) => run.go(points, gpu.search, cancelling.signal));
 }
 
 /** What a run needs: the GPU, its capture with refined poses, the points that it starts from, its options. */
@@ -82,7 +85,7 @@ async function readied(picked, { iterations, prior, refines, ...wish }) {
     const [given, { gaussians, mostBufferBytes }] = await opened(picked, wish, prior);
     const options = { seed: settings.run.seed, iterations, gaussians, prior, refines, mostBufferBytes };
     const gpu = await compiled();
-    const { capture, points } = await Promise.race([lossOf(gpu), preparedOn(gpu, given, options).catch(thrownLater)]);
+    const { capture, points } = await gpu.loss.unless(preparedOn(gpu, given, options), LOST_AT_WORK);
     capture.train.forEach((frame) => (frame.depth = null));
     return { gpu, capture, points, options };
 }
@@ -91,7 +94,7 @@ async function readied(picked, { iterations, prior, refines, ...wish }) {
 async function goOn() {
     await endLast();
     const { capture, options, checkpoint } = await kept.read();
-    await perform(capture, options, await compiled(), true, (run) => run.goOn(checkpoint));
+    await perform(capture, options, await compiled(), true, (run) => run.goOn(checkpoint, cancelling.signal));
 }
 
 async function endLast() {
@@ -128,26 +131,31 @@ async function perform(capture, options, gpu, isKept, work) {
     gpu.trainer.mostBytes = options.mostBufferBytes ?? Infinity;
     tell("first", firstView(capture, settings.volume));
     run = new Run(gpu.trainer, capture, settings, options, {
-        onProgress: (progress) => tell("progress", progress),
+        onProgress: (progress) => {
+            // The page has a button that stops instead of the one that cancels.
+            cancelling = null;
+            tell("progress", progress);
+        },
         onPicture: (picture) => tell("picture", { picture }),
         onCheckpoint: async (checkpoint) => {
             isKept &&= await kept.keep(checkpoint).then(() => true, () => false);
             await tellOfKept();
         },
     });
-    const scene = await Promise.race([lossOf(gpu), work(run).catch(thrownLater)]);
+    const scene = await gpu.loss.unless(work(run), LOST_AT_WORK);
     tell("done", await filesOf(scene));
-    serving = run.serve().catch((error) => fault(error.message));
+    serving = gpu.loss.unless(run.serve(), LOST_AT_REST).catch(complain);
 }
 
 /** The scene in all formats that can hold it. */
 async function filesOf(scene) {
-    const pgs = await pgsOf(scene, settings.pgs, (share) => stage("packing the scene", share)).catch(complain);
+    const packing = async (share) => tell("stage", { text: "packing the scene", share });
+    const pgs = await pgsOf(scene, settings.pgs, packing).catch(complain);
     return { ply: plyOf(scene), spz: await spzOf(scene).catch(complain), pgs };
 }
 
 async function failed(error) {
-    if (cancelling.signal.aborted) {
+    if (cancelling?.signal.aborted) {
         tell("cancelled");
     } else {
         fault(error.message);
@@ -171,7 +179,7 @@ function open() {
             tell("ready");
             lost.then(() => (opening = open()));
         },
-        (error) => fault(error.message),
+        complain,
     );
     return gpu;
 }
@@ -182,6 +190,7 @@ function open() {
  * @property {Stereo} stereo
  * @property {FeatureFinder} finder
  * @property {NeighbourSearch} search
+ * @property {GpuLoss} loss
  * @property {Promise<GPUDeviceLostInfo>} lost resolves when the GPU is lost
  */
 async function compiledOn(opened) {
@@ -191,20 +200,7 @@ async function compiledOn(opened) {
     const stereo = await Stereo.open(device, depthPasses, settings.prior.sweep);
     const finder = await FeatureFinder.open(device, featuresPasses, settings.prior.features);
     const search = await NeighbourSearch.open(device, seedingPasses, settings.seeding);
-    return { trainer, stereo, finder, search, lost: device.lost };
-}
-
-/** @returns {Promise<never>} rejects when the GPU is lost */
-async function lossOf({ lost }) {
-    const { message } = await lost;
-    const reason = message || "the browser gives no reason";
-    throw new Error(`The GPU was lost: ${reason}. Go on, or train again with smaller photographs.`);
-}
-
-/** What a lost GPU makes fail fails first: let its loss be told before. */
-async function thrownLater(error) {
-    await new Promise((resolve) => setTimeout(resolve, MS_UNTIL_LOSS_IS_TOLD));
-    throw error;
+    return { trainer, stereo, finder, search, loss: new GpuLoss(device), lost: device.lost };
 }
 
 /** The capture with its photographs, as large as they fit, and the plan. */

@@ -5,6 +5,7 @@
  * @module
  */
 
+import { bitsAt } from "../../page/formats/bits.js";
 import { Damaged } from "./history.js";
 
 /** How many bits a frequency takes, and its value, by its first five bits; 8 and 14 bits hold the value themselves. */
@@ -13,17 +14,6 @@ const FREQUENCIES = [4, 5, 6, 7].flatMap((value) => [0, 2, 1, value, 0, 3, 1, -1
 
 /** Symbols of literal lengths, match lengths, distances and literals. */
 const SYMBOLS = 20 + 20 + 64 + 256;
-
-/**
- * Bits of little-endian bytes, at most 25 of them; 0 beyond the end.
- *
- * @type {(bytes: Uint8Array, position: number, count: number) => number}
- */
-export function bitsAt(bytes, position, count) {
-    const at = position >>> 3;
-    const word = bytes[at] | (bytes[at + 1] << 8) | (bytes[at + 2] << 16) | (bytes[at + 3] << 24);
-    return (word >>> (position & 7)) & (2 ** count - 1);
-}
 
 /**
  * The symbols' frequencies, which end a block's header.

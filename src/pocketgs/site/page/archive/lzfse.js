@@ -5,7 +5,8 @@
  * @module
  */
 
-import { BitsFromEnd, bitsAt, decoderOf, frequenciesOf } from "./finite_state.js";
+import { bitsAt } from "../../page/formats/bits.js";
+import { BitsFromEnd, decoderOf, frequenciesOf } from "./finite_state.js";
 import { Damaged, History } from "./history.js";
 import { unpackLzvn } from "./lzvn.js";
 

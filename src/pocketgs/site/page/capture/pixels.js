@@ -17,6 +17,12 @@ import { readHeader } from "./image_header.js";
  * @property {Uint8ClampedArray} rgba (H, W, 4), alpha not multiplied in
  */
 
+/** Pixels that are drawn at once: Safari on iOS refuses canvases of more than 16.7 million. */
+const MOST_DRAWN = 1 << 22;
+
+/** One for all images, whose memory is given back after each: browsers free canvases late. */
+const CANVAS = new OffscreenCanvas(0, 0);
+
 /**
  * Decode an image as it is stored: without turning it, and without changing its colours.
  *
@@ -51,15 +57,26 @@ export async function decodedAsStored(file) {
 /**
  * The pixels of what can be drawn on a canvas.
  *
- * @param {CanvasImageSource} image
+ * @param {ImageBitmap | VideoFrame} image
  * @param {number} width
  * @param {number} height
  * @returns {Pixels}
  */
 export function drawn(image, width, height) {
-    const context = new OffscreenCanvas(width, height).getContext("2d", { willReadFrequently: true });
-    context.drawImage(image, 0, 0, width, height);
-    return { width, height, rgba: context.getImageData(0, 0, width, height).data };
+    const rgba = new Uint8ClampedArray(4 * width * height);
+    // A frame of a video may be stated to be shown in another size.
+    const [across, down] = [image.displayWidth ?? image.width, image.displayHeight ?? image.height];
+    const most = Math.max(1, Math.min(height, Math.floor(MOST_DRAWN / width)));
+    [CANVAS.width, CANVAS.height] = [width, most];
+    const context = CANVAS.getContext("2d", { willReadFrequently: true });
+    for (let top = 0; top < height; top += most) {
+        const rows = Math.min(most, height - top);
+        context.clearRect(0, 0, width, rows);
+        context.drawImage(image, 0, (top * down) / height, across, (rows * down) / height, 0, 0, width, rows);
+        rgba.set(context.getImageData(0, 0, width, rows).data, 4 * width * top);
+    }
+    CANVAS.width = CANVAS.height = 0;
+    return { width, height, rgba };
 }
 
 /** Cut off a border. @type {(pixels: Pixels, border: number) => Pixels} */

@@ -12,14 +12,14 @@ import { listenForDrops } from "../../page/controls/dropping.js";
  * Listen for captures.
  *
  * @param {(picked: Picked) => void} onPicked
+ * @param {(text: string) => void} onFault called when what is dropped cannot be read
  */
-export function listenForCaptures(onPicked) {
-    listenForDrops(async (transfer) => {
-        // Both before the first wait: afterwards the browser has emptied the transfer.
-        const entries = [...transfer.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
-        const files = [...transfer.files];
-        const found = entries.some(({ isDirectory }) => isDirectory) ? await filesBelow(entries) : files.map(asFound);
-        pick(found, onPicked);
+export function listenForCaptures(onPicked, onFault) {
+    listenForDrops((transfer) => {
+        filesOf(transfer).then(
+            (found) => pick(found, onPicked),
+            ({ message }) => onFault(`What was dropped cannot be read: ${message}`),
+        );
     });
     for (const kind of ["archive", "folder"]) {
         const input = document.getElementById(`${kind}-input`);
@@ -38,6 +38,13 @@ function pick(found, onPicked) {
     } else if (found.length) {
         onPicked({ name: found[0].path.split("/")[0], archive: null, files: found });
     }
+}
+
+async function filesOf(transfer) {
+    // Both before the first wait: afterwards the browser has emptied the transfer.
+    const entries = [...transfer.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
+    const files = [...transfer.files];
+    return entries.some(({ isDirectory }) => isDirectory) ? filesBelow(entries) : files.map(asFound);
 }
 
 const asFound = (file) => ({ path: file.webkitRelativePath || file.name, file });

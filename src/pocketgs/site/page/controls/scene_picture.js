@@ -80,13 +80,13 @@ export class ScenePicture {
         [this.#canvas.width, this.#canvas.height] = [width, height];
         this.#canvas.getContext("2d").putImageData(new ImageData(rgba, width, height), 0, 0);
         this.#latest = performance.now();
-        this.#arrived();
+        this.#arrived(true);
     }
 
     #draw(share) {
         const size = [this.#canvas.clientWidth, this.#canvas.clientHeight].map((side) => Math.round(share * side));
         if (Math.min(...size) < 1) {
-            return Promise.resolve();
+            return Promise.resolve(true);
         }
         return new Promise((resolve) => {
             this.#arrived = resolve;

@@ -51,14 +51,18 @@ export function symbolsOf(description, extent, { width, height }, structural) {
  *
  * @param {Description} description
  * @param {Extent} extent
- * @param {Size[]} sizes of the images
+ * @param {Size[]} photographs to train on
+ * @param {Size[]} pictures that are only drawn
  * @returns {Object<string, number>}
  */
-export function largestSizes(description, extent, sizes) {
+export function largestSizes(description, extent, photographs, pictures = []) {
     const largest = {};
-    for (const size of new Map(sizes.map((one) => [`${one.width}x${one.height}`, one])).values()) {
-        const needed = description.sizes(symbolsOf(description, extent, size, true));
-        Object.entries(needed).forEach(([name, bytes]) => (largest[name] = Math.max(bytes, largest[name] ?? 0)));
+    for (const [sizes, sequences] of [[photographs, Object.keys(description.sequences)], [pictures, ["render"]]]) {
+        const buffers = description.buffersOf(sequences);
+        for (const size of new Map(sizes.map((one) => [`${one.width}x${one.height}`, one])).values()) {
+            const needed = description.sizes(symbolsOf(description, extent, size, true), buffers);
+            Object.entries(needed).forEach(([name, bytes]) => (largest[name] = Math.max(bytes, largest[name] ?? 0)));
+        }
     }
     return largest;
 }

@@ -32,7 +32,7 @@ import { PIXEL_BYTES, Shelf } from "./shelf.js";
  * @property {string} text for the user
  */
 
-/** Bytes per pixel while a photograph is decoded: the bitmap, the canvas, what is read of it, and it undistorted. */
+/** Bytes per pixel while a photograph is decoded: the bitmap, the canvas, what is read of it, and all as an array. */
 const DECODING = 16;
 
 /** Those of depth at that size, and of it undistorted. */
@@ -98,7 +98,7 @@ function needOf({ frames, storedPixels, hasDepth, videoBytes }, { most, gaussian
         photographs: sizes.length,
         photographPixels: new Shelf(pixels, room).pixels,
     };
-    const buffers = largestSizes(device.description, extent, [...sizes, screen]);
+    const buffers = largestSizes(device.description, extent, sizes, [screen]);
     const bufferBytes = totalOf(buffers);
     const otherBytes = photographs + COPIES * 4 * (SHAPE_COLUMNS + 3 * recipe.coefficients) * gaussians;
     const decoding = (DECODING + (hasDepth ? DECODING_DEPTH : 0)) * storedPixels;

@@ -126,10 +126,11 @@ export class Run {
      *
      * @param {import("../capture/listing.js").Cloud} points to start from
      * @param {import("../seeding/neighbour_search.js").NeighbourSearch} search
+     * @param {AbortSignal} signal ends what comes before the first step
      * @returns {Promise<GaussianColumns>} the trained scene
-     * @throws {Error} the GPU's memory does not hold it
+     * @throws {Error} the GPU's memory does not hold it, or it was ended
      */
-    async go(points, search) {
+    async go(points, search, signal) {
         const { train, background } = this.#capture;
         const { recipe, seeding } = this.#settings;
         const unit = pixelFootprint(train.map(({ camera }) => camera), points.positions);
@@ -137,7 +138,9 @@ export class Run {
         this.#initial = initialRates(recipe, this.#options.iterations, unit);
         const ordered = selected(points, order);
         const around = await search.around(ordered.positions);
+        signal.throwIfAborted();
         await this.#trainer.begin(train, background, seedDiscs(ordered, around, recipe, seeding));
+        signal.throwIfAborted();
         return this.#finish();
     }
 
@@ -145,10 +148,11 @@ export class Run {
      * Go on with a run that was kept. It gives the same scene as if it had not been interrupted.
      *
      * @param {import("../storage/kept_run.js").Checkpoint} checkpoint
+     * @param {AbortSignal} signal ends what comes before the first step
      * @returns {Promise<GaussianColumns>} the trained scene
-     * @throws {Error} the GPU's memory does not hold it
+     * @throws {Error} the GPU's memory does not hold it, or it was ended
      */
-    async goOn({ header, arrays: [shape, sh, ...moments] }) {
+    async goOn({ header, arrays: [shape, sh, ...moments] }, signal) {
         const { train, background } = this.#capture;
         const scene = new GaussianColumns(header.count, header.coefficients);
         scene.shape.set(shape);
@@ -157,6 +161,7 @@ export class Run {
         this.#iteration = header.losses.length;
         this.#first = this.#iteration;
         await this.#trainer.begin(train, background, scene, { losses: header.losses, near: header.near, moments });
+        signal.throwIfAborted();
         return this.#finish();
     }
 

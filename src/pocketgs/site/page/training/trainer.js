@@ -174,9 +174,11 @@ export class Trainer {
      */
     async render(camera) {
         await this.settle();
+        const { description } = this.#executor;
+        const buffers = description.buffersOf(["render"]);
         for (;;) {
             const symbols = this.#symbols(camera);
-            await this.#executor.reserve(this.#executor.description.sizes(symbols));
+            await this.#executor.reserve(description.sizes(symbols, buffers));
             this.#writeView(camera, symbols, 0);
             this.#executor.submit("render", symbols);
             const image = await this.#executor.read("image", Float32Array, 4 * symbols.pixels);

@@ -4,8 +4,10 @@
  * @module
  */
 
+import { bitsAt } from "./bits.js";
+
 /** Reads bits forward from the first byte, lowest first. */
-export class ForwardBits {
+class ForwardBits {
     /** @param {Uint8Array} bytes */
     constructor(bytes) {
         this.bytes = bytes;
@@ -54,12 +56,6 @@ export class BackwardBits {
         this.left -= count;
         return value;
     }
-}
-
-function bitsAt(bytes, position, count) {
-    const byte = position >>> 3;
-    const four = bytes[byte] | (bytes[byte + 1] << 8) | (bytes[byte + 2] << 16) | (bytes[byte + 3] << 24);
-    return (four >>> (position & 7)) & (2 ** count - 1);
 }
 
 const highestBit = (value) => 31 - Math.clz32(value);

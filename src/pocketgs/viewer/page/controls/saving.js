@@ -1,5 +1,5 @@
 /**
- * Saving the scene: by the system's share sheet on phones, where there is one, else as a download.
+ * Saving a file: by the system's share sheet on phones, where there is one, else as a download.
  *
  * @module
  */
@@ -14,7 +14,7 @@ const UNTIL_TAKEN = 60_000;
  * @param {string} name of the file
  */
 export async function save(content, name) {
-    const file = new File([content], name, { type: "application/octet-stream" });
+    const file = new File([content], name, { type: content.type || "application/octet-stream" });
     const isPhone = matchMedia("(pointer: coarse)").matches;
     if (isPhone && navigator.canShare?.({ files: [file] }) && (await isShared(file))) {
         return;
