@@ -187,6 +187,48 @@ def test_keys_fly(visit: Visit, key: str, grows: int, right: int) -> None:
     raise AssertionError("it does not fly")
 
 
+def test_flight_ends_with_the_command_key(visit: Visit) -> None:
+    """Macs do not tell that a key is released while it is held."""
+    visit.page.keyboard.down("w")
+    visit["#canvas[aria-busy=true]"].wait_for()
+    visit.page.evaluate("window.dispatchEvent(new KeyboardEvent('keyup', { key: 'Meta', code: 'MetaLeft' }))")
+    visit["#canvas[aria-busy=false]"].wait_for(timeout=20_000)
+    visit.page.keyboard.up("w")
+
+
+def test_a_saved_picture_outlives_the_click(visit: Visit) -> None:
+    """Browsers may fetch a download's address in a later task. A picture that is too large to encode is told of."""
+    visit.page.evaluate(
+        """() => {
+            const [create, revoke] = [URL.createObjectURL, URL.revokeObjectURL];
+            self.addresses = new Set();
+            URL.createObjectURL = (content) => {
+                const address = create.call(URL, content);
+                self.addresses.add(address);
+                return address;
+            };
+            URL.revokeObjectURL = (address) => {
+                self.addresses.delete(address);
+                revoke.call(URL, address);
+            };
+        }"""
+    )
+    visit.picture()
+    assert visit.page.evaluate("addresses.size") == 1
+    visit.page.evaluate(
+        """() => {
+            const encode = HTMLCanvasElement.prototype.toBlob;
+            HTMLCanvasElement.prototype.toBlob = (done) => {
+                HTMLCanvasElement.prototype.toBlob = encode;
+                done(null);
+            };
+        }"""
+    )
+    visit["#screenshot"].click()
+    expect(visit["#message-text"]).to_contain_text("could not encode the picture")
+    visit["#message-close"].click()
+
+
 def test_reset_goes_back(visit: Visit) -> None:
     before = visit.picture()
     visit.drag(40, 10)
@@ -327,6 +369,45 @@ def test_phone_has_all_buttons_within_reach(visit: Visit) -> None:
         assert box["y"] > 740 / 2
         assert box["y"] + box["height"] <= 740
     visit.page.set_viewport_size({"width": WIDTH, "height": HEIGHT})
+
+
+SUBMISSIONS = """{
+    // By this clock, even a busy machine draws whole images.
+    const now = performance.now.bind(performance);
+    performance.now = () => now() / 20;
+    const own = GPUDevice.prototype.createCommandEncoder;
+    self.submissions = [];
+    GPUDevice.prototype.createCommandEncoder = function (options) {
+        self.submissions.push(options?.label);
+        return own.call(this, options);
+    };
+}"""
+
+
+def first_drawing(visit: Visit) -> str:
+    """How the first image was drawn since `submissions` were cleared: whole, or in parts."""
+    return next(label for label in visit.page.evaluate("submissions") if label in ("render", "list splats"))
+
+
+def test_another_pace_begins_with_small_submissions(
+    browser: Browser, url: str, scene: Gaussians, tmp_path: Path
+) -> None:
+    """That of a much larger scene, and of another appearance, whatever the last images took."""
+    larger = tmp_path / "larger.ply"
+    ply.write_gaussians(larger, scene.select(np.tile(np.arange(len(scene)), 3)))
+    with visiting(browser, url, WIDTH, HEIGHT, SUBMISSIONS) as visit:
+        visit.until_drawn()
+        visit.page.evaluate("self.submissions = []")
+        visit.drop(larger.name, larger.read_bytes())
+        expect(visit["#stats"]).to_contain_text(f"{3 * len(scene)} splats", timeout=PATIENCE)
+        assert first_drawing(visit) == "list splats"
+        visit.until_drawn()
+        visit.page.evaluate("self.submissions = []")
+        visit.page.keyboard.press("2")
+        visit["[data-appearance=points][aria-pressed=true]"].wait_for(timeout=PATIENCE)
+        visit.until_drawn()
+        assert first_drawing(visit) == "list splats"
+        assert visit.complaints == []
 
 
 WRITERS = {".ply": ply.write_gaussians, ".splat": splat.write_gaussians, ".spz": spz.write_gaussians}

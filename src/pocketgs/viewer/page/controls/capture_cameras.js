@@ -6,6 +6,7 @@
 
 import { MovingCamera } from "../scene/camera.js";
 import { extentOf } from "../scene/framing.js";
+import { cross, normalised } from "../scene/vectors.js";
 import { Comparison } from "./compare.js";
 
 /**
@@ -172,8 +173,6 @@ export class CaptureCameras {
 function aside(up) {
     const least = up.map(Math.abs).indexOf(Math.min(...up.map(Math.abs)));
     const other = [0, 1, 2].map((axis) => Number(axis === least));
-    const across = [0, 1, 2].map((i) => up[(i + 1) % 3] * other[(i + 2) % 3] - up[(i + 2) % 3] * other[(i + 1) % 3]);
-    const sideways = across.map((value) => value / Math.hypot(...across));
-    const backwards = [0, 1, 2].map((i) => up[(i + 1) % 3] * sideways[(i + 2) % 3] - up[(i + 2) % 3] * sideways[(i + 1) % 3]);
-    return [sideways, backwards];
+    const sideways = normalised(cross(up, other));
+    return [sideways, cross(up, sideways)];
 }

@@ -56,6 +56,10 @@ export function listenToKeyboard(camera, loop, onFlight, actions) {
     window.addEventListener("keyup", (event) => {
         fast = event.shiftKey;
         held.delete(event.code);
+        // Macs do not tell of keys that are released while this one is held.
+        if (event.key === "Meta") {
+            held.clear();
+        }
     });
     window.addEventListener("blur", () => held.clear());
 }

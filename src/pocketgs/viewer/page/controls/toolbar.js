@@ -5,6 +5,7 @@
  */
 
 import { listenToKeyboard } from "./keyboard.js";
+import { save } from "./saving.js";
 
 /**
  * @typedef {import("../drawing/scene_view.js").SceneView} SceneView
@@ -28,7 +29,7 @@ export function connectToolbar(view, cameras, { title, onFault }) {
         reset: () => cameras.reset(),
         "compare-button": () => cameras.compare(),
         background: () => view.changeBackground(),
-        screenshot: () => save(view, title).catch((error) => onFault(error.message)),
+        screenshot: () => savePicture(view, title).catch((error) => onFault(error.message)),
         "full-screen": () => toggleFullScreen(),
         "help-button": () => help.showModal(),
     };
@@ -71,10 +72,6 @@ function toggleFullScreen() {
     return document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen();
 }
 
-async function save(view, title) {
-    const link = document.createElement("a");
-    link.href = URL.createObjectURL(await view.photograph());
-    link.download = `${title}.png`;
-    link.click();
-    URL.revokeObjectURL(link.href);
+async function savePicture(view, title) {
+    await save(await view.photograph(), `${title}.png`);
 }

@@ -5,6 +5,7 @@
  * @module
  */
 
+import { pngOf } from "./png.js";
 import { PointImage } from "./point_image.js";
 import { Points } from "./points.js";
 
@@ -70,7 +71,7 @@ export class PointRenderer {
      */
     async photograph(picture) {
         await this.draw(picture);
-        return new Promise((resolve) => this.#canvas.toBlob(resolve, "image/png"));
+        return pngOf(this.#canvas);
     }
 
     /** Hide the canvas and free its memory, until another scene is set. */

@@ -10,6 +10,7 @@ import { Executor } from "../../gpu/executor.js";
 import { MEAN } from "../scene/gaussian_columns.js";
 import { nearPlane } from "../scene/near_plane.js";
 import { Display } from "./display.js";
+import { pngOf } from "./png.js";
 import { SubmissionSizes } from "./submission_sizes.js";
 import { viewValues } from "./view_values.js";
 
@@ -28,10 +29,13 @@ import { viewValues } from "./view_values.js";
  * @property {string | null} weights the form of those that are drawn without sorting
  */
 
-/** Initial capacity for tile intersections, and its growth: as in `engine.py`. */
+/** Initial capacity for tile intersections, and its growth: as in `memory.py`. */
 const INTERSECTIONS_PER_GAUSSIAN = 8;
 const MIN_INTERSECTIONS = 1 << 16;
 const GROWTH = 1.25;
+
+/** Times taken say nothing of a scene with more than so many times the Gaussians. */
+const MUCH_LARGER = 2;
 
 /** How often the host waits while splats are listed in parts: a browser may take 100 ms each time. */
 const WAITS = 3;
@@ -93,6 +97,11 @@ export class Renderer {
         return this.#scene?.count ?? 0;
     }
 
+    /** Whether nothing is known of how long an image of the scene takes. */
+    get isUntried() {
+        return this.#sizes.isUntried;
+    }
+
     /**
      * Set the scene.
      *
@@ -140,7 +149,7 @@ export class Renderer {
         return this.#inTurn(async () => {
             await this.#draw(picture, () => true);
             // In the same task as the drawing: later the canvas may be cleared.
-            return new Promise((resolve) => this.#canvas.toBlob(resolve, "image/png"));
+            return pngOf(this.#canvas);
         });
     }
 
@@ -165,6 +174,9 @@ export class Renderer {
         const passes = passesFor(scene, appearance);
         if (JSON.stringify(passes) === JSON.stringify(this.#passes)) {
             await this.#upload(scene, this.#executor);
+            if (scene?.count > MUCH_LARGER * this.count) {
+                this.#sizes = new SubmissionSizes();
+            }
             return;
         }
         const executor = await this.#executorOf(await fetchDescription(passes));
@@ -175,7 +187,7 @@ export class Renderer {
             throw error;
         }
         this.#executor.destroy();
-        [this.#executor, this.#passes] = [executor, passes];
+        [this.#executor, this.#passes, this.#sizes] = [executor, passes, new SubmissionSizes()];
     }
 
     async #upload(scene, executor) {

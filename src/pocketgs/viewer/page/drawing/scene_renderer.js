@@ -16,7 +16,7 @@ import { FIRST_SHARE } from "./frame_loop.js";
  * @property {(share: number) => Picture} pictureNow returns the parameters of the current image at a share of the full
  *     resolution
  * @property {() => void} onChange called when the image would change
- * @property {() => void} onTakeOver called when another renderer draws from now on
+ * @property {() => void} onTakeOver called when another renderer draws from now on, or images that may take much longer
  * @property {(done: Promise<void>) => void} onRegaining called when a GPU was lost; `done` resolves when it is
  *     open again, or given up
  * @property {(text: string) => void} onNote called with what is worth a quiet line
@@ -141,6 +141,9 @@ export class SceneRenderer {
     async setAppearance(appearance) {
         await this.#gpu?.setAppearance(appearance);
         this.#appearance = appearance;
+        if (this.#gpu?.isUntried && this.#drawing === this.#gpu) {
+            this.#told.onTakeOver();
+        }
     }
 
     /**
@@ -192,10 +195,12 @@ export class SceneRenderer {
         try {
             await gpu.setAppearance(this.#appearance);
             await gpu.setScene(scene);
-            if (this.#drawing === gpu) {
-                this.#told.onChange();
-            } else {
+            if (this.#drawing !== gpu) {
                 await this.#takeOver(gpu);
+            } else if (gpu.isUntried) {
+                this.#told.onTakeOver();
+            } else {
+                this.#told.onChange();
             }
         } catch (error) {
             // Pending work of a lost GPU fails as well.

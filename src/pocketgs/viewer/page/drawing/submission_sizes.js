@@ -25,6 +25,11 @@ export class SubmissionSizes {
     #pixels = 0;
     #took = Infinity;
 
+    /** Whether no image has been drawn. */
+    get isUntried() {
+        return this.#took === Infinity;
+    }
+
     /**
      * Whether one submission may draw a whole image. Nothing is known before the first image.
      *
