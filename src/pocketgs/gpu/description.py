@@ -24,8 +24,7 @@ class Pass:
         name: for people; several passes may run one shader.
         shader: name of the shader.
         groups: number of workgroups, an expression; the host folds it into rows of at most 65,535. None if the GPU
-            computes
-            it: then `indirect` says where.
+            computes it: then `indirect` says where.
         indirect: a buffer and the byte offset of the dispatch's three sizes in it.
         buffers: maps the shader's binding names to buffers, where they differ.
         constants: values of the shader's overrides.

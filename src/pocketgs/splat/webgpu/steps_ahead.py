@@ -52,9 +52,6 @@ class StepsAhead:
         # Until it is known how long a step takes, the host looks after each.
         self.most = 1
 
-    def __len__(self) -> int:
-        return len(self._pending)
-
     @property
     def next_number(self) -> int:
         """Of the step that is submitted next, counted from 1."""

@@ -9,19 +9,11 @@ fn alpha_at(exponent: f32, transmittance: f32) -> f32 {
 }
 
 section forward
-// What a pixel has gathered so far, front to back, is a colour and the transmittance, which is 0 beside the image.
-fn nothing_yet(inside: bool) -> vec4f {
-    return vec4f(vec3f(), select(0.0, 1.0, inside));
-}
-
+import front_to_back.forward
+// What a pixel has gathered so far, front to back, is a colour and the transmittance.
 fn with_splat(gathered: vec4f, alpha: f32, colour: vec3f, weight: f32) -> vec4f {
     let amount = alpha * gathered.a;
     return vec4f(gathered.rgb + amount * colour, gathered.a - amount);
-}
-
-// Whether a pixel takes more splats.
-fn takes_more(gathered: vec4f) -> bool {
-    return gathered.a >= TRANSMITTANCE_MIN;
 }
 
 // The finished pixel: colour over the background, and the transmittance.
@@ -30,25 +22,15 @@ fn composited(gathered: vec4f) -> vec4f {
 }
 
 section backward
-// The gradient by replaying in the same order. With D_i = c_i · ∂L/∂C, what lies behind splat i enters its gradient
-// only through the number H_i = Σ_{j>i} w_j D_j + T (background · ∂L/∂C + ∂L/∂T). It starts at C · ∂L/∂C + T ∂L/∂T,
-// with the finished pixel's C and T, and loses w_i D_i at every contribution. T and H are all that a replay carries.
-fn first_behind(pixel: vec4f, d_pixel: vec4f) -> f32 {
-    return dot(pixel, d_pixel);
-}
-
+import front_to_back.backward
 // What a splat adds to a pixel's channels.
 fn weight_of(alpha: f32, transmittance: f32) -> f32 {
     return alpha * transmittance;
 }
 
-// T and H behind a splat.
+// T behind a splat.
 fn transmittance_behind(transmittance: f32, weight: f32) -> f32 {
     return transmittance - weight;
-}
-
-fn rest_behind(behind: f32, gain: f32) -> f32 {
-    return behind - gain;
 }
 
 // ∂L/∂(ln α) = α ∂L/∂α = α (T D - H / (1 - α)), from the gain α T D; α is flat where it is clamped.

@@ -8,11 +8,8 @@ fn alpha_at(exponent: f32, transmittance: f32) -> f32 {
 }
 
 section forward
-// What a pixel has gathered so far, front to back, is a colour and the transmittance, which is 0 beside the image.
-fn nothing_yet(inside: bool) -> vec4f {
-    return vec4f(vec3f(), select(0.0, 1.0, inside));
-}
-
+import front_to_back.forward
+// What a pixel has gathered so far, front to back, is a colour and the transmittance.
 fn with_splat(gathered: vec4f, alpha: f32, colour: vec3f, weight: f32) -> vec4f {
     let amount = alpha * gathered.a;
     let rest = gathered.a - amount;
@@ -22,11 +19,6 @@ fn with_splat(gathered: vec4f, alpha: f32, colour: vec3f, weight: f32) -> vec4f 
     return vec4f(gathered.rgb + amount * colour, rest);
 }
 
-// Whether a pixel takes more splats.
-fn takes_more(gathered: vec4f) -> bool {
-    return gathered.a >= TRANSMITTANCE_MIN;
-}
-
 // The finished pixel: colour over the background, and the transmittance.
 fn composited(gathered: vec4f) -> vec4f {
     let transmittance = abs(gathered.a);
@@ -34,24 +26,16 @@ fn composited(gathered: vec4f) -> vec4f {
 }
 
 section backward
-// As for "over", but that a splat's weight is negative if the pixel takes neither it nor any behind it.
-fn first_behind(pixel: vec4f, d_pixel: vec4f) -> f32 {
-    return dot(pixel, d_pixel);
-}
-
-// What a splat adds to a pixel's channels.
+import front_to_back.backward
+// What a splat adds to a pixel's channels, negative if the pixel takes neither it nor any behind it.
 fn weight_of(alpha: f32, transmittance: f32) -> f32 {
     let weight = alpha * transmittance;
     return select(weight, -1.0, transmittance - weight <= TRANSMITTANCE_MIN);
 }
 
-// T and H behind a splat.
+// T behind a splat.
 fn transmittance_behind(transmittance: f32, weight: f32) -> f32 {
     return select(transmittance - weight, -transmittance, weight < 0.0);
-}
-
-fn rest_behind(behind: f32, gain: f32) -> f32 {
-    return behind - gain;
 }
 
 // ∂L/∂(ln α) = α (T D - H / (1 - α)), from the gain α T D; α is flat where it is clamped.

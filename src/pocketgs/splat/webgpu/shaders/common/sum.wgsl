@@ -9,11 +9,8 @@ fn alpha_at(exponent: f32, transmittance: f32) -> f32 {
 }
 
 section forward
+import front_to_back.start
 // What a pixel has gathered so far is a sum and the transmittance.
-fn nothing_yet(inside: bool) -> vec4f {
-    return vec4f(vec3f(), select(0.0, 1.0, inside));
-}
-
 fn with_splat(gathered: vec4f, alpha: f32, colour: vec3f, weight: f32) -> vec4f {
     return vec4f(gathered.rgb + alpha * colour, gathered.a - alpha * gathered.a);
 }
