@@ -28,12 +28,12 @@ from pocketgs.splat.engine import EngineOptions, create_engine
 from pocketgs.system.memory_need import MemoryNeed
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.planning.calibration import Speed, measure_speed
-from pocketgs.training.planning.machine import Machine, this_machine
+from pocketgs.training.planning.machine import SWEEP_KERNELS, Machine, this_machine
 from pocketgs.training.planning.plan import MIN_GAUSSIANS, MIN_SIDE, Plan, make_plan, shrinking_warning
 
 MACHINE = Machine(
     threads=2,
-    readers=2,
+    cores=2,
     resident=160_000_000,
     compiles=False,
     memory_needed=CpuEngine(1).memory_needed,
@@ -309,11 +309,30 @@ def test_sweeps_in_place_of_a_gpu_are_planned_as_the_cpus() -> None:
     assert roomy.peak_rss_mb == make_plan(photographs(), options, without).peak_rss_mb
 
 
+@pytest.mark.parametrize("cores", [1, 2, 8, 64])
+@pytest.mark.parametrize("size", [(1600, 1200), (4032, 3024), (6000, 4000), (8064, 6048)])
+def test_more_cores_take_no_more_than_there_is(size: tuple[int, int], cores: int) -> None:
+    """Phones store up to 48 megapixels. However many cores could read them at once, the scene is the same."""
+    listed = photographs(*size, count=100, preparation=Preparation(max_size=800))
+    machine = replace(MACHINE, threads=cores, cores=cores, memory_needed=CpuEngine(cores).memory_needed)
+    plan = make_plan(listed, SizedOptions(max_gaussians=150_000), machine)
+    assert (plan.shrink, plan.gaussians) == (1, 150_000)
+    assert 1 <= plan.readers <= cores
+    assert plan.peak_rss_mb <= 3000
+
+
+def test_little_memory_reads_one_photograph_after_the_other() -> None:
+    listed = photographs(8064, 6048, count=100, preparation=Preparation(max_size=400))
+    machine = replace(MACHINE, cores=8)
+    assert make_plan(listed, SizedOptions(max_memory=1800), machine).readers == 1
+    assert make_plan(listed, SizedOptions(max_memory=6000), machine).readers > 1
+
+
 @pytest.mark.parametrize(("budget", "compiles"), [(None, False), (60.0, True)])
 def test_calibration_beside_a_gpu_compiles_the_cpus_sweeps(
     monkeypatch: pytest.MonkeyPatch, budget: float | None, compiles: bool
 ) -> None:
-    monkeypatch.setattr("pocketgs.training.planning.machine.is_compiled", lambda room: room != "prior.depth.cpu")
+    monkeypatch.setattr("pocketgs.training.planning.machine.is_compiled", lambda package: package != SWEEP_KERNELS)
     engine, stereo = CpuEngine(1), CpuStereo()
     monkeypatch.setattr(engine, "name", "webgpu", raising=False)
     machine = this_machine(engine, stereo, SizedOptions(engine="webgpu", time_budget=budget))

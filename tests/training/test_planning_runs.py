@@ -22,7 +22,7 @@ from pocketgs.results.run import run
 from pocketgs.system import freed_memory
 from pocketgs.system.compile import is_compiled
 from pocketgs.training.options import TrainingOptions
-from pocketgs.training.planning.machine import FEATURES_ROOM, POSES_ROOM
+from pocketgs.training.planning.machine import ENGINE_KERNELS, FEATURE_KERNELS, PRIOR_KERNELS
 
 Run = Callable[..., dict[str, Any]]
 
@@ -44,7 +44,7 @@ def trained(tmp_path: Path) -> Run:
 @pytest.fixture
 def _compiled(trained: Run, written_capture: Path) -> None:
     """Compile kernels first, so that measured runs do not."""
-    if not all(map(is_compiled, ("splat.cpu", FEATURES_ROOM, POSES_ROOM))):
+    if not all(map(is_compiled, (ENGINE_KERNELS, FEATURE_KERNELS, *PRIOR_KERNELS))):
         trained(written_capture, "--iterations", 1, "--engine", "cpu")
 
 

@@ -11,7 +11,7 @@ from pocketgs.capture.capture import Capture, Frame, Result
 from pocketgs.capture.image_file import DECODING, DECODING_ALPHA, ImageHeader, read_header
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.loading import (
-    MAX_WORKERS,
+    MAX_READERS,
     Preparation,
     camera_of_size,
     load_frames,
@@ -40,12 +40,16 @@ class Outline:
         held_out: sizes of the held-out photographs.
         stored_pixels: pixels of the largest photograph as stored.
         pixel_bytes: bytes per pixel: colour and, where frames have them, alpha, mask and depth.
+        has_alpha: whether a photograph has alpha.
+        read_again: whether features may be found in photographs that are read again at a larger size.
     """
 
     training: tuple[Size, ...]
     held_out: tuple[Size, ...]
     stored_pixels: int
     pixel_bytes: int = 3
+    has_alpha: bool = False
+    read_again: bool = True
 
     @property
     def largest(self) -> Size:
@@ -68,6 +72,11 @@ class Outline:
         """Memory of all photographs with their alphas, masks and depths."""
         return self.pixel_bytes * sum(width * height for width, height in (*self.training, *self.held_out))
 
+    @property
+    def reading_bytes(self) -> int:
+        """Memory while the largest photograph is read."""
+        return (DECODING_ALPHA if self.has_alpha else DECODING) * self.stored_pixels
+
 
 @dataclass(frozen=True)
 class StoredPhotographs:
@@ -76,10 +85,12 @@ class StoredPhotographs:
     Attributes:
         sources: the frames.
         preparation: applied to every image, except for its size limits.
+        readers: number of photographs to read at the same time.
     """
 
     sources: list[FrameSource]
     preparation: Preparation
+    readers: int = MAX_READERS
 
     @cached_property
     def longest_side(self) -> int:
@@ -94,7 +105,7 @@ class StoredPhotographs:
             PocketGSError: a photograph cannot be used.
         """
         preparation = replace(self.preparation, downscale=1.0, max_size=max_size)
-        found = map_frames(self.sources, preparation, look)
+        found = map_frames(self.sources, preparation, look, self.readers)
         return dict(zip((source.name for source in self.sources), found, strict=True))
 
 
@@ -139,19 +150,22 @@ class ListedCapture:
             held_out=sizes(held_out=True),
             stored_pixels=max(header.width * header.height for header in headers.values()),
             pixel_bytes=max(_pixel_bytes(source, headers[source.name]) for source in self.listing.frames),
+            has_alpha=any(header.has_alpha for header in headers.values()),
+            read_again=_may_read_again(shrink),
         )
 
-    def load(self, shrink: int = 1) -> Capture:
+    def load(self, shrink: int = 1, readers: int = MAX_READERS) -> Capture:
         """Decode the photographs.
 
         Args:
             shrink: integer factor by which photographs are reduced further than requested.
+            readers: maximum number of photographs to read at the same time, fewer if memory is short.
 
         Raises:
             PocketGSError: one of them cannot be used.
         """
-        preparation = self._prepared(shrink)
-        loaded = load_frames(self.listing.frames, preparation, self._workers(shrink))
+        preparation, readers = self._prepared(shrink), min(readers, self._readers(shrink))
+        loaded = load_frames(self.listing.frames, preparation, readers)
         frames = [frame for frame in loaded if frame.mask is None or frame.mask.any()]
         warnings = self.listing.warnings + _masked_out_warning(loaded, frames)
         if all(frame.name in self.held_out_names for frame in frames):
@@ -168,8 +182,9 @@ class ListedCapture:
             origin=self.listing.origin,
             protocol=", ".join([describe_images(self.listing.frames, frames, preparation), self.split]),
             warnings=warnings,
-            # Where memory is short, nothing decodes them at a larger size.
-            photographs=StoredPhotographs(self.listing.frames, self._of_pinholes) if shrink == 1 else None,
+            photographs=(
+                StoredPhotographs(self.listing.frames, self._of_pinholes, readers) if _may_read_again(shrink) else None
+            ),
         )
 
     @cached_property
@@ -178,8 +193,8 @@ class ListedCapture:
         with reading_inside(self.preparation.folder):
             return {source.name: _header(source) for source in self.listing.frames}
 
-    def _workers(self, shrink: int) -> int:
-        """Number of photographs to decode in parallel.
+    def _readers(self, shrink: int) -> int:
+        """Number of photographs to read at the same time.
 
         Raises:
             PocketGSError: the decoded photographs exceed the memory bound.
@@ -188,8 +203,7 @@ class ListedCapture:
         width, height = outline.largest
         count = len(self.listing.frames)
         require_memory(self.path, outline.image_bytes, f"{count} photographs of up to {width}x{height} pixels")
-        pixel_bytes = DECODING_ALPHA if outline.pixel_bytes > RGB_BYTES else DECODING
-        return room_for(pixel_bytes * outline.stored_pixels, MAX_WORKERS)
+        return room_for(outline.reading_bytes, MAX_READERS, held=outline.image_bytes)
 
     @cached_property
     def _cropped_sizes(self) -> dict[str, Size]:
@@ -219,6 +233,11 @@ class ListedCapture:
             downscale=self.preparation.downscale * shrink,
             max_size=None if most is None else max(1, most // shrink),
         )
+
+
+def _may_read_again(shrink: int) -> bool:
+    """Whether features may be found in larger photographs than those held: not where memory is too short for these."""
+    return shrink == 1
 
 
 def describe_images(sources: list[FrameSource], frames: list[Frame], preparation: Preparation) -> str:

@@ -27,7 +27,7 @@ from pocketgs.geometry.lens import Lens
 from pocketgs.system.cores import usable_cores
 
 # Each worker holds a few full-size copies of one image, and more workers decode little faster.
-MAX_WORKERS = 8
+MAX_READERS = 8
 ASPECT_TOLERANCE = 0.01
 MASK_ASPECT_TOLERANCE = 0.02  # masks are often computed on small images, where rounding is visible
 
@@ -57,25 +57,25 @@ class Preparation:
     masks: Path | None = None
 
 
-def load_frames(sources: Sequence[FrameSource], preparation: Preparation, workers: int = MAX_WORKERS) -> list[Frame]:
-    """Load frames in parallel, in order. At most `workers` full-size images are in memory at any time.
+def load_frames(sources: Sequence[FrameSource], preparation: Preparation, readers: int = MAX_READERS) -> list[Frame]:
+    """Load frames in parallel, in order. At most `readers` full-size images are in memory at any time.
 
     Args:
         sources: the frames as listed.
         preparation: how images are prepared.
-        workers: maximum number of images to decode at the same time.
+        readers: maximum number of images to read at the same time.
 
     Raises:
         PocketGSError: as `load_frame`, for the first frame that fails.
     """
-    return map_frames(sources, preparation, lambda frame: frame, workers)
+    return map_frames(sources, preparation, lambda frame: frame, readers)
 
 
 def map_frames(
     sources: Sequence[FrameSource],
     preparation: Preparation,
     look: Callable[[Frame], Result],
-    workers: int = MAX_WORKERS,
+    readers: int = MAX_READERS,
 ) -> list[Result]:
     """Apply `look` to every frame, in parallel, and return the results in order. Frames are not kept.
 
@@ -84,7 +84,7 @@ def map_frames(
     """
     found: list[Result] = []
     try:
-        threads = min(MAX_WORKERS, usable_cores(), workers)
+        threads = min(MAX_READERS, usable_cores(), readers)
         with reading_inside(preparation.folder), ThreadPoolExecutor(threads) as pool:
 
             def load(source: FrameSource) -> Result:
@@ -121,7 +121,7 @@ def _map_video(
         with reading_inside(preparation.folder):
             return look(prepared(pair[0], pair[1], None, preparation))
 
-    while batch := list(islice(pairs, MAX_WORKERS)):
+    while batch := list(islice(pairs, MAX_READERS)):
         yield from pool.map(finish, batch)
 
 

@@ -35,25 +35,25 @@ class _Decorator(Protocol):
     def __call__(self, function: _Function, /) -> _Function: ...
 
 
-def is_compiled(room: str) -> bool:
+def is_compiled(package: str) -> bool:
     """Whether the kernels of a package, such as `splat.cpu`, are compiled and up to date."""
-    return any(_folder_of(room).rglob("*.nbc"))
+    return any(_folder_of(package).rglob("*.nbc"))
 
 
-def _folder_of(room: str) -> Path:
+def _folder_of(package: str) -> Path:
     """Cache folder for a package's machine code: one folder per state of its sources.
 
     Numba itself checks only the kernel's own file, and would run stale code after a change in an imported file.
     """
     base = Path(numba.config.CACHE_DIR or PACKAGE / "__pycache__")
-    return base / f"{room}-{_digest_of(room)}"
+    return base / f"{package}-{_digest_of(package)}"
 
 
 @lru_cache
-def _digest_of(room: str) -> str:
+def _digest_of(package: str) -> str:
     """Digest of the sources that a package's kernels are made from."""
     digest = hashlib.sha256()
-    for path in _sources_of(PACKAGE.joinpath(*room.split("."))):
+    for path in _sources_of(PACKAGE.joinpath(*package.split("."))):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -80,8 +80,8 @@ def _cached(**options: bool) -> _Decorator:
     def decorate(function: _Function) -> _Function:
         before = numba.config.CACHE_DIR
         # Numba reads this here, and falls back to a folder in the user's cache if it is not writable.
-        room = function.__module__.removeprefix(f"{PACKAGE.name}.").rpartition(".")[0]
-        numba.config.CACHE_DIR = str(_folder_of(room))
+        package = function.__module__.removeprefix(f"{PACKAGE.name}.").rpartition(".")[0]
+        numba.config.CACHE_DIR = str(_folder_of(package))
         try:
             return numba.njit(cache=True, error_model="numpy", **options)(function)
         finally:

@@ -21,6 +21,10 @@ MAX_SIDE = 1280
 PIXELS = 160e6
 """Maximum total number of pixels for detection: some 20 s on two cores."""
 
+MAX_AT_ONCE = 4
+"""Maximum number of images in memory in which features are found at the same time. It bounds memory on machines with
+many cores, which are used all the same: OpenCV has threads of its own for each image."""
+
 WORTHWHILE = 1.1
 """Minimum factor in size for which photographs are decoded again."""
 
@@ -38,7 +42,7 @@ def detect_all(
     """
     if not frames:
         return []
-    side = _side(frames, finder.most_pixels)
+    side = detection_side([(frame.camera.width, frame.camera.height) for frame in frames], finder.most_pixels)
     held = max(max(frame.camera.width, frame.camera.height) for frame in frames)
     if photographs is not None and min(side, photographs.longest_side) > WORTHWHILE * held:
         own = {frame.name: frame for frame in frames}
@@ -50,15 +54,19 @@ def detect_all(
         found = photographs.map(look, side)
         if all(found.get(frame.name) is not None for frame in frames):
             return [features for frame in frames if (features := found[frame.name]) is not None]
-    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
+    with ThreadPoolExecutor(min(numba.get_num_threads(), MAX_AT_ONCE)) as pool:
         return list(pool.map(partial(_detect_in_memory, most=most, finder=finder, side=side), frames))
 
 
-def _side(frames: Sequence[Frame], most_pixels: int) -> int:
-    """Longer side of the images to use, so that all of them together have `PIXELS`, and none more than the maximum."""
-    shapes = [sorted((frame.camera.width, frame.camera.height)) for frame in frames]
-    shape = float(np.median([longer / shorter for shorter, longer in shapes]))
-    return int(min(MAX_SIDE, np.sqrt(min(PIXELS / len(frames), most_pixels) * shape)))
+def detection_side(sizes: Sequence[tuple[int, int]], most_pixels: float = np.inf) -> int:
+    """Longer side of the images to use, so that all of them together have `PIXELS`, and none more than the maximum.
+
+    Args:
+        sizes: width and height of each frame.
+        most_pixels: maximum number of pixels of an image, see `FeatureFinder`.
+    """
+    shape = float(np.median([max(size) / min(size) for size in sizes]))
+    return int(min(MAX_SIDE, np.sqrt(min(PIXELS / len(sizes), most_pixels) * shape)))
 
 
 def _detect_in_memory(frame: Frame, most: int, finder: FeatureFinder, side: int) -> Features:
@@ -74,4 +82,4 @@ def _seen_in(frame: Frame, camera: Camera, features: Features) -> Features:
     scale = np.array([frame.camera.fx / camera.fx, frame.camera.fy / camera.fy])
     pixels = (features.pixels - (camera.cx, camera.cy)) * scale + (frame.camera.cx, frame.camera.cy)
     moved = Features(pixels, features.descriptors, float(np.sqrt(scale.prod())))
-    return moved.select(np.all((pixels >= 0) & (pixels < (frame.camera.width, frame.camera.height)), axis=1))
+    return moved.select(frame.camera.contains(pixels))

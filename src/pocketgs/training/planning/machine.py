@@ -14,8 +14,11 @@ from pocketgs.system.process import resident_bytes
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.planning.calibration import Speed, times_prior
 
-FEATURES_ROOM, POSES_ROOM = "prior.features.cpu", "prior.poses"
-"""Packages with kernels that every prior runs; the first only if the CPU finds features."""
+ENGINE_KERNELS, FEATURE_KERNELS, SWEEP_KERNELS = "splat.cpu", "prior.features.cpu", "prior.depth.cpu"
+"""Packages with kernels that only the CPU runs: the engine, the finder of features, the plane sweep."""
+
+PRIOR_KERNELS = ("prior.poses", "prior.bundle", "prior.cloud")
+"""Packages with kernels that every prior runs."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,7 @@ class Machine:
 
     Attributes:
         threads: CPU threads.
-        readers: threads that decode photographs.
+        cores: that read photographs.
         resident: resident memory of the process in bytes.
         compiles: whether kernels must still be compiled, whatever the size of the run.
         compiles_sweeps: whether the CPU's sweeps must still be compiled, if it sweeps.
@@ -35,7 +38,7 @@ class Machine:
     """
 
     threads: int
-    readers: int
+    cores: int
     resident: int
     compiles: bool
     memory_needed: Callable[[int, int, Sequence[tuple[int, int]]], MemoryNeed]
@@ -47,17 +50,17 @@ class Machine:
 
 def this_machine(engine: Engine, stereo: Stereo, options: SizedOptions) -> Machine:
     """Describe this machine; its speed is measured only if time is bounded."""
-    rooms = ["splat.cpu"] if engine.name == "cpu" else []
+    packages = [ENGINE_KERNELS] if engine.name == "cpu" else []
     if options.prior != "none":
-        rooms += [FEATURES_ROOM, POSES_ROOM] if stereo.name == "cpu" else [POSES_ROOM]
+        packages += [*PRIOR_KERNELS, FEATURE_KERNELS] if stereo.name == "cpu" else PRIOR_KERNELS
     if options.time_budget is not None and times_prior(engine, options):
-        rooms.append("prior.depth.cpu")
+        packages.append(SWEEP_KERNELS)
     return Machine(
         threads=kernel_threads(options.threads),
-        readers=usable_cores(),
+        cores=usable_cores(),
         resident=resident_bytes(),
-        compiles=not all(map(is_compiled, rooms)),
+        compiles=not all(map(is_compiled, packages)),
         memory_needed=engine.memory_needed,
         stereo_needed=lambda extent: need_of(stereo, extent),
-        compiles_sweeps=not is_compiled("prior.depth.cpu"),
+        compiles_sweeps=not is_compiled(SWEEP_KERNELS),
     )

@@ -6,9 +6,11 @@ whole runs. They are upper bounds: in a capture without texture, for example, fu
 
 from __future__ import annotations
 
-from pocketgs.capture.loading import MAX_WORKERS
+from pocketgs.capture.listed import Outline
+from pocketgs.capture.loading import MAX_READERS
 from pocketgs.prior.cloud.volume import DEPTHS, KEPT
 from pocketgs.prior.depth.stereo import StereoNeed
+from pocketgs.prior.features.detection import MAX_AT_ONCE, detection_side
 from pocketgs.system.memory_need import MemoryNeed
 from pocketgs.training.planning.work import Work
 
@@ -25,9 +27,6 @@ COMPILER = 350 * MB
 
 OBJECTS = 1.1
 """Arrays of photographs, including fragmentation."""
-
-DECODING, DECODING_ALPHA = 24, 40
-"""Bytes per pixel while a photograph is read, and with alpha."""
 
 SIFT_PIXEL = 210
 """Bytes per pixel during feature detection: grey levels at double size, six blurred copies, and their differences."""
@@ -52,6 +51,20 @@ COMPARED_PIXEL = 240
 """Bytes per pixel of SSIM: ten images in float64."""
 
 
+def readers_that_fit(work: Work, resident: int, compiles: bool, cores: int) -> int:
+    """Number of photographs that may be read at the same time within the memory budget; at least one.
+
+    Args:
+        work: the run.
+        resident: current resident memory of the process.
+        compiles: whether kernels must still be compiled.
+        cores: that decode photographs.
+    """
+    each = max(work.outline.reading_bytes, _detecting(work.outline) if work.has_prior else 0)
+    room = work.options.max_memory * MB - _while_detecting(work, _with_photographs(work.outline, resident, compiles))
+    return max(1, min(cores, MAX_READERS, room // each))
+
+
 def stage_bytes(
     work: Work, engine: MemoryNeed, stereo: StereoNeed, resident: int, compiles: bool, readers: int
 ) -> dict[str, int]:
@@ -63,20 +76,16 @@ def stage_bytes(
         stereo: memory that depth will use.
         resident: current resident memory of the process.
         compiles: whether kernels must still be compiled.
-        readers: threads that decode photographs.
+        readers: number of photographs that are read at the same time.
     """
     outline = work.outline
-    base = resident + LIBRARIES + (COMPILER if compiles else 0)
-    images = int(OBJECTS * outline.image_bytes)
-    decoding = DECODING + (DECODING_ALPHA if outline.pixel_bytes > 3 else 0)
-    stages = {"capture": base + images + min(readers, MAX_WORKERS) * outline.stored_pixels * decoding}
-    held = base + images
+    held = _with_photographs(outline, resident, compiles)
+    stages = {"capture": held + readers * outline.reading_bytes}
     if work.has_prior:
-        views = min(work.threads, len(outline.training))
-        held += ADJUSTMENT if work.options.bundle else 0
-        held += images if work.options.exposure != "off" else 0  # an exposure-compensated copy
-        stages["poses"] = held + MATCHING + views * SIFT_PIXEL * outline.pixels
-        held += SPARSE
+        again = readers * max(outline.reading_bytes, _detecting(outline)) if outline.read_again else 0
+        in_memory = min(work.threads, MAX_AT_ONCE) * min(SIFT_PIXEL * outline.pixels, _detecting(outline))
+        stages["poses"] = _while_detecting(work, held) + max(again, in_memory)
+        held = _while_detecting(work, held) - MATCHING + SPARSE
     if work.has_depth:
         copies = _sweep_copies(work)
         maps = work.keyframes * MAP_PIXEL * work.sweep_pixels
@@ -88,6 +97,28 @@ def stage_bytes(
     seeds = work.gaussians * _bytes_outside_engine(work.columns)
     stages["training"] = held + KERNELS + seeds + engine.process + COMPARED_PIXEL * outline.pixels
     return stages
+
+
+def _with_photographs(outline: Outline, resident: int, compiles: bool) -> int:
+    """Bytes held once the photographs are read."""
+    return resident + LIBRARIES + (COMPILER if compiles else 0) + int(OBJECTS * outline.image_bytes)
+
+
+def _while_detecting(work: Work, held: int) -> int:
+    """Bytes held while poses are refined, besides what the detection of features in single photographs takes."""
+    if not work.has_prior:
+        return held
+    adjustment = ADJUSTMENT if work.options.bundle else 0
+    compensated = int(OBJECTS * work.outline.image_bytes) if work.options.exposure != "off" else 0
+    return held + adjustment + compensated + MATCHING
+
+
+def _detecting(outline: Outline) -> int:
+    """Bytes to detect features in a photograph, read again where it is stored larger than it is held."""
+    width, height = outline.largest
+    side = detection_side((*outline.training, *outline.held_out))
+    stored = outline.stored_pixels if outline.read_again else outline.pixels
+    return SIFT_PIXEL * min(stored, side**2 * min(width, height) // max(width, height))
 
 
 def _sweep_copies(work: Work) -> int:

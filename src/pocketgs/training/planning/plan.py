@@ -18,7 +18,7 @@ from pocketgs.system.memory_need import MemoryNeed
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.planning.calibration import Speed
 from pocketgs.training.planning.machine import Machine
-from pocketgs.training.planning.memory_model import MB, stage_bytes
+from pocketgs.training.planning.memory_model import MB, readers_that_fit, stage_bytes
 from pocketgs.training.planning.time_model import Timetable, timetable
 from pocketgs.training.planning.work import Work
 
@@ -45,7 +45,8 @@ class Plan:
     Attributes:
         shrink: integer factor by which photographs are reduced further than requested.
         width, height: of the largest photograph.
-        gaussians: maximum number at the start.
+        gaussians: maximum number of the run.
+        readers: number of photographs to read at the same time.
         peak_rss_mb: peak memory of the process, in MB of 10^6 bytes.
         rss_by_stage_mb: the same by stage.
         device_mb: buffers on the GPU.
@@ -58,6 +59,7 @@ class Plan:
     width: int
     height: int
     gaussians: int
+    readers: int
     peak_rss_mb: float
     rss_by_stage_mb: dict[str, float]
     device_mb: float
@@ -72,6 +74,7 @@ class _Size:
 
     shrink: int
     work: Work
+    readers: int
     rss: dict[str, int]
     device: int
     times: Timetable | None
@@ -103,7 +106,7 @@ def make_plan(listed: ListedCapture, options: SizedOptions, machine: Machine) ->
     if last.refusal:
         raise last.refusal
     if not _fits(last, options):
-        raise PocketGSError(_too_little_memory(last, listed, options, machine))
+        raise PocketGSError(_too_little_memory(last, listed, options))
     if _steps(last, options, machine) < min(MIN_ITERATIONS, options.iterations):
         raise PocketGSError(_too_little_time(last, listed, options, machine))
     return _plan(last, options, machine)
@@ -126,7 +129,7 @@ def plan_again(listed: ListedCapture, options: SizedOptions, machine: Machine, s
     if size.refusal:
         raise size.refusal
     if not _fits(size, options):
-        raise PocketGSError(_too_little_memory(size, listed, options, machine))
+        raise PocketGSError(_too_little_memory(size, listed, options))
     return _plan(size, options, machine)
 
 
@@ -166,11 +169,13 @@ def _size(shrink: int, outline: Outline, options: SizedOptions, machine: Machine
     try:
         engine = machine.memory_needed(work.gaussians, work.coefficients, outline.training)
     except PocketGSError as error:
-        return _Size(shrink, work, {"training": 0}, 0, times, compiles, error)
+        return _Size(shrink, work, 1, {"training": 0}, 0, times, compiles, error)
+    readers = readers_that_fit(work, machine.resident, compiles, machine.cores)
     return _Size(
         shrink,
         work,
-        stage_bytes(work, engine, stereo, machine.resident, compiles, machine.readers),
+        readers,
+        stage_bytes(work, engine, stereo, machine.resident, compiles, readers),
         # Each gives its buffers back before the next makes its own. Seeding's never take as much as the engine's.
         max(engine.device, stereo.sweeping.device, stereo.comparing.device),
         times,
@@ -208,6 +213,7 @@ def _plan(size: _Size, options: SizedOptions, machine: Machine) -> Plan:
         width=width,
         height=height,
         gaussians=size.work.gaussians,
+        readers=size.readers,
         peak_rss_mb=size.peak / MB,
         rss_by_stage_mb={stage: rss / MB for stage, rss in size.rss.items()},
         device_mb=size.device / MB,
@@ -217,7 +223,7 @@ def _plan(size: _Size, options: SizedOptions, machine: Machine) -> Plan:
     )
 
 
-def _too_little_memory(size: _Size, listed: ListedCapture, options: SizedOptions, machine: Machine) -> str:
+def _too_little_memory(size: _Size, listed: ListedCapture, options: SizedOptions) -> str:
     needed = -(-max(size.peak, size.device) // (10 * MB)) * 10
     stage = max(size.rss, key=lambda name: size.rss[name])
     first = ", since kernels are compiled in the first run," if size.compiles else ""
