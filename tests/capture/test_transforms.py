@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -167,6 +168,15 @@ def test_blender_without_test_split(ring, tmp_path):
     blender_scene(ring, tmp_path)
     (tmp_path / "transforms_test.json").unlink()
     assert "every 8th" in open_capture(tmp_path).protocol
+
+
+def test_blender_without_test_images(ring, tmp_path):
+    """People leave the test images out to save space, but keep the file that lists them."""
+    blender_scene(ring, tmp_path)
+    shutil.rmtree(tmp_path / "test")
+    capture = open_capture(tmp_path)
+    assert "every 8th" in capture.protocol
+    assert (len(capture.train), len(capture.held_out)) == (6, 1)
 
 
 @pytest.mark.parametrize(

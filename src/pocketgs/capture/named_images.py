@@ -43,7 +43,7 @@ def find_images(
     """
     refusal: PocketGSError | None = None
     try:
-        files, _ = find_stated(folder, named, where, suffixes)
+        files = find_stated(folder, named, where, suffixes)
     except PocketGSError as error:
         files, refusal = [], error
     if any(files):
@@ -59,10 +59,8 @@ def find_images(
     return files, (f"{where}: {said}, such as {relative_name(file, folder)} for {name}",)
 
 
-def find_stated(
-    folder: Path, named: Sequence[str], where: str, suffixes: tuple[str, ...] = ("",)
-) -> tuple[list[Path | None], tuple[str, ...]]:
-    """Like `find_images`, but only in the stated folders, which needs no warning.
+def find_stated(folder: Path, named: Sequence[str], where: str, suffixes: tuple[str, ...] = ("",)) -> list[Path | None]:
+    """The files that `find_images` finds in the stated folders.
 
     Case, the encoding of accents, and the suffix (if no other file has the same stem) may differ.
 
@@ -76,7 +74,7 @@ def find_stated(
         if file is None:
             file = _spelt_otherwise(spelt_in(inside(folder, name, where).parent), name, suffixes)
         files.append(file)
-    return files, ()
+    return files
 
 
 def _spelt_otherwise(present: dict[str, list[Path]], stated: str, suffixes: tuple[str, ...]) -> Path | None:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from pocketgs.capture.formats.transforms_file import absent_warning, read_frames
 from pocketgs.capture.listing import FrameSource, Listing
-from pocketgs.capture.named_images import find_stated
 from pocketgs.errors import PocketGSError
 from pocketgs.files.json_fields import read_json
 
@@ -33,11 +32,11 @@ def read(path: Path, images: str | None = None) -> Listing:
         return Listing(FORMAT, train, background=WHITE, warnings=warnings)
     test, more_warnings = _read_split(path, "transforms_test.json")
     held_out = frozenset(frame.name for frame in test)
-    return Listing(FORMAT, train + test, held_out=held_out, background=WHITE, warnings=warnings + more_warnings)
+    return Listing(FORMAT, train + test, held_out=held_out or None, background=WHITE, warnings=warnings + more_warnings)
 
 
 def _read_split(path: Path, name: str) -> tuple[list[FrameSource], tuple[str, ...]]:
     document = read_json(path / name)
     # Always with the folder: training and test images have the same names.
-    frames, warnings = read_frames(document, path, find=find_stated)
+    frames, warnings = read_frames(document, path, may_have_moved=False)
     return [frame for frame in frames if frame is not None], warnings + absent_warning(frames, document)

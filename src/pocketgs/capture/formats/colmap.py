@@ -74,7 +74,8 @@ def _match_files(
     """Each registered image's file, None where it is missing, and warnings."""
     folder = _image_folder(capture, images)
     names = [image.name for image in registered]
-    files, warnings = find_stated(folder, names, where)
+    warnings: tuple[str, ...] = ()
+    files = find_stated(folder, names, where)
     if images is None and not any(files):
         files, warnings = find_images(capture, [f"{DEFAULT_IMAGES}/{name}" for name in names], where)
     absent = [name for name, file in zip(names, files, strict=True) if file is None]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -24,12 +23,9 @@ PERSPECTIVE_MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "O
 FISHEYE_MODELS = ("OPENCV_FISHEYE",)
 DEFAULT_DEPTH_UNIT = 0.001
 
-FindImages = Callable[[Path, Sequence[str], str, tuple[str, ...]], tuple[list[Path | None], tuple[str, ...]]]
-"""`find_images` or `find_stated`."""
-
 
 def read_frames(
-    document: Fields, folder: Path, images: str | None = None, find: FindImages = find_images
+    document: Fields, folder: Path, images: str | None = None, may_have_moved: bool = True
 ) -> tuple[list[FrameSource | None], tuple[str, ...]]:
     """Read the frames in the listed order, None where an image file is missing; returns warnings too.
 
@@ -39,7 +35,7 @@ def read_frames(
         document: the whole file.
         folder: that its paths are relative to, and must lie in.
         images: folder to take the images from instead, by file name.
-        find: finds the images if no folder is given.
+        may_have_moved: if none is at its stated path, search the images in the whole folder by name.
 
     Raises:
         PocketGSError: a field is missing or malformed, or a path leaves the folder.
@@ -47,10 +43,13 @@ def read_frames(
     shared = Fields({name: value for name, value in document.values.items() if name != "frames"}, document.where)
     frames = [frame.over(shared) for frame in document.objects("frames")]
     named = [frame.text("file_path") for frame in frames]
+    warnings: tuple[str, ...] = ()
     if images is not None:
         named = [f"{images}/{PurePosixPath(name).name}" for name in named]
-        find = find_stated
-    files, warnings = find(folder, named, document.where, EXTENSIONS_TRIED)
+    if images is None and may_have_moved:
+        files, warnings = find_images(folder, named, document.where, EXTENSIONS_TRIED)
+    else:
+        files = find_stated(folder, named, document.where, EXTENSIONS_TRIED)
     found = zip(frames, files, strict=True)
     return [None if file is None else _read_frame(frame, folder, file) for frame, file in found], warnings
 
