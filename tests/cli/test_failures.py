@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -179,12 +180,27 @@ def test_nothing_held_out(refused: Callable[..., str], written_capture: Path, re
     assert "no view is held out" in refused("eval", result, written_capture, "--hold-out", "0")
 
 
+def test_a_video_beside_a_folder_of_its_name(
+    pocketgs: Callable[..., Any], written_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both would go to output/trip; the second must not replace the first."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(written_capture, "trip")
+    Path("trip.mp4").write_bytes(b"not decoded")
+    assert pocketgs("train", "trip", "--prior", "none", "--iterations", 1).status == 0
+    assert pocketgs("train", "trip/transforms.json", "--prior", "none", "--iterations", 1).status == 0
+    outcome = pocketgs("train", "trip.mp4")
+    assert outcome.status == 2
+    assert "holds the result of another capture of this name" in outcome.errors
+
+
 def test_resume(refused: Callable[..., str], written_capture: Path, result: Path, tmp_path: Path) -> None:
     command = ["train", written_capture, "--resume", "--prior", "none", "--output"]
     assert "40 iterations are already done" in refused(*command, result, "--iterations", "40")
     assert "holds no unfinished.npz or checkpoint.npz" in refused(*command, tmp_path / "new")
     others = [["--seed", "1"], ["--recipe", "reference"], ["--sh-degree", "2"], ["--hold-out", "4"]]
     others += [["--prior", "sparse"], ["--no-bundle"], ["--source-views", "2"], ["--max-keyframes", "5"]]
+    others += [["--colours", "on"], ["--transients", "keep"]]
     for option in [*others, ["--exposure", "off"], ["--max-gaussians", "100"]]:
         assert "belongs to a run with" in refused(*command, result, *option)
     (result / "checkpoint.npz").write_bytes(b"hello")

@@ -124,7 +124,7 @@ def list_capture(
         folder=folder_of(path),
         masks=masks_of.named_folder(folder, masks),
     )
-    return ListedCapture(_name(path), path, listing, held_out_names, split, preparation, downscale is not None)
+    return ListedCapture(capture_name(path), path, listing, held_out_names, split, preparation, downscale is not None)
 
 
 def read_listing(path: Path, images: str | None = None) -> Listing:
@@ -187,11 +187,17 @@ def _reader_for(path: Path) -> Reader:
     raise PocketGSError(f"{path}: not a capture of a supported format. Looked for {looked_for}")
 
 
-def _name(path: Path) -> str:
+def capture_name(path: Path) -> str:
+    """The name of a capture: of its folder, or of its video without the suffix."""
     resolved = path.resolve()
-    if resolved.is_file() and resolved.suffix.lower() != ".json":
-        return resolved.stem
-    return (resolved.parent if resolved.is_file() else resolved).name or "capture"
+    if is_transforms_file(resolved):
+        return resolved.parent.name or "capture"
+    return (resolved.stem if resolved.is_file() else resolved.name) or "capture"
+
+
+def is_transforms_file(path: Path) -> bool:
+    """Whether a capture is given by its transforms.json, which stands for the folder that it lies in."""
+    return path.suffix.lower() == ".json" and path.is_file()
 
 
 def _lens_handling(lens: str, undistort: bool) -> LensHandling:

@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from pocketgs.capture import ListedCapture
-from pocketgs.capture.open import lacks_poses
+from pocketgs.capture.open import capture_name, is_transforms_file, lacks_poses
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.compressing_run import CompressingRun
 from pocketgs.cli.shown_run import show_run
@@ -45,11 +45,10 @@ def train(
         page: Options of the page that follows the run.
     """
     console = Terminal()
-    resolved = capture.resolve()
-    if resolved.is_file():
-        resolved = resolved.parent if resolved.suffix.lower() == ".json" else resolved.with_suffix("")
-    name = resolved.name or "capture"
-    folder, source = output or Path("output") / name, source_of(resolved)
+    name, resolved = capture_name(capture), capture.resolve()
+    # A folder and the transforms.json in it are one capture; a folder and a video of the same name are two.
+    source = source_of(resolved.parent if is_transforms_file(resolved) else resolved)
+    folder = output or Path("output") / name
     if output is None:
         check_free_for(folder, source)
 

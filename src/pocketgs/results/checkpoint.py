@@ -26,7 +26,7 @@ CHECKPOINT = "checkpoint.npz"
 SHRINK = "shrink"
 """Key of the integer factor by which the run's photographs are reduced further than requested."""
 
-ROOM = "room"
+MAX_GAUSSIANS = "planned gaussians"
 """Key of the maximum number of Gaussians of the run."""
 
 STATISTICS = tuple(field.name for field in fields(Statistics))
@@ -100,7 +100,7 @@ def read_size(folder: Path) -> tuple[int, int]:
     try:
         with _arrays(path) as data:
             run, count = json.loads(str(data["run"])), len(data["opacity_logits"])
-            return int(run[SHRINK]), max(int(run[ROOM]), count)
+            return int(run[SHRINK]), max(int(run[MAX_GAUSSIANS]), count)
     except Exception as error:  # a damaged archive fails in many ways
         raise PocketGSError(f"{path}: not a readable checkpoint ({error})") from error
 
@@ -142,7 +142,7 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
             near = float(data["near"]) if "near" in data else None
             colours = data.get("colours")
             state = OptimiserState(data["first_moments"], data["second_moments"], int(data["steps"]), near, colours)
-            statistics = _statistics(data, len(gaussians)) if STATISTICS[0] in data else None
+            statistics = Statistics(*(data[name] for name in STATISTICS)) if STATISTICS[0] in data else None
             iteration = int(data["iteration"])
             course = _course(json.loads(str(data["course"]))) if "course" in data else None
             transients = _transients(data) if "transients" in data else None
@@ -178,11 +178,6 @@ def _transients(data: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
     sizes = shapes.prod(axis=1)
     cells = np.split(np.unpackbits(data["transients"], count=int(sizes.sum())), np.cumsum(sizes)[:-1])
     return tuple(part.astype(np.bool_).reshape(shape) for part, shape in zip(cells, shapes, strict=True))
-
-
-def _statistics(data: Mapping[str, np.ndarray], count: int) -> Statistics:
-    """What was summed up. What was not known of when the checkpoint was written is 0."""
-    return Statistics(*(data[name] if name in data else np.zeros(count, np.float32) for name in STATISTICS))
 
 
 def _newest_checkpoint(folder: Path) -> Path:

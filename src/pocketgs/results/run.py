@@ -21,7 +21,7 @@ from pocketgs.results import folder as result_folder
 from pocketgs.results.cameras_file import write_cameras
 from pocketgs.results.checkpoint import (
     CHECKPOINT,
-    ROOM,
+    MAX_GAUSSIANS,
     SHRINK,
     UNFINISHED,
     read_checkpoint,
@@ -133,7 +133,7 @@ def _run(
         reporter.on_warning(warning)
     reporter.on_plan(plan)
     with stopwatch.stage("capture"):
-        capture = listed.load(plan.shrink)
+        capture = listed.load(plan.shrink, plan.readers)
     reporter.on_capture(capture)
     check_comparable(capture.held_out)
     identity = _identity(capture, options, plan)
@@ -233,10 +233,11 @@ def _identity(capture: Capture, options: SizedOptions, plan: Plan) -> dict[str, 
         "max gaussians": options.max_gaussians,
         "strategy": options.strategy,
         SHRINK: plan.shrink,
-        ROOM: plan.gaussians,
+        MAX_GAUSSIANS: plan.gaussians,
+        "colours": options.colours,
+        "transients": options.transients,
+        # A run that trained as long as it paid may go on with a set length, but not the other way round.
         **({"open ended": True} if options.open_ended else {}),
-        **({"colours": options.colours} if options.colours == "on" else {}),
-        **({"transients": options.transients} if options.transients == "keep" else {}),
     }
 
 
