@@ -121,6 +121,15 @@ def test_what_a_killed_server_leaves(folder: Path, serve: Callable[..., Phone]) 
         assert run.wait(10) != 0
 
 
+def test_an_effort_that_is_no_more_offered(folder: Path, serve: Callable[..., Phone]) -> None:
+    """Such as of an earlier version: the capture fails with a reason, and the others go on."""
+    shelf = Shelf(folder)
+    files = (UploadedFile("a.mov", "0001.mov", 5),)
+    entry = Entry(new_id(), "old", "video", files, "heroic", 1.0, "queued")
+    shelf.add(entry)
+    assert "effort 'heroic', expected one of quick" in serve().until(entry.id, "failed")["message"]
+
+
 @pytest.mark.usefixtures("untrained")
 def test_a_check_that_was_cut_off(folder: Path, serve: Callable[..., Phone], zipped: bytes) -> None:
     shelf = Shelf(folder)

@@ -19,9 +19,8 @@ from pocketgs.errors import USER_ERROR, PocketGSError
 from pocketgs.files.manifest import PRIVATE
 from pocketgs.serve import child
 from pocketgs.serve.entry import Entry
-from pocketgs.serve.intake import input_of
 from pocketgs.serve.outcome import can_go_on, is_complete, plain_message
-from pocketgs.serve.shelf import LOG, RESULT, THUMBNAIL, Shelf
+from pocketgs.serve.shelf import LOG, RESULT, THUMBNAIL, Shelf, input_of
 from pocketgs.serve.thumbnail import show_rendering
 from pocketgs.serve.training import Training
 
@@ -98,8 +97,8 @@ class Queue:
             for entry in self._in_state("checking"):
                 try:
                     await self._check(entry)
-                except (PocketGSError, OSError) as error:
-                    self._note(entry.id, state="unusable", message=str(error))
+                except Exception as error:  # whatever it is, other captures wait
+                    self._note(entry.id, state="unusable", message=_reason(error))
                 await self.tell()
             async with self._news:
                 await self._news.wait_for(lambda: self._in_state("checking"))
@@ -113,8 +112,8 @@ class Queue:
                 entry = self.waiting()[0]
                 try:
                     await self._train(entry, client)
-                except (PocketGSError, OSError) as error:
-                    self._note(entry.id, state="failed", message=str(error), process=None)
+                except Exception as error:  # whatever it is, other captures wait
+                    self._note(entry.id, state="failed", message=_reason(error), process=None)
 
     async def _check(self, entry: Entry) -> None:
         place = self._shelf.place(entry)
@@ -141,6 +140,8 @@ class Queue:
         self._note(entry.id, state="unusable", message=plain_message(message, entry, place))
 
     async def _train(self, entry: Entry, client: ClientSession) -> None:
+        if entry.effort not in self._flags:
+            raise PocketGSError(f"effort {entry.effort!r}, expected one of {', '.join(self._flags)}")
         place, flags, run = self._shelf.place(entry), self._flags[entry.effort], Training(client)
         goes_on = flags == entry.flags and can_go_on(place / RESULT, entry.begun)
         begun = entry.begun if goes_on else time.time()
@@ -182,3 +183,8 @@ class Queue:
         if entry := self._shelf.entries.get(identity):
             with suppress(PocketGSError):
                 self._shelf.save(replace(entry, **changes))
+
+
+def _reason(error: Exception) -> str:
+    """What went wrong, for the page; an error that nobody foresaw is named by its type."""
+    return str(error) if isinstance(error, (PocketGSError, OSError)) else f"{type(error).__name__}: {error}"
