@@ -19,10 +19,12 @@ from PIL import Image
 from pocketgs.capture import open_capture
 from pocketgs.capture.open import lacks_poses, read_listing
 from pocketgs.capture.synthetic import true_capture
+from pocketgs.capture.synthetic.mistakes import write_mistake
 from pocketgs.cli import main
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.results.video import write_video
+from pocketgs.structure_from_motion import attempts
 from pocketgs.structure_from_motion.options import PoseOptions
 from pocketgs.structure_from_motion.pose import STAGES, pose, posed
 from pocketgs.structure_from_motion.process import run_colmap
@@ -269,6 +271,67 @@ def test_poses_of_a_video(tmp_path: Path) -> None:
     position_errors, angles = differences(cameras_by_name(tmp_path / "posed"), truth)
     assert position_errors.mean() < 0.005
     assert angles.max() < 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("refine_lenses", [True, False])
+def test_placing_all_photographs_at_once(
+    data_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refine_lenses: bool
+) -> None:
+    """What is done where adding one photograph after the other fails; the guessed focal length is 1 % off."""
+
+    def run(module: str, job: dict[str, Any], *others: Any) -> dict[str, Any]:
+        return run_colmap(module, {**job, "mapper": "global", "refine_lenses": refine_lenses}, *others)
+
+    monkeypatch.setattr("pocketgs.structure_from_motion.attempts.run_colmap", run)
+    found = pose(data_folder / "fern" / "images_8", tmp_path / "posed", PoseOptions(max_size=400))
+    assert (found.frames, found.registered) == (20, 20)
+    truth = cameras_by_name(data_folder / "fern", "images_8")
+    position_errors, angles = differences(cameras_by_name(tmp_path / "posed"), truth)
+    assert position_errors.mean() < 0.05
+    assert angles.max() < 2
+
+
+@pytest.mark.parametrize(
+    ("answers", "asked", "warned"),
+    [
+        # One photograph after the other fails, and placing all at once does not.
+        ([0, 0, 4], [("incremental", True), ("incremental", True), ("global", True)], False),
+        # The lens cannot be found either.
+        ([0, 0, 0, 4], [("incremental", True), ("incremental", True), ("global", True), ("global", False)], True),
+        # Placing all at once is worse.
+        ([3, 3, 0, 2], [("incremental", True)] * 2 + [("global", True), ("global", False)], False),
+    ],
+)
+def test_attempts(
+    photographs: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    colmap_outcome: dict[str, Any],
+    answers: list[int],
+    asked: list[tuple[str, bool]],
+    warned: bool,
+) -> None:
+    made = attempts.run_colmap
+    jobs = []
+
+    def run(module: str, job: dict[str, Any], *others: Any) -> dict[str, Any]:
+        jobs.append((job["mapper"], job["refine_lenses"]))
+        return {**made(module, job, *others), "placed": NAMES[: answers[len(jobs) - 1]], "parallax_pairs": 6}
+
+    monkeypatch.setattr("pocketgs.structure_from_motion.attempts.run_colmap", run)
+    warnings: list[str] = []
+    found = pose(photographs, tmp_path / "output", on_warning=warnings.append)
+    assert found.registered == max(answers)
+    assert jobs == asked
+    assert any("the camera hardly moved" in warning for warning in warnings) == warned
+
+
+@pytest.mark.slow
+def test_turning_on_the_spot_has_no_poses(tmp_path: Path) -> None:
+    write_mistake("turning", tmp_path / "capture", width=480, height=360, frames=10)
+    with pytest.raises(PocketGSError, match="no poses found for 10 images"):
+        pose(tmp_path / "capture" / "images", tmp_path / "posed")
 
 
 def cameras_by_name(capture: Path, images: str | None = None) -> dict[str, Camera]:

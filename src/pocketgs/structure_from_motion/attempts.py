@@ -1,4 +1,6 @@
-"""Registering photographs in steps: with the likeliest pairs, with more pairs, and with a lower match threshold."""
+"""Registering photographs in steps: with the likeliest pairs, with more pairs, with a lower match threshold, and all at
+once.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +24,10 @@ MIN_MATCHES, MIN_MATCHES_RELAXED = 15, 10
 
 MIN_SHARE = 0.8
 """Share of photographs that must be registered; below it the lower match threshold is tried."""
+
+MIN_PARALLAX_SHARE = 0.1
+"""Minimum share of the matching pairs in which the camera did not only turn, for placing all photographs at once:
+otherwise errors of the lens would pass for parallax."""
 
 MAX_EXTRA_PAIRS = 5000
 
@@ -47,7 +53,8 @@ def place_all(
         on_count: called with the progress of a stage.
 
     Returns:
-        See `colmap.run`; the attempt that registered most photographs.
+        See `colmap.run`; the attempt that registered most photographs. `lenses_refined` says whether the lenses were
+        found from the photographs.
 
     Raises:
         PocketGSError: COLMAP failed.
@@ -59,7 +66,16 @@ def place_all(
 
     def attempt(pairs: Pairs, **changes: Any) -> Outcome:
         listed = [(names[first], names[second]) for first, second in sorted(pairs)]
-        return run_colmap("colmap", {**job, "pairs": listed, **changes}, workspace / "log.txt", on_stage, on_count)
+        asked = {**job, "pairs": listed, **changes}
+        found = run_colmap("colmap", asked, workspace / "log.txt", on_stage, on_count)
+        return {**found, "lenses_refined": asked["refine_lenses"]}
+
+    def at_once() -> Outcome:
+        """Place all photographs together, with lenses as they are stated if the motion does not determine them."""
+        found = attempt(set(), mapper="global", better_than=_placed(best))
+        if found["placed"]:
+            return found
+        return attempt(set(), mapper="global", better_than=_placed(best), refine_lenses=False)
 
     best = attempt(pairs)
     # A later attempt replaces the model only if it registers more photographs.
@@ -71,7 +87,14 @@ def place_all(
     if len(best["placed"]) < MIN_SHARE * len(names):
         tolerant = attempt(set(), least_matches=MIN_MATCHES_RELAXED, better_than=_placed(best))
         best = max(best, tolerant, key=_placed)
+    if len(best["placed"]) < MIN_SHARE * len(names) and _moved(best):
+        best = max(best, at_once(), key=_placed)
     return best
+
+
+def _moved(outcome: Outcome) -> bool:
+    """Whether the camera changed its place, and did not only turn."""
+    return outcome["parallax_pairs"] > MIN_PARALLAX_SHARE * outcome["matched_pairs"]
 
 
 def _placed(outcome: Outcome) -> int:
@@ -100,6 +123,8 @@ def _job(
         "cameras": [_camera(group, options) for group in cameras_of(photographs)],
         "places": {photograph.name: place for photograph, place in known if np.isfinite(place).all()},
         "least_matches": MIN_MATCHES,
+        "mapper": "incremental",
+        "refine_lenses": True,
         "go_on": False,
         "better_than": 0,
         "seed": options.seed,

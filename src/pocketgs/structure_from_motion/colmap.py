@@ -14,9 +14,17 @@ import pycolmap
 from pocketgs.structure_from_motion.job import Job, Outcome, announce, announce_count, serve
 from pocketgs.structure_from_motion.world import from_places, upright
 
-MIN_MODEL = 3
+MIN_MODEL, MIN_POINTS = 3, 20
+"""Minimum number of images and of points of a model."""
+
 FAR, AS_GOOD = 0.1, 1.1
-"""Log ratio of focal lengths above which the stated one is tried; maximum ratio of reprojection errors to accept it."""
+"""Log ratio above which two focal lengths differ, and the maximum ratio of reprojection errors to take another one."""
+
+WITH_PARALLAX = (
+    pycolmap.TwoViewGeometryConfiguration.CALIBRATED.value,
+    pycolmap.TwoViewGeometryConfiguration.UNCALIBRATED.value,
+)
+"""Pairs whose matches no homography explains, as it does where the camera only turned."""
 
 PAIRS_AT_ONCE = 60
 """Pairs matched between two progress reports."""
@@ -27,7 +35,8 @@ def run(job: Job) -> Outcome:
 
     Args:
         job: `database`, a file, created and filled with `cameras` if missing; `pairs` of names to match, in addition to
-            those matched before, or none to verify all of these again; `least_matches` per pair; `model` and
+            those matched before, or none to verify all of these again; `least_matches` per pair; `mapper`, one of
+            `MAPPERS`; `refine_lenses`, or keep what cameras state; `model` and
             `raw_model`, folders for the model of the full-size images in its final world, and for that of the reduced
             images in COLMAP's; `better_than`, the number of images that must be exceeded to write them; `go_on`,
             whether to register more images in an earlier `raw_model`; `places` in metres, by image name; `seed`.
@@ -36,7 +45,8 @@ def run(job: Job) -> Outcome:
 
     Returns:
         The result: names of images `placed`, `points`, mean `reprojection_error` in pixels of the full images, mean
-        `track_length`, number of `matched_pairs`, sizes of other `models`, whether the world is `metric`.
+        `track_length`, number of `matched_pairs` and of `parallax_pairs` among them, whose matches no homography
+        explains, sizes of `other_models`, whether the world is `metric`.
     """
     database = Path(job["database"])
     pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
@@ -46,16 +56,19 @@ def run(job: Job) -> Outcome:
     announce("matching")
     _match(job, database)
     announce("mapping")
-    models = _map(job, database)
+    models = _models(job, database)
     with pycolmap.Database.open(database) as found:
-        _, inliers = found.read_two_view_geometry_num_inliers()
-    matched_pairs = sum(number > 0 for number in inliers)
+        _, geometries = found.read_two_view_geometries()
+    pairs = {
+        "matched_pairs": sum(len(geometry.inlier_matches) > 0 for geometry in geometries),
+        "parallax_pairs": sum(geometry.config in WITH_PARALLAX for geometry in geometries),
+    }
     if not models:
-        return {"placed": [], "matched_pairs": matched_pairs}
+        return {"placed": [], **pairs}
     models.sort(key=lambda model: (model.num_reg_images(), model.num_points3D()), reverse=True)
     largest = models[0]
     placed = sorted(image.name for image in largest.images.values() if image.has_pose)
-    outcome = {"placed": placed, "matched_pairs": matched_pairs}
+    outcome = {"placed": placed, **pairs}
     if len(placed) <= job["better_than"]:
         return outcome
     largest = _with_stated_focal_lengths(job, largest)
@@ -132,7 +145,14 @@ def _matched(database: Path) -> list[tuple[str, str]]:
     return [(names[first], names[second]) for first, second in numbers]
 
 
-def _map(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
+def _models(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
+    found = MAPPERS[job["mapper"]](job, database)
+    # Where the camera only turned, COLMAP places images and then discards their points.
+    return [model for model in found if model.num_reg_images() >= MIN_MODEL and model.num_points3D() >= MIN_POINTS]
+
+
+def _map_incrementally(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
+    """Start from two images and add one after the other."""
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = job["seed"]
     # With several threads, sums are in any order, and bundle adjustment amplifies the difference.
@@ -155,6 +175,34 @@ def _map(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
         next_image_callback=lambda: announce_count(min(next(tries) + 1, images), images),
     )
     return list(found.values())
+
+
+def _map_globally(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
+    """Place all images at once (GLOMAP, Pan et al. 2024), which needs no two images to start from.
+
+    A model in which a refined lens makes no sense is left out.
+    """
+    options = pycolmap.GlobalPipelineOptions()
+    options.min_num_matches = job["least_matches"]
+    options.min_model_size = MIN_MODEL
+    mapper = options.mapper
+    for each in (options, mapper, mapper.rotation_averaging, mapper.global_positioning):
+        each.random_seed = job["seed"]
+    options.num_threads = mapper.num_threads = 1  # as for the other mapper
+    lens = mapper.bundle_adjustment
+    lens.refine_focal_length = lens.refine_extra_params = job["refine_lenses"]
+    working = database.with_name("global_models")
+    working.mkdir(exist_ok=True)
+    found = pycolmap.global_mapping(database, database.parent, working, options)
+    return [model for model in found.values() if all(map(_has_square_pixels, model.cameras.values()))]
+
+
+def _has_square_pixels(camera: pycolmap.Camera) -> bool:
+    """Whether the focal lengths along both axes agree: they drift apart where the motion does not determine them."""
+    return abs(float(np.log(camera.focal_length_x / camera.focal_length_y))) <= FAR
+
+
+MAPPERS = {"incremental": _map_incrementally, "global": _map_globally}
 
 
 def _with_stated_focal_lengths(job: Job, model: pycolmap.Reconstruction) -> pycolmap.Reconstruction:

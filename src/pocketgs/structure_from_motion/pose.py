@@ -27,6 +27,10 @@ ADVICE = (
     "take sharp photographs of textured surfaces in good light, from different positions, such that each shows two "
     "thirds of the previous one; see docs/photographing.md"
 )
+LITTLE_PARALLAX = (
+    "the camera hardly moved: depths are coarse, and the focal length is EXIF's or a guess; for a scene that can be "
+    "seen from elsewhere too, walk around what you photograph; see docs/photographing.md"
+)
 MAX_NAMES = 12
 
 
@@ -105,6 +109,8 @@ def pose(
             (staging / POSED_RECORD).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
         raise PocketGSError(f"{output.resolve()}: cannot be written ({error.strerror or error})") from error
+    if not outcome["lenses_refined"]:
+        on_warning(LITTLE_PARALLAX)
     if unplaced:
         on_warning(_lacking(unplaced, len(photographs), outcome.get("other_models", [])))
     return Posed(
