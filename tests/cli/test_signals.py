@@ -26,7 +26,9 @@ WITH_THE_DEMO_THAT_IS_THERE = (
     "main()"
 )
 WITH_MANY_CHECKPOINTS = (
-    "from pocketgs.cli import main; from pocketgs.results import run\nrun.SECONDS_BETWEEN_CHECKPOINTS = 0.0\nmain()"
+    "from pocketgs.cli import main; from pocketgs.results import checkpoint\n"
+    "checkpoint.SECONDS_BETWEEN_CHECKPOINTS = 0.0\n"
+    "main()"
 )
 
 

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from pocketgs.capture import Capture
-from pocketgs.capture.loading import composite, size_after
+from pocketgs.capture.frame_edits import size_after
+from pocketgs.capture.loading import composite
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.capture.undistortion import undistortion
 from pocketgs.geometry.camera import Camera

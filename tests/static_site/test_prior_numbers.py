@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pocketgs.capture import Capture, Frame
-from pocketgs.capture.loading import downscaled
+from pocketgs.capture.frame_edits import downscaled
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.prior.cloud.complete import completion
 from pocketgs.prior.cloud.cpu_merger import CpuMerger

@@ -16,7 +16,7 @@ from pocketgs.capture.synthetic.room import room
 from pocketgs.errors import PocketGSError
 from pocketgs.metrics.evaluation import Evaluation
 from pocketgs.results.checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
-from pocketgs.results.run import evaluate_held_out
+from pocketgs.results.held_out import evaluate_held_out
 from pocketgs.splat.colours import UPDATES, transforms_of
 from pocketgs.splat.engine import EngineOptions, create_engine
 from pocketgs.splat.settings import StepSettings

@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from pocketgs.capture.capture import Capture, Frame, Result
+from pocketgs.capture.frame_edits import size_after
 from pocketgs.capture.image_file import DECODING, DECODING_ALPHA, ImageHeader, read_header
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.loading import (
@@ -17,7 +18,6 @@ from pocketgs.capture.loading import (
     load_frames,
     map_frames,
     refers_to_turned_pixels,
-    size_after,
 )
 from pocketgs.capture.undistortion import inner_rectangle
 from pocketgs.capture.video_file import VideoFrame

@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 from pocketgs.capture.capture import Capture, Frame
-from pocketgs.capture.loading import undistorted
+from pocketgs.capture.frame_edits import undistorted
 from pocketgs.capture.undistortion import forget_undistortions
 from pocketgs.errors import PocketGSError
 from pocketgs.system.cores import usable_cores

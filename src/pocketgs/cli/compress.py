@@ -25,7 +25,7 @@ from pocketgs.files.atomic_file import replacing
 from pocketgs.files.memory_bound import memory_bound, require_memory
 from pocketgs.geometry.camera import Camera
 from pocketgs.results.folder import SCENE, write_json
-from pocketgs.results.run import check_comparable
+from pocketgs.results.held_out import check_comparable
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine, EngineOptions, create_engine
 

@@ -17,7 +17,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import memory_bound
 from pocketgs.files.plain_names import plain_names
 from pocketgs.results.folder import publishing, write_json
-from pocketgs.results.run import evaluate_held_out
+from pocketgs.results.held_out import evaluate_held_out
 from pocketgs.splat.engine import EngineOptions
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import time
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -19,6 +20,7 @@ from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.engine import OptimiserState
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import Statistics
+from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint
 from pocketgs.training.validation import Course, Look
 
@@ -30,6 +32,8 @@ MAX_GAUSSIANS = "planned gaussians"
 """Key of the maximum number of Gaussians of the run."""
 
 STATISTICS = tuple(field.name for field in fields(Statistics))
+
+SECONDS_BETWEEN_CHECKPOINTS = 60.0
 
 UNFINISHED = "unfinished.npz"
 """Checkpoint of an unfinished run; deleted when the result is complete."""
@@ -185,3 +189,29 @@ def _newest_checkpoint(folder: Path) -> Path:
     if not found:
         raise PocketGSError(f"{folder}: holds no {UNFINISHED} or {CHECKPOINT} to resume from")
     return max(found, key=lambda path: path.stat().st_mtime_ns)
+
+
+class CheckpointSaver:
+    """Writes a checkpoint at intervals, so that a long run can be resumed after a crash.
+
+    If a checkpoint cannot be written, for example because the disk is full, the run continues.
+
+    Args:
+        folder: of the run.
+        identity: what must be the same when the run is resumed.
+        on_warning: called if a checkpoint cannot be written.
+    """
+
+    def __init__(self, folder: Path, identity: dict[str, Any], on_warning: Callable[[str], None]) -> None:
+        self._folder, self._identity, self._on_warning = folder, identity, on_warning
+        self._last = time.monotonic()
+
+    def observe(self, progress: Progress) -> None:
+        """Write a checkpoint if the last one is old enough."""
+        if time.monotonic() - self._last >= SECONDS_BETWEEN_CHECKPOINTS:
+            self._last = time.monotonic()
+            try:
+                path = self._folder / UNFINISHED
+                write_checkpoint(path, progress.checkpoint(), self._identity)
+            except (PocketGSError, OSError) as error:
+                self._on_warning(f"training continues without a checkpoint: {error}")

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pocketgs.capture.capture import Capture, Frame
+from pocketgs.capture.capture import Capture
 from pocketgs.capture.listed import ListedCapture
 from pocketgs.errors import PocketGSError
-from pocketgs.files.plain_names import plain_names
-from pocketgs.metrics.evaluation import Evaluation, Pair, evaluate
+from pocketgs.metrics.evaluation import Evaluation
 from pocketgs.prior.depth.stereo import Stereo
 from pocketgs.prior.prior import PreparedCapture
 from pocketgs.results import folder as result_folder
@@ -24,17 +22,18 @@ from pocketgs.results.checkpoint import (
     MAX_GAUSSIANS,
     SHRINK,
     UNFINISHED,
+    CheckpointSaver,
     read_checkpoint,
     read_size,
     write_checkpoint,
 )
 from pocketgs.results.claim import Claim
+from pocketgs.results.held_out import check_comparable, evaluate_held_out
 from pocketgs.results.memory_trace import MemoryTrace
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.summary import summarise
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.constants import SSIM_WINDOW
-from pocketgs.splat.engine import Engine, Renderer, create_engine
+from pocketgs.splat.engine import Engine, create_engine
 from pocketgs.system import freed_memory
 from pocketgs.system.interrupt import deferred_interrupt
 from pocketgs.system.process import seconds_since_start
@@ -49,9 +48,7 @@ from pocketgs.training.preparation import devices_of, prepare
 from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint, TrainingResult
 from pocketgs.training.train import train
-from pocketgs.training.validation import render_frame
 
-SECONDS_BETWEEN_CHECKPOINTS = 60.0
 MIN_TIME = 1e-3
 """Lower bound of the training time if the time budget is already used up."""
 
@@ -141,7 +138,7 @@ def _run(
     if checkpoint and checkpoint.iteration >= _end(checkpoint, options):
         found = f"{checkpoint.iteration} iterations are already done"
         raise PocketGSError(f"{folder}: {found}, expected --iterations to ask for more")
-    saver = _CheckpointSaver(folder, identity, reporter.on_warning)
+    saver = CheckpointSaver(folder, identity, reporter.on_warning)
 
     def observe(progress: Progress) -> None:
         reporter.on_progress(progress)
@@ -196,26 +193,6 @@ def _seconds_left(options: SizedOptions, plan: Plan) -> float | None:
     return options.time_budget - seconds_since_start() - (plan.reserve or 0.0)
 
 
-class _CheckpointSaver:
-    """Writes a checkpoint at intervals, so that a long run can be resumed after a crash.
-
-    If a checkpoint cannot be written, for example because the disk is full, the run continues.
-    """
-
-    def __init__(self, folder: Path, identity: dict[str, Any], on_warning: Callable[[str], None]) -> None:
-        self._folder, self._identity, self._on_warning = folder, identity, on_warning
-        self._last = time.monotonic()
-
-    def observe(self, progress: Progress) -> None:
-        if time.monotonic() - self._last >= SECONDS_BETWEEN_CHECKPOINTS:
-            self._last = time.monotonic()
-            try:
-                path = self._folder / UNFINISHED
-                write_checkpoint(path, progress.checkpoint(), self._identity)
-            except (PocketGSError, OSError) as error:
-                self._on_warning(f"training continues without a checkpoint: {error}")
-
-
 def _identity(capture: Capture, options: SizedOptions, plan: Plan) -> dict[str, Any]:
     """What must be equal between a checkpoint and the run that resumes from it."""
     return {
@@ -239,23 +216,6 @@ def _identity(capture: Capture, options: SizedOptions, plan: Plan) -> dict[str, 
         # A run that trained as long as it paid may go on with a set length, but not the other way round.
         **({"open ended": True} if options.open_ended else {}),
     }
-
-
-def check_comparable(held_out: Sequence[Frame]) -> None:
-    """Check before the work starts that every held-out view can be compared with its photograph.
-
-    Raises:
-        PocketGSError: one of them cannot.
-    """
-    border = SSIM_WINDOW // 2
-    for frame in held_out:
-        width, height = frame.camera.width, frame.camera.height
-        if min(width, height) < SSIM_WINDOW:
-            expected = f"expected at least {SSIM_WINDOW} pixels a side, or --hold-out 0"
-            raise PocketGSError(f"{frame.name}: a held-out view of {width}x{height} pixels, {expected}")
-        if frame.mask is not None and not frame.mask[border:-border, border:-border].any():
-            expected = f"expected unmasked pixels {border} or more inside the image, or --hold-out 0"
-            raise PocketGSError(f"{frame.name}: the mask of a held-out view leaves nothing, {expected}")
 
 
 def _publish(
@@ -290,25 +250,3 @@ def _publish(
         result_folder.write_json(staging / result_folder.RECORD, summary)
     (claim.folder / UNFINISHED).unlink(missing_ok=True)
     return RunResult(claim.folder, result.scene, evaluation, summary, result.transients)
-
-
-def evaluate_held_out(renderer: Renderer, capture: Capture, pictures: Path | None = None) -> Evaluation | None:
-    """Compare a scene with the held-out photographs; None if there are none.
-
-    Args:
-        renderer: holds the scene.
-        capture: with the held-out frames and the background.
-        pictures: an existing folder for side-by-side images, or None for no images.
-    """
-    if not capture.held_out:
-        return None
-
-    def pairs() -> Iterator[Pair]:
-        names = plain_names(frame.name for frame in capture.held_out)
-        for frame, name in zip(capture.held_out, names, strict=True):
-            rendered = render_frame(renderer, frame, capture.background)
-            if pictures:
-                result_folder.write_side_by_side(pictures, name, frame.image, rendered)
-            yield frame.name, rendered, (frame.image / np.float32(255.0)).astype(np.float32), frame.mask
-
-    return evaluate(pairs())

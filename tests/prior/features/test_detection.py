@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pocketgs.capture.capture import Frame, Result
-from pocketgs.capture.loading import cropped, downscaled
+from pocketgs.capture.frame_edits import cropped, downscaled
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.prior.features import detection
 from pocketgs.prior.features.cpu.finder import CpuFinder

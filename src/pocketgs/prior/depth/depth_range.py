@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pocketgs.capture.capture import Frame
-from pocketgs.capture.loading import downscaled
+from pocketgs.capture.frame_edits import downscaled
 
 QUANTILES = (0.005, 0.995)
 """Quantiles of inverse depth: values outside are wrong matches rather than surfaces."""

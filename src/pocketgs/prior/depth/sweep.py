@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pocketgs.capture.capture import Frame
-from pocketgs.capture.loading import downscaled
+from pocketgs.capture.frame_edits import downscaled
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.depth.depth_range import DepthRange
 

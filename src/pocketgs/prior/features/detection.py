@@ -10,7 +10,7 @@ import numba
 import numpy as np
 
 from pocketgs.capture.capture import Frame, Photographs
-from pocketgs.capture.loading import downscaled
+from pocketgs.capture.frame_edits import downscaled
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.features.features import Features
 from pocketgs.prior.features.finder import FeatureFinder
