@@ -93,16 +93,9 @@ def build_prior(
     stopwatch = stopwatch or Stopwatch()
     devices = devices or create_devices()
     hints = photograph_hints(capture.frames)
-    with stopwatch.stage("poses"), ExitStack() as held:
-        held.callback(devices.finder.release)
-        held.callback(devices.adjuster.release)
+    with stopwatch.stage("poses"):
         scale = estimate_scale(capture)
-        structure = build_structure(
-            capture.frames, scale, settings.structure, capture.photographs, devices.finder, devices.adjuster
-        )
-        capture = _with_poses_of(structure, capture)
-        poses = Poses.of(structure, capture)
-        structure = structure.of(capture.train) if structure else None
+        capture, structure, poses = _posed(capture, scale, settings.structure, devices)
         capture, gains = _with_one_exposure(capture, structure, scale, settings)
     seen = _seen_points(structure, capture)
     if settings.dense and not any(map(len, seen)):
@@ -127,7 +120,6 @@ def build_prior(
             stopwatch,
         )
         cloud, hints = dense.points, (*hints, *dense.warnings)
-    hints = (*hints, *exposure_hint(gains), *_pose_warnings(poses, structure, capture, scale))
     report = PriorReport(
         decisions=decisions,
         sparse_points=len(structure.points) if structure else 0,
@@ -141,9 +133,23 @@ def build_prior(
         coverage=dense.completion.covered if dense else None,
         coverage_known=dense.completion.known if dense else None,
         guessed=dense.completion.guessed if dense else 0,
-        warnings=hints,
+        warnings=(*hints, *exposure_hint(gains), *_pose_warnings(poses, structure, capture, scale)),
     )
     return PreparedCapture.of(replace(capture, points=cloud), report)
+
+
+def _posed(
+    capture: Capture, scale: Scale, settings: StructureSettings, devices: Devices
+) -> tuple[Capture, Structure | None, Poses]:
+    """The capture with sound poses, the structure that its training frames see, and what happened to the poses."""
+    with ExitStack() as held:
+        held.callback(devices.finder.release)
+        held.callback(devices.adjuster.release)
+        structure = build_structure(
+            capture.frames, scale, settings, capture.photographs, devices.finder, devices.adjuster
+        )
+    capture = _with_poses_of(structure, capture)
+    return capture, structure.of(capture.train) if structure else None, Poses.of(structure, capture)
 
 
 def _pose_warnings(poses: Poses, structure: Structure | None, capture: Capture, scale: Scale) -> tuple[str, ...]:

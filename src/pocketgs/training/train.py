@@ -79,16 +79,9 @@ def train(
     with stopwatch.stage("compilation"):
         engine = opened_engine or create_engine(options.engine_options)
         engine.prepare()
-    transients = None
-    if options.transients == "mask" and recipe.masks_transients:
-        transients = Transients(prepared.train, prepared.background, resume.transients if resume else None)
+    transients = _transients(prepared, options, recipe, resume)
     with stopwatch.stage("upload"):
-        engine.set_views(prepared.train)
-        if transients:
-            transients.start(engine)
-        engine.upload(start, resume.state if resume else None)
-        if resume and resume.statistics:
-            engine.restart_statistics(resume.statistics)
+        _upload(engine, prepared, start, transients, resume)
     seconds = None if options.time_budget is None else options.time_budget - (time.monotonic() - started)
     rates = recipe.rates_for(options.iterations, unit)
     pace = _pace(prepared, options, recipe, rates, seconds, resume)
@@ -127,6 +120,27 @@ def _first_gaussians(points: PointCloud, recipe: Recipe, options: SizedOptions) 
     search, warnings = with_room(device, len(points))
     start = SEEDINGS[options.seeds](points, recipe.opacity, degree, recipe.seed_size, search)
     return start.select(morton_order(start.means)), warnings
+
+
+def _transients(
+    capture: PreparedCapture, options: SizedOptions, recipe: Recipe, resume: Checkpoint | None
+) -> Transients | None:
+    """What masks things that move, or None if nothing does."""
+    if options.transients == "keep" or not recipe.masks_transients:
+        return None
+    return Transients(capture.train, capture.background, resume.transients if resume else None)
+
+
+def _upload(
+    engine: Engine, capture: PreparedCapture, start: Gaussians, transients: Transients | None, resume: Checkpoint | None
+) -> None:
+    """Give the engine everything that a run starts from."""
+    engine.set_views(capture.train)
+    if transients:
+        transients.start(engine)
+    engine.upload(start, resume.state if resume else None)
+    if resume and resume.statistics:
+        engine.restart_statistics(resume.statistics)
 
 
 def _with_warnings(report: PriorReport | None, warnings: tuple[str, ...]) -> PriorReport | None:
