@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 from pocketgs.gpu.description import Description, Pass, Sequence, shader_names
+from pocketgs.gpu.shader_library import ShaderLibrary
 from pocketgs.gpu.uniforms import UniformLayout
 from pocketgs.gpu.workgroups import THREADS
-from pocketgs.seeding.webgpu.layout import BOX_BYTES, LARGEST_BYTES
-from pocketgs.seeding.webgpu.shader_files import SHADERS
+from pocketgs.seeding.neighbourhoods import SPACING_NEIGHBOURS
+from pocketgs.seeding.webgpu.layout import BOX_BYTES, LARGEST_BYTES, LEAF, MOST_NEIGHBOURS
+
+SHADERS = ShaderLibrary(
+    Path(__file__).parent / "shaders",
+    {"LEAF": LEAF, "MOST_NEIGHBOURS": MOST_NEIGHBOURS, "SPACING_NEIGHBOURS": SPACING_NEIGHBOURS},
+)
+"""The shaders of neighbourhoods, with the numbers that they share with the host."""
 
 LOOK_AROUND = "look around"
 """Name of the sequence."""

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 from pocketgs.gpu.description import Description, Pass, Sequence, shader_names
+from pocketgs.gpu.shader_library import ShaderLibrary
 from pocketgs.gpu.sort import Items, digit_counts_bytes, radix_sort, running_sums
 from pocketgs.gpu.uniforms import UniformLayout
 from pocketgs.gpu.workgroups import BLOCK, THREADS
 from pocketgs.prior.cloud.webgpu.layout import ATTRIBUTES, MERGED_WORDS
-from pocketgs.prior.cloud.webgpu.shader_files import SHADERS
+
+SHADERS = ShaderLibrary(Path(__file__).parent / "shaders", {"ATTRIBUTES": ATTRIBUTES, "MERGED_WORDS": MERGED_WORDS})
+"""The shaders of merging, with the numbers that they share with the host."""
 
 FILL, MERGE = "fill", "merge"
 """Names of the sequences."""

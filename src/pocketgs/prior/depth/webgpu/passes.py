@@ -4,12 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cache
+from pathlib import Path
 
 from pocketgs.gpu.description import Description, Pass, Sequence
+from pocketgs.gpu.shader_library import ShaderLibrary
 from pocketgs.gpu.uniforms import UniformLayout
 from pocketgs.gpu.workgroups import THREADS
+from pocketgs.prior.depth import sweep_constants
+from pocketgs.prior.depth.webgpu import layout
 from pocketgs.prior.depth.webgpu.layout import CHUNK, LANE, MOST_BANDS, PATCH, PATH_THREADS
-from pocketgs.prior.depth.webgpu.shader_files import SHADERS
+
+_SHARED = (
+    "RADIUS",
+    "BITS",
+    "EDGE",
+    "NOISE",
+    "RIVAL_DISTANCE",
+    "OUT_OF_REACH",
+    "SMOOTHING_WINDOW",
+    "SMOOTHING_WIDTH",
+    "SMOOTHING_STEPS",
+)
+
+SHADERS = ShaderLibrary(
+    Path(__file__).parent / "shaders",
+    {
+        **{name: getattr(sweep_constants, name) for name in _SHARED},
+        **{name: getattr(layout, name) for name in ("PATCH", "CHUNK", "LANE", "PATH_THREADS", "MATCHED", "USABLE")},
+    },
+)
+"""The shaders of the sweep, with the numbers that they share with the CPU's kernels."""
 
 SWEEP, COMPARE = "sweep", "compare"
 """Names of the sequences."""

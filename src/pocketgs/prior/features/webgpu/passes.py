@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cache
+from pathlib import Path
 
 from pocketgs.gpu.description import Description, Pass, Sequence, shader_names
+from pocketgs.gpu.shader_library import ShaderLibrary
 from pocketgs.gpu.uniforms import UniformLayout
 from pocketgs.gpu.workgroups import THREADS
-from pocketgs.prior.features.features import DESCRIPTOR
+from pocketgs.prior.features.features import CONTRAST, DESCRIPTOR
 from pocketgs.prior.features.webgpu.layout import (
     BORDER,
+    CONSTANTS,
     FEATURE,
     IMAGES,
     LAYERS,
@@ -19,7 +22,9 @@ from pocketgs.prior.features.webgpu.layout import (
     TILE,
     kernels,
 )
-from pocketgs.prior.features.webgpu.shader_files import SHADERS
+
+SHADERS = ShaderLibrary(Path(__file__).parent / "shaders", {**CONSTANTS, "CONTRAST": CONTRAST})
+"""The shaders of features, with the numbers that they share with the host."""
 
 FIND = tuple(f"find in octave {octave}" for octave in range(MOST_OCTAVES))
 DESCRIBE = tuple(f"describe in octave {octave}" for octave in range(MOST_OCTAVES))
