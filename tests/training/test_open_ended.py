@@ -28,7 +28,7 @@ from pocketgs.training.planning.effort import sized
 from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint
 from pocketgs.training.train import train
-from pocketgs.training.validation import Course, Look, validation_psnr, validation_views
+from pocketgs.training.validation import Course, Look, mean_psnr, validation_views
 
 RATES = LearningRates(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 
@@ -43,7 +43,7 @@ class Seen:
 def psnrs(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """The next values of the validation PSNR."""
     values: list[float] = []
-    monkeypatch.setattr(open_ended, "validation_psnr", lambda *_: values.pop(0))
+    monkeypatch.setattr(open_ended, "mean_psnr", lambda *_: values.pop(0))
     return values
 
 
@@ -111,10 +111,10 @@ def test_a_diverged_scene_is_no_number(capture: Capture) -> None:
     engine = CpuEngine()
     engine.upload(seed_balls(capture.points, 0.5, 0))
     black = (0.0, 0.0, 0.0)
-    assert 5.0 < validation_psnr(engine, capture.train[:2], black) < 50.0
+    assert 5.0 < mean_psnr(engine, capture.train[:2], black) < 50.0
     render = engine.render
     engine.render = lambda *of: replace(render(*of), image=np.full((36, 48, 3), np.nan, np.float32))  # type: ignore
-    assert np.isnan(validation_psnr(engine, capture.train[:2], black))
+    assert np.isnan(mean_psnr(engine, capture.train[:2], black))
 
 
 def test_diverged_views_end_it(psnrs: list[float]) -> None:

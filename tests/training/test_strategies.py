@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from pocketgs import Capture, Gaussians, PocketGSError
 from pocketgs.geometry.quaternions import rotation_matrices
-from pocketgs.results.checkpoint import CHECKPOINT, read_checkpoint, read_size, write_checkpoint
+from pocketgs.results.checkpoint import CHECKPOINT, MAX_GAUSSIANS, SHRINK, read_checkpoint, read_size, write_checkpoint
 from pocketgs.scene.gaussians import PARAMETERS
 from pocketgs.splat.rows import RowChange, Statistics
 from pocketgs.splat.settings import LossSettings
@@ -165,7 +165,7 @@ def grown(
     engine = Rows(scene)
     count = len(scene)
     engine.restart_statistics(
-        Statistics(gradients.astype(np.float32) * 2, np.full(count, 2, np.float32), *[np.zeros(count, np.float32)] * 3)
+        Statistics(gradients.astype(np.float32) * 2, np.full(count, 2, np.float32), *[np.zeros(count, np.float32)] * 2)
     )
     strategy = AdaptiveDensityControl(replace(SITUATION, most=most, iterations=iterations))
     strategy.after_step(iteration, engine)  # type: ignore[arg-type]
@@ -299,7 +299,7 @@ def test_a_growing_run_resumes_to_the_same_bits(small_capture: Capture, tmp_path
     assert len(set(counts)) >= 3
     assert counts[-1] == len(whole.scene)
     assert [sample.gaussians for sample in whole.losses] == [counts[7], counts[15], counts[23]]
-    write_checkpoint(tmp_path / CHECKPOINT, checkpoints[0], {"shrink": 1, "room": 1800})
+    write_checkpoint(tmp_path / CHECKPOINT, checkpoints[0], {SHRINK: 1, MAX_GAUSSIANS: 1800})
     assert read_size(tmp_path) == (1, 1800)
     resumed = train(small_capture, options, resume=read_checkpoint(tmp_path, {}))
     for part in PARAMETERS:

@@ -42,15 +42,12 @@ class Statistics:
         seen: (N,) float32, number of steps whose view showed it.
         radii: (N,) float32, maximum radius on an image, three standard deviations, relative to the longer side.
         errors: (N,) float32, summed α T |rendered - photograph| over the pixels of steps with `StepSettings.errors`.
-        absolute_gradients: (N,) float32, of steps with `StepSettings.absolute`: as `screen_gradients`, but of the
-            magnitudes that the pixels' gradients sum up to (AbsGS, Ye et al. 2024).
     """
 
     screen_gradients: np.ndarray
     seen: np.ndarray
     radii: np.ndarray
     errors: np.ndarray
-    absolute_gradients: np.ndarray
 
     @staticmethod
     def none_yet(count: int) -> Statistics:

@@ -118,7 +118,6 @@ class StepSettings:
         errors: whether to add this view's errors to the statistics too, which takes about a third of a step.
         noise: on positions, or None.
         colours: for learning the photograph's colour transform, or None to compare rendered colours unchanged.
-        absolute: whether statistics include absolute gradients; the WebGPU engine needs another backward pass for them.
     """
 
     rates: LearningRates
@@ -130,7 +129,6 @@ class StepSettings:
     errors: bool = False
     noise: PositionNoise | None = None
     colours: ColourSettings | None = None
-    absolute: bool = False
 
     def __post_init__(self) -> None:
         checked_background(self.background)

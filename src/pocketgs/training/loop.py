@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import time
 
-import numpy as np
-
-from pocketgs.metrics.evaluation import psnr
 from pocketgs.prior.prior import PreparedCapture
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.rows import Statistics
@@ -21,7 +18,7 @@ from pocketgs.training.recipes import Recipe
 from pocketgs.training.result import Checkpoint, LossSample
 from pocketgs.training.strategies.strategy import Strategy
 from pocketgs.training.transients import Transients
-from pocketgs.training.validation import render_frame
+from pocketgs.training.validation import mean_psnr
 from pocketgs.training.view_choice import view_of_step
 
 SECONDS_BETWEEN_LOSSES = 0.5
@@ -102,7 +99,6 @@ class Loop:
             collected.errors,
             self._strategy.noise(number, rates.means / self._first_rates.means),
             colour_settings(rates.sh_dc / self._first_rates.sh_dc) if self._learns_colours else None,
-            collected.absolute,
         )
         self._engine.step(self._next_view(), settings)
         self._pace.after_step(number, seconds, self._engine)
@@ -121,11 +117,7 @@ class Loop:
             return
         self._finish_steps()
         with self._stopwatch.stage("evaluation"):
-            values = [
-                psnr(render_frame(self._engine, frame, self._capture.background), frame.image / 255.0, frame.mask)
-                for frame in self._capture.held_out
-            ]
-        self._held_out_psnr = float(np.mean(values))
+            self._held_out_psnr = mean_psnr(self._engine, self._capture.held_out, self._capture.background)
         seconds = self._stopwatch.seconds
         elapsed = sum(seconds.values()) - seconds["evaluation"]
         self.samples.append(

@@ -19,7 +19,7 @@ from pocketgs.capture.capture import Frame
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.settings import LearningRates
 from pocketgs.training.pace import share_of_time
-from pocketgs.training.validation import Course, Look, validation_psnr, validation_views
+from pocketgs.training.validation import Course, Look, mean_psnr, validation_views
 
 FIRST_STAGE, STAGE_RATIO = 500, 4 / 3
 """Iterations of the first stage, and the ratio between the ends of consecutive stages."""
@@ -114,7 +114,7 @@ class OpenEndedPace:
         if self.course.decays_from is not None:
             return
         if iteration in self._stages:
-            value = validation_psnr(engine, self._validation, self._background)
+            value = mean_psnr(engine, self._validation, self._background)
             self._course = self.course.with_look(Look(iteration, value, engine.count, self._seconds_before + seconds))
         is_late = share_of_time(seconds, self._seconds) >= 1.0 / (1.0 + DECAY)
         may_end = iteration in self._stages and iteration >= self._may_end_from

@@ -79,7 +79,7 @@ def render_frame(renderer: Renderer, frame: Frame, background: tuple[float, floa
     return np.clip(renderer.render(frame.camera, background).image, 0.0, 1.0)
 
 
-def validation_psnr(engine: Engine, frames: Sequence[Frame], background: tuple[float, float, float]) -> float:
+def mean_psnr(engine: Engine, frames: Sequence[Frame], background: tuple[float, float, float]) -> float:
     """Mean PSNR of renderings of these views, in dB; NaN if the scene has diverged."""
     values = []
     for frame in frames:

@@ -155,7 +155,7 @@ def test_statistics_are_those_of_the_cpu_engine(make_gaussians: MakeGaussians, o
     engines = [begin(engine, scene, frames) for engine in (shared_engine(options), CpuEngine())]
     for engine in engines:
         for view, collects in ((0, True), (1, True), (1, True), (0, False)):
-            engine.step(view, replace(still, statistics=collects, errors=view == 1, absolute=view == 1))
+            engine.step(view, replace(still, statistics=collects, errors=view == 1))
     found, expected = (engine.statistics() for engine in engines)
     exact = options.precision == "f32"
     np.testing.assert_array_equal(found.seen, expected.seen)
@@ -164,14 +164,10 @@ def test_statistics_are_those_of_the_cpu_engine(make_gaussians: MakeGaussians, o
     np.testing.assert_allclose(found.screen_gradients, expected.screen_gradients, atol=off)
     np.testing.assert_allclose(found.errors, expected.errors, atol=(1e-4 if exact else 1e-2) * expected.errors.max())
     np.testing.assert_allclose(found.radii, expected.radii, rtol=1e-3 if exact else 2e-2)
-    off = (1e-4 if exact else 1e-2) * found.absolute_gradients.max()
-    np.testing.assert_allclose(found.absolute_gradients, expected.absolute_gradients, atol=off)
-    assert np.all(found.absolute_gradients[found.seen == 3] > 0)
     half = replace(expected, screen_gradients=expected.screen_gradients / 2, seen=expected.seen / 2)
     for engine in engines:
         engine.restart_statistics(half)
-    for name in ("screen_gradients", "absolute_gradients"):
-        np.testing.assert_array_equal(getattr(engines[0].statistics(), name), getattr(half, name))
+    np.testing.assert_array_equal(engines[0].statistics().screen_gradients, half.screen_gradients)
     engines[0].step(0, still)
     assert (engines[0].statistics().seen - half.seen).max() == 1
     engines[0].change_rows(RowChange.of_values(200, {}))
@@ -187,8 +183,8 @@ def test_halted_steps_are_counted_once(make_gaussians: MakeGaussians) -> None:
     for engine in engines:
         engine._ahead.most = 8
         for view in (0, 0, 1, 1):
-            engine.step(view, replace(STEP, errors=True, absolute=True))
-    for name in ("screen_gradients", "seen", "radii", "errors", "absolute_gradients"):
+            engine.step(view, replace(STEP, errors=True))
+    for name in ("screen_gradients", "seen", "radii", "errors"):
         np.testing.assert_array_equal(*(getattr(engine.statistics(), name) for engine in engines))
     assert_identical(*(engine.download() for engine in engines))
 

@@ -28,7 +28,7 @@ from pocketgs.splat.cpu.noise import add_noise
 from pocketgs.splat.cpu.photographs import Canvas, Photographs, TrainingView
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
-from pocketgs.splat.cpu.statistics import ABSOLUTE_GRADIENT, RADIUS, SCREEN_GRADIENT, SEEN, STATISTICS
+from pocketgs.splat.cpu.statistics import RADIUS, SCREEN_GRADIENT, SEEN, STATISTICS
 from pocketgs.splat.engine import KEPT_LOSSES, OptimiserState, Rendering
 from pocketgs.splat.limits import TRAINING
 from pocketgs.splat.near_plane import near_plane
@@ -153,9 +153,9 @@ class CpuEngine:
         """Sums over steps so far."""
         found = Statistics.none_yet(self.count)
         if len(self._statistics):
-            columns = (SCREEN_GRADIENT, SEEN, RADIUS, ABSOLUTE_GRADIENT)
-            gradients, seen, radii, absolute = (self._statistics[:, column].copy() for column in columns)
-            found = Statistics(gradients, seen, radii, found.errors, absolute)
+            columns = (SCREEN_GRADIENT, SEEN, RADIUS)
+            gradients, seen, radii = (self._statistics[:, column].copy() for column in columns)
+            found = Statistics(gradients, seen, radii, found.errors)
         return replace(found, errors=self._errors.copy()) if len(self._errors) else found
 
     def restart_statistics(self, start: Statistics | None = None) -> None:
@@ -165,7 +165,6 @@ class CpuEngine:
             self._statistics[:, SCREEN_GRADIENT] = start.screen_gradients
             self._statistics[:, SEEN] = start.seen
             self._statistics[:, RADIUS] = start.radii
-            self._statistics[:, ABSOLUTE_GRADIENT] = start.absolute_gradients
         self._errors = np.zeros(0, np.float32) if start is None else start.errors.copy()
 
     def step(self, view: int, settings: StepSettings) -> None:
@@ -281,7 +280,7 @@ class CpuEngine:
     def _backward(self, view: TrainingView, raster: Raster, settings: StepSettings) -> None:
         """Rasterize backward → project backward: writes the gradients."""
         scene, lists = self._scene, raster.lists
-        self._replay(raster, settings.statistics and settings.absolute)
+        self._replay(raster)
         gradients = self._store.gradients
         self.timer.begins("project backward")
         clear(gradients, self._written, self.threads)
@@ -315,7 +314,7 @@ class CpuEngine:
             np.float32
         )
 
-    def _replay(self, raster: Raster, absolute: bool = False) -> None:
+    def _replay(self, raster: Raster) -> None:
         """Rasterize backward, from the canvas's gradient."""
         lists = raster.lists
         size = len(lists.intersections) * LANES
@@ -333,7 +332,7 @@ class CpuEngine:
             raster.canvas.d_image,
             raster.canvas.transmittance,
             _NO_PLANE,
-            absolute,
+            False,
             self._intersection_sums,
         )
 

@@ -297,8 +297,7 @@ def _project_range_backward(
                 _colour_backward(view, means[i], sh[i], splats[i], total, basis, basis_gradient, gradient)
             x, y = block[_CENTRE * LANES + lane], block[(_CENTRE + 1) * LANES + lane]
             if len(statistics):
-                absolute = (float(total[SUM_ABSOLUTE_X]), float(total[SUM_ABSOLUTE_X + 1]))
-                collect(view, splats[i], (x, y), absolute, statistics[i])
+                collect(view, splats[i], (x, y), statistics[i])
             if len(d_centres):
                 d_centres[i, 0], d_centres[i, 1] = x, y
                 d_centres[i, 2], d_centres[i, 3] = total[SUM_ABSOLUTE_X], total[SUM_ABSOLUTE_X + 1]

@@ -10,35 +10,26 @@ from pocketgs.splat.constants import RADIUS_SIGMAS
 from pocketgs.splat.cpu.layout import EXPONENT_XX, EXPONENT_XY, EXPONENT_YY, View
 from pocketgs.system.compile import inlined
 
-SCREEN_GRADIENT, SEEN, RADIUS, ABSOLUTE_GRADIENT = range(4)
-STATISTICS = 4
+SCREEN_GRADIENT, SEEN, RADIUS = range(3)
+STATISTICS = 3
 """Columns of the sums, one row per Gaussian."""
 
 _LN2 = math.log(2.0)
 
 
 @inlined
-def _norm(view: View, d_mean: tuple[float, float]) -> float:
-    """Norm of a gradient in half the image's width and height."""
-    x, y = d_mean[0] * 0.5 * view.width, d_mean[1] * 0.5 * view.height
-    return math.sqrt(x * x + y * y)
-
-
-@inlined
-def collect(
-    view: View, splat: np.ndarray, d_mean: tuple[float, float], absolute: tuple[float, float], sums: np.ndarray
-) -> None:
+def collect(view: View, splat: np.ndarray, d_mean: tuple[float, float], sums: np.ndarray) -> None:
     """Add one view of a Gaussian to its sums.
 
     Args:
         view: the camera.
         splat: (SPLAT_FIELDS,) from `project`.
         d_mean: gradient of the loss with respect to the projected centre, in pixels.
-        absolute: its magnitudes summed over pixels; zeros unless requested.
         sums: (STATISTICS,) float32, updated.
     """
-    sums[SCREEN_GRADIENT] += _norm(view, d_mean)
-    sums[ABSOLUTE_GRADIENT] += _norm(view, absolute)
+    # In half the image's width and height.
+    x, y = d_mean[0] * 0.5 * view.width, d_mean[1] * 0.5 * view.height
+    sums[SCREEN_GRADIENT] += math.sqrt(x * x + y * y)
     sums[SEEN] += 1.0
     # The larger variance is one over the lesser eigenvalue of Σ'⁻¹.
     xx, xy, yy = -2.0 * _LN2 * splat[EXPONENT_XX], -_LN2 * splat[EXPONENT_XY], -2.0 * _LN2 * splat[EXPONENT_YY]

@@ -270,8 +270,6 @@ class WebGpuEngine:
             "update", update_values(step.settings, camera, symbols, self._ahead.next_number, step.view)
         )
         self.executor.submit("step", symbols)
-        if step.settings.statistics and step.settings.absolute:
-            self.executor.submit("absolute gradients", symbols)
         if step.settings.errors:
             self.executor.submit("errors", symbols)
         self._ahead.add(step)

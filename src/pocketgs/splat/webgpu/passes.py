@@ -113,7 +113,7 @@ RECORD_BYTES = {"f32": 20, "f16": 12}
 BOUND_WORDS = 8
 """Of a cluster's bounds: see `common/clusters.wgsl`."""
 
-STATISTICS = 5
+STATISTICS = 4
 """Columns of sums: see `common/statistics.wgsl`."""
 
 
@@ -266,13 +266,6 @@ def _errors(variant: Variant) -> Sequence:
     )
 
 
-def _absolute_gradients(variant: Variant) -> Sequence:
-    """After a step, and from what it has left: the magnitudes of the gradients of centres on the image."""
-    constants = {"absolute": 1}
-    cleared, replayed = _replayed(variant, replace(_REPLAY, name="rasterize absolute backward", constants=constants))
-    return Sequence(cleared, (*replayed, Pass("collect absolute", "collect_statistics", "groups", constants=constants)))
-
-
 TABLES = ("shape", "sh", "first_moments", "second_moments")
 """Buffers that lie column by column, with a number for every Gaussian in each column."""
 
@@ -315,7 +308,6 @@ def describe(variant: Variant, training: bool = True) -> Description:
     if training:
         sequences["step"] = _step(variant)
         sequences["errors"] = _errors(variant)
-        sequences["absolute gradients"] = _absolute_gradients(variant)
         sequences |= _row_sequences()
         buffers |= _TRAINING_BUFFERS
         if variant.replay == "cache":

@@ -55,7 +55,6 @@ class Collected:
 
     statistics: bool = False
     errors: bool = False
-    absolute: bool = False
 
 
 class Strategy(Protocol):

@@ -11,9 +11,6 @@ import view, ranks.slots, statistics, splats.read, gradient_rows.gather, workgro
 @group(0) @binding(5) var<storage, read> intersection_count: array<u32>;
 @group(0) @binding(6) var<storage, read_write> statistics: array<f32>;
 
-// Collect what an absolute run of `rasterize_backward` has left, and nothing else.
-override absolute: bool = false;
-
 // The radius in pixels: the larger variance is one over the lesser eigenvalue of Σ'⁻¹.
 fn radius_of(inverse: mat2x2f) -> f32 {
     let middle = 0.5 * (inverse[0].x + inverse[1].y);
@@ -35,12 +32,7 @@ fn main(
     let i = order[rank];
     let inverse = inverse_covariance(read_splat(i));
     let size = vec2f(f32(view.width), f32(view.height));
-    let offset = gather(i, reached.x, reached.y).offset;
-    if (absolute) {
-        statistics[ABSOLUTE_GRADIENT * view.gaussians + i] += length(0.5 * size * offset);
-        return;
-    }
-    let gradient = 0.5 * size * (inverse * offset);
+    let gradient = 0.5 * size * (inverse * gather(i, reached.x, reached.y).offset);
     let radius = radius_of(inverse) / max(size.x, size.y);
     statistics[SCREEN_GRADIENT * view.gaussians + i] += length(gradient);
     statistics[SEEN * view.gaussians + i] += 1.0;

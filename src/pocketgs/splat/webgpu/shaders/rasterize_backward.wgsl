@@ -10,9 +10,6 @@ import view, ring, compositor.backward, replay.source, gradient_rows.add, workgr
 @group(0) @binding(6) var<storage, read> d_image: array<vec4f>;
 @group(0) @binding(7) var<storage, read_write> gradient_rows: array<GradientWord>;
 
-// Sum up, in place of what the gradient of the splat's centre is made from, the magnitudes of each pixel's part of it.
-override absolute: bool = false;
-
 // The pixels of the tile: T, H, and the gradient of their colours.
 var<workgroup> transmittances: array<f32, TILE_PIXELS>;
 var<workgroup> behind: array<f32, TILE_PIXELS>;
@@ -58,7 +55,7 @@ fn visit(held: Held, pixel: u32, centre: vec2f, sums: ptr<function, Sums>) {
     behind[pixel] = contribution.rest;
     let v = d_log_alpha(weight * dot(splat.colour, d_colour), contribution.rest, alpha);
     (*sums).exponent += v;
-    (*sums).offset += select(v * offset, abs(v * (inverse_covariance(splat) * offset)), absolute);
+    (*sums).offset += v * offset;
     (*sums).square += v * vec3f(offset.x * offset.x, offset.x * offset.y, offset.y * offset.y);
     (*sums).colour += weight * d_colour;
 }

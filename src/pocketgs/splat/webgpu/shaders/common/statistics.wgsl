@@ -3,4 +3,3 @@ const SCREEN_GRADIENT: u32 = 0u;
 const SEEN: u32 = 1u;
 const RADIUS: u32 = 2u;
 const ERROR: u32 = 3u;
-const ABSOLUTE_GRADIENT: u32 = 4u;
