@@ -108,6 +108,28 @@ def run(
         return _run(list_capture, claim, options, resume, reporter, stopwatch, memory)
 
 
+@dataclass(frozen=True)
+class _Session:
+    """What a run works with, once it is planned.
+
+    Attributes:
+        claim: of the result folder.
+        options: with sizes, as the user asked for them.
+        plan: what budgets allow.
+        engine: to train and render on.
+        stopwatch, memory: what the run takes.
+        reporter: receives progress.
+    """
+
+    claim: Claim
+    options: SizedOptions
+    plan: Plan
+    engine: Engine
+    stopwatch: Stopwatch
+    memory: MemoryTrace
+    reporter: Reporter
+
+
 def _run(
     list_capture: Callable[[], ListedCapture],
     claim: Claim,
@@ -117,51 +139,71 @@ def _run(
     stopwatch: Stopwatch,
     memory: MemoryTrace,
 ) -> RunResult:
-    folder = claim.folder
     engine = create_engine(options.engine_options)  # fails before the work starts if there is no such engine
     devices = devices_of(options)
     with stopwatch.stage("capture"):
         listed = list_capture()
     with stopwatch.stage("planning"):
-        options = sized(options, listed.outline().training)
-        size = read_size(folder) if resume else None
-        plan = _plan(listed, options, engine, devices.stereo, size)
-    if size is None and (warning := shrinking_warning(plan, options)):
+        asked = sized(options, listed.outline().training)
+        size = read_size(claim.folder) if resume else None
+        plan = _plan(listed, asked, engine, devices.stereo, size)
+    if size is None and (warning := shrinking_warning(plan, asked)):
         reporter.on_warning(warning)
     reporter.on_plan(plan)
     with stopwatch.stage("capture"):
         capture = listed.load(plan.shrink, plan.readers)
     reporter.on_capture(capture)
     check_comparable(capture.held_out)
-    identity = _identity(capture, options, plan)
-    checkpoint = read_checkpoint(folder, identity) if resume else None
-    if checkpoint and checkpoint.iteration >= _end(checkpoint, options):
-        found = f"{checkpoint.iteration} iterations are already done"
-        raise PocketGSError(f"{folder}: {found}, expected --iterations to ask for more")
-    saver = CheckpointSaver(folder, identity, reporter.on_warning)
-
-    def observe(progress: Progress) -> None:
-        reporter.on_progress(progress)
-        saver.observe(progress)
-
-    planned = replace(options, max_gaussians=plan.gaussians)
-    prepared = prepare(capture, planned, stopwatch, devices)
+    session = _Session(claim, asked, plan, engine, stopwatch, memory, reporter)
+    identity = _identity(capture, asked, plan)
+    checkpoint = _checkpoint(claim.folder, identity, asked) if resume else None
+    prepared = prepare(capture, replace(asked, max_gaussians=plan.gaussians), stopwatch, devices)
     if prepared.report:
         reporter.on_prior(prepared.report)
     reporter.on_prepared(prepared)
-    seconds = _seconds_left(options, plan)
+    result = _trained(session, prepared, identity, checkpoint)
+    with deferred_interrupt():
+        return _publish(session, capture, prepared, identity, result)
+
+
+def _checkpoint(folder: Path, identity: dict[str, Any], options: SizedOptions) -> Checkpoint:
+    """The checkpoint to resume from.
+
+    Raises:
+        PocketGSError: there is none of this run, or it has no iterations left.
+    """
+    checkpoint = read_checkpoint(folder, identity)
+    if checkpoint.iteration >= _end(checkpoint, options):
+        found = f"{checkpoint.iteration} iterations are already done"
+        raise PocketGSError(f"{folder}: {found}, expected --iterations to ask for more")
+    return checkpoint
+
+
+def _trained(
+    session: _Session, prepared: PreparedCapture, identity: dict[str, Any], checkpoint: Checkpoint | None
+) -> TrainingResult:
+    """Train for what is left of the time budget, with a checkpoint now and then."""
+    saver = CheckpointSaver(session.claim.folder, identity, session.reporter.on_warning)
+
+    def observe(progress: Progress) -> None:
+        session.reporter.on_progress(progress)
+        saver.observe(progress)
+
+    seconds = _seconds_left(session.options, session.plan)
     if seconds is not None and seconds <= 0:
-        reporter.on_warning("the time budget was used up before training began: the untrained scene is written")
-    result = train(
+        session.reporter.on_warning("the time budget was used up before training began: the untrained scene is written")
+    return train(
         prepared,
-        replace(planned, time_budget=None if seconds is None else max(seconds, MIN_TIME)),
+        replace(
+            session.options,
+            max_gaussians=session.plan.gaussians,
+            time_budget=None if seconds is None else max(seconds, MIN_TIME),
+        ),
         observer=observe,
         resume=checkpoint,
-        stopwatch=stopwatch,
-        opened_engine=engine,
+        stopwatch=session.stopwatch,
+        opened_engine=session.engine,
     )
-    with deferred_interrupt():
-        return _publish(capture, prepared, claim, options, result, engine, identity, plan, stopwatch, memory)
 
 
 def _end(checkpoint: Checkpoint, options: SizedOptions) -> int:
@@ -219,18 +261,10 @@ def _identity(capture: Capture, options: SizedOptions, plan: Plan) -> dict[str, 
 
 
 def _publish(
-    capture: Capture,
-    prepared: PreparedCapture,
-    claim: Claim,
-    options: TrainingOptions,
-    result: TrainingResult,
-    engine: Engine,
-    identity: dict[str, Any],
-    plan: Plan,
-    stopwatch: Stopwatch,
-    memory: MemoryTrace,
+    session: _Session, capture: Capture, prepared: PreparedCapture, identity: dict[str, Any], result: TrainingResult
 ) -> RunResult:
     """Evaluate the scene, at the poses that it was trained with, and publish the result."""
+    claim, stopwatch = session.claim, session.stopwatch
     refined = prepared.report is not None and prepared.report.poses_refined
     pictures = [f"{folder}/*" for folder in (result_folder.PICTURES, result_folder.TRANSIENTS)]
     with claim.publishing(result_folder.FILES, outdated=[*pictures, result_folder.COMPRESSED]) as staging:
@@ -242,10 +276,17 @@ def _publish(
             write_cameras(staging / result_folder.CAMERAS, prepared.frames, refined, prepared.origin)
         with stopwatch.stage("evaluation"):
             (staging / result_folder.PICTURES).mkdir()
-            evaluation = evaluate_held_out(engine, prepared, staging / result_folder.PICTURES)
+            evaluation = evaluate_held_out(session.engine, prepared, staging / result_folder.PICTURES)
         stopwatch.seconds["total"] = seconds_since_start()
         summary = summarise(
-            capture, prepared.protocol, options, plan, result, evaluation, stopwatch.seconds, memory.samples
+            capture,
+            prepared.protocol,
+            session.options,
+            session.plan,
+            result,
+            evaluation,
+            stopwatch.seconds,
+            session.memory.samples,
         )
         result_folder.write_json(staging / result_folder.RECORD, summary)
     (claim.folder / UNFINISHED).unlink(missing_ok=True)
