@@ -36,6 +36,7 @@ OUTCOME = {
     "points": 7,
     "reprojection_error": 0.5,
     "matched_pairs": 6,
+    "parallax_pairs": 0,
     "other_models": [],
     "metric": False,
 }

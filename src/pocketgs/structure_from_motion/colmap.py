@@ -17,6 +17,9 @@ from pocketgs.structure_from_motion.world import from_places, upright
 MIN_MODEL, MIN_POINTS = 3, 20
 """Minimum number of images and of points of a model."""
 
+MIN_POINTS_PER_IMAGE = 20
+"""Minimum number of points of a model of images that were placed all at once, per image."""
+
 FAR, AS_GOOD = 0.1, 1.1
 """Log ratio above which two focal lengths differ, and the maximum ratio of reprojection errors to take another one."""
 
@@ -180,7 +183,7 @@ def _map_incrementally(job: Job, database: Path) -> list[pycolmap.Reconstruction
 def _map_globally(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
     """Place all images at once (GLOMAP, Pan et al. 2024), which needs no two images to start from.
 
-    A model in which a refined lens makes no sense is left out.
+    It places images by few and wrong matches too: a model with few points, or with a lens that makes no sense, is none.
     """
     options = pycolmap.GlobalPipelineOptions()
     options.min_num_matches = job["least_matches"]
@@ -194,7 +197,12 @@ def _map_globally(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
     working = database.with_name("global_models")
     working.mkdir(exist_ok=True)
     found = pycolmap.global_mapping(database, database.parent, working, options)
-    return [model for model in found.values() if all(map(_has_square_pixels, model.cameras.values()))]
+    return [
+        model
+        for model in found.values()
+        if model.num_points3D() >= MIN_POINTS_PER_IMAGE * model.num_reg_images()
+        and all(map(_has_square_pixels, model.cameras.values()))
+    ]
 
 
 def _has_square_pixels(camera: pycolmap.Camera) -> bool:
