@@ -188,7 +188,7 @@ def _reader_for(path: Path) -> Reader:
 
 
 def capture_name(path: Path) -> str:
-    """The name of a capture: of its folder, or of its video without the suffix."""
+    """The name of a capture: of its folder, or of its file (a video, a .r3d file) without the suffix."""
     resolved = path.resolve()
     if is_transforms_file(resolved):
         return resolved.parent.name or "capture"

@@ -27,7 +27,7 @@ WITH_PARALLAX = (
     pycolmap.TwoViewGeometryConfiguration.CALIBRATED.value,
     pycolmap.TwoViewGeometryConfiguration.UNCALIBRATED.value,
 )
-"""Pairs whose matches no homography explains, as it does where the camera only turned."""
+"""Kinds of pairs whose matches no homography explains. Where the camera only turned, one explains them."""
 
 PAIRS_AT_ONCE = 60
 """Pairs matched between two progress reports."""
