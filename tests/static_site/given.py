@@ -41,6 +41,17 @@ OPEN_DEVICE = """
 """Opens a GPU for a script, and collects its complaints."""
 
 
+OPEN_FINDER = (
+    OPEN_DEVICE
+    + """
+    const { FeatureFinder } = await import(new URL("prior/features/finder.js", location.href));
+    const passes = await (await fetch("features_passes.json")).json();
+    const finder = await FeatureFinder.open(device, passes, settings.prior.features);
+"""
+)
+"""Opens the GPU, and what finds features on it."""
+
+
 WITHOUT_FEATURES = PriorSettings(structure=StructureSettings(bundle=False, fewest_points=10**9), exposure="off")
 """The prior as the page has it."""
 

@@ -14,20 +14,10 @@ from pocketgs.capture.synthetic import true_capture
 from pocketgs.prior.features.cpu.finder import CpuFinder
 from pocketgs.prior.poses.structure import StructureSettings, build_structure
 from pocketgs.prior.scale import estimate_scale
-from static_site.given import OPEN_DEVICE, TYPED, plain_frames
+from static_site.given import OPEN_FINDER, TYPED, plain_frames
 from static_site.test_poses import astray, turned
 
 Call = Callable[..., Any]
-
-
-OPEN = (
-    OPEN_DEVICE
-    + """
-    const { FeatureFinder } = await import(new URL("prior/features/finder.js", location.href));
-    const passes = await (await fetch("features_passes.json")).json();
-    const finder = await FeatureFinder.open(device, passes, settings.prior.features);
-"""
-)
 
 
 def test_features_and_matches(call: Call) -> None:
@@ -40,7 +30,7 @@ def test_features_and_matches(call: Call) -> None:
     frames = [replace(first, alpha=alpha), replace(second, mask=mask), third]
     script = (
         TYPED
-        + OPEN
+        + OPEN_FINDER
         + """
         const frames = framesOf(given);
         const stages = [];
@@ -104,7 +94,7 @@ def test_structure(call: Call) -> None:
     frames = [replace(frame, camera=astray(frame.camera, rng, scale)) for frame in capture.train]
     script = (
         TYPED
-        + OPEN
+        + OPEN_FINDER
         + """
         const stages = [];
         const onStage = async (text) => stages.push(text);
@@ -139,13 +129,14 @@ def test_structure(call: Call) -> None:
     assert found < 0.6 * before
 
 
-def test_photographs_with_wrong_poses_are_left_out(call: Call) -> None:
-    """One for training and one that is held out; the warning names both."""
-    capture = true_capture(width=128, height=96, frames=12, points=1)
+def test_photographs_with_wrong_poses(call: Call) -> None:
+    """One for training and one that is held out are placed anew; one of another place, mirrored, is left out."""
+    capture = true_capture(width=192, height=144, frames=12, points=1)
     frames = [replace(f, camera=turned(f.camera, 30)) if i in (4, 9) else f for i, f in enumerate(capture.train)]
+    frames[6] = replace(frames[6], image=np.ascontiguousarray(frames[6].image[:, ::-1]))
     script = (
         TYPED
-        + OPEN
+        + OPEN_FINDER
         + """
         const { Stereo } = await import(new URL("prior/stereo.js", location.href));
         const depth = await (await fetch("depth_passes.json")).json();
@@ -157,14 +148,22 @@ def test_photographs_with_wrong_poses_are_left_out(call: Call) -> None:
         const gpu = { stereo, finder };
         const { capture } = await module.buildPrior(loaded, { most: 2000, refines: true }, settings, gpu, listener);
         device.destroy();
-        return [[capture.train, capture.heldOut].map((kept) => kept.map(({ name }) => name)), warnings, complaints];
+        const kept = [...capture.train, ...capture.heldOut];
+        const poses = kept.map(({ name, camera }) => [name, camera.world_to_camera]);
+        return [Object.fromEntries(poses), capture.train.length, warnings, complaints];
     """
     )
     given = {"train": plain_frames(frames[:8]), "heldOut": plain_frames(frames[8:])}
-    (train, held_out), warnings, complaints = call("prior/prior.js", script, given)
+    poses, training, warnings, complaints = call("prior/prior.js", script, given)
     names = [frame.name for frame in frames]
     assert complaints == []
-    assert train == [*names[:4], *names[5:8]]
-    assert held_out == [names[8], *names[10:]]
-    wrong = f"{names[4]}, {names[9]}"
-    assert warnings == [f"The poses of 2 photographs contradict the others; these are left out: {wrong}."]
+    assert list(poses) == [*names[:6], *names[7:]]
+    assert training == 7
+    for i in (4, 9):
+        np.testing.assert_allclose(
+            np.reshape(poses[names[i]], (4, 4)), capture.train[i].camera.world_to_camera, atol=0.02
+        )
+    assert warnings == [
+        "Some photographs have poses that the others contradict. "
+        f"2 placed anew: {names[4]}, {names[9]}. 1 left out: {names[6]}."
+    ]

@@ -17,7 +17,7 @@ from pocketgs.prior.depth.webgpu.layout import MATCHED, MOST_BANDS, USABLE
 from pocketgs.prior.features import features, pairs, two_view
 from pocketgs.prior.features.tracks import WIDEST_ANGLE
 from pocketgs.prior.features.webgpu import layout
-from pocketgs.prior.poses import consensus, refinement, support, suspects, tolerance
+from pocketgs.prior.poses import absolute_pose, consensus, refinement, relocalisation, support, suspects, tolerance
 from pocketgs.prior.poses.structure import MAX_STEPS, NEGLIGIBLE_GAIN, StructureSettings
 from pocketgs.training.planning.effort import QUICK_KEYFRAMES
 
@@ -65,6 +65,17 @@ def prior_settings() -> dict[str, Any]:
             "min_features": suspects.MIN_FEATURES,
             "min_views": suspects.MIN_VIEWS,
             "min_main": suspects.MIN_MAIN,
+        },
+        "absolute_pose": {
+            "min_observations": absolute_pose.MIN_OBSERVATIONS,
+            "confidence": absolute_pose.CONFIDENCE,
+            "trials": absolute_pose.TRIALS,
+            "bundle": {"iterations": BundleSettings().iterations, "tolerance": BundleSettings().tolerance},
+        },
+        "relocalisation": {
+            "rounds": relocalisation.ROUNDS,
+            "more_similar": relocalisation.MORE_SIMILAR,
+            "min_fit": relocalisation.MIN_FIT,
         },
         "two_view": {
             "verification": two_view.VERIFICATION,

@@ -52,15 +52,15 @@ export async function buildPrior(capture, { most, refines }, settings, { stereo,
     const sound = frames.map((_, i) => i).filter((i) => i < capture.train.length && !structure?.doubtful[i]);
     const own = structure && structureOfFrames(structure, sound);
     const refined = structure ? withStructure(capture, structure, own, scale, prior) : capture;
-    if (structure?.doubtful.some(Boolean)) {
-        onWarning(contradiction(frames.filter((_, i) => structure.doubtful[i]).map(({ name }) => name)));
+    if (structure && [...structure.replaced, ...structure.doubtful].some(Boolean)) {
+        onWarning(contradiction(frames.map(({ name }) => name), structure));
     }
     await onStage("choosing keyframes", 0);
     const { train } = refined;
     const { distance } = scale;
     const views = new ViewCells(train, prior.coverage);
     const { points, sources } = structure
-        ? knownByFeatures(refined, own, sound.map((i) => capture.train[i]))
+        ? knownByFeatures(refined, own)
         : await knownWithoutFeatures(capture, views, distance, prior, stereo, onStage);
     const chosen = selectKeyframes(train, points, distance, prior.keyframes);
     const candidates = await swept(chosen, train, points, distance, prior, stereo, onStage);
@@ -98,10 +98,15 @@ async function foundBy(finder, frames, scale, settings, { onStage, onWarning }) 
     }
 }
 
-/** A warning that names photographs. */
-function contradiction(names) {
-    const named = names.slice(0, NAMED).join(", ") + (names.length > NAMED ? ", ..." : "");
-    return `The poses of ${names.length} photographs contradict the others; these are left out: ${named}.`;
+/** A warning that names photographs whose poses were wrong. */
+function contradiction(names, { replaced, doubtful }) {
+    const listed = (said, which) => {
+        const chosen = names.filter((_, i) => which[i]);
+        const named = chosen.slice(0, NAMED).join(", ") + (chosen.length > NAMED ? ", ..." : "");
+        return chosen.length ? ` ${chosen.length} ${said}: ${named}.` : "";
+    };
+    const fates = listed("placed anew", replaced) + listed("left out", doubtful);
+    return `Some photographs have poses that the others contradict.${fates}`;
 }
 
 /**
@@ -123,9 +128,8 @@ function withStructure(capture, structure, own, { distance }, settings) {
  * For each frame the points that it sees; and clouds for what depth does not cover, best first. The capture's own is in
  * the world of its original poses.
  */
-function knownByFeatures({ train, cloud }, own, given) {
-    const isAdjusted = own.cameras.some((camera, i) => camera !== given[i].camera);
-    const sources = [sparseCloud(train, own), ...(cloud && !isAdjusted ? [cloud] : [])];
+function knownByFeatures({ train, cloud }, own) {
+    const sources = [sparseCloud(train, own), ...(cloud && !own.isAdjusted ? [cloud] : [])];
     return { points: pointsSeen(own), sources };
 }
 

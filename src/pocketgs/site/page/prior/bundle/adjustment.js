@@ -23,8 +23,8 @@ import { cameraEquations, MIN_DIAGONAL, pointSteps, reducedEquations } from "./s
  * @property {number} huber reprojection error in pixels above which the loss is linear
  * @property {number} iterations maximum number of steps
  * @property {number} tolerance stop when a step reduces the cost by less than this share
- * @property {number} position_sigma standard deviation of the given centres, in scene units
- * @property {number} rotation_sigma standard deviation of the given rotations, in radians
+ * @property {number} position_sigma standard deviation of the given centres, in scene units; infinite for no prior
+ * @property {number} rotation_sigma standard deviation of the given rotations, in radians; infinite for no prior
  */
 
 /**

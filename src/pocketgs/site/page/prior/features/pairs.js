@@ -26,8 +26,15 @@ export function choosePairs(names, cameras, likeness, distance, settings) {
     return [...pairs.values()].sort(([a, b], [c, d]) => a - c || b - d);
 }
 
-/** Pairs of views that overlap according to their poses. */
-function byPose(cameras, distance, { ranks, widest_angle: widest }, add) {
+/**
+ * Pairs of views that overlap according to their poses.
+ *
+ * @param {Camera[]} cameras
+ * @param {number} distance typical distance to the scene
+ * @param {Object} settings the settings' `pairs`
+ * @param {(view: number, other: number) => void} add called for each, for some in both orders
+ */
+export function byPose(cameras, distance, { ranks, widest_angle: widest }, add) {
     const forwards = cameras.map(forwardOf);
     viewDistances(cameras, cameras, distance).forEach((row, view) => {
         const apart = row.map((value, other) => {

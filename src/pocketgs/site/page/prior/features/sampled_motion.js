@@ -6,6 +6,7 @@
 
 import { kernelOf } from "../../numbers/kernel.js";
 import { Generator } from "../../random/generator.js";
+import { trialsFor } from "../../random/trials.js";
 import { cross, dot, normalised } from "../../../page/scene/vectors.js";
 import { sampsonDistances } from "./epipolar.js";
 import { narrowed } from "./motion.js";
@@ -38,7 +39,7 @@ export function sampled(rays, tolerance, known, { confidence, trials }) {
     const width = WIDTH * tolerance;
     drawn ??= drawnFor(trials);
     let [agrees, most, mostNear] = [known, sum(known), 0];
-    for (let trial = 0; trial < Math.min(trials, trialsFor(most / known.length, confidence)); trial++) {
+    for (let trial = 0; trial < Math.min(trials, trialsFor(most / known.length, SAMPLE, confidence)); trial++) {
         const essential = essentialThrough(rays, trial);
         if (!essential) {
             continue;
@@ -61,11 +62,6 @@ const sum = (flags) => flags.reduce((total, flag) => total + flag, 0);
 function drawnFor(trials) {
     const random = new Generator(0);
     return Float64Array.from({ length: SAMPLE * trials }, () => random.uniform(0, 1));
-}
-
-/** After so many trials one sample is without wrong matches, with that confidence. */
-function trialsFor(share, confidence) {
-    return Math.log(1 - confidence) / Math.log1p(-Math.min(share ** SAMPLE, 1 - 1e-9));
 }
 
 /** The essential matrix that a trial's sample determines, not exactly one; null for a degenerate sample. */

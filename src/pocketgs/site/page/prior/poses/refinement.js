@@ -19,6 +19,7 @@ import { viewDistances } from "../features/pairs.js";
 import { reprojectionErrors, triangulate } from "../features/tracks.js";
 import { relativePose } from "../source_views.js";
 import { consensus } from "./consensus.js";
+import { wellSupported } from "./support.js";
 import { nextTolerance } from "./tolerance.js";
 
 /**
@@ -61,8 +62,15 @@ export function refine(given, tracks, tolerance, finest, settings, distance) {
     });
 }
 
-/** The camera, keeping its given pose relative to another camera that has been refined. */
-function carriedAlong(camera, given, refined) {
+/**
+ * The camera, keeping its given pose relative to another camera that has been refined.
+ *
+ * @param {Camera} camera
+ * @param {Camera} given the other one before
+ * @param {Camera} refined and after
+ * @returns {Camera}
+ */
+export function carriedAlong(camera, given, refined) {
     const { rotation, translation } = relativePose(given, camera);
     const m = refined.world_to_camera;
     const pose = rotation.flatMap((row, i) =>
@@ -187,33 +195,19 @@ function agreedPoints(cameras, tracks, absent, tolerance, settings) {
 
 /** Enough observations to adjust by, and which cameras have enough of them, well spread. */
 function wellSeen(cameras, tracks, settings) {
-    const { min_observations: least, cells, min_cells: leastCells, observations_per_view: most } = settings;
+    const { min_observations: least, observations_per_view: most } = settings;
     let supported = cameras.map(() => true);
     for (let isSettled = false; !isSettled; ) {
         tracks = filtered(tracks, (i) => supported[tracks.frame[i]]);
         const views = countsOf(tracks.point, pointsOf(tracks));
         tracks = filtered(tracks, (i) => views[tracks.point[i]] >= 2);
-        const sightings = countsOf(tracks.frame, cameras.length);
-        const occupied = occupiedCells(cameras, tracks, cells);
+        const enough = wellSupported(cameras, tracks, least, settings);
         const before = supported;
-        supported = before.map((was, view) => was && sightings[view] >= least && occupied[view] >= leastCells);
+        supported = before.map((was, view) => was && enough[view]);
         isSettled = supported.every((isSupported, view) => isSupported === before[view]);
     }
     const wanted = enoughForEachView(tracks, cameras.length, most);
     return { tracks: filtered(tracks, (i) => wanted[tracks.point[i]]), supported };
-}
-
-/** In how many cells of its image each camera sees a point. */
-function occupiedCells(cameras, { frame, pixels }, cells) {
-    const occupied = cameras.map(() => new Set());
-    frame.forEach((view, i) => {
-        const { width, height } = cameras[view];
-        const [across, down] = [pixels[2 * i] / width, pixels[2 * i + 1] / height].map((share) => {
-            return Math.trunc(Math.min(Math.max(share * cells, 0), cells - 1));
-        });
-        occupied[view].add(cells * down + across);
-    });
-    return occupied.map(({ size }) => size);
 }
 
 /** Connected components of the supported cameras, which share points: for each, which cameras belong to it. */

@@ -1,6 +1,6 @@
 /**
- * Sparse structure of a capture: triangulated points and refined poses; the twin of `prior/poses/structure.py`, except
- * that wrong cameras are only found, not relocalised.
+ * Sparse structure of a capture: triangulated points and refined poses; the twin of
+ * `prior/poses/structure.py`.
  *
  * @module
  */
@@ -10,11 +10,12 @@ import { medianOf } from "../../numbers/median.js";
 import { likeness } from "../features/appearance.js";
 import { countsOf, filtered, indicesWhere, renumbered, selected } from "../features/observations.js";
 import { choosePairs } from "../features/pairs.js";
-import { link, positionsOf, reprojectionErrors, triangulate, triangulationAngles } from "../features/tracks.js";
-import { agreeing } from "../features/two_view.js";
+import { link, reprojectionErrors, triangulate, triangulationAngles } from "../features/tracks.js";
+import { matchViews } from "../features/two_view.js";
 import { consensus } from "./consensus.js";
 import { normalised, subtract } from "../../../page/scene/vectors.js";
 import { refine } from "./refinement.js";
+import { Relocalisation } from "./relocalisation.js";
 import { contradicted, strangers } from "./suspects.js";
 import { measuredTolerance, widestTolerance } from "./tolerance.js";
 
@@ -28,7 +29,12 @@ import { measuredTolerance, widestTolerance } from "./tolerance.js";
  * @property {Camera[]} cameras of the frames; the given ones, the same objects, where they are not refined
  * @property {Float64Array} points (N, 3)
  * @property {Observations} observations of the points
- * @property {boolean[]} doubtful for each camera whether the others contradict its pose
+ * @property {boolean} isAdjusted whether adjustment has moved cameras together, so that points of the given world no
+ *     longer fit them
+ *
+ * @typedef {Object} Contradicted
+ * @property {boolean[]} replaced for each camera whether its given pose was wrong and it was relocalised
+ * @property {boolean[]} doubtful for each camera whether the others contradict its pose and it could not be relocalised
  */
 
 /**
@@ -39,34 +45,50 @@ import { measuredTolerance, widestTolerance } from "./tolerance.js";
  * @param {Object} settings the settings' `pairs`, `two_view`, `suspects` and `poses`
  * @param {import("../features/finder.js").FeatureFinder} finder
  * @param {(text: string, share: number) => Promise<void>} onStage called before each piece of work; rejects to stop
- * @returns {Promise<Structure | null>} null if there is too little texture
+ * @returns {Promise<(Structure & Contradicted) | null>} null if there is too little texture
  */
 export async function buildStructure(frames, scale, settings, finder, onStage) {
     const given = frames.map(({ camera }) => camera);
     const features = await finder.detect(frames, (done) => {
         return onStage(`features of photograph ${done + 1} of ${frames.length}`, done / frames.length);
     });
-    const finest = settings.poses.finest * medianOf(features.map(({ grain }) => grain));
     const words = await finder.words(settings.pairs.words, (done) => {
         return onStage(`comparing photograph ${done + 1} of ${frames.length}`, done / frames.length);
     });
-    const names = frames.map(({ name }) => name);
-    const pairs = choosePairs(names, given, likeness(words, settings.pairs.words), scale.distance, settings.pairs);
-    const matches = await matched(given, features, pairs, finder, settings.two_view, onStage);
+    const alike = likeness(words, settings.pairs.words);
+    const pairs = choosePairs(frames.map(({ name }) => name), given, alike, scale.distance, settings.pairs);
+    const matching = (text) => (cameras, some) => {
+        return matchViews(cameras, features, some, finder, settings.two_view, (done, of) => {
+            return onStage(`${text} ${done + 1} of ${of}`, done / of);
+        });
+    };
+    const matches = await matching("matching pair")(given, pairs);
+    const finest = settings.poses.finest * medianOf(features.map(({ grain }) => grain));
+    const matchAnew = matching("placing photographs anew, pair");
+    const placed = await placedAnew({ given, features, matches, alike, finest }, scale, settings, matchAnew);
     await onStage("adjusting poses", 1);
-    const doubtful = suspects(given, features, matches, finest, scale, settings);
-    const sound = matches.filter(({ first, second }) => !doubtful[first] && !doubtful[second]);
-    return structureOf(given, link(features, sound).tracks, scale, finest, settings.poses, doubtful);
+    const { cameras, wrong: doubtful } = placed;
+    const sound = placed.matches.filter(({ first, second }) => !doubtful[first] && !doubtful[second]);
+    const structure = structureOf(cameras, link(features, sound).tracks, scale, finest, settings.poses);
+    return structure && { ...structure, replaced: cameras.map((camera, i) => camera !== given[i]), doubtful };
 }
 
-/** For each view whether the others contradict its pose. */
-function suspects(given, features, matches, finest, { distance }, { two_view: { verification }, ...settings }) {
+/** Cameras, with wrong ones relocalised where possible; all matches; and which cameras remain wrong. */
+async function placedAnew({ given, features, matches, alike, finest }, { distance }, settings, match) {
     const { tracks } = link(features, matches);
     const measured = measuredTolerance(given, tracks, finest, settings.poses);
+    const tolerance = Math.max(settings.two_view.verification * finest, measured);
     // Drift accumulates along a walk: errors slightly above the usual do not contradict a pose.
-    const gross = Math.max(verification * finest, measured, widestTolerance(given, settings.poses) / 2);
+    const gross = Math.max(tolerance, widestTolerance(given, settings.poses) / 2);
     const strange = strangers(given, features, matches, distance, settings.suspects);
-    return contradicted(given, features, matches, gross, settings.suspects).map((is, view) => is || strange[view]);
+    const against = contradicted(given, features, matches, gross, settings.suspects);
+    const found = { cameras: given, matches, wrong: against.map((is, view) => is || strange[view]) };
+    if (!found.wrong.some(Boolean)) {
+        return found;
+    }
+    const relocalisation = new Relocalisation(found, { features, likeness: alike, tolerance, distance }, settings, match);
+    await relocalisation.run();
+    return relocalisation;
 }
 
 /**
@@ -77,16 +99,16 @@ function suspects(given, features, matches, finest, { distance }, { two_view: { 
  * @param {import("../scale.js").Scale} scale
  * @param {number} finest errors below this many pixels are noise
  * @param {Object} settings the settings' `poses`
- * @param {boolean[]} doubtful for each camera whether its pose is wrong; none of the tracks is seen by it
  * @returns {Structure | null} null if there are too few points
  */
-export function structureOf(given, tracks, { distance, unit }, finest, settings, doubtful = given.map(() => false)) {
+export function structureOf(given, tracks, { distance, unit }, finest, settings) {
     const bundle = { ...settings.bundle, position_sigma: settings.bundle.position_sigma * unit };
     const widest = widestTolerance(given, settings);
     const cameras = refine(given, tracks, widest, finest, { ...settings, bundle }, distance);
     const tolerance = measuredTolerance(cameras, tracks, finest, settings);
     const { points, observations } = agreedOn(cameras, tracks, tolerance, settings);
-    return points.length < 3 * settings.fewest_points ? null : { cameras, points, observations, doubtful };
+    const isAdjusted = cameras.some((camera, i) => camera !== given[i]);
+    return points.length < 3 * settings.fewest_points ? null : { cameras, points, observations, isAdjusted };
 }
 
 /**
@@ -96,7 +118,7 @@ export function structureOf(given, tracks, { distance, unit }, finest, settings,
  * @param {number[]} frames their indices, ascending
  * @returns {Structure}
  */
-export function structureOfFrames({ cameras, points, observations, doubtful }, frames) {
+export function structureOfFrames({ cameras, points, observations, isAdjusted }, frames) {
     const places = new Map(frames.map((frame, place) => [frame, place]));
     const own = filtered(observations, (i) => places.has(observations.frame[i]));
     const inside = { ...own, frame: own.frame.map((frame) => places.get(frame)) };
@@ -107,7 +129,7 @@ export function structureOfFrames({ cameras, points, observations, doubtful }, f
         cameras: frames.map((frame) => cameras[frame]),
         points: Float64Array.from(chosen.flatMap((point) => [...points.subarray(3 * point, 3 * point + 3)])),
         observations: renumbered(kept),
-        doubtful: frames.map((frame) => doubtful[frame]),
+        isAdjusted,
     };
 }
 
@@ -137,19 +159,6 @@ export function sparseCloud(frames, { cameras, points, observations: { frame, po
         directions.set(normalised(subtract(centres[view], points.subarray(at, at + 3))), at);
     });
     return { positions: points, colours, directions };
-}
-
-async function matched(cameras, features, pairs, finder, settings, onStage) {
-    const matches = [];
-    for (const [done, [first, second]] of pairs.entries()) {
-        await onStage(`matching pair ${done + 1} of ${pairs.length}`, done / pairs.length);
-        const found = await finder.match(first, second);
-        const [here, there] = positionsOf(features, { first, second, pairs: found });
-        const tolerance = settings.verification * Math.max(features[first].grain, features[second].grain);
-        const agrees = agreeing(cameras[first], cameras[second], here, there, tolerance, settings);
-        matches.push({ first, second, pairs: found.filter((_, i) => agrees[i >> 1]) });
-    }
-    return matches.filter(({ pairs }) => pairs.length);
 }
 
 /** The points that observations agree on, and those observations. */
