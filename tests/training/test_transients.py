@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from pocketgs.capture import Capture, open_capture
 from pocketgs.capture.capture import Frame
@@ -105,12 +106,54 @@ def test_shadows_and_exposure_are_not_transients(empty_room: PreparedCapture) ->
     assert not any(cells.any() for cells in transient_cells(engine, frames, empty_room.background))
 
 
-def test_a_photograph_of_another_place_is_not_masked_away(empty_room: PreparedCapture) -> None:
+def of_another_place(frame: Frame) -> Frame:
+    return replace(frame, image=np.ascontiguousarray(frame.image[::-1, ::-1]))
+
+
+def test_a_photograph_of_another_place_is_left_out_whole(empty_room: PreparedCapture) -> None:
     engine = CpuEngine()
     train(empty_room, OPTIONS, opened_engine=engine, transients="keep")
     frames = list(empty_room.train)
-    frames[7] = replace(frames[7], image=np.ascontiguousarray(frames[7].image[::-1, ::-1]))
-    assert not transient_cells(engine, frames, empty_room.background)[7].any()
+    frames[7] = of_another_place(frames[7])
+    found = transient_cells(engine, frames, empty_room.background)
+    assert [cells.all() for cells in found] == [number == 7 for number in range(len(frames))]
+
+
+def test_nothing_is_left_out_where_many_photographs_disagree(empty_room: PreparedCapture) -> None:
+    engine = CpuEngine()
+    train(empty_room, OPTIONS, opened_engine=engine, transients="keep")
+    frames = [of_another_place(frame) if number % 3 == 0 else frame for number, frame in enumerate(empty_room.train)]
+    assert not any(cells.all() for cells in transient_cells(engine, frames, empty_room.background))
+
+
+def test_a_wrong_pose_that_the_prior_missed_is_left_out(empty_room: PreparedCapture) -> None:
+    frames = list(empty_room.train)
+    pose = frames[7].camera.world_to_camera.copy()
+    pose[:3] = Rotation.from_rotvec([0.0, 0.1, 0.0]).as_matrix() @ pose[:3]
+    frames[7] = replace(frames[7], camera=replace(frames[7].camera, world_to_camera=pose))
+    wrong = replace(empty_room, train=frames)
+    questioned, trusted = (train(wrong, OPTIONS, transients=which) for which in ("mask", "keep"))
+    assert questioned.left_out == (frames[7].name,)
+    assert trusted.left_out == ()
+    psnrs = []
+    for result in (questioned, trusted):
+        engine = CpuEngine()
+        engine.upload(result.scene)
+        views = [(render_frame(engine, frame, wrong.background), frame.image / 255.0) for frame in wrong.held_out]
+        psnrs.append(np.mean([psnr(*view) for view in views]))
+    assert psnrs[0] > psnrs[1]
+
+
+def test_a_photograph_that_fits_after_all_is_readmitted(empty_room: PreparedCapture) -> None:
+    engine = CpuEngine()
+    train(empty_room, OPTIONS, opened_engine=engine, transients="keep")
+    views = empty_room.train
+    whole = [np.full((45, 60), number == 7) for number in range(len(views))]
+    found = Transients(views, empty_room.background, whole)
+    found.start(engine)
+    assert found.left_out == (views[7].name,)
+    found.after_step(150, engine, range(len(views)))
+    assert found.left_out == ()
 
 
 def test_a_resumed_run_leaves_out_the_same(

@@ -207,6 +207,10 @@ def print_result(console: Terminal, result: RunResult) -> None:
         share = f"on average {moved['share']:.1%} of a photograph is left out, see transients/"
         shown = counted(moved["photographs"], "photograph shows", "photographs show")
         lines.insert(0, f"{shown} things that moved: {share}")
+    if moved and moved["left_out"]:
+        left_out = counted(len(moved["left_out"]), "photograph contradicts", "photographs contradict")
+        names = ", ".join(printable(name) for name in moved["left_out"])
+        lines.insert(0, f"{left_out} the others, and training left them out: {names} (a wrong pose, or another place?)")
     console.say(*lines)
 
 

@@ -17,6 +17,7 @@ from pocketgs.system.process import peak_rss_mb
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.plan import Plan
 from pocketgs.training.result import TrainingResult
+from pocketgs.training.transients import is_left_out
 
 DEPENDENCIES = ("numpy", "numba", "llvmlite", "opencv-python-headless", "scipy", "pillow", "wgpu", "flip-evaluator")
 
@@ -101,12 +102,19 @@ def _prior(report: PriorReport) -> dict[str, Any]:
     return {**asdict(report), "gains": gains}
 
 
-def _transients(result: TrainingResult) -> dict[str, float] | None:
-    """In how many training photographs transients were masked, and the mean share of a photograph that this is."""
+def _transients(result: TrainingResult) -> dict[str, Any] | None:
+    """In how many training photographs transients were masked, the mean share of a photograph that this is, and the
+    names of those that were left out whole.
+    """
     if result.transients is None:
         return None
-    shares = [float(cells.mean()) for cells in result.transients]
-    return {"photographs": sum(share > 0 for share in shares), "share": sum(shares) / len(shares)}
+    kept = [cells for cells in result.transients if not is_left_out(cells)]
+    shares = [float(cells.mean()) for cells in kept]
+    return {
+        "photographs": sum(share > 0 for share in shares),
+        "share": sum(shares) / len(shares),
+        "left_out": list(result.left_out),
+    }
 
 
 def _expected_and_actual(plan: Plan, result: TrainingResult, seconds: float) -> dict[str, Any]:

@@ -78,6 +78,7 @@ class TrainingResult:
         course: evaluations on the validation views of an open-ended run; None if its length was given.
         transients: (h, w) bool for each training view, its masked cells, see `pocketgs.training.transients`; None if
             transients were not searched for.
+        left_out: names of the training views that training left out, since the other views contradict them.
     """
 
     scene: Gaussians
@@ -97,6 +98,7 @@ class TrainingResult:
     statistics: Statistics | None = None
     course: Course | None = None
     transients: tuple[np.ndarray, ...] | None = None
+    left_out: tuple[str, ...] = ()
 
     @property
     def checkpoint(self) -> Checkpoint:

@@ -110,6 +110,7 @@ def train(
         statistics=loop.statistics(),
         course=pace.course,
         transients=transients.cells if transients else None,
+        left_out=transients.left_out if transients else (),
     )
 
 
