@@ -23,7 +23,9 @@ from pocketgs.prior.features.pairs import WORDS, by_pose, choose_pairs, in_seque
 from pocketgs.prior.features.tracks import link, triangulate, triangulation_angles
 from pocketgs.prior.features.two_view import VERIFICATION, Matches, agreeing
 from pocketgs.prior.poses.consensus import consensus
+from pocketgs.prior.poses.photometric import correlations
 from pocketgs.prior.poses.refinement import refine
+from pocketgs.prior.poses.robust_adjustment import RobustAdjustment
 from pocketgs.prior.poses.structure import Structure, StructureSettings, _agreeing, _point_features
 from pocketgs.prior.poses.suspects import contradicted, strangers
 from pocketgs.prior.poses.tolerance import FINEST, MIN_ANGLE, measured_tolerance, widest_tolerance
@@ -279,10 +281,12 @@ def test_bundle_adjustment(call: Call, walk: Walk) -> None:
 def test_refinement(call: Call, walk: Walk, stray: bool) -> None:
     """Poses that are off are refined as in Python; right ones stay as they are, to the bit."""
     script = (
-        OBSERVED
+        TYPED
+        + OBSERVED
         + """
-        const { cameras, scale } = given;
-        const found = module.structureOf(cameras, observed(given.tracks), scale, given.finest, settings.prior.poses);
+        const [{ cameras, scale }, frames] = [given, framesOf(given.frames)];
+        const { poses } = settings.prior;
+        const found = module.structureOf(cameras, frames, observed(given.tracks), scale, given.finest, poses);
         const some = module.structureOfFrames(found, [0, 2, 3, 5, 6]);
         const last = Math.max(...some.observations.frame);
         const kept = cameras.map((camera, i) => camera === found.cameras[i]);
@@ -295,13 +299,15 @@ def test_refinement(call: Call, walk: Walk, stray: bool) -> None:
     scale = {"distance": walk.scale.distance, "unit": walk.scale.unit}
     given = {
         "cameras": plain_cameras(cameras),
+        "frames": plain_frames(walk.frames),
         "tracks": plain_observations(tracks),
         "scale": scale,
         "finest": FINEST,
     }
     found, points, kept, seen, last, is_of_them = call("prior/poses/structure.js", script, given)
     widest, settings = widest_tolerance(cameras), StructureSettings().bundle_settings(walk.scale)
-    expected = refine(cameras, tracks, widest, FINEST, settings, walk.scale.distance, CpuAdjuster())
+    adjustment = RobustAdjustment(cameras, widest, FINEST, settings, CpuAdjuster())
+    expected = refine(adjustment, tracks, [frame.image for frame in walk.frames], walk.scale.distance)
     assert expected.moved.any() == stray
     assert kept == [new is old for new, old in zip(expected.cameras, cameras, strict=True)]
     np.testing.assert_allclose(found, poses(expected.cameras), atol=1e-4)
@@ -310,6 +316,32 @@ def test_refinement(call: Call, walk: Walk, stray: bool) -> None:
     assert 50 < seen < len(points) / 3
     assert last == 4
     assert is_of_them
+
+
+def test_photometric_agreement(call: Call, walk: Walk) -> None:
+    script = (
+        TYPED
+        + OBSERVED
+        + """
+        const [frames, points] = [framesOf(given.frames), Float64Array.from(given.points, (value) => value ?? NaN)];
+        const { photometric } = settings.prior.poses;
+        const found = module.correlations(given.cameras, frames, observed(given.tracks), points, photometric);
+        return Array.from(found, (value) => (Number.isFinite(value) ? value : null));
+    """
+    )
+    tracks, _ = link(walk.features, walk.matches)
+    agreed = consensus(walk.true, tracks, 2.0, MIN_ANGLE)
+    points = np.where((agreed.support >= 2)[:, None], agreed.others, np.nan)
+    given = {
+        "cameras": plain_cameras(walk.true),
+        "frames": plain_frames(walk.frames),
+        "tracks": plain_observations(tracks),
+        "points": [None if np.isnan(value) else value for value in points.reshape(-1).tolist()],
+    }
+    found = np.array(call("prior/poses/photometric.js", script, given), np.float64)
+    expected = correlations(walk.true, [frame.image for frame in walk.frames], tracks, points)
+    assert np.isfinite(expected).sum() > 100
+    np.testing.assert_allclose(found, expected, atol=2e-3)
 
 
 def jumping(frames: Sequence[Frame]) -> list[Frame]:

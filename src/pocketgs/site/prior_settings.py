@@ -17,7 +17,17 @@ from pocketgs.prior.depth.webgpu.layout import MATCHED, MOST_BANDS, USABLE
 from pocketgs.prior.features import features, pairs, two_view
 from pocketgs.prior.features.tracks import WIDEST_ANGLE
 from pocketgs.prior.features.webgpu import layout
-from pocketgs.prior.poses import absolute_pose, consensus, refinement, relocalisation, support, suspects, tolerance
+from pocketgs.prior.poses import (
+    absolute_pose,
+    consensus,
+    photometric,
+    relocalisation,
+    robust_adjustment,
+    support,
+    suspects,
+    tolerance,
+    validation,
+)
 from pocketgs.prior.poses.structure import MAX_STEPS, NEGLIGIBLE_GAIN, StructureSettings
 from pocketgs.training.planning.effort import QUICK_KEYFRAMES
 
@@ -92,15 +102,21 @@ def prior_settings() -> dict[str, Any]:
             "medians": tolerance.MEDIANS,
             "finest": tolerance.FINEST,
             "tolerance_rounds": tolerance.ROUNDS,
-            "checked_share": refinement.CHECKED_SHARE,
-            "left_out_share": refinement.LEFT_OUT_SHARE,
-            "min_gain": refinement.MIN_GAIN,
-            "rounds": refinement.ROUNDS,
-            "observations_per_view": refinement.OBSERVATIONS_PER_VIEW,
-            "min_observations": refinement.MIN_OBSERVATIONS,
+            "checked_share": validation.CHECKED_SHARE,
+            "left_out_share": validation.LEFT_OUT_SHARE,
+            "min_gain": validation.MIN_GAIN,
+            "rounds": robust_adjustment.ROUNDS,
+            "observations_per_view": robust_adjustment.OBSERVATIONS_PER_VIEW,
+            "min_observations": robust_adjustment.MIN_OBSERVATIONS,
+            "photometric": {
+                "radius": photometric.RADIUS,
+                "step": photometric.STEP,
+                "min_contrast": photometric.MIN_CONTRAST,
+                "most": photometric.MOST,
+            },
             "cells": support.CELLS,
             "min_cells": support.MIN_CELLS,
-            "min_views": refinement.MIN_VIEWS,
+            "min_views": validation.MIN_VIEWS,
             "fewest_points": structure.fewest_points,
             "bundle": {
                 "huber": BundleSettings().huber,

@@ -1,17 +1,23 @@
-"""The decision to refine poses: by points and views that took no part, and never without any."""
+"""The decision to refine poses: by points and views that took no part and by photographs, and never without any."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from pocketgs.capture.capture import Frame
+from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle.adjustment import BundleSettings
 from pocketgs.prior.bundle.schur import CpuAdjuster
 from pocketgs.prior.features.observations import Observations
-from pocketgs.prior.poses.refinement import CHECKED_SHARE, Refinement, refine
-from prior.bundle_problem import Problem, make_problem, position_errors
+from pocketgs.prior.poses.refinement import Refinement, refine
+from pocketgs.prior.poses.robust_adjustment import RobustAdjustment
+from pocketgs.prior.poses.validation import CHECKED_SHARE
+from prior.bundle_problem import Problem, make_problem, position_errors, predicted, turned_and_moved
 
 BUNDLE = BundleSettings(position_sigma=0.1, rotation_sigma=0.1)
 PROBLEM = make_problem(frames=10, points=600, views=5, noise=0.2, pose_error=0.01)
@@ -19,7 +25,12 @@ PROBLEM = make_problem(frames=10, points=600, views=5, noise=0.2, pose_error=0.0
 
 def refined(problem: Problem, tracks: Observations) -> Refinement:
     order = np.lexsort((tracks.frame, tracks.point))
-    return refine(problem.cameras, tracks.select(order), 40.0, 0.5, BUNDLE, 4.0, CpuAdjuster())
+    blank = [np.zeros((camera.height, camera.width, 3), np.uint8) for camera in problem.cameras]
+    return refine(adjustment_of(problem.cameras), tracks.select(order), blank, 4.0)
+
+
+def adjustment_of(cameras: Sequence[Camera]) -> RobustAdjustment:
+    return RobustAdjustment(cameras, 40.0, 0.5, BUNDLE, CpuAdjuster())
 
 
 def errors(cameras: list[Camera]) -> float:
@@ -43,3 +54,34 @@ def test_poses_are_kept_if_no_point_can_judge() -> None:
 def test_poses_that_fit_are_kept() -> None:
     exact = replace(PROBLEM, cameras=PROBLEM.true_cameras)
     assert not refined(exact, PROBLEM.observations).moved.any()
+
+
+def features_seen_from(cameras: Sequence[Camera], tracks: Observations, points: np.ndarray) -> Observations:
+    """The tracks as features would tell them if these were the true cameras."""
+    return replace(tracks, pixels=predicted(cameras, points, tracks))
+
+
+@pytest.mark.parametrize("features_are_right", [True, False])
+def test_photographs_must_confirm_what_features_tell(features_are_right: bool) -> None:
+    """Features that agree with each other, but are not where the photographs show them, move no camera."""
+    capture, rng = true_capture(width=240, height=180, frames=14, points=1500), np.random.default_rng(0)
+    frames, cloud = capture.train, capture.points
+    assert cloud is not None
+    true = [frame.camera for frame in frames]
+    stray = [turned_and_moved(camera, *rng.normal(0.0, 0.01, (2, 3))) for camera in true]
+    given, told = (stray, true) if features_are_right else (true, stray)
+    tracks, points = tracks_of(frames, cloud.positions)
+    found = refine(adjustment_of(given), features_seen_from(told, tracks, points), [f.image for f in frames], 2.0)
+    assert found.moved.any() == features_are_right
+
+
+def tracks_of(frames: Sequence[Frame], points: np.ndarray) -> tuple[Observations, np.ndarray]:
+    """Which of the points are in which images, numbered anew, and the points."""
+    inside = []
+    for frame in frames:
+        pixels, depths = frame.camera.project(points)
+        inside.append((depths > 0) & frame.camera.contains(pixels))
+    visible = np.array(inside)
+    shared = visible.sum(axis=0) >= 3
+    point, view = np.nonzero(visible[:, shared].T)
+    return Observations(view.astype(np.int32), point.astype(np.int32), np.zeros((len(view), 2))), points[shared]

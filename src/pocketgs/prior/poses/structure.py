@@ -24,6 +24,7 @@ from pocketgs.prior.features.two_view import VERIFICATION, Matches, match_views
 from pocketgs.prior.poses.consensus import consensus
 from pocketgs.prior.poses.refinement import refine
 from pocketgs.prior.poses.relocalisation import Relocalisation
+from pocketgs.prior.poses.robust_adjustment import RobustAdjustment
 from pocketgs.prior.poses.suspects import contradicted, strangers
 from pocketgs.prior.poses.tolerance import FINEST, MIN_ANGLE, measured_tolerance, widest_tolerance
 from pocketgs.prior.scale import Scale
@@ -161,8 +162,9 @@ def build_structure(
         return None
     cameras, carried = placed, np.zeros(len(frames), bool)
     if settings.bundle:
-        widest, how = widest_tolerance(given), settings.bundle_settings(scale)
-        refinement = refine(placed, tracks, widest, finest, how, scale.distance, adjuster or CpuAdjuster())
+        how = settings.bundle_settings(scale)
+        adjustment = RobustAdjustment(placed, widest_tolerance(given), finest, how, adjuster or CpuAdjuster())
+        refinement = refine(adjustment, tracks, [frame.image for frame in frames], scale.distance)
         cameras, carried = refinement.cameras, refinement.carried
     tolerance = measured_tolerance(cameras, tracks, finest)
     points, seen, behind = _agreeing(cameras, tracks, tolerance)

@@ -16,6 +16,7 @@ import { dot, normalised, subtract } from "../../../page/scene/vectors.js";
  * @typedef {Object} Consensus of M sightings
  * @property {Uint8Array} agrees is in the largest set of sightings within the tolerance of one point
  * @property {Int32Array} support sightings of the track that agree on a point triangulated without this one
+ * @property {Float64Array} others (M, 3) that point; NaN where there is none
  * @property {Float64Array} error distance in pixels from that point's projection; infinite where there is none
  */
 
@@ -34,6 +35,7 @@ export function consensus(cameras, tracks, tolerance, settings) {
     const found = {
         agrees: new Uint8Array(size),
         support: new Int32Array(size),
+        others: new Float64Array(3 * size).fill(NaN),
         error: new Float64Array(size).fill(Infinity),
     };
     const centres = cameras.map(centreOf);
@@ -76,6 +78,7 @@ function voteOn(sightings, first, tolerance, { max_trials: trials, min_angle: le
             const at = first + k;
             if (without > found.support[at] || (without === found.support[at] && rest < costs[k])) {
                 [found.support[at], costs[k], found.error[at]] = [without, rest, error];
+                found.others.set(point, 3 * at);
             }
         });
     }

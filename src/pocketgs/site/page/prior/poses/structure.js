@@ -69,7 +69,7 @@ export async function buildStructure(frames, scale, settings, finder, onStage) {
     await onStage("adjusting poses", 1);
     const { cameras, wrong: doubtful } = placed;
     const sound = placed.matches.filter(({ first, second }) => !doubtful[first] && !doubtful[second]);
-    const structure = structureOf(cameras, link(features, sound).tracks, scale, finest, settings.poses);
+    const structure = structureOf(cameras, frames, link(features, sound).tracks, scale, finest, settings.poses);
     return structure && { ...structure, replaced: cameras.map((camera, i) => camera !== given[i]), doubtful };
 }
 
@@ -95,16 +95,17 @@ async function placedAnew({ given, features, matches, alike, finest }, { distanc
  * The structure of tracks.
  *
  * @param {Camera[]} given
+ * @param {Frame[]} frames of the cameras, whose photographs count
  * @param {Observations} tracks sorted by point, including wrong ones
  * @param {import("../scale.js").Scale} scale
  * @param {number} finest errors below this many pixels are noise
  * @param {Object} settings the settings' `poses`
  * @returns {Structure | null} null if there are too few points
  */
-export function structureOf(given, tracks, { distance, unit }, finest, settings) {
+export function structureOf(given, frames, tracks, { distance, unit }, finest, settings) {
     const bundle = { ...settings.bundle, position_sigma: settings.bundle.position_sigma * unit };
     const widest = widestTolerance(given, settings);
-    const cameras = refine(given, tracks, widest, finest, { ...settings, bundle }, distance);
+    const cameras = refine(given, tracks, frames, widest, finest, { ...settings, bundle }, distance);
     const tolerance = measuredTolerance(cameras, tracks, finest, settings);
     const { points, observations } = agreedOn(cameras, tracks, tolerance, settings);
     const isAdjusted = cameras.some((camera, i) => camera !== given[i]);

@@ -1,0 +1,149 @@
+/**
+ * Validation of refined poses: by points and views that took no part in the adjustment, and by the photographs; the twin
+ * of `prior/poses/validation.py`.
+ *
+ * @module
+ */
+
+import { adjustPose } from "../bundle/adjustment.js";
+import { countsOf, filtered, indicesWhere, pointsOf, renumbered, selected } from "../features/observations.js";
+import { reprojectionErrors, triangulate } from "../features/tracks.js";
+import { consensus } from "./consensus.js";
+import { correlations } from "./photometric.js";
+import { adjustedTo } from "./robust_adjustment.js";
+
+/**
+ * @typedef {import("../../capture/camera.js").Camera} Camera
+ * @typedef {import("../features/observations.js").Observations} Observations
+ * @typedef {import("../../capture/photograph.js").Frame} Frame
+ */
+
+/**
+ * Which cameras belong to components that adjusted poses explain better, judged by points and views that are held out
+ * from an adjustment made for this purpose, and by how alike photographs look around those points.
+ *
+ * @param {Camera[]} given
+ * @param {Observations} tracks sorted by point, including wrong ones
+ * @param {Frame[]} frames of the cameras, whose photographs count
+ * @param {number} tolerance maximum error of an observation under the given poses, in pixels
+ * @param {number} finest errors below this many pixels are noise
+ * @param {Object} settings the settings' `poses`, with the `bundle` settings of this scene
+ * @returns {boolean[]}
+ */
+export function validated(given, tracks, frames, tolerance, finest, settings) {
+    const { checked_share: share, left_out_share: every } = settings;
+    const isChecked = Uint8Array.from(tracks.point, (point) => Number(point % share === 0));
+    const absent = given.map((_, view) => view % every === Math.floor(every / 2));
+    const taking = renumbered(filtered(tracks, (i) => !isChecked[i] && !absent[tracks.frame[i]]));
+    const { cameras, supported: present, tolerance: final } = adjustedTo(given, taking, tolerance, finest, settings);
+    // Absent views keep their given poses while the others move: where they see points tells nothing about either.
+    const heldOut = renumbered(filtered(tracks, (i) => isChecked[i] && present[tracks.frame[i]]));
+    const fitted = filtered(tracks, (i) => !isChecked[i]);
+    const byPoints = [given, cameras].map((poses) => pointErrors(poses, frames, heldOut, final, settings));
+    const byViews = [given, cameras].map((poses) => errorsOfViews(poses, fitted, absent, final, settings));
+    const accepted = given.map(() => false);
+    for (const part of partsOf(tracks, present.map((isPresent, view) => isPresent || absent[view]))) {
+        if (part.filter((isPart, view) => isPart && present[view]).length < settings.min_views) {
+            continue;
+        }
+        const isInside = (i) => part[heldOut.frame[i]];
+        const [before, after] = truncated(byPoints.map(({ errors }) => errors), isInside, final);
+        const [viewsBefore, viewsAfter] = truncated(byViews, (i) => part[fitted.frame[i]], final);
+        const [alikeBefore, alikeAfter] = meanLikeness(byPoints, isInside, final);
+        // Without points to judge by, errors are NaN and nothing is accepted; views and photographs only confirm.
+        const isGain = after <= (1 - settings.min_gain) * before;
+        if (isGain && !(viewsAfter > viewsBefore) && !(alikeAfter < alikeBefore)) {
+            part.forEach((isPart, view) => (accepted[view] ||= isPart));
+        }
+    }
+    return accepted;
+}
+
+/** How far observations are from the points that two or more others agree on, and how alike photographs are there. */
+function pointErrors(cameras, frames, tracks, tolerance, settings) {
+    const { support, error, others } = consensus(cameras, tracks, tolerance, settings);
+    const errors = error.map((value, i) => (support[i] >= 2 ? value : Infinity));
+    const points = others.map((value, k) => (support[Math.floor(k / 3)] >= 2 ? value : NaN));
+    return { errors, likeness: correlations(cameras, frames, tracks, points, settings.photometric) };
+}
+
+/** The observations that are good under either set of poses. */
+function goodOf([before, after], isInside, tolerance) {
+    return indicesWhere(before.length, (i) => isInside(i) && Math.min(before[i], after[i]) < tolerance);
+}
+
+/** RMS errors before and after, truncated at the tolerance, of the good observations; NaN for none. */
+function truncated(errors, isInside, tolerance) {
+    const good = goodOf(errors, isInside, tolerance);
+    return errors.map((each) => {
+        return Math.sqrt(good.reduce((sum, i) => sum + Math.min(each[i], tolerance) ** 2, 0) / good.length);
+    });
+}
+
+/** Mean likeness before and after, of the good observations where both are known; NaN for none. */
+function meanLikeness(found, isInside, tolerance) {
+    const isKnown = (i) => found.every(({ likeness }) => Number.isFinite(likeness[i]));
+    const known = goodOf(found.map(({ errors }) => errors), isInside, tolerance).filter(isKnown);
+    return found.map(({ likeness }) => known.reduce((sum, i) => sum + likeness[i], 0) / known.length);
+}
+
+/**
+ * Errors of the held-out views' observations, after placing each view by one half and judging by the other. The points
+ * are those that the other views agree on.
+ */
+function errorsOfViews(cameras, tracks, absent, tolerance, settings) {
+    const errors = new Float64Array(tracks.frame.length).fill(Infinity);
+    const positions = agreedPoints(cameras, tracks, absent, tolerance, settings);
+    const isKnown = (i) => Number.isFinite(positions[3 * tracks.point[i]]);
+    for (const view of indicesWhere(cameras.length, (index) => absent[index])) {
+        const own = indicesWhere(errors.length, (i) => tracks.frame[i] === view && isKnown(i));
+        const [fitted, judged] = [0, 1].map((half) => own.filter((_, i) => i % 2 === half));
+        if (fitted.length < Math.floor(settings.min_observations / 2)) {
+            continue;
+        }
+        const seen = selected(tracks, fitted);
+        const points = Float64Array.from(fitted.flatMap((i) => [...positions.subarray(...span(tracks.point[i]))]));
+        const placed = adjustPose(cameras[view], points, seen.pixels, settings.bundle);
+        const sightings = { ...selected(tracks, judged), frame: new Int32Array(judged.length) };
+        reprojectionErrors([placed], positions, sightings).forEach((error, i) => (errors[judged[i]] = error));
+    }
+    return errors;
+}
+
+const span = (point) => [3 * point, 3 * point + 3];
+
+/** (N, 3) by number of the point, NaN where the views that are not absent agree on none. */
+function agreedPoints(cameras, tracks, absent, tolerance, settings) {
+    const others = filtered(tracks, (i) => !absent[tracks.frame[i]]);
+    const theirs = renumbered(others);
+    const { agrees } = consensus(cameras, theirs, tolerance, settings);
+    const kept = indicesWhere(agrees.length, (i) => agrees[i]);
+    const agreeing = selected(theirs, kept);
+    const found = triangulate(cameras, agreeing);
+    const views = countsOf(agreeing.point, found.length / 3);
+    const positions = new Float64Array(3 * pointsOf(tracks)).fill(NaN);
+    kept.forEach((i) => {
+        if (views[theirs.point[i]] >= 2) {
+            positions.set(found.subarray(...span(theirs.point[i])), 3 * others.point[i]);
+        }
+    });
+    return positions;
+}
+
+/** Connected components of the supported cameras, which share points: for each, which cameras belong to it. */
+function partsOf({ frame, point }, supported) {
+    const labels = supported.map((_, view) => view);
+    let last = -1;
+    for (let i = 0; i < frame.length; i++) {
+        if (!supported[frame[i]]) {
+            continue;
+        }
+        if (last >= 0 && point[last] === point[i]) {
+            const [from, to] = [labels[frame[i]], labels[frame[last]]];
+            labels.forEach((label, view) => (labels[view] = label === from ? to : label));
+        }
+        last = i;
+    }
+    const parts = new Set(labels.filter((_, view) => supported[view]));
+    return [...parts].map((part) => labels.map((label, view) => label === part && supported[view]));
+}
