@@ -217,6 +217,14 @@ def test_poses_of_a_film_are_kept(data_folder: Path) -> None:
     assert len(fox.structure.points) > 500
 
 
+@pytest.mark.slow
+def test_poses_from_a_calibrated_rig_that_photographs_contradict_are_refined(data_folder: Path) -> None:
+    """Frames that were held out from the trial adjustment used to speak against it."""
+    rig = refine(open_capture(data_folder / "dtu24", max_size=400))
+    assert rig.structure.adjusted
+    assert rig.structure.rmse_after < 0.7 * rig.structure.rmse_before
+
+
 def test_real_tracks_are_adjusted_as_colmap_does(fern: Refined) -> None:
     from prior.colmap_problem import adjust_with_colmap
 
