@@ -34,7 +34,7 @@ def executor() -> Executor:
     buffers |= {"sums": "4 * items + 4", "digit_counts": digit_counts_bytes("blocks")}
     shaders = {name: library.link(name, {"scan.exclusive": "scan.shared"}) for name in names}
     definitions = {"blocks": f"ceil_div(items, {BLOCK})"}
-    description = Description({}, definitions, buffers, {}, shaders, sequences)
+    description = Description(definitions, buffers, {}, shaders, sequences)
     return Executor(shared_device(adapters()[0]), description)
 
 

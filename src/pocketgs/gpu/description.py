@@ -63,7 +63,6 @@ class Description:
     """Everything that a WebGPU host needs to run some sequences of passes.
 
     Attributes:
-        variants: the implementation chosen for each shader interface.
         definitions: numbers derived from the given ones, as expressions; later ones may use earlier ones.
         buffers: sizes in bytes, as expressions.
         uniforms: the layouts of the uniform buffers.
@@ -71,7 +70,6 @@ class Description:
         sequences: by name.
     """
 
-    variants: Mapping[str, str]
     definitions: Mapping[str, str]
     buffers: Mapping[str, str]
     uniforms: Mapping[str, UniformLayout]

@@ -59,4 +59,4 @@ def every_shader(but: Collection[Description] = ()) -> Description:
                 name = f"{shader.name} {len(passes)}"
                 shaders[name] = replace(shader, name=name)
                 passes[shader.source] = replace(one, shader=name)
-    return Description({}, {}, {}, {}, shaders, {"all": Sequence((), tuple(passes.values()))})
+    return Description({}, {}, {}, shaders, {"all": Sequence((), tuple(passes.values()))})

@@ -46,4 +46,4 @@ def describe_neighbourhoods() -> Description:
     sequences = {LOOK_AROUND: Sequence((), passes)}
     shaders = {name: SHADERS.link(name, {}) for name in shader_names(sequences.values())}
     uniforms = {"cloud": UniformLayout.of("Cloud", shaders["surfaces"].source)}
-    return Description({}, {}, buffers, uniforms, shaders, sequences)
+    return Description({}, buffers, uniforms, shaders, sequences)

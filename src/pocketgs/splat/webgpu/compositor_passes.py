@@ -39,4 +39,4 @@ def describe_compositor(subgroups: bool) -> Description:
     buffers["shape_gradients"] = f"{4 * SHAPE_GRADIENT_WORDS} * capacity"
     shaders = {name: SHADERS.link(name, sections) for name in shader_names(sequences.values())}
     uniforms = {"view": UniformLayout.of("View", shaders["count_tiles"].source)}
-    return Description(sections, DEFINITIONS, buffers, uniforms, shaders, sequences).part(sequences)
+    return Description(DEFINITIONS, buffers, uniforms, shaders, sequences).part(sequences)

@@ -323,7 +323,7 @@ def describe(variant: Variant, training: bool = True) -> Description:
         uniforms["rows"] = UniformLayout.of("Rows", shaders["gather_rows"].source)
     if variant.weights is not None:
         uniforms["weighting"] = UniformLayout.of("Weighting", shaders["project"].source)
-    return Description(variant.sections, DEFINITIONS, buffers, uniforms, shaders, sequences)
+    return Description(DEFINITIONS, buffers, uniforms, shaders, sequences)
 
 
 def _shader(name: str, variant: Variant) -> Shader:

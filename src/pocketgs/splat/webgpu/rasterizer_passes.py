@@ -139,4 +139,4 @@ def describe_rasterizer(subgroups: bool, compositor: str = "over") -> Descriptio
         for name in (*SORTING_BUFFERS, *_INSPECTION_BUFFERS):
             del buffers[name]
     shaders = {name: link(name, sections) for name in shader_names(sequences.values())}
-    return Description(sections, DEFINITIONS, buffers, camera_uniforms(shaders["project"]), shaders, sequences)
+    return Description(DEFINITIONS, buffers, camera_uniforms(shaders["project"]), shaders, sequences)

@@ -82,4 +82,4 @@ def describe_equations() -> Description:
     }
     shaders = {name: SHADERS.link(name, {}) for name in shader_names(sequences.values())}
     uniforms = {"adjustment": UniformLayout.of("Adjustment", shaders["step_points"].source)}
-    return Description({}, {}, buffers, uniforms, shaders, sequences)
+    return Description({}, buffers, uniforms, shaders, sequences)

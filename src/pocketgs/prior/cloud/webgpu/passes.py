@@ -60,4 +60,4 @@ def describe_merging() -> Description:
     variants = {"scan.exclusive": "scan.shared"}
     shaders = {name: SHADERS.link(name, variants) for name in shader_names(sequences.values())}
     uniforms = {"merging": UniformLayout.of("Merging", shaders["merge"].source)}
-    return Description(variants, {"blocks": f"ceil_div(candidates, {BLOCK})"}, buffers, uniforms, shaders, sequences)
+    return Description({"blocks": f"ceil_div(candidates, {BLOCK})"}, buffers, uniforms, shaders, sequences)

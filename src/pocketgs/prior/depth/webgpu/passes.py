@@ -132,7 +132,7 @@ def describe_sweep() -> Description:
     ]
     shaders = {name: SHADERS.link(name, {}) for name in dict.fromkeys(one.shader for one in passes)}
     uniforms = {"sweep": UniformLayout.of("Sweep", shaders["squares"].source)}
-    return Description({}, DEFINITIONS, _buffers(), uniforms, shaders, {SWEEP: Sequence((), tuple(passes))})
+    return Description(DEFINITIONS, _buffers(), uniforms, shaders, {SWEEP: Sequence((), tuple(passes))})
 
 
 @cache
@@ -152,4 +152,4 @@ def describe_comparison() -> Description:
     shader = SHADERS.link("agreement", {})
     passes = (Pass("agreement", shader.name, f"ceil_div(pixels, {THREADS})"),)
     uniforms = {"comparison": UniformLayout.of("Comparison", shader.source)}
-    return Description({}, definitions, buffers, uniforms, {shader.name: shader}, {COMPARE: Sequence((), passes)})
+    return Description(definitions, buffers, uniforms, {shader.name: shader}, {COMPARE: Sequence((), passes)})

@@ -114,7 +114,7 @@ def describe_features() -> Description:
         sequences[DESCRIBE[octave]] = Sequence((), (describe,))
     shaders = {name: SHADERS.link(name, {}) for name in shader_names(sequences.values())}
     uniforms = {"image": UniformLayout.of("Image", shaders["enlarge"].source)}
-    return Description({}, _definitions(), _buffers(), uniforms, shaders, sequences)
+    return Description(_definitions(), _buffers(), uniforms, shaders, sequences)
 
 
 @cache
@@ -138,4 +138,4 @@ def describe_matching() -> Description:
     )
     shader = SHADERS.link("nearest", {})
     uniforms = {"sizes": UniformLayout.of("Match", shader.source)}
-    return Description({}, {}, buffers, uniforms, {shader.name: shader}, {MATCH: Sequence((), passes)})
+    return Description({}, buffers, uniforms, {shader.name: shader}, {MATCH: Sequence((), passes)})
