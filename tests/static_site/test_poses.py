@@ -206,7 +206,7 @@ def test_tracks_and_points(call: Call, walk: Walk) -> None:
             return { first, second, pairs: Int32Array.from(pairs) };
         });
         const { tracks, feature } = module.link(features, matches);
-        const points = module.triangulate(given.cameras, tracks);
+        const points = module.triangulate(given.cameras, tracks, settings.prior.poses);
         const angles = module.triangulationAngles(given.cameras, points, tracks);
         const { enoughForEachView } = await import(new URL("prior/features/observations.js", location.href));
         const wanted = enoughForEachView(tracks, given.cameras.length, 20);
@@ -247,8 +247,9 @@ def test_bundle_adjustment(call: Call, walk: Walk) -> None:
         + """
         const points = Float64Array.from(given.points);
         const { cameras } = given;
-        const found = module.adjustBundle(cameras, points, observed(given.tracks), given.settings, cameras);
-        const one = module.adjustPose(cameras[0], points, Float64Array.from(given.pixels), given.settings);
+        const bundle = { ...settings.prior.poses.bundle, ...given.settings };
+        const found = module.adjustBundle(cameras, points, observed(given.tracks), bundle, cameras);
+        const one = module.adjustPose(cameras[0], points, Float64Array.from(given.pixels), bundle);
         return [posesOf(found.cameras), [...found.points], [...found.residuals], one.world_to_camera];
     """
     )
@@ -262,10 +263,7 @@ def test_bundle_adjustment(call: Call, walk: Walk) -> None:
         "points": points.reshape(-1).tolist(),
         "tracks": plain_observations(seen),
         "pixels": pixels.reshape(-1).tolist(),
-        "settings": {
-            name: getattr(settings, name)
-            for name in ("huber", "iterations", "tolerance", "position_sigma", "rotation_sigma")
-        },
+        "settings": {name: getattr(settings, name) for name in ("iterations", "position_sigma", "rotation_sigma")},
     }
     found, moved, residuals, one = call("prior/bundle/adjustment.js", script, given)
     expected = adjust_bundle(cameras, points, seen, settings)

@@ -7,6 +7,7 @@ from typing import Any
 
 from pocketgs.capture.sharpness import REDUCED_SIDE
 from pocketgs.prior import exposure, keyframes, scale, seen_points
+from pocketgs.prior.bundle import levenberg_marquardt, reprojection, schur
 from pocketgs.prior.bundle.adjustment import BundleSettings
 from pocketgs.prior.cloud import complete, coverage, cpu_merger, fuse, merge
 from pocketgs.prior.cloud.detail import DETAIL_SCALE
@@ -15,7 +16,7 @@ from pocketgs.prior.depth.source_views import BASELINE_SPREAD, THIRD_VIEW
 from pocketgs.prior.depth.sweep import MAX_PIXELS, SweepSettings
 from pocketgs.prior.depth.webgpu.layout import MATCHED, MOST_BANDS, USABLE
 from pocketgs.prior.features import features, pairs, two_view
-from pocketgs.prior.features.tracks import WIDEST_ANGLE
+from pocketgs.prior.features.tracks import REWEIGHTINGS, WIDEST_ANGLE
 from pocketgs.prior.features.webgpu import layout
 from pocketgs.prior.poses import (
     absolute_pose,
@@ -97,6 +98,7 @@ def prior_settings() -> dict[str, Any]:
         },
         "poses": {
             "max_trials": consensus.MAX_TRIALS,
+            "reweightings": REWEIGHTINGS,
             "min_angle": float(tolerance.MIN_ANGLE),
             "widest": tolerance.WIDEST,
             "medians": tolerance.MEDIANS,
@@ -124,6 +126,12 @@ def prior_settings() -> dict[str, Any]:
                 "tolerance": NEGLIGIBLE_GAIN,
                 "position_sigma": structure.position_sigma,
                 "rotation_sigma": float(structure.rotation_sigma),
+                "grazing": reprojection.GRAZING,
+                "behind": reprojection.BEHIND,
+                "first_damping": levenberg_marquardt.FIRST_DAMPING,
+                "min_damping": levenberg_marquardt.MIN_DAMPING,
+                "min_diagonal": schur.MIN_DIAGONAL,
+                "negligible": levenberg_marquardt.NEGLIGIBLE,
             },
         },
         "exposure": {

@@ -12,7 +12,7 @@ import { dot } from "../../../page/scene/vectors.js";
 import { startsOf } from "../features/observations.js";
 import { minimise } from "./levenberg_marquardt.js";
 import { CAMERA_UNKNOWNS, distances } from "./reprojection.js";
-import { cameraEquations, MIN_DIAGONAL, pointSteps, reducedEquations } from "./schur.js";
+import { cameraEquations, pointSteps, reducedEquations } from "./schur.js";
 
 /**
  * @typedef {import("../../capture/camera.js").Camera} Camera
@@ -25,6 +25,12 @@ import { cameraEquations, MIN_DIAGONAL, pointSteps, reducedEquations } from "./s
  * @property {number} tolerance stop when a step reduces the cost by less than this share
  * @property {number} position_sigma standard deviation of the given centres, in scene units; infinite for no prior
  * @property {number} rotation_sigma standard deviation of the given rotations, in radians; infinite for no prior
+ * @property {number} grazing minimum cosine of the angle to the optical axis for a point in front of the camera
+ * @property {number} behind reprojection error in pixels of other points
+ * @property {number} first_damping as a share of the diagonal of JᵀJ
+ * @property {number} min_damping the same
+ * @property {number} min_diagonal lower bound of what damping is a share of
+ * @property {number} negligible smaller decreases of the cost are rounding errors
  */
 
 /**
@@ -41,19 +47,19 @@ export function adjustBundle(given, points, observations, settings, start) {
     const sightings = { ...observations, intrinsics: given.map(intrinsicsOf), starts: startsOf(observations) };
     const prior = posePrior(given, settings);
     const step = (estimate, damping) => {
-        const equations = reducedEquations(sightings, estimate, settings.huber, damping);
-        const solved = solve(equations.cameras, prior, estimate, damping);
+        const equations = reducedEquations(sightings, estimate, settings, damping);
+        const solved = solve(equations.cameras, prior, settings, estimate, damping);
         if (!solved) {
             return null;
         }
-        const moves = pointSteps(sightings, estimate, settings.huber, equations.points, solved.step);
+        const moves = pointSteps(sightings, estimate, settings, equations.points, solved.step);
         const { damping: added, gradients } = equations.points;
         const gained = moves.reduce((sum, move, i) => sum + 0.5 * move * (added[i] * move + gradients[i]), 0);
         const moved = estimate.points.map((value, i) => value + moves[i]);
         return { next: movedBy(estimate, solved.step, moved), expected: solved.expected + gained };
     };
-    const found = minimise(estimateOf(start, points), costOf(sightings, prior, settings), step, ...lengthOf(settings));
-    return { cameras: posed(given, found), points: found.points, residuals: distances(sightings, found) };
+    const found = minimise(estimateOf(start, points), costOf(sightings, prior, settings), step, settings);
+    return { cameras: posed(given, found), points: found.points, residuals: distances(sightings, found, settings) };
 }
 
 /**
@@ -70,14 +76,12 @@ export function adjustPose(camera, points, pixels, settings) {
     const sightings = { frame: each.map(() => 0), point: each, pixels, intrinsics: [intrinsicsOf(camera)] };
     const prior = posePrior([camera], settings);
     const step = (estimate, damping) => {
-        const solved = solve(cameraEquations(sightings, estimate, settings.huber), prior, estimate, damping);
+        const solved = solve(cameraEquations(sightings, estimate, settings), prior, settings, estimate, damping);
         return solved && { next: movedBy(estimate, solved.step, points), expected: solved.expected };
     };
     const cost = costOf(sightings, prior, settings);
-    return posed([camera], minimise(estimateOf([camera], points), cost, step, ...lengthOf(settings)))[0];
+    return posed([camera], minimise(estimateOf([camera], points), cost, step, settings))[0];
 }
-
-const lengthOf = ({ iterations, tolerance }) => [iterations, tolerance];
 
 const intrinsicsOf = ({ fx, fy, cx, cy }) => [fx, fy, cx, cy];
 
@@ -89,9 +93,10 @@ function estimateOf(cameras, points) {
 const rotationOf = ({ world_to_camera: m }) => [0, 4, 8].flatMap((first) => m.slice(first, first + 3));
 
 /** Half the sum of the Huber losses (Huber 1964) and of the weighted squares of the deviations from the given poses. */
-function costOf(sightings, prior, { huber }) {
+function costOf(sightings, prior, settings) {
+    const { huber } = settings;
     return (estimate) => {
-        const loss = distances(sightings, estimate).reduce((sum, length) => {
+        const loss = distances(sightings, estimate, settings).reduce((sum, length) => {
             const inner = Math.min(length, huber);
             return sum + inner * (length - 0.5 * inner);
         }, 0);
@@ -117,10 +122,10 @@ function posePrior(given, { rotation_sigma: turn, position_sigma: offset }) {
  * A step of the cameras, and their part of the expected decrease: ½ hᵀ (μ D h + b) (Madsen, Nielsen and Tingleff 2004,
  * equation 3.14). Null if the matrix is not positive definite.
  */
-function solve({ matrix, right, diagonal, gradient }, prior, estimate, damping) {
+function solve({ matrix, right, diagonal, gradient }, prior, { min_diagonal: least }, estimate, damping) {
     const size = right.length;
     const slope = prior.deviation(estimate).map((value, i) => -prior.weights[i] * value);
-    const added = diagonal.map((value, i) => damping * Math.max(value + prior.weights[i], MIN_DIAGONAL));
+    const added = diagonal.map((value, i) => damping * Math.max(value + prior.weights[i], least));
     for (let i = 0; i < size; i++) {
         matrix[i * size + i] += prior.weights[i] + added[i];
     }

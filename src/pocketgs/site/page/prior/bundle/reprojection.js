@@ -10,12 +10,6 @@ export const CAMERA_UNKNOWNS = 6;
 /** Columns of a Jacobian: the camera's unknowns, then the point's three coordinates. */
 export const COLUMNS = CAMERA_UNKNOWNS + 3;
 
-/** Reprojection error in pixels of a point that is not in front of its camera: larger than any in an image. */
-const BEHIND = 1e4;
-
-/** Minimum cosine of the angle to the optical axis for a point in front of the camera. */
-const GRAZING = 1e-6;
-
 /**
  * @typedef {Object} Sightings observations sorted by point
  * @property {number[][]} intrinsics fx, fy, cx, cy of each camera
@@ -28,19 +22,23 @@ const GRAZING = 1e-6;
  * @property {number[][]} rotations from world to camera axes, 3 x 3 row by row
  * @property {number[][]} centres in the world
  * @property {Float64Array} points (N, 3)
+ *
+ * @typedef {import("./adjustment.js").BundleSettings} BundleSettings
  */
 
 /**
- * Reprojection errors in pixels, `BEHIND` for points that are not in front of the camera.
+ * Reprojection errors in pixels, `behind` for points that are not in front of the camera.
  *
  * @param {Sightings} sightings
  * @param {Estimate} estimate
+ * @param {BundleSettings} settings
  * @returns {Float64Array} (M,)
  */
-export function distances(sightings, estimate) {
+export function distances(sightings, estimate, { grazing, behind }) {
     const [residual, jacobian] = [new Float64Array(2), new Float64Array(2 * COLUMNS)];
     return Float64Array.from(sightings.frame, (_, k) => {
-        return linearise(sightings, estimate, k, residual, jacobian) ? Math.hypot(residual[0], residual[1]) : BEHIND;
+        const isBefore = linearise(sightings, estimate, k, grazing, residual, jacobian);
+        return isBefore ? Math.hypot(residual[0], residual[1]) : behind;
     });
 }
 
@@ -50,17 +48,19 @@ export function distances(sightings, estimate) {
  * @param {Sightings} sightings
  * @param {Estimate} estimate where to linearise
  * @param {number} k index of the observation
+ * @param {number} grazing minimum cosine of the angle to the optical axis for a point in front of the camera
  * @param {Float64Array} residual (2,) in pixels
  * @param {Float64Array} jacobian (2, COLUMNS)
  * @returns {boolean} false for a point that is not in front of the camera: it has no residual and no gradient
  */
-export function linearise({ intrinsics, frame, point, pixels }, { rotations, centres, points }, k, residual, jacobian) {
+export function linearise(sightings, { rotations, centres, points }, k, grazing, residual, jacobian) {
+    const { intrinsics, frame, point, pixels } = sightings;
     const [r, c, p] = [rotations[frame[k]], centres[frame[k]], 3 * point[k]];
     const [dx, dy, dz] = [points[p] - c[0], points[p + 1] - c[1], points[p + 2] - c[2]];
     const x = r[0] * dx + r[1] * dy + r[2] * dz;
     const y = r[3] * dx + r[4] * dy + r[5] * dz;
     const z = r[6] * dx + r[7] * dy + r[8] * dz;
-    if (!(z > GRAZING * Math.sqrt(x * x + y * y + z * z))) {
+    if (!(z > grazing * Math.sqrt(x * x + y * y + z * z))) {
         return false;
     }
     for (let axis = 0; axis < 2; axis++) {

@@ -10,6 +10,7 @@ import { CAMERA_UNKNOWNS, COLUMNS, linearise, weigh } from "./reprojection.js";
 /**
  * @typedef {import("./reprojection.js").Sightings} Sightings
  * @typedef {import("./reprojection.js").Estimate} Estimate
+ * @typedef {import("./adjustment.js").BundleSettings} BundleSettings
  *
  * @typedef {Object} CameraEquations the cameras' side, of size D = 6 F
  * @property {Float64Array} matrix (D, D), of which only the lower triangle counts
@@ -23,9 +24,6 @@ import { CAMERA_UNKNOWNS, COLUMNS, linearise, weigh } from "./reprojection.js";
  * @property {Float64Array} damping (N, 3) added to the diagonals
  */
 
-/** Damping is proportional to the diagonal of JᵀJ, with this lower bound. */
-export const MIN_DIAGONAL = 1e-9;
-
 const AXES = [0, 1, 2];
 
 /**
@@ -33,14 +31,14 @@ const AXES = [0, 1, 2];
  *
  * @param {Sightings} sightings
  * @param {Estimate} estimate where to linearise
- * @param {number} huber length in pixels above which the loss of a residual is linear
+ * @param {BundleSettings} settings
  * @returns {CameraEquations}
  */
-export function cameraEquations(sightings, estimate, huber) {
+export function cameraEquations(sightings, estimate, { huber, grazing }) {
     const equations = emptyEquations(estimate.centres.length);
     const [residual, jacobian] = [new Float64Array(2), new Float64Array(2 * COLUMNS)];
     for (let k = 0; k < sightings.frame.length; k++) {
-        if (linearise(sightings, estimate, k, residual, jacobian)) {
+        if (linearise(sightings, estimate, k, grazing, residual, jacobian)) {
             weigh(residual, jacobian, huber);
             addToCameras(sightings.frame[k], residual, jacobian, equations);
         }
@@ -54,11 +52,12 @@ export function cameraEquations(sightings, estimate, huber) {
  *
  * @param {Sightings} sightings
  * @param {Estimate} estimate where to linearise
- * @param {number} huber as for `cameraEquations`
+ * @param {BundleSettings} settings
  * @param {number} damping the points' diagonals grow by this factor of themselves
  * @returns {{cameras: CameraEquations, points: PointEquations}}
  */
-export function reducedEquations(sightings, estimate, huber, damping) {
+export function reducedEquations(sightings, estimate, settings, damping) {
+    const { huber, grazing, min_diagonal: least } = settings;
     const count = estimate.points.length / 3;
     const cameras = emptyEquations(estimate.centres.length);
     const points = {
@@ -73,7 +72,7 @@ export function reducedEquations(sightings, estimate, huber, damping) {
         const matrix = new Float64Array(9);
         const gradient = points.gradients.subarray(3 * p, 3 * p + 3);
         for (let k = first; k < end; k++) {
-            if (linearise(sightings, estimate, k, residual, jacobian)) {
+            if (linearise(sightings, estimate, k, grazing, residual, jacobian)) {
                 weigh(residual, jacobian, huber);
                 addToCameras(sightings.frame[k], residual, jacobian, cameras);
                 addToPoint(residual, jacobian, matrix, gradient);
@@ -81,7 +80,7 @@ export function reducedEquations(sightings, estimate, huber, damping) {
             }
         }
         for (const axis of AXES) {
-            points.damping[3 * p + axis] = damping * Math.max(matrix[4 * axis], MIN_DIAGONAL);
+            points.damping[3 * p + axis] = damping * Math.max(matrix[4 * axis], least);
             matrix[4 * axis] += points.damping[3 * p + axis];
         }
         const inverse = points.inverses.subarray(9 * p, 9 * p + 9);
@@ -97,18 +96,18 @@ export function reducedEquations(sightings, estimate, huber, damping) {
  *
  * @param {Sightings} sightings
  * @param {Estimate} estimate where the equations were linearised
- * @param {number} huber as for `reducedEquations`
+ * @param {BundleSettings} settings
  * @param {PointEquations} points from `reducedEquations`
  * @param {Float64Array} cameraStep (D,)
  * @returns {Float64Array} (N, 3)
  */
-export function pointSteps(sightings, estimate, huber, points, cameraStep) {
+export function pointSteps(sightings, estimate, { huber, grazing }, points, cameraStep) {
     const steps = new Float64Array(estimate.points.length);
     const [residual, jacobian] = [new Float64Array(2), new Float64Array(2 * COLUMNS)];
     for (let p = 0; p < steps.length / 3; p++) {
         const right = points.gradients.slice(3 * p, 3 * p + 3);
         for (let k = sightings.starts[p]; k < sightings.starts[p + 1]; k++) {
-            if (linearise(sightings, estimate, k, residual, jacobian)) {
+            if (linearise(sightings, estimate, k, grazing, residual, jacobian)) {
                 weigh(residual, jacobian, huber);
                 subtractMotion(jacobian, cameraStep, CAMERA_UNKNOWNS * sightings.frame[k], right);
             }

@@ -20,8 +20,6 @@ import { pointsOf } from "./observations.js";
  * @property {Int32Array} pairs (M, 2) numbers of features
  */
 
-const REWEIGHTINGS = 3;
-
 /** Below it, of the determinant in units of the cube of the trace, the rays of a point are parallel. */
 const DEGENERATE = 1e-13;
 
@@ -100,15 +98,16 @@ function join(parents, one, other) {
  *
  * @param {Camera[]} cameras
  * @param {Observations} observations
+ * @param {{reweightings: number}} settings the settings' `poses`
  * @returns {Float64Array} (N, 3)
  */
-export function triangulate(cameras, observations) {
+export function triangulate(cameras, observations, { reweightings }) {
     const count = pointsOf(observations);
     const centres = cameras.map(centreOf);
     const rays = raysOf(cameras, observations);
     const weights = new Float64Array(observations.frame.length).fill(1);
     const points = new Float64Array(3 * count);
-    for (let round = 0; round < REWEIGHTINGS; round++) {
+    for (let round = 0; round < reweightings; round++) {
         const [normals, rights] = [new Float64Array(9 * count), new Float64Array(3 * count)];
         observations.frame.forEach((frame, i) => {
             const at = observations.point[i];

@@ -38,7 +38,7 @@ export function poseFromPoints(camera, sightings, tolerance, { absolute_pose: ow
         return null;
     }
     // No prior holds the pose: the given one is wrong.
-    const free = { ...own.bundle, huber: tolerance / 2, position_sigma: Infinity, rotation_sigma: Infinity };
+    const free = { ...poses.bundle, ...own.bundle, huber: tolerance / 2, position_sigma: Infinity, rotation_sigma: Infinity };
     let placed = sampledPose(camera, sightings, tolerance, own);
     let agreed = agreeing(placed, sightings, tolerance);
     for (let round = 0; round < 2; round++) {

@@ -118,7 +118,7 @@ export class Relocalisation {
         const { tracks, feature } = link(features, right);
         const { agrees } = consensus(this.cameras, tracks, tolerance, this.#settings.poses);
         const kept = indicesWhere(agrees.length, (i) => agrees[i]);
-        const points = triangulate(this.cameras, selected(tracks, kept));
+        const points = triangulate(this.cameras, selected(tracks, kept), this.#settings.poses);
         for (const i of kept) {
             known[tracks.frame[i]].set(points.subarray(3 * tracks.point[i], 3 * tracks.point[i] + 3), 3 * feature[i]);
         }

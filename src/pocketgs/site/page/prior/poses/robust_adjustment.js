@@ -42,7 +42,7 @@ export function adjustedTo(given, tracks, tolerance, finest, settings) {
             return { cameras: given, supported, tolerance };
         }
         let seen = renumbered(chosen.tracks);
-        const points = triangulate(cameras, seen);
+        const points = triangulate(cameras, seen, settings);
         seen = renumbered(filtered(seen, (i) => Number.isFinite(points[3 * seen.point[i]])));
         const result = adjustBundle(given, points.filter(Number.isFinite), seen, settings.bundle, cameras);
         cameras = cameras.map((camera, view) => (supported[view] ? result.cameras[view] : camera));

@@ -167,7 +167,7 @@ function agreedOn(cameras, tracks, tolerance, settings) {
     const { agrees } = consensus(cameras, tracks, tolerance, settings);
     let seen = renumbered(filtered(tracks, (i) => agrees[i]));
     for (let round = 0; round < 2; round++) {
-        const points = triangulate(cameras, seen);
+        const points = triangulate(cameras, seen, settings);
         const errors = reprojectionErrors(cameras, points, seen);
         const near = indicesWhere(errors.length, (i) => errors[i] < tolerance);
         const good = selected(seen, near);
@@ -176,5 +176,5 @@ function agreedOn(cameras, tracks, tolerance, settings) {
         const isSure = (point) => views[point] >= 2 && angles[point] >= settings.min_angle;
         seen = renumbered(filtered(good, (i) => isSure(good.point[i])));
     }
-    return { points: triangulate(cameras, seen), observations: seen };
+    return { points: triangulate(cameras, seen, settings), observations: seen };
 }

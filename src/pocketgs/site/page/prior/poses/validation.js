@@ -119,7 +119,7 @@ function agreedPoints(cameras, tracks, absent, tolerance, settings) {
     const { agrees } = consensus(cameras, theirs, tolerance, settings);
     const kept = indicesWhere(agrees.length, (i) => agrees[i]);
     const agreeing = selected(theirs, kept);
-    const found = triangulate(cameras, agreeing);
+    const found = triangulate(cameras, agreeing, settings);
     const views = countsOf(agreeing.point, found.length / 3);
     const positions = new Float64Array(3 * pointsOf(tracks)).fill(NaN);
     kept.forEach((i) => {
