@@ -19,8 +19,7 @@ from pocketgs.splat.constants import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.engine import WebGpuEngine
-from pocketgs.splat.webgpu.layout import TILE
-from pocketgs.splat.webgpu.passes import RECORD_BYTES, SPLAT_BYTES
+from pocketgs.splat.webgpu.layout import RECORD_WORDS, SPLAT_WORDS, TILE
 
 TILE_PIXELS = TILE * TILE
 LOG2_ALPHA_MIN = float(np.log2(ALPHA_MIN))
@@ -127,8 +126,8 @@ class Work:
             "drawn_splats": self.drawn_splats,
             "depth_digits": DEPTH_DIGITS,
             "tile_digits": 2 * ceil_div(symbols["tiles"].bit_length(), 2 * DIGIT_BITS),
-            "splat_bytes": SPLAT_BYTES[options.precision],
-            "cache_bytes": 4 * symbols["pixels"] + RECORD_BYTES[options.precision] * recorded if cached else 0,
+            "splat_bytes": 4 * SPLAT_WORDS[options.precision],
+            "cache_bytes": 4 * symbols["pixels"] + 4 * RECORD_WORDS[options.precision] * recorded if cached else 0,
             "rows_cleared": 0 if ordered else symbols["capacity"],
             "rows_written": rows,
             "rows_added_to": 0 if ordered else rows,

@@ -17,13 +17,12 @@ from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.settings import LossSettings, StepSettings
 from pocketgs.splat.webgpu.engine import WebGpuEngine
-from pocketgs.splat.webgpu.passes import TILE
+from pocketgs.splat.webgpu.layout import SPLAT_WORDS, TILE
 from splat.training_step import BACKGROUND, RATES, begin, camera_in_front, of_every_size, photograph
 from splat.webgpu.variants import every_variant, shared_engine
 
 pytestmark = pytest.mark.usefixtures("adapter")
 
-SPLAT_WORDS = 10
 SCANS = pytest.mark.parametrize("portable", [False, True])
 
 MakeGaussians = Callable[..., Gaussians]
@@ -92,7 +91,7 @@ def test_tile_lists_hold_every_pixel_that_a_splat_colours(portable: bool, seed: 
     count = len(gaussians)
     engine = begin(shared_engine(EngineOptions("webgpu", portable=portable)), gaussians)
     engine.render(camera_in_front(width, height, 30.0))
-    splats = read(engine, "splats", SPLAT_WORDS * count, np.float32).reshape(count, SPLAT_WORDS).astype(np.float64)
+    splats = read(engine, "splats", SPLAT_WORDS["f32"] * count, np.float32).reshape(count, -1).astype(np.float64)
     across, down = ceil_div(width, TILE), ceil_div(height, TILE)
     lists = tile_lists(engine, across * down)
     listed = np.zeros((count, height, width), bool)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pocketgs.splat.webgpu.image_lists import ImageLists
-from pocketgs.splat.webgpu.rasterizer_passes import CENTRE_WORDS, GROUP
+from pocketgs.splat.webgpu.layout import CENTRE_WORDS
+from pocketgs.splat.webgpu.rasterizer_passes import GROUP
 
 
 def in_groups(channels: np.ndarray, first: int = 0) -> np.ndarray:

@@ -10,7 +10,8 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.splat.webgpu.channels import in_groups, packed, read_channel_gradients, read_image
 from pocketgs.splat.webgpu.compositor_passes import SHAPE_GRADIENT_WORDS, describe_compositor
 from pocketgs.splat.webgpu.image_lists import ImageLists
-from pocketgs.splat.webgpu.rasterizer_passes import CENTRE_WORDS, GROUP, SPLAT_WORDS, backward_sequence
+from pocketgs.splat.webgpu.layout import CENTRE_WORDS, SPLAT_WORDS
+from pocketgs.splat.webgpu.rasterizer_passes import GROUP, backward_sequence
 
 NOT_DRAWN = -1000.0
 """log2 of the opacity of splats that are not drawn."""
@@ -97,7 +98,7 @@ class SplatCompositor:
             return
         count = len(splats.keys)
         values = in_groups(splats.channels)
-        words = np.zeros((count, SPLAT_WORDS), np.float32)
+        words = np.zeros((count, SPLAT_WORDS["f32"]), np.float32)
         words[:, : splats.shapes.shape[1]] = splats.shapes
         given = {
             "gaussians": count,

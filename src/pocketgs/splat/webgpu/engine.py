@@ -24,6 +24,7 @@ from pocketgs.splat.rows import RowChange, Statistics, check_change
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.drawing import draw_once, rendered, write_camera
 from pocketgs.splat.webgpu.frame_values import is_regularised, structural_share, update_values
+from pocketgs.splat.webgpu.layout import SUM_WORDS
 from pocketgs.splat.webgpu.lenses import LENSES, lens_symbols
 from pocketgs.splat.webgpu.memory import (
     GROWTH,
@@ -50,7 +51,7 @@ from pocketgs.splat.webgpu.tables import (
 )
 from pocketgs.system.memory_need import MemoryNeed
 
-INTERSECTION_BYTES = {"ordered": 36, "atomic": 4}
+INTERSECTION_BYTES = {"ordered": 4 * SUM_WORDS, "atomic": 4}
 """What the largest of the buffers with something for every intersection holds of each."""
 
 

@@ -16,6 +16,35 @@ PATCH = 16
 MARGIN = SSIM_WINDOW // 2
 """What a patch needs to know of the pixels around it."""
 
+SPLAT_WORDS = {"f32": 10, "f16": 7, "weighted": 11}
+"""Of a splat on the image, by the way it is stored; see `common/splats.wgsl`. In full precision: centre 2, depth, log2
+of the opacity, exponents 3, colour 3."""
+
+RECORD_WORDS = {"f32": 5, "f16": 3}
+"""Of a record of the replay cache, by the way it is stored; see `common/replay.wgsl`."""
+
+SUM_WORDS = 9
+"""Of a row of gradients; see `common/gradient_rows.wgsl`."""
+
+SHAPE_WORDS = 8
+"""Of a row of gradients, before those of the channels; see `common/channel_rows.wgsl`."""
+
+CENTRE_WORDS = 4
+"""Of a Gaussian's row in `channel_gradients`, before the channels: the centre's gradient, signed and absolute."""
+
+BOUND_WORDS = 8
+"""Of a cluster's bounds; see `common/clusters.wgsl`."""
+
+WORDS = {
+    **{f"SPLAT_WORDS_{kind.upper()}": words for kind, words in SPLAT_WORDS.items()},
+    **{f"RECORD_WORDS_{kind.upper()}": words for kind, words in RECORD_WORDS.items()},
+    "SUM_WORDS": SUM_WORDS,
+    "SHAPE_WORDS": SHAPE_WORDS,
+    "CENTRE_WORDS": CENTRE_WORDS,
+    "BOUND_WORDS": BOUND_WORDS,
+}
+"""What the shaders call them."""
+
 _WITHOUT_SH = ParameterLayout(0)
 
 SHAPE_COLUMNS = _WITHOUT_SH.numbers

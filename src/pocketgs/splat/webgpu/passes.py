@@ -13,7 +13,16 @@ from pocketgs.gpu.uniforms import UniformLayout
 from pocketgs.gpu.workgroups import BLOCK, DIGIT_BITS, THREADS
 from pocketgs.splat.colours import COLUMNS
 from pocketgs.splat.engine import KEPT_LOSSES, Accumulation, Precision, Replay
-from pocketgs.splat.webgpu.layout import GRADIENT_COLUMNS, PATCH, SHAPE_COLUMNS, TILE
+from pocketgs.splat.webgpu.layout import (
+    BOUND_WORDS,
+    GRADIENT_COLUMNS,
+    PATCH,
+    RECORD_WORDS,
+    SHAPE_COLUMNS,
+    SPLAT_WORDS,
+    SUM_WORDS,
+    TILE,
+)
 from pocketgs.splat.webgpu.lenses import PINHOLE, link, through_lenses
 
 DEFINITIONS = {
@@ -107,12 +116,6 @@ class Variant:
         return frozenset(feature for feature, is_needed in needed.items() if is_needed)
 
 
-SPLAT_BYTES = {"f32": 40, "f16": 28}
-WEIGHTED_SPLAT_BYTES = 44
-RECORD_BYTES = {"f32": 20, "f16": 12}
-BOUND_WORDS = 8
-"""Of a cluster's bounds: see `common/clusters.wgsl`."""
-
 STATISTICS = 4
 """Columns of sums: see `common/statistics.wgsl`."""
 
@@ -123,7 +126,7 @@ def rendering_buffers(variant: Variant) -> dict[str, str]:
     if variant.weights is not None:
         for name in ("depth_keys", *SORTING_BUFFERS):
             del buffers[name]
-        buffers["splats"] = f"{WEIGHTED_SPLAT_BYTES} * capacity"
+        buffers["splats"] = f"{4 * SPLAT_WORDS['weighted']} * capacity"
         buffers["views"] = "4 * view_coefficients * capacity"
     if variant.weights == "visibility":
         buffers["largest_exponents"] = "8"
@@ -138,7 +141,7 @@ def _sorted_buffers(variant: Variant) -> dict[str, str]:
     return {
         "shape": f"{4 * SHAPE_COLUMNS} * capacity",
         "sh": "12 * coefficients * capacity",
-        "splats": f"{SPLAT_BYTES[variant.precision]} * capacity",
+        "splats": f"{4 * SPLAT_WORDS[variant.precision]} * capacity",
         "depth_keys": "4 * capacity",
         "depth_keys_spare": "4 * capacity",
         "order": "4 * capacity",
@@ -311,8 +314,9 @@ def describe(variant: Variant, training: bool = True) -> Description:
         sequences |= _row_sequences()
         buffers |= _TRAINING_BUFFERS
         if variant.replay == "cache":
-            buffers["replay_cache"] = f"pixels * (4 + {RECORD_BYTES[variant.precision]} * replay_depth)"
-        buffers["gradient_rows"] = f"36 * {'intersections' if variant.accumulation == 'ordered' else 'capacity'}"
+            buffers["replay_cache"] = f"pixels * (4 + {4 * RECORD_WORDS[variant.precision]} * replay_depth)"
+        rows = "intersections" if variant.accumulation == "ordered" else "capacity"
+        buffers["gradient_rows"] = f"{4 * SUM_WORDS} * {rows}"
     sequences = {
         name: replace(one, passes=tuple(through_lenses(one.passes, variant.lenses))) for name, one in sequences.items()
     }

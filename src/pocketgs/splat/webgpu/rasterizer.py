@@ -15,14 +15,9 @@ from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
 from pocketgs.splat.webgpu.channels import in_groups, packed, read_channel_gradients, read_image
 from pocketgs.splat.webgpu.image_lists import ImageLists
+from pocketgs.splat.webgpu.layout import CENTRE_WORDS, SPLAT_WORDS
 from pocketgs.splat.webgpu.lenses import lens_symbols
-from pocketgs.splat.webgpu.rasterizer_passes import (
-    CENTRE_WORDS,
-    GROUP,
-    SPLAT_WORDS,
-    backward_sequence,
-    describe_rasterizer,
-)
+from pocketgs.splat.webgpu.rasterizer_passes import GROUP, backward_sequence, describe_rasterizer
 from pocketgs.splat.webgpu.scene_columns import to_columns
 
 CULLED = 0xFFFFFFFF
@@ -104,7 +99,8 @@ class WebGpuBackend:
         self._show(tape)
         image, transmittance = read_image(self._lists, composited, camera.width, camera.height)
         visible = self._visible()
-        splats = self._lists.read("splats", np.float32, SPLAT_WORDS * len(scene)).reshape(-1, SPLAT_WORDS)[visible]
+        words = SPLAT_WORDS["f32"]
+        splats = self._lists.read("splats", np.float32, words * len(scene)).reshape(-1, words)[visible]
         return Composite(image, transmittance, visible, half_sizes(splats[:, 3], splats[:, 4:7]), tape)
 
     def backward(

@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 from pocketgs.gpu.description import Description, Pass, Sequence, shader_names
+from pocketgs.splat.webgpu.layout import CENTRE_WORDS, SHAPE_WORDS
 from pocketgs.splat.webgpu.lenses import LENSES, link, through_lenses
 from pocketgs.splat.webgpu.passes import (
     CLEARED,
@@ -20,15 +21,6 @@ from pocketgs.splat.webgpu.passes import (
 
 GROUP = 3
 """Channels that are composited together, where a step has its three colours."""
-
-SPLAT_WORDS = 10
-"""Of a splat in `common/splats.wgsl`: centre 2, depth, log2 of the opacity, exponents 3, colour 3."""
-
-SHAPE_WORDS = 8
-"""Of a row of gradients, before those of the channels; see `common/channel_rows.wgsl`."""
-
-CENTRE_WORDS = 4
-"""Of a Gaussian's row in `channel_gradients`, before the channels: the centre's gradient, signed and absolute."""
 
 FORWARD_BUFFERS = {
     "image": "16 * pixels * channel_groups",

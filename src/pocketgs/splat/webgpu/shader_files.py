@@ -10,7 +10,7 @@ from pocketgs.splat import constants
 from pocketgs.splat.colours import COLUMNS, UPDATES
 from pocketgs.splat.limits import GSPLAT
 from pocketgs.splat.reference.loss import ssim_window
-from pocketgs.splat.webgpu.layout import MARGIN, PATCH, PLACES, TILE
+from pocketgs.splat.webgpu.layout import MARGIN, PATCH, PLACES, TILE, WORDS
 
 _IMAGE_FORMATION = (
     "LOW_PASS",
@@ -41,6 +41,7 @@ SHADERS = ShaderLibrary(
         "ARCTANGENT": constants.ARCTANGENT,
         "ARCTANGENT_TERMS": len(constants.ARCTANGENT),
         **PLACES,
+        **WORDS,
         "COLOUR_COLUMNS": COLUMNS,
         "COLOUR_UPDATES": UPDATES,
         "TILE": TILE,

@@ -22,7 +22,7 @@ fn main(
     }
     let i = order[rank];
     let centre = inverse_covariance(read_splat(i)) * gather(i, reached.x, reached.y).offset;
-    let row = i * (4u + 3u * view.channel_groups);
+    let row = i * (CENTRE_WORDS + 3u * view.channel_groups);
     channel_gradients[row] = centre.x;
     channel_gradients[row + 1u] = centre.y;
     for (var word = 0u; word < 2u + 3u * view.channel_groups; word++) {

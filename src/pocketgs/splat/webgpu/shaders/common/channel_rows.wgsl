@@ -1,7 +1,6 @@
 import gradient_rows
 // What a splat's replay leaves behind in one tile where any number of channels is composited: the sums of `SplatSums`
 // but the colour; the summed magnitudes of the gradient with respect to its centre; and the gradient of each channel.
-const SHAPE_WORDS: u32 = 8u;
 const ABSOLUTE_WORD: u32 = 6u;
 
 fn channel_row(slot: u32) -> u32 {

@@ -4,7 +4,6 @@
 const OUTSIDE: u32 = 0xffffffffu;
 
 // Words of `cluster_bounds`: least and largest coordinates of the means, the largest log scale, and 1 while these hold.
-const BOUND_WORDS: u32 = 8u;
 const BOUND_HIGH: u32 = 3u;
 const BOUND_LOG_SCALE: u32 = 6u;
 const BOUND_HOLDS: u32 = 7u;

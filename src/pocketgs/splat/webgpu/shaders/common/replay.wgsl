@@ -36,7 +36,7 @@ fn record_place(cache_place: u32, contribution: u32) -> u32 {
 
 section words_f32
 // How a record of the replay cache is stored: in full precision. The intersection comes first.
-const RECORD_WORDS: u32 = 5u;
+const RECORD_WORDS: u32 = RECORD_WORDS_F32;
 
 fn pack_record(intersection: u32, alpha: f32, colour: vec3f) -> array<u32, RECORD_WORDS> {
     let c = bitcast<vec3u>(colour);
@@ -54,7 +54,7 @@ fn record_colour(words: array<u32, RECORD_WORDS>) -> vec3f {
 section words_f16
 // How a record of the replay cache is stored: colours in half precision, α in steps of 1/65535, since half precision
 // would lose 1 - α where α is near 1. The intersection comes first.
-const RECORD_WORDS: u32 = 3u;
+const RECORD_WORDS: u32 = RECORD_WORDS_F16;
 
 fn pack_record(intersection: u32, alpha: f32, colour: vec3f) -> array<u32, RECORD_WORDS> {
     let alpha_red = pack2x16unorm(vec2f(alpha, 0.0)) | pack2x16float(vec2f(0.0, colour.r));

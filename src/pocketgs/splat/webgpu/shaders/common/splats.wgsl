@@ -23,7 +23,7 @@ fn inverse_covariance(splat: Splat) -> mat2x2f {
 
 section words_f32
 // How a splat is stored: in full precision.
-const SPLAT_WORDS: u32 = 10u;
+const SPLAT_WORDS: u32 = SPLAT_WORDS_F32;
 
 fn pack_splat(splat: Splat) -> array<u32, SPLAT_WORDS> {
     return array<u32, SPLAT_WORDS>(
@@ -53,7 +53,7 @@ fn unpack_splat(words: array<u32, SPLAT_WORDS>) -> Splat {
 
 section words_weighted
 // How a splat with a weight is stored: in full precision.
-const SPLAT_WORDS: u32 = 11u;
+const SPLAT_WORDS: u32 = SPLAT_WORDS_WEIGHTED;
 
 fn pack_splat(splat: Splat) -> array<u32, SPLAT_WORDS> {
     let e = bitcast<vec3u>(splat.exponents);
@@ -89,7 +89,7 @@ section words_f16
 //
 // The falloff is stored as three numbers of the order of one over pixels, which half precision holds well where their
 // squares would vanish: log2 α = log2_opacity - (a dx + b dy)² - (c dy)².
-const SPLAT_WORDS: u32 = 7u;
+const SPLAT_WORDS: u32 = SPLAT_WORDS_F16;
 // The smallest normal number of half precision: splats larger than some 14,000 pixels are stored as if of that size.
 const MIN_FACTOR: f32 = 6.103515625e-5;
 
