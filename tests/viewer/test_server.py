@@ -111,6 +111,7 @@ def test_modules_and_passes(page: Page, monkeypatch: pytest.MonkeyPatch, tmp_pat
         "": "text/html",
         "page/main.js": "text/javascript",
         "page/drawing/renderer.js": "text/javascript",
+        "page/constants.js": "text/javascript",
         "gpu/executor.js": "text/javascript",
     }.items():
         answer = fetch(page.url, path)

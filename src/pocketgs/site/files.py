@@ -12,6 +12,7 @@ from pocketgs.prior.features.webgpu.passes import describe_features, describe_ma
 from pocketgs.seeding.webgpu.passes import describe_neighbourhoods
 from pocketgs.site.settings import settings
 from pocketgs.splat.webgpu.passes import Variant, describe
+from pocketgs.viewer.constants import MODULE, constants_module
 
 PAGE = Path(__file__).parent / "page"
 VIEWER = Path(pocketgs.viewer.__file__).parent / "page"
@@ -58,6 +59,7 @@ HTML = "index.html"
 def site_files() -> dict[str, bytes]:
     """The content of every file, by its path in the site."""
     files = {f"page/{name}": (VIEWER / name).read_bytes() for name in SHARED}
+    files[f"page/{MODULE}"] = constants_module().encode()
     files |= {f"gpu/{path.name}": path.read_bytes() for path in sorted(EXECUTOR.glob("*.js"))}
     own = [path for path in sorted(PAGE.rglob("*")) if path.is_file()]
     files |= {f"train/{path.relative_to(PAGE).as_posix()}": path.read_bytes() for path in own}

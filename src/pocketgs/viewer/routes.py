@@ -18,6 +18,7 @@ import pocketgs.viewer
 from pocketgs.files.opening import open_in_place
 from pocketgs.splat.webgpu.passes import Appearance, Variant, Weights, describe
 from pocketgs.viewer.access import Access, is_same_origin
+from pocketgs.viewer.constants import MODULE, constants_module
 from pocketgs.viewer.content import Content, View, jpeg
 from pocketgs.viewer.following import Followers
 from pocketgs.viewer.live import LiveRun
@@ -141,6 +142,8 @@ def page_handlers() -> dict[str, Handler]:
 
 async def page_file(request: web.Request) -> web.StreamResponse:
     """A module, style or image of the page."""
+    if request.match_info["name"] == MODULE:
+        return web.Response(text=constants_module(), headers={"Content-Type": TYPES[".js"]})
     files = (path for path in PAGE.rglob("*") if path.is_file())
     return await send_named(request, {path.relative_to(PAGE).as_posix(): path for path in files})
 

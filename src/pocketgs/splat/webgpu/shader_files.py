@@ -26,7 +26,7 @@ _IMAGE_FORMATION = (
     "NOISE_THRESHOLD",
     "RADIUS_SIGMAS",
 )
-_MAX_LOG_SCALE = 40.0
+MAX_LOG_SCALE = 40.0
 """In float32 the square of a larger one's exponential overflows. The other engines, in float64, leave that to
 MAX_VARIANCE, under which nothing so large can be drawn."""
 
@@ -37,7 +37,7 @@ SHADERS = ShaderLibrary(
         "LOG2_ALPHA_MIN": math.log2(constants.ALPHA_MIN),
         "GSPLAT_ALPHA_MAX": float(GSPLAT.most_opaque),
         "LOG2_E": math.log2(math.e),
-        "MAX_LOG_SCALE": _MAX_LOG_SCALE,
+        "MAX_LOG_SCALE": MAX_LOG_SCALE,
         "ARCTANGENT": constants.ARCTANGENT,
         "ARCTANGENT_TERMS": len(constants.ARCTANGENT),
         **PLACES,

@@ -4,9 +4,9 @@
  * @module
  */
 
+import { LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../../page/constants.js";
 import { coarsenessOf, codeColours, codeHarmonic, codeScales } from "../../page/formats/pgs_attributes.js";
 import { codeTurns, nearestBefore } from "../../page/formats/pgs_attributes.js";
-import { LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../../page/scene/gaussian_columns.js";
 import { levelsOf, roundedMeans, roundedRotations } from "./pgs_rounding.js";
 import { joinSections } from "./pgs_sections.js";
 import { encodePositions, inTreeOrder } from "./pgs_tree.js";

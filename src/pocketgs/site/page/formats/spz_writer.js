@@ -5,6 +5,7 @@
  * @module
  */
 
+import { LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../../page/constants.js";
 import {
     AXIS_SIGNS,
     COLOUR_SCALE,
@@ -14,7 +15,6 @@ import {
     ROTATION_STEPS,
     streamSizes,
 } from "../../page/formats/spz_attributes.js";
-import { LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../../page/scene/gaussian_columns.js";
 import { roundedToEven } from "../numbers/rounding.js";
 
 /** @typedef {import("../../page/scene/gaussian_columns.js").GaussianColumns} GaussianColumns */

@@ -4,8 +4,8 @@
  * @module
  */
 
+import { LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../../page/constants.js";
 import { dcOf, GaussianColumns } from "../../page/scene/gaussian_columns.js";
-import { LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../../page/scene/gaussian_columns.js";
 import { cross, rotationTo } from "../../page/scene/vectors.js";
 import { medianOf } from "../numbers/median.js";
 

@@ -4,7 +4,7 @@
  * @module
  */
 
-import { SHAPE_COLUMNS } from "../../page/scene/gaussian_columns.js";
+import { SHAPE_COLUMNS } from "../../page/constants.js";
 import { sizeWithin } from "../capture/pixels.js";
 import { expectedIntersections, largestSizes, totalOf } from "./buffer_sizes.js";
 import { PIXEL_BYTES, Shelf } from "./shelf.js";

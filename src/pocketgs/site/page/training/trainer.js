@@ -8,8 +8,9 @@
 
 import { Description } from "../../gpu/description.js";
 import { Executor } from "../../gpu/executor.js";
+import { MEAN } from "../../page/constants.js";
 import { viewValues } from "../../page/drawing/view_values.js";
-import { GaussianColumns, MEAN } from "../../page/scene/gaussian_columns.js";
+import { GaussianColumns } from "../../page/scene/gaussian_columns.js";
 import { nearPlane } from "../../page/scene/near_plane.js";
 import { expectedIntersections, largestSizes, symbolsOf, totalOf } from "./buffer_sizes.js";
 import { PIXEL_BYTES, Shelf } from "./shelf.js";

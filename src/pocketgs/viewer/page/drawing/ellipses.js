@@ -4,7 +4,7 @@
  * @module
  */
 
-import { MIN_OPACITY } from "./points.js";
+import { ALPHA_MIN, LOW_PASS } from "../constants.js";
 import { slopeBounds } from "./view_values.js";
 
 /**
@@ -14,9 +14,6 @@ import { slopeBounds } from "./view_values.js";
 
 /** Maximum radius, at the edge, as a share of the image's longer side. */
 const MAX_RADIUS = 0.25;
-
-/** As in `splat/constants.py`: added to variances. */
-const LOW_PASS = 0.3;
 
 /** Depths are sorted by the upper bits of their floating-point numbers: to 1/1024. */
 const LOST_BITS = 13;
@@ -103,7 +100,7 @@ export class Ellipses {
         let a = sx * px + sy * py + sz * pz + LOW_PASS;
         let b = sx * qx + sy * qy + sz * qz;
         let c = tx * qx + ty * qy + tz * qz + LOW_PASS;
-        const edge = 2 * Math.log(opacities[i] / MIN_OPACITY);
+        const edge = 2 * Math.log(opacities[i] / ALPHA_MIN);
         const most = (MAX_RADIUS * Math.max(width, height)) ** 2 / edge;
         if ((a + c) / 2 + Math.hypot((a - c) / 2, b) > most) {
             [a, b, c] = shortened(a, b, c, most);

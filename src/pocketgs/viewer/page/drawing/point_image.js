@@ -4,15 +4,13 @@
  * @module
  */
 
+import { ALPHA_MAX } from "../constants.js";
 import { Ellipses, WORDS } from "./ellipses.js";
 
 /**
  * @typedef {import("../scene/camera.js").Camera} Camera
  * @typedef {import("./points.js").Points} Points
  */
-
-/** As in `splat/constants.py`. */
-const ALPHA_MAX = 0.99;
 
 /** Transmittance below which a pixel takes no more. */
 const CLEAR_ENOUGH = 1 / 255;

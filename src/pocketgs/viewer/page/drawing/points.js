@@ -4,15 +4,11 @@
  * @module
  */
 
-import { LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, SH_DC } from "../scene/gaussian_columns.js";
+import { ALPHA_MIN, LOG_SCALE, MAX_LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, SH_DC } from "../constants.js";
 import { nearPlane } from "../scene/near_plane.js";
 import { axesOf } from "../scene/vectors.js";
 
 /** @typedef {import("../scene/gaussian_columns.js").GaussianColumns} GaussianColumns */
-
-/** Minimum opacity of what is drawn, and maximum logarithm of a scale: as in `splat/constants.py` and the shaders. */
-export const MIN_OPACITY = 1 / 255;
-const MAX_LOG_SCALE = 40;
 
 /** Points of a scene that may still be loading. */
 export class Points {
@@ -53,7 +49,7 @@ export class Points {
         const logits = this.#scene.column(OPACITY_LOGIT);
         for (let i = this.count; i < count; i++) {
             const opacity = 1 / (1 + Math.exp(-logits[i]));
-            if (opacity >= MIN_OPACITY && this.#setCovariance(i)) {
+            if (opacity >= ALPHA_MIN && this.#setCovariance(i)) {
                 this.opacities[i] = opacity;
                 this.colours[i] = (byteOf(blue[i]) << 16) | (byteOf(green[i]) << 8) | byteOf(red[i]);
             }

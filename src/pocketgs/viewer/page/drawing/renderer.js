@@ -7,7 +7,7 @@
 import { Description } from "../../gpu/description.js";
 import { BUFFER_LIMITS, openDevice } from "../../gpu/device.js";
 import { Executor } from "../../gpu/executor.js";
-import { MEAN } from "../scene/gaussian_columns.js";
+import { GROWTH, INTERSECTIONS_PER_GAUSSIAN, MEAN, MIN_INTERSECTIONS } from "../constants.js";
 import { nearPlane } from "../scene/near_plane.js";
 import { Display } from "./display.js";
 import { pngOf } from "./png.js";
@@ -28,11 +28,6 @@ import { viewValues } from "./view_values.js";
  * @property {"splats" | "points" | "discs"} appearance of Gaussians
  * @property {string | null} weights the form of those that are drawn without sorting
  */
-
-/** Initial capacity for tile intersections, and its growth: as in `memory.py`. */
-const INTERSECTIONS_PER_GAUSSIAN = 8;
-const MIN_INTERSECTIONS = 1 << 16;
-const GROWTH = 1.25;
 
 /** Times taken say nothing of a scene with more than so many times the Gaussians. */
 const MUCH_LARGER = 2;

@@ -4,9 +4,7 @@
  * @module
  */
 
-/** As in `splat/constants.py` and `splat/webgpu/layout.py`. */
-const FRUSTUM_MARGIN = 0.15;
-const TILE = 8;
+import { FRUSTUM_MARGIN, TILE } from "../constants.js";
 
 /**
  * Bounds on x/z and y/z: the image and a margin.

@@ -4,7 +4,8 @@
  * @module
  */
 
-import { GaussianColumns, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, requireRoom } from "../scene/gaussian_columns.js";
+import { LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../constants.js";
+import { GaussianColumns, requireRoom } from "../scene/gaussian_columns.js";
 import { coarsenessOf, codeColours, codeHarmonic, codeScales, codeTurns, nearestBefore } from "./pgs_attributes.js";
 import { decodePositions } from "./pgs_positions.js";
 import { finenessOf, quaternionOf, stepOf } from "./pgs_rotations.js";

@@ -4,7 +4,7 @@
  * @module
  */
 
-import { LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../scene/gaussian_columns.js";
+import { LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../constants.js";
 
 /**
  * @param {import("../scene/gaussian_columns.js").GaussianColumns} gaussians

@@ -4,7 +4,8 @@
  * @module
  */
 
-import { GaussianColumns, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../scene/gaussian_columns.js";
+import { LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../constants.js";
+import { GaussianColumns } from "../scene/gaussian_columns.js";
 import { logitOfByte } from "./opacity.js";
 
 /**

@@ -4,7 +4,7 @@
  * @module
  */
 
-import { MEAN } from "./gaussian_columns.js";
+import { MEAN } from "../constants.js";
 
 const SAMPLES = 4096;
 

@@ -4,24 +4,13 @@
  * @module
  */
 
-/** Offsets of the columns of `shape`, as in `shaders/common/gaussians.wgsl`. */
-export const MEAN = 0;
-export const LOG_SCALE = 3;
-export const QUATERNION = 6;
-export const OPACITY_LOGIT = 10;
-export const SHAPE_COLUMNS = 11;
-
-/** Maximum memory of a scene while it is read, as in `pocketgs`: a file can state any number. */
-const MAX_BYTES = 3e9;
-
-/** The spherical harmonic of degree 0: colour = 0.5 + SH_DC · coefficient. */
-export const SH_DC = 0.28209479177387814;
+import { MAX_BYTES, QUATERNION, SH_DC, SHAPE_COLUMNS } from "../constants.js";
 
 /** Coefficient of degree 0 of a colour in [0, 1]. @type {(colour: number) => number} */
 export const dcOf = (colour) => (colour - 0.5) / SH_DC;
 
 /**
- * Check the memory that a scene needs before it is allocated.
+ * Check the memory that a scene needs before it is allocated: a file can state any number.
  *
  * @param {number} count
  * @param {number} coefficients

@@ -4,9 +4,7 @@
  * @module
  */
 
-/** As in `splat/constants.py`. */
-const NEAR = 0.005;
-const SAMPLES = 4096;
+import { NEAR, NEAR_SAMPLES } from "../constants.js";
 
 /**
  * Minimum depth of the centre of a Gaussian to be drawn, in proportion to the scene.
@@ -16,7 +14,7 @@ const SAMPLES = 4096;
  * @returns {number}
  */
 export function nearPlane(means, count) {
-    const step = Math.max(1, Math.ceil(count / SAMPLES));
+    const step = Math.max(1, Math.ceil(count / NEAR_SAMPLES));
     const sample = [];
     for (let i = 0; i < count; i += step) {
         const mean = means.map((column) => column[i]);
