@@ -35,25 +35,14 @@ from pocketgs.training.planning.effort import QUICK_KEYFRAMES
 
 def prior_settings() -> dict[str, Any]:
     """The settings' `prior`: each group is that of the module of the same name, or of its stage."""
-    structure = StructureSettings()
+    return {**_sparse_points(), **_poses(), **_exposure(), **_keyframes(), **_depth(), **_cloud()}
+
+
+def _sparse_points() -> dict[str, Any]:
+    """Features, which views are matched, and which matches one motion explains."""
     return {
-        "scale": {
-            "one_place": scale.ONE_PLACE,
-            "rounding": scale.ROUNDING,
-            "metric_distance": scale.METRIC_DISTANCE,
-        },
-        "keyframes": {
-            **asdict(keyframes.KeyframeSettings(max_keyframes=QUICK_KEYFRAMES)),
-            "cells": keyframes.CELLS,
-            "neighbouring_frames": keyframes.NEIGHBOURING_FRAMES,
-            "hidden": keyframes.HIDDEN,
-            "coarser": keyframes.COARSER,
-            "widest_angle": float(keyframes.WIDEST_ANGLE),
-            "max_views": keyframes.MAX_VIEWS,
-            "sharpness_side": REDUCED_SIDE,
-        },
         "features": {
-            "most": structure.features,
+            "most": StructureSettings().features,
             "ratio": features.RATIO,
             "descriptor": features.DESCRIPTOR,
             "kernels": [kernel.tolist() for kernel in layout.kernels()],
@@ -67,6 +56,25 @@ def prior_settings() -> dict[str, Any]:
             "widest_angle": float(WIDEST_ANGLE),
             "max_similar": pairs.MAX_SIMILAR,
             "words": pairs.WORDS,
+        },
+        "two_view": {
+            "verification": two_view.VERIFICATION,
+            "min_matches": two_view.MIN_MATCHES,
+            "min_share": two_view.MIN_SHARE,
+            "confidence": two_view.CONFIDENCE,
+            "trials": two_view.TRIALS,
+            "widest": tolerance.WIDEST,
+        },
+    }
+
+
+def _poses() -> dict[str, Any]:
+    """The scene's scale, wrong poses, and refined ones."""
+    return {
+        "scale": {
+            "one_place": scale.ONE_PLACE,
+            "rounding": scale.ROUNDING,
+            "metric_distance": scale.METRIC_DISTANCE,
         },
         "suspects": {
             "pair_fit": suspects.PAIR_FIT,
@@ -87,14 +95,6 @@ def prior_settings() -> dict[str, Any]:
             "rounds": relocalisation.ROUNDS,
             "more_similar": relocalisation.MORE_SIMILAR,
             "min_fit": relocalisation.MIN_FIT,
-        },
-        "two_view": {
-            "verification": two_view.VERIFICATION,
-            "min_matches": two_view.MIN_MATCHES,
-            "min_share": two_view.MIN_SHARE,
-            "confidence": two_view.CONFIDENCE,
-            "trials": two_view.TRIALS,
-            "widest": tolerance.WIDEST,
         },
         "poses": {
             "max_trials": consensus.MAX_TRIALS,
@@ -119,21 +119,33 @@ def prior_settings() -> dict[str, Any]:
             "cells": support.CELLS,
             "min_cells": support.MIN_CELLS,
             "min_views": validation.MIN_VIEWS,
-            "fewest_points": structure.fewest_points,
-            "bundle": {
-                "huber": BundleSettings().huber,
-                "iterations": MAX_STEPS,
-                "tolerance": NEGLIGIBLE_GAIN,
-                "position_sigma": structure.position_sigma,
-                "rotation_sigma": float(structure.rotation_sigma),
-                "grazing": reprojection.GRAZING,
-                "behind": reprojection.BEHIND,
-                "first_damping": levenberg_marquardt.FIRST_DAMPING,
-                "min_damping": levenberg_marquardt.MIN_DAMPING,
-                "min_diagonal": schur.MIN_DIAGONAL,
-                "negligible": levenberg_marquardt.NEGLIGIBLE,
-            },
+            "fewest_points": StructureSettings().fewest_points,
+            "bundle": _bundle(),
         },
+    }
+
+
+def _bundle() -> dict[str, Any]:
+    """Bundle adjustment."""
+    structure = StructureSettings()
+    return {
+        "huber": BundleSettings().huber,
+        "iterations": MAX_STEPS,
+        "tolerance": NEGLIGIBLE_GAIN,
+        "position_sigma": structure.position_sigma,
+        "rotation_sigma": float(structure.rotation_sigma),
+        "grazing": reprojection.GRAZING,
+        "behind": reprojection.BEHIND,
+        "first_damping": levenberg_marquardt.FIRST_DAMPING,
+        "min_damping": levenberg_marquardt.MIN_DAMPING,
+        "min_diagonal": schur.MIN_DIAGONAL,
+        "negligible": levenberg_marquardt.NEGLIGIBLE,
+    }
+
+
+def _exposure() -> dict[str, Any]:
+    """Gains of the photographs."""
+    return {
         "exposure": {
             "darkest": exposure.DARKEST,
             "brightest": exposure.BRIGHTEST,
@@ -146,6 +158,46 @@ def prior_settings() -> dict[str, Any]:
             "neighbours": exposure.NEIGHBOURS,
             "min_variation": exposure.MIN_VARIATION,
             "predictable": exposure.PREDICTABLE,
+        },
+    }
+
+
+def _keyframes() -> dict[str, Any]:
+    """Frames whose depth is computed, by the points that they see."""
+    return {
+        "keyframes": {
+            **asdict(keyframes.KeyframeSettings(max_keyframes=QUICK_KEYFRAMES)),
+            "cells": keyframes.CELLS,
+            "neighbouring_frames": keyframes.NEIGHBOURING_FRAMES,
+            "hidden": keyframes.HIDDEN,
+            "coarser": keyframes.COARSER,
+            "widest_angle": float(keyframes.WIDEST_ANGLE),
+            "max_views": keyframes.MAX_VIEWS,
+            "sharpness_side": REDUCED_SIDE,
+        },
+        "seen_points": {
+            "max_points": seen_points.MAX_POINTS,
+            "max_seen": seen_points.MAX_SEEN,
+            "hidden": seen_points.HIDDEN,
+        },
+    }
+
+
+def _depth() -> dict[str, Any]:
+    """Depth maps of keyframes."""
+    return {
+        "depth_range": {
+            "quantiles": depth_range.QUANTILES,
+            "nearest_share": depth_range.NEAREST_SHARE,
+            "nearest_quantile": depth_range.NEAREST_QUANTILE,
+            "unknown_nearest": depth_range.UNKNOWN_NEAREST,
+            "min_points": depth_range.MIN_POINTS,
+            "wide_hypotheses": depth_range.WIDE_HYPOTHESES,
+            "wide_pixels": depth_range.WIDE_PIXELS,
+            "widened": depth_range.WIDENED,
+            "pixels_per_step": depth_range.PIXELS_PER_STEP,
+            "fewest": depth_range.FEWEST,
+            "most": depth_range.MOST,
         },
         "sweep": {
             **{name: float(value) for name, value in asdict(SweepSettings()).items()},
@@ -167,19 +219,12 @@ def prior_settings() -> dict[str, Any]:
             "sure_margin": sensor_depth.SURE_MARGIN,
             "min_pixels": sensor_depth.MIN_PIXELS,
         },
-        "depth_range": {
-            "quantiles": depth_range.QUANTILES,
-            "nearest_share": depth_range.NEAREST_SHARE,
-            "nearest_quantile": depth_range.NEAREST_QUANTILE,
-            "unknown_nearest": depth_range.UNKNOWN_NEAREST,
-            "min_points": depth_range.MIN_POINTS,
-            "wide_hypotheses": depth_range.WIDE_HYPOTHESES,
-            "wide_pixels": depth_range.WIDE_PIXELS,
-            "widened": depth_range.WIDENED,
-            "pixels_per_step": depth_range.PIXELS_PER_STEP,
-            "fewest": depth_range.FEWEST,
-            "most": depth_range.MOST,
-        },
+    }
+
+
+def _cloud() -> dict[str, Any]:
+    """Fusion of the depth maps, and completion."""
+    return {
         "fusion": {
             **asdict(fuse.FusionSettings()),
             "clear_margin": fuse.CLEAR_MARGIN,
@@ -208,10 +253,5 @@ def prior_settings() -> dict[str, Any]:
             "largest": coverage.LARGEST,
             "missing_share": complete.MISSING_SHARE,
             "max_added_share": complete.MAX_ADDED_SHARE,
-        },
-        "seen_points": {
-            "max_points": seen_points.MAX_POINTS,
-            "max_seen": seen_points.MAX_SEEN,
-            "hidden": seen_points.HIDDEN,
         },
     }

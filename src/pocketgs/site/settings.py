@@ -87,77 +87,97 @@ def settings() -> dict[str, Any]:
         },
         "plan": {"most_memory": MOST_MEMORY, "least_side": LEAST_SIDE, "least_gaussians": LEAST_GAUSSIANS},
         "recipe": _recipe(RECIPES[RECIPE]),
-        "engine": {
-            "ssim_window": SSIM_WINDOW,
-            "kept_losses": KEPT_LOSSES,
-            "intersections_per_gaussian": INTERSECTIONS_PER_GAUSSIAN,
-            "min_intersections": MIN_INTERSECTIONS,
-            "expected_per_gaussian": EXPECTED_PER_GAUSSIAN,
-            "expected_per_pixel": EXPECTED_PER_PIXEL,
-            "intersection_bytes": INTERSECTION_BYTES[Variant().accumulation],
-            "growth": GROWTH,
-            "most_ahead": MAX_PENDING,
-            "seconds_ahead": SECONDS_AHEAD,
-        },
-        "capture": {
-            "camera_models": [
-                {"number": number, "name": model.name, "parameters": model.parameters, "fisheye": model.fisheye}
-                for number, model in CAMERA_MODELS.items()
-            ],
-            "model_folders": MODEL_FOLDERS,
-            "image_folders": IMAGE_FOLDERS,
-            "usual_images": DEFAULT_IMAGES,
-            "perspective_models": PERSPECTIVE_MODELS,
-            "fisheye_models": FISHEYE_MODELS,
-            "extensions_tried": EXTENSIONS_TRIED,
-            "mask_folders": FOLDERS,
-            "arkit_pixel_centre": ARKIT_PIXEL_CENTRE,
-            "undistortion_border": UNDISTORTION_BORDER,
-            "depth_unit": DEFAULT_DEPTH_UNIT,
-            "max_frames": MAX_FRAMES,
-            "sharpness_side": REDUCED_SIDE,
-            "aspect_tolerance": ASPECT_TOLERANCE,
-            "mask_aspect_tolerance": MASK_ASPECT_TOLERANCE,
-            "rotation_tolerance": ROTATION_TOLERANCE,
-            "max_coordinate": MAX_COORDINATE,
-            "max_intrinsic": MAX_INTRINSIC,
-            "min_focal_length": MIN_FOCAL_LENGTH,
-            "far": FAR,
-            "metric_extent": METRIC_EXTENT,
-            "unknown_colour": UNKNOWN_COLOUR,
-            "border_samples": BORDER_SAMPLES,
-            "max_half_field": MAX_HALF_FIELD,
-            "max_step": MAX_STEP,
-        },
+        "engine": _engine(),
+        "capture": _capture(),
         "seeding": {
             "leaf": LEAF,
             "most_neighbours": MOST_NEIGHBOURS,
             "thickness": THICKNESS,
             "morton_bits": BITS,
         },
-        "volume": {
-            "nearest": volume.NEAREST,
-            "farthest": volume.FARTHEST,
-            "depths": volume.DEPTHS,
-            "neighbours": volume.NEIGHBOURS,
-            "best_angle": float(volume.BEST_ANGLE),
-            "patch": volume.PATCH.tolist(),
-            "kept": volume.KEPT,
-            "min_points": volume.MIN_POINTS,
-            "min_convergence": MIN_CONVERGENCE,
-            "guessed_distance": GUESSED_DISTANCE,
-        },
+        "volume": _volume(),
         "prior": prior_settings(),
-        "pgs": {
-            "coding": asdict(PGS_CODING.in_single_precision()),
-            "grid_bits": pgs_rounding.GRID_BITS,
-            "max_level": pgs_rounding.MAX_LEVEL,
-            "max_logit": pgs_rounding.MAX_LOGIT,
-            "renamings": [
-                {"quaternion": renaming, "axes": axes}
-                for renaming, axes in zip(RENAMINGS.tolist(), AXES.tolist(), strict=True)
-            ],
-        },
+        "pgs": _pgs(),
+    }
+
+
+def _engine() -> dict[str, Any]:
+    """How the engine's host makes room in buffers, and how far ahead of the GPU it submits steps."""
+    return {
+        "ssim_window": SSIM_WINDOW,
+        "kept_losses": KEPT_LOSSES,
+        "intersections_per_gaussian": INTERSECTIONS_PER_GAUSSIAN,
+        "min_intersections": MIN_INTERSECTIONS,
+        "expected_per_gaussian": EXPECTED_PER_GAUSSIAN,
+        "expected_per_pixel": EXPECTED_PER_PIXEL,
+        "intersection_bytes": INTERSECTION_BYTES[Variant().accumulation],
+        "growth": GROWTH,
+        "most_ahead": MAX_PENDING,
+        "seconds_ahead": SECONDS_AHEAD,
+    }
+
+
+def _capture() -> dict[str, Any]:
+    """What readers of captures look for, and what they refuse."""
+    return {
+        "camera_models": [
+            {"number": number, "name": model.name, "parameters": model.parameters, "fisheye": model.fisheye}
+            for number, model in CAMERA_MODELS.items()
+        ],
+        "model_folders": MODEL_FOLDERS,
+        "image_folders": IMAGE_FOLDERS,
+        "usual_images": DEFAULT_IMAGES,
+        "perspective_models": PERSPECTIVE_MODELS,
+        "fisheye_models": FISHEYE_MODELS,
+        "extensions_tried": EXTENSIONS_TRIED,
+        "mask_folders": FOLDERS,
+        "arkit_pixel_centre": ARKIT_PIXEL_CENTRE,
+        "undistortion_border": UNDISTORTION_BORDER,
+        "depth_unit": DEFAULT_DEPTH_UNIT,
+        "max_frames": MAX_FRAMES,
+        "sharpness_side": REDUCED_SIDE,
+        "aspect_tolerance": ASPECT_TOLERANCE,
+        "mask_aspect_tolerance": MASK_ASPECT_TOLERANCE,
+        "rotation_tolerance": ROTATION_TOLERANCE,
+        "max_coordinate": MAX_COORDINATE,
+        "max_intrinsic": MAX_INTRINSIC,
+        "min_focal_length": MIN_FOCAL_LENGTH,
+        "far": FAR,
+        "metric_extent": METRIC_EXTENT,
+        "unknown_colour": UNKNOWN_COLOUR,
+        "border_samples": BORDER_SAMPLES,
+        "max_half_field": MAX_HALF_FIELD,
+        "max_step": MAX_STEP,
+    }
+
+
+def _volume() -> dict[str, Any]:
+    """Points in the volume that cameras see together, for a capture without a cloud."""
+    return {
+        "nearest": volume.NEAREST,
+        "farthest": volume.FARTHEST,
+        "depths": volume.DEPTHS,
+        "neighbours": volume.NEIGHBOURS,
+        "best_angle": float(volume.BEST_ANGLE),
+        "patch": volume.PATCH.tolist(),
+        "kept": volume.KEPT,
+        "min_points": volume.MIN_POINTS,
+        "min_convergence": MIN_CONVERGENCE,
+        "guessed_distance": GUESSED_DISTANCE,
+    }
+
+
+def _pgs() -> dict[str, Any]:
+    """How the page writes a `.pgs`."""
+    return {
+        "coding": asdict(PGS_CODING.in_single_precision()),
+        "grid_bits": pgs_rounding.GRID_BITS,
+        "max_level": pgs_rounding.MAX_LEVEL,
+        "max_logit": pgs_rounding.MAX_LOGIT,
+        "renamings": [
+            {"quaternion": renaming, "axes": axes}
+            for renaming, axes in zip(RENAMINGS.tolist(), AXES.tolist(), strict=True)
+        ],
     }
 
 
