@@ -23,6 +23,25 @@ from pocketgs.system.stopwatch import Stopwatch
 
 
 @dataclass(frozen=True, eq=False)
+class SparseScene:
+    """The training frames, and what is known of the scene before depth is computed.
+
+    Attributes:
+        frames: training frames.
+        keyframes: indices of those whose depth is computed.
+        seen: for each training frame, (N, 3) points that it sees.
+        sources: points for what depth does not cover, best first.
+        distance: typical distance to the scene.
+    """
+
+    frames: Sequence[Frame]
+    keyframes: Sequence[int]
+    seen: Sequence[np.ndarray]
+    sources: Sequence[PointCloud]
+    distance: float
+
+
+@dataclass(frozen=True, eq=False)
 class DenseCloud:
     """A dense cloud and how it was made.
 
@@ -40,11 +59,7 @@ class DenseCloud:
 
 
 def dense_cloud(
-    frames: Sequence[Frame],
-    keyframes: Sequence[int],
-    seen: Sequence[np.ndarray],
-    sources: Sequence[PointCloud],
-    distance: float,
+    scene: SparseScene,
     count: int,
     sweep: SweepSettings,
     fusion: FusionSettings,
@@ -54,48 +69,37 @@ def dense_cloud(
     """Compute the depth of keyframes, fuse it, and complete it from other sources.
 
     Args:
-        frames: training frames.
-        keyframes: indices of those whose depth is computed.
-        seen: for each training frame, (N, 3) points that it sees.
-        sources: other points for what depth does not cover, best first.
-        distance: to the scene.
+        scene: what is known of it.
         count: maximum number of points.
         sweep: settings of depth maps.
         fusion: settings of their fusion.
         devices: compute depth and merge; the CPU does where a GPU has no room, or fails.
         stopwatch: times the stages.
     """
-    confirmed = _confirmed(frames, keyframes, seen, distance, sweep, fusion, devices.stereo, stopwatch)
-    candidates, swept_on, warnings = confirmed
+    candidates, swept_on, warnings = _confirmed(scene, sweep, fusion, devices.stereo, stopwatch)
     with stopwatch.stage("fusion"):
         fused = devices.merger.merged(candidates, count)
     with stopwatch.stage("coverage"):
-        complete = completion(fused, frames, sources, distance, count)
+        complete = completion(fused, scene.frames, scene.sources, scene.distance, count)
         if len(fused) + len(complete.added) > count:
             fused = devices.merger.merged(candidates, count - len(complete.added))
         return DenseCloud(joined([fused, complete.added]), complete, swept_on, warnings)
 
 
 def _confirmed(
-    frames: Sequence[Frame],
-    keyframes: Sequence[int],
-    seen: Sequence[np.ndarray],
-    distance: float,
-    sweep: SweepSettings,
-    fusion: FusionSettings,
-    stereo: Stereo,
-    stopwatch: Stopwatch,
+    scene: SparseScene, sweep: SweepSettings, fusion: FusionSettings, stereo: Stereo, stopwatch: Stopwatch
 ) -> tuple[Candidates, str, tuple[str, ...]]:
     """Pixels whose depth is confirmed, the device that computed it, and warnings. Depth maps are released on return."""
     with ExitStack() as held:
         with stopwatch.stage("depth"):
-            sizes = [(frame.camera.width, frame.camera.height) for frame in frames]
-            stereo, unroomy = with_room(stereo, stereo_extent(sizes, len(keyframes), sweep))
+            sizes = [(frame.camera.width, frame.camera.height) for frame in scene.frames]
+            stereo, unroomy = with_room(stereo, stereo_extent(sizes, len(scene.keyframes), sweep))
             held.callback(stereo.release)
-            chosen, points = [frames[index] for index in keyframes], [seen[index] for index in keyframes]
-            swept, maps = depth_maps(chosen, frames, points, distance, sweep, stereo)
+            keyframes = [scene.frames[index] for index in scene.keyframes]
+            points = [scene.seen[index] for index in scene.keyframes]
+            swept, maps = depth_maps(keyframes, scene.frames, points, scene.distance, sweep, stereo)
         with stopwatch.stage("fusion"):
-            candidates, failed = _candidates(swept, maps, frames, fusion, stereo)
+            candidates, failed = _candidates(swept, maps, scene.frames, fusion, stereo)
         return candidates, stereo.name, (*unroomy, *failed)
 
 

@@ -14,7 +14,7 @@ from pocketgs.capture.pinhole_copy import has_lenses
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.advice import exposure_hint, nothing_found, photograph_hints, poses_hint
 from pocketgs.prior.cloud.fuse import FusionSettings
-from pocketgs.prior.dense_cloud import dense_cloud
+from pocketgs.prior.dense_cloud import SparseScene, dense_cloud
 from pocketgs.prior.depth.sweep import SweepSettings
 from pocketgs.prior.devices import Devices, create_devices
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
@@ -107,18 +107,9 @@ def build_prior(
     if settings.dense:
         # The capture's own cloud is in the world of its original poses.
         own = [capture.points] if capture.points and not (structure and structure.adjusted) else []
-        dense = dense_cloud(
-            capture.train,
-            [index for index, decision in enumerate(decisions) if decision.kept],
-            seen,
-            [cloud, *own],
-            scale.distance,
-            max_points,
-            settings.sweep,
-            settings.fusion,
-            devices,
-            stopwatch,
-        )
+        kept = [index for index, decision in enumerate(decisions) if decision.kept]
+        scene = SparseScene(capture.train, kept, seen, [cloud, *own], scale.distance)
+        dense = dense_cloud(scene, max_points, settings.sweep, settings.fusion, devices, stopwatch)
         cloud, hints = dense.points, (*hints, *dense.warnings)
     report = PriorReport(
         decisions=decisions,
