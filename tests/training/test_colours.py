@@ -59,7 +59,7 @@ def test_the_rate_falls_with_the_others(small_capture: Capture, monkeypatch: pyt
     assert len(rates) == 12
     assert rates[0] == RATE
     assert rates == sorted(rates, reverse=True)
-    table = result.optimiser_state.colours
+    table = result.checkpoint.state.colours
     assert table is not None
     assert table[:, UPDATES].sum() == 12
     np.testing.assert_allclose(transforms_of(table).mean(axis=0), np.eye(3, 4), atol=1e-6)
@@ -82,9 +82,9 @@ def test_a_run_goes_on_from_its_checkpoint_to_the_same_bits(small_capture: Captu
     assert read.state.colours.tobytes() == kept[0].state.colours.tobytes()
     resumed = train(capture, OPTIONS, resume=read)
     assert resumed.scene.sh.tobytes() == whole.scene.sh.tobytes()
-    assert resumed.optimiser_state.colours is not None
-    assert whole.optimiser_state.colours is not None
-    assert resumed.optimiser_state.colours.tobytes() == whole.optimiser_state.colours.tobytes()
+    assert resumed.checkpoint.state.colours is not None
+    assert whole.checkpoint.state.colours is not None
+    assert resumed.checkpoint.state.colours.tobytes() == whole.checkpoint.state.colours.tobytes()
 
 
 @pytest.mark.slow

@@ -200,20 +200,22 @@ def test_a_whole_run(capture: Capture, tmp_path: Path, monkeypatch: pytest.Monke
             checkpoints.append(progress.checkpoint())
 
     whole = train(capture, options, observer=watch)
-    assert whole.course is not None
-    assert whole.course.decays_from is not None
-    assert [look.iteration for look in whole.course.looks[:3]] == [20, 27, 36]
-    assert whole.course.looks[1].gaussians > whole.course.looks[0].gaussians
+    course = whole.checkpoint.course
+    assert course is not None
+    assert course.decays_from is not None
+    assert [look.iteration for look in course.looks[:3]] == [20, 27, 36]
+    assert course.looks[1].gaussians > course.looks[0].gaussians
     assert promised[0] == 30
-    assert promised[-1] == whole.iterations == round(1.5 * whole.course.decays_from)
+    assert promised[-1] == whole.iterations == round(1.5 * course.decays_from)
     assert len(checkpoints) == 2
     for checkpoint in checkpoints:
         write_checkpoint(tmp_path / CHECKPOINT, checkpoint, {})
         resumed = train(capture, options, resume=read_checkpoint(tmp_path, {}))
         for part in PARAMETERS:
             assert getattr(resumed.scene, part).tobytes() == getattr(whole.scene, part).tobytes(), part
-        assert resumed.course is not None
-        clocks = [[replace(look, seconds=0.0) for look in course.looks] for course in (resumed.course, whole.course)]
+        again = resumed.checkpoint.course
+        assert again is not None
+        clocks = [[replace(look, seconds=0.0) for look in each.looks] for each in (again, course)]
         assert clocks[0] == clocks[1]
 
 

@@ -305,7 +305,7 @@ def test_a_growing_run_resumes_to_the_same_bits(small_capture: Capture, tmp_path
     for part in PARAMETERS:
         assert getattr(resumed.scene, part).tobytes() == getattr(whole.scene, part).tobytes(), part
     for part in ("first_moments", "second_moments"):
-        one, other = (getattr(result.optimiser_state, part) for result in (resumed, whole))
+        one, other = (getattr(result.checkpoint.state, part) for result in (resumed, whole))
         assert one.tobytes() == other.tobytes()
 
 

@@ -261,7 +261,7 @@ def test_resuming_from_a_checkpoint(small_capture: Capture) -> None:
     assert bits(resumed.scene) == bits(whole.scene) != bits(stopped.scene)
     assert resumed.iterations == 20
     for name in ("first_moments", "second_moments"):
-        one, other = (getattr(result.optimiser_state, name) for result in (resumed, whole))
+        one, other = (getattr(result.checkpoint.state, name) for result in (resumed, whole))
         assert one.tobytes() == other.tobytes()
 
 

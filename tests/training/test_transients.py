@@ -59,7 +59,7 @@ def covered(frame: Frame, empty: PreparedCapture) -> np.ndarray:
 
 
 def test_a_passer_by_is_left_out_and_nothing_else(empty_room: PreparedCapture, passed_room: PreparedCapture) -> None:
-    found = train(passed_room, OPTIONS).transients
+    found = train(passed_room, OPTIONS).checkpoint.transients
     assert found is not None
     named = {int(Path(frame.name).stem) for frame, cells in zip(passed_room.train, found, strict=True) if cells.any()}
     there = set(range(1, 20, PASSES_EVERY)) - set(HELD_OUT)
@@ -74,9 +74,9 @@ def test_a_passer_by_is_left_out_and_nothing_else(empty_room: PreparedCapture, p
 
 def test_an_empty_room_is_trained_on_whole(empty_room: PreparedCapture) -> None:
     masked, kept = (train(empty_room, OPTIONS, transients=which) for which in ("mask", "keep"))
-    assert masked.transients is not None
-    assert not any(cells.any() for cells in masked.transients)
-    assert kept.transients is None
+    assert masked.checkpoint.transients is not None
+    assert not any(cells.any() for cells in masked.checkpoint.transients)
+    assert kept.checkpoint.transients is None
     for name in PARAMETERS:
         np.testing.assert_array_equal(getattr(masked.scene, name), getattr(kept.scene, name))
 
@@ -170,10 +170,10 @@ def test_a_resumed_run_leaves_out_the_same(
     whole = train(passed_room, options, observer=observer)
     write_checkpoint(tmp_path / CHECKPOINT, kept[0], {})
     resumed = train(passed_room, options, resume=read_checkpoint(tmp_path, {}))
-    assert whole.transients is not None
-    assert resumed.transients is not None
-    assert any(cells.any() for cells in whole.transients)
-    for cells, again in zip(whole.transients, resumed.transients, strict=True):
+    assert whole.checkpoint.transients is not None
+    assert resumed.checkpoint.transients is not None
+    assert any(cells.any() for cells in whole.checkpoint.transients)
+    for cells, again in zip(whole.checkpoint.transients, resumed.checkpoint.transients, strict=True):
         np.testing.assert_array_equal(cells, again)
     for name in PARAMETERS:
         np.testing.assert_array_equal(getattr(whole.scene, name), getattr(resumed.scene, name))

@@ -265,14 +265,15 @@ def _publish(
 ) -> RunResult:
     """Evaluate the scene, at the poses that it was trained with, and publish the result."""
     claim, stopwatch = session.claim, session.stopwatch
+    transients = result.checkpoint.transients
     refined = prepared.report is not None and prepared.report.poses_refined
     pictures = [f"{folder}/*" for folder in (result_folder.PICTURES, result_folder.TRANSIENTS)]
     with claim.publishing(result_folder.FILES, outdated=[*pictures, result_folder.COMPRESSED]) as staging:
         with stopwatch.stage("writing"):
             result.scene.save(staging / result_folder.SCENE)
             write_checkpoint(staging / CHECKPOINT, result.checkpoint, identity)
-            if result.transients:
-                result_folder.write_transients(staging, prepared.train, result.transients)
+            if transients:
+                result_folder.write_transients(staging, prepared.train, transients)
             write_cameras(staging / result_folder.CAMERAS, prepared.frames, refined, prepared.origin)
         with stopwatch.stage("evaluation"):
             (staging / result_folder.PICTURES).mkdir()
@@ -290,4 +291,4 @@ def _publish(
         )
         result_folder.write_json(staging / result_folder.RECORD, summary)
     (claim.folder / UNFINISHED).unlink(missing_ok=True)
-    return RunResult(claim.folder, result.scene, evaluation, summary, result.transients)
+    return RunResult(claim.folder, result.scene, evaluation, summary, transients)

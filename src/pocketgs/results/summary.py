@@ -33,6 +33,7 @@ def summarise(
     memory: Sequence[MemorySample],
 ) -> dict[str, Any]:
     """Make the content of `run.json`."""
+    course = result.checkpoint.course
     return {
         **(evaluation.means if evaluation else dict.fromkeys(MEANS)),
         "lpips_note": evaluation.lpips_note if evaluation else None,
@@ -68,7 +69,7 @@ def summarise(
         "prior": _prior(result.prior) if result.prior else None,
         "images": [asdict(image) for image in evaluation.images] if evaluation else [],
         "progress": [asdict(sample) for sample in result.losses],
-        "validation": asdict(result.course) if result.course else None,
+        "validation": asdict(course) if course else None,
         "memory": [asdict(sample) for sample in memory],
         "versions": versions(),
     }
@@ -89,7 +90,7 @@ def _contradicted_views(result: TrainingResult, evaluation: Evaluation | None) -
 
 def _learned_colours(result: TrainingResult) -> dict[str, float] | None:
     """By what factors the photographs' colour transforms multiply red, green and blue; None if none was learned."""
-    table = result.optimiser_state.colours
+    table = result.checkpoint.state.colours
     if table is None:
         return None
     gains = transforms_of(table)[:, range(3), range(3)]
@@ -106,9 +107,10 @@ def _transients(result: TrainingResult) -> dict[str, Any] | None:
     """In how many training photographs transients were masked, the mean share of a photograph that this is, and the
     names of those that were left out whole.
     """
-    if result.transients is None:
+    transients = result.checkpoint.transients
+    if transients is None:
         return None
-    kept = [cells for cells in result.transients if not is_left_out(cells)]
+    kept = [cells for cells in transients if not is_left_out(cells)]
     shares = [float(cells.mean()) for cells in kept]
     return {
         "photographs": sum(share > 0 for share in shares),

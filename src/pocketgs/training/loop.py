@@ -6,7 +6,6 @@ import time
 
 from pocketgs.prior.prior import PreparedCapture
 from pocketgs.splat.engine import Engine
-from pocketgs.splat.rows import Statistics
 from pocketgs.splat.settings import LearningRates, StepSettings
 from pocketgs.system.interrupt import Interrupt, deferred_interrupt
 from pocketgs.system.stopwatch import Stopwatch
@@ -63,9 +62,16 @@ class Loop:
         self._loss, self._loss_asked = float("nan"), float("-inf")
         self._held_out_psnr: float | None = None
 
-    def statistics(self) -> Statistics | None:
-        """Statistics for the strategy, or None if it needs none."""
-        return self._engine.statistics() if self._strategy.name != "fixed" else None
+    def checkpoint(self) -> Checkpoint:
+        """A copy of the current state, from which the run can be resumed."""
+        return Checkpoint(
+            self.iteration,
+            self._engine.download(),
+            self._engine.optimiser_state(),
+            self._engine.statistics() if self._strategy.name != "fixed" else None,
+            self._pace.course,
+            self._transients.cells if self._transients else None,
+        )
 
     def run(self, observer: Observer | None) -> None:
         """Iterate until the pace ends the run, or Ctrl-C is pressed."""
@@ -153,12 +159,5 @@ class Loop:
             gaussians=self._engine.count,
             interrupt=interrupt,
             scene=self._engine.download,
-            checkpoint=lambda: Checkpoint(
-                self.iteration,
-                self._engine.download(),
-                self._engine.optimiser_state(),
-                self.statistics(),
-                self._pace.course,
-                self._transients.cells if self._transients else None,
-            ),
+            checkpoint=self.checkpoint,
         )

@@ -45,7 +45,8 @@ class Checkpoint:
         state: the optimiser's state.
         statistics: collected by its strategy, or None.
         course: state of an open-ended run; None if its length was given.
-        transients: (h, w) bool for each training view, its masked cells; None if transients were not searched for.
+        transients: (h, w) bool for each training view, its masked cells, see `pocketgs.training.transients`; None if
+            transients were not searched for.
     """
 
     iteration: int
@@ -61,11 +62,9 @@ class TrainingResult:
     """A trained scene, and statistics of its training.
 
     Attributes:
-        scene: the Gaussians.
-        optimiser_state: for resuming.
-        engine, recipe: their names.
+        checkpoint: the scene, and what resuming needs besides.
+        engine, recipe, strategy: their names.
         device: of the engine.
-        iterations: iterations done, including those before resuming.
         resumed_from: iterations of the earlier run, or None; `seconds` and `losses` are of this run only.
         interrupted: whether Ctrl-C ended it.
         seconds: wall time by stage.
@@ -73,36 +72,29 @@ class TrainingResult:
         engine_bytes: the engine's memory, by name.
         losses: samples over the run.
         prior: report of the geometry prior, or None without one.
-        strategy: name of the strategy.
-        statistics: collected by the strategy since its last change, for resuming; None if nothing.
-        course: evaluations on the validation views of an open-ended run; None if its length was given.
-        transients: (h, w) bool for each training view, its masked cells, see `pocketgs.training.transients`; None if
-            transients were not searched for.
         left_out: names of the training views that training left out, since the other views contradict them.
     """
 
-    scene: Gaussians
-    optimiser_state: OptimiserState
+    checkpoint: Checkpoint
     engine: str
     device: str
     recipe: str
-    iterations: int
+    strategy: str
     resumed_from: int | None
     interrupted: bool
     seconds: dict[str, float]
     peak_rss_mb: float
     engine_bytes: dict[str, int]
     losses: list[LossSample]
-    prior: PriorReport | None = None
-    strategy: str = "fixed"
-    statistics: Statistics | None = None
-    course: Course | None = None
-    transients: tuple[np.ndarray, ...] | None = None
+    prior: PriorReport | None
     left_out: tuple[str, ...] = ()
 
     @property
-    def checkpoint(self) -> Checkpoint:
-        """The checkpoint for resuming."""
-        return Checkpoint(
-            self.iterations, self.scene, self.optimiser_state, self.statistics, self.course, self.transients
-        )
+    def scene(self) -> Gaussians:
+        """The Gaussians."""
+        return self.checkpoint.gaussians
+
+    @property
+    def iterations(self) -> int:
+        """Iterations done, including those before resuming."""
+        return self.checkpoint.iteration

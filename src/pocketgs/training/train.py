@@ -93,12 +93,11 @@ def train(
     if loop.interrupted and loop.iteration == 0:
         raise KeyboardInterrupt
     return TrainingResult(
-        scene=engine.download(),
-        optimiser_state=engine.optimiser_state(),
+        checkpoint=loop.checkpoint(),
         engine=engine.name,
         device=engine.device,
         recipe=recipe.name,
-        iterations=loop.iteration,
+        strategy=strategy.name,
         resumed_from=resume.iteration if resume else None,
         interrupted=loop.interrupted,
         seconds=dict(stopwatch.seconds),
@@ -106,10 +105,6 @@ def train(
         engine_bytes=engine.memory(),
         losses=loop.samples,
         prior=_with_warnings(prepared.report, warnings),
-        strategy=strategy.name,
-        statistics=loop.statistics(),
-        course=pace.course,
-        transients=transients.cells if transients else None,
         left_out=transients.left_out if transients else (),
     )
 
