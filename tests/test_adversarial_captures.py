@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 import pytest
 
+from mistakes import STRANGER, noiseless, write_mistake
 from pocketgs.capture import Capture, list_capture
-from pocketgs.capture.synthetic.mistakes import STRANGER, noiseless, write_mistake
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.metrics.evaluation import psnr

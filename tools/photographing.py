@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
+from mistakes import MISTAKES, write_mistake
 from pocketgs.capture import list_capture
-from pocketgs.capture.synthetic.mistakes import MISTAKES, write_mistake
 from pocketgs.capture.synthetic.phone import expose, quantised
 from pocketgs.capture.synthetic.room import room
 from pocketgs.capture.synthetic.walk import LOOK_AT

@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from mistakes import write_mistake
 from pocketgs.capture import open_capture
 from pocketgs.capture.open import lacks_poses, read_listing
 from pocketgs.capture.synthetic import true_capture
-from pocketgs.capture.synthetic.mistakes import write_mistake
 from pocketgs.cli import main
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera

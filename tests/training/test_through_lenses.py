@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mistakes import STRETCH
 from pocketgs.capture import Capture
 from pocketgs.capture.capture import Frame
-from pocketgs.capture.synthetic.mistakes import STRETCH
 from pocketgs.capture.synthetic.phone import quantised
 from pocketgs.capture.synthetic.room import room
-from pocketgs.capture.synthetic.through_lens import expose_through
 from pocketgs.capture.synthetic.walk import true_camera
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.lens import Lens
@@ -25,6 +24,7 @@ from pocketgs.training.options import TrainingOptions
 from pocketgs.training.preparation import prepare
 from pocketgs.training.train import train
 from pocketgs.training.validation import render_frame
+from training.through_lens import expose_through
 
 SIDE, VIEWS, HELD_OUT = 128, 18, (4, 12)
 HALF_ANGLE = np.radians(85)

@@ -11,9 +11,9 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from mistakes import HELD_OUT, PASSES_EVERY, write_mistake
 from pocketgs.capture import Capture, open_capture
 from pocketgs.capture.capture import Frame
-from pocketgs.capture.synthetic.mistakes import HELD_OUT, PASSES_EVERY, write_mistake
 from pocketgs.metrics.evaluation import psnr
 from pocketgs.prior.prior import PreparedCapture
 from pocketgs.results.checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
