@@ -87,7 +87,7 @@ class TrainingResult:
     engine_bytes: dict[str, int]
     losses: list[LossSample]
     prior: PriorReport | None
-    left_out: tuple[str, ...] = ()
+    left_out: tuple[str, ...]
 
     @property
     def scene(self) -> Gaussians:
