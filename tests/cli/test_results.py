@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +13,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from cli.conftest import Outcome
 from pocketgs import Gaussians
 from pocketgs.capture import list_capture
+from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import run
 from pocketgs.system.process import peak_rss_mb
+from pocketgs.training import transients
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.progress import Progress
+from pocketgs.training.view_residuals import grid_of
 
 FILES = ["cameras.json", "checkpoint.npz"]
 
@@ -276,3 +280,23 @@ def test_captures_of_one_name_are_told_apart(
     assert "output/toys: holds the result of another capture of this name" in refused.errors.replace("\\", "/")
     assert pocketgs("train", other, *command, "--output", "output/toys").status == 0
     assert str(tmp_path) not in (tmp_path / "output" / "toys" / "run.json").read_text()
+
+
+def test_photographs_that_the_others_contradict_are_named(
+    pocketgs: Callable[..., Outcome], written_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def second_is_wrong(_: object, frames: Sequence[Frame], __: object) -> list[np.ndarray]:
+        return [np.full(grid_of(frame), number == 1) for number, frame in enumerate(frames)]
+
+    monkeypatch.setattr(transients, "FIRST_LOOK", 10)
+    monkeypatch.setattr(transients, "FIRST_EPOCHS", 1)
+    monkeypatch.setattr(transients, "transient_cells", second_is_wrong)
+    outcome = pocketgs("train", written_capture, "--output", tmp_path / "result", *PLAIN, "--iterations", 30)
+    assert outcome.status == 0
+    record = record_of(tmp_path / "result")
+    [name] = record["transients"]["left_out"]
+    assert record["transients"]["photographs"] == record["transients"]["share"] == 0
+    assert f"1 photograph contradicts the others, not used from then on (a wrong pose, or another place?): {name}" in (
+        outcome.output + outcome.errors
+    )
+    assert len(list((tmp_path / "result" / "transients").iterdir())) == 1

@@ -20,7 +20,7 @@ RADIUS, STEP = 3, 1.5
 MIN_CONTRAST = 4.0
 """Minimum standard deviation of a patch, of 255: below it, noise decides."""
 
-MOST = 20_000
+MOST = 10_000
 """Maximum number of observations that are compared, which bounds time and memory; their mean is known well enough."""
 
 
