@@ -42,8 +42,8 @@ def correlations(
         (M,) in [-1, 1]; NaN where a point is unknown, a patch leaves an image or has no contrast.
     """
     found = np.full(len(tracks), np.nan)
-    chosen = np.flatnonzero(np.isfinite(points).all(axis=1))
-    chosen = chosen[:: max(1, -(-len(chosen) // MOST))]
+    chosen = np.arange(0, len(tracks), max(1, -(-len(tracks) // MOST)))  # the same under any poses
+    chosen = chosen[np.isfinite(points[chosen]).all(axis=1)]
     views, sources = tracks.frame[chosen], tracks.frame[_next_of_track(tracks)[chosen]]
     pixels, surface = _patches(cameras, views, points[chosen])
     seen = _sampled(cameras, images, views, pixels)

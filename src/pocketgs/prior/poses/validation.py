@@ -111,10 +111,10 @@ def _truncated(errors: Sequence[np.ndarray], inside: np.ndarray, tolerance: floa
 
 
 def _mean_likeness(found: Sequence[_PointErrors], inside: np.ndarray, tolerance: float) -> tuple[float, float]:
-    """Mean likeness before and after, of the good observations where both are known; NaN for none."""
+    """Mean likeness before and after, of the good observations where both are known; NaN for few, which are noise."""
     known = _good([each.errors for each in found], inside, tolerance)
     known &= np.isfinite(found[0].likeness) & np.isfinite(found[1].likeness)
-    if not known.any():
+    if known.sum() < MIN_OBSERVATIONS:
         return float("nan"), float("nan")
     before, after = (float(each.likeness[known].mean()) for each in found)
     return before, after

@@ -27,10 +27,9 @@ import { indicesWhere, startsOf } from "../features/observations.js";
  */
 export function correlations(cameras, frames, tracks, points, settings) {
     const found = new Float64Array(tracks.frame.length).fill(NaN);
-    const known = indicesWhere(found.length, (i) => Number.isFinite(points[3 * i]));
-    const every = Math.max(1, Math.ceil(known.length / settings.most));
+    const every = Math.max(1, Math.ceil(found.length / settings.most)); // the same under any poses
     const next = nextOfTrack(tracks);
-    for (const i of known.filter((_, number) => number % every === 0)) {
+    for (const i of indicesWhere(found.length, (i) => i % every === 0 && Number.isFinite(points[3 * i]))) {
         const [view, source] = [tracks.frame[i], tracks.frame[next[i]]];
         const { places, surface } = patchOf(cameras[view], points.subarray(3 * i, 3 * i + 3), settings);
         const warped = surface.map((position) => projected(cameras[source], ...position));

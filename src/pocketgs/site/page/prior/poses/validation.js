@@ -49,7 +49,7 @@ export function validated(given, tracks, frames, tolerance, finest, settings) {
         const isInside = (i) => part[heldOut.frame[i]];
         const [before, after] = truncated(byPoints.map(({ errors }) => errors), isInside, final);
         const [viewsBefore, viewsAfter] = truncated(byViews, (i) => part[fitted.frame[i]], final);
-        const [alikeBefore, alikeAfter] = meanLikeness(byPoints, isInside, final);
+        const [alikeBefore, alikeAfter] = meanLikeness(byPoints, isInside, final, settings.min_observations);
         // Without points to judge by, errors are NaN and nothing is accepted; views and photographs only confirm.
         const isGain = after <= (1 - settings.min_gain) * before;
         if (isGain && !(viewsAfter > viewsBefore) && !(alikeAfter < alikeBefore)) {
@@ -80,10 +80,13 @@ function truncated(errors, isInside, tolerance) {
     });
 }
 
-/** Mean likeness before and after, of the good observations where both are known; NaN for none. */
-function meanLikeness(found, isInside, tolerance) {
+/** Mean likeness before and after, of the good observations where both are known; NaN for few, which are noise. */
+function meanLikeness(found, isInside, tolerance, fewest) {
     const isKnown = (i) => found.every(({ likeness }) => Number.isFinite(likeness[i]));
     const known = goodOf(found.map(({ errors }) => errors), isInside, tolerance).filter(isKnown);
+    if (known.length < fewest) {
+        return [NaN, NaN];
+    }
     return found.map(({ likeness }) => known.reduce((sum, i) => sum + likeness[i], 0) / known.length);
 }
 
