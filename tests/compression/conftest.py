@@ -35,5 +35,5 @@ def views(small_capture: Capture) -> Views:
 @pytest.fixture
 def _few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Compressions take a twentieth of their steps."""
-    for name in ("TUNING_STEPS", "ROUNDING_STEPS", "PRUNING_STEPS", "STEPS"):
+    for name in ("TUNING_STEPS", "ROUNDING_STEPS", "PRUNING_STEPS", "MASK_STEPS", "STEPS"):
         monkeypatch.setattr(candidates, name, getattr(candidates, name) // 20)

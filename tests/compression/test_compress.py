@@ -6,6 +6,7 @@ import signal
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from pocketgs.compression import candidates
 from pocketgs.compression.compress import compress
 from pocketgs.compression.figures import figures_of
 from pocketgs.compression.options import CompressionOptions
+from pocketgs.compression.pruning import Pruning
 from pocketgs.compression.spz_file import as_spz
 from pocketgs.compression.views import Views, cameras_around, photographed, rendered
 from pocketgs.errors import PocketGSError
@@ -33,9 +35,11 @@ def in_order(scene: Gaussians) -> np.ndarray:
     return rows[np.lexsort(rows.T)]
 
 
-def test_photographs(scene: Gaussians, views: Views, engine: Engine, tmp_path: Path) -> None:
+@pytest.mark.parametrize("prune", get_args(Pruning))
+def test_photographs(scene: Gaussians, views: Views, engine: Engine, tmp_path: Path, prune: Pruning) -> None:
     counts: list[tuple[int, int]] = []
-    found = compress(scene, views, engine, on_count=lambda done, of: counts.append((done, of)))
+    options = CompressionOptions(prune=prune)
+    found = compress(scene, views, engine, options, on_count=lambda done, of: counts.append((done, of)))
     assert found.within_bound
     assert len(found.chosen.scene) < len(scene)
     assert all(done <= of for done, of in counts)

@@ -20,6 +20,9 @@ TUNING_STEPS, ROUNDING_STEPS = 800, 120
 
 STEPS = TUNING_STEPS + steps_of_rounding(ROUNDING_STEPS)
 
+MASK_STEPS = 280
+"""Training steps of masks for a candidate."""
+
 CANDIDATES = 3
 """Expected number of candidates of a search."""
 
@@ -108,9 +111,12 @@ class Workshop:
         Raises:
             StoppedError: Ctrl-C was pressed, or time is up and a candidate is within the bound.
         """
-        starts = [*(level.scene for level in self.levels), *self.tuned]
+        # Masks judge the whole scene: what rounds have removed cannot come back.
+        levels = self.levels[:1] if self.pruner.trains_masks else self.levels
+        starts = [*(level.scene for level in levels), *self.tuned]
         start = min((scene for scene in starts if len(scene) >= count), key=len)
-        scene = self.tuner.tune(self.pruner.down_to(start, count), round(self._share() * TUNING_STEPS))
+        scene = self.pruner.at_once(start, count, round(self._share() * MASK_STEPS))
+        scene = self.tuner.tune(scene, round(self._share() * TUNING_STEPS))
         self.tuned.append(scene)
         steps, weights = round(self._share() * ROUNDING_STEPS), self.pruner.weights(scene)
         scene = rounded_in_turn(scene, self.tuner, self.coding, steps, weights)

@@ -41,8 +41,9 @@ STEP = 3.0
 TABLE_ROWS = CANDIDATES + 3
 """Approximate number of scenes in the final comparison: candidates, one on fine grids, original, .spz."""
 
-COPIES = 17
-"""Number of scenes in memory: five from rounds of pruning, ten before rounding, and those in work."""
+COPIES = 24
+"""Number of scenes in memory: five from rounds of pruning, ten before rounding, those in work, and while masks are
+trained the optimiser's and the gradients."""
 
 
 @dataclass(frozen=True)

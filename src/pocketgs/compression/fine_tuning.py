@@ -10,7 +10,7 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
-from pocketgs.splat.settings import StepSettings
+from pocketgs.splat.settings import LearningRates, StepSettings
 from pocketgs.training.recipes import recipe_named
 from pocketgs.training.view_choice import view_of_step
 
@@ -41,6 +41,8 @@ class FineTuner:
 
     Attributes:
         pace: factor on all learning rates.
+        recipe: of the loss and the optimiser.
+        background: see above.
     """
 
     def __init__(
@@ -53,11 +55,12 @@ class FineTuner:
         after_step: Callable[[], None] = lambda: None,
     ) -> None:
         self.pace = 1.0
-        self._recipe = recipe_named("pocketgs")
-        self._engine, self._background, self._after_step = engine, background, after_step
-        self._views, self._seed, self._taken = len(frames), seed, 0
+        self.recipe = recipe_named("pocketgs")
+        self.background = background
+        self._engine, self._frames, self._after_step = engine, frames, after_step
+        self._seed, self._taken = seed, 0
         cameras = [frame.camera for frame in frames]
-        self._rates = self._recipe.rates_for_scene(self._recipe.scales_for or 1, cameras, scene)
+        self._rates = self.recipe.rates_for_scene(self.recipe.scales_for or 1, cameras, scene)
         engine.set_views(frames)
 
     def tune(
@@ -78,12 +81,27 @@ class FineTuner:
             start: initial learning rates, relative to those of training.
             end: final learning rates; they fall along a half cosine.
         """
-        rates = replace(self._rates, **{RATE_OF_GROUP[group]: 0.0 for group in frozen})
         self._engine.upload(scene)
         for step in range(steps):
-            share = self.pace * (end + (start - end) * 0.5 * (1.0 + float(np.cos(np.pi * step / steps))))
-            settings = StepSettings(rates.scaled(share), self._recipe.loss, self._recipe.adam, self._background)
-            self._engine.step(view_of_step(self._taken, self._views, self._seed), settings)
-            self._taken += 1
-            self._after_step()
+            rates = replace(self.rates_at(step, steps, start, end), **{RATE_OF_GROUP[group]: 0.0 for group in frozen})
+            settings = StepSettings(rates, self.recipe.loss, self.recipe.adam, self.background)
+            self._engine.step(self._next_view(), settings)
+            self.count_step()
         return self._engine.download()
+
+    def rates_at(self, step: int, steps: int, start: float = RATE, end: float = 0.1 * RATE) -> LearningRates:
+        """Learning rates of a step; see `tune`."""
+        share = self.pace * (end + (start - end) * 0.5 * (1.0 + float(np.cos(np.pi * step / steps))))
+        return self._rates.scaled(share)
+
+    def next_frame(self) -> Frame:
+        """The photograph to train on next."""
+        return self._frames[self._next_view()]
+
+    def count_step(self) -> None:
+        """Count a step of training."""
+        self._taken += 1
+        self._after_step()
+
+    def _next_view(self) -> int:
+        return view_of_step(self._taken, len(self._frames), self._seed)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import get_args
 
-from pocketgs.compression.importance import Importance
+from pocketgs.compression.pruning import Pruning
 from pocketgs.errors import PocketGSError
 
 QUALITY = 0.3
@@ -23,8 +23,9 @@ class CompressionOptions:
             such file is written. By default 0.3; without a capture, the bound is the quality of a .spz, minus this if
             given.
         time_budget: Maximum seconds of the whole command.
-        prune: Which Gaussians are removed first: those that contribute little to the training views (contribution), or
-            those that also look like their neighbours (distinct).
+        prune: Which Gaussians are removed first: those that contribute little to the training views (contribution),
+            those that also look like their neighbours (distinct), or those that training with random Gaussians left out
+            finds dispensable (masks).
         seed: Random seed.
 
     Raises:
@@ -34,7 +35,7 @@ class CompressionOptions:
     size: float | None = None
     quality: float | None = None
     time_budget: float | None = None
-    prune: Importance = "contribution"
+    prune: Pruning = "contribution"
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -48,7 +49,7 @@ class CompressionOptions:
                 self.time_budget,
                 "seconds above 0",
             ),
-            "prune": (self.prune in get_args(Importance), self.prune, " or ".join(get_args(Importance))),
+            "prune": (self.prune in get_args(Pruning), self.prune, " or ".join(get_args(Pruning))),
             "seed": (self.seed >= 0, self.seed, "at least 0"),
         }
         for what, (sound, found, expected) in checks.items():

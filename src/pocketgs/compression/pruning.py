@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from pocketgs.compression.fine_tuning import FineTuner
-from pocketgs.compression.importance import Importance, contributions, importance
+from pocketgs.compression.importance import contributions, importance
+from pocketgs.compression.masks import prune_by_masks
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.rasterizer import Rasterizer
+
+Pruning = Literal["contribution", "distinct", "masks"]
 
 SHRINKS = 0.8
 """Share of the Gaussians that a round keeps: if too many are removed at once, Gaussians that could replace each other
@@ -28,21 +32,40 @@ class Pruner:
     Attributes:
         tuner: trains in between.
         cameras: the views that determine importance.
-        measure: of importance.
-        rasterizer: computes the Gaussians' contributions.
+        method: which Gaussians go: the least important ones, see `importance`, or those that training with masks finds
+            dispensable.
+        rasterizer: computes contributions, and trains masks.
     """
 
     tuner: FineTuner
     cameras: Sequence[Camera]
-    measure: Importance
+    method: Pruning
     rasterizer: Rasterizer
 
     def down_to(self, scene: Gaussians, count: int) -> Gaussians:
         """The `count` most important Gaussians, in their order."""
         if count >= len(scene):
             return scene
-        order = np.argsort(-importance(scene, self.cameras, self.rasterizer, self.measure), kind="stable")
+        measure = "contribution" if self.method == "masks" else self.method
+        order = np.argsort(-importance(scene, self.cameras, self.rasterizer, measure), kind="stable")
         return scene.select(np.sort(order[:count]))
+
+    @property
+    def trains_masks(self) -> bool:
+        """Whether `at_once` finds out by training which Gaussians of a whole scene go."""
+        return self.method == "masks"
+
+    def at_once(self, scene: Gaussians, count: int, steps: int) -> Gaussians:
+        """`count` Gaussians, without training in between.
+
+        Args:
+            scene: to prune.
+            count: number of Gaussians to keep.
+            steps: of training the masks, if there are any.
+        """
+        if self.trains_masks and steps > 0 and count < len(scene):
+            return prune_by_masks(self.tuner, self.rasterizer, scene, count, steps)
+        return self.down_to(scene, count)
 
     def weights(self, scene: Gaussians) -> np.ndarray:
         """(N,) positive weights of the Gaussians' errors: square roots of their contributions to the views."""
