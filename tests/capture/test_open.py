@@ -63,7 +63,7 @@ def test_protocol_says_what_was_done(ring, write_transforms):
     folder = write_transforms()
     assert open_capture(folder).protocol == "16x12, held out every 8th by name"
     write_transforms(k1=0.2)
-    assert open_capture(folder, undistort=False).protocol.startswith("as published (distorted), 16x12")
+    assert open_capture(folder, lens="ignore").protocol.startswith("as published (distorted), 16x12")
     assert open_capture(folder).protocol == "undistorted, cropped to 14x10, held out every 8th by name"
     assert "undistorted, cropped, downscaled to 7x5" in open_capture(folder, downscale=2).protocol
     transparent = np.zeros((24, 32, 4), dtype=np.uint8)

@@ -134,7 +134,7 @@ def test_terrace_names_frames_where_they_are_not(data_folder):
     assert "302 of 302 were found by their names, such as frame_00302.jpg for images/frame_00302.jpg" in " ".join(
         listing.warnings
     )
-    frame = load_frame(listing.frames[0], Preparation(lens="ignored"))
+    frame = load_frame(listing.frames[0], Preparation(lens="ignore"))
     assert frame.image.shape == (270, 480, 3)
     assert frame.camera.fx == pytest.approx(1676.08 / 4, rel=1e-4)
 

@@ -15,7 +15,7 @@ OPTIONS = st.builds(
     downscale=st.none() | st.floats(1.0, 16.0),
     max_size=st.none() | st.integers(1, 4000),
     background=st.none() | st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1)),
-    undistort=st.booleans(),
+    lens=st.sampled_from(["undistort", "direct", "ignore"]),
     hold_out=st.integers(0, 20),
 )
 
@@ -27,4 +27,4 @@ def test_flags_give_the_options_back(options: CaptureOptions) -> None:
 
 def test_defaults_need_no_flags() -> None:
     assert flags_of(CaptureOptions()) == ()
-    assert flags_of(CaptureOptions(undistort=False, downscale=2.0)) == ("--downscale", "2.0", "--no-undistort")
+    assert flags_of(CaptureOptions(lens="ignore", downscale=2.0)) == ("--downscale", "2.0", "--lens", "ignore")

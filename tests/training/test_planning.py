@@ -212,7 +212,7 @@ def test_outlines_know_what_undistortion_leaves(capture_folder: Path, k1: float)
     """Undistortion enlarges photographs of a barrel lens, and shrinks those of a pincushion lens."""
     path = capture_folder / "transforms.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), "k1": k1}))
-    for options in ({}, {"undistort": False}, {"max_size": 50}):
+    for options in ({}, {"lens": "ignore"}, {"max_size": 50}):
         listed = list_capture(capture_folder, **options)
         outline, capture = listed.outline(), listed.load()
         assert outline.training == tuple((frame.camera.width, frame.camera.height) for frame in capture.train)

@@ -34,7 +34,7 @@ ASPECT_TOLERANCE = 0.01
 MASK_ASPECT_TOLERANCE = 0.02  # masks are often computed on small images, where rounding is visible
 
 
-LensHandling = Literal["undistort", "direct", "ignored"]
+LensHandling = Literal["undistort", "direct", "ignore"]
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Preparation:
     Attributes:
         background: RGB in [0, 1] that images with alpha are composited on.
         lens: "undistort" makes pinhole images; "direct" leaves images as published and gives their cameras the lens;
-            "ignored" leaves them as published and treats them as pinhole images.
+            "ignore" leaves them as published and treats them as pinhole images.
         downscale: factor, at least 1, by which images are reduced.
         max_size: maximum of the longer side in pixels, or None.
         folder: that all files must lie in, see `reading_inside`; None for no restriction.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, get_args
 
 from pocketgs.capture import masks as masks_of
 from pocketgs.capture.capture import Capture
@@ -47,8 +47,7 @@ def open_capture(
     downscale: float | None = None,
     max_size: int | None = None,
     background: tuple[float, float, float] | None = None,
-    undistort: bool = True,
-    lens: str = "undistort",
+    lens: LensHandling = "undistort",
     hold_out_every: int = HOLD_OUT_EVERY,
     masks: str = masks_of.FOUND,
 ) -> Capture:
@@ -66,8 +65,8 @@ def open_capture(
         max_size: reduce images further if their longer side exceeds this many pixels.
         background: RGB in [0, 1] to composite images with alpha on; None for the format's default: white for blender,
             else black.
-        undistort: undo lens distortion and crop to what the lens saw; otherwise treat images as pinhole images.
-        lens: "direct" leaves images as they were photographed, and gives their cameras the lens; else "undistort".
+        lens: "undistort" undoes lens distortion and crops to what the lens saw; "direct" leaves images as they were
+            photographed, and gives their cameras the lens; "ignore" treats them as pinhole images.
         hold_out_every: hold out every n-th frame by name, unless the data set has its own split; 0 trains on all frames
             in either case.
         masks: folder with masks, inside the capture or elsewhere; "found" for those that the capture states or has in a
@@ -83,7 +82,6 @@ def open_capture(
         downscale=downscale,
         max_size=max_size,
         background=background,
-        undistort=undistort,
         lens=lens,
         hold_out_every=hold_out_every,
         masks=masks,
@@ -97,8 +95,7 @@ def list_capture(
     downscale: float | None = None,
     max_size: int | None = None,
     background: tuple[float, float, float] | None = None,
-    undistort: bool = True,
-    lens: str = "undistort",
+    lens: LensHandling = "undistort",
     hold_out_every: int = HOLD_OUT_EVERY,
     masks: str = masks_of.FOUND,
 ) -> ListedCapture:
@@ -108,8 +105,7 @@ def list_capture(
         PocketGSError: the capture or an option is not usable.
     """
     path = Path(path)
-    _check_options(downscale, max_size, background, hold_out_every)
-    handling = _lens_handling(lens, undistort)
+    _check_options(downscale, max_size, background, lens, hold_out_every)
     listing = read_listing(path, images)
     folder = located(path)
     listing = masks_of.with_masks(listing, folder if folder.is_dir() else folder.parent, masks)
@@ -118,7 +114,7 @@ def list_capture(
         raise PocketGSError(f"{path}: all of its {len(listing.frames)} frames are held out, expected one to train on")
     preparation = Preparation(
         background or listing.background,
-        handling,
+        lens,
         downscale or 1.0,
         max_size,
         folder=folder_of(path),
@@ -200,28 +196,19 @@ def is_transforms_file(path: Path) -> bool:
     return path.suffix.lower() == ".json" and path.is_file()
 
 
-def _lens_handling(lens: str, undistort: bool) -> LensHandling:
-    """What is done about lenses.
-
-    Raises:
-        PocketGSError: the options contradict each other.
-    """
-    if lens == "undistort":
-        return "undistort" if undistort else "ignored"
-    if lens != "direct":
-        raise PocketGSError(f"lens {lens!r}, expected undistort or direct")
-    if not undistort:
-        raise PocketGSError("lens: direct renders through the lens, expected no --no-undistort, which ignores it")
-    return "direct"
-
-
 def _check_options(
-    downscale: float | None, max_size: int | None, background: tuple[float, float, float] | None, hold_out_every: int
+    downscale: float | None,
+    max_size: int | None,
+    background: tuple[float, float, float] | None,
+    lens: str,
+    hold_out_every: int,
 ) -> None:
     if downscale is not None and (not math.isfinite(downscale) or downscale < 1):
         raise PocketGSError(f"downscale {downscale}, expected a factor of at least 1")
     if max_size is not None and max_size < 1:
         raise PocketGSError(f"max_size {max_size}, expected at least 1 pixel")
+    if lens not in get_args(LensHandling):
+        raise PocketGSError(f"lens {lens!r}, expected {', '.join(get_args(LensHandling))}")
     if hold_out_every < 0 or hold_out_every == 1:
         raise PocketGSError(f"hold_out_every {hold_out_every}, expected 0 (none) or at least 2")
     if background is not None:

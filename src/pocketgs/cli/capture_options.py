@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from pocketgs.capture import Capture, ListedCapture, list_capture
 from pocketgs.capture.hold_out import HOLD_OUT_EVERY
+from pocketgs.capture.loading import LensHandling
 from pocketgs.cli.terminal import Terminal
 
 
@@ -21,9 +21,9 @@ class CaptureOptions:
             small for that, by the smallest integer factor that fits.
         max_size: Reduce images further so that their longer side has at most this many pixels.
         background: Red, green and blue from 0 to 1 behind images with alpha. By default the format's own.
-        undistort: Undo lens distortion and crop to what the lens saw; --no-undistort uses images as they are.
-        lens: Undo lens distortion before training, or render through the lens (direct): photographs are then neither
-            resampled nor cropped, fisheyes up to 180 degrees.
+        lens: Undo lens distortion and crop to what the lens saw (undistort), render through the lens (direct):
+            photographs are then neither resampled nor cropped, fisheyes up to 180 degrees; or take images for those of
+            pinhole cameras (ignore).
         hold_out: Hold out every n-th frame for evaluation, unless the data set has its own split; 0 for none.
         masks: Folder with masks, white for pixels to use. By default those that the capture states or has in a folder
             masks or mask; "none" uses no masks.
@@ -33,8 +33,7 @@ class CaptureOptions:
     downscale: float | None = None
     max_size: int | None = None
     background: tuple[float, float, float] | None = None
-    undistort: bool = True
-    lens: Literal["undistort", "direct"] = "undistort"
+    lens: LensHandling = "undistort"
     hold_out: int = HOLD_OUT_EVERY
     masks: str = "found"
 
@@ -53,7 +52,6 @@ class CaptureOptions:
             downscale=self.downscale,
             max_size=self.max_size,
             background=self.background,
-            undistort=self.undistort,
             lens=self.lens,
             hold_out_every=self.hold_out,
             masks=self.masks,
