@@ -12,6 +12,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 import tyro
@@ -23,24 +24,28 @@ from pocketgs.capture.synthetic import true_capture
 from pocketgs.gpu.adapters import choose_adapter
 from pocketgs.gpu.device import shared_device
 from pocketgs.prior.cloud.fuse import views_of
-from pocketgs.prior.depth.consistency import Views
+from pocketgs.prior.depth.confidence import confidence_map
+from pocketgs.prior.depth.consistency import Agreement, Views
+from pocketgs.prior.depth.cpu.consistency import compare_depths
 from pocketgs.prior.depth.cpu.matching_cost import matching_costs
 from pocketgs.prior.depth.cpu.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners
-from pocketgs.prior.depth.cpu.stereo import CpuStereo, as_source_views, grey_levels, smoothed
+from pocketgs.prior.depth.cpu.stereo import as_source_views, grey_levels, smoothed
 from pocketgs.prior.depth.depth_range import DepthRange
 from pocketgs.prior.depth.sweep import DepthMap, SweepSettings, step_of
 from pocketgs.prior.depth.webgpu.stereo import WebGpuStereo
 from webgpu_roofline import measure_roofline
 
-TOLERANCE = 0.005
-"""Of depths that agree."""
+TOLERANCE, LEAST = 0.005, 0.4
+"""Of depths that agree, and the least confidence outside holes."""
+
+Result = TypeVar("Result")
 
 SIZES = ((120, 90), (240, 180))
 
 SWEPT = ("squares", "matching costs", "aggregate", "winners", "smooth")
-COMPARED = "agreement"
-NAMES = {COMPARED: "agreement, one view"}
-"""The passes of a sweep, and the one that compares a view's depths with all others'."""
+COMPARED = ("agreement", "confidence", "count believed", "fill holes")
+NAMES = {name: f"{name}, one view" for name in COMPARED}
+"""The passes of a sweep, and those that compare a view's depths with all others'."""
 
 
 @dataclass
@@ -49,7 +54,7 @@ class Milliseconds:
 
     values: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
 
-    def measure(self, name: str, work: Callable[[], np.ndarray]) -> np.ndarray:
+    def measure(self, name: str, work: Callable[[], Result]) -> Result:
         """Time a function."""
         started = time.perf_counter()
         result = work()
@@ -94,7 +99,7 @@ def main(
         moved = bytes_moved(size, len(frames) - 1, hypotheses, paths)
         title = f"{size[0]}x{size[1]}, {hypotheses} hypotheses, {len(frames) - 1} source views, {paths} paths"
         table = Table("pass", "CPU (ms)", "WebGPU (ms)", "CPU / WebGPU", "MB at least", "share of a copy", title=title)
-        for name in (*SWEPT, COMPARED):
+        for name in (*SWEPT, *COMPARED):
             seconds, share = on_gpu.median(name) / 1e3, moved[name] / roofline.bytes_per_second
             cpu = f"{on_cpu.median(name):.2f}" if name in on_cpu.values else "-"
             ratio = f"{on_cpu.median(name) / on_gpu.median(name):.2f}" if name in on_cpu.values else "-"
@@ -121,9 +126,11 @@ def gpu_times(
         for name in SWEPT:
             together = [sum(found) for each, found in measured.milliseconds.items() if each.startswith(name)]
             times.values[name].append(sum(together))
+        views = exact_views(frames)
         with stereo.comparing.timed() as measured:
-            list(stereo.compare(exact_views(frames), TOLERANCE))
-        times.values[COMPARED] += measured.milliseconds[COMPARED]
+            list(stereo.compare(views, list(np.ones_like(views.depths)), TOLERANCE, LEAST))
+        for name in COMPARED:
+            times.values[name] += measured.milliseconds[name]
     return times
 
 
@@ -146,7 +153,10 @@ def sweep_in_passes(frames: Sequence[Frame], search: DepthRange, settings: Sweep
     costs = times.measure("matching costs", lambda: matching_costs(view, among, inverse_depths))
     total = times.measure("aggregate", lambda: aggregate(costs, view, paths, *steps))
     depth = times.measure("winners", lambda: winners(total, inverse_depths, len(paths))[0])
-    times.measure(COMPARED, lambda: next(CpuStereo().compare(views, TOLERANCE)).agreeing)
+    agreement = Agreement(*times.measure("agreement", lambda: compare_depths(views, 0, TOLERANCE)))
+    # All of it: the CPU has no passes.
+    margin = np.ones_like(views.depths[0])
+    times.measure("confidence", lambda: confidence_map(agreement, views.depths[0], margin, LEAST))
     times.measure("smooth", lambda: smoothed(depth, step_of(inverse_depths)))
 
 
@@ -167,7 +177,10 @@ def bytes_moved(size: tuple[int, int], sources: int, hypotheses: int, paths: int
         "aggregate": 5 * paths * volume - 2 * volume,
         "winners": 2 * volume + 12 * pixels,
         "smooth": 8 * pixels,
-        COMPARED: (sources + 1) * 4 * pixels + 8 * pixels,
+        "agreement": (sources + 1) * 4 * pixels + 8 * pixels,
+        "confidence": 12 * pixels,
+        "count believed": 8 * pixels,
+        "fill holes": 20 * pixels,
     }
 
 

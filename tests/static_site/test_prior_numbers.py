@@ -16,7 +16,6 @@ from pocketgs.capture.synthetic import true_capture
 from pocketgs.prior.cloud.complete import completion
 from pocketgs.prior.cloud.cpu_merger import CpuMerger
 from pocketgs.prior.cloud.detail import detail
-from pocketgs.prior.cloud.fuse import confidence
 from pocketgs.prior.cloud.merge import Candidates
 from pocketgs.prior.depth.depth_range import DepthRange, depths_of, narrowed, wide_range
 from pocketgs.prior.depth.sensor_depth import completed
@@ -193,18 +192,6 @@ def test_detail(call: Call, frames: list[Frame]) -> None:
     some = [frames[4], narrow]
     for found, frame in zip(call("prior/detail.js", script, plain_frames(some)), some, strict=True):
         np.testing.assert_allclose(np.reshape(found, frame.image.shape[:2]), detail(frame.image), atol=1e-6)
-
-
-def test_confidence(call: Call) -> None:
-    script = """
-        const { clear_margin: clear } = settings.prior.fusion;
-        return given.map(([agreeing, contradicting, margin]) =>
-            module.confidenceOf(agreeing, contradicting, margin, clear));
-    """
-    cases = [(a, c, m) for a in (0, 1, 2, 7) for c in (0, 1, 5) for m in (0.0, 0.03, 0.2)]
-    agreeing, contradicting, margins = (np.array(column) for column in zip(*cases, strict=True))
-    expected = confidence(agreeing, contradicting, margins.astype(np.float32))
-    np.testing.assert_allclose(call("prior/fuse.js", script, cases), expected, rtol=1e-6)
 
 
 def random_candidates(count: int) -> Candidates:

@@ -227,11 +227,6 @@ def _cloud() -> dict[str, Any]:
     return {
         "fusion": {
             **asdict(fuse.FusionSettings()),
-            "clear_margin": fuse.CLEAR_MARGIN,
-            "hole": fuse.HOLE,
-            "hole_share": fuse.HOLE_SHARE,
-            "filler_margin": fuse.FILLER_MARGIN,
-            "filler_confidence": fuse.FILLER_CONFIDENCE,
             "shell_extent": fuse.SHELL_EXTENT,
             "max_candidates": fuse.MAX_CANDIDATES,
             "detail_scale": DETAIL_SCALE,

@@ -12,7 +12,7 @@ from pocketgs import Camera, PointCloud
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.prior.cloud.cpu_merger import CpuMerger
-from pocketgs.prior.cloud.fuse import SHELL_EXTENT, FusionSettings, confidence, fuse
+from pocketgs.prior.cloud.fuse import SHELL_EXTENT, FusionSettings, fuse
 from pocketgs.prior.cloud.merge import Candidates
 from pocketgs.prior.depth.consistency import Views
 from pocketgs.prior.depth.cpu.consistency import compare_depths
@@ -94,16 +94,6 @@ def test_comparison_is_that_of_the_twin(seed: int, tolerance: float) -> None:
         np.testing.assert_allclose(found[2], expected[2], rtol=1e-6)
     if tolerance > 0.1:
         assert all(twin(views, view, tolerance)[part].any() for view in range(3) for part in range(2))
-
-
-def test_confidence() -> None:
-    def of(agreeing: int, contradicting: int, margin: float) -> float:
-        return float(confidence(np.array([agreeing]), np.array([contradicting]), np.float32([margin]))[0])
-
-    assert of(0, 0, 1) == 0
-    assert 0 < of(1, 0, 1) < of(2, 0, 1) < of(5, 0, 1) <= 1
-    assert of(3, 0, 1) > of(3, 1, 1) > of(3, 3, 1) > 0
-    assert of(3, 0, 1) > of(3, 0, 0.05) > of(3, 0, 0.01) > of(3, 0, 0) == 0
 
 
 def test_depths_that_others_contradict_are_left_out(table: Capture, exact: list[DepthMap]) -> None:

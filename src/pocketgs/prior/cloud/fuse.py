@@ -5,28 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from pocketgs.capture.capture import Frame
 from pocketgs.prior.cloud.detail import detail
 from pocketgs.prior.cloud.merge import Candidates
 from pocketgs.prior.cloud.visual_hull import outside_hull
-from pocketgs.prior.depth.consistency import Agreement, Views
+from pocketgs.prior.depth.consistency import ConfidenceMap, Views
 from pocketgs.prior.depth.stereo import Stereo
 from pocketgs.prior.depth.sweep import DepthMap
-
-CLEAR_MARGIN = 0.1
-"""Margin to the next best depth that gives full confidence."""
-
-HOLE, HOLE_SHARE = 15, 0.1
-"""A hole is a pixel with less than this share of confident pixels in a square of this side around it."""
-
-FILLER_MARGIN, FILLER_CONFIDENCE = 0.05, 0.1
-"""Minimum margin of depths that fill holes: no view confirms them, but none contradicts them.
-
-Without any points, Gaussians would have to grow into the hole from its surroundings, which they do badly.
-"""
 
 SHELL_EXTENT = 4.0
 """Minimum radius of the sphere for distant points, as a multiple of the extent of the cameras."""
@@ -67,29 +54,14 @@ def fuse(
     views = views_of(keyframes, maps)
     shell = _far_shell(keyframes, maps)
     stride = max(1, int(np.ceil(sum(map_.depth.size for map_ in maps) / MAX_CANDIDATES)))
+    compared = stereo.compare(views, [map_.margin for map_ in maps], settings.tolerance, settings.confidence)
     found = [
-        _candidates(keyframe, map_, agreement, stride, shell, settings)
-        for keyframe, map_, agreement in zip(keyframes, maps, stereo.compare(views, settings.tolerance), strict=True)
+        _candidates(keyframe, map_, confirmed, stride, shell)
+        for keyframe, map_, confirmed in zip(keyframes, maps, compared, strict=True)
     ]
     names = Candidates.__dataclass_fields__
     together = Candidates(**{name: np.concatenate([getattr(some, name) for some in found]) for name in names})
     return together.select(~outside_hull(together.positions, frames))
-
-
-def confidence(agreeing: np.ndarray, contradicting: np.ndarray, margin: np.ndarray) -> np.ndarray:
-    """Confidence in [0, 1] of depths.
-
-    Every view that agrees halves the doubt; views that see through the point divide the confidence; depths that are
-    hardly cheaper than another get little confidence.
-
-    Args:
-        agreeing: number of other views that agree.
-        contradicting: number of other views that see something behind the point.
-        margin: share by which the depth is cheaper than the next best.
-    """
-    votes = agreeing.astype(np.float32)
-    support = (1 - np.float32(0.5) ** votes) * votes / np.maximum(votes + contradicting, 1)
-    return support * np.minimum(margin / np.float32(CLEAR_MARGIN), 1)
 
 
 def views_of(keyframes: Sequence[Frame], maps: Sequence[DepthMap]) -> Views:
@@ -110,20 +82,11 @@ def views_of(keyframes: Sequence[Frame], maps: Sequence[DepthMap]) -> Views:
 
 
 def _candidates(
-    keyframe: Frame,
-    map_: DepthMap,
-    agreement: Agreement,
-    stride: int,
-    shell: tuple[np.ndarray, float],
-    settings: FusionSettings,
+    keyframe: Frame, map_: DepthMap, confirmed: ConfidenceMap, stride: int, shell: tuple[np.ndarray, float]
 ) -> Candidates:
-    """The pixels of a keyframe with enough confidence."""
-    agreeing, contradicting, footprints = agreement
-    confidences = confidence(agreeing, contradicting, map_.margin)
-    believed = confidences >= settings.confidence
-    fillers = _holes(believed) & (map_.depth > 0) & (contradicting == 0) & (map_.margin >= FILLER_MARGIN)
-    confidences[fillers] = FILLER_CONFIDENCE
-    rows, columns = (places[::stride] for places in np.nonzero(believed | fillers))
+    """The pixels of a keyframe with confidence."""
+    confidences, footprints = confirmed
+    rows, columns = (places[::stride] for places in np.nonzero(confidences))
     camera = keyframe.camera
     rays = camera.rays(np.column_stack([columns, rows]) + 0.5)
     depths, lengths = map_.depth[rows, columns].astype(np.float64), footprints[rows, columns]
@@ -156,8 +119,3 @@ def _depths_on_shell(origin: np.ndarray, rays: np.ndarray, centre: np.ndarray, r
     offset = origin - centre
     square, half = np.sum(rays * rays, axis=1), rays @ offset
     return (np.sqrt(half**2 + square * (radius**2 - offset @ offset)) - half) / square
-
-
-def _holes(believed: np.ndarray) -> np.ndarray:
-    """(H, W) bool: pixels with few confident depths around them."""
-    return cv2.boxFilter(believed.astype(np.float32), -1, (HOLE, HOLE), borderType=cv2.BORDER_REFLECT) < HOLE_SHARE

@@ -38,3 +38,15 @@ class Agreement(NamedTuple):
     agreeing: np.ndarray
     contradicting: np.ndarray
     footprints: np.ndarray
+
+
+class ConfidenceMap(NamedTuple):
+    """How far one view's depths are believed.
+
+    Attributes:
+        confidences: (H, W) float32 in [0, 1], 0 for depths that are not used; see `pocketgs.prior.depth.confidence`.
+        footprints: (H, W) float32, as in `Agreement`.
+    """
+
+    confidences: np.ndarray
+    footprints: np.ndarray

@@ -6,9 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, Protocol
 
+import numpy as np
+
 from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
-from pocketgs.prior.depth.consistency import Agreement, Views
+from pocketgs.prior.depth.consistency import ConfidenceMap, Views
 from pocketgs.prior.depth.depth_range import DepthRange
 from pocketgs.prior.depth.sweep import DepthMap, SweepSettings
 from pocketgs.system.memory_need import MemoryNeed
@@ -104,7 +106,9 @@ class Stereo(Protocol):
             settings: of the sweep.
         """
 
-    def compare(self, views: Views, tolerance: float) -> Iterator[Agreement]:
+    def compare(
+        self, views: Views, margins: Sequence[np.ndarray], tolerance: float, least: float
+    ) -> Iterator[ConfidenceMap]:
         """Compare every depth of each view, one view after the other, with the other views' depths.
 
         Depths agree within the tolerance, or within half a step of the coarser of the two sweeps, the maximum distance
@@ -112,7 +116,9 @@ class Stereo(Protocol):
 
         Args:
             views: all views.
+            margins: of each view, (H, W) share by which its depths are cheaper than the next best.
             tolerance: maximum relative difference of agreeing depths.
+            least: minimum confidence outside holes.
         """
 
 

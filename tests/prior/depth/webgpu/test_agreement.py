@@ -1,4 +1,4 @@
-"""Depth maps compared on the GPU: against the Numba kernel."""
+"""Depth maps compared on the GPU: votes against the Numba kernel, confidences against NumPy."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import pytest
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.cloud.fuse import views_of
-from pocketgs.prior.depth.consistency import Views
+from pocketgs.prior.depth.confidence import FILLER_CONFIDENCE, confidence_map
+from pocketgs.prior.depth.consistency import Agreement, Views
+from pocketgs.prior.depth.cpu.consistency import compare_depths
 from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.sweep import DepthMap
 from pocketgs.prior.depth.webgpu.stereo import WebGpuStereo
@@ -20,6 +22,9 @@ pytestmark = pytest.mark.usefixtures("adapter")
 
 MOST_UNLIKE = 0.003
 """Share of pixels at which rounding may change a vote: where a point falls on a pixel's border."""
+
+LEAST = 0.4
+"""Confidence outside holes."""
 
 
 @cache
@@ -49,21 +54,68 @@ CASES = {
 }
 
 
+def narrow() -> Views:
+    """Narrower than half the square in which confident pixels are counted."""
+    views = random_views(1)
+    return views._replace(sizes=np.array([[9, 3], [2, 8], [7, 1]]))
+
+
+CASES["narrow"] = narrow()
+
+
+def margins_of(views: Views) -> list[np.ndarray]:
+    """At random: some clear, some not."""
+    rng = np.random.default_rng(5)
+    return [rng.choice(np.float32([0.0, 0.02, 0.07, 0.5]), size, p=[0.2, 0.2, 0.3, 0.3]) for size in views.sizes]
+
+
+def votes(view: int, views: Views) -> Agreement:
+    """Those that the last comparison has left on the GPU."""
+    shape = tuple(views.sizes[view])
+    words = stereo().comparing.read("votes", np.uint32, shape[0] * shape[1]).reshape(shape)
+    footprints = stereo().comparing.read("footprints", np.float32, shape[0] * shape[1]).reshape(shape)
+    return Agreement((words & 0xFFFF).astype(np.uint8), (words >> 16).astype(np.uint8), footprints)
+
+
 @pytest.mark.parametrize("name", list(CASES))
 @pytest.mark.parametrize("tolerance", [0.005, 0.05])
 def test_votes_are_the_cpus(name: str, tolerance: float) -> None:
     views, some = CASES[name], 0
-    for found, expected in zip(stereo().compare(views, tolerance), CpuStereo().compare(views, tolerance), strict=True):
-        assert found.agreeing.dtype == found.contradicting.dtype == np.uint8
+    for view, _ in enumerate(stereo().compare(views, margins_of(views), tolerance, LEAST)):
+        found, expected = votes(view, views), Agreement(*compare_depths(views, view, tolerance))
         same = (found.agreeing == expected.agreeing) & (found.contradicting == expected.contradicting)
         assert np.mean(~same) < MOST_UNLIKE
         np.testing.assert_allclose(found.footprints[same], expected.footprints[same], rtol=1e-5)
         some += int(expected.agreeing.sum()) * int(expected.contradicting.sum())
-    assert some > 0
+    assert some > 0 or name == "narrow"
+
+
+@pytest.mark.parametrize("name", list(CASES))
+def test_confidences_are_those_of_the_votes(name: str) -> None:
+    """To rounding, and 0 at the same pixels; some of them are filled."""
+    views, margins = CASES[name], margins_of(CASES[name])
+    filled = 0
+    for view, found in enumerate(stereo().compare(views, margins, 0.05, LEAST)):
+        height, width = views.sizes[view]
+        expected = confidence_map(votes(view, views), views.depths[view, :height, :width], margins[view], LEAST)
+        np.testing.assert_array_equal(found.confidences > 0, expected > 0)
+        np.testing.assert_allclose(found.confidences, expected, rtol=1e-6)
+        filled += int((expected == np.float32(FILLER_CONFIDENCE)).sum())
+    assert filled > 0
+
+
+def test_a_comparison_is_the_cpus() -> None:
+    """Where a vote differs, so may the holes around it."""
+    views, margins = CASES["room"], margins_of(CASES["room"])
+    given = (views, margins, 0.005, LEAST)
+    for found, expected in zip(stereo().compare(*given), CpuStereo().compare(*given), strict=True):
+        same = np.isclose(found.confidences, expected.confidences, rtol=1e-6)
+        assert np.mean(~same) < 2 * MOST_UNLIKE
+        np.testing.assert_allclose(found.footprints[same], expected.footprints[same], rtol=1e-5)
 
 
 def test_more_depth_maps_than_the_device_holds_are_refused() -> None:
     small = WebGpuStereo()
     small._largest = 1000
     with pytest.raises(PocketGSError, match="the GPU's buffer 'maps' would take"):
-        next(small.compare(CASES["room"], 0.005))
+        next(small.compare(CASES["room"], margins_of(CASES["room"]), 0.005, LEAST))

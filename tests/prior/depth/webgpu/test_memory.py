@@ -12,7 +12,7 @@ from pocketgs.capture.capture import Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.errors import PocketGSError
 from pocketgs.gpu.description import MIN_BUFFER
-from pocketgs.prior.depth.consistency import Agreement, Views
+from pocketgs.prior.depth.consistency import ConfidenceMap
 from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.depth_maps import stereo_extent
 from pocketgs.prior.depth.depth_range import DepthRange
@@ -145,7 +145,7 @@ def test_a_gpu_that_fails_after_its_sweeps_leaves_comparing_to_the_cpu(monkeypat
     capture, stereo = true_capture(64, 48, frames=5, points=10), WebGpuStereo()
     expected = build_prior(capture, 500, devices=sweeping_on(stereo))
 
-    def fails(views: Views, tolerance: float) -> Iterator[Agreement]:
+    def fails(*given: object) -> Iterator[ConfidenceMap]:
         raise PocketGSError("the GPU is out of memory")
 
     monkeypatch.setattr(stereo, "compare", fails)

@@ -10,7 +10,8 @@ import numpy as np
 
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
-from pocketgs.prior.depth.consistency import Agreement, Views
+from pocketgs.prior.depth.confidence import confidence_map
+from pocketgs.prior.depth.consistency import Agreement, ConfidenceMap, Views
 from pocketgs.prior.depth.cpu.consistency import compare_depths
 from pocketgs.prior.depth.cpu.matching_cost import ALL_USABLE, SourceViews, matching_costs, squares_of
 from pocketgs.prior.depth.cpu.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners
@@ -64,10 +65,14 @@ class CpuStereo:
         step = step_of(inverse_depths)
         return DepthMap(smoothed(depth, step), margin, step)
 
-    def compare(self, views: Views, tolerance: float) -> Iterator[Agreement]:
+    def compare(
+        self, views: Views, margins: Sequence[np.ndarray], tolerance: float, least: float
+    ) -> Iterator[ConfidenceMap]:
         """Compare the depths of each view with the other views' depths."""
-        for view in range(len(views.depths)):
-            yield Agreement(*compare_depths(views, view, tolerance))
+        for view, (height, width) in enumerate(views.sizes):
+            agreement = Agreement(*compare_depths(views, view, tolerance))
+            depth = views.depths[view, :height, :width]
+            yield ConfidenceMap(confidence_map(agreement, depth, margins[view], least), agreement.footprints)
 
 
 def smoothed(depth: np.ndarray, spacing: float) -> np.ndarray:

@@ -24,10 +24,13 @@ def comparison_numbers(views: Views, view: int) -> dict[str, int]:
     }
 
 
-def comparison_fields(views: Views, view: int, given: Symbols, tolerance: float) -> Mapping[str, ArrayLike]:
+def comparison_fields(
+    views: Views, view: int, given: Symbols, tolerance: float, least: float
+) -> Mapping[str, ArrayLike]:
     """The fields of the uniform buffer `comparison`."""
     fx, fy, cx, cy = views.intrinsics[view]
-    return {**given, "focal": (fx, fy), "principal": (cx, cy), "view": view, "tolerance": tolerance}
+    thresholds = {"tolerance": tolerance, "least": least}
+    return {**given, "focal": (fx, fy), "principal": (cx, cy), "view": view, **thresholds}
 
 
 def other_records(views: Views, view: int) -> np.ndarray:

@@ -10,7 +10,7 @@ from pocketgs.gpu.description import Description, Pass, Sequence
 from pocketgs.gpu.shader_library import ShaderLibrary
 from pocketgs.gpu.uniforms import UniformLayout
 from pocketgs.gpu.workgroups import THREADS
-from pocketgs.prior.depth import sweep_constants
+from pocketgs.prior.depth import confidence, sweep_constants
 from pocketgs.prior.depth.webgpu import layout
 from pocketgs.prior.depth.webgpu.layout import CHUNK, LANE, MOST_BANDS, PATCH, PATH_THREADS
 
@@ -26,14 +26,17 @@ _SHARED = (
     "SMOOTHING_STEPS",
 )
 
+_CONFIDENCE = ("CLEAR_MARGIN", "HOLE", "HOLE_SHARE", "FILLER_MARGIN", "FILLER_CONFIDENCE")
+
 SHADERS = ShaderLibrary(
     Path(__file__).parent / "shaders",
     {
         **{name: getattr(sweep_constants, name) for name in _SHARED},
+        **{name: getattr(confidence, name) for name in _CONFIDENCE},
         **{name: getattr(layout, name) for name in ("PATCH", "CHUNK", "LANE", "PATH_THREADS", "MATCHED", "USABLE")},
     },
 )
-"""The shaders of the sweep, with the numbers that they share with the CPU's kernels."""
+"""The shaders of sweep and comparison, with the numbers that they share with the CPU."""
 
 SWEEP, COMPARE = "sweep", "compare"
 """Names of the sequences."""
@@ -137,7 +140,7 @@ def describe_sweep() -> Description:
 
 @cache
 def describe_comparison() -> Description:
-    """Describe the comparison of one view's depths with the other views'.
+    """Describe the comparison of one view's depths with the other views', and the confidence that follows from it.
 
     The numbers that the expressions are computed from: width and height of the view; image_width and image_height, what
     all depth maps are padded to; and views, their number.
@@ -146,10 +149,13 @@ def describe_comparison() -> Description:
     buffers = {
         "maps": "4 * image_pixels * views",
         "others": f"{RECORD_BYTES} * views",
-        "votes": "4 * pixels",
-        "footprints": "4 * pixels",
+        **{name: "4 * pixels" for name in ("votes", "footprints", "margins", "confidences", "counts")},
     }
-    shader = SHADERS.link("agreement", {})
-    passes = (Pass("agreement", shader.name, f"ceil_div(pixels, {THREADS})"),)
-    uniforms = {"comparison": UniformLayout.of("Comparison", shader.source)}
-    return Description(definitions, buffers, uniforms, {shader.name: shader}, {COMPARE: Sequence((), passes)})
+    by_pixel = f"ceil_div(pixels, {THREADS})"
+    passes = tuple(
+        Pass(name.replace("_", " "), name, by_pixel)
+        for name in ("agreement", "confidence", "count_believed", "fill_holes")
+    )
+    shaders = {one.shader: SHADERS.link(one.shader, {}) for one in passes}
+    uniforms = {"comparison": UniformLayout.of("Comparison", shaders["agreement"].source)}
+    return Description(definitions, buffers, uniforms, shaders, {COMPARE: Sequence((), passes)})

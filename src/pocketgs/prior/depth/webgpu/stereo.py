@@ -16,7 +16,7 @@ from pocketgs.gpu.description import Description
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
 from pocketgs.gpu.sizes import Symbols
-from pocketgs.prior.depth.consistency import Agreement, Views
+from pocketgs.prior.depth.consistency import ConfidenceMap, Views
 from pocketgs.prior.depth.depth_range import MOST, DepthRange
 from pocketgs.prior.depth.stereo import MAP_BYTES, StereoExtent, StereoNeed
 from pocketgs.prior.depth.sweep import DepthMap, SweepSettings, no_depth, step_of
@@ -111,7 +111,9 @@ class WebGpuStereo:
         )
         return DepthMap(depth, margin, step_of(search.inverse_depths))
 
-    def compare(self, views: Views, tolerance: float) -> Iterator[Agreement]:
+    def compare(
+        self, views: Views, margins: Sequence[np.ndarray], tolerance: float, least: float
+    ) -> Iterator[ConfidenceMap]:
         """Compare the depths of each view with the other views' depths.
 
         Raises:
@@ -125,13 +127,15 @@ class WebGpuStereo:
         executor.write("maps", views.depths)
         for view, given in enumerate(numbers):
             executor.write("others", other_records(views, view))
-            executor.write_uniform("comparison", comparison_fields(views, view, given, tolerance))
+            executor.write("margins", np.asarray(margins[view], np.float32))
+            executor.write_uniform("comparison", comparison_fields(views, view, given, tolerance, least))
             symbols = description.symbols(given)
             executor.submit(COMPARE, symbols)
             shape = (given["height"], given["width"])
-            votes = executor.read("votes", np.uint32, symbols["pixels"]).reshape(shape)
-            footprints = executor.read("footprints", np.float32, symbols["pixels"]).reshape(shape)
-            yield Agreement((votes & 0xFFFF).astype(np.uint8), (votes >> 16).astype(np.uint8), footprints)
+            yield ConfidenceMap(
+                executor.read("confidences", np.float32, symbols["pixels"]).reshape(shape),
+                executor.read("footprints", np.float32, symbols["pixels"]).reshape(shape),
+            )
 
     def _need(self, device: int, host: int) -> MemoryNeed:
         return MemoryNeed(DRIVER_BYTES + host + (device if self._shares_memory else 0), device)

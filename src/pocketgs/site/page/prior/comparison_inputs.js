@@ -32,9 +32,9 @@ export function comparisonNumbers(views, view) {
 }
 
 /** Fields of the struct `Comparison`. */
-export function comparisonFields(views, view, numbers, tolerance) {
+export function comparisonFields(views, view, numbers, { tolerance, confidence: least }) {
     const { fx, fy, cx, cy } = views[view].camera;
-    return { ...numbers, focal: [fx, fy], principal: [cx, cy], view, tolerance };
+    return { ...numbers, focal: [fx, fy], principal: [cx, cy], view, tolerance, least };
 }
 
 /**

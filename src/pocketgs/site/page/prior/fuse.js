@@ -36,34 +36,18 @@ export async function fuse(keyframes, views, frames, settings, stereo) {
     const stride = Math.max(1, Math.ceil(pixels / settings.max_candidates));
     const candidates = new Candidates(Math.ceil(pixels / stride) + views.length);
     let view = 0;
-    for await (const agreement of stereo.compare(views, settings.tolerance)) {
+    for await (const confirmed of stereo.compare(views, settings)) {
         const { camera } = views[view];
         const keyframe = frameWithin(keyframes[view], camera.width * camera.height);
-        addBelieved(candidates, keyframe, views[view].map, agreement, stride, shell, transparent, settings);
+        addBelieved(candidates, keyframe, views[view].map, confirmed, stride, shell, transparent, settings);
         view++;
     }
     return candidates;
 }
 
-/**
- * Confidence in [0, 1] of a depth: every view that agrees halves the doubt, views that see through the point divide the
- * confidence, and depths that are hardly cheaper than another get little.
- *
- * @param {number} agreeing number of other views that agree
- * @param {number} contradicting number of other views that see something behind the point
- * @param {number} margin share by which the depth is cheaper than the next best
- * @param {number} clear margin that gives full confidence
- * @returns {number}
- */
-export function confidenceOf(agreeing, contradicting, margin, clear) {
-    const support = ((1 - 0.5 ** agreeing) * agreeing) / Math.max(agreeing + contradicting, 1);
-    return Math.fround(support * Math.min(margin / Math.fround(clear), 1));
-}
-
-/** Add a keyframe's pixels with enough confidence, or every so many of them. */
-function addBelieved(candidates, keyframe, map, { votes, footprints }, stride, shell, transparent, settings) {
+/** Add a keyframe's pixels with confidence, or every so many of them. */
+function addBelieved(candidates, keyframe, map, { confidences, footprints }, stride, shell, transparent, settings) {
     const { camera, rgba } = keyframe;
-    const confidences = confidencesOf(camera, map, votes, settings);
     const [centre, details] = [centreOf(camera), detailOf(keyframe, settings.detail_scale)];
     let found = 0;
     for (let i = 0; i < confidences.length; i++) {
@@ -81,54 +65,6 @@ function addBelieved(candidates, keyframe, map, { votes, footprints }, stride, s
             candidates.add(position, colour, away, footprint, details[i], confidences[i]);
         }
     }
-}
-
-/** Of every pixel; 0 for those that are not used. */
-function confidencesOf(camera, { depth, margin }, votes, settings) {
-    const agreeing = votes.map((vote) => vote & 0xffff);
-    const contradicting = votes.map((vote) => vote >>> 16);
-    const confidences = margin.map((one, i) => {
-        const confidence = confidenceOf(agreeing[i], contradicting[i], one, settings.clear_margin);
-        return confidence >= Math.fround(settings.confidence) ? confidence : 0;
-    });
-    const holes = holesOf(confidences, camera, settings);
-    return confidences.map((confidence, i) => {
-        const fills = holes[i] && depth[i] > 0 && !contradicting[i] && margin[i] >= Math.fround(settings.filler_margin);
-        return fills ? settings.filler_confidence : confidence;
-    });
-}
-
-/** Pixels with few confident depths around them, the image mirrored at its border. */
-function holesOf(confidences, { width, height }, { hole, hole_share: share }) {
-    const reach = (hole - 1) / 2;
-    const counted = (values, lines, length, stride, step) => {
-        const sums = new Uint16Array(values.length);
-        for (let line = 0; line < lines; line++) {
-            const at = (i) => values[line * stride + mirrored(i, length) * step];
-            let sum = 0;
-            for (let i = -reach; i < reach; i++) {
-                sum += at(i);
-            }
-            for (let i = 0; i < length; i++) {
-                sum += at(i + reach);
-                sums[line * stride + i * step] = sum;
-                sum -= at(i - reach);
-            }
-        }
-        return sums;
-    };
-    const believed = Uint16Array.from(confidences, (confidence) => Number(confidence > 0));
-    const around = counted(counted(believed, height, width, width, 1), width, height, 1, width);
-    return Uint8Array.from(around, (count) => Number(count / hole ** 2 < share));
-}
-
-/** With the border repeated. */
-function mirrored(i, length) {
-    let place = i;
-    while (place < 0 || place >= length) {
-        place = place < 0 ? -1 - place : 2 * length - 1 - place;
-    }
-    return place;
 }
 
 /** @type {(views: View[], settings: Object) => Shell} */

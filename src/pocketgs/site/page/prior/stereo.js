@@ -18,8 +18,8 @@ import { packed, sourceRecords, sweepFields, sweepNumbers } from "./sweep_inputs
  * @property {Float32Array} margin (H, W) share by which the depth is cheaper than the next best
  * @property {number} step difference in inverse depth of neighbouring hypotheses
  *
- * @typedef {Object} Agreement how one view's depths compare with the other views'
- * @property {Uint32Array} votes (H, W) views that agree, and from bit 16 on those that see through the point
+ * @typedef {Object} ConfidenceMap how far one view's depths are believed
+ * @property {Float32Array} confidences (H, W) in [0, 1], 0 for depths that are not used
  * @property {Float32Array} footprints (H, W) smallest footprint of a pixel at the point
  */
 
@@ -130,10 +130,11 @@ export class Stereo {
      * Compare every depth of each view with the other views' depths, one view after the other.
      *
      * @param {import("./comparison_inputs.js").View[]} views
-     * @param {number} tolerance maximum relative difference of agreeing depths
-     * @returns {AsyncGenerator<Agreement>}
+     * @param {{tolerance: number, confidence: number}} thresholds maximum relative difference of agreeing depths, and
+     *     minimum confidence outside holes
+     * @returns {AsyncGenerator<ConfidenceMap>}
      */
-    async *compare(views, tolerance) {
+    async *compare(views, thresholds) {
         this.#sweeping.free();
         const [executor, { description }] = [this.#comparing, this.#comparing];
         const numbers = views.map((_, view) => comparisonNumbers(views, view));
@@ -146,10 +147,11 @@ export class Stereo {
         for (const [view, given] of numbers.entries()) {
             const symbols = description.symbols(given);
             executor.write("others", otherRecords(views, view));
-            executor.writeUniform("comparison", comparisonFields(views, view, given, tolerance));
+            executor.write("margins", views[view].map.margin);
+            executor.writeUniform("comparison", comparisonFields(views, view, given, thresholds));
             executor.submit("compare", symbols);
-            const votes = await executor.read("votes", Uint32Array, symbols.pixels);
-            yield { votes, footprints: await executor.read("footprints", Float32Array, symbols.pixels) };
+            const confidences = await executor.read("confidences", Float32Array, symbols.pixels);
+            yield { confidences, footprints: await executor.read("footprints", Float32Array, symbols.pixels) };
         }
     }
 

@@ -13,4 +13,26 @@ struct Comparison {
     views: u32,
     // Greatest relative difference of depths that agree.
     tolerance: f32,
+    // Least confidence outside holes.
+    least: f32,
+}
+
+section votes
+// Agreeing views in the lower half of a word, contradicting ones in the upper.
+fn agreeing_of(word: u32) -> u32 {
+    return word & 65535u;
+}
+
+fn contradicting_of(word: u32) -> u32 {
+    return word >> 16u;
+}
+
+section window
+const REACH: i32 = i32(HOLE / 2u);
+
+// A place on a line, mirrored at its ends with the border repeated.
+fn mirrored(i: i32, length: u32) -> u32 {
+    let period = 2 * i32(length);
+    let place = ((i % period) + period) % period;
+    return u32(min(place, period - 1 - place));
 }
