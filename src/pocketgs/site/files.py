@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
+from typing import Any
 
 import pocketgs.gpu
 import pocketgs.viewer
+from pocketgs.gpu.description import Description
 from pocketgs.prior.depth.webgpu.passes import describe_comparison, describe_sweep
 from pocketgs.prior.features.webgpu.passes import describe_features, describe_matching
 from pocketgs.seeding.webgpu.passes import describe_neighbourhoods
@@ -53,6 +56,9 @@ SEQUENCES = ("render", "step")
 NEVER = ("learn colours", "collect statistics", "regularise")
 """Passes that no step of the page's recipe has."""
 
+COMMENT, LINE_BREAK = re.compile("//[^\n]*"), re.compile(r"\s*\n\s*")
+"""In WGSL, which has no strings that could contain them."""
+
 HTML = "index.html"
 
 
@@ -64,14 +70,22 @@ def site_files() -> dict[str, bytes]:
     own = [path for path in sorted(PAGE.rglob("*")) if path.is_file()]
     files |= {f"train/{path.relative_to(PAGE).as_posix()}": path.read_bytes() for path in own}
     files[HTML] = files.pop(f"train/{HTML}")
-    files["train/passes.json"] = _encoded(describe(Variant()).part(SEQUENCES, NEVER).to_json())
-    depth = {"sweep": describe_sweep().to_json(), "comparison": describe_comparison().to_json()}
+    files["train/passes.json"] = _encoded(_plain(describe(Variant()).part(SEQUENCES, NEVER)))
+    depth = {"sweep": _plain(describe_sweep()), "comparison": _plain(describe_comparison())}
     files["train/depth_passes.json"] = _encoded(depth)
-    features = {"finding": describe_features().to_json(), "matching": describe_matching().to_json()}
+    features = {"finding": _plain(describe_features()), "matching": _plain(describe_matching())}
     files["train/features_passes.json"] = _encoded(features)
-    files["train/seeding_passes.json"] = _encoded(describe_neighbourhoods().to_json())
+    files["train/seeding_passes.json"] = _encoded(_plain(describe_neighbourhoods()))
     files["train/settings.json"] = _encoded(settings())
     return files
+
+
+def _plain(description: Description) -> dict[str, Any]:
+    """A description for JSON; its shaders have no comments and no indentation, which only make the page larger."""
+    found = description.to_json()
+    for shader in found["shaders"].values():
+        shader["source"] = LINE_BREAK.sub("\n", COMMENT.sub("", shader["source"]))
+    return found
 
 
 def _encoded(content: object) -> bytes:
