@@ -296,7 +296,7 @@ def test_photographs_that_the_others_contradict_are_named(
     record = record_of(tmp_path / "result")
     [name] = record["transients"]["left_out"]
     assert record["transients"]["photographs"] == record["transients"]["share"] == 0
-    assert f"1 photograph contradicts the others, not used from then on (a wrong pose, or another place?): {name}" in (
+    assert f"1 photograph contradicts the others, left out of training (a wrong pose, or another place?): {name}" in (
         outcome.output + outcome.errors
     )
     assert len(list((tmp_path / "result" / "transients").iterdir())) == 1

@@ -144,6 +144,25 @@ def test_a_wrong_pose_that_the_prior_missed_is_left_out(empty_room: PreparedCapt
     assert psnrs[0] > psnrs[1]
 
 
+def test_masks_of_the_neighbours_do_not_speak_against_a_photograph(empty_room: PreparedCapture) -> None:
+    """Masked pixels are not perfectly rendered ones."""
+    engine = CpuEngine()
+    train(empty_room, OPTIONS, opened_engine=engine, transients="keep")
+    mask = np.zeros((180, 240), np.bool_)
+    mask[120:] = True
+    frames = [frame if i == 7 else replace(frame, mask=mask) for i, frame in enumerate(empty_room.train)]
+    with np.errstate(all="raise"):
+        found = transient_cells(engine, frames, empty_room.background)
+    assert not any(cells.any() for cells in found)
+
+
+def test_no_step_is_spent_on_what_is_left_out(small_capture: Capture) -> None:
+    cells = [np.full((6, 8), number == 3) for number in range(len(small_capture.train))]
+    found = Transients(small_capture.train, (0.0, 0.0, 0.0), cells)
+    assert found.used([1, 2, 3, 4]) == [1, 2, 4]
+    assert Transients(small_capture.train, (0.0, 0.0, 0.0), None).used([1, 2, 3]) == [1, 2, 3]
+
+
 def test_a_photograph_that_fits_after_all_is_readmitted(empty_room: PreparedCapture) -> None:
     engine = CpuEngine()
     train(empty_room, OPTIONS, opened_engine=engine, transients="keep")

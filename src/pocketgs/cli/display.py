@@ -210,7 +210,7 @@ def print_result(console: Terminal, result: RunResult) -> None:
     if moved and moved["left_out"]:
         left_out = counted(len(moved["left_out"]), "photograph contradicts", "photographs contradict")
         names = ", ".join(printable(name) for name in moved["left_out"])
-        lines.insert(0, f"{left_out} the others, not used from then on (a wrong pose, or another place?): {names}")
+        lines.insert(0, f"{left_out} the others, left out of training (a wrong pose, or another place?): {names}")
     console.say(*lines)
 
 

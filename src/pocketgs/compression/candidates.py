@@ -21,16 +21,13 @@ TUNING_STEPS, ROUNDING_STEPS = 800, 120
 STEPS = TUNING_STEPS + steps_of_rounding(ROUNDING_STEPS)
 
 MASK_STEPS = 280
-"""Training steps of masks for a candidate."""
+"""Minimum number of training steps of masks for a candidate."""
 
 CANDIDATES = 3
 """Expected number of candidates of a search."""
 
 PRUNING_STEPS, PRUNING_ROUNDS = 40, 8
 """Training steps of a round of pruning, and the expected number of rounds."""
-
-SEARCH_STEPS = PRUNING_ROUNDS * PRUNING_STEPS + CANDIDATES * STEPS
-"""Approximate number of training steps of a search."""
 
 PRUNING_TIME = 0.35
 """Share of the remaining time for pruning in rounds."""
@@ -97,13 +94,13 @@ class Workshop:
 
     def prune(self, scene: Gaussians, goes_on: Callable[[Level], bool]) -> None:
         """Prune in rounds, and keep the scene after each, as long as it `goes_on` and time allows."""
-        self.timekeeper.expect(SEARCH_STEPS)
+        self.timekeeper.expect(self.search_steps)
         used = self.timekeeper.used()
         for left in self.pruner.rounds(scene, PRUNING_STEPS):
             self.levels.append(Level(left, self.judge.psnr(left)))
             if self.timekeeper.used() > used + (1.0 - used) * PRUNING_TIME or not goes_on(self.levels[-1]):
                 break
-        self.timekeeper.expect(CANDIDATES * STEPS)
+        self.timekeeper.expect(CANDIDATES * self.steps)
 
     def make(self, count: int) -> Candidate:
         """Make the candidate with this number of Gaussians.
@@ -111,21 +108,37 @@ class Workshop:
         Raises:
             StoppedError: Ctrl-C was pressed, or time is up and a candidate is within the bound.
         """
-        # Masks judge the whole scene: what rounds have removed cannot come back.
-        levels = self.levels[:1] if self.pruner.trains_masks else self.levels
+        masking = round(self._share() * self.mask_steps)
+        # Masks judge the whole scene, or what earlier masks kept of it: rounds may have removed what they would keep.
+        levels = self.levels[:1] if self.pruner.trains_masks(masking) else self.levels
         starts = [*(level.scene for level in levels), *self.tuned]
         start = min((scene for scene in starts if len(scene) >= count), key=len)
-        scene = self.pruner.at_once(start, count, round(self._share() * MASK_STEPS))
+        scene = self.pruner.at_once(start, count, masking)
         scene = self.tuner.tune(scene, round(self._share() * TUNING_STEPS))
         self.tuned.append(scene)
         steps, weights = round(self._share() * ROUNDING_STEPS), self.pruner.weights(scene)
         scene = rounded_in_turn(scene, self.tuner, self.coding, steps, weights)
-        self.timekeeper.expected = max(self.timekeeper.expected, self.timekeeper.done + STEPS)
+        self.timekeeper.expected = max(self.timekeeper.expected, self.timekeeper.done + self.steps)
         return self._keep(scene, self.coding)
+
+    @property
+    def mask_steps(self) -> int:
+        """Steps of training masks for a candidate: each view is used at least once."""
+        return max(MASK_STEPS, len(self.pruner.cameras)) if self.pruner.method == "masks" else 0
+
+    @property
+    def steps(self) -> int:
+        """Training steps of a candidate."""
+        return self.mask_steps + STEPS
+
+    @property
+    def search_steps(self) -> int:
+        """Approximate number of training steps of a search."""
+        return PRUNING_ROUNDS * PRUNING_STEPS + CANDIDATES * self.steps
 
     def _share(self) -> float:
         """Share of the training steps that time allows."""
-        return min(self.timekeeper.steps_left() / (CANDIDATES * STEPS), 1.0)
+        return min(self.timekeeper.steps_left() / (CANDIDATES * self.steps), 1.0)
 
     def only_rounded(self, scene: Gaussians, coding: Coding) -> Candidate:
         """Make the candidate of a scene without pruning or training; raises the errors of `make`."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pocketgs.compression.candidates import CANDIDATES, SEARCH_STEPS, Candidate, Workshop
+from pocketgs.compression.candidates import CANDIDATES, Candidate, Workshop
 from pocketgs.compression.fine_tuning import FineTuner
 from pocketgs.compression.judgement import Judge
 from pocketgs.compression.options import QUALITY, CompressionOptions
@@ -183,7 +183,7 @@ def _suitable_pace(scene: Gaussians, workshop: Workshop) -> float:
     steps = int(min(TRIAL_STEPS, TRIAL_TIME * workshop.timekeeper.steps_left()))
     if not steps:
         return 1.0
-    workshop.timekeeper.expect(steps + SEARCH_STEPS)
+    workshop.timekeeper.expect(steps + workshop.search_steps)
     trained = workshop.tuner.tune(scene, steps)
     judge = workshop.judge
     return 1.0 if judge.psnr_by_training_views(trained) >= judge.original_psnr else GENTLE

@@ -19,6 +19,9 @@ from pocketgs.splat.rasterizer import Rasterizer
 FAINT = 0.01
 """Opacity at which left-out Gaussians are drawn, so that the rasterizer gives their gradients."""
 
+CERTAIN = 15.0
+"""Maximum magnitude of a logit of opacity: beyond it, an opacity is 0 or 1 to rounding, and has no gradient."""
+
 FIRST_LOGIT = 2.0
 """Initial logit of the probability of being kept."""
 
@@ -42,11 +45,12 @@ def prune_by_masks(tuner: FineTuner, rasterizer: Rasterizer, scene: Gaussians, c
         count: number of Gaussians to keep.
         steps: of training.
     """
-    masks, adam = _Masks(len(scene)), Adam(scene, tuner.recipe.adam)
+    certain = replace(scene, opacity_logits=np.clip(scene.opacity_logits, -CERTAIN, CERTAIN))
+    masks, adam = _Masks(len(scene)), Adam(certain, tuner.recipe.adam)
     for step in range(steps):
         frame, rates = tuner.next_frame(), tuner.rates_at(step, steps)
         kept = masks.sample()
-        opacities = _sigmoid(adam.scene.opacity_logits.astype(np.float64))
+        opacities = _sigmoid(np.clip(adam.scene.opacity_logits.astype(np.float64), -CERTAIN, CERTAIN))
         shown = np.where(kept, opacities, np.minimum(opacities, FAINT))
         drawn = replace(adam.scene, opacity_logits=np.log(shown / (1.0 - shown)).astype(np.float32))
         seen = rasterizer.forward(drawn, frame.camera, ("rgb",), background=tuner.background)

@@ -50,20 +50,19 @@ class Pruner:
         order = np.argsort(-importance(scene, self.cameras, self.rasterizer, measure), kind="stable")
         return scene.select(np.sort(order[:count]))
 
-    @property
-    def trains_masks(self) -> bool:
-        """Whether `at_once` finds out by training which Gaussians of a whole scene go."""
-        return self.method == "masks"
+    def trains_masks(self, steps: int) -> bool:
+        """Whether `at_once` trains masks: with fewer steps than views, what some views show would look dispensable."""
+        return self.method == "masks" and steps >= len(self.cameras)
 
     def at_once(self, scene: Gaussians, count: int, steps: int) -> Gaussians:
-        """`count` Gaussians, without training in between.
+        """`count` Gaussians of a scene, chosen without training, or by masks.
 
         Args:
             scene: to prune.
             count: number of Gaussians to keep.
-            steps: of training the masks, if there are any.
+            steps: of training masks.
         """
-        if self.trains_masks and steps > 0 and count < len(scene):
+        if self.trains_masks(steps) and count < len(scene):
             return prune_by_masks(self.tuner, self.rasterizer, scene, count, steps)
         return self.down_to(scene, count)
 

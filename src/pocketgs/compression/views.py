@@ -58,12 +58,15 @@ class Views:
 def photographed(capture: Capture) -> Views:
     """The views of a capture: every other held-out photograph is for decisions, the rest for the report.
 
+    Training views that are masked completely, as those are that a run left out, take no part.
+
     Raises:
         PocketGSError: there is no training view.
     """
-    if not capture.train:
-        raise PocketGSError(f"{capture.path}: no training view, expected at least one")
-    return Views(capture.train, capture.held_out[1::2], capture.held_out[::2], capture.background, True)
+    train = [frame for frame in capture.train if frame.mask is None or frame.mask.any()]
+    if not train:
+        raise PocketGSError(f"{capture.path}: no training view that is not masked completely, expected at least one")
+    return Views(train, capture.held_out[1::2], capture.held_out[::2], capture.background, True)
 
 
 def not_too_many(cameras: Mapping[str, Camera]) -> dict[str, Camera]:

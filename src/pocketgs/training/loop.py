@@ -115,6 +115,8 @@ class Loop:
 
     def _next_view(self) -> int:
         views = self._pace.views(self.iteration)
+        if self._transients:
+            views = self._transients.used(views)
         return views[view_of_step(self.iteration, len(views), self._options.seed)]
 
     def _look_at_held_out_views(self) -> None:

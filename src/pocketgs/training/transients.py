@@ -39,7 +39,7 @@ MAX_SHARE = 0.5
 """Transients cover at most this share of a photograph; what covers more is not masked."""
 
 MIN_COMPARABLE = 0.2
-"""Minimum share of a view's cells that neighbours see too, to decide whether they contradict the view."""
+"""Minimum share of a view's unmasked cells that neighbours see too, to decide whether they contradict the view."""
 
 MAX_LEFT_OUT = 0.25
 """Views are left out only up to this share of all: of more, it is unclear which are wrong."""
@@ -86,6 +86,12 @@ class Transients:
         if _any(cells) or self.cells is not None:
             engine.set_masks(self._masks(cells))
         self.cells = tuple(cells)
+
+    def used(self, views: Sequence[int]) -> Sequence[int]:
+        """Those of the views that are not left out whole."""
+        if self.cells is None or not _any(self.cells):
+            return views
+        return [view for view in views if not is_left_out(self.cells[view])] or views
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -147,8 +153,9 @@ def pixels_of(cells: np.ndarray, frame: Frame) -> np.ndarray:
 
 def _is_contradicted(view: ComparedView) -> bool:
     """Whether most of what neighbouring views see too certainly differs: the pose is wrong, or the place is another."""
-    comparable = np.isfinite(view.expected) & (view.residuals > 0)
-    if comparable.mean() < MIN_COMPARABLE:
+    used = view.residuals > 0
+    comparable = used & np.isfinite(view.expected)
+    if not used.any() or comparable.sum() < MIN_COMPARABLE * used.sum():
         return False
     residuals, expected = view.residuals[comparable], view.expected[comparable]
     return bool(np.median(residuals / expected) > CERTAIN and residuals.mean() > MIN_RESIDUAL)

@@ -74,7 +74,7 @@ class _Rendered:
     Attributes:
         frame: the view.
         residuals: (h, w) mean absolute difference of the colours.
-        depths: (h, w) rendered depth, 0 where there is none.
+        depths: (h, w) rendered depth; 0 where there is none, and in masked cells.
         points: (h, w, 3) of the rendered surface.
     """
 
@@ -101,7 +101,7 @@ def _rendered(engine: Engine, frame: Frame, background: tuple[float, float, floa
     counts = np.ones((down, across), np.bool_)
     if frame.mask is not None:
         counts = cv2.resize(frame.mask.astype(np.float32), (across, down), interpolation=cv2.INTER_AREA) > 0.5
-    depths = np.where(_means(rendered.alpha) > 0.5, np.median(_blocks(rendered.depth), axis=(1, 3)), 0.0)
+    depths = np.where(counts & (_means(rendered.alpha) > 0.5), np.median(_blocks(rendered.depth), axis=(1, 3)), 0.0)
     residuals = np.where(counts, _differences(seen, shown), 0.0)
     cell_camera = frame.camera.resized(across, down)
     x, y = np.meshgrid(np.arange(across) + 0.5, np.arange(down) + 0.5)

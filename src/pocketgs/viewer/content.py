@@ -31,7 +31,8 @@ class View:
         camera: of the photograph.
         held_out: whether it is held out for evaluation.
         photo: (H, W, 3) uint8, or None.
-        transients: a picture of the photograph in which red marks what the run left out since it moved, or None.
+        transients: a picture of the photograph in which red marks what the run left out, since it moved or its
+            pose is wrong, or None.
     """
 
     name: str

@@ -16,7 +16,7 @@ from pocketgs.prior.bundle.schur import CpuAdjuster
 from pocketgs.prior.features.observations import Observations
 from pocketgs.prior.poses.refinement import Refinement, refine
 from pocketgs.prior.poses.robust_adjustment import RobustAdjustment
-from pocketgs.prior.poses.validation import CHECKED_SHARE
+from pocketgs.prior.poses.validation import CHECKED_SHARE, _errors_of_views
 from prior.bundle_problem import Problem, make_problem, position_errors, predicted, turned_and_moved
 
 BUNDLE = BundleSettings(position_sigma=0.1, rotation_sigma=0.1)
@@ -85,3 +85,14 @@ def tracks_of(frames: Sequence[Frame], points: np.ndarray) -> tuple[Observations
     shared = visible.sum(axis=0) >= 3
     point, view = np.nonzero(visible[:, shared].T)
     return Observations(view.astype(np.int32), point.astype(np.int32), np.zeros((len(view), 2))), points[shared]
+
+
+def test_held_out_views_are_judged_on_the_same_observations_under_any_poses() -> None:
+    order = np.lexsort((PROBLEM.observations.frame, PROBLEM.observations.point))
+    tracks = PROBLEM.observations.select(order)
+    absent = np.arange(len(PROBLEM.cameras)) == 4
+    halves = np.flatnonzero(tracks.frame == 4)
+    for cameras in (PROBLEM.cameras, PROBLEM.true_cameras):
+        judged = np.flatnonzero(np.isfinite(_errors_of_views(cameras, tracks, absent, 3.0, BUNDLE)))
+        assert len(judged) > 50
+        assert np.isin(judged, halves[1::2]).all()

@@ -131,15 +131,15 @@ def _errors_of_views(
     others = tracks.select(~absent[tracks.frame])
     numbers, theirs = np.unique(others.point), others.renumbered()
     theirs = theirs.select(consensus(cameras, theirs, tolerance, MIN_ANGLE).agrees)
-    positions = np.full((int(tracks.point.max()) + 1, 3), np.nan)
+    positions = np.full((int(tracks.point.max(initial=-1)) + 1, 3), np.nan)
     if len(theirs):
         found = triangulate(cameras, theirs)
         seen = np.bincount(theirs.point, minlength=len(found)) >= 2
         positions[numbers[: len(found)][seen]] = found[seen]
     known = np.isfinite(positions[tracks.point]).all(axis=1)
     for view in np.flatnonzero(absent).tolist():
-        own = np.flatnonzero((tracks.frame == view) & known)
-        fitted, judged = own[::2], own[1::2]
+        own = np.flatnonzero(tracks.frame == view)
+        fitted, judged = (half[known[half]] for half in (own[::2], own[1::2]))  # the same halves under any poses
         if len(fitted) < MIN_OBSERVATIONS // 2:
             continue
         points, pixels = positions[tracks.point], tracks.pixels

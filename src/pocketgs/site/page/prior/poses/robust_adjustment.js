@@ -45,7 +45,7 @@ export function adjustedTo(given, tracks, tolerance, finest, settings) {
         const points = triangulate(cameras, seen, settings);
         seen = renumbered(filtered(seen, (i) => Number.isFinite(points[3 * seen.point[i]])));
         const result = adjustBundle(given, points.filter(Number.isFinite), seen, settings.bundle, cameras);
-        cameras = cameras.map((camera, view) => (supported[view] ? result.cameras[view] : camera));
+        cameras = given.map((camera, view) => (supported[view] ? result.cameras[view] : camera));
         const last = tolerance;
         tolerance = nextTolerance(result.residuals, tolerance, finest, settings);
         if (tolerance > 0.8 * last) {

@@ -99,8 +99,9 @@ function errorsOfViews(cameras, tracks, absent, tolerance, settings) {
     const positions = agreedPoints(cameras, tracks, absent, tolerance, settings);
     const isKnown = (i) => Number.isFinite(positions[3 * tracks.point[i]]);
     for (const view of indicesWhere(cameras.length, (index) => absent[index])) {
-        const own = indicesWhere(errors.length, (i) => tracks.frame[i] === view && isKnown(i));
-        const [fitted, judged] = [0, 1].map((half) => own.filter((_, i) => i % 2 === half));
+        const own = indicesWhere(errors.length, (i) => tracks.frame[i] === view);
+        // The same halves under any poses.
+        const [fitted, judged] = [0, 1].map((half) => own.filter((i, place) => place % 2 === half && isKnown(i)));
         if (fitted.length < Math.floor(settings.min_observations / 2)) {
             continue;
         }
