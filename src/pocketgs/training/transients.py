@@ -59,7 +59,7 @@ class Transients:
     ) -> None:
         self._frames, self._background = frames, background
         self._first = max(FIRST_LOOK, FIRST_EPOCHS * len(frames))
-        self.cells = None if cells is None else tuple(cells)
+        self._remember(cells)
 
     def start(self, engine: Engine) -> None:
         """Apply the known masks, once the engine has the photographs."""
@@ -85,19 +85,22 @@ class Transients:
             cells[view] = of_view
         if _any(cells) or self.cells is not None:
             engine.set_masks(self._masks(cells))
-        self.cells = tuple(cells)
+        self._remember(cells)
 
     def used(self, views: Sequence[int]) -> Sequence[int]:
         """Those of the views that are not left out whole."""
-        if self.cells is None or not _any(self.cells):
+        if not self._left_out:
             return views
-        return [view for view in views if not is_left_out(self.cells[view])] or views
+        return [view for view in views if view not in self._left_out] or views
 
     @property
     def left_out(self) -> tuple[str, ...]:
         """Names of the training views that are left out whole, since the others contradict them."""
-        pairs = zip(self._frames, self.cells or (), strict=False)
-        return tuple(frame.name for frame, cells in pairs if is_left_out(cells))
+        return tuple(self._frames[view].name for view in self._left_out)
+
+    def _remember(self, cells: Sequence[np.ndarray] | None) -> None:
+        self.cells = None if cells is None else tuple(cells)
+        self._left_out = [view for view, of_view in enumerate(self.cells or ()) if is_left_out(of_view)]
 
     def _masks(self, cells: Sequence[np.ndarray]) -> list[np.ndarray | None]:
         return [mask_without(frame, of_view) for frame, of_view in zip(self._frames, cells, strict=True)]

@@ -58,42 +58,42 @@ def validated(adjustment: RobustAdjustment, tracks: Observations, images: Sequen
     held_out = tracks.select(checked & present[tracks.frame]).renumbered()
     fitted = tracks.select(~checked)
     poses = given, adjusted.cameras
-    by_points = [_PointErrors.under(cameras, images, held_out, tolerance) for cameras in poses]
+    by_points = [_PointFit.under(cameras, held_out, tolerance) for cameras in poses]
     by_views = [_errors_of_views(cameras, fitted, absent, tolerance, adjustment.settings) for cameras in poses]
     accepted = np.zeros(len(given), bool)
     for part in _parts(tracks, present | absent):
         if (part & present).sum() < MIN_VIEWS:
             continue
-        inside = part[held_out.frame]
-        before, after = _truncated([each.errors for each in by_points], inside, tolerance)
-        views_before, views_after = _truncated(by_views, part[fitted.frame], tolerance)
-        alike_before, alike_after = _mean_likeness(by_points, inside, tolerance)
+        good = _good([fit.errors for fit in by_points], part[held_out.frame], tolerance)
+        before, after = _truncated([fit.errors for fit in by_points], good, tolerance)
+        good_in_views = _good(by_views, part[fitted.frame], tolerance)
+        views_before, views_after = _truncated(by_views, good_in_views, tolerance)
         # Without points to judge by, errors are NaN and nothing is accepted; views and photographs only confirm.
-        if after <= (1 - MIN_GAIN) * before and not views_after > views_before and not alike_after < alike_before:
+        if not after <= (1 - MIN_GAIN) * before or views_after > views_before:
+            continue
+        alike_before, alike_after = _mean_likeness(poses, images, held_out, [fit.points for fit in by_points], good)
+        if not alike_after < alike_before:
             accepted |= part
     return accepted
 
 
-class _PointErrors(NamedTuple):
+class _PointFit(NamedTuple):
     """How well M observations fit the points that two or more other observations of their tracks agree on.
 
     Attributes:
         errors: (M,) distances in pixels; infinite without such a point.
-        likeness: (M,) correlations of the photographs around the points; NaN if unknown.
+        points: (M, 3) the points; NaN without one.
     """
 
     errors: np.ndarray
-    likeness: np.ndarray
+    points: np.ndarray
 
     @classmethod
-    def under(
-        cls, cameras: Sequence[Camera], images: Sequence[np.ndarray], tracks: Observations, tolerance: float
-    ) -> _PointErrors:
-        """The errors under some poses."""
+    def under(cls, cameras: Sequence[Camera], tracks: Observations, tolerance: float) -> _PointFit:
+        """The fit under some poses."""
         found = consensus(cameras, tracks, tolerance, MIN_ANGLE)
         agreed = found.support >= 2
-        points = np.where(agreed[:, None], found.others, np.nan)
-        return cls(np.where(agreed, found.error, np.inf), correlations(cameras, images, tracks, points))
+        return cls(np.where(agreed, found.error, np.inf), np.where(agreed[:, None], found.others, np.nan))
 
 
 def _good(errors: Sequence[np.ndarray], inside: np.ndarray, tolerance: float) -> np.ndarray:
@@ -101,22 +101,30 @@ def _good(errors: Sequence[np.ndarray], inside: np.ndarray, tolerance: float) ->
     return np.asarray(inside & (np.minimum(*errors) < tolerance))
 
 
-def _truncated(errors: Sequence[np.ndarray], inside: np.ndarray, tolerance: float) -> tuple[float, float]:
+def _truncated(errors: Sequence[np.ndarray], good: np.ndarray, tolerance: float) -> tuple[float, float]:
     """RMS errors before and after, truncated at the tolerance, of the good observations; NaN for none."""
-    good = _good(errors, inside, tolerance)
     if not good.any():
         return float("nan"), float("nan")
     before, after = (float(np.sqrt(np.mean(np.minimum(each[good], tolerance) ** 2))) for each in errors)
     return before, after
 
 
-def _mean_likeness(found: Sequence[_PointErrors], inside: np.ndarray, tolerance: float) -> tuple[float, float]:
+def _mean_likeness(
+    poses: Sequence[Sequence[Camera]],
+    images: Sequence[np.ndarray],
+    tracks: Observations,
+    points: Sequence[np.ndarray],
+    good: np.ndarray,
+) -> tuple[float, float]:
     """Mean likeness before and after, of the good observations where both are known; NaN for few, which are noise."""
-    known = _good([each.errors for each in found], inside, tolerance)
-    known &= np.isfinite(found[0].likeness) & np.isfinite(found[1].likeness)
+    found = [
+        correlations(cameras, images, tracks, np.where(good[:, None], each, np.nan))
+        for cameras, each in zip(poses, points, strict=True)
+    ]
+    known = np.isfinite(found[0]) & np.isfinite(found[1])
     if known.sum() < MIN_OBSERVATIONS:
         return float("nan"), float("nan")
-    before, after = (float(each.likeness[known].mean()) for each in found)
+    before, after = (float(each[known].mean()) for each in found)
     return before, after
 
 

@@ -39,32 +39,40 @@ export function validated(given, tracks, frames, tolerance, finest, settings) {
     // Absent views keep their given poses while the others move: where they see points tells nothing about either.
     const heldOut = renumbered(filtered(tracks, (i) => isChecked[i] && present[tracks.frame[i]]));
     const fitted = filtered(tracks, (i) => !isChecked[i]);
-    const byPoints = [given, cameras].map((poses) => pointErrors(poses, frames, heldOut, final, settings));
-    const byViews = [given, cameras].map((poses) => errorsOfViews(poses, fitted, absent, final, settings));
+    const poses = [given, cameras];
+    const byPoints = poses.map((each) => fitOfPoints(each, heldOut, final, settings));
+    const errors = byPoints.map((fit) => fit.errors);
+    const byViews = poses.map((each) => errorsOfViews(each, fitted, absent, final, settings));
     const accepted = given.map(() => false);
     for (const part of partsOf(tracks, present.map((isPresent, view) => isPresent || absent[view]))) {
         if (part.filter((isPart, view) => isPart && present[view]).length < settings.min_views) {
             continue;
         }
-        const isInside = (i) => part[heldOut.frame[i]];
-        const [before, after] = truncated(byPoints.map(({ errors }) => errors), isInside, final);
-        const [viewsBefore, viewsAfter] = truncated(byViews, (i) => part[fitted.frame[i]], final);
-        const [alikeBefore, alikeAfter] = meanLikeness(byPoints, isInside, final, settings.min_observations);
+        const good = goodOf(errors, (i) => part[heldOut.frame[i]], final);
+        const [before, after] = truncated(errors, good, final);
+        const goodInViews = goodOf(byViews, (i) => part[fitted.frame[i]], final);
+        const [viewsBefore, viewsAfter] = truncated(byViews, goodInViews, final);
         // Without points to judge by, errors are NaN and nothing is accepted; views and photographs only confirm.
-        const isGain = after <= (1 - settings.min_gain) * before;
-        if (isGain && !(viewsAfter > viewsBefore) && !(alikeAfter < alikeBefore)) {
+        if (!(after <= (1 - settings.min_gain) * before) || viewsAfter > viewsBefore) {
+            continue;
+        }
+        const likeness = byPoints.map(({ points }, i) => {
+            return correlations(poses[i], frames, heldOut, only(points, good), settings.photometric);
+        });
+        const [alikeBefore, alikeAfter] = meansOfKnown(likeness, settings.min_observations);
+        if (!(alikeAfter < alikeBefore)) {
             part.forEach((isPart, view) => (accepted[view] ||= isPart));
         }
     }
     return accepted;
 }
 
-/** How far observations are from the points that two or more others agree on, and how alike photographs are there. */
-function pointErrors(cameras, frames, tracks, tolerance, settings) {
+/** How far observations are from the points that two or more others agree on, and those points; NaN without one. */
+function fitOfPoints(cameras, tracks, tolerance, settings) {
     const { support, error, others } = consensus(cameras, tracks, tolerance, settings);
     const errors = error.map((value, i) => (support[i] >= 2 ? value : Infinity));
     const points = others.map((value, k) => (support[Math.floor(k / 3)] >= 2 ? value : NaN));
-    return { errors, likeness: correlations(cameras, frames, tracks, points, settings.photometric) };
+    return { errors, points };
 }
 
 /** The observations that are good under either set of poses. */
@@ -73,21 +81,26 @@ function goodOf([before, after], isInside, tolerance) {
 }
 
 /** RMS errors before and after, truncated at the tolerance, of the good observations; NaN for none. */
-function truncated(errors, isInside, tolerance) {
-    const good = goodOf(errors, isInside, tolerance);
+function truncated(errors, good, tolerance) {
     return errors.map((each) => {
         return Math.sqrt(good.reduce((sum, i) => sum + Math.min(each[i], tolerance) ** 2, 0) / good.length);
     });
 }
 
-/** Mean likeness before and after, of the good observations where both are known; NaN for few, which are noise. */
-function meanLikeness(found, isInside, tolerance, fewest) {
-    const isKnown = (i) => found.every(({ likeness }) => Number.isFinite(likeness[i]));
-    const known = goodOf(found.map(({ errors }) => errors), isInside, tolerance).filter(isKnown);
+/** The points of some observations, NaN for the others. */
+function only(points, observations) {
+    const kept = new Float64Array(points.length).fill(NaN);
+    observations.forEach((i) => kept.set(points.subarray(...span(i)), 3 * i));
+    return kept;
+}
+
+/** Means before and after, over what is known of both; NaN for few, which are noise. */
+function meansOfKnown(values, fewest) {
+    const known = indicesWhere(values[0].length, (i) => values.every((each) => Number.isFinite(each[i])));
     if (known.length < fewest) {
         return [NaN, NaN];
     }
-    return found.map(({ likeness }) => known.reduce((sum, i) => sum + likeness[i], 0) / known.length);
+    return values.map((each) => known.reduce((sum, i) => sum + each[i], 0) / known.length);
 }
 
 /**
