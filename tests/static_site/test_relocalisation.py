@@ -127,13 +127,13 @@ def test_absolute_pose(call: Call, camera: Camera, wrong: float, spread: float, 
 
 
 def test_fern_with_wrong_poses(call: Call, data_folder: Path) -> None:
-    """Three of twelve real photographs state poses far off: the page places them as Python does, from its own features.
+    """Two of eight real photographs state poses far off: the page places them as Python does, from its own features.
 
     They are turned by 40 degrees and moved by half the distance to the scene.
     """
     capture = open_capture(data_folder / "fern", images="images_4", max_size=252)
-    scale, rng, true = estimate_scale(capture), np.random.default_rng(0), capture.train[:12]
-    wrong, frames = [2, 6, 9], list(true)
+    scale, rng, true = estimate_scale(capture), np.random.default_rng(0), capture.train[:8]
+    wrong, frames = [2, 5], list(true)
     for index in wrong:
         turn, offset = (one / np.linalg.norm(one) for one in rng.normal(size=(2, 3)))
         moved = turned_and_moved(frames[index].camera, np.radians(40) * turn, scale.distance / 2 * offset)
@@ -142,19 +142,17 @@ def test_fern_with_wrong_poses(call: Call, data_folder: Path) -> None:
         TYPED
         + OPEN_FINDER
         + """
-        const stages = [];
-        const onStage = async (text) => stages.push(text);
-        const found = await module.buildStructure(framesOf(given.frames), given.scale, settings.prior, finder, onStage);
+        const [frames, onStage] = [framesOf(given.frames), async () => {}];
+        const found = await module.buildStructure(frames, given.scale, settings.prior, finder, onStage);
         device.destroy();
         const { cameras, replaced, doubtful, isAdjusted } = found;
-        return [cameras.map(({ world_to_camera: m }) => m), replaced, doubtful, isAdjusted, stages, complaints];
+        return [cameras.map(({ world_to_camera: m }) => m), replaced, doubtful, isAdjusted, complaints];
     """
     )
     given = {"frames": plain_frames(frames), "scale": {"distance": scale.distance, "unit": scale.unit}}
-    poses, replaced, doubtful, is_adjusted, stages, complaints = call("prior/poses/structure.js", script, given)
+    poses, replaced, doubtful, is_adjusted, complaints = call("prior/poses/structure.js", script, given)
     expected = build_structure(frames, scale, StructureSettings())
     assert complaints == []
-    assert any(text.startswith("placing photographs anew, pair 1 of ") for text in stages)
     assert np.flatnonzero(replaced).tolist() == wrong
     assert not any(doubtful)
     assert not is_adjusted
