@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from pocketgs.capture.capture import Capture, Frame
+from pocketgs.geometry.camera import Camera
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
 from pocketgs.prior.features.features import Features
 from pocketgs.prior.poses.structure import Structure
@@ -103,6 +105,33 @@ def test_a_photograph_that_shows_nothing_leaves_gains_at_one(
     photographs[3] = replace(photographs[3], image=np.full_like(photographs[3].image, level))
     gains = exposure_gains(photographs, clean_structure, scale)
     np.testing.assert_array_equal(gains, np.ones((10, 3)))
+
+
+def plain(centre: Sequence[float], colour: np.ndarray) -> Frame:
+    """A photograph of 32 x 24 pixels of one colour, which looks along z from a place."""
+    pose = np.eye(4)
+    pose[:3, 3] = np.negative(centre)
+    image = np.broadcast_to(colour.astype(np.uint8), (24, 32, 3)).copy()
+    return Frame(f"{centre}.png", Camera(32, 24, 8.0, 8.0, 16.0, 12.0, pose), image)
+
+
+def test_memory_is_for_points_that_photographs_see(clean_structure: Structure) -> None:
+    # A walk along a wall of 15,000 points, 200 of them in a view, and 30 views of the whole wall.
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(-2, 301, 15_150), rng.uniform(-0.5, 0.5, 15_150), np.ones(15_150)])
+    centres = [(float(x), 0.0, 0.0) for x in range(300)] + [(150.0, 0.0, -150.0 - y) for y in range(30)]
+    colours = rng.integers(60, 180, (len(centres), 3))
+    photographs = [plain(centre, colour) for centre, colour in zip(centres, colours, strict=True)]
+    near = [np.abs(points[:, 0] - x) < 2 * (1 - z) for x, _, z in centres]
+    features = [(Features.none(), np.flatnonzero(seen).astype(np.int32)) for seen in near]
+    structure = replace(clean_structure, points=points, point_features=features)
+    tracemalloc.start()
+    try:
+        gains = exposure_gains(photographs, structure, Scale(1.0, 1.0))
+        assert tracemalloc.get_traced_memory()[1] < 50e6
+    finally:
+        tracemalloc.stop()
+    np.testing.assert_allclose(gains, colours / np.exp(np.log(colours).mean(axis=0)), rtol=0.01)
 
 
 STEPS = np.linspace(-1.0, 1.0, 10)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -28,6 +28,9 @@ SETTLED = 1e-4
 MIN_POINTS = 50
 ENOUGH_POINTS = 200
 """Points of a view that its colours are measured on: more take time and tell the same."""
+
+MOST_POINTS = 10 * ENOUGH_POINTS
+"""Points of a photograph that are measured at most: one that sees all of a large scene sees what all others need."""
 
 NEIGHBOURS = 3
 """Number of most similar views, whose points a photograph is taken to see."""
@@ -57,25 +60,78 @@ def exposure_gains(frames: Sequence[Frame], structure: Structure, scale: Scale) 
         (F, 3) factor on red, green and blue of each, with a geometric mean of 1; 1 for all where one
         of them sees too few points.
     """
-    cameras = [frame.camera for frame in frames]
-    distances = view_distances(cameras, cameras, scale.distance)
-    points, seen_by = _chosen_points(structure)
-    colours = np.full((len(frames), len(points), 3), np.nan)
-    for own, frame, order in zip(colours, frames, np.argsort(distances, axis=1, kind="stable"), strict=True):
-        visible = np.unique(np.concatenate([seen_by[view] for view in order[:NEIGHBOURS]]))
-        own[visible] = np.log(_colours_at(frame, points[visible]))
-    counted = np.isfinite(colours).all(axis=2)
-    colours = colours[:, counted.sum(axis=0) >= 2]
-    if np.isfinite(colours).all(axis=2).sum(axis=1).min() < MIN_POINTS:
+    seen = _samples(frames, structure, scale)
+    if np.bincount(seen.frame, minlength=len(frames)).min() < MIN_POINTS:
         return np.ones((len(frames), 3))
+    by_frame, by_point = _alike(seen.frame), _alike(seen.point)
     gains = np.zeros((len(frames), 3))
     for _ in range(ALTERNATIONS):
-        of_points = np.nanmedian(colours - gains[:, None], axis=0)
-        last, gains = gains, np.nanmedian(colours - of_points, axis=1)
+        of_points = _medians(seen.colours - gains[seen.frame], by_point)
+        last, gains = gains, _medians(seen.colours - of_points[seen.point], by_frame)
         gains -= gains.mean(axis=0)
         if np.abs(gains - last).max() < SETTLED:
             break
     return np.exp(gains)
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """M colours, each of a point in a photograph; a table of all points in all photographs would be nearly empty.
+
+    Attributes:
+        frame: (M,) int64 number of the photograph.
+        point: (M,) int64 number of the point.
+        colours: (M, 3) float64 natural logarithms of red, green and blue.
+    """
+
+    frame: np.ndarray
+    point: np.ndarray
+    colours: np.ndarray
+
+
+def _samples(frames: Sequence[Frame], structure: Structure, scale: Scale) -> _Samples:
+    """The colours of points that at least two photographs see well, numbered from 0."""
+    cameras = [frame.camera for frame in frames]
+    distances = view_distances(cameras, cameras, scale.distance)
+    points, seen_by = _chosen_points(structure)
+    # Drawn at random, since a point tells nothing if only one photograph draws it: photographs that all took the first
+    # of the same many points would leave the others to the few that see little else.
+    rng = np.random.default_rng(0)
+    numbers, colours = [], []
+    for frame, order in zip(frames, np.argsort(distances, axis=1, kind="stable"), strict=True):
+        visible = np.unique(np.concatenate([seen_by[view] for view in order[:NEIGHBOURS]]))
+        drawn = rng.permutation(visible)[:MOST_POINTS]
+        seen, levels = _colours_at(frame, points[drawn])
+        numbers.append(drawn[seen])
+        colours.append(np.log(levels))
+    frame_of, point = np.repeat(np.arange(len(frames)), [len(some) for some in numbers]), np.concatenate(numbers)
+    shared = np.bincount(point)[point] >= 2
+    _, renumbered = np.unique(point[shared], return_inverse=True)
+    return _Samples(frame_of[shared], renumbered, np.concatenate(colours)[shared])
+
+
+def _alike(group: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Groups of the same size together, whose samples fill a table.
+
+    Args:
+        group: (M,) number of the group that each sample belongs to; no group is empty.
+
+    Returns:
+        For each size S that groups have, (G,) their numbers and (G, S) the numbers of their samples.
+    """
+    order = np.argsort(group, kind="stable")
+    sizes = np.bincount(group)
+    starts = np.cumsum(sizes) - sizes
+    numbers = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
+    return [(some, order[starts[some, None] + np.arange(sizes[some[0]])]) for some in numbers]
+
+
+def _medians(values: np.ndarray, alike: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """(N, 3) medians of (M, 3) values over each of N groups, which are given as `_alike` returns them."""
+    medians = np.empty((sum(len(groups) for groups, _ in alike), 3))
+    for groups, samples in alike:
+        medians[groups] = np.median(values[samples], axis=1)
+    return medians
 
 
 def _chosen_points(structure: Structure) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -127,8 +183,8 @@ def compensated(frames: Sequence[Frame], gains: np.ndarray) -> list[Frame]:
     ]
 
 
-def _colours_at(frame: Frame, points: np.ndarray) -> np.ndarray:
-    """(N, 3) colours where points fall in a photograph, NaN where it does not see them well."""
+def _colours_at(frame: Frame, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) bool which points a photograph sees well, and (S, 3) float64 colours where those S fall in it."""
     pixels, depth = frame.camera.project(points)
     seen = (depth > 0) & frame.camera.contains(pixels)
     columns, rows = np.where(seen[:, None], pixels, 0).astype(np.int64).T
@@ -140,4 +196,4 @@ def _colours_at(frame: Frame, points: np.ndarray) -> np.ndarray:
         # Blurred colours near the mask's edge are mixed with what it leaves out.
         inner = cv2.erode(frame.mask.astype(np.uint8), np.ones((2 * BLUR_RADIUS + 1,) * 2, np.uint8))
         seen &= inner[rows, columns] > 0
-    return np.where(seen[:, None], colours, np.nan)
+    return seen, colours[seen]
