@@ -45,6 +45,16 @@ def test_names_may_hold_folders_and_spaces(ring, colmap_files, tmp_path):
     assert "photos/left eye/view 3.png" in [frame.name for frame in capture.frames]
 
 
+def test_absolute_names_are_found_in_the_capture(ring, colmap_files, tmp_path):
+    colmap_files.write(tmp_path / "sparse/0", "text")
+    renamed = colmap_files.text["images"].replace("view_", "/data/me/photos/view_")
+    (tmp_path / "sparse/0/images.txt").write_text(renamed)
+    ring.write_images(tmp_path / "images")
+    capture = open_capture(tmp_path)
+    assert sorted(frame.name for frame in capture.frames) == [f"images/{name}" for name in ring.names]
+    assert "10 of 10 were found by their names" in capture.warnings[0]
+
+
 def test_preferred_over_llff_when_complete(ring, colmap_files, tmp_path):
     ring.write_images(tmp_path / "images")
     colmap_files.write(tmp_path / "sparse/0")

@@ -16,6 +16,7 @@ from pocketgs.capture.open import lacks_poses, list_capture
 from pocketgs.capture.photograph_copy import place_masks, place_photograph
 from pocketgs.capture.unposed import find_photographs
 from pocketgs.errors import PocketGSError
+from pocketgs.structure_from_motion.images import source_masks
 
 RAMP = np.add.outer(np.arange(0, 96, 2), np.arange(0, 128, 2)).astype(np.uint8)
 PICTURE = np.dstack([RAMP, RAMP // 2 + 60, 255 - RAMP])
@@ -100,7 +101,19 @@ def test_photographs_without_poses_are_placed_upright(tmp_path):
     assert exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm] == 26
     assert np.abs(read_colour(placed / "c.JPG")[0].astype(int) - PICTURE[::-1, ::-1]).mean() < 4
     assert read_header(source / "b.jpg").orientation == 6
-    assert place_masks(source, found, tmp_path / "masks") == 0
+    assert source_masks(source, "found") == {}
+
+
+def test_long_notes_in_exif_are_left_out(tmp_path: Path) -> None:
+    """JPEG has room for 64 kB, PNG and HEIF have more."""
+    exif = on_its_side()
+    exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.MakerNote] = bytes(70_000)
+    Image.fromarray(PICTURE).save(tmp_path / "a.png", exif=exif)
+    (tmp_path / "placed").mkdir()
+    stored = Image.open(place_photograph(tmp_path / "a.png", tmp_path / "placed"))
+    assert stored.size == (48, 64)
+    assert stored.getexif()[ExifTags.Base.Model] == "Phone"
+    assert stored.getexif().get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm] == 26
 
 
 def test_masks_of_photographs_without_poses_are_turned_with_them(tmp_path):
@@ -109,12 +122,12 @@ def test_masks_of_photographs_without_poses_are_turned_with_them(tmp_path):
     placed.mkdir()
     mask = np.zeros((48, 64), np.uint8)
     mask[:10] = 255
-    for name, turned in (("a", mask), ("b", np.rot90(mask, -1))):
+    for name, turned in (("a", mask), ("b", np.rot90(mask, -1)), ("c", mask)):
         Image.fromarray(PICTURE).save(source / f"{name}.jpg", exif=on_its_side())
         Image.fromarray(turned).save(source / f"mask/{name}.png")
     found = {photograph: place_photograph(photograph, placed) for photograph in find_photographs(source)}
-    assert place_masks(source, found, tmp_path / "masks") == 2
-    for name in "ab":
+    place_masks(source_masks(source, "found"), found, tmp_path / "masks")
+    for name in "abc":
         stored = np.asarray(Image.open(tmp_path / f"masks/{name}.jpg.png"))
         np.testing.assert_array_equal(stored, np.rot90(mask, -1) > 0)
 

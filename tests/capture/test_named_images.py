@@ -103,6 +103,15 @@ def test_photographs_in_the_only_folder_of_photographs(ring, tmp_path):
     assert find_photographs(tmp_path) == []
 
 
+def test_a_picture_beside_the_photographs(ring, tmp_path):
+    ring.write_images(tmp_path / "images")
+    (tmp_path / f"images/{ring.names[0]}").rename(tmp_path / "cover.png")
+    assert [path.name for path in find_photographs(tmp_path)] == ring.names[1:]
+    for name in ring.names[1:6]:
+        (tmp_path / f"images/{name}").rename(tmp_path / name)
+    assert [path.name for path in find_photographs(tmp_path)] == ["cover.png", *ring.names[1:6]]
+
+
 def test_real_photographs_one_folder_down(data_folder: Path):
     for name, count in (("plush", 97), ("brighton", 18)):
         if (data_folder / name).is_dir():

@@ -220,7 +220,7 @@ def test_wrong_fields_are_named(write_transforms, field, value, said):
         ("mask_path", "../mask.png", "outside"),
         ("mask_path", "absent.png", "no such file"),
         ("mask_path", "x" * 5000, "cannot be looked up"),
-        ("depth_file_path", "images", "no such file|cannot be"),
+        ("depth_file_path", "../depth.png", "outside"),
         ("transform_matrix", [[float("nan")] * 4] * 4, "transform_matrix"),
         ("transform_matrix", [[1, 2], [3, 4]], "transform_matrix"),
         ("transform_matrix", np.diag([2.0, 2, 2, 1]).tolist(), "not rigid"),
@@ -235,6 +235,16 @@ def test_wrong_frames_are_named(ring, write_transforms, field, value, said):
     frames[1][field] = value
     with pytest.raises(PocketGSError, match=said):
         open_capture(write_transforms(frames=frames))
+
+
+def test_absent_depth_maps_are_left_out(ring, write_transforms):
+    frames = ring.transforms()["frames"]
+    for frame in frames[2:5]:
+        frame["depth_file_path"] = "depth/absent.png"
+    capture = open_capture(write_transforms(frames=frames))
+    assert [frame.depth for frame in capture.frames] == [None] * 10
+    (warning,) = capture.warnings
+    assert warning.endswith("transforms.json: 3 of its depth maps have no file, the first depth/absent.png")
 
 
 def test_nearly_rigid_poses_are_made_rigid(ring, write_transforms):

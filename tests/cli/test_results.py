@@ -17,6 +17,7 @@ from cli.conftest import Outcome
 from pocketgs import Gaussians
 from pocketgs.capture import list_capture
 from pocketgs.capture.capture import Frame
+from pocketgs.cli.scene_file import capture_of
 from pocketgs.errors import PocketGSError
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import run
@@ -300,3 +301,13 @@ def test_photographs_that_the_others_contradict_are_named(
         outcome.output + outcome.errors
     )
     assert len(list((tmp_path / "result" / "transients").iterdir())) == 1
+
+
+def test_photographs_stand_for_what_training_made_of_them(written_capture: Path, tmp_path: Path) -> None:
+    result, photographs = tmp_path / "result", tmp_path / "photographs"
+    shutil.copytree(written_capture / "images", photographs)
+    assert capture_of(result, photographs) == photographs
+    made = shutil.copytree(written_capture, result / "posed" / "photographs")
+    assert capture_of(result, photographs) == made
+    assert capture_of(result / "scene.ply", photographs) == made
+    assert capture_of(result, written_capture) == written_capture

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -213,6 +214,26 @@ def test_a_posed_capture_is_used_again_until_its_source_changes(
         posed(photographs, folder)
 
 
+@pytest.mark.usefixtures("colmap_outcome")
+def test_masks_of_photographs(photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those in a named folder, for photographs whose names they have; poses are found anew when masks change."""
+    mask = Image.fromarray(np.pad(np.ones((24, 64), np.uint8) * 255, ((0, 24), (0, 0))))
+    (tmp_path / "segments").mkdir()
+    mask.save(tmp_path / "segments/1.png")
+    options, folder = PoseOptions(masks=str(tmp_path / "segments")), tmp_path / "posed"
+    posed(photographs, folder, options)
+    assert [path.name for path in (folder / "masks").iterdir()] == ["1.jpg.png"]
+    frames = {Path(frame.name).name: frame for frame in open_capture(folder).frames}
+    np.testing.assert_array_equal(frames["1.jpg"].mask, np.asarray(mask) > 0)
+    assert frames["2.jpg"].mask is None
+    mask.save(tmp_path / "segments/2.png")
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    with pytest.raises(PocketGSError, match="whose package pycolmap"):
+        posed(photographs, folder, options)
+    with pytest.raises(PocketGSError, match="nowhere: no such folder"):
+        posed(photographs, folder, PoseOptions(masks="nowhere"))
+
+
 def test_photographs_are_no_capture(photographs: Path, written_capture: Path) -> None:
     assert lacks_poses(photographs)
     assert not lacks_poses(written_capture)
@@ -259,6 +280,21 @@ def test_the_same_photographs_give_the_same_poses(
     for name in ("first", "second"):
         pose(data_folder / "fern" / "images_8", tmp_path / name, PoseOptions(max_size=300))
     assert contents(tmp_path / "first") == contents(tmp_path / "second")
+
+
+@pytest.mark.slow
+def test_names_may_hold_any_character(data_folder: Path, tmp_path: Path) -> None:
+    """Spaces and number signs mean something in COLMAP's lists."""
+    originals = sorted((data_folder / "fern" / "images_8").iterdir())[:6]
+    for folder, pattern in (("plain", "{}.png"), ("copied", "# IMG {} (1).png")):
+        (tmp_path / folder).mkdir()
+        for number, original in enumerate(originals):
+            shutil.copy(original, tmp_path / folder / pattern.format(number))
+        pose(tmp_path / folder, tmp_path / f"{folder}_posed", PoseOptions(max_size=300))
+    plain, copied = (cameras_by_name(tmp_path / f"{folder}_posed") for folder in ("plain", "copied"))
+    assert sorted(copied) == [f"# IMG {number} (1).png" for number in range(6)]
+    for one, other in zip(sorted(plain), sorted(copied), strict=True):
+        np.testing.assert_array_equal(plain[one].world_to_camera, copied[other].world_to_camera)
 
 
 @pytest.mark.slow

@@ -48,7 +48,7 @@ def with_masks(listing: Listing, capture: Path, masks: str) -> Listing:
         return _with(listing, _match_all(names, folder), folder)
     if any(frame.mask_path is not None for frame in listing.frames):
         return listing
-    for beside in folders_of_masks(names, capture):
+    for beside in _folders_of_masks(names, capture):
         # The user did not ask for these masks: errors in them must not stop the run.
         try:
             return _with(listing, _match_all(names, beside), beside)
@@ -57,7 +57,27 @@ def with_masks(listing: Listing, capture: Path, masks: str) -> Listing:
     return listing
 
 
-def folders_of_masks(names: Sequence[str], capture: Path) -> list[Path]:
+def find_masks(names: Sequence[str], capture: Path, masks: str) -> dict[str, Path]:
+    """Masks of photographs without poses, by photograph.
+
+    Args:
+        names: the photographs' paths inside the capture.
+        capture: its folder.
+        masks: as for `with_masks`.
+
+    Raises:
+        PocketGSError: as `with_masks`, or one mask of a folder that was not asked for fits several photographs.
+    """
+    if masks == NONE:
+        return {}
+    folder = named_folder(capture, masks)
+    if folder is not None:
+        return _match_all(names, folder)
+    matches = (match(names, beside) for beside in _folders_of_masks(names, capture))
+    return next(filter(None, matches), {})
+
+
+def _folders_of_masks(names: Sequence[str], capture: Path) -> list[Path]:
     """Existing folders of masks: beside the photographs' folder, whatever its name, or in the capture.
 
     Photographs of half size, in `images_2`, may have their masks in `masks_2`.

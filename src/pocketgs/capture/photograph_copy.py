@@ -12,11 +12,12 @@ from PIL import ExifTags, Image, ImageOps
 
 from pocketgs.capture.image_file import UPRIGHT, read_colour, read_header, read_image
 from pocketgs.capture.mask_file import read_mask
-from pocketgs.capture.masks import folders_of_masks, match
-from pocketgs.files.paths import relative_name
 
 READ_BY_COLMAP = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp"})
 JPEG_QUALITY = 97
+
+MOST_EXIF = 65_533
+"""Bytes that fit into a segment of a JPEG file."""
 
 
 def place_photograph(photograph: Path, folder: Path) -> Path:
@@ -44,32 +45,25 @@ def place_photograph(photograph: Path, folder: Path) -> Path:
     return target
 
 
-def place_masks(source: Path, placed: Mapping[Path, Path], folder: Path) -> int:
-    """Put the masks beside photographs into a folder of their own, with COLMAP's names.
+def place_masks(masks: Mapping[Path, Path], placed: Mapping[Path, Path], folder: Path) -> None:
+    """Put masks of photographs into a folder of their own, with COLMAP's names.
 
     Args:
-        source: the folder that the photographs were found in.
+        masks: by photograph.
         placed: the result of `place_photograph` by photograph.
         folder: for the masks, created if there are any.
 
-    Returns:
-        Number of masks.
-
     Raises:
-        PocketGSError: a mask cannot be decoded, or fits several photographs.
+        PocketGSError: a mask cannot be decoded.
     """
-    names = {relative_name(photograph, source): photograph for photograph in placed}
-    matches = (match(list(names), masks) for masks in folders_of_masks(list(names), source))
-    found = next(filter(None, matches), {})
-    if found:
+    if masks:
         folder.mkdir()
-    for name, mask in found.items():
+    for photograph, mask in masks.items():
         usable = Image.fromarray(read_mask(mask))
-        header = read_header(names[name])
+        header = read_header(photograph)
         if header.upright_size != (header.width, header.height) and usable.size == (header.width, header.height):
             usable = _turned(usable, header.orientation)  # masks are made for stored pixels
-        usable.save(folder / f"{placed[names[name]].name}.png")
-    return len(found)
+        usable.save(folder / f"{placed[photograph].name}.png")
 
 
 def _turned(image: Image.Image, orientation: int) -> Image.Image:
@@ -77,10 +71,19 @@ def _turned(image: Image.Image, orientation: int) -> Image.Image:
     return ImageOps.exif_transpose(image)
 
 
-def _exif_upright(image: Image.Image) -> Image.Exif:
-    exif = image.getexif()
-    exif.pop(ExifTags.Base.Orientation, None)
-    return exif
+def _exif_upright(image: Image.Image) -> bytes:
+    """EXIF data but for the orientation, and for long notes that JPEG has no room for; nothing if it is damaged."""
+    try:
+        exif = image.getexif()
+        exif.pop(ExifTags.Base.Orientation, None)
+        if len(exif.tobytes()) > MOST_EXIF:
+            details = exif.get_ifd(ExifTags.IFD.Exif)
+            for notes in (ExifTags.Base.MakerNote, ExifTags.Base.UserComment):
+                details.pop(notes, None)
+        stored = exif.tobytes()
+    except Exception:  # damaged EXIF data raise different types
+        return b""
+    return stored if len(stored) <= MOST_EXIF else b""
 
 
 def _link_or_copy(source: Path, target: Path) -> None:

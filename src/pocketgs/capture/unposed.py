@@ -17,13 +17,14 @@ def is_video(path: Path) -> bool:
 
 
 def find_photographs(folder: Path) -> list[Path]:
-    """The photographs directly in a folder, or else in its folder `images`, sorted by name.
+    """The photographs directly in a folder or in its folder `images`, wherever there are more, sorted by name.
 
-    Without either, those of the only folder in it that contains photographs.
+    A few pictures beside `images` are a cover or notes. Without either, those of the only folder in it that contains
+    photographs.
     """
-    for candidate in (folder, folder / USUAL_FOLDER):
-        if found := find_photographs_in(candidate):
-            return found
+    found = max(map(find_photographs_in, (folder, folder / USUAL_FOLDER)), key=len)
+    if found:
+        return found
     inner = [path for path in sorted(folder.iterdir()) if is_folder_of_photographs(path)] if folder.is_dir() else []
     holding = [found for path in inner if (found := find_photographs_in(path))]
     return holding[0] if len(holding) == 1 else []

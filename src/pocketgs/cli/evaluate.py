@@ -11,7 +11,7 @@ import tyro
 
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.display import capture_lines, print_evaluation
-from pocketgs.cli.scene_file import drawn_by, in_world_of
+from pocketgs.cli.scene_file import capture_of, drawn_by, in_world_of
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import memory_bound
@@ -42,7 +42,7 @@ def evaluate(
     console = Terminal()
     with memory_bound(engine.max_memory):
         renderer, gaussians = drawn_by(scene, engine)
-        opened = in_world_of(scene, reading.open(capture))
+        opened = in_world_of(scene, reading.open(capture_of(scene, capture)))
     if not opened.held_out:
         raise PocketGSError(f"{capture}: no view is held out, expected --hold-out of at least 2")
     names = [f"{name}.png" for name in plain_names(frame.name for frame in opened.held_out)]

@@ -9,7 +9,7 @@ import tyro
 
 from pocketgs.capture.colmap_export import export_capture
 from pocketgs.cli.capture_options import CaptureOptions
-from pocketgs.cli.scene_file import in_world_of, names_scene
+from pocketgs.cli.scene_file import capture_of, in_world_of, names_scene
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
@@ -31,11 +31,11 @@ def export_colmap(
         max_memory: Megabytes that reading may take; larger files are refused.
         reading: Options for reading the capture; images are written as read.
     """
+    if poses_of is not None and not names_scene(poses_of):
+        raise PocketGSError(f"{poses_of}: expected a result folder")
     with memory_bound(max_memory):
-        opened = reading.open(capture)
+        opened = reading.open(capture if poses_of is None else capture_of(poses_of, capture))
     if poses_of is not None:
-        if not names_scene(poses_of):
-            raise PocketGSError(f"{poses_of}: expected a result folder")
         opened = in_world_of(poses_of, opened)
     export_capture(output, opened)
     points = 0 if opened.points is None else len(opened.points)

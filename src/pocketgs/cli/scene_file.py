@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import TypeAlias
 
 from pocketgs.capture.capture import Capture
+from pocketgs.capture.open import lacks_poses
 from pocketgs.errors import PocketGSError
 from pocketgs.files.journal import settle
 from pocketgs.results.cameras_file import with_poses_of
-from pocketgs.results.folder import CAMERAS, RECORD, SCENE
+from pocketgs.results.folder import CAMERAS, RECORD, SCENE, posed_folder
 from pocketgs.results.transients import without_transients_of
 from pocketgs.scene.formats import is_scene_name, read_scene
 from pocketgs.scene.gaussians import Gaussians
@@ -31,6 +32,17 @@ def names_scene(path: Path) -> bool:
 def folder_of(scene: Path) -> Path:
     """The result folder that a scene belongs to, if it belongs to one."""
     return scene if scene.is_dir() else scene.parent
+
+
+def capture_of(scene: Path, capture: Path) -> Path:
+    """A capture with poses: of photographs or a video, the one that training made of them in the scene's result folder.
+
+    Args:
+        scene: a scene file or a result folder.
+        capture: as the user named it.
+    """
+    made = posed_folder(folder_of(scene), capture)
+    return made if made.is_dir() and lacks_poses(capture) else capture
 
 
 def load_scene(path: Path) -> Gaussians:

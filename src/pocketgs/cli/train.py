@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from pocketgs.capture import ListedCapture
+from pocketgs.capture.masks import FOUND, NONE
 from pocketgs.capture.open import capture_name, is_transforms_file, lacks_poses
+from pocketgs.capture.unposed import is_video
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.compressing_run import CompressingRun
 from pocketgs.cli.shown_run import show_run
@@ -16,9 +19,10 @@ from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.view import FollowOptions
 from pocketgs.files.manifest import source_of
 from pocketgs.files.memory_bound import memory_bound
-from pocketgs.results.folder import check_free_for
+from pocketgs.results.folder import check_free_for, posed_folder
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import RunResult, run
+from pocketgs.structure_from_motion.options import PoseOptions
 from pocketgs.structure_from_motion.pose import posed
 from pocketgs.training.options import TrainingOptions
 
@@ -56,17 +60,21 @@ def train(
         def listed() -> ListedCapture:
             if not lacks_poses(capture):
                 return reading.listed(capture)
-            found = folder / "posed" / name
+            found = posed_folder(folder, capture)
             message = f"{capture} has no poses: structure from motion finds them and keeps them in {found}"
             console.say(message)
+            # Masks have the names of photographs; a video's frames get theirs only now.
+            masks = FOUND if is_video(capture) else reading.masks
             made = posed(
                 capture,
                 found,
+                PoseOptions(masks=masks),
                 on_stage=reporter.on_stage,
                 on_count=reporter.on_count,
                 on_warning=reporter.on_warning,
             )
-            return reading.listed(made)
+            are_copied = masks not in (FOUND, NONE)
+            return (replace(reading, masks=FOUND) if are_copied else reading).listed(made)
 
         if not compress:
             return run(listed, folder, training, resume=resume, reporter=reporter, source=source)

@@ -81,7 +81,11 @@ def with_poses_of(capture: Capture, path: Path) -> Capture:
     if not saved.refined:
         return capture
     if not any(frame.name in saved.cameras for frame in capture.frames):
-        raise PocketGSError(f"{path}: names no frame of {capture.path}, expected the capture that it was written for")
+        trained, read = next(iter(saved.cameras), "none"), capture.frames[0].name
+        raise PocketGSError(
+            f"{path}: names no frame of {capture.path}, expected the capture that it was written for, read with the "
+            f"same options, such as --images: its first frame is {trained}, the capture's {read}"
+        )
     posed = {
         frame.name: replace(frame.camera, world_to_camera=saved.cameras[frame.name].world_to_camera)
         for frame in capture.frames

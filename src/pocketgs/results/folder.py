@@ -19,6 +19,7 @@ import numpy as np
 from PIL import Image
 
 from pocketgs.capture.capture import Frame
+from pocketgs.capture.open import capture_name
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import remove_leftovers, replacing
 from pocketgs.files.journal import settle
@@ -36,6 +37,13 @@ COMPRESSED = "scene.pgs"
 
 FILES = (SCENE, RECORD, CHECKPOINT, CAMERAS)
 """Files of every result."""
+
+POSED = "posed"
+
+
+def posed_folder(result: Path, capture: Path) -> Path:
+    """The place in a result folder for the capture that is made of photographs or a video without poses."""
+    return result / POSED / capture_name(capture)
 
 
 @contextmanager

@@ -54,6 +54,7 @@ def run(job: Job) -> Outcome:
     database = Path(job["database"])
     pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
     pycolmap.set_random_seed(job["seed"])
+    names = _names(job)
     if not database.exists():
         _fill(job, database)
     announce("matching")
@@ -70,12 +71,14 @@ def run(job: Job) -> Outcome:
         return {"placed": [], **pairs}
     models.sort(key=lambda model: (model.num_reg_images(), model.num_points3D()), reverse=True)
     largest = models[0]
-    placed = sorted(image.name for image in largest.images.values() if image.has_pose)
+    placed = sorted(names[image.name] for image in largest.images.values() if image.has_pose)
     outcome = {"placed": placed, **pairs}
     if len(placed) <= job["better_than"]:
         return outcome
     largest = _with_stated_focal_lengths(job, largest)
     largest.write_binary(job["raw_model"])
+    for image in largest.images.values():
+        image.name = names[image.name]
     _enlarge(job, largest)
     _colour(job, largest)
     metric = _settle(job, largest)
@@ -90,8 +93,18 @@ def run(job: Job) -> Outcome:
     }
 
 
+def _names(job: Job) -> dict[str, str]:
+    """The images' names by those in the database.
+
+    COLMAP splits each line of a list of pairs at spaces, and takes `#` for a comment: there, images have numbers.
+    """
+    names = [image["name"] for camera in job["cameras"] for image in camera["images"]]
+    return {f"{number:06d}": name for number, name in enumerate(names)}
+
+
 def _fill(job: Job, database: Path) -> None:
     """Create the database with cameras, images and their features."""
+    numbers = iter(_names(job))
     with pycolmap.Database.open(database) as made, pycolmap.DatabaseTransaction(made):
         for number, camera in enumerate(job["cameras"], start=1):
             width, height = camera["size"]
@@ -104,17 +117,17 @@ def _fill(job: Job, database: Path) -> None:
             rig.add_ref_sensor(lens.sensor_id)
             rig_id = made.write_rig(rig)
             for image in camera["images"]:
-                _add_image(made, image, number, rig_id)
+                _add_image(made, next(numbers), image["features"], number, rig_id)
 
 
-def _add_image(database: pycolmap.Database, listed: Job, camera: int, rig: int) -> None:
-    image = pycolmap.Image(name=listed["name"], camera_id=camera)
+def _add_image(database: pycolmap.Database, name: str, file: str, camera: int, rig: int) -> None:
+    image = pycolmap.Image(name=name, camera_id=camera)
     image.image_id = database.write_image(image)
     frame = pycolmap.Frame()
     frame.rig_id = rig
     frame.add_data_id(image.data_id)
     database.write_frame(frame)
-    with np.load(listed["features"]) as features:
+    with np.load(file) as features:
         descriptors = pycolmap.FeatureDescriptors(type=pycolmap.FeatureExtractorType.SIFT, data=features["descriptors"])
         database.write_keypoints(image.image_id, features["keypoints"])
         database.write_descriptors(image.image_id, descriptors)
@@ -127,13 +140,14 @@ def _match(job: Job, database: Path) -> None:
     if not job["pairs"]:
         with pycolmap.Database.open(database) as found:
             found.clear_two_view_geometries()
-    pairs = job["pairs"] or _matched(database)
+    numbers = {name: number for number, name in _names(job).items()}
+    pairs = [(numbers[first], numbers[second]) for first, second in job["pairs"]] or _matched(database)
     listed = database.with_name("pairs.txt")
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = str(listed)
     for start in range(0, len(pairs), PAIRS_AT_ONCE):
         some = pairs[start : start + PAIRS_AT_ONCE]
-        listed.write_text("".join(f"{first} {second}\n" for first, second in some), encoding="utf-8")
+        listed.write_text("".join(f"{first} {second}\n" for first, second in some), encoding="ascii")
         pycolmap.match_image_pairs(
             database, pairing_options=pairing, verification_options=verification, device=pycolmap.Device.cpu
         )
@@ -141,7 +155,7 @@ def _match(job: Job, database: Path) -> None:
 
 
 def _matched(database: Path) -> list[tuple[str, str]]:
-    """The pairs that have been matched."""
+    """The pairs that have been matched, by their names in the database."""
     with pycolmap.Database.open(database) as found:
         names = {image.image_id: image.name for image in found.read_all_images()}
         numbers = [pycolmap.pair_id_to_image_pair(pair) for pair in found.read_num_matches()[0]]

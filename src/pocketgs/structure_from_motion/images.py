@@ -6,12 +6,14 @@ from pathlib import Path
 
 from PIL import Image
 
+from pocketgs.capture.masks import FOUND, NONE, find_masks
 from pocketgs.capture.photograph_copy import place_masks, place_photograph
 from pocketgs.capture.unposed import find_photographs, is_video
 from pocketgs.capture.video_file import read_frames, sharpest_frames
 from pocketgs.errors import PocketGSError
-from pocketgs.files.paths import IMAGE_SUFFIXES
+from pocketgs.files.paths import IMAGE_SUFFIXES, relative_name
 from pocketgs.structure_from_motion.folder import MASKS
+from pocketgs.structure_from_motion.options import PoseOptions
 from pocketgs.structure_from_motion.work import Count, each
 
 FEWEST = 3
@@ -37,15 +39,29 @@ def source_files(source: Path) -> list[Path]:
     return photographs
 
 
-def gather(source: Path, folder: Path, most_frames: int, threads: int, on_count: Count) -> None:
+def source_masks(source: Path, masks: str) -> dict[Path, Path]:
+    """The masks of photographs, by photograph; see `find_masks`.
+
+    Raises:
+        PocketGSError: the named masks are not there, or fit several photographs, or the source is a video.
+    """
+    if is_video(source):
+        if masks not in (FOUND, NONE):
+            raise PocketGSError(f"{source}: is a video, whose frames have no names yet that masks could have")
+        return {}
+    photographs = {relative_name(path, source): path for path in source_files(source)}
+    return {photographs[name]: mask for name, mask in find_masks(list(photographs), source, masks).items()}
+
+
+def gather(source: Path, folder: Path, options: PoseOptions, threads: int, on_count: Count) -> None:
     """Copy a video's sharpest frames, or the photographs, to a new folder; the originals are not changed.
 
-    Photographs are stored upright, see `place_photograph`; masks beside them go to `MASKS` beside the new folder.
+    Photographs are stored upright, see `place_photograph`; their masks go to `MASKS` beside the new folder.
 
     Args:
         source: the video, or the folder with photographs.
         folder: to create.
-        most_frames: maximum number of frames of a video.
+        options: the maximum number of frames of a video, and which masks to use.
         threads: number of threads.
         on_count: called with the number of images done.
 
@@ -55,10 +71,10 @@ def gather(source: Path, folder: Path, most_frames: int, threads: int, on_count:
     files = source_files(source)
     folder.mkdir()
     if is_video(source):
-        _extract(source, folder, most_frames, on_count)
+        _extract(source, folder, options.most_frames, on_count)
         return
     placed = dict(zip(files, each(files, lambda path: place_photograph(path, folder), threads, on_count), strict=True))
-    place_masks(source, placed, folder.parent / MASKS)
+    place_masks(source_masks(source, options.masks), placed, folder.parent / MASKS)
 
 
 def _extract(video: Path, folder: Path, most_frames: int, on_count: Count) -> None:

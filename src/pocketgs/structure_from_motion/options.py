@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from pocketgs.capture.masks import FOUND
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import MAX_SIDE
 
@@ -19,12 +20,15 @@ class PoseOptions:
         most_frames: Maximum number of frames from a video, the sharpest of as many equal windows. All photographs are
             used.
         max_size: Features are computed in images reduced to this many pixels on the longer side.
+        masks: Folder with masks of photographs, white for pixels to use. By default a folder masks or mask beside them;
+            "none" uses no masks.
         camera_model: COLMAP's name for the lens model; images of one size share one camera.
         seed: Random seed.
     """
 
     most_frames: int = 150
     max_size: int = 1600
+    masks: str = FOUND
     camera_model: CameraModel = "OPENCV"
     seed: int = 0
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_folder import replacing_folder
 from pocketgs.structure_from_motion.attempts import place_all
 from pocketgs.structure_from_motion.folder import IMAGES, MASKS, MODEL, check_replaceable, read_record
-from pocketgs.structure_from_motion.images import gather, source_files
+from pocketgs.structure_from_motion.images import gather, source_files, source_masks
 from pocketgs.structure_from_motion.options import PoseOptions
 from pocketgs.structure_from_motion.photographs import read_photographs
 from pocketgs.structure_from_motion.process import check_installed, threads_that_fit
@@ -91,7 +91,7 @@ def pose(
         with replacing_folder(output) as (staging, workspace):
             threads = _threads(source, options)
             on_stage("frames")
-            gather(source, staging / IMAGES, options.most_frames, threads, on_count)
+            gather(source, staging / IMAGES, options, threads, on_count)
             on_stage("features")
             photographs = read_photographs(
                 staging / IMAGES, staging / MASKS, workspace, options.max_size, threads, on_count
@@ -134,7 +134,8 @@ def posed(
 ) -> Path:
     """The folder with the posed capture of photographs or a video; poses are found only if this was not done before.
 
-    It is reused if it was made with the same options from files of the same names, sizes and modification times.
+    It is reused if it was made with the same options from photographs and masks of the same names, sizes and
+    modification times.
 
     Args:
         images_or_video: as for `pose`.
@@ -156,9 +157,12 @@ def posed(
 
 def _made_from(source: Path, options: PoseOptions) -> dict[str, Any]:
     """Everything that poses depend on, as written to the record."""
-    stats = {path.name: path.stat() for path in source_files(source)}
-    files = [[name, stat.st_size, stat.st_mtime_ns] for name, stat in stats.items()]
-    return {"files": files, "options": asdict(options)}
+
+    def states(paths: Iterable[Path]) -> list[list[Any]]:
+        return [[path.name, path.stat().st_size, path.stat().st_mtime_ns] for path in paths]
+
+    masks = source_masks(source, options.masks).values()
+    return {"files": states(source_files(source)), "masks": states(masks), "options": asdict(options)}
 
 
 def _threads(source: Path, options: PoseOptions) -> int:

@@ -37,7 +37,7 @@ def read(path: Path, images: str | None = None) -> Listing:
     file = path if path.is_file() else path / "transforms.json"
     document = read_json(file)
     listed, warnings = read_frames(document, file.parent, images)
-    warnings += absent_warning(listed, document) + depth_warning(document)
+    warnings += absent_warning(listed, document) + depth_warning(listed, document)
     if listed and all(frame is None for frame in listed):
         raise PocketGSError(f"{file}: none of the {len(listed)} listed frames has an image file")
     frames, held_out = _split(document, listed)

@@ -13,7 +13,7 @@ from pocketgs.capture.named_images import find_images, find_stated
 from pocketgs.capture.poses import camera_at, world_to_camera_from_opengl
 from pocketgs.errors import PocketGSError, short
 from pocketgs.files.json_fields import Fields
-from pocketgs.files.paths import inside, relative_name
+from pocketgs.files.paths import existing_file, inside, relative_name
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.lens import PINHOLE, Lens
 
@@ -63,16 +63,21 @@ def absent_warning(frames: list[FrameSource | None], document: Fields) -> tuple[
     return (f"{document.where}: {len(absent)} of {len(frames)} listed frames have no image file, the first {first}",)
 
 
-def depth_warning(document: Fields) -> tuple[str, ...]:
-    """A warning if there are depth maps without a unit, or none.
+def depth_warning(frames: list[FrameSource | None], document: Fields) -> tuple[str, ...]:
+    """A warning if depth maps are absent or lack a unit, or none: photographs alone are enough.
 
     Offline, the NeRFCapture app writes `depth_path` without `integer_depth_scale`; the files are then 8-bit pictures
     that hold no usable depth.
     """
-    frames = [frame.over(document).values for frame in document.objects("frames")]
-    if not any("depth_path" in f and "depth_file_path" not in f and "integer_depth_scale" not in f for f in frames):
+    stated = [fields.over(document) for fields in document.objects("frames")]
+    values = [fields.values for fields in stated]
+    if any("depth_path" in f and "depth_file_path" not in f and "integer_depth_scale" not in f for f in values):
+        return (f"{document.where}: its depth maps are left out, since no 'integer_depth_scale' states their unit",)
+    named = [_read_depth(fields)[0] for fields in stated]
+    absent = [n for n, frame in zip(named, frames, strict=True) if n is not None and frame and not frame.depth_path]
+    if not absent:
         return ()
-    return (f"{document.where}: its depth maps are left out, since no 'integer_depth_scale' states their unit",)
+    return (f"{document.where}: {len(absent)} of its depth maps have no file, the first {absent[0]}",)
 
 
 def _read_frame(fields: Fields, folder: Path, path: Path) -> FrameSource:
@@ -84,7 +89,7 @@ def _read_frame(fields: Fields, folder: Path, path: Path) -> FrameSource:
         camera=_read_camera(fields, path),
         lens=_read_lens(fields),
         mask_path=None if mask is None else inside(folder, mask, fields.where),
-        depth_path=None if depth is None else inside(folder, depth, fields.where),
+        depth_path=None if depth is None else existing_file(folder, depth, fields.where),
         depth_unit=depth_unit,
     )
 
