@@ -14,7 +14,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from pocketgs.serve.entry import Entry, Process, UploadedFile, read_entry
+from pocketgs.serve.entry import Entry, Process, State, UploadedFile, read_entry
 from pocketgs.serve.server import ServeOptions, serving_folder
 from pocketgs.serve.shelf import Shelf, new_id
 from serve.client import Phone
@@ -131,10 +131,12 @@ def test_an_effort_that_is_no_more_offered(folder: Path, serve: Callable[..., Ph
 
 
 @pytest.mark.usefixtures("untrained")
-def test_a_check_that_was_cut_off(folder: Path, serve: Callable[..., Phone], zipped: bytes) -> None:
+@pytest.mark.parametrize("state", ["uploading", "checking"])
+def test_a_check_that_was_cut_off(folder: Path, serve: Callable[..., Phone], zipped: bytes, state: State) -> None:
+    """While it went on, or when all had arrived and it was about to begin."""
     shelf = Shelf(folder)
     files = (UploadedFile("a.zip", "0001.zip", len(zipped)),)
-    entry = Entry(new_id(), "toys", "archive", files, "quick", 1.0, "checking")
+    entry = Entry(new_id(), "toys", "archive", files, "quick", 1.0, state)
     shelf.add(entry)
     place = shelf.place(entry)
     (place / "upload" / "0001.zip").write_bytes(zipped)

@@ -258,6 +258,16 @@ def test_full_disk(serve: Serve, folder: Path, monkeypatch: pytest.MonkeyPatch) 
     assert (answer.status, "disk is full (0 MB are free" in answer.json["error"]) == (507, True)
 
 
+def test_full_disk_at_the_end_of_an_upload(serve: Serve) -> None:
+    """It is checked, although the disk has no room to note that it is complete."""
+    phone, content = serve(), b"no video"
+    identity = phone.begin({"walk.mov": content}).json["id"]
+    with files_of_at_most(50):
+        answer = phone.put(identity, 1, 0, content)
+    assert "about.json: cannot be written" in answer.json["error"]
+    phone.until(identity, "unusable")
+
+
 def test_unfinished_uploads_are_few(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(uploads, "MOST_UNFINISHED", 2)
     phone = serve()
@@ -312,10 +322,14 @@ def test_downloads_and_the_viewer(serve: Serve, folder: Path, photographs: dict[
     result.mkdir()
     rng = np.random.default_rng(0)
     scene = Gaussians(*(rng.normal(size=(50, *tail)) for tail in ((3,), (3,), (4,), (), (4, 3))))
-    scene.save(result / "scene.ply")
     record = {"psnr": 20.5, "iterations": 7, "gaussians": 50, "interrupted": False}
     (result / "run.json").write_text(json.dumps(record))
-    told = phone.capture(identity)["result"]
+    assert phone.capture(identity)["result"] is None, "a result's files come one after the other"
+    for count, second in ((30, 1), (50, 2)):
+        scene.select(np.arange(count)).save(result / "scene.ply")
+        os.utime(result / "scene.ply", (second, second))
+        told = phone.capture(identity)["result"]
+        assert told["bytes"] == (result / "scene.ply").stat().st_size
     assert (told["psnr"], told["gaussians"], told["can_go_on"]) == (20.5, 50, False)
     for suffix in (".ply", ".spz", ".pgs"):
         answer = fetch(phone.url, f"captures/{identity}/scene{suffix}")

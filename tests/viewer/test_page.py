@@ -256,6 +256,33 @@ def test_appearances(visit: Visit) -> None:
     assert np.ptp(brightness) > 1.0
 
 
+DEPTHS = """async ([near, unit]) => {
+    const { openDevice } = await import(new URL("gpu/device.js", document.baseURI));
+    const { Display } = await import(new URL("page/drawing/display.js", document.baseURI));
+    const device = await openDevice();
+    const canvas = Object.assign(document.createElement("canvas"), { width: 64, height: 1 });
+    const image = device.createBuffer({ size: 16 * 64, usage: GPUBufferUsage.STORAGE | GPUBufferUsage.COPY_DST });
+    const opaque = Array.from({ length: 64 }, (_, i) => [unit * (1 + i / 16), 0, 0, 0]);
+    device.queue.writeBuffer(image, 0, new Float32Array(opaque.flat()));
+    const display = await Display.open(device, canvas);
+    display.show(image, canvas, canvas, { background: [0, 0, 0], asDepth: true, near: near * unit });
+    const seen = Object.assign(document.createElement("canvas"), { width: 64, height: 1 }).getContext("2d");
+    seen.drawImage(canvas, 0, 0);
+    device.destroy();
+    return Array.from(seen.getImageData(0, 0, 64, 1).data);
+}"""
+
+
+def test_depths_look_the_same_in_every_unit(visit: Visit) -> None:
+    """Such as millimetres: the nearest and the farthest of a scene differ as much as in metres."""
+    metres, *others = (np.reshape(visit.page.evaluate(DEPTHS, [0.01, unit]), (64, 4)) for unit in (1, 1000, 1e-7))
+    brightness = metres[:, :3].sum(axis=1)
+    assert (np.diff(brightness) <= 0).all()
+    assert np.ptp(brightness) > 255
+    for other in others:
+        np.testing.assert_allclose(other, metres, atol=3)
+
+
 def test_an_appearance_without_room_leaves_the_picture(visit: Visit) -> None:
     """The GPU's memory is full once: the page says so, goes on as before, and the next try works."""
     before = visit.picture()

@@ -4,23 +4,37 @@ from __future__ import annotations
 
 import threading
 import time
-from contextlib import suppress
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack, suppress
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import numpy as np
+from aiohttp import web
 from playwright.sync_api import Locator, expect
 
 from pocketgs import TrainingOptions
 from pocketgs.capture import list_capture
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import run
+from pocketgs.scene.formats import ply
+from pocketgs.viewer.access import new_token
+from pocketgs.viewer.content import Content
 from pocketgs.viewer.live import LiveRun
-from pocketgs.viewer.server import serving
-from viewer.browsing import PATIENCE, Visit, open_browser, visiting
+from pocketgs.viewer.routes import application
+from pocketgs.viewer.server import Page as Served
+from pocketgs.viewer.server import serving, serving_application
+from viewer.browsing import NO_GPU, PATIENCE, Visit, open_browser, visiting
+from viewer.marks import marked_scene
 
 # One thread, so that the browser gets some of the machine too.
 OPTIONS = TrainingOptions(iterations=10**6, prior="none", engine="cpu", threads=1, evaluate_every=100)
 SECONDS_OF_PAUSE = 2.0
+IMPATIENT = """
+const wait = window.setTimeout;
+window.setTimeout = (task, milliseconds) => wait(task, milliseconds / 10);
+"""
+"""A script that lets a page try again sooner."""
 
 
 def test_page_follows_a_run(written_capture: Path, tmp_path: Path) -> None:
@@ -66,6 +80,44 @@ def test_page_follows_a_run(written_capture: Path, tmp_path: Path) -> None:
             followed.obey("resume")
             leave.set()
             training.join()
+
+
+def test_pages_that_missed_the_end_of_a_run(tmp_path: Path) -> None:
+    """As on a phone that slept: once there is a result they show it, unless the user has opened a file meanwhile."""
+    scene, result, opened = marked_scene(), tmp_path / "scene.ply", tmp_path / "opened.ply"
+    ply.write_gaussians(result, scene)
+    ply.write_gaussians(opened, scene.select(np.arange(3)))
+    followed, token = LiveRun("toys"), new_token()
+
+    def served(content: Callable[[], Content], run: LiveRun | None, port: int) -> AbstractContextManager[Served]:
+        return serving_application(lambda access: application(access, content, run), port=port, token=token)
+
+    with open_browser() as browser, ExitStack() as server:
+        url = server.enter_context(served(lambda: followed.news.content, followed, 0)).url
+        port = urlsplit(url).port or 0
+        with ExitStack() as visits:
+            visit, other = (
+                visits.enter_context(visiting(browser, url, 400, 300, NO_GPU + IMPATIENT)) for _ in range(2)
+            )
+            followed.news.post_progress(stage="training")
+            expect(visit["#stage"]).to_have_text("training", timeout=PATIENCE)
+            expect(other["#stage"]).to_have_text("training", timeout=PATIENCE)
+            other.drop("opened.ply", opened.read_bytes())
+            expect(other["#title"]).to_have_text("opened.ply", timeout=PATIENCE)
+            server.close()
+            expect(visit["#stage"]).to_have_text("connection lost", timeout=PATIENCE)
+            with served(nothing, None, port):
+                expect(visit["#stage"]).to_have_text("ended without a result", timeout=PATIENCE)
+                expect(visit["#live-buttons"]).to_be_hidden()
+            with served(lambda: Content("toys", result), None, port):
+                expect(visit["#stats"]).to_contain_text(f"{len(scene)} splats", timeout=PATIENCE)
+                expect(other["#live"]).to_be_hidden(timeout=PATIENCE)
+                expect(other["#title"]).to_have_text("opened.ply")
+
+
+def nothing() -> Content:
+    """What a server has of a run that left no result."""
+    raise web.HTTPNotFound
 
 
 def picture_at_rest(visit: Visit) -> np.ndarray:

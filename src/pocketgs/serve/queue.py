@@ -83,13 +83,15 @@ class Queue:
             await asyncio.sleep(0.02)
 
     async def recover(self) -> None:
-        """Queue again what a server that was killed has left half done, and end the run that it left behind."""
+        """Take up again what a server that was killed has left half done, and end the run that it left behind."""
         for entry in list(self._shelf.entries.values()):
             if entry.process:
                 await asyncio.to_thread(child.end, entry.process)
             if entry.state == "training":
                 complete = is_complete(self._shelf.place(entry) / RESULT, entry.begun)
                 self._note(entry.id, state="trained" if complete else "queued", process=None)
+            elif entry.state == "uploading" and self._shelf.has_all(entry):
+                self._note(entry.id, state="checking")  # no more pieces come, which would tell that it is complete
 
     async def check_uploads(self) -> None:
         """Check complete uploads, until cancelled."""

@@ -129,6 +129,10 @@ class Shelf:
         folder = self.place(entry) / UPLOAD
         return [_size_of(folder / file.stored) for file in entry.files]
 
+    def has_all(self, entry: Entry) -> bool:
+        """Whether all of a capture's files are complete."""
+        return self.received(entry) == [file.size for file in entry.files]
+
     def _move(self, entry: Entry, moved: Entry, source: dict[str, Entry]) -> Entry:
         target = self.folder / (TRASH if moved.deleted is not None else CAPTURES) / entry.id
         try:

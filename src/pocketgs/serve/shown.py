@@ -8,9 +8,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from pocketgs.errors import PocketGSError
+from pocketgs.files.json_fields import read_json
 from pocketgs.results.folder import RECORD, SCENE
 from pocketgs.serve.entry import Entry
-from pocketgs.serve.outcome import can_go_on, record_of
+from pocketgs.serve.outcome import can_go_on
 from pocketgs.serve.queue import Queue
 from pocketgs.serve.shelf import RESULT, THUMBNAIL, Shelf
 
@@ -66,17 +68,28 @@ def shown_deleted(entry: Entry) -> dict[str, Any]:
 
 
 def _result_of(result: Path, entry: Entry) -> dict[str, Any] | None:
-    written = _time_of(result / RECORD)
-    told = _figures_of(result, written) if written is not None else None
-    return told and {**told, "can_go_on": bool(told["interrupted"]) and can_go_on(result, entry.begun)}
+    with suppress(PocketGSError, OSError):
+        told = _figures_of(result, *((result / name).stat().st_mtime_ns for name in (RECORD, SCENE)))
+        return {**told, "can_go_on": bool(told["interrupted"]) and can_go_on(result, entry.begun)}
+    return None
 
 
 @lru_cache(256)
-def _figures_of(result: Path, written: int) -> dict[str, Any] | None:
-    """The figures of a result; kept until the next one is written."""
-    record = record_of(result)
-    if record is None:
-        return None
+def _figures_of(result: Path, recorded: int, written: int) -> dict[str, Any]:
+    """The figures of a result; kept until the next one is written.
+
+    That there is none is an error and so is not kept: files of a new result come one after the other.
+
+    Args:
+        result: its folder.
+        recorded: when its record was written.
+        written: when its scene was.
+
+    Raises:
+        PocketGSError: the record cannot be read.
+        OSError: there is no scene.
+    """
+    record = read_json(result / RECORD).values
     told = {name: record.get(name) for name in ("psnr", "iterations", "gaussians", "interrupted")}
     return {**told, "bytes": (result / SCENE).stat().st_size}
 

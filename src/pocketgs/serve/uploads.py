@@ -89,7 +89,9 @@ class Uploads:
     async def _complete(self, identity: str) -> None:
         """Hand a capture to the queue if all of it has arrived, unless it was deleted meanwhile."""
         entry = self._shelf.entries.get(identity)
-        if entry and self._shelf.received(entry) == [file.size for file in entry.files]:
-            self._shelf.save(replace(entry, state="checking"))
+        if entry and self._shelf.has_all(entry):
             self._last_piece.pop(identity, None)
-            await self._queue.tell()
+            try:
+                self._shelf.save(replace(entry, state="checking"))
+            finally:  # on a full disk too: the shelf knows it in memory
+                await self._queue.tell()

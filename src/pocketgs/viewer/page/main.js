@@ -125,6 +125,11 @@ function follow(view, cameras) {
             }
             showPreviews(viewer.previews);
         },
+        onResult: () => {
+            if (mayShow()) {
+                location.reload();
+            }
+        },
         onFault: showMessage,
     });
 }

@@ -51,28 +51,31 @@ export class Display {
      * @param {GPUBuffer} image RGB and transmittance of every pixel, row by row; as depths, Σ α T depth in place of RGB
      * @param {{width: number, height: number}} size of the image
      * @param {{width: number, height: number}} canvas
-     * @param {[number, number, number]} background RGB
-     * @param {boolean} asDepth
+     * @param {Object} how
+     * @param {[number, number, number]} how.background RGB
+     * @param {boolean} how.asDepth
+     * @param {number} how.near the least depth that is drawn
      */
-    show(image, size, canvas, background, asDepth) {
+    show(image, size, canvas, { background, asDepth, near }) {
         const values = new ArrayBuffer(UNIFORM_BYTES);
         new Float32Array(values, 0, 4).set([...background, 1]);
         new Uint32Array(values, 16, 5).set([size.width, size.height, canvas.width, canvas.height, Number(asDepth)]);
+        new Float32Array(values, 36, 1).set([near]);
         this.#device.queue.writeBuffer(this.#uniform, 0, values);
+        const [uniform, histogram, range] = [this.#uniform, this.#histogram, this.#range].map((buffer) => ({ buffer }));
         const pixels = { buffer: image, size: 16 * size.width * size.height };
         const encoder = this.#device.createCommandEncoder({ label: "display" });
         if (asDepth) {
             encoder.clearBuffer(this.#histogram);
             const pass = encoder.beginComputePass();
-            this.#dispatch(pass, this.#pipelines.count, [pixels, { buffer: this.#histogram }], COUNTING_GROUPS);
-            this.#dispatch(pass, this.#pipelines.find, [{ buffer: this.#histogram }, { buffer: this.#range }], 1);
+            this.#dispatch(pass, this.#pipelines.count, [uniform, pixels, histogram], COUNTING_GROUPS);
+            this.#dispatch(pass, this.#pipelines.find, [histogram, range], 1);
             pass.end();
         }
         const view = this.#context.getCurrentTexture().createView();
         const pass = encoder.beginRenderPass({ colorAttachments: [{ view, loadOp: "clear", storeOp: "store" }] });
         pass.setPipeline(this.#pipelines.draw);
-        const resources = [{ buffer: this.#uniform }, pixels, { buffer: this.#range }];
-        pass.setBindGroup(0, this.#bindGroup(this.#pipelines.draw, resources));
+        pass.setBindGroup(0, this.#bindGroup(this.#pipelines.draw, [uniform, pixels, range]));
         pass.draw(3);
         pass.end();
         this.#device.queue.submit([encoder.finish()]);

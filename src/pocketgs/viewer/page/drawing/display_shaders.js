@@ -4,34 +4,48 @@
  * @module
  */
 
-/** Depths are counted by their logarithm: bins of 1/16 octave from 2^-6 on. */
+/** Depths are counted by their logarithm: bins of 1/16 octave from the near plane on. */
 const HISTOGRAM = /* wgsl */ `
 const BINS: u32 = 256u;
 const BINS_PER_OCTAVE: f32 = 16.0;
-const FIRST_OCTAVE: f32 = -6.0;
+`;
+
+/** What is to be drawn, and what its pixels mean. */
+const DISPLAY = /* wgsl */ `
+struct Display {
+    background: vec4f,
+    image_size: vec2u,
+    canvas_size: vec2u,
+    shows_depth: u32,
+    near: f32,
+}
+
+@group(0) @binding(0) var<uniform> display: Display;
 
 // A pixel of the image holds Σ α T depth and, as the fourth number, the transmittance.
 fn opacity_of(pixel: vec4f) -> f32 {
     return 1.0 - pixel.a;
 }
 
+// In octaves beyond the near plane, which follows the scene's unit of length.
 fn log_depth_of(pixel: vec4f) -> f32 {
-    return log2(max(pixel.r / max(opacity_of(pixel), 1e-6), 1e-6));
+    return log2(max(pixel.r / max(opacity_of(pixel), 1e-6) / display.near, 1.0));
 }
 `;
 
 /** Counts the depths of opaque pixels. */
 export const COUNT_DEPTHS = /* wgsl */ `
 ${HISTOGRAM}
-@group(0) @binding(0) var<storage, read> image: array<vec4f>;
-@group(0) @binding(1) var<storage, read_write> histogram: array<atomic<u32>>;
+${DISPLAY}
+@group(0) @binding(1) var<storage, read> image: array<vec4f>;
+@group(0) @binding(2) var<storage, read_write> histogram: array<atomic<u32>>;
 
 @compute @workgroup_size(256)
 fn main(@builtin(global_invocation_id) thread: vec3u, @builtin(num_workgroups) groups: vec3u) {
     for (var i = thread.x; i < arrayLength(&image); i += 256u * groups.x) {
         if (opacity_of(image[i]) > 0.5) {
-            let bin = (log_depth_of(image[i]) - FIRST_OCTAVE) * BINS_PER_OCTAVE;
-            atomicAdd(&histogram[u32(clamp(bin, 0.0, f32(BINS - 1u)))], 1u);
+            let bin = log_depth_of(image[i]) * BINS_PER_OCTAVE;
+            atomicAdd(&histogram[u32(min(bin, f32(BINS - 1u)))], 1u);
         }
     }
 }
@@ -48,7 +62,7 @@ fn quantile(share: f32, total: f32) -> f32 {
     for (var bin = 0u; bin < BINS; bin++) {
         let count = f32(histogram[bin]);
         if (count > 0.0 && before + count >= share * total) {
-            return FIRST_OCTAVE + (f32(bin) + (share * total - before) / count) / BINS_PER_OCTAVE;
+            return (f32(bin) + (share * total - before) / count) / BINS_PER_OCTAVE;
         }
         before += count;
     }
@@ -67,15 +81,7 @@ fn main() {
 
 /** Draws the image over the whole canvas, scaled up if it is smaller, as colours or as depths. */
 export const DRAW = /* wgsl */ `
-${HISTOGRAM}
-struct Display {
-    background: vec4f,
-    image_size: vec2u,
-    canvas_size: vec2u,
-    shows_depth: u32,
-}
-
-@group(0) @binding(0) var<uniform> display: Display;
+${DISPLAY}
 @group(0) @binding(1) var<storage, read> image: array<vec4f>;
 @group(0) @binding(2) var<storage, read> depth_range: vec2f;
 

@@ -220,7 +220,8 @@ export class Renderer {
             : await this.#drawInParts(drawing, isWanted);
         if (waits) {
             this.#sizes.imageTook(pixels, performance.now() - start, waits);
-            this.#display.show(this.#executor.buffer("image"), camera, this.#canvas, background, asDepth);
+            const how = { background, asDepth, near: this.#near };
+            this.#display.show(this.#executor.buffer("image"), camera, this.#canvas, how);
         }
         return waits > 0;
     }

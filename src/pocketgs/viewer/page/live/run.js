@@ -12,6 +12,7 @@ import { showFigures } from "./figures.js";
  * @typedef {Object} Listener
  * @property {(scene: import("../scene/gaussian_columns.js").GaussianColumns) => void} onScene
  * @property {(viewer: Object) => void} onViewer called with the new content of viewer.json
+ * @property {() => void} onResult called when the run has ended unnoticed, and the page has its result instead
  * @property {(text: string) => void} onFault
  */
 
@@ -108,9 +109,42 @@ export class LiveRun {
 
     #lose() {
         if (!this.#progress.finished) {
-            element("stage").textContent = "connection lost";
-            setTimeout(() => this.#connect(), 1000 * SECONDS_TO_RECONNECT);
+            this.#tryLater("connection lost");
         }
+    }
+
+    #tryLater(stage) {
+        element("stage").textContent = stage;
+        setTimeout(() => this.#reconnect(), 1000 * SECONDS_TO_RECONNECT);
+    }
+
+    /** Connect again. A run that has ended meanwhile takes no connections, so what is served is asked for first. */
+    async #reconnect() {
+        const served = await servedNow();
+        if (served === "run") {
+            this.#connect();
+        } else if (served === "result") {
+            element("live").hidden = true;
+            this.#listener.onResult();
+        } else if (served === "nothing") {
+            element("live-buttons").hidden = true;
+            this.#tryLater("ended without a result"); // it may be trained again
+        } else {
+            this.#tryLater("connection lost");
+        }
+    }
+}
+
+/** @returns {Promise<"run" | "result" | "nothing" | "unknown">} what the page is of now; unknown without an answer */
+async function servedNow() {
+    try {
+        const response = await fetch("viewer.json");
+        if (response.ok) {
+            return (await response.json()).live ? "run" : "result";
+        }
+        return response.status === 404 ? "nothing" : "unknown";
+    } catch {
+        return "unknown";
     }
 }
 
