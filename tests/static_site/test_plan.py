@@ -57,9 +57,12 @@ def test_buffers_are_those_that_python_plans(call: Call) -> None:
     plan = planned(call, sizes=[list(size) for size in photographs], stored=640 * 480, gaussians=20_000)
     assert plan["bufferBytes"] == expected
     assert (plan["most"], plan["gaussians"]) == (800, 20_000)
-    # Pictures need no buffers of training.
+    # Pictures need no buffers of training, but lists of tiles that suffice for half their size.
     drawn = extent.drawn_sizes | {(2560, 1440)}
-    sizes = plan_memory(whole, replace(extent, drawn_sizes=drawn), Limits(1 << 40, LARGEST_BUFFER)).sizes
+    longer = expected_extent(20_000, COEFFICIENTS, [*photographs, (1280, 720)], most).intersections
+    assert longer > extent.intersections
+    larger_extent = replace(extent, drawn_sizes=drawn, intersections=longer)
+    sizes = plan_memory(whole, larger_extent, Limits(1 << 40, LARGEST_BUFFER)).sizes
     expected = sum(sizes[name] for name in whole.part(SEQUENCES, NEVER).buffers)
     screen = {"width": 2560, "height": 1440}
     larger = planned(

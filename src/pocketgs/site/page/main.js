@@ -32,6 +32,8 @@ let isPaused = false;
 let kept = null;
 /** @type {Object<string, Blob | undefined>} the trained scene by format */
 let scene = {};
+/** Whether the scene would be lost with the page: it is neither kept nor saved. */
+let isFleeting = false;
 
 const handlers = {
     settings: ({ run, plan }) => {
@@ -63,14 +65,14 @@ const handlers = {
         picture.refresh();
     },
     done: (found) => {
-        scene = found;
+        [scene, isFleeting] = [found.scene, !found.isKept];
         FORMATS.forEach((format) => (element(`save-${format}`).disabled = !scene[format]));
         setTraining(false);
         element("kept").hidden = true;
         progressView.end();
         picture.redraw();
     },
-    complaint: ({ text }) => showMessage(text),
+    complaint: ({ text }) => addMessage(text),
     cancelled: backToStart,
     fault: ({ text }) => {
         backToStart();
@@ -93,6 +95,9 @@ listenForCaptures((picked) => {
     if (!OPTIONS.map(element).every((input) => input.reportValidity())) {
         return;
     }
+    if (isFleeting && !confirm("The trained scene is not saved, and would be lost. Train another all the same?")) {
+        return;
+    }
     const [most, iterations, gaussians, megabytes] = OPTIONS.map((id) => element(id).valueAsNumber);
     begin(picked.name, iterations);
     const { width, height } = window.screen;
@@ -111,7 +116,7 @@ element("go-on").addEventListener("click", () => {
 });
 
 function begin(title, iterations) {
-    [name, isPaused, scene] = [title, false, {}];
+    [name, isPaused, scene, isFleeting] = [title, false, {}, false];
     setTraining(true);
     for (const id of ["message", "start", "pictures", "kept"]) {
         element(id).hidden = true;
@@ -131,7 +136,10 @@ element("cancel").addEventListener("click", () => worker.postMessage({ type: "ca
 element("stop").addEventListener("click", () => worker.postMessage({ type: "stop" }));
 
 for (const format of FORMATS) {
-    element(`save-${format}`).addEventListener("click", () => save(scene[format], `${name}.${format}`));
+    element(`save-${format}`).addEventListener("click", () => {
+        isFleeting = false;
+        save(scene[format], `${name}.${format}`);
+    });
 }
 
 element("another").addEventListener("click", () => (element("start").hidden = false));
@@ -143,7 +151,7 @@ element("beside").addEventListener("click", () => {
 
 element("message-close").addEventListener("click", () => (element("message").hidden = true));
 
-window.addEventListener("beforeunload", (event) => isTraining && event.preventDefault());
+window.addEventListener("beforeunload", (event) => (isTraining || isFleeting) && event.preventDefault());
 
 // Systems end hidden pages without asking.
 document.addEventListener("visibilitychange", () => {
@@ -176,9 +184,21 @@ function showPhotograph({ camera: { width, height }, rgba }) {
 }
 
 function showMessage(text) {
-    element("message-text").textContent = text.length > MOST_SHOWN ? `${text.slice(0, MOST_SHOWN)} …` : text;
+    element("message-text").textContent = cut(text);
     element("message").hidden = false;
 }
+
+/** Say it beside what has not been read yet: there may be several complaints of a run. */
+function addMessage(text) {
+    const shown = element("message-text").textContent;
+    if (element("message").hidden || shown.length > MOST_SHOWN) {
+        showMessage(text);
+    } else if (!shown.includes(cut(text))) {
+        element("message-text").textContent = `${shown}\n\n${cut(text)}`;
+    }
+}
+
+const cut = (text) => (text.length > MOST_SHOWN ? `${text.slice(0, MOST_SHOWN)} …` : text);
 
 function element(id) {
     return document.getElementById(id);

@@ -14,6 +14,7 @@ import { pgsOf } from "./formats/pgs_writer.js";
 import { plyOf } from "./formats/ply_writer.js";
 import { spzOf } from "./formats/spz_writer.js";
 import { GpuLoss } from "./gpu_loss.js";
+import { GpuOpening } from "./gpu_opening.js";
 import { FeatureFinder } from "./prior/features/finder.js";
 import { Stereo } from "./prior/stereo.js";
 import { NeighbourSearch } from "./seeding/neighbour_search.js";
@@ -33,6 +34,7 @@ import { Trainer } from "./training/trainer.js";
 
 const LOST_AT_WORK = "Go on, or train again with smaller photographs.";
 const LOST_AT_REST = "The scene can be saved, but not turned.";
+const NOT_KEPT = "This run cannot be kept in the browser's storage: save the scene before you close the page.";
 
 const DATA = ["settings.json", "passes.json", "depth_passes.json", "features_passes.json", "seeding_passes.json"];
 const [settings, passes, depthPasses, featuresPasses, seedingPasses] = await Promise.all(DATA.map(fetched));
@@ -44,7 +46,7 @@ let cancelling = null;
 let serving = Promise.resolve();
 
 // Shaders are compiled while the user chooses a capture.
-let opening = open();
+const opening = new GpuOpening(openGpu, () => tell("ready"), complain);
 const kept = await KeptRun.open();
 
 self.addEventListener("message", async ({ data }) => {
@@ -74,8 +76,7 @@ tellOfKept();
 async function train(picked, own) {
     await endLast();
     const { gpu, capture, points, options } = await readied(picked, own);
-    // A browser that has no room for the run trains all the same.
-    const isKept = (await kept?.begin(picked.name, capture, options).then(() => true, () => false)) ?? false;
+    const isKept = await isStored(kept?.begin(picked.name, capture, options));
     cancelling.signal.throwIfAborted();
     await perform(capture, options, gpu, isKept, (run) => run.go(points, gpu.search, cancelling.signal));
 }
@@ -106,7 +107,7 @@ async function endLast() {
 
 async function compiled() {
     await stage("compiling shaders");
-    return opening;
+    return opening.get();
 }
 
 function preparedOn({ trainer, stereo, finder }, capture, options) {
@@ -137,14 +138,24 @@ async function perform(capture, options, gpu, isKept, work) {
             tell("progress", progress);
         },
         onPicture: (picture) => tell("picture", { picture }),
+        onComplaint: (text) => tell("complaint", { text }),
         onCheckpoint: async (checkpoint) => {
-            isKept &&= await kept.keep(checkpoint).then(() => true, () => false);
+            isKept &&= await isStored(kept.keep(checkpoint));
             await tellOfKept();
         },
     });
     const scene = await gpu.loss.unless(work(run), LOST_AT_WORK);
-    tell("done", await filesOf(scene));
+    tell("done", { scene: await filesOf(scene), isKept });
     serving = gpu.loss.unless(run.serve(), LOST_AT_REST).catch(complain);
+}
+
+/** Whether the run is kept. Where there is no room for it, the page trains all the same, and says so. */
+async function isStored(keeping) {
+    const isKept = (await keeping?.then(() => true, () => false)) ?? false;
+    if (!isKept) {
+        tell("complaint", { text: NOT_KEPT });
+    }
+    return isKept;
 }
 
 /** The scene in all formats that can hold it. */
@@ -168,23 +179,6 @@ async function tellOfKept() {
 }
 
 /**
- * Open the GPU, and once it is lost, open it anew.
- *
- * @returns {Promise<Gpu>}
- */
-function open() {
-    const gpu = compiledOn(openDevice(BUFFER_LIMITS));
-    gpu.then(
-        ({ lost }) => {
-            tell("ready");
-            lost.then(() => (opening = open()));
-        },
-        complain,
-    );
-    return gpu;
-}
-
-/**
  * @typedef {Object} Gpu
  * @property {Trainer} trainer
  * @property {Stereo} stereo
@@ -192,9 +186,11 @@ function open() {
  * @property {NeighbourSearch} search
  * @property {GpuLoss} loss
  * @property {Promise<GPUDeviceLostInfo>} lost resolves when the GPU is lost
+ *
+ * @returns {Promise<Gpu>}
  */
-async function compiledOn(opened) {
-    const device = await opened;
+async function openGpu() {
+    const device = await openDevice(BUFFER_LIMITS);
     device.addEventListener("uncapturederror", ({ error }) => tell("complaint", { text: error.message }));
     const trainer = await Trainer.open(device, passes, settings);
     const stereo = await Stereo.open(device, depthPasses, settings.prior.sweep);
@@ -216,7 +212,7 @@ async function opened({ archive, files }, wish, prior) {
     const found = await readListing(new FileTree(stored), settings.capture, showStage("seeking sharp frames,"));
     const listing = prior === "dense" ? found : withoutDepth(found);
     const outline = await outlineOf(listing, settings.capture);
-    const plan = planRun(outline, wish, (await opening).trainer.device, settings);
+    const plan = planRun(outline, wish, (await opening.get()).trainer.device, settings);
     tell("plan", { text: plan.text });
     const capture = await loadCapture(listing, plan.most, settings, showStage("photograph"));
     tell("capture", { warnings: capture.warnings });

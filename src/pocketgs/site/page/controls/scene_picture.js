@@ -7,6 +7,7 @@
 import { PointerControls } from "../../page/controls/pointer.js";
 import { FrameLoop } from "../../page/drawing/frame_loop.js";
 import { MovingCamera } from "../../page/scene/camera.js";
+import { listenToPictureKeys } from "./picture_keys.js";
 
 /** Milliseconds between pictures while only training goes on. */
 const BETWEEN_PICTURES = 1000;
@@ -31,10 +32,12 @@ export class ScenePicture {
         this.#ask = ask;
         this.#camera.showsAll = true;
         this.#loop = new FrameLoop((share) => this.#draw(share), () => {}, () => {});
-        new PointerControls(canvas, this.#camera, () => {
+        const moved = () => {
             onMove();
             this.#loop.move();
-        });
+        };
+        new PointerControls(canvas, this.#camera, moved);
+        listenToPictureKeys(canvas, this.#camera, moved);
         new ResizeObserver(() => this.#first && this.#loop.invalidate()).observe(canvas);
     }
 
@@ -72,13 +75,16 @@ export class ScenePicture {
     }
 
     /**
-     * A picture that was asked for.
+     * The answer to what was asked for.
      *
-     * @param {{width: number, height: number, rgba: Uint8ClampedArray}} picture
+     * @param {{width: number, height: number, rgba: Uint8ClampedArray} | null} picture null to leave the last one
      */
-    show({ width, height, rgba }) {
-        [this.#canvas.width, this.#canvas.height] = [width, height];
-        this.#canvas.getContext("2d").putImageData(new ImageData(rgba, width, height), 0, 0);
+    show(picture) {
+        if (picture) {
+            const { width, height, rgba } = picture;
+            [this.#canvas.width, this.#canvas.height] = [width, height];
+            this.#canvas.getContext("2d").putImageData(new ImageData(rgba, width, height), 0, 0);
+        }
         this.#latest = performance.now();
         this.#arrived(true);
     }

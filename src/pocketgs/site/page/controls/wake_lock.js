@@ -7,15 +7,21 @@
 let isWanted = false;
 /** @type {WakeLockSentinel | null} */
 let held = null;
+/** Until all that was wanted so far is done: one request at a time, or a lock would be lost sight of. */
+let updating = Promise.resolve();
 
 /** @type {(wanted: boolean) => void} */
 export function keepAwake(wanted) {
     isWanted = wanted;
-    update();
+    updateNext();
 }
 
 /** The browser takes the lock back when the page is hidden. */
-document.addEventListener("visibilitychange", update);
+document.addEventListener("visibilitychange", updateNext);
+
+function updateNext() {
+    updating = updating.then(update);
+}
 
 async function update() {
     if (isWanted && document.visibilityState === "visible" && (held?.released ?? true)) {

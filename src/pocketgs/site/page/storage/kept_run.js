@@ -43,28 +43,29 @@ export class KeptRun {
     }
 
     /**
-     * Keep another run from now on, instead of the one before.
+     * Keep another run from now on, instead of the one before, which goes first: there may be no room for both.
      *
      * @param {string} name
      * @param {Capture} capture
      * @param {Options} options
+     * @throws {DOMException} there is no room for it: then nothing is kept
      */
-    async begin(name, { train, heldOut, background }, options) {
-        await this.#folder.removeEntry(CHECKPOINT).catch(() => {});
+    async begin(name, capture, options) {
+        await this.#clear();
         this.#number = crypto.randomUUID();
-        const frames = [...train, ...heldOut];
-        await this.#write(PHOTOGRAPHS, frames.flatMap(({ rgba, mask }) => (mask ? [rgba, mask] : [rgba])));
-        const described = frames.map(({ name, camera, hasAlpha, mask }) => {
-            return { name, camera, hasAlpha, isMasked: Boolean(mask) };
-        });
-        const content = { number: this.#number, name, options, background, frames: described, training: train.length };
-        await this.#write(CAPTURE, [JSON.stringify(content)]);
+        try {
+            await this.#writeCapture(name, capture, options);
+        } catch (error) {
+            await this.#clear();
+            throw error;
+        }
     }
 
     /**
      * Keep how far the run is.
      *
      * @param {Checkpoint} checkpoint
+     * @throws {DOMException} there is no room for it: then the checkpoint before stays
      */
     async keep({ header, arrays }) {
         const sizes = arrays.map(({ length }) => length);
@@ -103,6 +104,22 @@ export class KeptRun {
         return { capture: { train, heldOut, background, cloud: null, warnings: [] }, options, checkpoint };
     }
 
+    async #writeCapture(name, { train, heldOut, background }, options) {
+        const frames = [...train, ...heldOut];
+        await this.#write(PHOTOGRAPHS, frames.flatMap(({ rgba, mask }) => (mask ? [rgba, mask] : [rgba])));
+        const described = frames.map(({ name, camera, hasAlpha, mask }) => {
+            return { name, camera, hasAlpha, isMasked: Boolean(mask) };
+        });
+        const content = { number: this.#number, name, options, background, frames: described, training: train.length };
+        await this.#write(CAPTURE, [JSON.stringify(content)]);
+    }
+
+    async #clear() {
+        for (const name of [CHECKPOINT, CAPTURE, PHOTOGRAPHS]) {
+            await this.#folder.removeEntry(name).catch(() => {});
+        }
+    }
+
     async #description() {
         return JSON.parse(await (await this.#file(CAPTURE)).text());
     }
@@ -111,13 +128,18 @@ export class KeptRun {
         return (await this.#folder.getFileHandle(name)).getFile();
     }
 
-    /** The file is replaced when it is closed. */
+    /** The file is replaced when it is closed; what was written of one that is not takes room until it is given up. */
     async #write(name, parts) {
         const file = await (await this.#folder.getFileHandle(name, { create: true })).createWritable();
-        for (const part of parts) {
-            await file.write(part);
+        try {
+            for (const part of parts) {
+                await file.write(part);
+            }
+            await file.close();
+        } catch (error) {
+            await file.abort().catch(() => {});
+            throw error;
         }
-        await file.close();
     }
 }
 

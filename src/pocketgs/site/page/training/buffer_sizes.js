@@ -67,6 +67,9 @@ export function largestSizes(description, extent, photographs, pictures = []) {
     return largest;
 }
 
+/** Of pictures where there is no room for whole ones. @type {(size: Size) => Size} */
+export const halved = ({ width, height }) => ({ width: Math.ceil(width / 2), height: Math.ceil(height / 2) });
+
 /** Bytes in all. @type {(sizes: Object<string, number>) => number} */
 export const totalOf = (sizes) => Object.values(sizes).reduce((sum, bytes) => sum + bytes, 0);
 

@@ -6,7 +6,7 @@
 
 import { SHAPE_COLUMNS } from "../../page/constants.js";
 import { sizeWithin } from "../capture/pixels.js";
-import { expectedIntersections, largestSizes, totalOf } from "./buffer_sizes.js";
+import { expectedIntersections, halved, largestSizes, totalOf } from "./buffer_sizes.js";
 import { PIXEL_BYTES, Shelf } from "./shelf.js";
 
 /**
@@ -91,10 +91,12 @@ function needOf({ frames, storedPixels, hasDepth, videoBytes }, { most, gaussian
     if (Math.max(...pixels) > room) {
         return { bytes: photographs, bufferBytes: 0, otherBytes: photographs, largest: Infinity };
     }
+    // Whole pictures of a large screen would take room from training: they may be of half the size.
+    const drawn = [...sizes, halved(screen)];
     const extent = {
         gaussians,
         coefficients: recipe.coefficients,
-        intersections: expectedIntersections(gaussians, sizes, device.largestBuffer, engine),
+        intersections: expectedIntersections(gaussians, drawn, device.largestBuffer, engine),
         photographs: sizes.length,
         photographPixels: new Shelf(pixels, room).pixels,
     };

@@ -4,12 +4,15 @@
  * @module
  */
 
+import { resized } from "../capture/camera.js";
 import { GaussianColumns } from "../../page/scene/gaussian_columns.js";
 import { mortonOrder } from "../seeding/morton.js";
 import { seedDiscs } from "../seeding/discs.js";
 import { selected } from "../seeding/points.js";
+import { halved } from "./buffer_sizes.js";
 import { onScreen, psnr } from "./evaluation.js";
 import { initialRates, pixelFootprint, ratesAt } from "./rates.js";
+import { PictureError } from "./trainer.js";
 import { ViewOrder } from "./view_order.js";
 
 /**
@@ -34,7 +37,9 @@ import { ViewOrder } from "./view_order.js";
  *
  * @typedef {Object} Listener
  * @property {(progress: Progress) => void} onProgress
- * @property {(picture: {width: number, height: number, rgba: Uint8ClampedArray}) => void} onPicture
+ * @property {(picture: {width: number, height: number, rgba: Uint8ClampedArray} | null) => void} onPicture null where
+ *     there was no room for it
+ * @property {(text: string) => void} onComplaint
  * @property {(checkpoint: import("../storage/kept_run.js").Checkpoint) => Promise<void>} onCheckpoint
  */
 
@@ -60,6 +65,7 @@ export class Run {
     #isClosed = false;
     #asked = null;
     #wake = () => {};
+    #hasComplained = false;
     #mustKeep = true;
     #kept = 0;
     /** @type {import("./rates.js").Rates} */
@@ -233,8 +239,40 @@ export class Run {
         if (this.#asked) {
             const camera = this.#asked;
             this.#asked = null;
-            const rgba = onScreen(await this.#trainer.render(camera));
-            this.#listener.onPicture({ width: camera.width, height: camera.height, rgba });
+            this.#listener.onPicture(await this.#pictureOf(camera));
+        }
+    }
+
+    /** A picture, of half the size where there is no room for a whole one. */
+    async #pictureOf(camera) {
+        const { width, height } = halved(camera);
+        const half = resized(camera, width, height);
+        return (await this.#drawn(camera)) ?? (await this.#drawn(half, "The scene cannot be drawn"));
+    }
+
+    async #drawn(camera, complaint = "") {
+        const rendered = await this.#rendered(camera, complaint);
+        return rendered && { width: camera.width, height: camera.height, rgba: onScreen(rendered) };
+    }
+
+    /** A rendering, or null where there is no room for it: training goes on without. */
+    async #rendered(camera, complaint) {
+        try {
+            return await this.#trainer.render(camera);
+        } catch (error) {
+            if (!(error instanceof PictureError)) {
+                throw error;
+            }
+            this.#complainOnce(complaint, error);
+            return null;
+        }
+    }
+
+    /** Pictures are asked for every second. */
+    #complainOnce(complaint, { message }) {
+        if (complaint && !this.#hasComplained) {
+            this.#hasComplained = true;
+            this.#listener.onComplaint(`${complaint}: ${message}`);
         }
     }
 
@@ -242,9 +280,10 @@ export class Run {
         if (this.#heldOut.length) {
             let sum = 0;
             for (const { camera, rgba, mask } of this.#heldOut) {
-                sum += psnr(await this.#trainer.render(camera), rgba, mask);
+                const rendered = await this.#rendered(camera, "The held-out photographs cannot be drawn");
+                sum += rendered ? psnr(rendered, rgba, mask) : NaN;
             }
-            this.#psnr = sum / this.#heldOut.length;
+            this.#psnr = Number.isNaN(sum) ? null : sum / this.#heldOut.length;
         }
     }
 

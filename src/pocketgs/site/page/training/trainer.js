@@ -29,6 +29,9 @@ import { structuralShare, updateValues } from "./update_values.js";
 
 const MOMENTS = ["first_moments", "second_moments"];
 
+/** A picture that cannot be drawn, while steps still can be made. */
+export class PictureError extends Error {}
+
 /** Holds the scene, and the optimiser's state. */
 export class Trainer {
     #executor;
@@ -168,27 +171,19 @@ export class Trainer {
     }
 
     /**
-     * Draw the scene as it stands.
+     * Draw the scene as it stands. Whether or not that succeeds, the next steps give the same.
      *
      * @param {Camera} camera
      * @returns {Promise<Float32Array>} (H, W, 4): colour, not cut off above 1, and transmittance
+     * @throws {PictureError} there is no room for this picture
      */
     async render(camera) {
         await this.settle();
-        const { description } = this.#executor;
-        const buffers = description.buffersOf(["render"]);
-        for (;;) {
-            const symbols = this.#symbols(camera);
-            await this.#executor.reserve(description.sizes(symbols, buffers));
-            this.#writeView(camera, symbols, 0);
-            this.#executor.submit("render", symbols);
-            const image = await this.#executor.read("image", Float32Array, 4 * symbols.pixels);
-            const [, halted, needed] = await this.#executor.read("status", Uint32Array, 3);
-            if (!halted) {
-                return image;
-            }
-            await this.#makeRoom(needed * this.#settings.engine.growth, needed);
-            this.#resume();
+        try {
+            return await this.#rendered(camera);
+        } catch ({ message }) {
+            await this.#recover();
+            throw new PictureError(message);
         }
     }
 
@@ -210,6 +205,34 @@ export class Trainer {
             moments.push(await this.#executor.read(name, Float32Array, numbers));
         }
         return { losses: [...this.losses], near: this.#near, moments };
+    }
+
+    async #rendered(camera) {
+        const { description } = this.#executor;
+        const buffers = description.buffersOf(["render"]);
+        for (;;) {
+            const symbols = this.#symbols(camera);
+            await this.#executor.reserve(description.sizes(symbols, buffers));
+            this.#writeView(camera, symbols, 0);
+            this.#executor.submit("render", symbols);
+            const image = await this.#executor.read("image", Float32Array, 4 * symbols.pixels);
+            const [, halted, needed] = await this.#executor.read("status", Uint32Array, 3);
+            if (!halted) {
+                return image;
+            }
+            await this.#makeRoom(needed * this.#settings.engine.growth, needed);
+            this.#resume();
+        }
+    }
+
+    /**
+     * Make ready for the next step after a picture that could not be drawn. Buffers may be gone that were to grow for
+     * it, and the GPU is halted. Where the GPU was lost this fails too: then the picture was not to blame.
+     */
+    async #recover() {
+        await this.#executor.reserve(this.#sizesWith(this.#intersections));
+        this.#resume();
+        await this.#executor.read("status", Uint32Array, 1);
     }
 
     #submit(step) {
@@ -238,18 +261,24 @@ export class Trainer {
 
     /** Let the lists of tiles hold as many intersections as are wanted, or at least those that are needed. */
     async #makeRoom(wanted, needed) {
-        const { largestBuffer, description } = this.#executor;
-        const most = Math.floor(largestBuffer / this.#settings.engine.intersection_bytes);
-        const before = this.#intersections;
+        const most = Math.floor(this.#executor.largestBuffer / this.#settings.engine.intersection_bytes);
         for (const target of [Math.min(Math.ceil(wanted), most), needed]) {
-            this.#intersections = Math.max(before, needed, target);
-            const sizes = largestSizes(description, this.#extent, this.#frames.map(({ camera }) => camera));
+            const intersections = Math.max(this.#intersections, needed, target);
+            const sizes = this.#sizesWith(intersections);
             if (totalOf(sizes) <= this.mostBytes) {
-                return this.#executor.reserve(sizes);
+                await this.#executor.reserve(sizes);
+                this.#intersections = intersections;
+                return;
             }
         }
         const found = `${needed.toLocaleString("en")} places where splats meet tiles do not fit`;
         throw new Error(`${found} into the memory that is left: expected smaller photographs or fewer splats`);
+    }
+
+    /** Bytes of all buffers for training, with room for so many intersections. */
+    #sizesWith(intersections) {
+        const extent = { ...this.#extent, intersections };
+        return largestSizes(this.#executor.description, extent, this.#frames.map(({ camera }) => camera));
     }
 
     /** Let the GPU know how many steps are completed, and that nothing stands in the way of the next. */

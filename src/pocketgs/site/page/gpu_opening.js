@@ -1,0 +1,68 @@
+/**
+ * Opening a GPU, and opening it anew after it was lost.
+ *
+ * @module
+ */
+
+/** Tries to open it, and milliseconds between them: after a loss a browser may have to start a process for it. */
+const TRIES = 3;
+const PAUSE = 1000;
+
+/**
+ * The GPU, open whenever that is possible.
+ *
+ * @template {{lost: Promise<unknown>}} T
+ */
+export class GpuOpening {
+    #open;
+    #onOpen;
+    #onFault;
+    /** @type {Promise<T> | null} null once it has failed: the next who needs the GPU tries again */
+    #opening = null;
+
+    /**
+     * Open it at once. A browser without a GPU is told of without a pause.
+     *
+     * @param {() => Promise<T>} open
+     * @param {() => void} onOpen called each time that it is open
+     * @param {(error: Error) => void} onFault called when it cannot be opened
+     */
+    constructor(open, onOpen, onFault) {
+        [this.#open, this.#onOpen, this.#onFault] = [open, onOpen, onFault];
+        this.#begin(1);
+    }
+
+    /** @returns {Promise<T>} */
+    get() {
+        return this.#opening ?? this.#begin(TRIES);
+    }
+
+    #begin(tries) {
+        const opening = this.#tried(tries);
+        this.#opening = opening;
+        opening.then(
+            ({ lost }) => {
+                this.#onOpen();
+                lost.then(() => this.#begin(TRIES));
+            },
+            (error) => {
+                this.#opening = null;
+                this.#onFault(error);
+            },
+        );
+        return opening;
+    }
+
+    async #tried(tries) {
+        for (;;) {
+            try {
+                return await this.#open();
+            } catch (error) {
+                if (!--tries) {
+                    throw error;
+                }
+                await new Promise((resolve) => setTimeout(resolve, PAUSE));
+            }
+        }
+    }
+}

@@ -1,0 +1,149 @@
+"""What the page holds on to while it trains, and afterwards: the run, the GPU, the screen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+Call = Callable[..., Any]
+
+KEEP = """
+    // A folder of the browser's storage that holds so many bytes, those of files that are being written included.
+    const [files, open] = [new Map(), new Set()];
+    const bytes = () => [...files.values(), ...open].reduce((sum, parts) => sum + sizeOf(parts), 0);
+    const sizeOf = (parts) => parts.reduce((sum, part) => sum + (part.byteLength ?? part.length), 0);
+    const folder = {
+        removeEntry: async (name) => files.delete(name),
+        getFileHandle: async (name, {create = false} = {}) => {
+            if (!files.has(name) && !create) {
+                throw new DOMException(name, "NotFoundError");
+            }
+            files.set(name, files.get(name) ?? []);
+            const createWritable = async () => {
+                const parts = [];
+                open.add(parts);
+                const write = async (part) => {
+                    if (bytes() + sizeOf([part]) > given) {
+                        throw new DOMException("full", "QuotaExceededError");
+                    }
+                    parts.push(part);
+                };
+                const abort = async () => open.delete(parts);
+                const close = async () => open.delete(parts) && files.set(name, parts);
+                return {write, abort, close};
+            };
+            return {createWritable, getFile: async () => new Blob(files.get(name))};
+        },
+    };
+    const kept = new module.KeptRun(folder);
+    const captureOf = (pixels) => {
+        const rgba = new Uint8ClampedArray(4 * pixels);
+        return {train: [{name: "a", camera: {width: pixels, height: 1}, rgba}], heldOut: [], background: [0, 0, 0]};
+    };
+    const checkpointOf = (losses, size) => {
+        return {header: {losses: Array(losses).fill(0)}, arrays: [new Float32Array(size)]};
+    };
+    const tried = (work) => work.then(() => "kept", ({message}) => message);
+    const told = [];
+    const tell = async (work) => {
+        told.push([await tried(work), (await kept.summary())?.iteration ?? null, open.size]);
+    };
+    await tell(kept.begin("first", captureOf(1000), {iterations: 9}));
+    await tell(kept.keep(checkpointOf(1, 10)));
+    // There is no room for both.
+    await tell(kept.begin("second", captureOf(1500), {iterations: 9}));
+    await tell(kept.keep(checkpointOf(2, 10)));
+    await tell(kept.keep(checkpointOf(3, 5000)));
+    await tell(kept.begin("third", captureOf(5000), {iterations: 9}));
+    return [told, bytes()];
+"""
+
+
+def test_a_run_takes_the_place_of_the_one_before(call: Call) -> None:
+    told, left = call("storage/kept_run.js", KEEP, 10_000)
+    assert told == [
+        ["kept", None, 0],
+        ["kept", 1, 0],
+        ["kept", None, 0],
+        ["kept", 2, 0],
+        ["full", 2, 0],
+        ["full", None, 0],
+    ]
+    assert left == 0
+
+
+OPEN = """
+    let [tries, failing] = [0, 0];
+    const losing = [];
+    const open = async () => {
+        tries++;
+        if (failing) {
+            failing--;
+            throw new Error("no GPU");
+        }
+        return {number: tries, lost: new Promise((resolve) => losing.push(resolve))};
+    };
+    const told = [];
+    const until = async (text) => {
+        while (!told.includes(text)) {
+            await new Promise((resolve) => setTimeout(resolve, 20));
+        }
+        return told.splice(0);
+    };
+    const tell = (text) => told.push(`${text}, ${tries}`);
+    failing = 1;
+    const opening = new module.GpuOpening(open, () => tell("open"), ({message}) => tell(message));
+    const found = [await until("no GPU, 1"), (await opening.get()).number, await until("open, 2")];
+    failing = 2;
+    losing.at(-1)();
+    found.push(await until("open, 5"));
+    failing = 3;
+    losing.at(-1)();
+    found.push(await until("no GPU, 8"), (await opening.get()).number);
+    return found;
+"""
+
+
+def test_a_lost_gpu_is_opened_again(call: Call) -> None:
+    """Also when the browser needs a while for it, and when it has taken longer than the page waits."""
+    expected = [["no GPU, 1"], 2, ["open, 2"], ["open, 5"], ["no GPU, 8"], 9]
+    assert call("gpu_opening.js", OPEN) == expected
+
+
+AWAKE = """
+    const locks = [];
+    let answer = [];
+    const request = () => new Promise((resolve) => answer.push(() => {
+        const lock = {released: false, release: async () => (lock.released = true)};
+        locks.push(lock);
+        resolve(lock);
+    }));
+    Object.defineProperty(navigator, "wakeLock", {value: {request}, configurable: true});
+    const pass = () => new Promise((resolve) => setTimeout(resolve, 10));
+    const answered = async () => {
+        await pass();
+        answer.splice(0).forEach((one) => one());
+        await pass();
+    };
+    const held = () => locks.filter(({released}) => !released).length;
+    const found = [];
+    module.keepAwake(true);
+    await pass();
+    module.keepAwake(false);
+    await answered();
+    found.push(held());
+    module.keepAwake(true);
+    document.dispatchEvent(new Event("visibilitychange"));
+    await answered();
+    await answered();
+    found.push(held());
+    module.keepAwake(false);
+    await answered();
+    found.push(held());
+    delete navigator.wakeLock;
+    return found;
+"""
+
+
+def test_the_screen_is_released_however_late_its_lock_comes(call: Call) -> None:
+    assert call("controls/wake_lock.js", AWAKE) == [0, 1, 0]

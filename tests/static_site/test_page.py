@@ -1,0 +1,118 @@
+"""The page around the worker, which here answers at once: small windows, keys, scenes that are not saved."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser, Dialog, expect
+
+from static_site.hosting import Host
+from viewer.browsing import Visit, visiting
+
+WORKER = """
+const text = "Takes about 162 MB, 101 MB of it in buffers of the GPU. ".repeat(4);
+const scene = Object.fromEntries(["ply", "spz", "pgs"].map((format) => [format, new Blob([format])]));
+const pose = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
+const camera = { width: 3, height: 2, fx: 3, fy: 3, cx: 1.5, cy: 1, world_to_camera: pose };
+const first = { camera, rgba: new Uint8ClampedArray(24), target: [0, 0, 1], up: [0, -1, 0] };
+const progress = { iteration: 1, loss: 1, held_out_psnr: 20, rate: 1, gaussians: 9, bytes: 9 };
+const tell = (type, content = {}) => postMessage({ type, ...content });
+self.addEventListener("message", ({ data: { type, picked } }) => {
+    if (type === "train") {
+        tell("plan", { text });
+        tell("first", first);
+        tell("complaint", { text: "one" });
+        tell("complaint", { text: "another" });
+        tell("complaint", { text: "one" });
+    }
+    if (type === "train" && picked.name !== "endless") {
+        tell("progress", progress);
+        tell("done", { scene, isKept: picked.name === "kept" });
+    }
+});
+tell("settings", { run: { iterations: 9, gaussians: 9 }, plan: { most_memory: 900 } });
+"""
+
+
+@pytest.fixture
+def visit(browser: Browser, host: Host) -> Iterator[Visit]:
+    with visiting(browser, "about:blank", 844, 340) as visit:
+        visit.page.context.route(
+            "**/worker.js", lambda route: route.fulfill(body=WORKER, content_type="text/javascript")
+        )
+        visit.page.goto(host.address)
+        visit["#start"].wait_for()
+        yield visit
+
+
+def asked(visit: Visit, answers: list[bool]) -> list[str]:
+    """Answer the page's questions in turn. Returns a list that fills with their kinds."""
+    kinds: list[str] = []
+
+    def answer(dialog: Dialog) -> None:
+        kinds.append(dialog.type)
+        if answers.pop(0):
+            dialog.accept()
+        else:
+            dialog.dismiss()
+
+    visit.page.on("dialog", answer)
+    return kinds
+
+
+def test_a_phone_held_sideways_reaches_everything(visit: Visit) -> None:
+    visit["#refines"].uncheck(timeout=2000)
+    visit["#choose-archive"].click(timeout=2000, trial=True)
+    visit.drop("endless.zip", b"")
+    visit["#message-close"].click()
+    visit["#cancel"].click(timeout=2000, trial=True)
+    expect(visit["#curves"]).to_be_hidden()
+    visit.page.set_viewport_size({"width": 390, "height": 844})
+    visit["#cancel"].click(timeout=2000, trial=True)
+    expect(visit["#curves"]).to_be_visible()
+
+
+def test_the_picture_shows_that_it_has_the_focus(visit: Visit) -> None:
+    visit.drop("kept.zip", b"")
+    visit["#message-close"].click()
+    visit["#another"].focus()
+    for _ in range(20):
+        visit.page.keyboard.press("Tab")
+        if visit.page.evaluate("document.activeElement.id") == "picture":
+            break
+    assert visit["#picture"].evaluate("(element) => getComputedStyle(element).outlineStyle") == "solid"
+    expect(visit["#photograph-figure"]).to_be_visible()
+    visit.page.keyboard.press("ArrowLeft")
+    expect(visit["#photograph-figure"]).to_be_hidden()
+    expect(visit["#picture"]).to_have_attribute("aria-label", re.compile("arrow keys"))
+
+
+def test_one_complaint_does_not_hide_another(visit: Visit) -> None:
+    visit.drop("kept.zip", b"")
+    expect(visit["#message-text"]).to_have_text("one\n\nanother")
+
+
+def test_a_scene_that_would_be_lost_is_asked_about(visit: Visit) -> None:
+    answers = [False, True, False]
+    kinds = asked(visit, answers)
+    visit.drop("lost.zip", b"")
+    visit["#save-ply"].wait_for()
+    visit.drop("kept.zip", b"")
+    assert kinds == ["confirm"]
+    expect(visit["#title"]).to_have_text("lost")
+    visit.drop("kept.zip", b"")
+    assert kinds == ["confirm"] * 2
+    expect(visit["#title"]).to_have_text("kept")
+    visit.drop("lost.zip", b"")
+    expect(visit["#title"]).to_have_text("lost")
+    visit["#message-close"].click()
+    visit.page.close(run_before_unload=True)
+    visit.page.wait_for_timeout(500)
+    assert kinds == ["confirm"] * 2 + ["beforeunload"]
+    with visit.page.expect_download():
+        visit["#save-ply"].click()
+    visit.drop("kept.zip", b"")
+    expect(visit["#title"]).to_have_text("kept")
+    assert answers == []
