@@ -169,9 +169,8 @@ def _threads(source: Path, options: PoseOptions) -> int:
     """Number of images that may be decoded and searched for features at the same time."""
     if is_video(source):
         return threads_that_fit(options.max_size**2)
-    header = read_header(source_files(source)[0])
-    factor = min(1.0, options.max_size / max(header.width, header.height))
-    return threads_that_fit(int(header.width * header.height * factor**2))
+    sizes = ((header.width, header.height) for header in map(read_header, source_files(source)))
+    return threads_that_fit(int(max(w * h * min(1.0, options.max_size / max(w, h)) ** 2 for w, h in sizes)))
 
 
 def _lacking(unplaced: list[str], frames: int, other_models: list[int]) -> str:

@@ -9,12 +9,11 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 
-import psutil
-
 from pocketgs.errors import PocketGSError
 from pocketgs.structure_from_motion.job import Job, Outcome
 from pocketgs.structure_from_motion.work import Count
 from pocketgs.system.cores import usable_cores
+from pocketgs.system.free_memory import free_memory
 
 # Measured for SIFT, which first doubles the image's size.
 BYTES_PER_PIXEL_AND_THREAD = 300
@@ -36,7 +35,7 @@ def check_installed() -> None:
 
 def threads_that_fit(pixels: int) -> int:
     """Number of threads that can extract features from images of so many pixels within half of the free memory."""
-    fitting = psutil.virtual_memory().available // 2 // (BYTES_PER_PIXEL_AND_THREAD * max(1, pixels))
+    fitting = free_memory() / 2 // (BYTES_PER_PIXEL_AND_THREAD * max(1, pixels))
     return max(1, min(usable_cores(), int(fitting)))
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial.distance import cdist
 
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.features.features import Features
@@ -26,8 +27,7 @@ def view_distances(first: Sequence[Camera], second: Sequence[Camera], scene_dist
         return centres / scene_distance, np.array([camera.forward for camera in cameras]).reshape(-1, 3)
 
     (centres, forwards), (other_centres, other_forwards) = traits(first), traits(second)
-    apart = np.linalg.norm(centres[:, None] - other_centres, axis=2)
-    return apart + np.linalg.norm(forwards[:, None] - other_forwards, axis=2)
+    return np.asarray(cdist(centres, other_centres) + cdist(forwards, other_forwards))
 
 
 def link(
