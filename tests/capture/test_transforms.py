@@ -247,6 +247,19 @@ def test_absent_depth_maps_are_left_out(ring, write_transforms):
     assert warning.endswith("transforms.json: 3 of its depth maps have no file, the first depth/absent.png")
 
 
+def test_depth_of_another_shape_is_left_out(ring, write_transforms):
+    frames, folder = ring.transforms()["frames"], write_transforms()
+    for index, shape in ((0, (6, 8)), (1, (8, 6)), (2, (16, 12))):
+        np.save(folder / f"{index}.npy", np.full(shape, 2.0, np.float32))
+        frames[index]["depth_file_path"] = f"{index}.npy"
+    capture = open_capture(write_transforms(frames=frames))
+    assert [frame.name for frame in capture.frames if frame.depth is not None] == ["images/view_00.png"]
+    (warning,) = capture.warnings
+    assert warning.startswith(
+        "the depth maps of 2 frames have not the shape of their photographs, the first of images/"
+    )
+
+
 def test_nearly_rigid_poses_are_made_rigid(ring, write_transforms):
     frames = ring.transforms()["frames"]
     frames[1]["transform_matrix"][0][0] += 5e-4

@@ -208,7 +208,7 @@ def test_masks_as_in_python(call: Call, tmp_path: Path, kind: str, lens: Lens, b
 )
 def test_depth_as_in_python(call: Call, tmp_path: Path, lens: Lens, border: int, most: int) -> None:
     content, stream = encoded(smooth(60, 80), "png"), io.BytesIO()
-    Image.fromarray(np.random.default_rng(0).integers(0, 65536, (25, 40), np.uint16)).save(stream, "png")
+    Image.fromarray(np.random.default_rng(0).integers(0, 65536, (24, 32), np.uint16)).save(stream, "png")
     path, depth_path = tmp_path / "photograph.png", tmp_path / "depth.png"
     path.write_bytes(content)
     depth_path.write_bytes(stream.getvalue())
@@ -218,6 +218,13 @@ def test_depth_as_in_python(call: Call, tmp_path: Path, lens: Lens, border: int,
     assert expected is not None
     off = np.reshape(found["depth"], expected.shape) != expected
     assert np.mean(off) < (0.02 if lens.distorts else 1e-9)  # OpenCV rounds coordinates to 1/32 pixel
+
+
+def test_depth_of_another_shape_is_left_out(call: Call) -> None:
+    stream = io.BytesIO()
+    Image.fromarray(np.full((32, 24), 1000, np.uint16)).save(stream, "png")
+    found = load(call, encoded(smooth(60, 80), "png"), LANDSCAPE, Lens(), 800, depth=stream.getvalue())
+    assert found["depth"] is None
 
 
 def test_a_mask_of_another_shape(call: Call) -> None:

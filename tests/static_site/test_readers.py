@@ -168,6 +168,17 @@ def test_masks_that_the_file_names(call: Call, capture_folder: Path) -> None:
         read(call, changed(capture_folder, lambda document: document["frames"][1].update(mask_path="two.png")))
 
 
+def test_depth_maps_that_are_absent(call: Call, capture_folder: Path) -> None:
+    Image.fromarray(np.full((36, 48), 1500, np.uint16)).save(capture_folder / "one.png")
+
+    def change(document: dict[str, Any]) -> None:
+        for frame, name in zip(document["frames"], ("one", "two", "three"), strict=False):
+            frame["depth_file_path"] = f"{name}.png"
+
+    assert_same(call, changed(capture_folder, change))
+    assert [frame["depth"] is None for frame in read(call, capture_folder)["frames"][:3]] == [False, True, True]
+
+
 def test_text_clouds_without_colours(call: Call, capture_folder: Path) -> None:
     cloud = PlyData.read(str(capture_folder / "cloud.ply"), mmap=False)
     cloud.text = True

@@ -168,8 +168,10 @@ class ListedCapture:
         loaded = load_frames(self.listing.frames, preparation, readers)
         frames = [frame for frame in loaded if frame.mask is None or frame.mask.any()]
         warnings = self.listing.warnings + _masked_out_warning(loaded, frames)
+        warnings += _shape_warning(self.listing.frames, loaded)
         if all(frame.name in self.held_out_names for frame in frames):
-            raise PocketGSError(f"{self.path}: {warnings[-1]}; no frame is left to train on")
+            (warning,) = _masked_out_warning(loaded, frames)
+            raise PocketGSError(f"{self.path}: {warning}; no frame is left to train on")
         return Capture(
             name=self.name,
             path=self.path,
@@ -271,6 +273,16 @@ def _masked_out_warning(loaded: list[Frame], usable: list[Frame]) -> tuple[str, 
     left_out = {frame.name for frame in loaded} - {frame.name for frame in usable}
     found = f"the masks of {len(left_out)} of {len(loaded)} frames leave no pixel, the first {min(left_out)}"
     return (f"{found}: these frames are left out; masks are white where pixels are to be used",)
+
+
+def _shape_warning(listed: list[FrameSource], loaded: list[Frame]) -> tuple[str, ...]:
+    """One warning that counts the depth maps that were left out for their shape, or none."""
+    with_depth = {frame.name for frame in loaded if frame.depth is not None}
+    lacking = [source.name for source in listed if source.depth_path is not None and source.name not in with_depth]
+    if not lacking:
+        return ()
+    found = f"the depth maps of {len(lacking)} frames have not the shape of their photographs"
+    return (f"{found}, the first of {lacking[0]}: they are left out",)
 
 
 def _colour_name(colour: tuple[float, float, float]) -> str:

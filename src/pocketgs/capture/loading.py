@@ -31,7 +31,7 @@ little faster.
 """
 
 ASPECT_TOLERANCE = 0.01
-MASK_ASPECT_TOLERANCE = 0.02  # masks are often computed on small images, where rounding is visible
+PLANE_ASPECT_TOLERANCE = 0.02  # masks and depth are often computed on small images, where rounding is visible
 
 
 LensHandling = Literal["undistort", "direct", "ignore"]
@@ -159,7 +159,7 @@ def prepared(source: FrameSource, colours: np.ndarray, alpha: np.ndarray | None,
         image=colours if alpha is None else composite(colours, alpha, preparation.background),
         alpha=alpha,
         mask=None if source.mask_path is None else _mask_of_size(source.mask_path, width, height, preparation),
-        depth=None if source.depth_path is None else nearest(reliable_depth(source), width, height),
+        depth=None if source.depth_path is None else _depth_of_size(source, width, height),
     )
     try:
         if preparation.lens == "undistort" and source.lens.distorts:
@@ -172,6 +172,18 @@ def prepared(source: FrameSource, colours: np.ndarray, alpha: np.ndarray | None,
         return downscaled(frame, preparation.downscale, preparation.max_size)
     except PocketGSError as error:
         raise PocketGSError(f"{source.image}: {error}") from error
+
+
+def _depth_of_size(source: FrameSource, width: int, height: int) -> np.ndarray | None:
+    """A frame's depth, resized to its photograph's size; None if it has another shape.
+
+    It may be of another part of the view, or turned.
+
+    Raises:
+        PocketGSError: as `reliable_depth`.
+    """
+    depth = reliable_depth(source)
+    return nearest(depth, width, height) if _has_aspect_of(depth, width, height) else None
 
 
 def reliable_depth(source: FrameSource) -> np.ndarray:
@@ -213,12 +225,18 @@ def _mask_of_size(path: CaptureFile, width: int, height: int, preparation: Prepa
     """
     with reading_inside(preparation.masks or preparation.folder):
         mask = read_mask(path)
-    rows, columns = mask.shape
-    if abs((columns / width) / (rows / height) - 1) > MASK_ASPECT_TOLERANCE:
+    if not _has_aspect_of(mask, width, height):
+        rows, columns = mask.shape
         raise PocketGSError(
             f"{path}: mask of {columns}x{rows} pixels, expected the shape of its photograph, {width}x{height}"
         )
     return nearest(mask, width, height)
+
+
+def _has_aspect_of(plane: np.ndarray, width: int, height: int) -> bool:
+    """Whether an (H, W) mask or depth map has about the aspect ratio of its photograph."""
+    rows, columns = plane.shape
+    return abs((columns / width) / (rows / height) - 1) <= PLANE_ASPECT_TOLERANCE
 
 
 def camera_of_size(source: FrameSource, width: int, height: int) -> Camera:

@@ -18,7 +18,7 @@ from pocketgs.capture.formats.transforms_file import (
     PERSPECTIVE_MODELS,
 )
 from pocketgs.capture.hold_out import HOLD_OUT_EVERY
-from pocketgs.capture.loading import ASPECT_TOLERANCE, MASK_ASPECT_TOLERANCE
+from pocketgs.capture.loading import ASPECT_TOLERANCE, PLANE_ASPECT_TOLERANCE
 from pocketgs.capture.masks import FOLDERS
 from pocketgs.capture.origin import FAR, METRIC_EXTENT
 from pocketgs.capture.poses import (
@@ -137,7 +137,7 @@ def _capture() -> dict[str, Any]:
         "max_frames": MAX_FRAMES,
         "sharpness_side": REDUCED_SIDE,
         "aspect_tolerance": ASPECT_TOLERANCE,
-        "mask_aspect_tolerance": MASK_ASPECT_TOLERANCE,
+        "plane_aspect_tolerance": PLANE_ASPECT_TOLERANCE,
         "rotation_tolerance": ROTATION_TOLERANCE,
         "max_coordinate": MAX_COORDINATE,
         "max_intrinsic": MAX_INTRINSIC,

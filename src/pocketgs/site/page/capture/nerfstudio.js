@@ -26,7 +26,7 @@ export const recognises = (tree) => tree.find(MARK) !== undefined;
 export async function read(tree, bounds) {
     const document = await Fields.of(tree.find(MARK));
     const listed = await readFrames(document, tree, bounds);
-    const warnings = [...absentWarning(listed, document), ...depthWarning(document)];
+    const warnings = [...absentWarning(listed, document), ...depthWarning(listed, document)];
     if (!listed.some(Boolean)) {
         throw new Error(`${MARK}: none of the ${listed.length} listed frames has an image file`);
     }

@@ -81,11 +81,13 @@ export async function loadCapture(listing, most, settings, onProgress) {
     if (frames.every(({ name }) => heldOut.has(name))) {
         throw new Error(`all of the capture's ${frames.length} frames are held out, expected one to train on`);
     }
-    const loaded = [];
+    const [loaded, withoutDepth] = [[], []];
     for await (const [source, pixels] of decodedFrames(frames, settings.capture)) {
         // Depth maps of keyframes are completed, which are frames to train on.
         const used = heldOut.has(source.name) ? { ...source, depth: null } : source;
-        loaded.push(await prepared(used, pixels, background, most, settings.capture));
+        const frame = await prepared(used, pixels, background, most, settings.capture);
+        loaded.push(frame);
+        withoutDepth.push(...(used.depth && !frame.depth ? [frame.name] : []));
         onProgress(loaded.length, frames.length);
     }
     const used = loaded.filter(({ mask }) => mask?.includes(255) ?? true);
@@ -95,7 +97,7 @@ export async function loadCapture(listing, most, settings, onProgress) {
         throw new Error(`${found}: expected masks that are white where pixels are to be used`);
     }
     const rest = used.filter(({ name }) => heldOut.has(name));
-    const allWarnings = [...warnings, ...maskedOutWarning(loaded, used)];
+    const allWarnings = [...warnings, ...maskedOutWarning(loaded, used), ...shapeWarning(withoutDepth)];
     return { train, heldOut: rest, cloud, background, isMetric, warnings: allWarnings };
 }
 
@@ -103,6 +105,11 @@ function maskedOutWarning(loaded, used) {
     const leftOut = loaded.filter((frame) => !used.includes(frame)).map(({ name }) => name);
     const found = `the masks of ${leftOut.length} of ${loaded.length} frames leave no pixel, the first ${leftOut[0]}`;
     return leftOut.length ? [`${found}: these frames are left out; masks are white where pixels are to be used`] : [];
+}
+
+function shapeWarning(withoutDepth) {
+    const found = `the depth maps of ${withoutDepth.length} frames have not the shape of their photographs`;
+    return withoutDepth.length ? [`${found}, the first of ${withoutDepth[0]}: they are left out`] : [];
 }
 
 /** Every frame with its pixels. The frames of a capture are photographs, or those of one video. */

@@ -62,7 +62,7 @@ export async function prepared(source, pixels, background, most, bounds) {
     }
     let camera = resized(source.camera, pixels.width, pixels.height);
     let mask = source.mask && (await maskOfSize(source.mask, pixels, bounds));
-    let depth = source.depth && (await depthOfSize(source.depth, pixels));
+    let depth = source.depth && (await depthOfSize(source.depth, pixels, bounds));
     const isTransparent = hasAlpha(pixels);
     if (isTransparent) {
         composite(pixels, background);
@@ -92,14 +92,14 @@ function hasShapeOf({ width, height }, across, down, tolerance) {
     return Math.abs(across / width / (down / height) - 1) <= tolerance;
 }
 
-/** Depth of its photograph's size. */
-async function depthOfSize(source, size) {
+/** Depth of its photograph's size; null if it has another shape: it may be of another part, or turned. */
+async function depthOfSize(source, size, { plane_aspect_tolerance: tolerance }) {
     const found = await readDepth(source);
-    return nearestPlane(found.values, found, size);
+    return hasShapeOf(found, size.width, size.height, tolerance) ? nearestPlane(found.values, found, size) : null;
 }
 
 /** A mask of its photograph's size: of each pixel what lies at its centre. */
-async function maskOfSize(file, { width, height }, { mask_aspect_tolerance: tolerance }) {
+async function maskOfSize(file, { width, height }, { plane_aspect_tolerance: tolerance }) {
     const mask = await readMask(file);
     if (!hasShapeOf(mask, width, height, tolerance)) {
         const found = `${file.path}: mask of ${mask.width}x${mask.height} pixels`;

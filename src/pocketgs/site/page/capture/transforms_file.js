@@ -60,17 +60,23 @@ export function absentWarning(frames, document) {
 }
 
 /**
- * A warning if there are depth maps without a unit: NeRFCapture writes pictures that hold no usable depth.
+ * A warning if depth maps are absent, or have no unit: NeRFCapture writes pictures that hold no usable depth.
  *
+ * @param {(FrameSource | null)[]} frames of the document, null where an image is absent
  * @param {Fields} document
  * @returns {string[]} one, or none
  */
-export function depthWarning(document) {
-    const stated = document.objects("frames").map((own) => own.over(document).values);
+export function depthWarning(frames, document) {
+    const stated = document.objects("frames").map((own) => own.over(document));
     const hasNoUnit = (values) => !("depth_file_path" in values || "integer_depth_scale" in values);
-    const isLeftOut = stated.some((values) => "depth_path" in values && hasNoUnit(values));
-    const found = "its depth maps are left out, since no 'integer_depth_scale' states their unit";
-    return isLeftOut ? [`${document.where}: ${found}`] : [];
+    if (stated.some(({ values }) => "depth_path" in values && hasNoUnit(values))) {
+        const found = "its depth maps are left out, since no 'integer_depth_scale' states their unit";
+        return [`${document.where}: ${found}`];
+    }
+    const named = stated.map((fields) => depthPath(fields)[0]);
+    const absent = named.filter((path, i) => path !== null && frames[i] && !frames[i].depth);
+    const found = `${absent.length} of its depth maps have no file, the first ${absent[0]}`;
+    return absent.length ? [`${document.where}: ${found}`] : [];
 }
 
 async function readFrame(fields, file, tree, bounds) {
@@ -78,24 +84,27 @@ async function readFrame(fields, file, tree, bounds) {
     const camera = cameraAt(fields.where, intrinsics, ...readPose(fields, bounds), bounds);
     const mask = fields.optionalText("mask_path");
     const more = { lens: readLens(fields, bounds), depth: readDepth(fields, tree, bounds) };
-    return sourceOf(file, camera, { ...more, mask: mask && stated("mask", mask, fields, tree) });
+    return sourceOf(file, camera, { ...more, mask: mask && statedMask(mask, fields, tree) });
 }
 
-/** From nerfstudio's fields, or else instant-ngp's. */
+/** Null where there is no such file: photographs alone are enough. */
 function readDepth(fields, tree, { depth_unit: usual }) {
+    const [path, unit] = depthPath(fields);
+    const file = path === null ? undefined : tree.find(path);
+    return file ? depthOf(file, unit ?? usual) : null;
+}
+
+/** The depth map and its unit, or null, from nerfstudio's fields, or else instant-ngp's. */
+function depthPath(fields) {
     const [own, unit] = [fields.optionalText("depth_file_path"), fields.optionalNumber("depth_unit_scale_factor")];
     const scale = fields.optionalNumber("integer_depth_scale");
-    if (own === null && scale !== null) {
-        const path = fields.optionalText("depth_path");
-        return path === null ? null : depthOf(stated("depth map", path, fields, tree), scale);
-    }
-    return own === null ? null : depthOf(stated("depth map", own, fields, tree), unit ?? usual);
+    return own === null && scale !== null ? [fields.optionalText("depth_path"), scale] : [own, unit];
 }
 
-function stated(what, path, { where }, tree) {
+function statedMask(path, { where }, tree) {
     const file = tree.find(path);
     if (!file) {
-        throw new Error(`${where}: names the ${what} ${path}, which is absent`);
+        throw new Error(`${where}: names the mask ${path}, which is absent`);
     }
     return file;
 }
