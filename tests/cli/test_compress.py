@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -43,7 +44,9 @@ def test_a_result_folder_and_its_capture(
 
 def test_a_scene_alone(pocketgs: Callable[..., Any], result: Path, tmp_path: Path) -> None:
     path = tmp_path / "small.pgs"
-    outcome = pocketgs("compress", result / "scene.ply", "--output", path, "--time-budget", 5)
+    (tmp_path / "cameras.json").write_text('[{"id": 0, "img_name": "a.png"}]')  # as other programs write it
+    scene = shutil.copy(result / "scene.ply", tmp_path / "scene.ply")
+    outcome = pocketgs("compress", scene, "--output", path, "--time-budget", 5)
     assert outcome.status == 0, outcome.errors
     assert "renderings of the original" in outcome.output
     assert len(read_scene(path)) > 0
@@ -54,6 +57,7 @@ def test_a_scene_alone(pocketgs: Callable[..., Any], result: Path, tmp_path: Pat
     [
         (["--output", "out.ply"], "not the name of a compressed scene, expected one that ends in .pgs"),
         (["--output", "nowhere/out.pgs"], "its folder does not exist"),
+        (["--output", "out.pgs", "--json", "nowhere/figures.json"], "its folder does not exist"),
         (["--output", "folder.pgs"], "folder.pgs: is a folder"),
         (["--output", "out.pgs", "--size", "1", "--quality", "1"], "both --size and --quality"),
         (["--output", "out.pgs", "--size", "0"], "size: found 0.0, expected megabytes above 0"),

@@ -102,6 +102,16 @@ def test_earlier_versions_have_one_radius() -> None:
     assert run(script, "1.5.3").strip() == "(1, 1, 2)"
 
 
+def test_installing_twice_and_being_looked_up() -> None:
+    run("""
+    import importlib.util
+    pocketgs.torch.install_as_gsplat()
+    import gsplat.cuda, fused_ssim
+    for name in ("gsplat", "gsplat.cuda", "gsplat.rendering", "fused_ssim"):
+        assert importlib.util.find_spec(name).name == name
+    """)
+
+
 def test_what_needs_cuda_can_be_imported_and_says_so_when_called() -> None:
     run("""
     import gsplat

@@ -232,6 +232,7 @@ def test_what_is_no_number_is_not_drawn(make_scene: Callable[..., Any]) -> None:
         ({"scales": torch.zeros(60, 3, dtype=torch.float64)}, "scales: found torch.float64"),
         ({"means": torch.zeros(60, 3, dtype=torch.float16)}, "means: found torch.float16"),
         ({"colors": torch.zeros(61, 3)}, "colors: found shape"),
+        ({"backgrounds": torch.zeros(3)}, "backgrounds: found shape"),
         ({"sh_degree": 2}, "colors: found shape"),
         ({"sparse_grad": True, "packed": False}, "sparse_grad"),
     ],

@@ -10,7 +10,16 @@ from scipy.spatial.transform import Rotation
 
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera, look_at
-from pocketgs.scene.edits import cropped, rotated, scaled, sh_rotation, translated, with_sh_degree, without_faint
+from pocketgs.scene.edits import (
+    cropped,
+    drawable,
+    rotated,
+    scaled,
+    sh_rotation,
+    translated,
+    with_sh_degree,
+    without_faint,
+)
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.scene.spherical_harmonics import basis
 from pocketgs.splat.engine import EngineOptions
@@ -49,6 +58,18 @@ def test_turned_covariances(angles: tuple[float, float, float]) -> None:
     np.testing.assert_allclose(covariances(turned) / largest, rotation @ before @ rotation.T / largest, atol=1e-5)
     back = rotated(turned, rotation.T)
     np.testing.assert_allclose(back.sh, scene.sh, atol=1e-5)
+
+
+def test_what_cannot_be_drawn_is_left_out() -> None:
+    scene = random_scene(6, 1)
+    scene.means[0, 1], scene.log_scales[1, 2], scene.sh[2, 0, 0] = np.nan, -np.inf, np.inf
+    scene.quaternions[3], scene.opacity_logits[4] = 0, np.inf
+    kept = drawable(scene)
+    np.testing.assert_array_equal(kept.means, scene.means[3:])
+    np.testing.assert_array_equal(kept.quaternions, [[1, 0, 0, 0], *scene.quaternions[4:]])
+    assert drawable(kept) is kept
+    with pytest.raises(PocketGSError, match="no Gaussian without NaN"):
+        drawable(scene.select(np.arange(3)))
 
 
 def test_half_turns_of_the_formats_are_rotations() -> None:

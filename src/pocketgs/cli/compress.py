@@ -17,7 +17,7 @@ from pocketgs.cli.own_views import own_background, own_cameras, trained_cameras
 from pocketgs.cli.scene_file import as_trained_on, capture_of, load_scene, names_scene
 from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.timed_compression import compress_in_time
-from pocketgs.compression.compress import drawable, memory_needed
+from pocketgs.compression.compress import memory_needed
 from pocketgs.compression.options import CompressionOptions
 from pocketgs.compression.views import Views, photographed, rendered
 from pocketgs.errors import PocketGSError
@@ -26,6 +26,7 @@ from pocketgs.files.memory_bound import memory_bound, require_memory
 from pocketgs.geometry.camera import Camera
 from pocketgs.results.folder import SCENE, write_json
 from pocketgs.results.held_out import check_comparable
+from pocketgs.scene.edits import drawable
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine, EngineOptions, create_engine
 
@@ -56,28 +57,29 @@ def compress(
         engine: Options of the engine.
         reading: Options for reading the capture.
     """
-    _check_names(scene, output)
+    _check_names(scene, output, json)
     console = Terminal()
+    # For the whole work: files are read back to be judged.
     with memory_bound(engine.max_memory):
         original = drawable(load_scene(scene))
+        size = (scene / SCENE if scene.is_dir() else scene).stat().st_size
         renderer = create_engine(engine)
         views = _views(scene, original, capture, renderer, reading, console)
         check_comparable([*views.judges, *views.reported])
-    with Display(console).showing() as shown:
-        shown.on_stage("compressing")
-        found = compress_in_time(
-            original,
-            views,
-            renderer,
-            compression,
-            engine_options=engine,
-            time_budget=compression.time_budget,
-            on_count=shown.on_count,
-        )
-    with replacing(output) as partial:
-        partial.write_bytes(found.chosen.contents)
-    file = scene / SCENE if scene.is_dir() else scene
-    rows = figures_table(original, file.stat().st_size, found, renderer, views)
+        with Display(console).showing() as shown:
+            shown.on_stage("compressing")
+            found = compress_in_time(
+                original,
+                views,
+                renderer,
+                compression,
+                engine_options=engine,
+                time_budget=compression.time_budget,
+                on_count=shown.on_count,
+            )
+        with replacing(output) as partial:
+            partial.write_bytes(found.chosen.contents)
+        rows = figures_table(original, size, found, renderer, views)
     print_figures(console, rows, views)
     console.say(*closing_lines(found, output))
     if json:
@@ -86,15 +88,16 @@ def compress(
         write_json(json, {"photographs": views.photographs, "reported": names, "figures": figures})
 
 
-def _check_names(scene: Path, output: Path) -> None:
+def _check_names(scene: Path, output: Path, json: Path | None) -> None:
     """Refuse names that cannot be right before any work.
 
     Raises:
-        PocketGSError: the output is no .pgs in an existing folder, or the scene is none.
+        PocketGSError: the output is no .pgs, its folder or that of the figures does not exist, or the scene is none.
     """
     if output.suffix.lower() != SUFFIX:
         raise PocketGSError(f"{output}: not the name of a compressed scene, expected one that ends in {SUFFIX}")
-    check_place(output)
+    for file in (output, *([json] if json else [])):
+        check_place(file)
     if not names_scene(scene):
         raise PocketGSError(f"{scene}: no scene, expected a scene file or a result folder, then the capture")
 

@@ -10,7 +10,7 @@ from pocketgs.capture import Capture, ListedCapture
 from pocketgs.cli.compression_table import closing_lines, figures_table, print_figures
 from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.timed_compression import compress_in_time
-from pocketgs.compression.compress import drawable, memory_needed
+from pocketgs.compression.compress import memory_needed
 from pocketgs.compression.figures import Figures
 from pocketgs.compression.options import CompressionOptions
 from pocketgs.compression.views import Views, photographed
@@ -21,6 +21,7 @@ from pocketgs.results.folder import COMPRESSED, SCENE, publishing
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import RunResult, run
 from pocketgs.results.transients import without_transients
+from pocketgs.scene.edits import drawable
 from pocketgs.splat.engine import create_engine
 from pocketgs.training.options import TrainingOptions
 

@@ -14,6 +14,7 @@ from pocketgs.cli.own_views import rendered_capture
 from pocketgs.cli.scene_file import as_trained_on, capture_of, load_scene
 from pocketgs.cli.terminal import Terminal
 from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
+from pocketgs.scene.edits import drawable
 from pocketgs.sort_free.distil import DistilOptions
 from pocketgs.sort_free.distil import distil as distil_scene
 from pocketgs.sort_free.file import check_name, write_sort_free
@@ -45,7 +46,7 @@ def distil(
     check_name(output)
     check_place(output)
     with memory_bound(max_memory):
-        teacher = load_scene(scene)
+        teacher = drawable(load_scene(scene))
         if capture is None:
             engine = create_engine(EngineOptions("cpu", threads=options.threads))
             opened = rendered_capture(scene, teacher, engine, reading.background)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-import numpy as np
-
 from pocketgs.compression.candidates import CANDIDATES, Candidate, Workshop
 from pocketgs.compression.fine_tuning import FineTuner
 from pocketgs.compression.judgement import Judge
@@ -18,6 +16,7 @@ from pocketgs.compression.timekeeper import StoppedError, Timekeeper
 from pocketgs.compression.views import Views
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
+from pocketgs.scene.edits import drawable
 from pocketgs.scene.formats.pgs_coding import DEFAULT
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.engine import Engine
@@ -147,20 +146,6 @@ def memory_needed(scene: Gaussians, cameras: Iterable[Camera], engine: Engine) -
     sizes = [(camera.width, camera.height) for camera in cameras]
     of_scene = sum(getattr(scene, name).nbytes for name in PARAMETERS)
     return engine.memory_needed(len(scene), scene.sh.shape[1], sizes).process + COPIES * of_scene
-
-
-def drawable(scene: Gaussians) -> Gaussians:
-    """Remove Gaussians with NaN or infinity, which engines do not draw and files cannot store.
-
-    Raises:
-        PocketGSError: none is left.
-    """
-    finite = ~np.isnan(scene.opacity_logits)
-    for name in ("means", "log_scales", "quaternions", "sh"):
-        finite &= np.isfinite(getattr(scene, name).reshape(len(scene), -1)).all(axis=1)
-    if not finite.any():
-        raise PocketGSError("compression: found no Gaussian without NaN or infinity, expected at least one")
-    return scene if finite.all() else scene.select(finite)
 
 
 def _least_psnr(scene: Gaussians, views: Views, judge: Judge, quality: float | None) -> float:

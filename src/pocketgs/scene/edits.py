@@ -35,6 +35,27 @@ def cropped(gaussians: Gaussians, low: np.ndarray, high: np.ndarray) -> Gaussian
     return gaussians.select(np.all((gaussians.means >= low) & (gaussians.means <= high), axis=1))
 
 
+def drawable(gaussians: Gaussians) -> Gaussians:
+    """Keep the Gaussians whose numbers are finite, but for opacities, which may be 0 or 1; others cannot be drawn.
+
+    Quaternions of length 0 become the identity, as which other programs draw them.
+
+    Raises:
+        PocketGSError: none is left.
+    """
+    finite = np.asarray(~np.isnan(gaussians.opacity_logits))
+    for name in ("means", "log_scales", "quaternions", "sh"):
+        finite &= np.isfinite(getattr(gaussians, name).reshape(len(gaussians), -1)).all(axis=1)
+    if not finite.any():
+        raise PocketGSError("scene: found no Gaussian without NaN or infinity, expected at least one")
+    kept = gaussians if finite.all() else gaussians.select(finite)
+    without_turn = np.asarray(~kept.quaternions.any(axis=1))
+    if not without_turn.any():
+        return kept
+    identity = np.array([1, 0, 0, 0], np.float32)
+    return replace(kept, quaternions=np.where(without_turn[:, None], identity, kept.quaternions))
+
+
 def without_faint(gaussians: Gaussians, least: float) -> Gaussians:
     """Keep the Gaussians of at least some opacity.
 

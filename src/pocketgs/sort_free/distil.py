@@ -62,8 +62,11 @@ class DistilOptions:
     threads: int | None = None
 
     def __post_init__(self) -> None:
-        if self.iterations < 0:
-            raise PocketGSError(f"iterations: found {self.iterations}, expected at least 0")
+        for name in ("iterations", "seed"):
+            if getattr(self, name) < 0:
+                raise PocketGSError(f"{name}: found {getattr(self, name)}, expected at least 0")
+        if self.threads is not None and self.threads < 1:
+            raise PocketGSError(f"threads: found {self.threads}, expected at least 1")
         for name in ("sh_degree", "view_degree"):
             if getattr(self, name) not in range(4):
                 raise PocketGSError(f"{name.replace('_', ' ')}: found {getattr(self, name)}, expected 0 to 3")

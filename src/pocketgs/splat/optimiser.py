@@ -28,13 +28,15 @@ def photometric_loss(
         The loss, and (H, W, 3) float32, its gradient with respect to `rgb`.
 
     Raises:
-        PocketGSError: the images differ in shape, or the photograph is not uint8.
+        PocketGSError: the images, or the mask and the images, differ in shape, or the photograph is not uint8.
     """
     from pocketgs.splat.cpu.loss import photometric
 
     if rgb.shape != photo.shape or rgb.shape[2:] != (3,) or photo.dtype != np.uint8:
         found = f"images of {rgb.shape} and {photo.dtype} {photo.shape}"
         raise PocketGSError(f"loss: found {found}, expected (H, W, 3) and uint8 of that shape")
+    if mask is not None and np.shape(mask) != photo.shape[:2]:
+        raise PocketGSError(f"loss: found a mask of {np.shape(mask)}, expected {photo.shape[:2]}, as the images")
     planes = np.ascontiguousarray(np.moveaxis(rgb, 2, 0), np.float32)
     photo_planes = np.ascontiguousarray(np.moveaxis(photo, 2, 0))
     inside = np.zeros((0, 0), np.bool_) if mask is None else np.array(mask, np.bool_, order="C")

@@ -9,6 +9,7 @@ import logging
 import sys
 from collections.abc import Callable
 from functools import wraps
+from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
 
@@ -97,7 +98,7 @@ def install_as_gsplat(
     module = _make_module("gsplat", folders, version)
     LOG.warning("gsplat %s resolves to PocketGS: rasterization runs on the CPU", version)
     if importlib.util.find_spec("fused_ssim") is None:
-        similarity = ModuleType("fused_ssim", __doc__)
+        similarity = _empty_module("fused_ssim")
         vars(similarity)["fused_ssim"] = fused_ssim
         sys.modules["fused_ssim"] = similarity
         LOG.warning("fused_ssim, which is not installed, resolves to PocketGS too")
@@ -130,11 +131,10 @@ def _make_module(name: str, folders: list[str], version: str) -> ModuleType:
         "cuda._wrapper": {**BLOCKS, **stubs, **shutters},
     }
     for part, contents in parts.items():
-        module = ModuleType(f"{name}.{part}" if part else name, __doc__)
+        is_package = part in ("", "cuda", "optimizers")
+        places = [f"{folder}/{part}" if part else folder for folder in folders] if is_package else None
+        module = _empty_module(f"{name}.{part}" if part else name, places)
         vars(module).update(contents)
-        if part in ("", "cuda", "optimizers"):
-            inside = part.replace(".", "/")
-            vars(module)["__path__"] = [f"{folder}/{inside}" if inside else folder for folder in folders]
         sys.modules[module.__name__] = module
         parent, _, own = module.__name__.rpartition(".")
         if parent:
@@ -143,6 +143,16 @@ def _make_module(name: str, folders: list[str], version: str) -> ModuleType:
     vars(whole)["__version__"] = version
     vars(whole)["__getattr__"] = _looked_up
     return whole
+
+
+def _empty_module(name: str, folders: list[str] | None = None) -> ModuleType:
+    """A module with the spec that `importlib.util.find_spec` wants of every module; a package if folders are given."""
+    module = ModuleType(name, __doc__)
+    module.__spec__ = ModuleSpec(name, None, is_package=folders is not None)
+    if folders is not None:
+        module.__spec__.submodule_search_locations = folders
+        module.__path__ = folders
+    return module
 
 
 def _looked_up(name: str) -> Any:

@@ -139,6 +139,9 @@ def rasterization(
     dtype = checked_dtype({"means": means, "opacities": opacities, "colors": colors, "backgrounds": backgrounds})
     lead, count, cameras = tuple(means.shape[:-2]), means.shape[-2], viewmats.shape[-3]
     check_shape("opacities", opacities, (*lead, count))
+    if backgrounds is not None and "RGB" in render_mode:  # depth alone ignores them
+        channels = colors.shape[-1] if sh_degree is None else 3
+        check_shape("backgrounds", backgrounds, (*lead, cameras, channels))
     if covars is not None:
         check_shape("covars", covars, (*lead, count, 3, 3))
     viewmats = viewmats.to(dtype)
