@@ -208,6 +208,20 @@ def test_nothing_in_view_is_black_and_has_no_gradient(make_scene: Callable[..., 
         assert not scene["means"].grad.any()
 
 
+@pytest.mark.parametrize("sh_degree", [None, 1])
+@pytest.mark.parametrize("double", [False, True])
+def test_no_gaussians_are_the_background(make_scene: Callable[..., Any], sh_degree: int | None, double: bool) -> None:
+    scene = make_scene(0, sh_degree=sh_degree, cameras=2, double=double)
+    behind = torch.full((2, 3), 0.5, dtype=scene["means"].dtype)
+    for packed in (False, True):
+        options = {"sh_degree": sh_degree, "packed": packed, "render_mode": "RGB+ED"}
+        image, alpha, _ = rasterization(**scene, **SIZE, **options, backgrounds=behind)
+        assert (image[..., :3] == 0.5).all()
+        assert not alpha.any()
+        image.sum().backward()
+        assert scene["means"].grad.shape == (0, 3)
+
+
 def test_what_is_no_number_is_not_drawn(make_scene: Callable[..., Any]) -> None:
     scene, other = make_scene(), make_scene()
     with torch.no_grad():

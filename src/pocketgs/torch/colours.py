@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -30,8 +32,10 @@ def drawn_colours(rows: Rows, means: Tensor, colors: Tensor, viewmats: Tensor, s
     if sh_degree is None:
         return rows.of_gaussians(colors) if are_shared else rows.of_views(colors)
     used = coefficients_used(sh_degree, colors.shape[-2])
-    places = means.reshape(-1, rows.count, 3)
-    coefficients = colors.reshape(-1, rows.count, *colors.shape[-2:])
+    batches = math.prod(rows.lead)
+    places = means.reshape(batches, rows.count, 3)
+    tables = batches if are_shared else rows.images
+    coefficients = colors.reshape(tables, rows.count, *colors.shape[-2:])
     # Degree 0 does not depend on the direction.
     centres = torch.linalg.inv(viewmats)[..., :3, 3].reshape(-1, 3) if sh_degree else None
     found = []

@@ -96,8 +96,10 @@ class Project2D(torch.autograd.Function):
         threads = torch_threads()
         cameras, count = viewmats.shape[-3], means.shape[-2]
         views, lens = _views(viewmats, Ks, projection), LENSES[projection.camera_model]
-        places, turns, sizes = (array_of(each).reshape(-1, count, each.shape[-1]) for each in (means, quats, scales))
-        opaque = array_of(opacities).reshape(len(places), -1)
+        batches = len(views) // cameras
+        inputs = (means, quats, scales)
+        places, turns, sizes = (array_of(each).reshape(batches, count, each.shape[-1]) for each in inputs)
+        opaque = array_of(opacities).reshape(batches, -1)
         shape = (len(views), count)
         centres, depths = np.empty((*shape, 2), np.float32), np.empty(shape, np.float32)
         conics, radii = np.empty((*shape, 3), np.float32), np.empty((*shape, 2), np.int32)
@@ -140,7 +142,7 @@ class Project2D(torch.autograd.Function):
         *gaussians, conics, compensations = (array_of(tensor) for tensor in ctx.saved_tensors)
         shape = gaussians[0].shape
         count, batches = shape[-2], math.prod(shape[:-2])
-        means, quats, scales = (array.reshape(batches, count, -1) for array in gaussians)
+        means, quats, scales = (array.reshape(batches, count, array.shape[-1]) for array in gaussians)
         d_centres, d_depths, d_conics, d_compensations = (array_of(gradient) for gradient in d_splats[:4])
         projection, seen, views = ctx.projection, ctx.rows, ctx.views
         threads = torch_threads()
@@ -183,7 +185,7 @@ class Project2D(torch.autograd.Function):
         if projection.sparse_grad:
             found = [_sparse(gradient, seen, count, len(views)) for gradient in gradients]
         else:
-            found = [torch.from_numpy(gradient).reshape(*shape[:-1], -1) for gradient in gradients]
+            found = [torch.from_numpy(gradient).reshape(*shape[:-1], gradient.shape[-1]) for gradient in gradients]
         return (*found, None, d_viewmats, None, None)
 
 

@@ -106,7 +106,8 @@ class ReferenceRasterizer(torch.autograd.Function):
 def _arrays(*splats: Tensor) -> list[np.ndarray]:
     """Centres, conics, colours and opacities, with one row per splat."""
     count = splats[3].numel()
-    return [array_of(tensor).reshape(count, -1) for tensor in splats[:3]] + [array_of(splats[3]).reshape(count)]
+    tables = [array_of(tensor).reshape(count, tensor.shape[-1]) for tensor in splats[:3]]
+    return [*tables, array_of(splats[3]).reshape(count)]
 
 
 def _tiles(splats: list[np.ndarray], lists: GivenLists) -> Iterator[_Tile]:
