@@ -168,10 +168,8 @@ class ListedCapture:
         loaded = load_frames(self.listing.frames, preparation, readers)
         frames = [frame for frame in loaded if frame.mask is None or frame.mask.any()]
         warnings = self.listing.warnings + _masked_out_warning(loaded, frames)
-        warnings += _shape_warning(self.listing.frames, loaded)
         if all(frame.name in self.held_out_names for frame in frames):
-            (warning,) = _masked_out_warning(loaded, frames)
-            raise PocketGSError(f"{self.path}: {warning}; no frame is left to train on")
+            raise PocketGSError(f"{self.path}: {warnings[-1]}; no frame is left to train on")
         return Capture(
             name=self.name,
             path=self.path,
@@ -183,7 +181,7 @@ class ListedCapture:
             metric=self.listing.metric,
             origin=self.listing.origin,
             protocol=", ".join([describe_images(self.listing.frames, frames, preparation), self.split]),
-            warnings=warnings,
+            warnings=warnings + _shape_warning(self.listing.frames, loaded),
             photographs=(
                 StoredPhotographs(self.listing.frames, self._of_pinholes, readers) if _may_read_again(shrink) else None
             ),

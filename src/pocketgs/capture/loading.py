@@ -183,7 +183,8 @@ def _depth_of_size(source: FrameSource, width: int, height: int) -> np.ndarray |
         PocketGSError: as `reliable_depth`.
     """
     depth = reliable_depth(source)
-    return nearest(depth, width, height) if _has_aspect_of(depth, width, height) else None
+    fits = _have_same_shape(depth.shape[::-1], (width, height), PLANE_ASPECT_TOLERANCE)
+    return nearest(depth, width, height) if fits else None
 
 
 def reliable_depth(source: FrameSource) -> np.ndarray:
@@ -209,12 +210,14 @@ def refers_to_turned_pixels(source: FrameSource, header: ImageHeader) -> bool:
     Poses usually refer to stored pixels, since most programs ignore EXIF. Some do not: then the camera's width and
     height fit only the rotated photograph.
     """
-    stored, turned = (header.width, header.height), header.upright_size
-    return not _has_shape_of(source.camera, *stored) and _has_shape_of(source.camera, *turned)
+    stated = (source.camera.width, source.camera.height)
+    fits_stored = _have_same_shape((header.width, header.height), stated, ASPECT_TOLERANCE)
+    return not fits_stored and _have_same_shape(header.upright_size, stated, ASPECT_TOLERANCE)
 
 
-def _has_shape_of(camera: Camera, width: int, height: int) -> bool:
-    return abs((width / camera.width) / (height / camera.height) - 1) <= ASPECT_TOLERANCE
+def _have_same_shape(one: tuple[int, ...], other: tuple[int, ...], tolerance: float) -> bool:
+    """Whether two sizes (width, height) have about the same aspect ratio."""
+    return abs((one[0] / other[0]) / (one[1] / other[1]) - 1) <= tolerance
 
 
 def _mask_of_size(path: CaptureFile, width: int, height: int, preparation: Preparation) -> np.ndarray:
@@ -225,18 +228,12 @@ def _mask_of_size(path: CaptureFile, width: int, height: int, preparation: Prepa
     """
     with reading_inside(preparation.masks or preparation.folder):
         mask = read_mask(path)
-    if not _has_aspect_of(mask, width, height):
-        rows, columns = mask.shape
+    rows, columns = mask.shape
+    if not _have_same_shape((columns, rows), (width, height), PLANE_ASPECT_TOLERANCE):
         raise PocketGSError(
             f"{path}: mask of {columns}x{rows} pixels, expected the shape of its photograph, {width}x{height}"
         )
     return nearest(mask, width, height)
-
-
-def _has_aspect_of(plane: np.ndarray, width: int, height: int) -> bool:
-    """Whether an (H, W) mask or depth map has about the aspect ratio of its photograph."""
-    rows, columns = plane.shape
-    return abs((columns / width) / (rows / height) - 1) <= PLANE_ASPECT_TOLERANCE
 
 
 def camera_of_size(source: FrameSource, width: int, height: int) -> Camera:
@@ -246,7 +243,7 @@ def camera_of_size(source: FrameSource, width: int, height: int) -> Camera:
         PocketGSError: the aspect ratios differ by more than 1 %.
     """
     camera = source.camera
-    if not _has_shape_of(camera, width, height):
+    if not _have_same_shape((width, height), (camera.width, camera.height), ASPECT_TOLERANCE):
         raise PocketGSError(
             f"{source.image}: image of {width}x{height} pixels, expected the shape of its camera, "
             f"{camera.width}x{camera.height}"

@@ -10,7 +10,7 @@ from pocketgs.compression.views import Colour, cameras_around, not_too_many, ren
 from pocketgs.errors import PocketGSError
 from pocketgs.files.json_fields import read_json
 from pocketgs.geometry.camera import Camera
-from pocketgs.results.cameras_file import saved_cameras
+from pocketgs.results.cameras_file import holds_cameras, read_cameras
 from pocketgs.results.folder import CAMERAS, RECORD
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
@@ -19,8 +19,8 @@ from pocketgs.splat.rendering import BLACK
 
 def trained_cameras(scene: Path) -> dict[str, Camera]:
     """The cameras of a scene's result folder, by name; empty if there is none."""
-    saved = saved_cameras(folder_of(scene) / CAMERAS)
-    return saved.cameras if saved else {}
+    path = folder_of(scene) / CAMERAS
+    return read_cameras(path).cameras if holds_cameras(path) else {}
 
 
 def own_cameras(scene: Path, gaussians: Gaussians) -> dict[str, Camera]:

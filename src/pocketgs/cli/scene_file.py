@@ -9,7 +9,7 @@ from pocketgs.capture.capture import Capture
 from pocketgs.capture.open import lacks_poses
 from pocketgs.errors import PocketGSError
 from pocketgs.files.journal import settle
-from pocketgs.results.cameras_file import saved_cameras, with_poses_of
+from pocketgs.results.cameras_file import holds_cameras, with_poses_of
 from pocketgs.results.folder import CAMERAS, RECORD, SCENE, posed_folder
 from pocketgs.results.transients import without_transients_of
 from pocketgs.scene.formats import is_scene_name, read_scene
@@ -86,7 +86,7 @@ def in_world_of(path: Path, capture: Capture) -> Capture:
         PocketGSError: they cannot be read.
     """
     cameras = folder_of(path) / CAMERAS
-    return with_poses_of(capture, cameras) if saved_cameras(cameras) else capture
+    return with_poses_of(capture, cameras) if holds_cameras(cameras) else capture
 
 
 def as_trained_on(path: Path, capture: Capture) -> Capture:

@@ -67,18 +67,13 @@ def read_cameras(path: Path) -> SavedCameras:
     return SavedCameras({name: _from_json(camera, name, path) for name, camera in cameras.items()}, refined, (x, y, z))
 
 
-def saved_cameras(path: Path) -> SavedCameras | None:
-    """The cameras of a file as `read_cameras` gives them; None if there is none, or a list, which 3DGS writes so.
-
-    Raises:
-        PocketGSError: as `read_cameras`.
-    """
+def holds_cameras(path: Path) -> bool:
+    """Whether there is a file for `read_cameras`, and not a list of cameras, which 3DGS writes under the same name."""
     settle(path.parent)
     if not path.is_file():
-        return None
+        return False
     with path.open(encoding="utf-8", errors="replace") as file:
-        is_list = file.read(1000).lstrip("\ufeff \t\r\n").startswith("[")
-    return None if is_list else read_cameras(path)
+        return not file.read(1000).lstrip("\ufeff \t\r\n").startswith("[")
 
 
 def with_poses_of(capture: Capture, path: Path) -> Capture:

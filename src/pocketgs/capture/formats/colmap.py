@@ -75,9 +75,9 @@ def _match_files(
     folder = _image_folder(capture, images)
     names = [image.name for image in registered]
     warnings: tuple[str, ...] = ()
-    # Other programs write absolute paths: those are found by name alone, below.
-    usable = all(not Path(name).is_absolute() for name in names)
-    files: list[Path | None] = find_stated(folder, names, where) if usable or images is not None else []
+    # Absolute paths are of the machine that wrote them: those images are found by name alone, below.
+    were_elsewhere = images is None and any(Path(name).is_absolute() for name in names)
+    files: list[Path | None] = [] if were_elsewhere else find_stated(folder, names, where)
     if images is None and not any(files):
         files, warnings = find_images(capture, [f"{DEFAULT_IMAGES}/{name}" for name in names], where)
     absent = [name for name, file in zip(names, files, strict=True) if file is None]

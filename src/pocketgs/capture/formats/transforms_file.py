@@ -74,7 +74,8 @@ def depth_warning(frames: list[FrameSource | None], document: Fields) -> tuple[s
     if any("depth_path" in f and "depth_file_path" not in f and "integer_depth_scale" not in f for f in values):
         return (f"{document.where}: its depth maps are left out, since no 'integer_depth_scale' states their unit",)
     named = [_read_depth(fields)[0] for fields in stated]
-    absent = [n for n, frame in zip(named, frames, strict=True) if n is not None and frame and not frame.depth_path]
+    listed = zip(named, frames, strict=True)
+    absent = [name for name, frame in listed if name is not None and frame and not frame.depth_path]
     if not absent:
         return ()
     return (f"{document.where}: {len(absent)} of its depth maps have no file, the first {absent[0]}",)

@@ -81,13 +81,11 @@ export async function loadCapture(listing, most, settings, onProgress) {
     if (frames.every(({ name }) => heldOut.has(name))) {
         throw new Error(`all of the capture's ${frames.length} frames are held out, expected one to train on`);
     }
-    const [loaded, withoutDepth] = [[], []];
+    const loaded = [];
     for await (const [source, pixels] of decodedFrames(frames, settings.capture)) {
         // Depth maps of keyframes are completed, which are frames to train on.
         const used = heldOut.has(source.name) ? { ...source, depth: null } : source;
-        const frame = await prepared(used, pixels, background, most, settings.capture);
-        loaded.push(frame);
-        withoutDepth.push(...(used.depth && !frame.depth ? [frame.name] : []));
+        loaded.push(await prepared(used, pixels, background, most, settings.capture));
         onProgress(loaded.length, frames.length);
     }
     const used = loaded.filter(({ mask }) => mask?.includes(255) ?? true);
@@ -97,7 +95,8 @@ export async function loadCapture(listing, most, settings, onProgress) {
         throw new Error(`${found}: expected masks that are white where pixels are to be used`);
     }
     const rest = used.filter(({ name }) => heldOut.has(name));
-    const allWarnings = [...warnings, ...maskedOutWarning(loaded, used), ...shapeWarning(withoutDepth)];
+    const isWithout = ({ name, depth }, i) => depth && !loaded[i].depth && !heldOut.has(name);
+    const allWarnings = [...warnings, ...maskedOutWarning(loaded, used), ...shapeWarning(frames.filter(isWithout))];
     return { train, heldOut: rest, cloud, background, isMetric, warnings: allWarnings };
 }
 
@@ -107,9 +106,9 @@ function maskedOutWarning(loaded, used) {
     return leftOut.length ? [`${found}: these frames are left out; masks are white where pixels are to be used`] : [];
 }
 
-function shapeWarning(withoutDepth) {
-    const found = `the depth maps of ${withoutDepth.length} frames have not the shape of their photographs`;
-    return withoutDepth.length ? [`${found}, the first of ${withoutDepth[0]}: they are left out`] : [];
+function shapeWarning(leftOut) {
+    const found = `the depth maps of ${leftOut.length} frames have not the shape of their photographs`;
+    return leftOut.length ? [`${found}, the first of ${leftOut[0].name}: they are left out`] : [];
 }
 
 /** Every frame with its pixels. The frames of a capture are photographs, or those of one video. */
