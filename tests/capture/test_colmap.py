@@ -77,6 +77,27 @@ def test_absent_images(ring, colmap_files, tmp_path):
         open_capture(tmp_path)
 
 
+@pytest.mark.parametrize(("model", "images"), [("dense/sparse", "dense/images"), ("dense/0/sparse", "dense/0/images")])
+def test_undistorted_images_go_with_their_model(ring, colmap_files, tmp_path, model, images):
+    """COLMAP writes both to a folder of their own; the originals keep the same names."""
+    colmap_files.write(tmp_path / model)
+    ring.write_images(tmp_path / "images")
+    assert read_listing(tmp_path).frames[0].name == "images/view_00.png"
+    (tmp_path / images).mkdir()
+    assert read_listing(tmp_path).frames[0].name == "images/view_00.png"
+    ring.write_images(tmp_path / images)
+    listing = read_listing(tmp_path)
+    assert (listing.frames[0].name, listing.warnings) == (f"{images}/view_00.png", ())
+    assert read_listing(tmp_path, "images").frames[0].name == "images/view_00.png"
+
+
+def test_images_of_a_model_in_a_numbered_folder(ring, colmap_files, tmp_path):
+    colmap_files.write(tmp_path / "colmap/sparse/0")
+    for folder in ("images", "colmap/images"):
+        ring.write_images(tmp_path / folder)
+    assert read_listing(tmp_path).frames[0].name == "colmap/images/view_00.png"
+
+
 def test_renamed_copies_are_matched_in_sorted_order(ring, colmap_files, tmp_path):
     colmap_files.write(tmp_path / "sparse/0")
     ring.write_images(tmp_path / "images")

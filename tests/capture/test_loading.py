@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from pocketgs.capture.image_file import read_colour
+from pocketgs.capture.image_file import read_colour, read_size
 from pocketgs.capture.listed import StoredPhotographs
 from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.loading import Preparation, composite, load_frame
@@ -133,8 +133,18 @@ def test_missing_and_huge_images(tmp_path, monkeypatch):
         read_colour(tmp_path / "a.png")
     Image.new("RGB", (100, 100)).save(tmp_path / "a.png")
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 10)
-    with pytest.raises(PocketGSError, match=r"a\.png: cannot be decoded"):
+    with pytest.raises(PocketGSError, match=r"a\.png: has more than 250,000,000 pixels; reduce it"):
         read_colour(tmp_path / "a.png")
+
+
+@pytest.mark.filterwarnings("ignore::PIL.Image.DecompressionBombWarning")
+def test_photographs_of_200_megapixels(tmp_path):
+    """The largest that phones take are refused for the memory that they need, which the user can allow."""
+    path = tmp_path / "a.png"
+    Image.new("1", (16320, 12240)).save(path)
+    assert read_size(path) == (16320, 12240)
+    with pytest.raises(PocketGSError, match=r"a\.png: 16320x12240 pixels .* --max-memory 4795 or more"):
+        read_colour(path)
 
 
 @pytest.mark.parametrize("suffix", ["png", "jpg", "webp"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import unicodedata
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,28 @@ def test_masks_elsewhere_and_none(write_transforms, tmp_path_factory):
     save(capture / "others/something.png")
     with pytest.raises(PocketGSError, match=r"none of its 1 images is the mask of a frame.* view_00\.png\.png"):
         open_capture(capture, masks="others")
+
+
+def test_masks_of_a_capture_given_by_its_file(write_transforms, tmp_path, monkeypatch):
+    capture = write_transforms()
+    for number in range(10):
+        save(capture / f"people/view_{number:02d}.png")
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path / "empty")
+    opened = open_capture(capture / "transforms.json", masks="people")
+    assert opened.train[0].mask.mean() == 0.75
+
+
+def test_accents_in_names_of_masks(ring, write_transforms):
+    """The file system of macOS takes accents apart, its other programs do not."""
+    composed, apart = (unicodedata.normalize(form, "Caf\u00e9.png") for form in ("NFC", "NFD"))
+    frames = ring.transforms()["frames"]
+    frames[0]["file_path"] = f"images/{composed}"
+    capture = write_transforms(frames=frames)
+    (capture / "images/view_00.png").rename(capture / "images" / composed)
+    save(capture / "masks" / apart)
+    opened = open_capture(capture, hold_out_every=0)
+    assert [frame.name for frame in opened.train if frame.mask is not None] == [f"images/{composed}"]
 
 
 def test_stated_masks_go_before_found_ones(ring, write_transforms):
@@ -160,3 +183,11 @@ def test_kinds_of_masks(tmp_path):
         image.save(tmp_path / name)
         found = read_mask(tmp_path / name)
         np.testing.assert_array_equal(found[:: len(found) // 12, :: len(found) // 12], MASK > 0, err_msg=name)
+
+
+@pytest.mark.parametrize("mode", ["RGBA", "LA"])
+def test_black_is_not_used_where_alpha_says_nothing(tmp_path, mode):
+    """Photographs in which nothing is to be used often come with opaque alpha."""
+    for name, grey, used in (("black", 0, False), ("white", 255, True)):
+        Image.fromarray(np.full_like(MASK, grey)).convert(mode).save(tmp_path / f"{name}.png")
+        assert np.all(read_mask(tmp_path / f"{name}.png") == used)

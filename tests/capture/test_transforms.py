@@ -119,12 +119,16 @@ def test_own_split(ring, write_transforms):
         open_capture(folder)
 
 
+def write_cloud(ring, path: Path) -> None:
+    rows = [(*p, *c) for p, c in zip(ring.positions, ring.colours, strict=True)]
+    names = [("x", "f4"), ("y", "f4"), ("z", "f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]
+    PlyData([PlyElement.describe(np.array(rows, dtype=names), "vertex")]).write(path)
+
+
 def test_cloud(ring, write_transforms):
     folder = write_transforms(ply_file_path="cloud.ply")
     assert "cloud.ply is absent" in open_capture(folder).warnings[0]
-    rows = [(*p, *c) for p, c in zip(ring.positions, ring.colours, strict=True)]
-    names = [("x", "f4"), ("y", "f4"), ("z", "f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]
-    PlyData([PlyElement.describe(np.array(rows, dtype=names), "vertex")]).write(folder / "cloud.ply")
+    write_cloud(ring, folder / "cloud.ply")
     points = open_capture(folder).points
     np.testing.assert_allclose(points.positions, ring.positions, rtol=1e-6)
     np.testing.assert_allclose(points.colours, ring.colours / 255, rtol=1e-6)
@@ -218,7 +222,6 @@ def test_wrong_fields_are_named(write_transforms, field, value, said):
         ("file_path", 3, "expected text"),
         ("file_path", "images/view_02.png", "more than once"),
         ("mask_path", "../mask.png", "outside"),
-        ("mask_path", "absent.png", "no such file"),
         ("mask_path", "x" * 5000, "cannot be looked up"),
         ("depth_file_path", "../depth.png", "outside"),
         ("transform_matrix", [[float("nan")] * 4] * 4, "transform_matrix"),
@@ -245,6 +248,54 @@ def test_absent_depth_maps_are_left_out(ring, write_transforms):
     assert [frame.depth for frame in capture.frames] == [None] * 10
     (warning,) = capture.warnings
     assert warning.endswith("transforms.json: 3 of its depth maps have no file, the first depth/absent.png")
+
+
+def test_absent_masks_are_left_out(ring, write_transforms):
+    frames = ring.transforms()["frames"]
+    for frame in frames[2:5]:
+        frame["mask_path"] = "masks/absent.png"
+    capture = open_capture(write_transforms(frames=frames))
+    assert [frame.mask for frame in capture.frames] == [None] * 10
+    (warning,) = capture.warnings
+    assert warning.endswith("transforms.json: 3 of its masks have no file, the first masks/absent.png")
+
+
+@pytest.mark.parametrize("root", ["/home/someone/scan/", "C:\\scans\\my scan\\"])
+def test_files_beside_images_that_have_moved(ring, write_transforms, root):
+    frames, folder = ring.transforms()["frames"], write_transforms()
+    for place, value in (("masks", 255), ("depth", 90)):
+        (folder / place).mkdir()
+        Image.fromarray(np.full((12, 16), value, np.uint8)).save(folder / place / "view_00.png")
+    write_cloud(ring, folder / "cloud.ply")
+    separator = root[-1]
+    for frame, name in zip(frames, ring.names, strict=True):
+        frame["file_path"] = separator.join([root[:-1], "images", name])
+        frame["mask_path"] = separator.join([root[:-1], "masks", name])
+        frame["depth_file_path"] = separator.join([root[:-1], "depth", name])
+    capture = open_capture(write_transforms(frames=frames, ply_file_path=f"{root}cloud.ply"), hold_out_every=0)
+    assert len(capture.points) == len(ring.positions)
+    first, *others = capture.train
+    assert first.mask.all()
+    np.testing.assert_allclose(first.depth, 0.09)
+    assert all(frame.mask is None and frame.depth is None for frame in others)
+    moved, masks, depths = capture.warnings
+    assert "by their names" in moved
+    assert "9 of its masks" in masks
+    assert "9 of its depth maps" in depths
+
+
+def test_files_elsewhere_are_not_read(ring, write_transforms, tmp_path_factory):
+    """Absolute paths that exist are left alone, and a photograph of the same name is no mask."""
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    Image.fromarray(np.zeros((12, 16), np.uint8)).save(elsewhere / "view_00.png")
+    write_cloud(ring, elsewhere / "cloud.ply")
+    frames = ring.transforms(".")["frames"]
+    frames[0]["mask_path"] = frames[0]["depth_file_path"] = str(elsewhere / "view_00.png")
+    folder = write_transforms(frames=frames, ply_file_path=str(elsewhere / "cloud.ply"))
+    ring.write_images(folder)
+    listing = read_listing(folder)
+    assert (listing.frames[0].mask_path, listing.frames[0].depth_path, listing.points) == (None, None, None)
+    assert len(listing.warnings) == 3
 
 
 def test_depth_of_another_shape_is_left_out(ring, write_transforms):

@@ -209,6 +209,15 @@ def test_colmap(call: Call, ring: Ring, colmap_files: ColmapFiles, tmp_path: Pat
     assert_same(call, tmp_path)
 
 
+def test_undistorted_images_go_with_their_model(
+    call: Call, ring: Ring, colmap_files: ColmapFiles, tmp_path: Path
+) -> None:
+    for folder in ("images", "dense/images"):
+        ring.write_images(tmp_path / folder)
+    colmap_files.write(tmp_path / "dense/sparse")
+    assert_same(call, tmp_path)
+
+
 @pytest.mark.parametrize(
     "line",
     [

@@ -22,6 +22,13 @@ Result = TypeVar("Result")
 # Pillow's own warnings about image size; sizes are checked here.
 warnings.filterwarnings("ignore", module=r"PIL\.")
 
+MOST_PIXELS = 250_000_000
+"""Room for the largest photographs of phones, 16320x12240 pixels. The memory bound alone is not enough: Pillow decodes
+some files as it opens them, or decodes more than their headers state.
+"""
+
+Image.MAX_IMAGE_PIXELS = MOST_PIXELS // 2  # Pillow warns from here, and refuses twice as many
+
 SIXTEEN_BIT_MODES = ("I", "I;16", "I;16B", "I;16L", "I;16N")
 HEIF_SUFFIXES = frozenset({".heic", ".heif"})
 
@@ -165,6 +172,8 @@ def _opened(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
             return read(image)
     except PocketGSError:
         raise
+    except Image.DecompressionBombError as error:
+        raise PocketGSError(f"{path}: has more than {MOST_PIXELS:,} pixels; reduce it to at most as many") from error
     except Exception as error:  # Pillow's decoders raise different types for different damage
         raise PocketGSError(f"{path}: cannot be decoded ({clipped(error)}), expected a whole image file") from error
 

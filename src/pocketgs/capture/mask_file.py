@@ -35,7 +35,8 @@ def _usable(image: Image.Image) -> np.ndarray:
     if image.mode in ("RGBA", "LA", "PA", "P"):
         brightness, alpha = np.asarray(image.convert("RGBA").convert("LA")).transpose(2, 0, 1)
         # A cut-out in one colour is described by its alpha alone.
-        return (alpha > HALF) & (_bright(brightness) | (brightness.min() == brightness.max()))
+        cut_out = brightness.min() == brightness.max() and alpha.min() < alpha.max()
+        return (alpha > HALF) & (_bright(brightness) | cut_out)
     return _bright(np.asarray(image.convert("L")))
 
 

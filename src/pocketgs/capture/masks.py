@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 from pocketgs.capture.listing import Listing
+from pocketgs.capture.named_images import spelling
 from pocketgs.errors import PocketGSError
 from pocketgs.files.paths import list_images
 
@@ -112,7 +113,7 @@ def match(names: Sequence[str], folder: Path) -> dict[str, Path]:
     for file in files:
         name = file.relative_to(folder)
         for key in (name, name.with_suffix("")):
-            by_name.setdefault(key.as_posix().casefold(), file)
+            by_name.setdefault(spelling(key.as_posix()), file)
     found = {name: mask for name in names if (mask := _named(name, by_name)) is not None}
     found = found or _numbered(names, files)
     shared = [mask for mask, count in Counter(found.values()).items() if count > 1]
@@ -138,7 +139,7 @@ def _match_all(names: Sequence[str], folder: Path) -> dict[str, Path]:
 
 def _named(photograph: str, masks: dict[str, Path]) -> Path | None:
     """The mask of a photograph by its path, or by the longest matching end of its path."""
-    parts = PurePosixPath(photograph.casefold()).parts
+    parts = PurePosixPath(spelling(photograph)).parts
     for start in range(len(parts)):
         name = PurePosixPath(*parts[start:])
         # `masks` also has each file by its name without the last suffix: NAME.jpg.png is found as NAME.jpg.

@@ -77,11 +77,34 @@ def find_stated(folder: Path, named: Sequence[str], where: str, suffixes: tuple[
     return files
 
 
+def find_moved(folder: Path, stated: str, where: str, photograph: Path | None = None) -> Path | None:
+    """The file inside a folder that a capture names: for an absolute path, by the longest end of it that exists.
+
+    Absolute paths are of the machine that wrote them.
+
+    Args:
+        folder: the capture's, inside which the file must lie.
+        stated: its path, relative to the folder or absolute.
+        where: the file that states it, for messages.
+        photograph: whose mask or depth is sought; these often have its name, so the end of a path may find it instead.
+
+    Raises:
+        PocketGSError: the path is not usable, or leaves the folder.
+    """
+    path = PureWindowsPath(stated)
+    if not path.root:
+        return existing_file(folder, stated, where)
+    parts = path.parts[1:][-DEEPEST - 1 :]
+    ends = ("/".join(parts[start:]) for start in range(len(parts)))
+    files = (existing_file(folder, end, where) for end in ends)
+    return next((file for file in files if file and not (photograph and file.samefile(photograph))), None)
+
+
 def _spelt_otherwise(present: dict[str, list[Path]], stated: str, suffixes: tuple[str, ...]) -> Path | None:
     """The only file of a folder whose name differs just in spelling, or else in its suffix."""
-    spelling = _spelling(_last_part(stated))
-    same = [file for suffix in suffixes for file in present.get(spelling + suffix, ())]
-    same = same or present.get(os.path.splitext(spelling)[0] + ANY_SUFFIX, [])
+    name = spelling(_last_part(stated))
+    same = [file for suffix in suffixes for file in present.get(name + suffix, ())]
+    same = same or present.get(os.path.splitext(name)[0] + ANY_SUFFIX, [])
     return same[0] if len(same) == 1 else None
 
 
@@ -90,8 +113,8 @@ def _spelt_in(folder: Path) -> dict[str, list[Path]]:
     found: dict[str, list[Path]] = defaultdict(list)
     for file in list_images(folder) if folder.is_dir() else ():
         if not file.is_symlink():
-            found[_spelling(file.name)].append(file)
-            found[_spelling(file.stem) + ANY_SUFFIX].append(file)
+            found[spelling(file.name)].append(file)
+            found[spelling(file.stem) + ANY_SUFFIX].append(file)
     return found
 
 
@@ -99,10 +122,10 @@ def _by_name_alone(folder: Path, named: Sequence[str], suffixes: tuple[str, ...]
     """For each image, the file of its name whose folders match the stated ones best; None on a tie."""
     by_name: dict[str, list[Path]] = defaultdict(list)
     for file in _images_below(folder):
-        by_name[_spelling(file.name)].append(file)
+        by_name[spelling(file.name)].append(file)
 
     def best(name: str) -> Path | None:
-        files = [file for suffix in suffixes for file in by_name[_spelling(_last_part(name) + suffix)]]
+        files = [file for suffix in suffixes for file in by_name[spelling(_last_part(name) + suffix)]]
         ranks = sorted((_rank(file, name), file) for file in files)
         return None if not ranks or (len(ranks) > 1 and ranks[0][0] == ranks[1][0]) else ranks[0][1]
 
@@ -113,7 +136,7 @@ def _rank(file: Path, stated: str) -> tuple[int, bool]:
     """Sort key, lowest is best: number of matching path parts from the end, then full resolution first."""
     agreeing = 0
     for one, other in zip(reversed(file.parts), reversed(PureWindowsPath(stated).parts), strict=False):
-        if agreeing and _spelling(one) != _spelling(other):
+        if agreeing and spelling(one) != spelling(other):
             break
         agreeing += 1
     return -agreeing, re.search(r"_\d+$", file.parent.name) is not None
@@ -135,5 +158,6 @@ def _last_part(stated: str) -> str:
     return PureWindowsPath(stated).name
 
 
-def _spelling(name: str) -> str:
+def spelling(name: str) -> str:
+    """A name without what differs between systems: case, and the encoding of accents."""
     return unicodedata.normalize("NFC", name).casefold()

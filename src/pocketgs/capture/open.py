@@ -105,10 +105,11 @@ def list_capture(
         PocketGSError: the capture or an option is not usable.
     """
     path = Path(path)
-    _check_options(downscale, max_size, background, lens, hold_out_every)
+    check_options(downscale, max_size, background, lens, hold_out_every)
     listing = read_listing(path, images)
-    folder = located(path)
-    listing = masks_of.with_masks(listing, folder if folder.is_dir() else folder.parent, masks)
+    place = located(path)
+    folder = place if place.is_dir() else place.parent
+    listing = masks_of.with_masks(listing, folder, masks)
     held_out_names, split = choose_held_out(listing, hold_out_every)
     if all(frame.name in held_out_names for frame in listing.frames):
         raise PocketGSError(f"{path}: all of its {len(listing.frames)} frames are held out, expected one to train on")
@@ -196,13 +197,18 @@ def is_transforms_file(path: Path) -> bool:
     return path.suffix.lower() == ".json" and path.is_file()
 
 
-def _check_options(
+def check_options(
     downscale: float | None,
     max_size: int | None,
     background: tuple[float, float, float] | None,
     lens: str,
     hold_out_every: int,
 ) -> None:
+    """Refuse options of `list_capture` that are out of range.
+
+    Raises:
+        PocketGSError: one is.
+    """
     if downscale is not None and (not math.isfinite(downscale) or downscale < 1):
         raise PocketGSError(f"downscale {downscale}, expected a factor of at least 1")
     if max_size is not None and max_size < 1:

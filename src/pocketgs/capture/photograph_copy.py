@@ -61,8 +61,9 @@ def place_masks(masks: Mapping[Path, Path], placed: Mapping[Path, Path], folder:
     for photograph, mask in masks.items():
         usable = Image.fromarray(read_mask(mask))
         header = read_header(photograph)
-        if header.upright_size != (header.width, header.height) and usable.size == (header.width, header.height):
-            usable = _turned(usable, header.orientation)  # masks are made for stored pixels
+        has_stored_shape = (usable.width > usable.height) == (header.width > header.height)
+        if header.upright_size != (header.width, header.height) and has_stored_shape:
+            usable = _turned(usable, header.orientation)  # masks are made for stored pixels, of any size
         usable.save(folder / f"{placed[photograph].name}.png")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pocketgs.capture.formats.transforms_file import absent_warning, read_frames
+from pocketgs.capture.formats.transforms_file import absent_warning, mask_warning, read_frames
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.errors import PocketGSError
 from pocketgs.files.json_fields import read_json
@@ -39,4 +39,5 @@ def _read_split(path: Path, name: str) -> tuple[list[FrameSource], tuple[str, ..
     document = read_json(path / name)
     # Always with the folder: training and test images have the same names.
     frames, warnings = read_frames(document, path, may_have_moved=False)
-    return [frame for frame in frames if frame is not None], warnings + absent_warning(frames, document)
+    warnings += absent_warning(frames, document) + mask_warning(frames, document)
+    return [frame for frame in frames if frame is not None], warnings

@@ -32,7 +32,7 @@ def read(path: Path, images: str | None = None) -> Listing:
 
     Args:
         path: the capture's folder.
-        images: folder inside it with the image files, `images` if None.
+        images: folder inside it with the image files; if None, a usual one beside the model or else in the capture.
 
     Raises:
         PocketGSError: a file is malformed, a camera model is not supported, or no registered image exists.
@@ -44,7 +44,7 @@ def read(path: Path, images: str | None = None) -> Listing:
     registered = colmap_files.read_images(model)
     if not registered:
         raise PocketGSError(f"{model}: registers no image, expected at least one")
-    files, warnings = _match_files(registered, path, images, f"{model}: images")
+    files, warnings = _match_files(registered, path, model, images)
     frames = [
         _frame(image, file, path, cameras, f"{model}, image {image.name}")
         for image, file in zip(registered, files, strict=True)
@@ -69,10 +69,11 @@ def _model_folder(path: Path) -> Path | None:
 
 
 def _match_files(
-    registered: list[ColmapImage], capture: Path, images: str | None, where: str
+    registered: list[ColmapImage], capture: Path, model: Path, images: str | None
 ) -> tuple[list[Path | None], tuple[str, ...]]:
     """Each registered image's file, None where it is missing, and warnings."""
-    folder = _image_folder(capture, images)
+    folder = _image_folder(capture, model, images)
+    where = f"{model}: images"
     names = [image.name for image in registered]
     warnings: tuple[str, ...] = ()
     # Absolute paths are of the machine that wrote them: those images are found by name alone, below.
@@ -95,8 +96,10 @@ def _match_files(
     return [by_name[name] for name in names], (message,)
 
 
-def _image_folder(capture: Path, images: str | None) -> Path:
-    """The requested folder, or the first usual one that exists, or the capture itself.
+def _image_folder(capture: Path, model: Path, images: str | None) -> Path:
+    """The requested folder, or the first usual one that exists beside the model or in the capture, or the capture.
+
+    COLMAP writes undistorted images beside their model; the originals in the capture have the same names.
 
     Raises:
         PocketGSError: the requested folder does not exist.
@@ -106,8 +109,16 @@ def _image_folder(capture: Path, images: str | None) -> Path:
         if not folder.is_dir():
             raise PocketGSError(f"{folder}: no such folder, expected the images that the COLMAP model registers")
         return folder
-    usual = (inside(capture, name, "COLMAP capture") for name in IMAGE_FOLDERS)
+    places = dict.fromkeys((_folder_around(model, capture), capture))
+    names = (relative_name(place / name, capture) for place in places for name in IMAGE_FOLDERS)
+    usual = (inside(capture, name, "COLMAP capture") for name in names)
     return next((folder for folder in usual if folder.is_dir()), capture)
+
+
+def _folder_around(model: Path, capture: Path) -> Path:
+    """The folder that holds a model's `sparse` or `sparse/0`."""
+    sparse = model.parent if model.name == "0" else model
+    return capture if model == capture else sparse.parent
 
 
 def _frame(image: ColmapImage, file: Path, capture: Path, cameras: dict[int, ColmapCamera], where: str) -> FrameSource:

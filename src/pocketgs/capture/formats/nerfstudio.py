@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path, PurePosixPath
 
 from pocketgs.capture.cloud_file import read_cloud
-from pocketgs.capture.formats.transforms_file import absent_warning, depth_warning, read_frames
+from pocketgs.capture.formats.transforms_file import absent_warning, depth_warning, mask_warning, read_frames
 from pocketgs.capture.listing import FrameSource, Listing
+from pocketgs.capture.named_images import find_moved
 from pocketgs.errors import PocketGSError
 from pocketgs.files.json_fields import Fields, read_json
-from pocketgs.files.paths import existing_file
 from pocketgs.scene.point_cloud import PointCloud
 
 FORMAT = "nerfstudio"
@@ -37,7 +37,7 @@ def read(path: Path, images: str | None = None) -> Listing:
     file = path if path.is_file() else path / "transforms.json"
     document = read_json(file)
     listed, warnings = read_frames(document, file.parent, images)
-    warnings += absent_warning(listed, document) + depth_warning(listed, document)
+    warnings += absent_warning(listed, document) + mask_warning(listed, document) + depth_warning(listed, document)
     if listed and all(frame is None for frame in listed):
         raise PocketGSError(f"{file}: none of the {len(listed)} listed frames has an image file")
     frames, held_out = _split(document, listed)
@@ -79,7 +79,7 @@ def _cloud(document: Fields, folder: Path) -> tuple[PointCloud | None, tuple[str
     name = document.optional_text("ply_file_path")
     if name is None:
         return None, ()
-    path = existing_file(folder, name, document.where)
+    path = find_moved(folder, name, document.where)
     if path is None:
         return None, (f"{document.where}: the point cloud {name} is absent",)
     return read_cloud(path), ()

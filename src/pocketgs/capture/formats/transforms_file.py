@@ -9,11 +9,11 @@ import numpy as np
 from pocketgs.capture.formats.stated_intrinsics import read_intrinsics
 from pocketgs.capture.image_file import read_size
 from pocketgs.capture.listing import FrameSource
-from pocketgs.capture.named_images import find_images, find_stated
+from pocketgs.capture.named_images import find_images, find_moved, find_stated
 from pocketgs.capture.poses import camera_at, world_to_camera_from_opengl
 from pocketgs.errors import PocketGSError, short
 from pocketgs.files.json_fields import Fields
-from pocketgs.files.paths import existing_file, inside, relative_name
+from pocketgs.files.paths import relative_name
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.lens import PINHOLE, Lens
 
@@ -76,23 +76,39 @@ def depth_warning(frames: list[FrameSource | None], document: Fields) -> tuple[s
     named = [_read_depth(fields)[0] for fields in stated]
     listed = zip(named, frames, strict=True)
     absent = [name for name, frame in listed if name is not None and frame and not frame.depth_path]
+    return _without_file("depth maps", absent, document)
+
+
+def mask_warning(frames: list[FrameSource | None], document: Fields) -> tuple[str, ...]:
+    """A warning if masks are absent, or none: frames without a mask are used whole."""
+    named = [fields.over(document).optional_text("mask_path") for fields in document.objects("frames")]
+    listed = zip(named, frames, strict=True)
+    absent = [name for name, frame in listed if name is not None and frame and not frame.mask_path]
+    return _without_file("masks", absent, document)
+
+
+def _without_file(kind: str, absent: list[str], document: Fields) -> tuple[str, ...]:
     if not absent:
         return ()
-    return (f"{document.where}: {len(absent)} of its depth maps have no file, the first {absent[0]}",)
+    return (f"{document.where}: {len(absent)} of its {kind} have no file, the first {absent[0]}",)
 
 
 def _read_frame(fields: Fields, folder: Path, path: Path) -> FrameSource:
-    mask = fields.optional_text("mask_path")
     depth, depth_unit = _read_depth(fields)
     return FrameSource(
         name=relative_name(path, folder),
         image=path,
         camera=_read_camera(fields, path),
         lens=_read_lens(fields),
-        mask_path=None if mask is None else inside(folder, mask, fields.where),
-        depth_path=None if depth is None else existing_file(folder, depth, fields.where),
+        mask_path=_beside(path, folder, fields.optional_text("mask_path"), fields.where),
+        depth_path=_beside(path, folder, depth, fields.where),
         depth_unit=depth_unit,
     )
+
+
+def _beside(photograph: Path, folder: Path, stated: str | None, where: str) -> Path | None:
+    """The file of a photograph's mask or depth, or None if none is stated or it is absent."""
+    return None if stated is None else find_moved(folder, stated, where, photograph)
 
 
 def _read_depth(fields: Fields) -> tuple[str | None, float]:

@@ -30,7 +30,7 @@ export async function read(tree, bounds) {
     if (!registered.length) {
         throw new Error(`${imageFile.path}: registers no image, expected at least one`);
     }
-    const [files, warnings] = matchFiles(registered, tree, bounds);
+    const [files, warnings] = matchFiles(registered, tree, folder, bounds);
     const frames = registered.flatMap((image, i) => {
         return files[i] ? [frameOf(image, files[i], cameras, imageFile, bounds)] : [];
     });
@@ -54,8 +54,10 @@ function findPart(tree, folder, name) {
 }
 
 /** Each registered image's file, undefined where it is missing, and warnings. */
-function matchFiles(registered, tree, { image_folders: usual, usual_images: first }) {
-    const folder = usual.find((name) => tree.hasFolder(name)) ?? "";
+function matchFiles(registered, tree, model, { image_folders: usual, usual_images: first }) {
+    // COLMAP writes undistorted images beside their model; the originals in the capture have the same names.
+    const folders = [around(model), ""].flatMap((place) => usual.map((name) => place + name));
+    const folder = folders.find((name) => tree.hasFolder(name)) ?? "";
     const names = registered.map(({ name }) => name);
     const files = names.map((name) => tree.find(`${folder}/${name}`));
     const absent = names.filter((_, i) => !files[i]);
@@ -73,6 +75,11 @@ function matchFiles(registered, tree, { image_folders: usual, usual_images: firs
     const renamed = present.toSorted(byCodePoint);
     const message = `${folder} names its files otherwise: matched to the model in sorted order`;
     return [names.map((name) => tree.find(renamed[ordered.indexOf(name)])), [message]];
+}
+
+/** The path to a model's `sparse` or `sparse/0`: empty, or with a slash at its end. */
+function around(model) {
+    return model.replace(/\/0$/, "").replace(/[^/]*$/, "");
 }
 
 function frameOf(image, file, cameras, imageFile, bounds) {
