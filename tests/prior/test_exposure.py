@@ -13,6 +13,7 @@ from pocketgs.capture.capture import Capture, Frame
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
 from pocketgs.prior.features.features import Features
+from pocketgs.prior.features.tracks import view_distances
 from pocketgs.prior.poses.structure import Structure
 from pocketgs.prior.scale import Scale, estimate_scale
 
@@ -98,12 +99,26 @@ def test_too_few_points_leave_gains_at_one(clean_walk: Capture, clean_structure:
 
 
 @pytest.mark.parametrize("level", [0, 255])
-def test_a_photograph_that_shows_nothing_leaves_gains_at_one(
+def test_a_photograph_that_shows_nothing_takes_the_gain_of_the_most_similar_view(
     clean_walk: Capture, clean_structure: Structure, scale: Scale, level: int
 ) -> None:
     photographs = exposed(clean_walk.train, random_gains(len(clean_walk.train)))
+    whole = exposure_gains(photographs, clean_structure, scale)
     photographs[3] = replace(photographs[3], image=np.full_like(photographs[3].image, level))
     gains = exposure_gains(photographs, clean_structure, scale)
+    cameras = [frame.camera for frame in photographs]
+    (apart,) = view_distances(cameras[3:4], cameras, scale.distance)
+    expected = whole.copy()
+    expected[3] = whole[np.argsort(apart)[1]]
+    np.testing.assert_allclose(gains, expected / np.exp(np.log(expected).mean(axis=0)), rtol=0.01)
+    np.testing.assert_allclose(np.log(gains).mean(axis=0), 0.0, atol=1e-9)
+
+
+def test_one_photograph_that_shows_something_leaves_gains_at_one(
+    clean_walk: Capture, clean_structure: Structure, scale: Scale
+) -> None:
+    blank = [replace(frame, image=np.zeros_like(frame.image)) for frame in clean_walk.train[1:]]
+    gains = exposure_gains([clean_walk.train[0], *blank], clean_structure, scale)
     np.testing.assert_array_equal(gains, np.ones((10, 3)))
 
 

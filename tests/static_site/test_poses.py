@@ -408,3 +408,8 @@ def test_exposure(call: Call, walk: Walk) -> None:
     assert few == [[1, 1, 1]] * len(frames)
     colours = np.reshape(evened, (120, 160, 4))[:, :, :3].astype(int)
     assert np.abs(colours - compensated(frames, expected)[1].image).max() <= 1
+    frames[2] = replace(frames[2], image=np.zeros_like(frames[2].image))
+    expected = exposure_gains(frames, structure, walk.scale)
+    assert any(np.array_equal(expected[2], other) for other in np.delete(expected, 2, axis=0))
+    gains, *_ = call("prior/exposure.js", script, {**given, "frames": plain_frames(frames)})
+    np.testing.assert_allclose(gains, expected, atol=0.01)

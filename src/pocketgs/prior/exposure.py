@@ -57,21 +57,30 @@ def exposure_gains(frames: Sequence[Frame], structure: Structure, scale: Scale) 
         scale: of the scene.
 
     Returns:
-        (F, 3) factor on red, green and blue of each, with a geometric mean of 1; 1 for all where one
-        of them sees too few points.
+        (F, 3) factor on red, green and blue of each, with a geometric mean of 1. One that sees too few points has that
+        of the most similar view; 1 for all where fewer than two see enough.
     """
     seen = _samples(frames, structure, scale)
-    if np.bincount(seen.frame, minlength=len(frames)).min() < MIN_POINTS:
+    enough = np.bincount(seen.frame, minlength=len(frames)) >= MIN_POINTS
+    if np.count_nonzero(enough) < 2:
         return np.ones((len(frames), 3))
+    measured_in = _measured_in(frames, enough, scale)
     by_frame, by_point = _alike(seen.frame), _alike(seen.point)
     gains = np.zeros((len(frames), 3))
     for _ in range(ALTERNATIONS):
-        of_points = _medians(seen.colours - gains[seen.frame], by_point)
-        last, gains = gains, _medians(seen.colours - of_points[seen.point], by_frame)
+        of_points = _medians(seen.colours - gains[seen.frame], by_point, seen.points)
+        last, gains = gains, _medians(seen.colours - of_points[seen.point], by_frame, len(frames))[measured_in]
         gains -= gains.mean(axis=0)
         if np.abs(gains - last).max() < SETTLED:
             break
     return np.exp(gains)
+
+
+def _measured_in(frames: Sequence[Frame], enough: np.ndarray, scale: Scale) -> np.ndarray:
+    """(F,) number of the photograph whose gain each has: its own, or the most similar one that sees enough."""
+    cameras, measured = [frame.camera for frame in frames], np.flatnonzero(enough)
+    apart = view_distances(cameras, [cameras[index] for index in measured], scale.distance)
+    return np.where(enough, np.arange(len(frames)), measured[np.argmin(apart, axis=1)])
 
 
 @dataclass(frozen=True)
@@ -87,6 +96,11 @@ class _Samples:
     frame: np.ndarray
     point: np.ndarray
     colours: np.ndarray
+
+    @property
+    def points(self) -> int:
+        """Number of points."""
+        return int(self.point.max(initial=-1)) + 1
 
 
 def _samples(frames: Sequence[Frame], structure: Structure, scale: Scale) -> _Samples:
@@ -114,21 +128,21 @@ def _alike(group: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Groups of the same size together, whose samples fill a table.
 
     Args:
-        group: (M,) number of the group that each sample belongs to; no group is empty.
+        group: (M,) number of the group that each sample belongs to.
 
     Returns:
-        For each size S that groups have, (G,) their numbers and (G, S) the numbers of their samples.
+        For each size S that groups have, unless it is 0, (G,) their numbers and (G, S) the numbers of their samples.
     """
     order = np.argsort(group, kind="stable")
     sizes = np.bincount(group)
     starts = np.cumsum(sizes) - sizes
-    numbers = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
+    numbers = [np.flatnonzero(sizes == size) for size in np.unique(sizes[sizes > 0])]
     return [(some, order[starts[some, None] + np.arange(sizes[some[0]])]) for some in numbers]
 
 
-def _medians(values: np.ndarray, alike: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """(N, 3) medians of (M, 3) values over each of N groups, which are given as `_alike` returns them."""
-    medians = np.empty((sum(len(groups) for groups, _ in alike), 3))
+def _medians(values: np.ndarray, alike: Sequence[tuple[np.ndarray, np.ndarray]], count: int) -> np.ndarray:
+    """(N, 3) medians of (M, 3) values over each of N groups, given as `_alike` returns them; 0 for those without."""
+    medians = np.zeros((count, 3))
     for groups, samples in alike:
         medians[groups] = np.median(values[samples], axis=1)
     return medians

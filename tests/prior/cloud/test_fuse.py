@@ -96,6 +96,22 @@ def test_comparison_is_that_of_the_twin(seed: int, tolerance: float) -> None:
         assert all(twin(views, view, tolerance)[part].any() for view in range(3) for part in range(2))
 
 
+def test_hundreds_of_views_are_counted() -> None:
+    """One view at half the depth of 300 others, which agree with one another."""
+    depths = np.full((301, 2, 2), 4.0, np.float32)
+    depths[0] = 2.0
+    views = Views(
+        depths,
+        np.tile([2.0, 2.0, 1.0, 1.0], (301, 1)),
+        np.full((301, 2), 2),
+        np.tile(np.eye(3), (301, 1, 1)),
+        np.zeros((301, 3)),
+        np.full(301, 1e-4),
+    )
+    assert np.all(compare_depths(views, 0, 0.01)[1] == 300)
+    assert np.all(compare_depths(views, 1, 0.01)[0] == 299)
+
+
 def test_depths_that_others_contradict_are_left_out(table: Capture, exact: list[DepthMap]) -> None:
     """One view claims to see something half-way to everything; the others look through it."""
     wrong = [certain(exact[0].depth * np.float32(0.5)), *exact[1:]]

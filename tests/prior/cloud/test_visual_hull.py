@@ -61,6 +61,15 @@ def test_frames_without_alpha_have_no_say(views: list[Frame]) -> None:
     assert not outside_hull(points, []).any()
 
 
+@pytest.mark.parametrize("shown", [0, 5])
+def test_a_frame_that_lost_the_object_has_no_say(views: list[Frame], shown: int) -> None:
+    points = np.random.default_rng(0).uniform(-1.4, 1.4, (30_000, 3))
+    alpha = np.zeros((SIZE, SIZE), np.uint8)
+    alpha[:, :shown] = 255
+    lost = replace(view_of_a_ball(3, 0, 3), alpha=alpha)
+    np.testing.assert_array_equal(outside_hull(points, [*views, lost]), outside_hull(points, views))
+
+
 def test_hardly_visible_is_not_nothing(views: list[Frame]) -> None:
     faint = replace(views[0], alpha=np.full((SIZE, SIZE), 1, np.uint8))
     assert not outside_hull(np.array([[0, 0, 1.3]]), [faint]).any()

@@ -157,6 +157,21 @@ def test_references_that_see_nothing_give_nothing(plane: list[Frame]) -> None:
         assert not found.depth.any()
 
 
+@pytest.mark.parametrize("factor", [2.0**-20, 2.0**14, 2.0**24])
+def test_the_unit_of_length_does_not_matter(plane: list[Frame], factor: float) -> None:
+    keyframe, *others = [enlarged(frame, factor) for frame in plane]
+    expected = STEREO.sweep(plane[0], plane[1:], DepthRange(2.0, 5.0, 64), SETTINGS)
+    found = STEREO.sweep(keyframe, others, DepthRange(2.0 * factor, 5.0 * factor, 64), SETTINGS)
+    np.testing.assert_array_equal(found.depth / np.float32(factor), expected.depth)
+
+
+def enlarged(frame: Frame, factor: float) -> Frame:
+    """The frame in units of which `factor` make one of its own."""
+    pose = frame.camera.world_to_camera.copy()
+    pose[:3, 3] *= factor
+    return replace(frame, camera=replace(frame.camera, world_to_camera=pose))
+
+
 def test_what_is_infinitely_far_is_found_there(plane: list[Frame]) -> None:
     """Cameras side by side see the same picture: nothing in it shifts."""
     alike = [

@@ -30,8 +30,8 @@ class Agreement(NamedTuple):
     """How one view's depths compare with the other views'.
 
     Attributes:
-        agreeing: (H, W) uint8 number of views that agree.
-        contradicting: (H, W) uint8 number that see through the point to something behind it.
+        agreeing: (H, W) uint16 number of views that agree.
+        contradicting: (H, W) uint16 number that see through the point to something behind it.
         footprints: (H, W) float32 smallest footprint of a pixel at the point, in this view or one that agrees.
     """
 

@@ -24,7 +24,7 @@ def compare_depths(views: Views, view: int, tolerance: float) -> tuple[np.ndarra
         The fields of `Agreement`.
     """
     height, width = views.sizes[view]
-    agreeing, contradicting = np.zeros((2, height, width), np.uint8)
+    agreeing, contradicting = np.zeros((2, height, width), np.uint16)
     footprints = np.zeros((height, width), np.float32)
     fx, fy, cx, cy = views.intrinsics[view]
     turns, shifts = relative_poses(views, view)

@@ -27,23 +27,26 @@ const CHANNELS = [0, 1, 2];
  * @param {Structure} structure of these frames
  * @param {number} distance typical distance to the scene
  * @param {Object} settings the settings' `exposure`
- * @returns {number[][]} by frame, the factor on red, green and blue, with a geometric mean of 1; 1 for all where one of
- *     them sees too few points
+ * @returns {number[][]} by frame, the factor on red, green and blue, with a geometric mean of 1; one that sees too
+ *     few points has that of the most similar view; 1 for all where fewer than two see enough
  */
 export function exposureGains(frames, structure, distance, settings) {
     const measured = coloursOfPoints(frames, structure, distance, settings);
     const counts = new Map();
     measured.forEach((own) => own.forEach(({ point }) => counts.set(point, (counts.get(point) ?? 0) + 1)));
     const counted = measured.map((own) => own.filter(({ point }) => counts.get(point) >= 2));
-    if (counted.some((own) => own.length < settings.min_points)) {
+    const enough = counted.map((own) => own.length >= settings.min_points);
+    if (enough.filter(Boolean).length < 2) {
         return frames.map(() => [1, 1, 1]);
     }
-    const byChannel = CHANNELS.map((channel) => gainsOf(counted, channel, settings));
+    const apart = viewDistances(structure.cameras, structure.cameras, distance);
+    const measuredIn = enough.map((own, i) => (own ? i : sortedBy(apart[i]).find((view) => enough[view])));
+    const byChannel = CHANNELS.map((channel) => gainsOf(counted, measuredIn, channel, settings));
     return frames.map((_, i) => byChannel.map((gains) => Math.exp(gains[i])));
 }
 
-/** The logarithms of the gains of one channel. */
-function gainsOf(measured, channel, { alternations, settled }) {
+/** The logarithms of the gains of one channel; each frame has the gain of the frame that it is measured in. */
+function gainsOf(measured, measuredIn, channel, { alternations, settled }) {
     let gains = measured.map(() => 0);
     for (let round = 0; round < alternations; round++) {
         const byPoint = new Map();
@@ -56,7 +59,7 @@ function gainsOf(measured, channel, { alternations, settled }) {
         const ofPoints = new Map([...byPoint].map(([point, values]) => [point, medianOf(values)]));
         const last = gains;
         const rest = ({ point, colour }) => colour[channel] - ofPoints.get(point);
-        const found = measured.map((own) => medianOf(own.map(rest)));
+        const found = measuredIn.map((frame) => medianOf(measured[frame].map(rest)));
         const mean = found.reduce((sum, gain) => sum + gain, 0) / found.length;
         gains = found.map((gain) => gain - mean);
         if (Math.max(...gains.map((gain, i) => Math.abs(gain - last[i]))) < settled) {

@@ -1,5 +1,6 @@
 /**
- * The visual hull of the silhouettes in transparent images; the twin of `prior/cloud/visual_hull.py`.
+ * The visual hull of the silhouettes in transparent images; the twin of `prior/cloud/visual_hull.py`, but photographs
+ * that lost the object when they were cut out are not left out here.
  *
  * @module
  */
