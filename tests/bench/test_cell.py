@@ -16,8 +16,10 @@ import pytest
 from bench.toy_jobs import ON_POSIX, QUICK, job, wait_for
 from pocketgs.bench import cell
 from pocketgs.bench.aggregate import STAGES
-from pocketgs.bench.cell import run_cell
+from pocketgs.bench.captures import BenchCapture
+from pocketgs.bench.cell import Job, run_cell
 from pocketgs.bench.conditions import present_conditions
+from pocketgs.bench.methods import METHODS
 from pocketgs.bench.results import CellResult
 from pocketgs.bench.sources import PACKAGE
 
@@ -66,6 +68,15 @@ def test_a_result_does_not_say_where_its_capture_lies(capture_folder: Path, tmp_
     assert result.error is None
     assert any(warning.startswith("toys/transforms.json: ") for warning in result.run["capture"]["warnings"])
     assert str(capture_folder) not in json.dumps(result.run)
+
+
+def test_a_capture_named_by_a_dot(
+    measured: CellResult, written_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(written_capture)
+    here = Job(METHODS["pocketgs"], BenchCapture("here", Path(".")), 0, QUICK)
+    result = run_cell(here, tmp_path)
+    assert (result.error, result.run["psnr"]) == (None, measured.run["psnr"])
 
 
 def test_a_cell_run_again_gives_the_same_figures(measured: CellResult, written_capture: Path, tmp_path: Path) -> None:

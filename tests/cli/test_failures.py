@@ -12,6 +12,9 @@ from typing import Any
 import pytest
 from PIL import Image
 
+from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.errors import PocketGSError
+
 
 @pytest.fixture
 def refused(
@@ -130,6 +133,55 @@ def test_one_training_view_gives_the_reference_recipe_no_length(
     (capture_folder / "transforms.json").write_text(json.dumps(document))
     options = ["--output", result, "--iterations", "5", "--recipe", "reference", "--prior", "none"]
     assert "stand in one place" in refused("train", capture_folder, *options)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--images", "hires"], "has no poses, so that --images hires has nothing to choose from"),
+        (["--hold-out", "1"], "hold_out_every 1, expected 0 (none) or at least 2"),
+        (["--downscale", "0.5"], "downscale 0.5, expected a factor of at least 1"),
+    ],
+)
+def test_reading_options_are_checked_before_poses_are_sought(
+    refused: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: Any, message: str
+) -> None:
+    (tmp_path / "photographs").mkdir()
+    for number in range(3):
+        Image.new("RGB", (64, 48)).save(tmp_path / "photographs" / f"{number}.jpg")
+    monkeypatch.setattr("pocketgs.cli.train.posed", lambda *_, **__: pytest.fail("sought poses"))
+    assert message in refused("train", tmp_path / "photographs", "--output", tmp_path / "new", *options)
+
+
+@pytest.mark.parametrize("options", [["--images", "images_8"], ["--downscale", "2"], ["--masks", "none"]])
+def test_options_of_a_capture_that_is_not_given(
+    refused: Callable[..., str], result: Path, tmp_path: Path, options: list[str]
+) -> None:
+    output = ["--output", tmp_path / "out.pgs"]
+    for command in (["view", result, "--no-open"], ["compress", result, *output], ["distil", result, *output]):
+        message = refused(*command, *options)
+        assert f"{options[0]} concerns the reading of a capture: expected " in message
+
+
+def test_a_background_needs_no_capture_where_renderings_use_it() -> None:
+    CaptureOptions(background=(1.0, 1.0, 1.0)).check_without_capture("the capture", but=("background",))
+    with pytest.raises(PocketGSError, match="--background concerns"):
+        CaptureOptions(background=(1.0, 1.0, 1.0)).check_without_capture("the capture")
+
+
+@pytest.mark.parametrize(
+    ("output", "options", "message"),
+    [
+        ("out.sog", ["--detail", "small"], "--detail small: expected an output that ends in .spz or .pgs"),
+        ("out.pgs", ["--spz-version", "3"], "--spz-version 3: expected an output that ends in .spz"),
+        ("out.ply", ["--spz-version", "3"], "--spz-version 3: expected an output that ends in .spz"),
+    ],
+)
+def test_options_of_another_format(
+    refused: Callable[..., str], result: Path, tmp_path: Path, output: str, options: list[str], message: str
+) -> None:
+    assert message in refused("convert", result, tmp_path / output, *options)
+    assert not (tmp_path / output).exists()
 
 
 def test_output_that_cannot_be(refused: Callable[..., str], written_capture: Path, result: Path) -> None:

@@ -98,6 +98,15 @@ def test_a_zoomed_photograph_has_a_camera_of_its_own(tmp_path: Path) -> None:
     assert [[photograph.name for photograph in group] for group in groups] == [["a.jpg", "c.jpg"], ["b.jpg"], ["d.jpg"]]
 
 
+def test_a_crop_is_zoom_too(tmp_path: Path) -> None:
+    """Phones scale up the middle of the picture, and state the lens's own focal length beside the equivalent one."""
+    images = tmp_path / "images"
+    for name, equivalent in (("a.jpg", 26), ("b.jpg", 52), ("c.jpg", 26)):
+        written(images, with_exif({FOCAL: 4.2, FOCAL_35: equivalent}), name)
+    groups = cameras_of(read(images, tmp_path, 320))
+    assert [[photograph.name for photograph in group] for group in groups] == [["a.jpg", "c.jpg"], ["b.jpg"]]
+
+
 def test_gps(tmp_path: Path) -> None:
     gps = {1: "S", 2: (41.0, 30.0, 36.0), 3: "E", 4: (174.0, 0.0, 0.0), 5: b"\x01", 6: 12.5}
     with Image.open(written(tmp_path, with_exif({}, gps))) as image:

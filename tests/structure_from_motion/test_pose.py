@@ -364,6 +364,38 @@ def test_attempts(
     assert any("the camera hardly moved" in warning for warning in warnings) == warned
 
 
+def test_unplaced_photographs_are_retried_however_many(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, colmap_outcome: dict[str, Any]
+) -> None:
+    folder = tmp_path / "many"
+    folder.mkdir()
+    for number in range(50):
+        Image.effect_noise((64, 48), 90).save(folder / f"{number}.jpg")
+    made, retried = attempts.run_colmap, []
+
+    def run(module: str, job: dict[str, Any], *others: Any) -> dict[str, Any]:
+        retried.append(len(job["pairs"]))
+        return made(module, job, *others)
+
+    monkeypatch.setattr("pocketgs.structure_from_motion.attempts.run_colmap", run)
+    monkeypatch.setattr(attempts, "MAX_EXTRA_PAIRS", 40)
+    pose(folder, tmp_path / "output")
+    assert retried[1] == 40
+
+
+@pytest.mark.usefixtures("colmap_outcome")
+def test_the_memory_for_photographs_is_bounded(
+    photographs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Image.new("RGB", (1000, 1000)).save(photographs / "3.jpg")
+    command = ["pose", str(photographs), "--output", str(tmp_path / "output"), "--max-memory"]
+    with pytest.raises(SystemExit):
+        main([*command, "1"])
+    assert "expected at most 1 MB: --max-memory" in capsys.readouterr().err
+    main([*command, "100"])
+    assert (tmp_path / "output").is_dir()
+
+
 @pytest.mark.slow
 def test_turning_on_the_spot_has_no_poses(tmp_path: Path) -> None:
     write_mistake("turning", tmp_path / "capture", width=480, height=360, frames=10)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import subprocess
 import sys
@@ -73,13 +74,15 @@ def run_cell(job: Job, work: Path) -> CellResult:
     """
     folder, log = work / job.cell.name, work / f"{job.cell.name}.log"
     work.mkdir(parents=True, exist_ok=True)
-    command = [sys.executable, "-m", "pocketgs", "train", str(job.capture.path), *job.flags, "--output", str(folder)]
+    # A relative path such as "." also stands for other things where the result is searched for it.
+    capture = Path(os.path.abspath(job.capture.path))
+    command = [sys.executable, "-m", "pocketgs", "train", str(capture), *job.flags, "--output", str(folder)]
     begun = CellResult(job.cell, job.command, **asdict(present_conditions(job.common_flags)))
     status = _run(command, log)
     if status != 0:
         return replace(begun, error=_last_words(log, status))
     try:
-        return _collected(begun, folder, job.capture.path)
+        return _collected(begun, folder, capture)
     except (PocketGSError, OSError, ValueError) as error:
         return replace(begun, error=str(error))
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from pocketgs.capture import Capture, ListedCapture, list_capture
 from pocketgs.capture.hold_out import HOLD_OUT_EVERY
 from pocketgs.capture.loading import LensHandling
+from pocketgs.capture.open import check_options
 from pocketgs.cli.terminal import Terminal
+from pocketgs.errors import PocketGSError
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,34 @@ class CaptureOptions:
         warnings = [f"warning: {warning}" for warning in capture.warnings]
         Terminal(to_errors=True).say(*warnings, style="yellow")
         return capture
+
+    def check_without_poses(self, path: Path) -> None:
+        """Refuse options that cannot be right for photographs or a video, before poses are sought for minutes.
+
+        Raises:
+            PocketGSError: an option is out of range, or images are chosen by folder.
+        """
+        check_options(self.downscale, self.max_size, self.background, self.lens, self.hold_out)
+        if self.images is not None:
+            raise PocketGSError(
+                f"{path}: has no poses, so that --images {self.images} has nothing to choose from: leave it out, and "
+                "give the folder of the photographs themselves as the capture"
+            )
+
+    def check_without_capture(self, expected: str, but: Collection[str] = ()) -> None:
+        """Refuse options that would have no effect, because no capture is read.
+
+        Args:
+            expected: how to give one, for the message.
+            but: names of options that have an effect in any case.
+
+        Raises:
+            PocketGSError: an option is given.
+        """
+        for field in fields(self):
+            if field.name not in but and getattr(self, field.name) != field.default:
+                flag = field.name.replace("_", "-")
+                raise PocketGSError(f"--{flag} concerns the reading of a capture: expected {expected} with it")
 
     def listed(self, path: Path) -> ListedCapture:
         """List the capture at `path` without decoding photographs."""

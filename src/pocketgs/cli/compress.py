@@ -58,6 +58,8 @@ def compress(
         reading: Options for reading the capture.
     """
     _check_names(scene, output, json)
+    if capture is None:
+        reading.check_without_capture("the capture after the scene", but=("background",))
     console = Terminal()
     # For the whole work: files are read back to be judged.
     with memory_bound(engine.max_memory):

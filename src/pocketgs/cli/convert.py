@@ -95,10 +95,14 @@ def _of_degree(gaussians: Gaussians, degree: int | None) -> Gaussians:
 
 def _chosen_format(output: Path, detail: Detail | None, spz_version: spz.Version) -> SceneFormat:
     chosen = format_of(output)
+    if spz_version != spz.CURRENT and chosen.write is not spz.write_gaussians:
+        raise PocketGSError(f"{output}: --spz-version {spz_version}: expected an output that ends in .spz")
     if chosen.write is write_pgs:
         coding = CODINGS[detail or "fine"]
         return replace(chosen, rounds=coding.rounds, write=partial(write_pgs, coding=coding))
     if chosen.write is not spz.write_gaussians:
+        if detail is not None:
+            raise PocketGSError(f"{output}: --detail {detail}: expected an output that ends in .spz or .pgs")
         return chosen
     precision = PRECISIONS[detail or "small"]
     write = partial(spz.write_gaussians, version=spz_version, precision=precision)

@@ -45,6 +45,8 @@ def distil(
     console = Terminal()
     check_name(output)
     check_place(output)
+    if capture is None:
+        reading.check_without_capture("the capture after the scene", but=("background",))
     with memory_bound(max_memory):
         teacher = drawable(load_scene(scene))
         if capture is None:

@@ -60,6 +60,7 @@ def train(
         def listed() -> ListedCapture:
             if not lacks_poses(capture):
                 return reading.listed(capture)
+            reading.check_without_poses(capture)
             found = posed_folder(folder, capture)
             message = f"{capture} has no poses: structure from motion finds them and keeps them in {found}"
             console.say(message)

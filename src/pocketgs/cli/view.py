@@ -87,6 +87,8 @@ def view(
     from pocketgs.viewer.scene_content import scene_content
     from pocketgs.viewer.server import serving
 
+    if capture is None:
+        reading.check_without_capture("--capture")
     with memory_bound(max_memory):
         with reading_inside(scene if scene.is_dir() else None):
             shown = load_any(scene)

@@ -13,7 +13,14 @@ import numpy as np
 from pocketgs.structure_from_motion.gps import local_metres
 from pocketgs.structure_from_motion.job import Job, Outcome
 from pocketgs.structure_from_motion.options import PoseOptions
-from pocketgs.structure_from_motion.pairs import MAX_FOR_ALL_PAIRS, Pairs, all_pairs, are_in_order, chosen_pairs
+from pocketgs.structure_from_motion.pairs import (
+    MAX_FOR_ALL_PAIRS,
+    Pairs,
+    all_pairs,
+    chosen_pairs,
+    likeliest_pairs,
+    sequences,
+)
 from pocketgs.structure_from_motion.photographs import Photograph, cameras_of, focal_length
 from pocketgs.structure_from_motion.process import run_colmap
 from pocketgs.structure_from_motion.retrieval import similarities
@@ -30,6 +37,7 @@ MIN_PARALLAX_SHARE = 0.1
 otherwise errors of the lens would pass for parallax."""
 
 MAX_EXTRA_PAIRS = 5000
+"""Maximum number of pairs with photographs that were not registered at first: matching takes longest."""
 
 
 def place_all(
@@ -61,7 +69,8 @@ def place_all(
     """
     names = [photograph.name for photograph in photographs]
     places = local_metres([photograph.exif.place for photograph in photographs])
-    pairs = _first_pairs(photographs, in_order, places, options.seed)
+    likeness = _likeness(photographs, options.seed)
+    pairs = _first_pairs(names, likeness, in_order, places)
     job = _job(photographs, places, model, workspace, options)
 
     def attempt(pairs: Pairs, **changes: Any) -> Outcome:
@@ -80,8 +89,8 @@ def place_all(
     best = attempt(pairs)
     # A later attempt replaces the model only if it registers more photographs.
     lacking = [index for index, name in enumerate(names) if name not in best["placed"]]
-    more = all_pairs(len(names), lacking) - pairs
-    if lacking and 0 < len(more) <= MAX_EXTRA_PAIRS:
+    more = likeliest_pairs(likeness, lacking, pairs, MAX_EXTRA_PAIRS)
+    if more:
         go_on = len(lacking) < len(names) / 4
         best = max(best, attempt(more, go_on=go_on, better_than=_placed(best)), key=_placed)
     if len(best["placed"]) < MIN_SHARE * len(names):
@@ -101,13 +110,18 @@ def _placed(outcome: Outcome) -> int:
     return len(outcome["placed"])
 
 
-def _first_pairs(photographs: Sequence[Photograph], in_order: bool, places: np.ndarray | None, seed: int) -> Pairs:
+def _likeness(photographs: Sequence[Photograph], seed: int) -> np.ndarray:
+    """(F, F) similarity; the same for all pairs of few photographs, which are matched anyway."""
     count = len(photographs)
     if count <= MAX_FOR_ALL_PAIRS:
-        return all_pairs(count)
-    likeness = similarities([photograph.strongest for photograph in photographs], seed)
-    in_order = in_order or are_in_order([photograph.name for photograph in photographs])
-    return chosen_pairs(likeness, in_order, places)
+        return np.zeros((count, count), np.float32)
+    return similarities([photograph.strongest for photograph in photographs], seed)
+
+
+def _first_pairs(names: Sequence[str], likeness: np.ndarray, in_order: bool, places: np.ndarray | None) -> Pairs:
+    if len(names) <= MAX_FOR_ALL_PAIRS:
+        return all_pairs(len(names))
+    return chosen_pairs(likeness, [range(len(names))] if in_order else sequences(names), places)
 
 
 def _job(

@@ -19,7 +19,8 @@ class Exif:
     """EXIF data that help to find poses; None where missing or implausible.
 
     Attributes:
-        camera: make, model and focal length: photographs of one size with the same value share a camera.
+        camera: make, model and focal length. Photographs of one size with the same value and the same `focal_ratio`
+            share a camera.
         focal_ratio: focal length over the image's diagonal.
         place: latitude and longitude in degrees (WGS84) and altitude in metres.
     """

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from pathlib import PurePath
+from statistics import median
 
 import numpy as np
+
+from pocketgs.capture.unposed import by_number
 
 MAX_FOR_ALL_PAIRS = 45
 """Maximum number of images to match exhaustively: 45 images have 990 pairs."""
@@ -13,6 +18,8 @@ MAX_FOR_ALL_PAIRS = 45
 MAX_SIMILAR = 20
 FOLLOWING = (1, 2, 3, 4, 6, 8)
 MAX_NEARBY = 8
+MAX_GAP = 100
+"""Maximum gap in a sequence's numbers, in usual steps: the largest of a photograph each second is at a full minute."""
 
 Pairs = set[tuple[int, int]]
 """Pairs of image indices, the smaller first."""
@@ -24,17 +31,18 @@ def all_pairs(count: int, among: Iterable[int] | None = None) -> Pairs:
     return {(min(i, j), max(i, j)) for i in first for j in range(count) if i != j}
 
 
-def chosen_pairs(likeness: np.ndarray, in_order: bool, places: np.ndarray | None = None) -> Pairs:
+def chosen_pairs(likeness: np.ndarray, in_order: Iterable[Sequence[int]], places: np.ndarray | None = None) -> Pairs:
     """Pairs that probably overlap.
 
     Args:
         likeness: (F, F), see `retrieval`.
-        in_order: whether the images are in capture order.
+        in_order: sequences of images in capture order.
         places: (F, 3) metres, NaN where unknown, or None.
     """
     pairs = _best(-likeness, MAX_SIMILAR)
-    if in_order:
-        pairs |= {(i, i + step) for step in FOLLOWING for i in range(len(likeness) - step)}
+    for sequence in in_order:
+        following = (pair for step in FOLLOWING for pair in zip(sequence, sequence[step:], strict=False))
+        pairs |= {(min(i, j), max(i, j)) for i, j in following}
     if places is not None:
         distances = np.linalg.norm(places[:, None] - places[None], axis=2)
         np.fill_diagonal(distances, np.inf)
@@ -42,14 +50,55 @@ def chosen_pairs(likeness: np.ndarray, in_order: bool, places: np.ndarray | None
     return pairs
 
 
-def are_in_order(names: Sequence[str]) -> bool:
-    """Whether names are numbered consecutively, as cameras do: most numbers follow closely on the previous one."""
-    numbers = [int(found[-1]) for found in (re.findall(r"\d+", name) for name in names) if found]
-    if len(numbers) < len(names) or len(names) < 2:
-        return False
-    steps = np.diff(np.array([float(number) for number in numbers]))
-    # Names with seconds have large steps; what counts is that steps are positive and mostly similar.
-    return bool(np.all(steps > 0) and np.median(steps) * 10 >= np.quantile(steps, 0.8))
+def likeliest_pairs(likeness: np.ndarray, among: Iterable[int], without: Pairs, most: int) -> Pairs:
+    """The likeliest pairs of the images in `among` with any others, each image getting its share.
+
+    Images take turns, because the pairs of one that is like many would leave none to the others.
+
+    Args:
+        likeness: (F, F), see `retrieval`.
+        among: images to pair.
+        without: pairs to leave out.
+        most: maximum number of pairs.
+    """
+    turns: dict[tuple[int, int], int] = {}
+    for image in among:
+        others = [other for other in np.argsort(-likeness[image], kind="stable").tolist() if other != image]
+        pairs = [(min(image, other), max(image, other)) for other in others]
+        for turn, pair in enumerate(pair for pair in pairs if pair not in without):
+            turns[pair] = min(turn, turns.get(pair, turn))
+    return set(sorted(turns, key=lambda pair: (turns[pair], -likeness[pair], pair))[:most])
+
+
+def sequences(names: Sequence[str]) -> list[list[int]]:
+    """Images in capture order by the numbers in their names, as cameras count.
+
+    A new sequence begins where the counter does, where the rest of the name changes, and after a gap that is large for
+    these names: numbers that are times have gaps of different sizes.
+    """
+    order = sorted(range(len(names)), key=lambda index: by_number(names[index]))
+    steps = [_step(names[first], names[second]) for first, second in pairwise(order)]
+    largest = MAX_GAP * median([step for step in steps if step > 0] or [0])
+    found = [order[:1]]
+    for index, step in zip(order[1:], steps, strict=True):
+        if 0 < step <= largest:
+            found[-1].append(index)
+        else:
+            found.append([index])
+    return found
+
+
+def _step(first: str, second: str) -> int:
+    """By how much the last number in a name grows; 0 if the rest of the names differs."""
+    (text, number), (next_text, next_number) = map(_text_and_number, (first, second))
+    return next_number - number if text == next_text else 0
+
+
+def _text_and_number(name: str) -> tuple[str, int]:
+    """A name without its numbers, some of which may be times, and the last of them."""
+    stem = PurePath(name).stem
+    numbers = re.findall(r"\d+", stem)
+    return re.sub(r"\d+", "", stem), int(numbers[-1]) if numbers else 0
 
 
 def _best(costs: np.ndarray, most: int) -> Pairs:

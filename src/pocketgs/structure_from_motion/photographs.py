@@ -91,10 +91,15 @@ def read_photographs(
 
 
 def cameras_of(photographs: Sequence[Photograph]) -> list[list[Photograph]]:
-    """Group photographs by camera: those of the same size and with the same camera in EXIF."""
+    """Group photographs by camera: those of the same size and with the same camera and field of view in EXIF.
+
+    Digital zoom changes the field of view only: it scales up the middle of the picture.
+    """
     groups: dict[tuple, list[Photograph]] = {}
     for photograph in photographs:
-        groups.setdefault((photograph.size, photograph.exif.camera), []).append(photograph)
+        exif = photograph.exif
+        ratio = None if exif.focal_ratio is None else round(exif.focal_ratio, 2)
+        groups.setdefault((photograph.size, exif.camera, ratio), []).append(photograph)
     return list(groups.values())
 
 
