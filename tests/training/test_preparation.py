@@ -14,6 +14,7 @@ from pocketgs.geometry.camera import look_at
 from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.preparation import MIN_POINTS, prepare, starting_points
+from pocketgs.training.train import train
 
 
 @pytest.fixture(scope="module")
@@ -116,6 +117,19 @@ def test_starting_points_are_the_captures_own_as_far_as_they_may(small_capture: 
     assert len({row.tobytes() for row in chosen.positions}) == 321
     other = starting_points(small_capture, replace(options, seed=1))
     assert chosen.positions.tobytes() != other.positions.tobytes()
+
+
+def test_a_prepared_capture_is_trained_with_the_number_that_training_is_given(small_capture: Capture) -> None:
+    prepared = prepare(small_capture, TrainingOptions(prior="sparse"))
+    assert prepared.points is not None
+    assert len(prepared.points) > 50
+    assert len(train(prepared, prior="sparse", iterations=1, max_gaussians=50).scene) == 50
+
+
+def test_random_starting_points_leave_room_to_grow(small_capture: Capture) -> None:
+    options = SizedOptions(recipe="3dgs-7k", strategy="adc", max_gaussians=1000)
+    assert options.most_at_start < 1000
+    assert len(starting_points(replace(small_capture, points=None), options)) == options.most_at_start
 
 
 @pytest.mark.parametrize("count", [None, 0, 3])

@@ -10,6 +10,7 @@ import pytest
 from pocketgs import Camera, Capture, PocketGSError, PointCloud
 from pocketgs.geometry.camera import look_at
 from pocketgs.splat.settings import LearningRates
+from pocketgs.training import recipes
 from pocketgs.training.recipes import RECIPES, camera_extent, cosine, exponential_means, pixel_footprint, recipe_named
 
 RATES = LearningRates(means=1.0, log_scales=2.0, rotations=3.0, opacity_logits=4.0, sh_dc=5.0, sh_rest=6.0)
@@ -74,6 +75,16 @@ def test_pixel_footprint_counts_visible_points_only() -> None:
 def test_pixel_footprint_of_pixels_that_are_not_square() -> None:
     camera = replace(camera_at(0, 0, 0), fx=50.0, fy=200.0)
     assert pixel_footprint([camera], cloud((0, 0, 3))) == pytest.approx(0.03)
+
+
+def test_pixel_footprint_of_many_points_needs_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 1,000 points at the same places as ten, 100 or fewer are projected."""
+    monkeypatch.setattr(recipes, "MOST_DEPTHS", 100)
+    places = [(0, 0, depth) for depth in range(1, 11)]
+    many, few = cloud(*(place for place in places for _ in range(100))), cloud(*places)
+    assert pixel_footprint([camera_at(0, 0, 0)], many) == pytest.approx(
+        pixel_footprint([camera_at(0, 0, 0)], few), rel=0.1
+    )
 
 
 def test_pixel_footprint_where_nothing_is_seen() -> None:

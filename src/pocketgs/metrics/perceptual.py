@@ -52,7 +52,8 @@ class Lpips:
             mask: (H, W) bool; pixels outside it are replaced by the photograph's in both images. None for all.
 
         Returns:
-            The distance, or None if a side is shorter than the 16 pixels that the network needs.
+            The distance, or None if a side is shorter than the 16 pixels that the network needs, or if PyTorch has
+            no memory for images of this size: no scene is worth losing for this figure.
         """
         if min(photo.shape[:2]) < MIN_SIDE:
             return None
@@ -64,4 +65,7 @@ class Lpips:
                 torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)[None], dtype=np.float32))
                 for image in (rendered, photo)
             )
-            return float(self.model(first, second, normalize=True))
+            try:
+                return float(self.model(first, second, normalize=True))
+            except RuntimeError:
+                return None

@@ -70,7 +70,7 @@ def prepare(
         if options.prior == "colmap":
             prepared = _with_colmap_cloud(capture, prepared, options, stopwatch)
         if prepared.points and len(prepared.points) >= MIN_POINTS:
-            return _with_points(prepared, _at_most(prepared.points, options))
+            return _with_points(prepared, at_most(prepared.points, options.most_at_start, options.seed))
     with stopwatch.stage("points"):
         points = starting_points(replace(prepared, points=capture.points), options)
     report = prepared.report
@@ -123,17 +123,17 @@ def starting_points(capture: Capture, options: SizedOptions) -> PointCloud:
     if capture.points is None or len(capture.points) < 4:
         random_points = recipe_named(options.recipe).random_points
         if random_points is not None:
-            count = min(random_points, options.max_gaussians)
+            count = min(random_points, options.most_at_start)
             return points_in_a_cube([frame.camera for frame in capture.train], count, options.seed)
         return draw_points(capture.train, options.most_at_start, options.seed)
-    return _at_most(capture.points, options)
+    return at_most(capture.points, options.most_at_start, options.seed)
 
 
-def _at_most(points: PointCloud, options: SizedOptions) -> PointCloud:
-    most = options.most_at_start
+def at_most(points: PointCloud, most: int, seed: int) -> PointCloud:
+    """The points, or a random sample of them if there are more than `most`."""
     if len(points) <= most:
         return points
-    chosen = np.random.default_rng(options.seed).permutation(len(points))[:most]
+    chosen = np.random.default_rng(seed).permutation(len(points))[:most]
     return points.select(np.sort(chosen))
 
 

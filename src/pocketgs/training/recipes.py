@@ -30,6 +30,9 @@ SLOWEST_SCALES = 0.5
 MIN_EXTENT = 1e-6
 """Minimum extent of the cameras relative to their distance from the points; less is rounding error."""
 
+MOST_DEPTHS = 10_000_000
+"""Number of depths, of a point in a view, that a pixel's footprint is the median of at most: they take 240 MB."""
+
 
 def cosine(final: float) -> Schedule:
     """All rates decay along a half cosine from 1 to `final` times their initial values."""
@@ -59,8 +62,9 @@ def pixel_footprint(cameras: Sequence[Camera], points: PointCloud) -> float:
         PocketGSError: no camera sees a point.
     """
     ratios = []
+    positions = points.positions[:: 1 + len(cameras) * len(points) // MOST_DEPTHS].astype(np.float64)
     for camera in cameras:
-        pixels, depth = camera.project(points.positions.astype(np.float64))
+        pixels, depth = camera.project(positions)
         seen = (depth > 0) & camera.contains(pixels)
         ratios.append(depth[seen] / math.sqrt(camera.fx * camera.fy))
     together = np.concatenate(ratios)

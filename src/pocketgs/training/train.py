@@ -23,7 +23,7 @@ from pocketgs.training.open_ended import OpenEndedPace
 from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.pace import SetPace
 from pocketgs.training.planning.effort import sized
-from pocketgs.training.preparation import prepare
+from pocketgs.training.preparation import at_most, prepare
 from pocketgs.training.progress import Observer
 from pocketgs.training.recipes import Recipe, camera_extent, recipe_named
 from pocketgs.training.result import Checkpoint, TrainingResult
@@ -74,8 +74,10 @@ def train(
     if prepared.points is None:
         raise PocketGSError(f"{prepared.path}: no points to start from, expected what `prepare` gives")
     with stopwatch.stage("seeding"):
-        unit = recipe.length([frame.camera for frame in prepared.train], prepared.points)
-        start, warnings = (resume.gaussians, ()) if resume else _first_gaussians(prepared.points, recipe, options)
+        # A capture may have been prepared for more Gaussians, or for another strategy.
+        points = at_most(prepared.points, options.most_at_start, options.seed)
+        unit = recipe.length([frame.camera for frame in prepared.train], points)
+        start, warnings = (resume.gaussians, ()) if resume else _first_gaussians(points, recipe, options)
     with stopwatch.stage("compilation"):
         engine = opened_engine or create_engine(options.engine_options)
         engine.prepare()
