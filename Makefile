@@ -15,15 +15,16 @@ demo:
 
 # Everything that must hold before a change is merged, runs on real data included: what continuous integration calls.
 # What a test needs and the machine lacks is installed where that is allowed; else the test is left out, and said to be.
-# PyTorch and gsplat's reference keep memory that tests of budgets would count: they run in a process of their own.
+# PyTorch and gsplat's reference keep memory that tests of budgets would count: they run after the others, in processes of
+# their own.
 test: system-packages lint
 	.venv/bin/python -m pytest $(SIDE_BY_SIDE) --ignore tests/pytorch
-	.venv/bin/python -m pytest tests/pytorch
+	.venv/bin/python -m pytest $(SIDE_BY_SIDE) tests/pytorch
 
 # The same without those runs.
 test-fast: system-packages lint
 	.venv/bin/python -m pytest -m "not slow" $(SIDE_BY_SIDE) --ignore tests/pytorch
-	.venv/bin/python -m pytest -m "not slow" tests/pytorch
+	.venv/bin/python -m pytest -m "not slow" $(SIDE_BY_SIDE) tests/pytorch
 
 system-packages:
 	@$(PYTHON) tools/system_packages.py
