@@ -265,6 +265,20 @@ def test_resuming_from_a_checkpoint(small_capture: Capture) -> None:
         assert one.tobytes() == other.tobytes()
 
 
+def test_ctrl_c_after_the_last_step_keeps_the_scene(small_capture: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = train(small_capture, iterations=5)
+
+    def download(engine: CpuEngine) -> Gaussians:
+        signal.raise_signal(signal.SIGINT)
+        return downloaded(engine)
+
+    downloaded = CpuEngine.download
+    monkeypatch.setattr(CpuEngine, "download", download)
+    kept = train(small_capture, iterations=5)
+    assert kept.interrupted is False
+    assert bits(kept.scene) == bits(whole.scene)
+
+
 def test_second_ctrl_c_stops_at_once(small_capture: Capture) -> None:
     def press_ctrl_c(progress: Progress) -> None:
         signal.raise_signal(signal.SIGINT)

@@ -7,7 +7,7 @@ import time
 from pocketgs.prior.prior import PreparedCapture
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.settings import LearningRates, StepSettings
-from pocketgs.system.interrupt import Interrupt, deferred_interrupt
+from pocketgs.system.interrupt import Interrupt
 from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.training.colours import colour_settings
 from pocketgs.training.options import SizedOptions
@@ -73,23 +73,22 @@ class Loop:
             self._transients.cells if self._transients else None,
         )
 
-    def run(self, observer: Observer | None) -> None:
-        """Iterate until the pace ends the run, or Ctrl-C is pressed."""
+    def run(self, observer: Observer | None, interrupt: Interrupt) -> None:
+        """Iterate until the pace ends the run, or a stop is requested."""
         started = time.monotonic()
-        with deferred_interrupt() as interrupt:
-            while self._pace.fraction(self.iteration, time.monotonic() - started) < 1.0:
-                if interrupt.requested:
-                    self.interrupted = True
-                    break
-                with self._stopwatch.stage("training"):
-                    self._step(started)
-                self._look_at_held_out_views()
-                if observer:
-                    progress, before = self._progress(started, interrupt), time.monotonic()
-                    observer(progress)
-                    started += time.monotonic() - before  # an observer's pauses do not count
-            if self.iteration > self._first_iteration:
-                self._finish_steps()
+        while self._pace.fraction(self.iteration, time.monotonic() - started) < 1.0:
+            if interrupt.requested:
+                self.interrupted = True
+                break
+            with self._stopwatch.stage("training"):
+                self._step(started)
+            self._look_at_held_out_views()
+            if observer:
+                progress, before = self._progress(started, interrupt), time.monotonic()
+                observer(progress)
+                started += time.monotonic() - before  # an observer's pauses do not count
+        if self.iteration > self._first_iteration:
+            self._finish_steps()
 
     def _step(self, started: float) -> None:
         seconds = time.monotonic() - started

@@ -16,6 +16,7 @@ from pocketgs.seeding.neighbourhoods import create_search, with_room
 from pocketgs.seeding.seeds import SEEDINGS
 from pocketgs.splat.engine import Engine, chosen_engine, create_engine
 from pocketgs.splat.settings import LearningRates
+from pocketgs.system.interrupt import deferred_interrupt
 from pocketgs.system.process import peak_rss_mb
 from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.training.loop import Loop
@@ -91,11 +92,13 @@ def train(
     strategy = create_strategy(options.strategy, _situation(prepared, options, growth))
     first = resume.iteration if resume else 0
     loop = Loop(prepared, options, recipe, strategy, pace, transients, rates, engine, stopwatch, first)
-    loop.run(observer)
+    with deferred_interrupt() as interrupt:  # until the last step has been copied from the engine
+        loop.run(observer, interrupt)
+        checkpoint = loop.checkpoint()
     if loop.interrupted and loop.iteration == 0:
         raise KeyboardInterrupt
     return TrainingResult(
-        checkpoint=loop.checkpoint(),
+        checkpoint=checkpoint,
         engine=engine.name,
         device=engine.device,
         recipe=recipe.name,
