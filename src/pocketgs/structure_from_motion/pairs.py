@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import PurePath
 from statistics import median
 
@@ -25,10 +25,9 @@ Pairs = set[tuple[int, int]]
 """Pairs of image indices, the smaller first."""
 
 
-def all_pairs(count: int, among: Iterable[int] | None = None) -> Pairs:
-    """All pairs of `count` images, or only those with an image in `among`."""
-    first = range(count) if among is None else among
-    return {(min(i, j), max(i, j)) for i in first for j in range(count) if i != j}
+def all_pairs(count: int) -> Pairs:
+    """All pairs of `count` images."""
+    return set(combinations(range(count), 2))
 
 
 def chosen_pairs(likeness: np.ndarray, in_order: Iterable[Sequence[int]], places: np.ndarray | None = None) -> Pairs:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -74,20 +75,18 @@ def depth_warning(frames: list[FrameSource | None], document: Fields) -> tuple[s
     if any("depth_path" in f and "depth_file_path" not in f and "integer_depth_scale" not in f for f in values):
         return (f"{document.where}: its depth maps are left out, since no 'integer_depth_scale' states their unit",)
     named = [_read_depth(fields)[0] for fields in stated]
-    listed = zip(named, frames, strict=True)
-    absent = [name for name, frame in listed if name is not None and frame and not frame.depth_path]
-    return _without_file("depth maps", absent, document)
+    return _without_file("depth maps", named, [frame is None or frame.depth_path for frame in frames], document)
 
 
 def mask_warning(frames: list[FrameSource | None], document: Fields) -> tuple[str, ...]:
     """A warning if masks are absent, or none: frames without a mask are used whole."""
     named = [fields.over(document).optional_text("mask_path") for fields in document.objects("frames")]
-    listed = zip(named, frames, strict=True)
-    absent = [name for name, frame in listed if name is not None and frame and not frame.mask_path]
-    return _without_file("masks", absent, document)
+    return _without_file("masks", named, [frame is None or frame.mask_path for frame in frames], document)
 
 
-def _without_file(kind: str, absent: list[str], document: Fields) -> tuple[str, ...]:
+def _without_file(kind: str, named: Sequence[str | None], found: Sequence[object], document: Fields) -> tuple[str, ...]:
+    """A warning if files of some kind are named, but not found, or none."""
+    absent = [name for name, file in zip(named, found, strict=True) if name is not None and not file]
     if not absent:
         return ()
     return (f"{document.where}: {len(absent)} of its {kind} have no file, the first {absent[0]}",)

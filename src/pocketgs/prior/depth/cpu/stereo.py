@@ -90,8 +90,8 @@ def smoothed(depth: np.ndarray, spacing: float) -> np.ndarray:
     # Unknown depths are set so far from all others that they do not take part in any mean.
     elsewhere = np.full_like(depth, -10 * SMOOTHING_STEPS * spacing)
     inverse = np.divide(1.0, depth, out=elsewhere, where=known)
-    # OpenCV leaves small numbers as they are, and in a small unit of length all inverse depths are small. A power of
-    # two of about a hypothesis changes no digit.
+    # OpenCV's filter does nothing where values are tiny, as inverse depths in millimetres are. Division by a power of
+    # two near the spacing loses no precision.
     unit = math.ldexp(1.0, math.frexp(spacing)[1])
     smooth = cv2.bilateralFilter(inverse / unit, SMOOTHING_WINDOW, SMOOTHING_STEPS * spacing / unit, SMOOTHING_WIDTH)
     return np.divide(1.0, smooth * unit, out=np.zeros_like(depth), where=known)
