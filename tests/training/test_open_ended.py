@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from pocketgs.training.planning.effort import sized
 from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint
 from pocketgs.training.train import train
+from pocketgs.training.transients import Transients
 from pocketgs.training.validation import Course, Look, mean_psnr, validation_views
 
 RATES = LearningRates(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
@@ -147,6 +149,14 @@ def test_validation_views_are_trained_on_at_the_end() -> None:
     assert list(pace(course=Course((), 500)).views(600)) == list(range(40))
 
 
+def test_a_view_that_is_dropped_after_the_listing_leaves_validation_views() -> None:
+    assert sized(TrainingOptions(effort="best"), [(498, 372)] * 13).open_ended
+    for views in (12, 11, 6):
+        frames: Any = [None] * views
+        found = OpenEndedPace(0, 20_000, None, RATES, frames, (0.0, 0.0, 0.0), 1000, None)
+        assert len(found.views(0)) == views - 2
+
+
 def test_growth_follows_stages_that_pay() -> None:
     found = pace(course=Course((Look(500, 20.0, 100, 1.0), Look(667, 21.0, 125, 61.0))))
     assert found.course.gain_per_minute == pytest.approx(1.0)
@@ -217,6 +227,31 @@ def test_a_whole_run(capture: Capture, tmp_path: Path, monkeypatch: pytest.Monke
         assert again is not None
         clocks = [[replace(look, seconds=0.0) for look in each.looks] for each in (again, course)]
         assert clocks[0] == clocks[1]
+
+
+def test_validation_views_are_judged_once_they_are_familiar(capture: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A view is only called a transient's after the scene was trained on it twice."""
+    monkeypatch.setattr(effort, "MIN_ITERATIONS", 150)
+    monkeypatch.setattr(effort, "MAX_EPOCHS", 1)
+    monkeypatch.setattr(open_ended, "FIRST_STAGE", 100)
+    visits = [0] * len(capture.train)
+    judged: list[set[int]] = []
+    step = CpuEngine.step
+
+    def count(engine: CpuEngine, view: int, settings: Any) -> None:
+        visits[view] += 1
+        step(engine, view, settings)
+
+    def judge(_: Transients, iteration: int, __: CpuEngine, trained: Sequence[int]) -> None:
+        judged.append(set(trained))
+        assert iteration < 40 or min(visits[view] for view in trained) >= 2
+
+    monkeypatch.setattr(CpuEngine, "step", count)
+    monkeypatch.setattr(Transients, "after_step", judge)
+    options = TrainingOptions(recipe="long", prior="none", max_gaussians=400, evaluate_every=0, transients="mask")
+    train(capture, options, engine="cpu")
+    assert judged[0] == set(range(len(visits))) - set(validation_views(len(visits)))
+    assert judged[-1] == set(range(len(visits)))
 
 
 def test_a_command_goes_on_from_a_finished_run_only_for_more(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -25,11 +26,13 @@ from pocketgs.scene.gaussians import PARAMETERS
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.rendering import render
 from pocketgs.splat.settings import StepSettings
+from pocketgs.training import loop
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.progress import Progress
 from pocketgs.training.recipes import RECIPES
 from pocketgs.training.result import Checkpoint
 from pocketgs.training.train import train as prepare_and_train
+from pocketgs.training.validation import mean_psnr
 
 train = partial(prepare_and_train, prior="none")
 
@@ -122,6 +125,16 @@ def test_time_budget_that_is_over_at_once(small_capture: Capture) -> None:
     result = train(small_capture, time_budget=1e-9)
     assert result.iterations == 0
     assert np.isfinite(result.scene.means).all()
+
+
+def test_an_observer_may_pause_a_run_but_a_saver_takes_of_its_time(small_capture: Capture) -> None:
+    def slow(progress: Progress) -> None:
+        time.sleep(0.1)
+
+    saved = train(small_capture, iterations=40, time_budget=1.0, evaluate_every=0, saver=slow)
+    paused = train(small_capture, iterations=12, time_budget=1.0, evaluate_every=0, observer=slow)
+    assert 1 <= saved.iterations <= 10
+    assert paused.iterations == 12
 
 
 def test_capture_without_points(small_capture: Capture) -> None:
@@ -238,6 +251,24 @@ def test_looks_at_held_out_views_change_nothing(small_capture: Capture) -> None:
     often, never = (train(small_capture, iterations=10, evaluate_every=every) for every in (1, 0))
     assert bits(often.scene) == bits(never.scene)
     assert never.losses == []
+
+
+def test_looks_are_at_some_of_many_held_out_views(small_capture: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are spread over all of them."""
+    looked_at: list[list[str]] = []
+
+    def listening(engine: CpuEngine, frames: Sequence[Frame], background: tuple[float, float, float]) -> float:
+        looked_at.append([frame.name for frame in frames])
+        return mean_psnr(engine, frames, background)
+
+    monkeypatch.setattr(loop, "mean_psnr", listening)
+    held_out = [replace(small_capture.held_out[0], name=f"{number:03}") for number in range(125)]
+    many = replace(small_capture, held_out=held_out)
+    result = train(many, iterations=10, evaluate_every=5)
+    assert len(result.losses) == len(looked_at) == 2
+    assert looked_at[0] == looked_at[1]
+    assert len(looked_at[0]) == 12
+    assert (looked_at[0][0], looked_at[0][-1]) == ("000", "124")
 
 
 def test_resuming_from_a_checkpoint(small_capture: Capture) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import uuid
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
@@ -10,7 +12,7 @@ from pathlib import Path
 from pocketgs.capture.open import holds_capture
 from pocketgs.capture.unposed import USUAL_FOLDER, find_photographs_in
 from pocketgs.errors import PocketGSError
-from pocketgs.files.journal import LOCK, NEW, complete_pending, new_staging, publish, remove_staging
+from pocketgs.files.journal import KEPT, LOCK, NEW, complete_pending, new_staging, publish, remove_staging
 from pocketgs.files.lock import locked
 from pocketgs.files.manifest import MANIFEST, PRIVATE, Manifest, digest_of, files_below, read_manifest
 
@@ -28,23 +30,37 @@ class Claim:
     source: str | None = None
 
     @contextmanager
-    def publishing(self, expected: Iterable[str] = (), outdated: Sequence[str] = ()) -> Iterator[Path]:
+    def publishing(
+        self, expected: Iterable[str] = (), outdated: Sequence[str] = (), precious: str | None = None
+    ) -> Iterator[Path]:
         """Yield an empty folder to write to; when the block succeeds, publish its content to the claimed folder as one.
 
         Args:
             expected: files that the block must have written.
             outdated: patterns of files of earlier runs to delete unless the block writes them anew.
+            precious: a file that took long to make. If the block fails after writing it, what is written by then is
+                kept in a folder `unpublished-*`, which the message names.
 
         Raises:
             PocketGSError: the folder cannot be written to, a file that the block wrote is missing, or another program's
-                file is in the way; in the last case a complete result is kept elsewhere.
+                file is in the way; in the last case a complete result is kept elsewhere. Also any error of the block
+                after which something was kept.
         """
+        staging = None
         try:
             staging = new_staging(self.folder)
             yield staging / NEW
             self._publish(staging, expected, outdated)
-        except OSError as error:
-            raise PocketGSError(f"{self.folder}: the result cannot be written ({error.strerror or error})") from error
+        except BaseException as error:
+            kept = _kept(self.folder, staging, precious) if staging and precious else None
+            where = f"; {precious} is kept in {kept}" if kept else ""
+            if isinstance(error, OSError):
+                reason = f"the result cannot be written ({error.strerror or error})"
+                raise PocketGSError(f"{self.folder}: {reason}{where}") from error
+            if kept and isinstance(error, Exception):
+                reason = str(error) if isinstance(error, PocketGSError) else repr(error)
+                raise PocketGSError(f"{reason}{where}") from error
+            raise
         finally:
             with suppress(OSError):
                 remove_staging(self.folder)
@@ -110,6 +126,21 @@ def _check_ours(folder: Path, names: Iterable[str]) -> None:
     # A pattern stands for the folder that its files are in.
     found = [path.relative_to(folder).as_posix() for name in names for path in folder.glob(name)]
     read_manifest(folder).check_ours(folder, [*names, *found])
+
+
+def _kept(folder: Path, staging: Path, precious: str) -> Path | None:
+    """Move what a block wrote to a folder of its own, if the precious file is complete; None if not.
+
+    Files are written atomically, so a file under its own name is complete. A rename needs no room on a full disk.
+    """
+    if not (staging / NEW / precious).is_file():
+        return None
+    kept = folder / f"{KEPT}{uuid.uuid4().hex[:8]}"
+    try:
+        os.rename(staging / NEW, kept)
+    except OSError:
+        return None
+    return kept
 
 
 def _remove_empty(folders: Iterable[Path]) -> None:

@@ -45,7 +45,6 @@ from pocketgs.training.planning.effort import sized
 from pocketgs.training.planning.machine import this_machine
 from pocketgs.training.planning.plan import Plan, make_plan, plan_again, shrinking_warning
 from pocketgs.training.preparation import devices_of, prepare
-from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint, TrainingResult
 from pocketgs.training.train import train
 
@@ -184,11 +183,6 @@ def _trained(
 ) -> TrainingResult:
     """Train for what is left of the time budget, with a checkpoint now and then."""
     saver = CheckpointSaver(session.claim.folder, identity, session.reporter.on_warning)
-
-    def observe(progress: Progress) -> None:
-        session.reporter.on_progress(progress)
-        saver.observe(progress)
-
     seconds = _seconds_left(session.options, session.plan)
     if seconds is not None and seconds <= 0:
         session.reporter.on_warning("the time budget was used up before training began: the untrained scene is written")
@@ -199,7 +193,8 @@ def _trained(
             max_gaussians=session.plan.gaussians,
             time_budget=None if seconds is None else max(seconds, MIN_TIME),
         ),
-        observer=observe,
+        observer=session.reporter.on_progress,
+        saver=saver.observe,
         resume=checkpoint,
         stopwatch=session.stopwatch,
         opened_engine=session.engine,
@@ -263,12 +258,16 @@ def _identity(capture: Capture, options: SizedOptions, plan: Plan) -> dict[str, 
 def _publish(
     session: _Session, capture: Capture, prepared: PreparedCapture, identity: dict[str, Any], result: TrainingResult
 ) -> RunResult:
-    """Evaluate the scene, at the poses that it was trained with, and publish the result."""
+    """Evaluate the scene, at the poses that it was trained with, and publish the result.
+
+    The scene is written first: whatever fails after that, it is kept.
+    """
     claim, stopwatch = session.claim, session.stopwatch
     transients = result.checkpoint.transients
     refined = prepared.report is not None and prepared.report.poses_refined
     pictures = [f"{folder}/*" for folder in (result_folder.PICTURES, result_folder.TRANSIENTS)]
-    with claim.publishing(result_folder.FILES, outdated=[*pictures, result_folder.COMPRESSED]) as staging:
+    outdated = [*pictures, result_folder.COMPRESSED]
+    with claim.publishing(result_folder.FILES, outdated, precious=result_folder.SCENE) as staging:
         with stopwatch.stage("writing"):
             result.scene.save(staging / result_folder.SCENE)
             write_checkpoint(staging / CHECKPOINT, result.checkpoint, identity)

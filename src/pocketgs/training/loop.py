@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+from pocketgs.capture.even_choice import evenly_chosen
 from pocketgs.prior.prior import PreparedCapture
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.settings import LearningRates, StepSettings
@@ -17,7 +18,7 @@ from pocketgs.training.recipes import Recipe
 from pocketgs.training.result import Checkpoint, LossSample
 from pocketgs.training.strategies.strategy import Strategy
 from pocketgs.training.transients import Transients
-from pocketgs.training.validation import mean_psnr
+from pocketgs.training.validation import MAX_LOOKED_AT, mean_psnr
 from pocketgs.training.view_choice import view_of_step
 
 SECONDS_BETWEEN_LOSSES = 0.5
@@ -61,6 +62,8 @@ class Loop:
         self._engine, self._stopwatch = engine, stopwatch
         self._loss, self._loss_asked = float("nan"), float("-inf")
         self._held_out_psnr: float | None = None
+        held_out = capture.held_out
+        self._looked_at = [held_out[place] for place in evenly_chosen(len(held_out), MAX_LOOKED_AT)]
 
     def checkpoint(self) -> Checkpoint:
         """A copy of the current state, from which the run can be resumed."""
@@ -73,8 +76,14 @@ class Loop:
             self._transients.cells if self._transients else None,
         )
 
-    def run(self, observer: Observer | None, interrupt: Interrupt) -> None:
-        """Iterate until the pace ends the run, or a stop is requested."""
+    def run(self, observer: Observer | None, saver: Observer | None, interrupt: Interrupt) -> None:
+        """Iterate until the pace ends the run, or a stop is requested.
+
+        Args:
+            observer: called after every iteration, or None. Its time does not count.
+            saver: called after every iteration, or None. Its time counts.
+            interrupt: requests a stop.
+        """
         started = time.monotonic()
         while self._pace.fraction(self.iteration, time.monotonic() - started) < 1.0:
             if interrupt.requested:
@@ -87,6 +96,8 @@ class Loop:
                 progress, before = self._progress(started, interrupt), time.monotonic()
                 observer(progress)
                 started += time.monotonic() - before  # an observer's pauses do not count
+            if saver:
+                saver(self._progress(started, interrupt))
         if self.iteration > self._first_iteration:
             self._finish_steps()
 
@@ -109,7 +120,7 @@ class Loop:
         self._pace.after_step(number, seconds, self._engine)
         self._strategy.after_step(number, self._engine)
         if self._transients and number < self._pace.iterations:
-            self._transients.after_step(number, self._engine, self._pace.views(number))
+            self._transients.after_step(number, self._engine, self._pace.familiar_views(number))
         self.iteration = number
 
     def _next_view(self) -> int:
@@ -119,12 +130,13 @@ class Loop:
         return views[view_of_step(self.iteration, len(views), self._options.seed)]
 
     def _look_at_held_out_views(self) -> None:
+        """Measure the PSNR of at most MAX_LOOKED_AT held-out views now and then; the final figures are of them all."""
         every = self._options.evaluate_every
-        if not every or self.iteration % every or not self._capture.held_out:
+        if not every or self.iteration % every or not self._looked_at:
             return
         self._finish_steps()
         with self._stopwatch.stage("evaluation"):
-            self._held_out_psnr = mean_psnr(self._engine, self._capture.held_out, self._capture.background)
+            self._held_out_psnr = mean_psnr(self._engine, self._looked_at, self._capture.background)
         seconds = self._stopwatch.seconds
         elapsed = sum(seconds.values()) - seconds["evaluation"]
         self.samples.append(

@@ -19,6 +19,7 @@ from pocketgs.capture.capture import Frame
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.settings import LearningRates
 from pocketgs.training.pace import share_of_time
+from pocketgs.training.transients import FIRST_EPOCHS
 from pocketgs.training.validation import Course, Look, mean_psnr, validation_views
 
 FIRST_STAGE, STAGE_RATIO = 500, 4 / 3
@@ -51,7 +52,7 @@ class OpenEndedPace:
         least, iterations: minimum number, unless time is short, and maximum number.
         seconds: maximum training time, or None.
         initial: initial learning rates.
-        frames: the training views, enough for `validation_views`.
+        frames: the training views. Some may have been dropped since `validation_views` found them enough.
         background: of the renderings.
         most: maximum number of Gaussians.
         course: of the run to resume, or None.
@@ -71,7 +72,7 @@ class OpenEndedPace:
         self._course = course or Course()
         self._seconds_before = self._course.looks[-1].seconds if self._course.looks else 0.0
         self._longest, self._seconds, self._initial, self._most = iterations, seconds, initial, most
-        held_back = validation_views(len(frames))
+        held_back = validation_views(len(frames), is_decided=True)
         self._validation, self._background = [frames[index] for index in held_back], background
         self._all = range(len(frames))
         self._shown = [index for index in self._all if index not in held_back]
@@ -108,6 +109,13 @@ class OpenEndedPace:
     def views(self, iteration: int) -> Sequence[int]:
         """All but the validation views during exploration, all of them afterwards."""
         return self._shown if self.course.decays_from is None else self._all
+
+    def familiar_views(self, iteration: int) -> Sequence[int]:
+        """All but the validation views, until these have been visited FIRST_EPOCHS times."""
+        decays_from = self.course.decays_from
+        # One more, since the decay may begin in the middle of an epoch.
+        is_early = decays_from is None or iteration < decays_from + (FIRST_EPOCHS + 1) * len(self._all)
+        return self._shown if is_early else self._all
 
     def after_step(self, iteration: int, seconds: float, engine: Engine) -> None:
         """Evaluate the validation views at the end of a stage, and decide whether to start the decay."""

@@ -56,7 +56,8 @@ class TrainingOptions:
         portable: use only features that every WebGPU device has.
         max_memory: megabytes for the process, and megabytes for buffers on the GPU. To stay within it, a command uses
             smaller photographs, unless --downscale is given, or fewer Gaussians.
-        evaluate_every: iterations between evaluations on the held-out views; 0 for none until the end.
+        evaluate_every: iterations between evaluations on at most 12 of the held-out views; 0 for none until the end,
+            when all of them are evaluated.
     """
 
     effort: Effort = "standard"

@@ -34,6 +34,9 @@ class Pace(Protocol):
     def views(self, iteration: int) -> Sequence[int]:
         """Indices of the training views in an epoch."""
 
+    def familiar_views(self, iteration: int) -> Sequence[int]:
+        """Those of the views that the scene has been trained on for a while, not only since a few steps."""
+
     def after_step(self, iteration: int, seconds: float, engine: Engine) -> None:
         """Called after step number `iteration`; may evaluate the scene."""
 
@@ -88,6 +91,10 @@ class SetPace:
         return self._schedule(self._initial, self.fraction(iteration, seconds))
 
     def views(self, iteration: int) -> Sequence[int]:
+        """All views."""
+        return self._views
+
+    def familiar_views(self, iteration: int) -> Sequence[int]:
         """All views."""
         return self._views
 

@@ -19,7 +19,7 @@ class Progress:
         iterations: end of the run, as far as it is known.
         fraction: progress from 0 to 1, by iterations or by time.
         loss: mean training loss over the last epoch, updated at intervals.
-        held_out_psnr: PSNR of the last evaluation on held-out views, or None.
+        held_out_psnr: PSNR of the last evaluation on at most `MAX_LOOKED_AT` held-out views, or None.
         iteration_rate: iterations per second.
         seconds_left: estimate of the time until iterations or the time budget run out.
         gain_per_minute: gain in dB per minute on validation views, or None without any.

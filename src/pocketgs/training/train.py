@@ -38,6 +38,7 @@ def train(
     options: TrainingOptions | None = None,
     *,
     observer: Observer | None = None,
+    saver: Observer | None = None,
     resume: Checkpoint | None = None,
     stopwatch: Stopwatch | None = None,
     opened_engine: Engine | None = None,
@@ -57,7 +58,8 @@ def train(
     Args:
         capture: to train on; it is prepared first unless it comes from `prepare`.
         options: None for the defaults.
-        observer: called after every iteration.
+        observer: called after every iteration; its time does not count, since it may pause the run.
+        saver: called after every iteration too; its time counts, like that of the steps.
         resume: checkpoint of an earlier run with the same capture and options.
         stopwatch: times the stages; None for a new one.
         opened_engine: from `create_engine`, to train on; None to create one.
@@ -93,7 +95,7 @@ def train(
     first = resume.iteration if resume else 0
     loop = Loop(prepared, options, recipe, strategy, pace, transients, rates, engine, stopwatch, first)
     with deferred_interrupt() as interrupt:  # until the last step has been copied from the engine
-        loop.run(observer, interrupt)
+        loop.run(observer, saver, interrupt)
         checkpoint = loop.checkpoint()
     if loop.interrupted and loop.iteration == 0:
         raise KeyboardInterrupt
