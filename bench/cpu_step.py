@@ -6,8 +6,7 @@
 A capture's scene is its own sparse cloud after 100 iterations, one Gaussian per point, so that rows are comparable
 between versions with different defaults.
 
-A pair is one splat at one pixel. Visited pairs are those that a vector of 16 pixels covers; contributing ones have an
-alpha of at least 1/255 at a pixel that is not saturated.
+See `pairs` for visited and contributing pairs.
 """
 
 from __future__ import annotations
@@ -19,26 +18,15 @@ from typing import Annotated
 
 import numpy as np
 import tyro
-from numba import njit
 from rich.console import Console
 from rich.table import Table
 
+from pairs import count_pairs
 from pocketgs.capture import Frame
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.constants import ALPHA_MAX, TRANSMITTANCE_MIN
 from pocketgs.splat.cpu.engine import CpuEngine
-from pocketgs.splat.cpu.layout import (
-    INTERSECTION_ROWS,
-    INTERSECTION_SPLAT,
-    LOG2_ALPHA_MIN,
-    TILE_HEIGHT,
-    TILE_WIDTH,
-    View,
-    tiles_down,
-)
-from pocketgs.splat.cpu.lenses.lens import kernel_lens
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.timing import NoTimer, PassTimer
 from pocketgs.system.process import peak_rss_mb
@@ -136,7 +124,7 @@ def add_rows(
         milliseconds["step"].append(1e3 * (time.perf_counter() - started))
     engine.timer = NoTimer()
     median = {stage: float(np.median(values)) for stage, values in milliseconds.items()}
-    visited, contributing = np.mean([count_pairs(engine, frame) for frame in frames[:5]], axis=0)
+    visited, contributing = np.mean([count_pairs(engine, frame.camera) for frame in frames[:5]], axis=0)
     scene = f"{name}, {len(gaussians):,} Gaussians, {frames[0].camera.width}x{frames[0].camera.height}"
     table.add_row(scene, *(f"{median[stage]:.2f}" for stage in (*PASSES, "step")))
     pairs.add_row(
@@ -148,39 +136,6 @@ def add_rows(
         f"{median['rasterize backward'] / median['rasterize']:.2f}",
         f"{sum(engine.memory().values()) / 1e6:.0f}",
     )
-
-
-def count_pairs(engine: CpuEngine, frame: Frame) -> tuple[int, int]:
-    """Visited and contributing pairs of one view."""
-    view = View.of(frame.camera)
-    raster = engine._forward(view, kernel_lens(frame.camera), np.zeros(3, np.float32))
-    ends, lists = raster.canvas.drawn_ends, raster.lists
-    return count_in_tiles(engine._splats, lists.intersections, lists.ranges, ends, view.width, view.height)
-
-
-@njit
-def count_in_tiles(
-    splats: np.ndarray, intersections: np.ndarray, ranges: np.ndarray, ends: np.ndarray, width: int, height: int
-) -> tuple[int, int]:
-    """`count_pairs`, pixel by pixel."""
-    visited, contributing = 0, 0
-    transmittance = np.empty((TILE_HEIGHT, TILE_WIDTH))
-    for tile in range(len(ends)):
-        left, top = tile // tiles_down(height) * TILE_WIDTH, tile % tiles_down(height) * TILE_HEIGHT
-        transmittance[:] = 1.0
-        for index in range(ranges[tile], ends[tile]):
-            x, y, xx, xy, yy, log2_opacity = splats[intersections[index, INTERSECTION_SPLAT]][:6]
-            rows = intersections[index, INTERSECTION_ROWS]
-            for row in range((rows >> 8) // 2 * 2, ((rows & 255) + 1) // 2 * 2):
-                for column in range(TILE_WIDTH):
-                    visited += 1
-                    dx, dy = left + column + 0.5 - x, top + row + 0.5 - y
-                    exponent = log2_opacity + xx * dx * dx + xy * dx * dy + yy * dy * dy
-                    inside = left + column < width and top + row < height
-                    if inside and exponent >= LOG2_ALPHA_MIN and transmittance[row, column] >= TRANSMITTANCE_MIN:
-                        contributing += 1
-                        transmittance[row, column] *= 1.0 - min(2.0**exponent, ALPHA_MAX)
-    return visited, contributing
 
 
 if __name__ == "__main__":

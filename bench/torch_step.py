@@ -18,21 +18,14 @@ from pathlib import Path
 import numpy as np
 import torch
 import tyro
-from numba import njit
 
-from cpu_step import count_in_tiles, random_scene
+from cpu_step import random_scene
+from pairs import list_pairs
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.constants import ALPHA_MAX, TRANSMITTANCE_MIN
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.cpu.layout import (
-    INTERSECTION_ROWS,
-    INTERSECTION_SPLAT,
-    LOG2_ALPHA_MIN,
-    TILE_HEIGHT,
-    TILE_WIDTH,
     View,
-    tiles_down,
 )
 from pocketgs.splat.cpu.lenses.lens import kernel_lens
 from pocketgs.splat.settings import StepSettings
@@ -144,11 +137,7 @@ def gsplat_passes(gaussians: Gaussians, engine: CpuEngine, camera: Camera) -> Ca
     sys.path.append(str(Path(__file__).parents[1] / "tests"))
     from pytorch.gsplat_reference import nerfacc
 
-    raster = engine._forward(View.of(camera), kernel_lens(camera), np.zeros(3, np.float32))
-    lists, size = raster.lists, (camera.width, camera.height)
-    drawn = (engine._splats, lists.intersections, lists.ranges, raster.canvas.drawn_ends, *size)
-    places = np.empty((count_in_tiles(*drawn)[1], 2), np.int64)
-    list_pairs(*drawn, places)
+    size, places = (camera.width, camera.height), list_pairs(engine, camera)
     places = places[np.argsort(places[:, 1], kind="stable")]
     splats, pixels = (torch.from_numpy(column.copy()) for column in places.T)
     leaves, matrix, intrinsics = tensors(gaussians, camera)
@@ -180,36 +169,6 @@ def intersection_seconds(gaussians: Gaussians, camera: Camera) -> float:
     started = time.perf_counter()
     _torch_impl._isect_tiles(means2d, radii, depths, 16, -(-size[0] // 16), -(-size[1] // 16))
     return time.perf_counter() - started
-
-
-@njit
-def list_pairs(
-    splats: np.ndarray,
-    intersections: np.ndarray,
-    ranges: np.ndarray,
-    ends: np.ndarray,
-    width: int,
-    height: int,
-    places: np.ndarray,
-) -> None:
-    """Write (splat, pixel) of every contributing pair, each tile's front to back."""
-    found = 0
-    transmittance = np.empty((TILE_HEIGHT, TILE_WIDTH))
-    for tile in range(len(ends)):
-        left, top = tile // tiles_down(height) * TILE_WIDTH, tile % tiles_down(height) * TILE_HEIGHT
-        transmittance[:] = 1.0
-        for index in range(ranges[tile], ends[tile]):
-            splat, rows = intersections[index, INTERSECTION_SPLAT], intersections[index, INTERSECTION_ROWS]
-            x, y, xx, xy, yy, log2_opacity = splats[splat][:6]
-            for row in range((rows >> 8) // 2 * 2, ((rows & 255) + 1) // 2 * 2):
-                for column in range(TILE_WIDTH):
-                    dx, dy = left + column + 0.5 - x, top + row + 0.5 - y
-                    exponent = log2_opacity + xx * dx * dx + xy * dx * dy + yy * dy * dy
-                    inside = left + column < width and top + row < height
-                    if inside and exponent >= LOG2_ALPHA_MIN and transmittance[row, column] >= TRANSMITTANCE_MIN:
-                        places[found, 0], places[found, 1] = splat, (top + row) * width + left + column
-                        found += 1
-                        transmittance[row, column] *= 1.0 - min(2.0**exponent, ALPHA_MAX)
 
 
 if __name__ == "__main__":
