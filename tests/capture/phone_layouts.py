@@ -151,12 +151,14 @@ def write_nerfcapture(capture: Capture, folder: Path, depth_range: float | None 
     entries = []
     for index, frame in enumerate(in_order(capture)):
         camera = frame.camera
+        # The app writes ARKit's principal point unchanged.
+        cx, cy = (camera.cx, camera.cy) if depth_range else arkit_intrinsics(frame)[:2, 2].tolist()
         entry: dict[str, Any] = {
             "file_path": f"images/{index}",
             "transform_matrix": (camera.camera_to_world * np.array([*TO_ARKIT, 1.0])).tolist(),
             "timestamp": index / 60,
             "depth_path": f"images/{index}.depth.png",
-            **{"fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy},
+            **{"fl_x": camera.fx, "fl_y": camera.fy, "cx": cx, "cy": cy},
             **{"w": camera.width, "h": camera.height},
         }
         save(frame.image, folder / f"images/{index}.png")

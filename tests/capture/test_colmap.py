@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from pocketgs.capture import open_capture
 from pocketgs.capture.formats import colmap_binary, colmap_text
@@ -53,6 +54,17 @@ def test_absolute_names_are_found_in_the_capture(ring, colmap_files, tmp_path):
     capture = open_capture(tmp_path)
     assert sorted(frame.name for frame in capture.frames) == [f"images/{name}" for name in ring.names]
     assert "10 of 10 were found by their names" in capture.warnings[0]
+
+
+def test_absolute_names_are_found_beside_the_model(ring, colmap_files, tmp_path):
+    """The originals have the same names, so names alone would leave a tie."""
+    colmap_files.write(tmp_path / "dense/sparse", "text")
+    renamed = colmap_files.text["images"].replace("view_", "/data/me/photos/view_")
+    (tmp_path / "dense/sparse/images.txt").write_text(renamed)
+    for folder in ("images", "dense/images"):
+        ring.write_images(tmp_path / folder)
+        Image.new("RGB", (16, 12)).save(tmp_path / folder / "view_99.png")  # has no pose
+    assert [frame.name for frame in read_listing(tmp_path).frames] == [f"dense/images/{name}" for name in ring.names]
 
 
 def test_preferred_over_llff_when_complete(ring, colmap_files, tmp_path):

@@ -134,6 +134,28 @@ def test_masks_of_photographs_without_poses_are_turned_with_them(tmp_path):
         np.testing.assert_array_equal(stored, np.rot90(half if name in "de" else mask, -1) > 0)
 
 
+@pytest.mark.parametrize("ignores_exif", [False, True])
+def test_masks_of_photographs_upside_down(tmp_path: Path, ignores_exif: bool) -> None:
+    """Their shape does not tell whether a program has followed EXIF, but its other masks and a mask's own EXIF do."""
+    source, placed = tmp_path / "photos", tmp_path / "placed"
+    (source / "mask").mkdir(parents=True)
+    placed.mkdir()
+    stored = np.zeros((48, 64), np.uint8)
+    stored[:10] = 255
+    upright = {"a": np.rot90(stored, 2), "b": np.rot90(stored, 2), "c": np.rot90(stored, -1)}
+    for name, orientation in {"a": 3, "b": 3, "c": 6}.items():
+        exif = on_its_side(orientation)
+        Image.fromarray(PICTURE).save(source / f"{name}.jpg", exif=exif)
+        states_it = name == "b"
+        mask = stored if ignores_exif or states_it else upright[name]
+        Image.fromarray(mask).save(source / f"mask/{name}.png", **({"exif": exif} if states_it else {}))
+    found = {photograph: place_photograph(photograph, placed) for photograph in find_photographs(source)}
+    place_masks(source_masks(source, "found"), found, tmp_path / "masks")
+    for name, expected in upright.items():
+        written = np.asarray(Image.open(tmp_path / f"masks/{name}.jpg.png"))
+        np.testing.assert_array_equal(written, expected > 0, err_msg=name)
+
+
 @pytest.mark.parametrize("channel", ["Z", "R", "Y"])
 def test_openexr_depth(tmp_path: Path, channel: str) -> None:
     openexr = pytest.importorskip("OpenEXR")

@@ -138,6 +138,24 @@ def test_folders_that_fit_nothing_are_no_reason_to_fail(write_transforms):
     assert all(frame.mask is None for frame in opened.frames)
 
 
+def test_masks_go_with_the_images_of_their_model(ring, colmap_files, tmp_path):
+    """The originals have the same names as the undistorted images that are used."""
+    colmap_files.write(tmp_path / "dense/sparse")
+    for folder, mask in (("", 255 - MASK), ("dense", MASK)):
+        ring.write_images(tmp_path / folder / "images")
+        for name in ring.names:
+            save(tmp_path / folder / "masks" / name, mask)
+    assert open_capture(tmp_path).train[0].mask.mean() == 0.75
+    shutil.rmtree(tmp_path / "dense/masks")
+    assert open_capture(tmp_path).train[0].mask.mean() == 0.25
+    for name in ring.names:
+        save(tmp_path / "masks" / name, np.zeros((1200, 1580), np.uint8))  # 1.25 % narrower
+    opened = open_capture(tmp_path)
+    assert "mask of 1580x1200 pixels, expected the shape of dense/images/view_00.png, 16x12" in opened.warnings[0]
+    assert "these masks are not used" in opened.warnings[0]
+    assert opened.train[0].mask is None
+
+
 def test_masks_in_folders_as_the_photographs(tmp_path):
     names = [f"images/cam{camera}/{number}.jpg" for camera in "ab" for number in range(3)]
     for name in names:

@@ -156,7 +156,9 @@ def test_memory_is_checked_before_anything_is_rendered(
     assert "compression would take" in outcome.errors
 
 
-def test_transients_of_the_run_are_left_out(result: Path, written_capture: Path) -> None:
+def test_transients_of_the_run_are_left_out(
+    result: Path, written_capture: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     capture = open_capture(written_capture)
     assert as_trained_on(result, capture).train[0].mask is None
     cells = [np.zeros((6, 8), np.bool_) for _ in capture.train]
@@ -167,7 +169,13 @@ def test_transients_of_the_run_are_left_out(result: Path, written_capture: Path)
     assert first.mask is None
     assert second.mask is not None
     np.testing.assert_array_equal(np.argwhere(~second.mask), np.argwhere(np.kron(cells[1], np.ones((12, 12)))))
-    # Another number of training views: whose cells these are is unknown.
+    assert capsys.readouterr().err == ""
+    # Smaller copies have other names: whose cells these are is unknown.
+    smaller = Path(shutil.copytree(written_capture, tmp_path / "capture"))
+    shutil.copytree(smaller / "images", smaller / "images_2")
+    assert all(frame.mask is None for frame in as_trained_on(result, open_capture(smaller, images="images_2")).train)
+    assert "had other training views: nothing is masked here; give the options" in capsys.readouterr().err
+    # As with another number of training views.
     write_checkpoint(result / CHECKPOINT, replace(checkpoint, transients=tuple(cells[1:])), {})
     assert all(frame.mask is None for frame in as_trained_on(result, capture).train)
 

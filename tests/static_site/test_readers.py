@@ -161,6 +161,20 @@ def test_masks_beside_the_photographs(call: Call, capture_folder: Path, name: st
     assert any(frame["mask"] for frame in read(call, capture_folder)["frames"])
 
 
+@pytest.mark.parametrize("height", [12, 120, 118])
+def test_masks_of_originals(call: Call, ring: Ring, colmap_files: ColmapFiles, tmp_path: Path, height: int) -> None:
+    """Of another shape than the undistorted images they are not used, and never before masks beside these."""
+    ring.write_images(tmp_path / "dense/images")
+    colmap_files.write(tmp_path / "dense/sparse")
+    for folder in ("masks", "dense/mask"):
+        (tmp_path / folder).mkdir()
+        for name in ring.names:
+            Image.new("L", (160 if height > 100 else 16, height), 255).save(tmp_path / folder / name)
+    assert_same(call, tmp_path)
+    shutil.rmtree(tmp_path / "dense/mask")
+    assert_same(call, tmp_path)
+
+
 def test_masks_that_the_file_names(call: Call, capture_folder: Path) -> None:
     Image.fromarray(np.zeros((72, 96), np.uint8)).save(capture_folder / "one.png")
     assert_same(call, changed(capture_folder, lambda document: document["frames"][1].update(mask_path="./one.png")))

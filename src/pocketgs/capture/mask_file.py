@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageOps
 
 from pocketgs.capture.image_file import SIXTEEN_BIT_MODES, high_bytes, read_image
 from pocketgs.files.paths import CaptureFile
@@ -11,17 +11,21 @@ from pocketgs.files.paths import CaptureFile
 HALF = 127
 
 
-def read_mask(path: CaptureFile) -> np.ndarray:
+def read_mask(path: CaptureFile, upright: bool = False) -> np.ndarray:
     """Read a mask as (H, W) bool, True for pixels to use.
 
     Pixels are used from half-way to white upwards: edges are often smoothed, and JPEG leaves noise on black. Masks of
     zeros and ones also work, and so do palette images from segmentation tools: there everything but black is used. If a
     mask has alpha, transparent pixels are not used.
 
+    Args:
+        path: the file.
+        upright: apply the orientation in the mask's own EXIF, if it has any; otherwise pixels are as stored.
+
     Raises:
         PocketGSError: the file is missing, truncated, damaged or far too large.
     """
-    return read_image(path, _usable)
+    return read_image(path, lambda image: _usable(ImageOps.exif_transpose(image) if upright else image))
 
 
 def _usable(image: Image.Image) -> np.ndarray:

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
-from pocketgs.capture.listing import Listing
+from pocketgs.capture.image_file import read_size
+from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.named_images import spelling
 from pocketgs.errors import PocketGSError
 from pocketgs.files.paths import list_images
@@ -52,7 +53,10 @@ def with_masks(listing: Listing, capture: Path, masks: str) -> Listing:
     for beside in _folders_of_masks(names, capture):
         # The user did not ask for these masks: errors in them must not stop the run.
         try:
-            return _with(listing, _match_all(names, beside), beside)
+            found = _match_all(names, beside)
+            if beside.parent not in {_above_folder_of(name, capture) for name in names}:
+                _check_shapes(listing.frames, found)
+            return _with(listing, found, beside)
         except PocketGSError as error:
             listing = replace(listing, warnings=(*listing.warnings, f"{error}; these masks are not used"))
     return listing
@@ -79,8 +83,9 @@ def find_masks(names: Sequence[str], capture: Path, masks: str) -> dict[str, Pat
 
 
 def _folders_of_masks(names: Sequence[str], capture: Path) -> list[Path]:
-    """Existing folders of masks: beside the photographs' folder, whatever its name, or in the capture.
+    """Existing folders of masks: beside the photographs' folder, whatever its name, or else in the capture.
 
+    The masks in a capture may be of the originals, where undistorted copies in another folder are used.
     Photographs of half size, in `images_2`, may have their masks in `masks_2`.
 
     Args:
@@ -90,9 +95,55 @@ def _folders_of_masks(names: Sequence[str], capture: Path) -> list[Path]:
     folders = {PurePosixPath(name).parent for name in names}
     sizes = sorted({size[0] for folder in folders if (size := re.search(r"_\d+$", folder.name))})
     usual = [f"{name}{size}" for size in (*sizes, "") for name in FOLDERS]
-    places = [".", *sorted({folder.parent.as_posix() for folder in folders})]
-    found = (Path(os.path.normpath(capture / place / name)) for place in places for name in usual)
+    places = [*sorted({_above_folder_of(name, capture) for name in names}), Path(os.path.normpath(capture))]
+    found = (place / name for place in places for name in usual)
     return [folder for folder in dict.fromkeys(found) if folder.is_dir()]
+
+
+def _above_folder_of(photograph: str, capture: Path) -> Path:
+    """The folder that holds a photograph's folder."""
+    return Path(os.path.normpath(capture / PurePosixPath(photograph).parent.parent))
+
+
+def _check_shapes(frames: Sequence[FrameSource], masks: dict[str, Path]) -> None:
+    """Refuse masks that are no scaled copies of their photographs: they are of others, such as those not undistorted.
+
+    Raises:
+        PocketGSError: one mask is of another shape, or not an image.
+    """
+    for frame in frames:
+        if (mask := masks.get(frame.name)) is None:
+            continue
+        (width, height), camera = read_size(mask), frame.camera
+        if abs(width * camera.height / camera.width - height) > 1:
+            raise PocketGSError(
+                f"{mask}: mask of {width}x{height} pixels, expected the shape of {frame.name}, "
+                f"{camera.width}x{camera.height}: it may be of the photograph before undistortion"
+            )
+
+
+def check_for_video(video: Path, folder: Path) -> None:
+    """Refuse a folder whose images cannot be masks of a video's frames, before the frames are extracted.
+
+    Frames get their names only then, so that whether all have a mask is unknown.
+
+    Args:
+        video: the video.
+        folder: with the masks. A relative path that does not exist passes: it may be inside the capture that is made.
+
+    Raises:
+        PocketGSError: the folder does not exist, or no image in it has the name of a frame, or all frames' numbers.
+    """
+    if not folder.is_dir() and not folder.is_absolute():
+        return
+    stems = [file.stem for file in _files(folder)] if folder.is_dir() else []
+    are_numbered = bool(stems) and all(_number(stem) != NUMBERLESS for stem in stems)
+    if not are_numbered and not any(re.match(r"frame_\d{6}", stem) for stem in stems):
+        raise PocketGSError(
+            f"{folder}: holds no mask of a frame of {video}, expected such as frame_000120.png for frame 120, counted "
+            "from 0; the frames that are used, and their names, are in the folder images of the posed capture, which a "
+            "run without --masks makes"
+        )
 
 
 def match(names: Sequence[str], folder: Path) -> dict[str, Path]:

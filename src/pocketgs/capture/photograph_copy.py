@@ -10,7 +10,7 @@ from pathlib import Path
 
 from PIL import ExifTags, Image, ImageOps
 
-from pocketgs.capture.image_file import UPRIGHT, read_colour, read_header, read_image
+from pocketgs.capture.image_file import QUARTER_TURNS, UPRIGHT, ImageHeader, read_colour, read_header, read_image
 from pocketgs.capture.mask_file import read_mask
 
 READ_BY_COLMAP = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp"})
@@ -46,7 +46,11 @@ def place_photograph(photograph: Path, folder: Path) -> Path:
 
 
 def place_masks(masks: Mapping[Path, Path], placed: Mapping[Path, Path], folder: Path) -> None:
-    """Put masks of photographs into a folder of their own, with COLMAP's names.
+    """Put masks of photographs into a folder of their own, upright, with COLMAP's names.
+
+    A mask's own EXIF states how it is turned. Most programs write none: their masks are of upright photographs if they
+    follow EXIF, and of stored pixels if they ignore it. Where a photograph is turned by a quarter, the mask's shape
+    tells which; where it is upside down, that of the other masks does. If none tells, masks are of upright photographs.
 
     Args:
         masks: by photograph.
@@ -58,13 +62,23 @@ def place_masks(masks: Mapping[Path, Path], placed: Mapping[Path, Path], folder:
     """
     if masks:
         folder.mkdir()
+    headers = {photograph: (read_header(photograph), read_header(mask)) for photograph, mask in masks.items()}
+    exif_is_ignored = any(_is_as_stored(*pair) for pair in headers.values())
     for photograph, mask in masks.items():
-        usable = Image.fromarray(read_mask(mask))
-        header = read_header(photograph)
-        has_stored_shape = (usable.width > usable.height) == (header.width > header.height)
-        if header.upright_size != (header.width, header.height) and has_stored_shape:
-            usable = _turned(usable, header.orientation)  # masks are made for stored pixels, of any size
+        of_photograph, of_mask = headers[photograph]
+        usable = Image.fromarray(read_mask(mask, upright=True))
+        by_quarter = of_photograph.orientation in QUARTER_TURNS
+        as_stored = _is_as_stored(of_photograph, of_mask) if by_quarter else exif_is_ignored
+        if as_stored and of_mask.orientation == UPRIGHT:
+            usable = _turned(usable, of_photograph.orientation)
         usable.save(folder / f"{placed[photograph].name}.png")
+
+
+def _is_as_stored(photograph: ImageHeader, mask: ImageHeader) -> bool:
+    """Whether a mask without EXIF has the shape of stored pixels, at any size, and not that of the upright picture."""
+    by_quarter = photograph.orientation in QUARTER_TURNS
+    has_stored_shape = (mask.width > mask.height) == (photograph.width > photograph.height)
+    return by_quarter and mask.orientation == UPRIGHT and has_stored_shape
 
 
 def _turned(image: Image.Image, orientation: int) -> Image.Image:

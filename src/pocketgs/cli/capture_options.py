@@ -9,7 +9,9 @@ from pathlib import Path
 from pocketgs.capture import Capture, ListedCapture, list_capture
 from pocketgs.capture.hold_out import HOLD_OUT_EVERY
 from pocketgs.capture.loading import LensHandling
+from pocketgs.capture.masks import FOUND, NONE, check_for_video
 from pocketgs.capture.open import check_options
+from pocketgs.capture.unposed import is_video
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 
@@ -51,7 +53,7 @@ class CaptureOptions:
         """Refuse options that cannot be right for photographs or a video, before poses are sought for minutes.
 
         Raises:
-            PocketGSError: an option is out of range, or images are chosen by folder.
+            PocketGSError: an option is out of range, images are chosen by folder, or a video's masks cannot be its own.
         """
         check_options(self.downscale, self.max_size, self.background, self.lens, self.hold_out)
         if self.images is not None:
@@ -59,6 +61,8 @@ class CaptureOptions:
                 f"{path}: has no poses, so that --images {self.images} has nothing to choose from: leave it out, and "
                 "give the folder of the photographs themselves as the capture"
             )
+        if is_video(path) and self.masks not in (FOUND, NONE):
+            check_for_video(path, Path(self.masks))
 
     def check_without_capture(self, expected: str, but: Collection[str] = ()) -> None:
         """Refuse options that would have no effect, because no capture is read.

@@ -7,9 +7,11 @@ from typing import TypeAlias
 
 from pocketgs.capture.capture import Capture
 from pocketgs.capture.open import lacks_poses
+from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.journal import settle
 from pocketgs.results.cameras_file import holds_cameras, with_poses_of
+from pocketgs.results.checkpoint import CHECKPOINT, read_transients
 from pocketgs.results.folder import CAMERAS, RECORD, SCENE, posed_folder
 from pocketgs.results.transients import without_transients_of
 from pocketgs.scene.formats import is_scene_name, read_scene
@@ -92,7 +94,22 @@ def in_world_of(path: Path, capture: Capture) -> Capture:
 def as_trained_on(path: Path, capture: Capture) -> Capture:
     """The capture as `in_world_of` gives it, without the transients that the scene's run has found.
 
+    If the run had other training views, its transients stay, and a warning is printed.
+
     Raises:
         PocketGSError: poses or transients cannot be read.
     """
-    return without_transients_of(folder_of(path), in_world_of(path, capture))
+    folder, posed = folder_of(path), in_world_of(path, capture)
+    found = without_transients_of(folder, posed)
+    if found is posed and _knows_transients(folder):
+        said = "its run masked what moved between the photographs, but had other training views: nothing is masked here"
+        hint = "give the options that it was trained with, such as --images or --hold-out"
+        Terminal(to_errors=True).say(f"warning: {path}: {said}; {hint}", style="yellow")
+    return found
+
+
+def _knows_transients(folder: Path) -> bool:
+    """Whether the run of a result folder has found transients."""
+    checkpoint = folder / CHECKPOINT
+    cells = read_transients(checkpoint) if checkpoint.is_file() else None
+    return any(of_view.any() for of_view in cells or ())

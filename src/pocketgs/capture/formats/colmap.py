@@ -76,11 +76,16 @@ def _match_files(
     where = f"{model}: images"
     names = [image.name for image in registered]
     warnings: tuple[str, ...] = ()
-    # Absolute paths are of the machine that wrote them: those images are found by name alone, below.
+    # Absolute paths are of the machine that wrote them: those images are found by name alone.
     were_elsewhere = images is None and any(Path(name).is_absolute() for name in names)
     files: list[Path | None] = [] if were_elsewhere else find_stated(folder, names, where)
     if images is None and not any(files):
-        files, warnings = find_images(capture, [f"{DEFAULT_IMAGES}/{name}" for name in names], where)
+        # As with relative names, those of the folder beside the model come first: the originals have the same names.
+        below = [f"{DEFAULT_IMAGES}/{name}" for name in names]
+        for place in dict.fromkeys((folder, capture) if were_elsewhere else (capture,)):
+            files, warnings = find_images(place, below, where)
+            if any(files):
+                break
     absent = [name for name, file in zip(names, files, strict=True) if file is None]
     if not absent:
         return files, warnings

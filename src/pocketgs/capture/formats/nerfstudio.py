@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path, PurePosixPath
 
 from pocketgs.capture.cloud_file import read_cloud
+from pocketgs.capture.formats.stated_intrinsics import NERFCAPTURE_FIELD
 from pocketgs.capture.formats.transforms_file import absent_warning, depth_warning, mask_warning, read_frames
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.named_images import find_moved
@@ -42,9 +43,8 @@ def read(path: Path, images: str | None = None) -> Listing:
         raise PocketGSError(f"{file}: none of the {len(listed)} listed frames has an image file")
     frames, held_out = _split(document, listed)
     points, more_warnings = _cloud(document, file.parent)
-    # Only the NeRFCapture app writes this field (Manifest.swift in jc211/NeRFCapture), with ARKit's poses in metres.
-    # Other files may use it too; nerfstudio itself does not.
-    metric = "depth_integer_scale" in document.values or document.flag("metric")
+    # ARKit's poses are in metres.
+    metric = NERFCAPTURE_FIELD in document.values or document.flag("metric")
     return Listing(FORMAT, frames, held_out=held_out, points=points, metric=metric, warnings=warnings + more_warnings)
 
 

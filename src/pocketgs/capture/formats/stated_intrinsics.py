@@ -8,8 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pocketgs.capture.poses import ARKIT_PIXEL_CENTRE
 from pocketgs.errors import PocketGSError
 from pocketgs.files.json_fields import Fields
+
+NERFCAPTURE_FIELD = "depth_integer_scale"
+"""Only the NeRFCapture app writes this field (Manifest.swift in jc211/NeRFCapture), beside ARKit's numbers unchanged.
+
+Other files may use it too; nerfstudio itself does not.
+"""
 
 MATRIX_FIELDS = ("K", "intrinsics", "intrinsic_matrix", "camera_intrinsics")
 
@@ -50,8 +57,15 @@ def read_intrinsics(fields: Fields, image_size: Callable[[], tuple[int, int]]) -
     if fx is None or fy is None:
         raise PocketGSError(f"{fields.where}: no focal length, expected fl_x, camera_angle_x or a 3x3 matrix K")
     middle = (width / 2, height / 2) if matrix is None else (float(matrix[0, 2]), float(matrix[1, 2]))
-    cx, cy = fields.optional_number("cx"), fields.optional_number("cy")
+    cx, cy = _stated_centre(fields)
     return Intrinsics((width, height), (fx, fy), (middle[0] if cx is None else cx, middle[1] if cy is None else cy))
+
+
+def _stated_centre(fields: Fields) -> tuple[float | None, float | None]:
+    """The principal point, cx and cy, in pixels, pixel centres at + 0.5; None where not stated."""
+    offset = ARKIT_PIXEL_CENTRE if NERFCAPTURE_FIELD in fields.values else 0.0
+    cx, cy = fields.optional_number("cx"), fields.optional_number("cy")
+    return None if cx is None else cx + offset, None if cy is None else cy + offset
 
 
 def _stated_size(fields: Fields) -> tuple[float, float] | None:

@@ -6,6 +6,7 @@
  */
 
 import { folderOf, nameOf, normalised } from "../archive/tree.js";
+import { storedSize } from "./image_header.js";
 import { decodedAsStored, greyOf } from "./pixels.js";
 
 /**
@@ -24,16 +25,18 @@ const HALF = 127;
  * @param {Listing} listing
  * @param {FileTree} tree
  * @param {{mask_folders: string[]}} bounds the settings' `capture`
- * @returns {Listing}
+ * @returns {Promise<Listing>}
  */
-export function withMasks(listing, tree, { mask_folders: usual }) {
+export async function withMasks(listing, tree, { mask_folders: usual }) {
     if (listing.frames.some(({ mask }) => mask)) {
         return listing;
     }
     const names = listing.frames.map(({ name }) => name);
     const warnings = [...listing.warnings];
     for (const folder of foldersOfMasks(names, tree, usual)) {
-        const [found, reason] = matched(names, folder, tree);
+        const [found, mismatch] = matched(names, folder, tree);
+        const isBeside = names.some((name) => folderOf(folderOf(name)) === folderOf(folder));
+        const reason = mismatch ?? (isBeside ? null : await otherShape(listing.frames, found));
         if (!reason) {
             const lacking = names.filter((name) => !found.has(name));
             if (lacking.length) {
@@ -75,16 +78,37 @@ function isPalette(start) {
     return start[0] === 0x89 && start[25] === 3;
 }
 
-/** Beside the photographs' folder, whatever its name, or in the capture; for `images_2` there may be `masks_2`. */
+/**
+ * Beside the photographs' folder, whatever its name, or else in the capture; for `images_2` there may be `masks_2`.
+ * The masks in a capture may be of the originals, where undistorted copies in another folder are used.
+ */
 function foldersOfMasks(names, tree, usual) {
     const folders = [...new Set(names.map(folderOf))];
     const sizes = [...new Set(folders.flatMap((folder) => /_\d+$/.exec(nameOf(folder))?.[0] ?? []))].sort();
     const parents = new Set(folders.map(folderOf));
-    const places = ["", ...[...parents].sort()];
+    const places = [...[...parents].sort(), ""];
     const candidates = places.flatMap((place) => {
         return [...sizes, ""].flatMap((size) => usual.map((name) => normalised(`${place}/${name}${size}`)));
     });
     return [...new Set(candidates)].filter((folder) => tree.hasFolder(folder));
+}
+
+/** Why masks are of other photographs, such as those not undistorted: one is no scaled copy of its own. Else null. */
+async function otherShape(frames, masks) {
+    for (const { name, camera } of frames.filter(({ name }) => masks.has(name))) {
+        const mask = masks.get(name);
+        try {
+            const [width, height] = await storedSize(mask);
+            if (Math.abs((width * camera.height) / camera.width - height) > 1) {
+                const found = `${mask.path} is a mask of ${width}x${height} pixels`;
+                const expected = `expected the shape of ${name}, ${camera.width}x${camera.height}`;
+                return `${found}, ${expected}: it may be of the photograph before undistortion`;
+            }
+        } catch (error) {
+            return error.message;
+        }
+    }
+    return null;
 }
 
 /** The masks by their photographs, and why they cannot be used, if so. */

@@ -9,6 +9,7 @@ import { normalised } from "../archive/tree.js";
 import { readCloud } from "./cloud_file.js";
 import { Fields } from "./json_fields.js";
 import { listingOf } from "./listing.js";
+import { NERFCAPTURE_FIELD } from "./stated_intrinsics.js";
 import { absentWarning, depthWarning, readFrames } from "./transforms_file.js";
 
 /** What makes a folder such a capture. */
@@ -37,8 +38,8 @@ export async function read(tree, bounds) {
         warnings.push(`${MARK}: the point cloud ${ply} is absent`);
     }
     const cloud = file ? await readCloud(file, bounds) : null;
-    // Only the NeRFCapture app writes `depth_integer_scale`, with ARKit's poses in metres.
-    const isMetric = "depth_integer_scale" in document.values || document.values.metric === true;
+    // ARKit's poses are in metres.
+    const isMetric = NERFCAPTURE_FIELD in document.values || document.values.metric === true;
     return listingOf("nerfstudio", frames, { heldOut, cloud, isMetric, warnings });
 }
 

@@ -52,7 +52,8 @@ export async function readListing(tree, bounds, onProgress = () => {}) {
         const apps = "Polycam, Record3D, Stray Scanner, 3D Scanner App or NeRFCapture";
         throw new Error(`not a capture of a format that this page reads: expected ${formats}, or data of ${apps}`);
     }
-    const listing = withReadableDepth(withMasks(await reader.read(place, bounds, onProgress), place, bounds));
+    const stated = await reader.read(place, bounds, onProgress);
+    const listing = withReadableDepth(await withMasks(stated, place, bounds));
     const names = listing.frames.map(({ name }) => name);
     const repeated = names.find((name, i) => names.indexOf(name) !== i);
     if (repeated !== undefined) {

@@ -7,6 +7,9 @@
 
 import { storedSize } from "./image_header.js";
 
+/** Only the NeRFCapture app writes this field, beside ARKit's numbers unchanged. */
+export const NERFCAPTURE_FIELD = "depth_integer_scale";
+
 const MATRIX_FIELDS = ["K", "intrinsics", "intrinsic_matrix", "camera_intrinsics"];
 
 /**
@@ -14,10 +17,11 @@ const MATRIX_FIELDS = ["K", "intrinsics", "intrinsic_matrix", "camera_intrinsics
  *
  * @param {import("./json_fields.js").Fields} fields the frame's fields, over those of the whole file
  * @param {import("../archive/tree.js").StoredFile} file the image, whose size is used if none is stated
+ * @param {{arkit_pixel_centre: number}} bounds the settings' `capture`
  * @returns {Promise<{size: number[], focal: number[], centre: number[]}>} in pixels
  * @throws {Error} no focal length is stated, or a field is malformed
  */
-export async function readIntrinsics(fields, file) {
+export async function readIntrinsics(fields, file, { arkit_pixel_centre: half }) {
     const [width, height] = statedSize(fields) ?? (await storedSize(file));
     let fx = focalLength(fields, "fl_x", "camera_angle_x", width);
     let fy = focalLength(fields, "fl_y", "camera_angle_y", height);
@@ -29,7 +33,11 @@ export async function readIntrinsics(fields, file) {
         throw new Error(`${fields.where}: no focal length, expected fl_x, camera_angle_x or a 3x3 matrix K`);
     }
     const middle = matrix ? [matrix[0][2], matrix[1][2]] : [width / 2, height / 2];
-    const centre = ["cx", "cy"].map((name, axis) => fields.optionalNumber(name) ?? middle[axis]);
+    const offset = NERFCAPTURE_FIELD in fields.values ? half : 0;
+    const centre = ["cx", "cy"].map((name, axis) => {
+        const stated = fields.optionalNumber(name);
+        return stated === null ? middle[axis] : stated + offset;
+    });
     // Pixels are square unless the file states otherwise.
     return { size: [width, height], focal: [fx ?? fy, fy ?? fx], centre };
 }

@@ -80,7 +80,7 @@ export function depthWarning(frames, document) {
 }
 
 async function readFrame(fields, file, tree, bounds) {
-    const intrinsics = await readIntrinsics(fields, file);
+    const intrinsics = await readIntrinsics(fields, file, bounds);
     const camera = cameraAt(fields.where, intrinsics, ...readPose(fields, bounds), bounds);
     const mask = fields.optionalText("mask_path");
     const more = { lens: readLens(fields, bounds), depth: readDepth(fields, tree, bounds) };
