@@ -13,6 +13,7 @@ import pytest
 
 from pocketgs.capture import Capture
 from pocketgs.compression import candidates
+from pocketgs.compression.bound import QualityBound
 from pocketgs.compression.compress import compress
 from pocketgs.compression.figures import figures_of
 from pocketgs.compression.options import CompressionOptions
@@ -94,7 +95,7 @@ def test_grids_are_tried_once(scene: Gaussians, views: Views, engine: Engine, mo
     monkeypatch.setattr("pocketgs.compression.searches.GRIDS", 1)
     cameras = {frame.name: frame.camera for frame in views.train[:2]}
     own = rendered(scene, cameras, engine, views.background)
-    monkeypatch.setattr("pocketgs.compression.compress._least_psnr", lambda *_: 99.0)
+    monkeypatch.setattr("pocketgs.compression.compress._bound", lambda *_: QualityBound(99.0))
     found = compress(scene, own, engine, seconds=0.01)
     assert not found.within_bound
     assert sum(len(each.scene) == len(scene) for each in found.candidates) <= 2, "rounded finely, and as all candidates"

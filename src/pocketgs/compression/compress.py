@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+from pocketgs.compression.bound import Bound, QualityBound, SizeBound
 from pocketgs.compression.candidates import CANDIDATES, Candidate, Workshop
 from pocketgs.compression.fine_tuning import FineTuner
 from pocketgs.compression.judgement import Judge
@@ -53,20 +54,20 @@ class Compressed:
         chosen: the best candidate.
         candidates: all, in the order in which they were made.
         original_psnr: PSNR of the original in dB, comparable with the candidates'.
-        bound: minimum PSNR in dB, or None if the size was bounded.
+        bound: that the search was for.
         interrupted: whether Ctrl-C ended the search.
     """
 
     chosen: Candidate
     candidates: list[Candidate]
     original_psnr: float
-    bound: float | None
+    bound: Bound
     interrupted: bool
 
     @property
     def within_bound(self) -> bool:
-        """Whether the result meets the bound of quality, if there is one."""
-        return self.bound is None or self.chosen.psnr >= self.bound
+        """Whether the result meets the bound."""
+        return self.bound.admits(self.chosen)
 
 
 def compress(
@@ -104,35 +105,20 @@ def compress(
         rendering = max(timekeeper.elapsed(), 1e-3) / judge.renderings
         timekeeper.first_speed = 1.0 / (STEP * rendering)
         timekeeper.reserve(TABLE_ROWS * len(views.reported) * rendering)
-        bound = None if options.size is not None else _least_psnr(scene, views, judge, options.quality)
+        bound = _bound(scene, views, judge, options)
         tuner = FineTuner(engine, views.train, views.background, scene, options.seed, timekeeper.step)
         cameras = [frame.camera for frame in views.train]
         pruner = Pruner(tuner, cameras, options.prune, rasterizer or Rasterizer("cpu"))
-
-        def is_within(candidate: Candidate) -> bool:
-            return bool(_within([candidate], options.size, bound))
-
-        workshop = Workshop(tuner, pruner, judge, timekeeper, DEFAULT, is_within)
+        workshop = Workshop(tuner, pruner, judge, timekeeper, DEFAULT, bound.admits)
         try:
             timekeeper.check()
             tuner.pace = _suitable_pace(scene, workshop) if views.photographs else PACE
-            if bound is None:
-                assert options.size is not None
-                search_by_size(scene, workshop, options.size * MB)
-            elif views.photographs:
-                search_on_photographs(scene, workshop, bound)
-            else:
-                search_on_renderings(scene, workshop, bound)
+            _search(scene, views, workshop, bound)
         except StoppedError:
-            if not any(map(is_within, workshop.candidates)):
+            if not any(map(bound.admits, workshop.candidates)):
                 raise KeyboardInterrupt from None
-    return Compressed(
-        _best(workshop.candidates, options.size, bound),
-        workshop.candidates,
-        judge.original_psnr,
-        bound,
-        interrupt.requested,
-    )
+    candidates = workshop.candidates
+    return Compressed(bound.best(candidates), candidates, judge.original_psnr, bound, interrupt.requested)
 
 
 def memory_needed(scene: Gaussians, cameras: Iterable[Camera], engine: Engine) -> int:
@@ -148,19 +134,31 @@ def memory_needed(scene: Gaussians, cameras: Iterable[Camera], engine: Engine) -
     return engine.memory_needed(len(scene), scene.sh.shape[1], sizes).process + COPIES * of_scene
 
 
-def _least_psnr(scene: Gaussians, views: Views, judge: Judge, quality: float | None) -> float:
-    """The bound of quality in dB.
+def _bound(scene: Gaussians, views: Views, judge: Judge, options: CompressionOptions) -> SizeBound | QualityBound:
+    """The bound that the options ask for.
 
     Raises:
-        PocketGSError: it would be that of a .spz, which cannot store the scene.
+        PocketGSError: it would be the quality of a .spz, which cannot store the scene.
     """
+    if options.size is not None:
+        return SizeBound(options.size)
     if views.photographs:
-        return judge.original_psnr - (QUALITY if quality is None else quality)
+        return QualityBound(judge.original_psnr - (QUALITY if options.quality is None else options.quality))
     spz = as_spz(scene)
     if spz is None:
         found = "the scene is too large for a .spz, whose quality is the bound without a capture"
         raise PocketGSError(f"compression: {found}; expected the capture, or --size")
-    return judge.psnr(spz.scene) - (quality or 0.0)
+    return QualityBound(judge.psnr(spz.scene) - (options.quality or 0.0))
+
+
+def _search(scene: Gaussians, views: Views, workshop: Workshop, bound: SizeBound | QualityBound) -> None:
+    """Make candidates around the bound."""
+    if isinstance(bound, SizeBound):
+        search_by_size(scene, workshop, bound.megabytes * MB)
+    elif views.photographs:
+        search_on_photographs(scene, workshop, bound.psnr)
+    else:
+        search_on_renderings(scene, workshop, bound.psnr)
 
 
 def _suitable_pace(scene: Gaussians, workshop: Workshop) -> float:
@@ -172,24 +170,3 @@ def _suitable_pace(scene: Gaussians, workshop: Workshop) -> float:
     trained = workshop.tuner.tune(scene, steps)
     judge = workshop.judge
     return 1.0 if judge.psnr_by_training_views(trained) >= judge.original_psnr else GENTLE
-
-
-def _within(candidates: list[Candidate], size: float | None, bound: float | None) -> list[Candidate]:
-    if size is not None:
-        return [candidate for candidate in candidates if candidate.megabytes <= size]
-    return [candidate for candidate in candidates if bound is not None and candidate.psnr >= bound]
-
-
-def _best(candidates: list[Candidate], size: float | None, bound: float | None) -> Candidate:
-    """The best candidate that fits, or the smallest of sufficient quality, otherwise the best.
-
-    Raises:
-        PocketGSError: none fits.
-    """
-    within = _within(candidates, size, bound)
-    if size is not None:
-        if not within:
-            smallest = min(candidate.megabytes for candidate in candidates)
-            raise PocketGSError(f"compression: the smallest file has {smallest:.3f} MB, expected --size {smallest:.3f}")
-        return max(within, key=lambda candidate: candidate.psnr)
-    return min(within, key=lambda candidate: candidate.megabytes, default=max(candidates, key=lambda each: each.psnr))
