@@ -206,9 +206,9 @@ def test_sh_degree(small_capture: Capture, degree: int) -> None:
         ({"exposure": "maybe"}, "exposure: found maybe, expected auto, on or off"),
         ({"engine": "gpu"}, "engine 'gpu': not known, expected one of auto, cpu, webgpu"),
         ({"gpu": "voodoo", "engine": "webgpu"}, "expected one named like 'voodoo', or --engine cpu"),
-        ({"precision": "f64"}, "precision: found f64, expected f32 or f16"),
-        ({"replay": "never"}, "replay: found never, expected recompute or cache"),
-        ({"accumulation": "none"}, "accumulation: found none, expected ordered or atomic"),
+        ({"precision": "f64"}, "precision: found 'f64', expected f32 or f16"),
+        ({"replay": "never"}, "replay: found 'never', expected recompute or cache"),
+        ({"accumulation": "none"}, "accumulation: found 'none', expected ordered or atomic"),
         ({"max_memory": 0}, "max memory: found 0, expected at least 1"),
     ],
 )

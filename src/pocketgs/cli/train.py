@@ -56,32 +56,39 @@ def train(
     if output is None:
         check_free_for(folder, source)
 
+    compressing = CompressingRun(folder, source, console)
+
     def work(reporter: Reporter) -> RunResult:
         def listed() -> ListedCapture:
-            if not lacks_poses(capture):
-                return reading.listed(capture)
-            reading.check_without_poses(capture)
-            found = posed_folder(folder, capture)
-            message = f"{capture} has no poses: structure from motion finds them and keeps them in {found}"
-            console.say(message)
-            # Masks have the names of photographs; a video's frames get theirs only now.
-            masks = FOUND if is_video(capture) else reading.masks
-            made = posed(
-                capture,
-                found,
-                PoseOptions(masks=masks),
-                on_stage=reporter.on_stage,
-                on_count=reporter.on_count,
-                on_warning=reporter.on_warning,
-            )
-            are_copied = masks not in (FOUND, NONE)
-            return (replace(reading, masks=FOUND) if are_copied else reading).listed(made)
+            return _listed(capture, folder, reading, console, reporter)
 
         if not compress:
             return run(listed, folder, training, resume=resume, reporter=reporter, source=source)
         return compressing.run(listed, training, resume, reporter)
 
-    compressing = CompressingRun(folder, source, console)
     with memory_bound(training.max_memory):
         show_run(console, work, page, name)
     compressing.print_result()
+
+
+def _listed(
+    capture: Path, folder: Path, reading: CaptureOptions, console: Terminal, reporter: Reporter
+) -> ListedCapture:
+    """List a capture; poses of photographs or a video are found first, and kept in the result's folder."""
+    if not lacks_poses(capture):
+        return reading.listed(capture)
+    reading.check_without_poses(capture)
+    found = posed_folder(folder, capture)
+    console.say(f"{capture} has no poses: structure from motion finds them and keeps them in {found}")
+    # Masks have the names of photographs; a video's frames get theirs only now.
+    masks = FOUND if is_video(capture) else reading.masks
+    made = posed(
+        capture,
+        found,
+        PoseOptions(masks=masks),
+        on_stage=reporter.on_stage,
+        on_count=reporter.on_count,
+        on_warning=reporter.on_warning,
+    )
+    are_copied = masks not in (FOUND, NONE)
+    return (replace(reading, masks=FOUND) if are_copied else reading).listed(made)

@@ -7,16 +7,14 @@ import time
 from pocketgs.capture.even_choice import evenly_chosen
 from pocketgs.prior.prior import PreparedCapture
 from pocketgs.splat.engine import Engine
-from pocketgs.splat.settings import LearningRates, StepSettings
+from pocketgs.splat.settings import StepSettings
 from pocketgs.system.interrupt import Interrupt
 from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.training.colours import colour_settings
 from pocketgs.training.options import SizedOptions
-from pocketgs.training.pace import Pace
 from pocketgs.training.progress import Observer, Progress
-from pocketgs.training.recipes import Recipe
 from pocketgs.training.result import Checkpoint, LossSample
-from pocketgs.training.strategies.strategy import Strategy
+from pocketgs.training.schedules import Schedules
 from pocketgs.training.transients import Transients
 from pocketgs.training.validation import MAX_LOOKED_AT, mean_psnr
 from pocketgs.training.view_choice import view_of_step
@@ -30,11 +28,8 @@ class Loop:
     Args:
         capture: to train on.
         options: of the run.
-        recipe: of the loss and the optimiser.
-        strategy: changes the number of Gaussians.
-        pace: the run's length and learning rates.
+        schedules: its recipe, length, learning rates, and number of Gaussians.
         transients: masks things that move, or None.
-        rates: initial learning rates.
         engine: with the views and the first Gaussians.
         stopwatch: times the stages.
         iteration: number of steps that the Gaussians have behind them.
@@ -44,11 +39,8 @@ class Loop:
         self,
         capture: PreparedCapture,
         options: SizedOptions,
-        recipe: Recipe,
-        strategy: Strategy,
-        pace: Pace,
+        schedules: Schedules,
         transients: Transients | None,
-        rates: LearningRates,
         engine: Engine,
         stopwatch: Stopwatch,
         iteration: int,
@@ -56,8 +48,9 @@ class Loop:
         self.iteration = self._first_iteration = iteration
         self.interrupted = False
         self.samples: list[LossSample] = []
-        self._capture, self._options, self._recipe, self._strategy = capture, options, recipe, strategy
-        self._pace, self._transients, self._first_rates = pace, transients, rates
+        self._capture, self._options, self._transients = capture, options, transients
+        self._recipe, self._first_rates = schedules.recipe, schedules.first_rates
+        self._pace, self._strategy = schedules.pace, schedules.strategy
         self._learns_colours = options.colours == "on"
         self._engine, self._stopwatch = engine, stopwatch
         self._loss, self._loss_asked = float("nan"), float("-inf")
@@ -71,7 +64,7 @@ class Loop:
             self.iteration,
             self._engine.download(),
             self._engine.optimiser_state(),
-            self._engine.statistics() if self._strategy.name != "fixed" else None,
+            self._engine.statistics() if self._strategy.changes_rows else None,
             self._pace.course,
             self._transients.cells if self._transients else None,
         )

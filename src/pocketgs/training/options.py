@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from pocketgs.errors import PocketGSError
+from pocketgs.prior.prior import Exposure
 from pocketgs.splat.engine import Accumulation, EngineName, EngineOptions, Precision, Replay
 from pocketgs.training.colours import COLOURS, Colours
 from pocketgs.training.recipes import Prior, Seeds, recipe_named
@@ -69,7 +70,7 @@ class TrainingOptions:
     seeds: Seeds | None = None
     source_views: int = 4
     max_keyframes: int | None = None
-    exposure: Literal["auto", "on", "off"] = "auto"
+    exposure: Exposure = "auto"
     colours: Colours = "off"
     transients: Literal["mask", "keep"] = "mask"
     recipe: str | None = None
@@ -89,6 +90,7 @@ class TrainingOptions:
     def __post_init__(self) -> None:
         if self.recipe is not None:
             recipe_named(self.recipe)
+        _ = self.engine_options  # the engine's options are checked where they are defined
         checks = {
             "effort": (self.effort in get_args(Effort), "quick, standard or best"),
             "iterations": (self.iterations is None or self.iterations >= 1, "at least 1"),
@@ -98,16 +100,11 @@ class TrainingOptions:
             "strategy": (self.strategy in (None, *STRATEGIES), "fixed, adc, mcmc or budgeted"),
             "source views": (self.source_views >= 1, "at least 1"),
             "max keyframes": (self.max_keyframes is None or self.max_keyframes >= 2, "at least 2"),
-            "exposure": (self.exposure in ("auto", "on", "off"), "auto, on or off"),
+            "exposure": (self.exposure in get_args(Exposure), "auto, on or off"),
             "colours": (self.colours in COLOURS, "on or off"),
             "transients": (self.transients in ("mask", "keep"), "mask or keep"),
             "max gaussians": (self.max_gaussians is None or self.max_gaussians >= 4, "at least 4"),
             "SH degree": (self.sh_degree in (None, 0, 1, 2, 3), "0, 1, 2 or 3"),
-            "threads": (self.threads is None or self.threads >= 1, "at least 1"),
-            "precision": (self.precision in ("f32", "f16"), "f32 or f16"),
-            "replay": (self.replay in ("recompute", "cache"), "recompute or cache"),
-            "accumulation": (self.accumulation in ("ordered", "atomic"), "ordered or atomic"),
-            "max memory": (self.max_memory >= 1, "at least 1"),
             "evaluate every": (self.evaluate_every >= 0, "at least 0"),
             "seed": (self.seed >= 0, "at least 0"),
         }

@@ -15,21 +15,17 @@ from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.seeding.neighbourhoods import create_search, with_room
 from pocketgs.seeding.seeds import SEEDINGS
 from pocketgs.splat.engine import Engine, chosen_engine, create_engine
-from pocketgs.splat.settings import LearningRates
 from pocketgs.system.interrupt import deferred_interrupt
 from pocketgs.system.process import peak_rss_mb
 from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.training.loop import Loop
-from pocketgs.training.open_ended import OpenEndedPace
 from pocketgs.training.options import SizedOptions, TrainingOptions
-from pocketgs.training.pace import SetPace
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.preparation import at_most, prepare
 from pocketgs.training.progress import Observer
-from pocketgs.training.recipes import Recipe, camera_extent, recipe_named
+from pocketgs.training.recipes import recipe_named
 from pocketgs.training.result import Checkpoint, TrainingResult
-from pocketgs.training.strategies.choose import create_strategy
-from pocketgs.training.strategies.strategy import GrowthPlan, Situation
+from pocketgs.training.schedules import schedules_of
 from pocketgs.training.transients import Transients
 
 
@@ -72,28 +68,22 @@ def train(
     options = replace(options or TrainingOptions(), **changes)  # type: ignore[arg-type]
     options = sized(options, [(frame.camera.width, frame.camera.height) for frame in capture.train])
     stopwatch = stopwatch or Stopwatch()
-    recipe = recipe_named(options.recipe)
     prepared = capture if isinstance(capture, PreparedCapture) else prepare(capture, options, stopwatch)
     if prepared.points is None:
         raise PocketGSError(f"{prepared.path}: no points to start from, expected what `prepare` gives")
     with stopwatch.stage("seeding"):
         # A capture may have been prepared for more Gaussians, or for another strategy.
         points = at_most(prepared.points, options.most_at_start, options.seed)
-        unit = recipe.length([frame.camera for frame in prepared.train], points)
-        start, warnings = (resume.gaussians, ()) if resume else _first_gaussians(points, recipe, options)
+        start, warnings = (resume.gaussians, ()) if resume else _first_gaussians(points, options)
     with stopwatch.stage("compilation"):
         engine = opened_engine or create_engine(options.engine_options)
         engine.prepare()
-    transients = _transients(prepared, options, recipe, resume)
+    transients = _transients(prepared, options, resume)
     with stopwatch.stage("upload"):
         _upload(engine, prepared, start, transients, resume)
     seconds = None if options.time_budget is None else options.time_budget - (time.monotonic() - started)
-    rates = recipe.rates_for(options.iterations, unit)
-    pace = _pace(prepared, options, recipe, rates, seconds, resume)
-    growth = pace if isinstance(pace, OpenEndedPace) else None
-    strategy = create_strategy(options.strategy, _situation(prepared, options, growth))
-    first = resume.iteration if resume else 0
-    loop = Loop(prepared, options, recipe, strategy, pace, transients, rates, engine, stopwatch, first)
+    schedules = schedules_of(prepared, points, options, seconds, resume)
+    loop = Loop(prepared, options, schedules, transients, engine, stopwatch, resume.iteration if resume else 0)
     with deferred_interrupt() as interrupt:  # until the last step has been copied from the engine
         loop.run(observer, saver, interrupt)
         checkpoint = loop.checkpoint()
@@ -103,8 +93,8 @@ def train(
         checkpoint=checkpoint,
         engine=engine.name,
         device=engine.device,
-        recipe=recipe.name,
-        strategy=strategy.name,
+        recipe=schedules.recipe.name,
+        strategy=schedules.strategy.name,
         resumed_from=resume.iteration if resume else None,
         interrupted=loop.interrupted,
         seconds=dict(stopwatch.seconds),
@@ -116,8 +106,9 @@ def train(
     )
 
 
-def _first_gaussians(points: PointCloud, recipe: Recipe, options: SizedOptions) -> tuple[Gaussians, tuple[str, ...]]:
+def _first_gaussians(points: PointCloud, options: SizedOptions) -> tuple[Gaussians, tuple[str, ...]]:
     """Seeds at points, in Morton order: neighbours form clusters that most views can skip; and warnings."""
+    recipe = recipe_named(options.recipe)
     degree = recipe.sh_degree if options.sh_degree is None else options.sh_degree
     device = create_search(chosen_engine(options.engine_options), options.gpu, options.max_memory)
     search, warnings = with_room(device, len(points))
@@ -125,11 +116,9 @@ def _first_gaussians(points: PointCloud, recipe: Recipe, options: SizedOptions) 
     return start.select(morton_order(start.means)), warnings
 
 
-def _transients(
-    capture: PreparedCapture, options: SizedOptions, recipe: Recipe, resume: Checkpoint | None
-) -> Transients | None:
-    """What masks things that move, or None if nothing does."""
-    if options.transients == "keep" or not recipe.masks_transients:
+def _transients(capture: PreparedCapture, options: SizedOptions, resume: Checkpoint | None) -> Transients | None:
+    """The run's masking of things that move; None if it is off."""
+    if options.transients == "keep" or not recipe_named(options.recipe).masks_transients:
         return None
     return Transients(capture.train, capture.background, resume.transients if resume else None)
 
@@ -148,33 +137,3 @@ def _upload(
 
 def _with_warnings(report: PriorReport | None, warnings: tuple[str, ...]) -> PriorReport | None:
     return replace(report, warnings=(*report.warnings, *warnings)) if report else None
-
-
-def _pace(
-    capture: PreparedCapture,
-    options: SizedOptions,
-    recipe: Recipe,
-    rates: LearningRates,
-    seconds: float | None,
-    resume: Checkpoint | None,
-) -> OpenEndedPace | SetPace:
-    """As long as training pays, or as long as the options say."""
-    course = resume.course if resume else None
-    if options.open_ended:
-        least, most, gaussians = options.least_iterations, options.iterations, options.max_gaussians
-        return OpenEndedPace(least, most, seconds, rates, capture.train, capture.background, gaussians, course)
-    return SetPace(options.iterations, seconds, recipe.schedule, rates, len(capture.train), course)
-
-
-def _situation(capture: PreparedCapture, options: SizedOptions, growth: GrowthPlan | None) -> Situation:
-    points = capture.points
-    assert points is not None
-    return Situation(
-        iterations=options.iterations,
-        most=options.max_gaussians,
-        measure_extent=lambda: camera_extent([frame.camera for frame in capture.train], points),
-        views=len(capture.train),
-        seed=options.seed,
-        bright=max(capture.background) > 0,
-        growth=growth,
-    )

@@ -42,6 +42,7 @@ class AdaptiveDensityControl(Quiet):
     """3DGS's strategy, with a maximum number: if there is no room, the largest gradients take precedence."""
 
     name = "adc"
+    changes_rows = True
 
     def __init__(self, situation: Situation, control: DensityControl | None = None) -> None:
         self._situation, self._control = situation, control or DensityControl()

@@ -68,6 +68,7 @@ class Budgeted(Quiet):
     """Splits the Gaussians that contribute most to errors, and prunes faint ones, according to a schedule."""
 
     name = "budgeted"
+    changes_rows = True
 
     def __init__(self, situation: Situation, growth: Growth | None = None) -> None:
         self._situation, self._growth = situation, growth or Growth()

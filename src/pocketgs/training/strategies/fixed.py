@@ -10,6 +10,7 @@ class Fixed(Quiet):
     """Keeps the number of Gaussians."""
 
     name = "fixed"
+    changes_rows = False
 
     def __init__(self, situation: Situation) -> None:
         """Ignores the situation."""

@@ -44,6 +44,7 @@ class MarkovChain:
     """The strategy of 3DGS-MCMC: relocation, growth, noise, and regularisation of opacity and size."""
 
     name = "mcmc"
+    changes_rows = True
 
     def __init__(self, situation: Situation, relocation: Relocation | None = None) -> None:
         self._situation, self._relocation = situation, relocation or Relocation()

@@ -61,9 +61,14 @@ class Strategy(Protocol):
     """Controls the number of Gaussians.
 
     It has no state of its own: the engine holds all statistics, so that a resumed run ends like an uninterrupted one.
+
+    Attributes:
+        name: of the strategy.
+        changes_rows: whether it ever changes the number of Gaussians, so that a checkpoint needs the statistics.
     """
 
     name: str
+    changes_rows: bool
 
     def collected(self, iteration: int) -> Collected:
         """Statistics to collect in the step that ends iteration `iteration`, counted from 1."""

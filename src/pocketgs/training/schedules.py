@@ -1,0 +1,88 @@
+"""The schedules of a run: its recipe, its learning rates and length, and its number of Gaussians."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pocketgs.prior.prior import PreparedCapture
+from pocketgs.scene.point_cloud import PointCloud
+from pocketgs.splat.settings import LearningRates
+from pocketgs.training.open_ended import OpenEndedPace
+from pocketgs.training.options import SizedOptions
+from pocketgs.training.pace import SetPace
+from pocketgs.training.recipes import Recipe, camera_extent, recipe_named
+from pocketgs.training.result import Checkpoint
+from pocketgs.training.strategies.choose import create_strategy
+from pocketgs.training.strategies.strategy import GrowthPlan, Situation, Strategy
+
+
+@dataclass(frozen=True)
+class Schedules:
+    """The schedules of a run.
+
+    Attributes:
+        recipe: of the loss and the optimiser.
+        first_rates: initial learning rates.
+        pace: the run's length and learning rates.
+        strategy: changes the number of Gaussians.
+    """
+
+    recipe: Recipe
+    first_rates: LearningRates
+    pace: OpenEndedPace | SetPace
+    strategy: Strategy
+
+
+def schedules_of(
+    capture: PreparedCapture,
+    points: PointCloud,
+    options: SizedOptions,
+    seconds: float | None,
+    resume: Checkpoint | None,
+) -> Schedules:
+    """The schedules of a run.
+
+    Args:
+        capture: to train on.
+        points: that the first Gaussians are made from.
+        options: of the run.
+        seconds: for training, or None for no limit.
+        resume: checkpoint of the run to resume, or None.
+    """
+    recipe = recipe_named(options.recipe)
+    rates = recipe.rates_for(options.iterations, recipe.length([frame.camera for frame in capture.train], points))
+    pace = _pace(capture, options, recipe, rates, seconds, resume)
+    growth = pace if isinstance(pace, OpenEndedPace) else None
+    return Schedules(
+        recipe, rates, pace, create_strategy(options.strategy, _situation(capture, points, options, growth))
+    )
+
+
+def _pace(
+    capture: PreparedCapture,
+    options: SizedOptions,
+    recipe: Recipe,
+    rates: LearningRates,
+    seconds: float | None,
+    resume: Checkpoint | None,
+) -> OpenEndedPace | SetPace:
+    """As long as training pays, or as long as the options say."""
+    course = resume.course if resume else None
+    if options.open_ended:
+        least, most, gaussians = options.least_iterations, options.iterations, options.max_gaussians
+        return OpenEndedPace(least, most, seconds, rates, capture.train, capture.background, gaussians, course)
+    return SetPace(options.iterations, seconds, recipe.schedule, rates, len(capture.train), course)
+
+
+def _situation(
+    capture: PreparedCapture, points: PointCloud, options: SizedOptions, growth: GrowthPlan | None
+) -> Situation:
+    return Situation(
+        iterations=options.iterations,
+        most=options.max_gaussians,
+        measure_extent=lambda: camera_extent([frame.camera for frame in capture.train], points),
+        views=len(capture.train),
+        seed=options.seed,
+        bright=max(capture.background) > 0,
+        growth=growth,
+    )
