@@ -2,8 +2,8 @@
 
 PYTHON ?= python3
 
-# Tests use all cores for a part of their time only, so two processes end in three quarters of one's time. A file's tests
-# stay together, for they share what they prepare.
+# Tests use all cores only part of the time, so two processes take three quarters of the time of one. Tests of one file run
+# in the same process, because they share fixtures.
 SIDE_BY_SIDE = -n 2 --dist loadfile
 
 .PHONY: demo test test-fast system-packages lint bench clean
@@ -13,15 +13,14 @@ demo:
 	@$(PYTHON) tools/bootstrap.py
 	.venv/bin/pocketgs demo
 
-# Everything that must hold before a change is merged, runs on real data included: what continuous integration calls.
-# What a test needs and the machine lacks is installed where that is allowed; else the test is left out, and said to be.
-# PyTorch and gsplat's reference keep memory that tests of budgets would count: they run after the others, in processes of
-# their own.
+# All checks before a merge, with runs on real data. Continuous integration calls this target. Missing system packages are
+# installed if that is allowed; otherwise the tests that need them are skipped, and pytest reports it. PyTorch and gsplat's
+# reference keep memory that the tests of budgets would count, so their tests run last, in separate processes.
 test: system-packages lint
 	.venv/bin/python -m pytest $(SIDE_BY_SIDE) --ignore tests/pytorch
 	.venv/bin/python -m pytest $(SIDE_BY_SIDE) tests/pytorch
 
-# The same without those runs.
+# The same checks without the runs on real data.
 test-fast: system-packages lint
 	.venv/bin/python -m pytest -m "not slow" $(SIDE_BY_SIDE) --ignore tests/pytorch
 	.venv/bin/python -m pytest -m "not slow" $(SIDE_BY_SIDE) tests/pytorch

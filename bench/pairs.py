@@ -39,7 +39,7 @@ def list_pairs(engine: CpuEngine, camera: Camera) -> np.ndarray:
 
 
 def _drawn(engine: CpuEngine, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int, int]:
-    """What the engine's forward pass leaves: splats, the tiles' lists and where each tile ended, and the size."""
+    """Results of the engine's forward pass: splats, tile lists, where each tile ended, and the image size."""
     forward = engine._forward(View.of(camera), kernel_lens(camera), np.zeros(3, np.float32))
     lists = forward.lists
     return engine._splats, lists.intersections, lists.ranges, forward.canvas.drawn_ends, camera.width, camera.height

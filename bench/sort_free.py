@@ -87,7 +87,7 @@ def main(
 def drawings(
     over: Rasterizer, free: SortFreeRenderer, gaussians: Gaussians, scene: SortFreeScene, options: EngineOptions
 ) -> dict[str, Draw]:
-    """What draws an image, by name: whole images as the commands draw them, and sums that they are divided from."""
+    """Functions that draw an image, by name: whole images as the commands draw them, and the undivided sums."""
     channels = np.ones((len(scene), 4), np.float32)
 
     def drawn(renderer: Rasterizer, of: Gaussians) -> Draw:

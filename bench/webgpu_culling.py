@@ -1,4 +1,4 @@
-"""What culling by clusters is worth to the WebGPU engine: steps on a scene of which a view sees a part.
+"""Time steps of the WebGPU engine with and without culling by clusters, on a scene that views see partly.
 
     python bench/webgpu_culling.py --gaussians 300000 --share 0.1
 

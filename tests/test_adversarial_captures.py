@@ -38,7 +38,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "photographing.md"
 
 @dataclass
 class Attempt:
-    """What a run came to.
+    """Result of a run.
 
     Attributes:
         gain: mean PSNR in dB of held-out views against what was there to see by day, beyond that of fog.

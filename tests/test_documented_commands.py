@@ -178,6 +178,7 @@ def test_the_table_of_a_step_is_what_its_command_prints(data_folder: Path, monke
     """In kind: the same columns, and rows of the same scenes. How long a step takes differs between machines."""
     [table] = [each for each in tables() if "bench/cpu_step.py" in each.before]
     [stated] = [each for each in of("bench/cpu_step.py") if shlex.join(each.arguments) in table.before]
+    monkeypatch.setattr(sys, "path", [*sys.path, str(ROOT / "bench")])
     module = cpu_step()
     assert table.header == ("", *module.PASSES, "step")
     monkeypatch.setattr(module, "ITERATIONS", 1)

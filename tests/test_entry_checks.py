@@ -1,4 +1,4 @@
-"""What enters through the API is looked at once, before kernels that check nothing read it."""
+"""The API checks its inputs once, before kernels that check nothing read them."""
 
 from __future__ import annotations
 
@@ -159,3 +159,17 @@ def test_time_budgets(seconds: float) -> None:
 def test_engine_options(options: dict[str, int]) -> None:
     with pytest.raises(PocketGSError, match="expected at least 1"):
         EngineOptions(**options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [
+        ("precision", "f8", "f32 or f16"),
+        ("replay", "x", "recompute or cache"),
+        ("accumulation", "y", "ordered or atomic"),
+        ("accumulation", None, "ordered or atomic"),
+    ],
+)
+def test_unknown_engine_settings(name: str, value: str | None, expected: str) -> None:
+    with pytest.raises(PocketGSError, match=f"^{name}: found {value!r}, expected {expected}$"):
+        EngineOptions(**{name: value})  # type: ignore[arg-type]

@@ -77,7 +77,7 @@ def test_every_module_can_be_imported_first() -> None:
     assert [(process.communicate()[0].strip(), process.returncode) for process in processes] == [("", 0)] * 2
 
 
-ROOMS = {
+FOLDERS = {
     "errors": "",
     "system": "",
     "files": "errors system",
@@ -102,19 +102,19 @@ ROOMS = {
     "cli": "bench capture compression errors files geometry gpu metrics prior results scene serve site sort_free splat"
     " structure_from_motion system training viewer",
 }
-"""The rooms of the house, each below those that follow, and which others each may import."""
+"""The package's folders, lowest first, with those that each may import."""
 
 
-def test_rooms_import_only_what_lies_below_them() -> None:
+def test_folders_import_only_lower_folders() -> None:
     root = Path(pocketgs.__file__).parent
-    order = list(ROOMS)
+    order = list(FOLDERS)
     modules = {path.stem for path in root.iterdir() if path.is_dir() or path.suffix == ".py"}
-    assert modules == {*ROOMS, "__init__", "__main__", "__pycache__"}
-    for room, allowed in ROOMS.items():
-        assert all(order.index(other) < order.index(room) for other in allowed.split()), room
-        for path in [root / f"{room}.py", *(root / room).rglob("*.py")]:
+    assert modules == {*FOLDERS, "__init__", "__main__", "__pycache__"}
+    for folder, allowed in FOLDERS.items():
+        assert all(order.index(other) < order.index(folder) for other in allowed.split()), folder
+        for path in [root / f"{folder}.py", *(root / folder).rglob("*.py")]:
             found = {name.split(".")[1] for name in imported_anywhere(path) if name.startswith("pocketgs.")}
-            assert found <= {room, *allowed.split()}, path.relative_to(root)
+            assert found <= {folder, *allowed.split()}, path.relative_to(root)
 
 
 def imported_anywhere(path: Path) -> Iterator[str]:

@@ -162,7 +162,7 @@ def broken_glb(rng: Random, content: bytes) -> bytes:
 
 
 def broken_gzip(rng: Random, content: bytes) -> bytes:
-    """What is inside, packed again with a right checksum."""
+    """Break the content, and compress it again with a correct checksum."""
     return gzip.compress(broken_bytes(rng, gzip.decompress(content)), 1)
 
 

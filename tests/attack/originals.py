@@ -32,7 +32,7 @@ def small_capture() -> Capture:
 
 
 def write_captures(capture: Capture, folder: Path) -> dict[str, Path]:
-    """What `open_capture` opens, by the name of its layout."""
+    """Captures that `open_capture` opens, by the name of their layout."""
     writers: dict[str, Callable[[Capture, Path], None]] = {
         "nerfstudio": write_nerfstudio,
         "blender": write_blender,
@@ -53,7 +53,7 @@ def write_captures(capture: Capture, folder: Path) -> dict[str, Path]:
 
 
 def write_scenes(folder: Path) -> dict[str, Path]:
-    """What `load_any` reads, by a name; each in a folder of its own."""
+    """Files that `load_any` reads, by a name; each in a folder of its own."""
     rng = np.random.default_rng(0)
     scene = Gaussians(*(rng.normal(size=(300, *shape)) for shape in ((3,), (3,), (4,), (), (4, 3))))
     found = {}
@@ -87,7 +87,7 @@ def write_scenes(folder: Path) -> dict[str, Path]:
 
 
 def write_result(capture: Capture, folder: Path, scene: Path) -> Path:
-    """What `view` and others read of a result folder."""
+    """Files of a result folder that `view` and others read."""
     folder.mkdir(parents=True)
     shutil.copy(scene, folder / "scene.ply")
     write_cameras(folder / "cameras.json", capture.frames, refined=True)

@@ -171,7 +171,7 @@ def attack(folder: Path, cases: int, seed: int, first: int = 0, seconds: float =
 
 
 def failures_of(outcomes: list[Outcome]) -> list[Outcome]:
-    """Those that ended neither in a result nor in a refusal."""
+    """Outcomes that are neither a result nor a refusal."""
     return [outcome for outcome in outcomes if outcome.ending not in ("read", "refused")]
 
 

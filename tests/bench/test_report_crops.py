@@ -1,4 +1,4 @@
-"""Which piece of which held-out view a report shows."""
+"""The crops of held-out views that a report shows."""
 
 from __future__ import annotations
 

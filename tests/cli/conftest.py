@@ -18,7 +18,7 @@ from pocketgs.cli import demo, main
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command gave."""
+    """Outcome of a command."""
 
     status: int
     output: str

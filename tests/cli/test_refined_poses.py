@@ -22,7 +22,7 @@ def record_of(folder: Path) -> dict[str, Any]:
 
 
 def names_in(folder: Path) -> list[str]:
-    """What a user sees."""
+    """Names of the files that a user sees."""
     return sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
 
 

@@ -34,7 +34,7 @@ PLAIN = ["--prior", "none"]
 
 
 def names_in(folder: Path) -> list[str]:
-    """What a user sees."""
+    """Paths of the files that a user sees."""
     paths = (path.relative_to(folder) for path in folder.rglob("*"))
     return sorted(path.as_posix() for path in paths if not path.parts[0].startswith("."))
 

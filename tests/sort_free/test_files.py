@@ -72,7 +72,7 @@ def test_a_pgs_holds_what_was_rounded(
 
 
 def test_readers_of_sorted_scenes_refuse_it(folder: Path) -> None:
-    """Those of today with a sentence, and earlier ones too, since its sections must not be skipped."""
+    """Current readers explain the refusal; earlier ones refuse it too, since its sections must not be skipped."""
     path = folder / "free.pgs"
     write_sort_free(path, with_weights(random_scene(50, 1), "visibility"))
     with pytest.raises(PocketGSError, match="a scene that is drawn without sorting, expected one that is sorted"):

@@ -80,7 +80,7 @@ def test_engines_agree_with_the_reference(
 
 
 def test_a_splat_comes_into_a_pixel_little_by_little(engine: str) -> None:
-    """Where sorted images take it from 1/255 on at once: opacities around the cut, at a splat's middle."""
+    """Opacities around the cut, at a splat's centre: sorted images jump from 0 to 1/255 there."""
     camera, images = camera_in_front(16, 16, 16.0), []
     for opacity in np.linspace(0.9, 1.1, 21) / 255.0:
         logit = np.log(opacity / (1.0 - opacity))

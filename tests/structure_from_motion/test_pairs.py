@@ -1,4 +1,4 @@
-"""Which photographs are matched with which."""
+"""Pairs of photographs to match."""
 
 from __future__ import annotations
 

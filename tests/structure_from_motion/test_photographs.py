@@ -1,4 +1,4 @@
-"""What is read of photographs: features at a reduced size, and EXIF data that can be anything."""
+"""Reading photographs: features at a reduced size, and arbitrary EXIF data."""
 
 from __future__ import annotations
 

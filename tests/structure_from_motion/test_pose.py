@@ -58,7 +58,7 @@ def photographs(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def colmap_outcome(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """What a stand-in for COLMAP finds, for the test to change; it writes a model of cameras side by side."""
+    """Outcome of a stand-in for COLMAP, which the test may change; it writes a model of cameras side by side."""
     outcome = dict(OUTCOME)
 
     def run(module: str, job: dict[str, Any], *others: Any) -> dict[str, Any]:
@@ -216,7 +216,7 @@ def test_a_posed_capture_is_used_again_until_its_source_changes(
 
 @pytest.mark.usefixtures("colmap_outcome")
 def test_masks_of_photographs(photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Those in a named folder, for photographs whose names they have; poses are found anew when masks change."""
+    """Masks of a given folder belong to photographs by name; poses are computed again when masks change."""
     mask = Image.fromarray(np.pad(np.ones((24, 64), np.uint8) * 255, ((0, 24), (0, 0))))
     (tmp_path / "segments").mkdir()
     mask.save(tmp_path / "segments/1.png")
@@ -315,7 +315,7 @@ def test_poses_of_a_video(tmp_path: Path) -> None:
 def test_placing_all_photographs_at_once(
     data_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refine_lenses: bool
 ) -> None:
-    """What is done where adding one photograph after the other fails; the guessed focal length is 1 % off."""
+    """The fallback if adding photographs one by one fails; the guessed focal length is 1 % off."""
 
     def run(module: str, job: dict[str, Any], *others: Any) -> dict[str, Any]:
         return run_colmap(module, {**job, "mapper": "global", "refine_lenses": refine_lenses}, *others)

@@ -77,7 +77,7 @@ def reported(method: str, dataset: str) -> Published | None:
 
 
 def comparability(capture: str) -> str | None:
-    """How comparable a capture's figures are with the source's, as text; None if it reports nothing similar."""
+    """State how far a capture's figures compare with the source's; None if the source reports nothing similar."""
     dataset = DATASETS.get(capture)
     if dataset is None:
         return None

@@ -191,7 +191,7 @@ def _difference_cells(first: Row, second: Row, dataset: str) -> tuple[str, ...]:
 
 
 def protocol_lines(results: Sequence[CellResult], capture: str) -> list[str]:
-    """How images were prepared and split, and how long training was: one line if all runs agree."""
+    """Protocols of the runs (preparation and split of images, iterations): one line if all agree."""
     cells_by_protocol: dict[str, list[str]] = {}
     for row in rows_of(results, capture):
         for result in row.results:

@@ -39,7 +39,7 @@ PATIENCE = 10.0
 
 @dataclass(frozen=True)
 class Plan:
-    """What happens to the files of a folder. Paths are relative to it.
+    """Changes to the files of a folder. Paths are relative to it.
 
     Attributes:
         put: files to move in, over existing ones.

@@ -57,5 +57,5 @@ def require_memory(where: object, needed: float, what: str) -> None:
 
 
 def room_for(needed: float, most: int, held: float = 0.0) -> int:
-    """How many items of `needed` bytes each fit in the bound beside `held` bytes: at least 1, at most `most`."""
+    """Number of items of `needed` bytes each that fit in the bound beside `held` bytes: at least 1, at most `most`."""
     return int(max(1, min(most, (_most_bytes - held) // max(needed, 1))))

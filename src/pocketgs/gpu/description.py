@@ -77,7 +77,7 @@ class Description:
     sequences: Mapping[str, Sequence]
 
     def part(self, sequences: Iterable[str], never: Iterable[str] = ()) -> Description:
-        """What a host needs that runs only some of the sequences, and of these leaves passes out.
+        """The part needed by a host that runs only some of the sequences, without some of their passes.
 
         Args:
             sequences: names of those that it runs.

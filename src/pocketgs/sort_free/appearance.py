@@ -1,4 +1,4 @@
-"""What Gaussians look like from a camera, before they are weighted: in NumPy, of any precision.
+"""Appearance of Gaussians from a camera, before they are weighted: in NumPy, in any precision.
 
 The engine "reference" uses it as it stands; `kernels.py` has the same in Numba.
 """
@@ -15,7 +15,7 @@ from pocketgs.sort_free.scene import SortFreeScene
 from pocketgs.splat.constants import ALPHA_MIN, BRIGHTEST
 
 LEAST_VIEW = -1e30
-"""v of what is not drawn."""
+"""v of Gaussians that are not drawn."""
 
 LEAST_LOGIT = float(np.log(ALPHA_MIN / (1.0 - ALPHA_MIN)))
 """Fainter Gaussians are not drawn by any engine."""
@@ -23,16 +23,16 @@ LEAST_LOGIT = float(np.log(ALPHA_MIN / (1.0 - ALPHA_MIN)))
 
 @dataclass(frozen=True)
 class Appearance:
-    """What is seen of N Gaussians.
+    """Appearance of N Gaussians from a camera.
 
     Attributes:
         drawn: (N,) whether they lie beyond the near plane and hold numbers that can be drawn.
         in_image: (N,) whether they are drawn, with their centres in the image.
         lengths: (N,) distances from the camera, in scene units.
         depths: (N,).
-        colours: (N, 3), cut to 0 where negative; 0 of what is not drawn.
-        views: (N,) v; `LEAST_VIEW` of what is not drawn.
-        sizes: (N,) largest scales, in the scene's unit; 0 of what is not drawn.
+        colours: (N, 3), cut to 0 where negative; 0 if not drawn.
+        views: (N,) v; `LEAST_VIEW` if not drawn.
+        sizes: (N,) largest scales, in the scene's unit; 0 if not drawn.
     """
 
     drawn: np.ndarray
@@ -45,7 +45,7 @@ class Appearance:
 
 
 def appearance_of(scene: SortFreeScene, camera: Camera, near: float) -> Appearance:
-    """What a camera sees of the Gaussians of depth `near` and more."""
+    """Appearance of the Gaussians of depth `near` and more."""
     parameters = scene.gaussians
     kind = parameters.means.dtype
     with np.errstate(all="ignore"):
@@ -72,8 +72,8 @@ def appearance_of(scene: SortFreeScene, camera: Camera, near: float) -> Appearan
 def directions_to(scene: SortFreeScene, camera: Camera, drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(N, 3) unit vectors from the camera to the Gaussians, and (N,) distances.
 
-    Gaussians that are not drawn may be at the camera itself or not finite, so they get a finite direction and distance
-    of no meaning.
+    Gaussians that are not drawn may be at the camera or not finite, so they get an arbitrary finite direction and
+    distance.
     """
     means = scene.gaussians.means
     offsets = np.where(drawn[:, None], means - camera.centre, (0.0, 0.0, scene.unit)).astype(means.dtype)

@@ -1,4 +1,4 @@
-"""From a scene that is drawn sorted, the teacher, to one that is drawn without sorting."""
+"""Train a sort-free scene to look like a sorted one, its teacher."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from pocketgs.training.recipes import cosine, recipe_named
 from pocketgs.training.view_choice import view_of_step
 
 SOLID = 0.5
-"""Depths are compared where both images cover at least so much of a pixel."""
+"""Minimum coverage of a pixel, in both images, for its depths to be compared."""
 
 RATE = 0.3
 """Learning rates, as a share of the recipe's for a scene from scratch."""
@@ -38,11 +38,11 @@ LARGEST_LOGARITHM = 0.99 * MAX_LOGARITHM
 
 @dataclass(frozen=True)
 class DistilOptions:
-    """How a scene is distilled.
+    """Options of a distillation.
 
     Attributes:
-        compositor: how Gaussians are weighted without sorting. "visibility": by how much of each is seen, learned from
-            the sorted scene; "lc", "exponential" and "direct": the weighted sums of Hou et al.; "mobile": Mobile-GS.
+        compositor: weights of Gaussians. "visibility": the share of each that is seen, from the sorted scene; "lc",
+            "exponential" and "direct": the weighted sums of Hou et al.; "mobile": Mobile-GS.
         iterations: training steps, one view each.
         sh_degree: greatest degree of the colours' spherical harmonics.
         view_degree: degree of the spherical harmonics of what each Gaussian's weight depends on.
@@ -73,12 +73,12 @@ class DistilOptions:
 
 
 Observer = Callable[[str, int, int], None]
-"""Told the stage, and how many of how many of its steps are done."""
+"""Called with the stage, the number of its steps that are done, and their total."""
 
 
 @dataclass(frozen=True)
 class Distilled:
-    """What came of it: the scene, and whether Ctrl-C ended it early, after how many steps."""
+    """Result of a distillation: the scene, the number of steps done, and whether Ctrl-C ended it."""
 
     scene: SortFreeScene
     iterations: int
@@ -88,7 +88,7 @@ class Distilled:
 def distil(
     teacher: Gaussians, capture: Capture, options: DistilOptions | None = None, observer: Observer | None = None
 ) -> Distilled:
-    """Train a scene that looks the same without sorting.
+    """Train a scene that looks like the teacher without sorting.
 
     The loss is that of training, with the distance from the teacher's image and depth (Du et al. 2026). The result
     depends on the options alone. Ctrl-C ends training after the current step and keeps the scene.

@@ -1,4 +1,4 @@
-"""A sort-free scene that is drawn as the engines draw theirs."""
+"""Renderers of sort-free scenes, with the interface of the engines."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pocketgs.splat.engine import EngineOptions, Renderer, Rendering, chosen_eng
 
 
 def drawing_of(scene: SortFreeScene, options: EngineOptions) -> Renderer:
-    """What draws a scene on the engine that is asked for.
+    """A renderer of the scene on the chosen engine.
 
     Raises:
         PocketGSError: the engine is not available here.

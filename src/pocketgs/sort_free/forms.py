@@ -1,7 +1,7 @@
-"""How much a Gaussian counts in a sort-free image: one function per form, with its gradient.
+"""Weights of Gaussians in sort-free images: one function per form, with its gradient.
 
-Sorting finds what hides what. Without it, a Gaussian is weighted by what is known of it alone: how far away it is, and
-a number v of its own that depends on the direction it is seen from.
+Sorting finds which Gaussians hide others. Without it, a weight depends on one Gaussian alone: on its distance, and on a
+number v that depends on the viewing direction.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ change only where two Gaussians past the cut cover one pixel; sums, products and
 
 @dataclass(frozen=True)
 class Seen:
-    """What a weight is made from.
+    """Inputs of a weight.
 
     Attributes:
         distances: (N,) from the camera, in the scene's unit.
@@ -40,7 +40,7 @@ class Seen:
 
 @dataclass(frozen=True)
 class WeightGradient:
-    """Gradient with respect to what weights are made from: (N,) each, and (G,) the logarithms of the form's numbers."""
+    """Gradient with respect to a weight's inputs, (N,) each, and to the (G,) logarithms of the form's numbers."""
 
     distances: np.ndarray
     views: np.ndarray
@@ -49,19 +49,19 @@ class WeightGradient:
 
 
 Pullback = Callable[[np.ndarray], WeightGradient]
-"""From the (N,) gradient with respect to weights to that of what they were made from."""
+"""From the (N,) gradient with respect to weights to that with respect to their inputs."""
 
 Weighting = Callable[[Seen, np.ndarray], tuple[np.ndarray, Pullback]]
-"""From what is seen and the form's (G,) positive numbers to (N,) weights, at least 0, and the way back."""
+"""From the inputs and the form's (G,) positive numbers to (N,) weights, at least 0, and their pullback."""
 
 
 @dataclass(frozen=True)
 class Form:
-    """A rule of sort-free images.
+    """A rule for the weights of sort-free images.
 
     Attributes:
         name: of the form.
-        weigh: gives the weights.
+        weigh: computes the weights.
         numbers: names and first values of the numbers that all Gaussians share; they are positive and learned.
         view_start: first value of v, or None where the form has none.
         covers: whether coverage is 1 - T as in sorted images: C = (1 - T) Σ c α w / Σ α w + T c_B. Otherwise the
@@ -131,7 +131,7 @@ def _mobile(seen: Seen, numbers: np.ndarray) -> tuple[np.ndarray, Pullback]:
 
 
 def _visibility(seen: Seen, numbers: np.ndarray) -> tuple[np.ndarray, Pullback]:
-    """The weight exp(v) / d^σ: v stands for the logarithm of what sorted images call transmittance in front."""
+    """The weight exp(v) / d^σ: v is the logarithm of the transmittance in front, in terms of sorted images."""
     sigma, logarithms = numbers[0].astype(seen.distances.dtype), np.log(seen.distances)
     exponents = seen.views - sigma * logarithms
     # A common factor of all weights cancels: the nearest and clearest Gaussians of the image have weights of about 1.
@@ -149,7 +149,7 @@ def _visibility(seen: Seen, numbers: np.ndarray) -> tuple[np.ndarray, Pullback]:
     return weights, pull
 
 
-FORMS = {
+FORMS: dict[str, Form] = {
     form.name: form
     for form in (
         Form("direct", _direct, {"background": 0.02}, None, covers=False),
@@ -168,7 +168,6 @@ def form_named(name: str) -> Form:
     Raises:
         PocketGSError: there is none.
     """
-    for form in FORMS.values():
-        if form.name == name:
-            return form
-    raise PocketGSError(f"sort-free form {name!r}: not known, expected one of {', '.join(FORMS)}")
+    if name not in FORMS:
+        raise PocketGSError(f"sort-free form {name!r}: not known, expected one of {', '.join(FORMS)}")
+    return FORMS[name]

@@ -1,4 +1,4 @@
-"""Numba kernels of sort-free images: how each Gaussian looks from the camera, and the division at each pixel.
+"""Numba kernels of sort-free images: the appearance of each Gaussian from the camera, and the division at each pixel.
 
 `appearance.py` and `renderer.py` have the same in NumPy, for the engine "reference".
 """
@@ -26,7 +26,7 @@ CHANNELS = 3
 
 
 def appearance_of(scene: SortFreeScene, camera: Camera, near: float, threads: int) -> Appearance:
-    """What a camera sees of the Gaussians of depth `near` and more, in float32."""
+    """Appearance of the Gaussians of depth `near` and more, in float32."""
     parameters, count = scene.gaussians, len(scene)
     seen = Appearance(
         np.empty(count, np.bool_),

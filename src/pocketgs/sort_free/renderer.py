@@ -38,7 +38,7 @@ class SceneGradient:
 
 @dataclass(frozen=True)
 class _Weighted:
-    """What Gaussians look like from a camera, how much they count, and the way back."""
+    """Appearance and weights of the Gaussians from a camera, and the weights' pullback."""
 
     look: Appearance
     weights: np.ndarray
@@ -47,12 +47,12 @@ class _Weighted:
 
 @dataclass(frozen=True)
 class SortFreeImage:
-    """What a camera sees.
+    """A sort-free image.
 
     Attributes:
         rgb: (H, W, 3) over the background.
         alpha: (H, W) coverage.
-        depth: (H, W) mean depth by weight, Σ α w z / Σ α w, 0 where nothing is; None if it was not asked for.
+        depth: (H, W) weighted mean depth, Σ α w z / Σ α w, 0 where nothing is drawn; None unless requested.
     """
 
     rgb: np.ndarray
@@ -70,12 +70,12 @@ class SortFreeRenderer:
     """Draws scenes without sorting.
 
     Args:
-        engine: as `Rasterizer` takes it, as are the others.
+        engine: as for `Rasterizer`.
         threads: number of CPU threads.
         gpu: part of the name of the GPU to use.
 
     Attributes:
-        rasterizer: what adds up.
+        rasterizer: computes the sums.
     """
 
     def __init__(
@@ -99,11 +99,11 @@ class SortFreeRenderer:
         """Draw one view.
 
         Args:
-            scene: to draw; not copied, so leave it as it is until `backward` has been called.
-            camera: from where.
+            scene: to draw; not copied, so do not change it until `backward` has been called.
+            camera: of the view.
             background: RGB behind the scene.
             depth: whether to compute the depth.
-            near: least depth of the centre of a Gaussian that is drawn; in proportion to the scene if None.
+            near: minimum depth of the centre of a drawn Gaussian; None for the default relative to the scene.
         """
         parameters = scene.gaussians
         near = near_plane(parameters.means) if near is None else near
@@ -115,7 +115,7 @@ class SortFreeRenderer:
         weights, pull = scene.form.weigh(_seen(scene, look), np.exp(scene.numbers))
         weighted = _Weighted(look, np.where(look.drawn, weights, 0.0).astype(look.colours.dtype), pull)
         raster = self.rasterizer.forward(
-            _without_what_spoils(parameters, look, near),
+            _with_undrawable_transparent(parameters, look, near),
             camera,
             ("alpha", "features"),
             features=_channels(weighted, depth),
@@ -132,7 +132,7 @@ class SortFreeRenderer:
     def _divided(
         self, scene: SortFreeScene, totals: np.ndarray, covered: np.ndarray, behind: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Colours, coverage and depths of an image, from sums, 1 - T, and what is behind."""
+        """Colours, coverage and depths of an image, from its sums, 1 - T, and the background."""
         behind_weight = 0.0 if scene.form.covers else float(np.exp(scene.numbers[-1]))
         if self._threads is not None:
             alpha, depths = np.empty_like(covered), np.zeros_like(covered)
@@ -145,12 +145,12 @@ class SortFreeRenderer:
         return rgb, alpha, means[..., -1]
 
     def backward(self, image: SortFreeImage, *, rgb: np.ndarray, depth: np.ndarray | None = None) -> SceneGradient:
-        """From gradients with respect to an image to those of the scene.
+        """Compute gradients with respect to the scene from gradients with respect to an image.
 
         Args:
             image: what `forward` returned.
             rgb: (H, W, 3) gradient with respect to the colours.
-            depth: (H, W) gradient with respect to the depth, if that was asked for.
+            depth: (H, W) gradient with respect to the depth, if it was requested.
         """
         scene, weighted, totals = image._scene, image._weighted, image._totals
         means = _means(totals)
@@ -176,7 +176,7 @@ class SortFreeRenderer:
 
 
 def _means(totals: np.ndarray) -> np.ndarray:
-    """(H, W, C) weighted means of the channels, 0 where nothing is."""
+    """(H, W, C) weighted means of the channels, 0 where nothing is drawn."""
     total = totals[..., 3:4]
     return np.divide(totals, total, out=np.zeros_like(totals), where=total > 0.0)
 
@@ -197,18 +197,18 @@ def _channels(weighted: _Weighted, depth: bool) -> np.ndarray:
     return channels
 
 
-def _without_what_spoils(parameters: Gaussians, look: Appearance, near: float) -> Gaussians:
-    """The Gaussians, transparent where a colour or weight cannot be drawn: the rasterizer knows of shapes alone."""
-    spoils = ~look.drawn & (look.depths >= near)
-    if not spoils.any():
+def _with_undrawable_transparent(parameters: Gaussians, look: Appearance, near: float) -> Gaussians:
+    """Make Gaussians transparent whose colour or weight cannot be drawn; the rasterizer checks only shapes."""
+    undrawable = ~look.drawn & (look.depths >= near)
+    if not undrawable.any():
         return parameters
-    return replace(parameters, opacity_logits=np.where(spoils, -np.inf, parameters.opacity_logits))
+    return replace(parameters, opacity_logits=np.where(undrawable, -np.inf, parameters.opacity_logits))
 
 
 def _weigh_backward(
     scene: SortFreeScene, camera: Camera, weighted: _Weighted, found: RasterGradient, d_numbers: np.ndarray
 ) -> SceneGradient:
-    """From the gradient with respect to channels to that of what they were made from; adds to that of the numbers."""
+    """Convert the gradient with respect to channels to that of the scene; adds to `d_numbers`."""
     parameters, d_channels = scene.gaussians, found.features
     assert d_channels is not None
     weights, look = weighted.weights, weighted.look

@@ -1,4 +1,4 @@
-"""A scene that is drawn without sorting: Gaussians, and what their weights are made from."""
+"""A scene that is drawn without sorting: Gaussians, and the inputs of their weights."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MAX_UNIT, MAX_LOGARITHM = 1e15, 20.0
 
 @dataclass
 class SortFreeScene:
-    """Gaussians that are drawn as one form says.
+    """Gaussians with the weights of one form.
 
     Attributes:
         gaussians: the Gaussians.
@@ -51,12 +51,12 @@ class SortFreeScene:
 
 
 def sort_free(gaussians: Gaussians, form: str, unit: float, view_degree: int = 1) -> SortFreeScene:
-    """A scene whose weights have their first values.
+    """Make a scene whose weights have their initial values.
 
     Args:
         gaussians: to weigh.
         form: name of the form.
-        unit: length that distances are measured in; a typical distance of the cameras from what they see.
+        unit: length that distances are measured in; a typical distance of the cameras from the scene.
         view_degree: of the spherical harmonics of v.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Weights from a sorted scene: how much of each Gaussian is seen, from where."""
+"""Weights from a sorted scene: the share of each Gaussian that is seen, by direction."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pocketgs.scene.spherical_harmonics import basis
 from pocketgs.splat.rasterizer import Rasterizer
 
 LEAST_VISIBLE = 1e-3
-"""Less of a Gaussian than this counts as this."""
+"""Smaller visible shares count as this one."""
 
 MOST_CAMERAS = 50
 """More cameras than this are thinned out evenly: each takes an image in either way, and few unknowns are fitted."""
@@ -28,7 +28,7 @@ BLOCK = 1 << 14
 def visible_shares(
     gaussians: Gaussians, camera: Camera, sorted_: Rasterizer, summed: Rasterizer
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How much of each Gaussian a camera sees: Σ α T / Σ α over pixels, in [0, 1], and Σ α, both (N,)."""
+    """Share of each Gaussian that a camera sees: Σ α T / Σ α over pixels, in [0, 1], and Σ α, both (N,)."""
     contributions = sorted_.forward(gaussians, camera, ("contributions",)).contributions
     assert contributions is not None
     image = summed.forward(gaussians, camera, ("features",), features=np.zeros((len(gaussians), 1)))
@@ -55,11 +55,11 @@ def fitted_views(
 
     Args:
         gaussians: the sorted scene.
-        cameras: from where to look.
+        cameras: of the views.
         degree: of the harmonics.
         sorted_: composites "over".
         summed: composites "sum".
-        on_count: told how many of how many cameras are done.
+        on_count: called with the number of cameras that are done, and their total.
     """
     chosen = evenly_chosen(len(cameras), MOST_CAMERAS)
     looks = []

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.quaternions import rotation_matrices
-
-if TYPE_CHECKING:
-    from pocketgs.splat.rasterizer import Parameters
+from pocketgs.splat.backend import Parameters
 
 
 @dataclass(frozen=True)

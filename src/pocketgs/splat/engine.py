@@ -162,7 +162,7 @@ class EngineOptions:
         max_memory: maximum megabytes of the engine's GPU memory, and, in a command, of the memory for reading.
 
     Raises:
-        PocketGSError: a number is out of range.
+        PocketGSError: a setting is unknown or a number is out of range.
     """
 
     engine: EngineName = "auto"
@@ -179,6 +179,9 @@ class EngineOptions:
             raise PocketGSError(f"threads: found {self.threads}, expected at least 1")
         if self.max_memory < 1:
             raise PocketGSError(f"max memory: found {self.max_memory}, expected at least 1")
+        for name, choices in (("precision", Precision), ("replay", Replay), ("accumulation", Accumulation)):
+            if getattr(self, name) not in get_args(choices):
+                raise PocketGSError(f"{name}: found {getattr(self, name)!r}, expected {' or '.join(get_args(choices))}")
 
 
 def create_engine(options: EngineOptions | None = None) -> Engine:

@@ -5,14 +5,14 @@
     gradients = rasterizer.backward(seen, rgb=d_rgb)
 
 Each output is converted to channels per Gaussian (`splat/channels.py`), and all channels are composited in one pass.
-Engines implement `Backend`.
+Engines implement `Backend` of `splat/backend.py`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.quaternions import rotation_matrices
 from pocketgs.scene.background import checked_background
+from pocketgs.splat.backend import Backend, Composite, Contributions, Parameters
 from pocketgs.splat.channels import Channels, channels_of
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.pose import matrix_gradient, pose_gradient
@@ -32,100 +33,6 @@ COMPOSITORS = get_args(CompositorName)
 HIDING = ("depth", "median_depth", "contributions")
 """Outputs that depend on occlusion, which only the compositor "over" supports."""
 BLACK = (0.0, 0.0, 0.0)
-
-
-class Parameters(Protocol):
-    """The rendered parameters: `Gaussians`, or any object with these arrays, such as a `ParameterStore`'s scene."""
-
-    means: np.ndarray
-    log_scales: np.ndarray
-    quaternions: np.ndarray
-    opacity_logits: np.ndarray
-    sh: np.ndarray
-
-
-@dataclass(frozen=True)
-class Contributions:
-    """Contributions of each Gaussian to an image.
-
-    Attributes:
-        pixels: (N,) int32, number of pixels that it touches.
-        largest: (N,) float32, maximum of α T over pixels.
-        summed: (N,) float32, sum of α T over pixels.
-    """
-
-    pixels: np.ndarray
-    largest: np.ndarray
-    summed: np.ndarray
-
-
-@dataclass(frozen=True)
-class Composite:
-    """An engine's composited channels, with its state for the backward pass.
-
-    Attributes:
-        image: (C, H, W) Σ c_i α_i T_i.
-        transmittance: (H, W) fraction of the background that shows through.
-        visible: (V,) indices of the Gaussians that are drawn, ascending.
-        radii: (V, 2) half the width and height, in pixels, of the region with α of at least 1/255.
-        tape: internal to the engine.
-    """
-
-    image: np.ndarray
-    transmittance: np.ndarray
-    visible: np.ndarray
-    radii: np.ndarray
-    tape: Any
-
-
-@dataclass(frozen=True)
-class CompositeGradient:
-    """Gradient with respect to N Gaussians and their channels, 0 where they are not visible.
-
-    Attributes:
-        means, log_scales: (N, 3).
-        rotations: (N, 3) in the tangent space, q ← q ⊗ exp(½δ).
-        opacity_logits: (N,).
-        sh: (N, K, 3); zeros if colours were not composited.
-        channels: (N, C).
-        centres, absolute_centres: (N, 2) with respect to the centres on the image in pixels: summed over pixels, and
-            summed magnitudes, which are zeros unless requested.
-    """
-
-    means: np.ndarray
-    log_scales: np.ndarray
-    rotations: np.ndarray
-    opacity_logits: np.ndarray
-    sh: np.ndarray
-    channels: np.ndarray
-    centres: np.ndarray
-    absolute_centres: np.ndarray
-
-
-class Backend(Protocol):
-    """The operations that an engine implements for a rasterizer."""
-
-    dtype: type[np.floating[Any]]
-    """Precision of its computations."""
-
-    def forward(
-        self,
-        parameters: Parameters,
-        camera: Camera,
-        near: float,
-        colours: bool,
-        channels: np.ndarray,
-        antialiased: bool = False,
-    ) -> Composite:
-        """Composite colours (the first three channels), if requested, and the (N, C) channels."""
-
-    def backward(
-        self, composite: Composite, d_image: np.ndarray, d_transmittance: np.ndarray, absolute: bool
-    ) -> CompositeGradient:
-        """Convert gradients with respect to `image` and `transmittance` to gradients of the Gaussians."""
-
-    def inspect(self, composite: Composite) -> tuple[Contributions, np.ndarray]:
-        """Contributions of each Gaussian, and the (H, W) median depth, in one pass; see `Raster`."""
 
 
 @dataclass(frozen=True)

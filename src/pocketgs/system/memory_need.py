@@ -1,4 +1,4 @@
-"""What a piece of work takes of memory, worked out before it starts."""
+"""Memory that a piece of work needs, estimated before it starts."""
 
 from __future__ import annotations
 

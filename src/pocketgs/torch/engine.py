@@ -40,5 +40,5 @@ def set_engine(engine: EngineName, gpu: str | None = None) -> None:
 
 
 def gpu_compositor() -> SplatCompositor | None:
-    """What composites on the chosen GPU; None on the CPU."""
+    """The compositor on the chosen GPU; None on the CPU."""
     return _compositor

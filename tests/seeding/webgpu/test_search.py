@@ -61,7 +61,7 @@ CLOUDS = {
 
 
 def assert_same(search: WebGpuSearch, positions: np.ndarray) -> None:
-    """Where neighbours are not all on one line, or equally far in all directions, whose axes are anyone's guess."""
+    """Compare with the CPU. Neighbours on one line, or equally far in all directions, have arbitrary axes."""
     found, expected = search.around(positions), CpuSearch().around(positions)
     np.testing.assert_allclose(found.spacing, expected.spacing, rtol=1e-4)
     for ours, theirs in ((found.normals, expected.normals), (found.tangents, expected.tangents)):

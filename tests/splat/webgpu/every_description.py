@@ -40,7 +40,7 @@ DESCRIPTIONS |= {f"compositor {subgroups}": describe_compositor(subgroups) for s
 
 OPTIONAL = {str(variant) for variant in TRAINING if variant.features} | {"rasterizer True", "compositor True"}
 PORTABLE = {name: description for name, description in DESCRIPTIONS.items() if name not in OPTIONAL}
-"""Those that every device must be able to run: without subgroups and atomic additions of floats."""
+"""Descriptions that every device must run: without subgroups and atomic additions of floats."""
 
 
 def every_shader(but: Collection[Description] = ()) -> Description:

@@ -66,7 +66,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Where the page is served: WebGPU wants https or this very machine."""
+    """Address of the page: WebGPU needs https or localhost."""
     folder = tmp_path_factory.mktemp("site") / "site"
     shutil.copytree(Path(__file__).parent / "browser", folder)
     shutil.copytree(Path(pocketgs.gpu.__file__).parent, folder / "gpu", ignore=ignore_all_but_scripts)
@@ -117,7 +117,7 @@ def variant(request: pytest.FixtureRequest) -> Variant:
 
 @pytest.fixture(scope="module")
 def replayed(page: Page, variant: Variant, scene: Gaussians, photograph: Frame) -> dict[str, Any]:
-    """What the page makes of the scene: its image, then its parameters and losses after training."""
+    """Render and train the scene in the page: its image, then parameters and losses after training."""
     description, camera = describe(variant), photograph.camera
     given = given_numbers(scene, camera)
     shape, sh = to_columns(scene)
@@ -221,7 +221,7 @@ def test_same_sweep(page: Page) -> None:
 
 
 def test_browser_compiles_every_shader_with_the_least_limits(page: Page) -> None:
-    """Those that the other tests do not compile."""
+    """Shaders that the other tests do not compile."""
     compiled = [describe(Variant("f32", "recompute")), describe(Variant("f16", "cache")), describe_sweep()]
     found = page.evaluate("json => compileAll(json)", every_shader(compiled).to_json())
     assert found == {"complaints": [], "limits": [8, 128 << 20, 16_384]}

@@ -244,7 +244,7 @@ def test_sizes_are_those_worked_out_by_hand() -> None:
 
 
 def test_words_of_the_shaders_are_the_bytes_of_the_buffers() -> None:
-    """What the host reserves for a splat, a record of the replay cache and a row of sums."""
+    """Sizes of a splat, a record of the replay cache and a row of sums."""
     for precision in ("f32", "f16"):
         for replay in ("recompute", "cache"):
             description = describe(Variant(precision, replay))  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""What the WebGPU engine promises of a run: the same bits every time, whatever comes between two steps."""
+"""A run of the WebGPU engine gives the same bits every time, whatever happens between two steps."""
 
 from __future__ import annotations
 

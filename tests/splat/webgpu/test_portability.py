@@ -92,7 +92,7 @@ def test_the_device_refuses_what_needs_more(
 
 @pytest.mark.parametrize("name", PORTABLE)
 def test_shaders_are_written_for_every_compiler(name: str) -> None:
-    """What wgpu takes and a browser may not: extensions, atomic floats, pointers to buffers handed to functions."""
+    """No shader uses WGSL that only wgpu accepts: extensions, atomic floats, buffer pointers passed to functions."""
     for shader in PORTABLE[name].shaders.values():
         source = re.sub(r"//.*", "", shader.source)
         assert not shader.extensions, shader.name

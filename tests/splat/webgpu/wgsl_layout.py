@@ -1,4 +1,4 @@
-"""What a shader declares: its constants, its threads, and its workgroup memory (WGSL, section 14.4.1)."""
+"""Declarations of a shader: its constants, threads and workgroup memory (WGSL, section 14.4.1)."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ MAX_SIZE, MAX_FLATNESS, MAX_TILT = 127, 15, 7
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What positions tell of other attributes.
+    """Contexts for coding attributes, derived from positions.
 
     Attributes:
         neighbours: (N, 2) indices of the nearest two of the rows before each.
@@ -31,7 +31,7 @@ class Surroundings:
 
 
 def surroundings_of(cells: np.ndarray) -> Surroundings:
-    """What (N, 3) cells, in the order of the file, tell of other attributes."""
+    """Derive contexts from (N, 3) cells in the order of the file."""
     together = cells[:, 0] | cells[:, 1] | cells[:, 2]
     lowest = together & -together
     coarseness = np.frexp(lowest.astype(np.float64))[1].astype(np.int64)

@@ -18,7 +18,7 @@ from pocketgs.splat.checks import check_state, check_view, checked_scene
 from pocketgs.splat.cpu.adam import regularise, update
 from pocketgs.splat.cpu.bin import Binner, TileLists
 from pocketgs.splat.cpu.clusters import Clusters, clear
-from pocketgs.splat.cpu.compositor import OVER, Compositor
+from pocketgs.splat.cpu.compositor import OVER
 from pocketgs.splat.cpu.errors import error_sums
 from pocketgs.splat.cpu.lanes import LANES
 from pocketgs.splat.cpu.layout import BLUE, DEPTH, RED, SPLAT_FIELDS, View
@@ -45,7 +45,7 @@ _NO_PLANE, _NO_CENTRES, _NO_CHANNELS = (np.empty(shape, np.float32) for shape in
 
 
 @dataclass(frozen=True)
-class Raster:
+class ForwardPass:
     """Results of the forward pass for the backward pass; overwritten by the next forward pass."""
 
     clusters: np.ndarray
@@ -60,7 +60,6 @@ class CpuEngine:
 
     Args:
         threads: number of threads, or None for one per core that this process may use.
-        compositor: the compositing rule.
 
     Attributes:
         timer: set it to a `PassTimer` to time the passes of steps.
@@ -68,8 +67,7 @@ class CpuEngine:
 
     name = "cpu"
 
-    def __init__(self, threads: int | None = None, compositor: Compositor = OVER) -> None:
-        self._compositor = compositor
+    def __init__(self, threads: int | None = None) -> None:
         self.threads = kernel_threads(threads)
         self.device = f"CPU, {self.threads} threads"
         self._binner = Binner(self.threads)
@@ -229,7 +227,7 @@ class CpuEngine:
         """Estimate the memory needed for training."""
         return MemoryNeed(training_bytes(gaussians, coefficients, photographs))
 
-    def _forward(self, view: View, lens: KernelLens, background: np.ndarray) -> Raster:
+    def _forward(self, view: View, lens: KernelLens, background: np.ndarray) -> ForwardPass:
         """Cull → project → sort → bin → rasterize."""
         scene, timer = self._scene, self.timer
         timer.begins("cull")
@@ -250,20 +248,18 @@ class CpuEngine:
             self._depth_keys,
         )
         timer.begins("sort")
-        visible, order = self._compositor.order(
-            self._depth_keys, clusters, self._visible, self._order, self._order_scratch
-        )
+        visible, order = OVER.order(self._depth_keys, clusters, self._visible, self._order, self._order_scratch)
         timer.begins("bin")
         lists = self._binner.bin(self._splats, visible, order, view)
         canvas = self._rasterize(view, lists, background)
-        return Raster(clusters, visible, order, lists, canvas)
+        return ForwardPass(clusters, visible, order, lists, canvas)
 
     def _rasterize(self, view: View, lists: TileLists, background: np.ndarray) -> Canvas:
         if self._canvas is None or self._canvas.shape != (view.height, view.width):
             self._canvas = Canvas(view)
         canvas = self._canvas
         self.timer.begins("rasterize")
-        self._compositor.forward(
+        OVER.forward(
             self._splats,
             lists.intersections,
             lists.ranges,
@@ -277,7 +273,7 @@ class CpuEngine:
         self.timer.ends()
         return canvas
 
-    def _backward(self, view: TrainingView, raster: Raster, settings: StepSettings) -> None:
+    def _backward(self, view: TrainingView, raster: ForwardPass, settings: StepSettings) -> None:
         """Rasterize backward → project backward: writes the gradients."""
         scene, lists = self._scene, raster.lists
         self._replay(raster)
@@ -304,7 +300,7 @@ class CpuEngine:
             _NO_CHANNELS,
         )
 
-    def _add_errors(self, view: int, raster: Raster, settings: StepSettings) -> None:
+    def _add_errors(self, view: int, raster: ForwardPass, settings: StepSettings) -> None:
         """Add each Gaussian's contribution to the view's error."""
         if len(self._errors) == 0:
             self._errors = np.zeros(self.count, np.float32)
@@ -314,14 +310,14 @@ class CpuEngine:
             np.float32
         )
 
-    def _replay(self, raster: Raster) -> None:
+    def _replay(self, raster: ForwardPass) -> None:
         """Rasterize backward, from the canvas's gradient."""
         lists = raster.lists
         size = len(lists.intersections) * LANES
         if len(self._intersection_sums) < size:
             self._intersection_sums = np.empty(size * 5 // 4, np.float32)
         self.timer.begins("rasterize backward")
-        self._compositor.replay(
+        OVER.replay(
             self._splats,
             lists.intersections,
             lists.ranges,

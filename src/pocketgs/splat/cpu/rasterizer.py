@@ -10,6 +10,7 @@ import numpy as np
 
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
+from pocketgs.splat.backend import Composite, CompositeGradient, Contributions, Parameters
 from pocketgs.splat.cpu.bin import Binner, TileLists
 from pocketgs.splat.cpu.clusters import Clusters
 from pocketgs.splat.cpu.compositor import COMPOSITORS
@@ -34,7 +35,6 @@ from pocketgs.splat.cpu.rasterize_backward import sums_per_intersection
 from pocketgs.splat.cpu.statistics import STATISTICS
 from pocketgs.splat.ellipse import half_sizes
 from pocketgs.splat.limits import TRAINING
-from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
 from pocketgs.system.cores import kernel_threads
 
 _NO_STATISTICS = np.empty((0, STATISTICS), np.float32)
@@ -61,7 +61,7 @@ def _copied(lists: TileLists) -> TileLists:
 
 
 class CpuBackend:
-    """See `pocketgs.splat.rasterizer.Backend`.
+    """See `pocketgs.splat.backend.Backend`.
 
     Args:
         threads: number of threads, or None for one per core that this process may use.

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pocketgs.splat.backend import Contributions
 from pocketgs.splat.reference.project import ProjectionGradient
-from pocketgs.splat.reference.rasterize import Contributions, Raster, contributions, rasterize, rasterize_backward
+from pocketgs.splat.reference.rasterize import Raster, contributions, rasterize, rasterize_backward
 from pocketgs.splat.reference.sum import add_up, add_up_backward
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pocketgs.geometry.camera import Camera
+from pocketgs.splat.backend import Contributions
 from pocketgs.splat.constants import ALPHA_MIN, TRANSMITTANCE_MIN
 from pocketgs.splat.limits import TRAINING, Limits
 from pocketgs.splat.reference.project import Projection, ProjectionGradient
@@ -145,15 +146,6 @@ def set_shape_gradient(
     gradient.means[index] = conic @ np.einsum("hw,hwi->i", d_exponent, offsets)
     gradient.absolute_means[index] = np.abs(d_exponent[..., None] * (offsets @ conic)).sum(axis=(0, 1))
     gradient.conics[index] = -0.5 * np.einsum("hw,hwi,hwj->ij", d_exponent, offsets, offsets)
-
-
-@dataclass(frozen=True)
-class Contributions:
-    """Contributions of each Gaussian to the image: pixels it touches, the largest and the summed α T, all (N,)."""
-
-    pixels: np.ndarray
-    largest: np.ndarray
-    summed: np.ndarray
 
 
 def contributions(projection: Projection, camera: Camera) -> tuple[Contributions, np.ndarray]:

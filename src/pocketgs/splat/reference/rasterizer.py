@@ -9,7 +9,7 @@ import numpy as np
 
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import PARAMETERS
-from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
+from pocketgs.splat.backend import Composite, CompositeGradient, Contributions, Parameters
 from pocketgs.splat.reference.compositor import COMPOSITORS
 from pocketgs.splat.reference.project import Projection, project, project_backward
 from pocketgs.splat.reference.rasterize import Raster
@@ -27,7 +27,7 @@ class _Tape:
 
 
 class ReferenceBackend:
-    """See `pocketgs.splat.rasterizer.Backend`."""
+    """See `pocketgs.splat.backend.Backend`."""
 
     dtype: type[np.floating[Any]] = np.float64
 
@@ -80,5 +80,4 @@ class ReferenceBackend:
     def inspect(self, composite: Composite) -> tuple[Contributions, np.ndarray]:
         """Contributions of each Gaussian, and the median depth."""
         assert self._compositor.inspect is not None
-        found, median = self._compositor.inspect(composite.tape.projection, composite.tape.camera)
-        return Contributions(found.pixels, found.largest, found.summed), median
+        return self._compositor.inspect(composite.tape.projection, composite.tape.camera)

@@ -52,21 +52,21 @@ from pocketgs.splat.webgpu.tables import (
 from pocketgs.system.memory_need import MemoryNeed
 
 INTERSECTION_BYTES = {"ordered": 4 * SUM_WORDS, "atomic": 4}
-"""What the largest of the buffers with something for every intersection holds of each."""
+"""Bytes per intersection of the largest buffer that grows with intersections."""
 
 
 class WebGpuEngine:
     """Operator T in compute shaders; see `pocketgs.splat.engine.Engine`.
 
-    Steps are submitted and not waited for. A step that needs more room for tiles' lists than there is changes nothing,
-    and neither do those after it: when the host next looks, it makes room and submits them again. A run gives the same
-    result however often that happens.
+    Steps are submitted and not waited for. A step whose tile lists do not fit into their buffers changes nothing, and
+    neither do the steps after it: at its next check, the host enlarges the buffers and submits them again. The result
+    of a run does not depend on how often that happens.
 
     Args:
-        options: which device, and how it works; all at their defaults if None.
+        options: device and settings; None for the defaults.
 
     Raises:
-        PocketGSError: there is no such device, or it lacks something.
+        PocketGSError: there is no such device, or it lacks a feature.
     """
 
     name = "webgpu"
@@ -93,10 +93,10 @@ class WebGpuEngine:
         self.executor.prepare()
 
     def set_views(self, frames: Sequence[Frame]) -> None:
-        """Take the photographs that `step` refers to by index.
+        """Set the photographs that `step` indexes.
 
         Raises:
-            PocketGSError: the GPU's memory does not hold what training on them takes.
+            PocketGSError: training on them exceeds the GPU's memory.
         """
         self._settle()
         sizes = tuple((frame.camera.width, frame.camera.height) for frame in frames)
@@ -112,10 +112,10 @@ class WebGpuEngine:
         self._shelve(changed)
 
     def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
-        """Take a copy of the scene, and of the optimiser's state or start it anew.
+        """Copy the scene, and the optimiser's state; without one, the optimiser is reset.
 
         Raises:
-            PocketGSError: the GPU's memory does not hold it.
+            PocketGSError: it exceeds the GPU's memory.
         """
         gaussians = checked_scene(gaussians)
         if state is not None:
@@ -139,10 +139,10 @@ class WebGpuEngine:
         return self._extent.gaussians
 
     def change_rows(self, change: RowChange) -> None:
-        """Select, duplicate and set Gaussians, the optimiser's rows with them. Statistics start anew.
+        """Select, duplicate and set Gaussians, including the optimiser's rows. Statistics restart at zero.
 
         Raises:
-            PocketGSError: the change is not of this scene, or the GPU's memory does not hold what comes of it.
+            PocketGSError: the change does not fit the scene, or the result does not fit into memory.
         """
         self._settle()
         check_change(change, self.count, ParameterLayout(self._extent.coefficients))
@@ -158,21 +158,21 @@ class WebGpuEngine:
         self.restart_statistics()
 
     def statistics(self) -> Statistics:
-        """What steps that were asked to have summed up since the last change of rows or start."""
+        """Sums over the steps with `StepSettings.statistics` since the last change of rows or restart."""
         self._settle()
         if not self._extent.trains:
             return Statistics.none_yet(self.count)
         return read_statistics(self.executor, self.count)
 
     def restart_statistics(self, start: Statistics | None = None) -> None:
-        """Sum up from zero, or from sums that were taken before."""
+        """Restart the statistics at zero, or from earlier sums."""
         self._settle()
         if not self._extent.trains:
             self._fit(replace(self._extent, trains=True))
         write_statistics(self.executor, start)
 
     def step(self, view: int, settings: StepSettings) -> None:
-        """Train on one view. Returns before it is done."""
+        """Train on one view. Returns before the step is complete."""
         check_view(view, self._frames)
         self._submit(Step(view, settings))
         if self._ahead.are_enough(streamed=not self._plan.shelf.is_resident(view)):
@@ -186,16 +186,16 @@ class WebGpuEngine:
     def render(
         self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False
     ) -> Rendering:
-        """Render the scene as it stands."""
+        """Render the current scene."""
         return rendered(self._draw, camera, background, depth)
 
     def download(self) -> Gaussians:
-        """A copy of the scene as it stands."""
+        """Copy the current scene."""
         self._settle()
         return read_scene(self.executor, self.count, self._extent.coefficients)
 
     def optimiser_state(self) -> OptimiserState:
-        """A copy of the optimiser's state."""
+        """Copy the optimiser's state."""
         self._settle()
         coefficients, photographs = self._extent.coefficients, len(self._extent.photographs)
         if not self._extent.trains:
@@ -205,14 +205,14 @@ class WebGpuEngine:
         return OptimiserState(first, second, self._ahead.completed, self._near, colours)
 
     def memory(self) -> dict[str, int]:
-        """Bytes of every buffer on the GPU, by its name in the passes."""
+        """Bytes of each buffer on the GPU, by its name in the passes."""
         return self.executor.sizes()
 
     def memory_needed(self, gaussians: int, coefficients: int, photographs: Sequence[tuple[int, int]]) -> MemoryNeed:
-        """What training would take. Where GPU and CPU share one memory, buffers count as the process's too.
+        """Estimate the memory needed for training. If GPU and CPU share memory, buffers count as the process's too.
 
         Raises:
-            PocketGSError: the GPU's memory does not hold it.
+            PocketGSError: it exceeds the GPU's memory.
         """
         description = self.executor.description
         extent = expected_extent(gaussians, coefficients, photographs, self._most_intersections)
@@ -221,7 +221,7 @@ class WebGpuEngine:
         return MemoryNeed(DRIVER_BYTES + (device if self._shares_memory else 0), device)
 
     def _symbols(self, camera: Camera, settings: StepSettings | None = None) -> dict[str, int]:
-        """The numbers that the passes of one image follow from."""
+        """Compute the symbols of the passes of one image."""
         return self.executor.description.symbols(
             {
                 **self._extent.symbols,
@@ -237,7 +237,7 @@ class WebGpuEngine:
         )
 
     def _fit(self, extent: Extent, frames: Sequence[Frame] | None = None) -> None:
-        """Make the buffers for what is to be held. What does not fit is refused before anything is changed."""
+        """Allocate buffers for an extent. One that does not fit is refused before anything changes."""
         plan = plan_memory(self.executor.description, extent, self._limits)
         self.executor.reserve(plan.sizes)
         is_shelved = frames is None and plan.shelf == self._plan.shelf
@@ -247,14 +247,14 @@ class WebGpuEngine:
             self._shelve(range(len(self._frames)))
 
     def _shelve(self, views: Sequence[int]) -> None:
-        """Write those of the photographs that have places of their own."""
+        """Upload those photographs that have a place of their own."""
         shelf = self._plan.shelf
         for view in views:
             if shelf.is_resident(view):
                 self.executor.write("photographs", packed(self._frames[view]), PIXEL_BYTES * shelf.place(view))
 
     def _fit_intersections(self, extent: Extent, wanted: int, needed: int) -> None:
-        """`_fit`, with room for as many intersections as are wanted, or at least for those that are needed."""
+        """Allocate buffers with room for the wanted intersections, or at least for the needed ones."""
         try:
             self._fit(replace(extent, intersections=max(needed, min(wanted, self._most_intersections))))
         except PocketGSError:
@@ -280,7 +280,7 @@ class WebGpuEngine:
         self._ahead.settle(self._submit, self._make_room)
 
     def _make_room(self, needed: int) -> None:
-        """Let the lists of tiles hold `needed` intersections and some more, and let the run go on."""
+        """Enlarge the tile lists to `needed` intersections and some more, and let the run continue."""
         try:
             self._fit_intersections(self._extent, int(needed * GROWTH), needed)
         finally:

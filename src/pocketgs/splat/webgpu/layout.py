@@ -14,7 +14,7 @@ PATCH = 16
 """The loss is computed on squares of so many pixels on each side."""
 
 MARGIN = SSIM_WINDOW // 2
-"""What a patch needs to know of the pixels around it."""
+"""Width of the border of pixels around a patch that its loss depends on."""
 
 SPLAT_WORDS = {"f32": 10, "f16": 7, "weighted": 11}
 """Of a splat on the image, by the way it is stored; see `common/splats.wgsl`. In full precision: centre 2, depth, log2
@@ -43,7 +43,7 @@ WORDS = {
     "CENTRE_WORDS": CENTRE_WORDS,
     "BOUND_WORDS": BOUND_WORDS,
 }
-"""What the shaders call them."""
+"""The same sizes by their names in the shaders."""
 
 _WITHOUT_SH = ParameterLayout(0)
 
@@ -61,7 +61,7 @@ FIRST_COLUMNS = dict(
         strict=True,
     )
 )
-"""Where each parameter but the spherical harmonics begins in `shape`, by name."""
+"""First column in `shape` of each parameter but the spherical harmonics, by name."""
 
 PLACES = {
     "MEAN": FIRST_COLUMNS["means"],
@@ -74,4 +74,4 @@ PLACES = {
     "GRADIENT_OPACITY": _WITHOUT_SH.columns_of("opacity_logits").start,
     "GRADIENT_SH": GRADIENT_COLUMNS,
 }
-"""What the shaders call the first column of each parameter, in `shape` and in gradients and moments."""
+"""First column of each parameter, in `shape` and in gradients and moments, by its name in the shaders."""

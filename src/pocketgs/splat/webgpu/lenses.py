@@ -66,7 +66,7 @@ def link(name: str, sections: Mapping[str, str]) -> Shader:
 
 
 def lens_of(camera: Camera) -> str:
-    """Which of LENSES a camera has."""
+    """The camera's lens, one of LENSES."""
     if camera.is_pinhole:
         return "pinhole"
     return "perspective" if camera.lens.model == "opencv" else camera.lens.model

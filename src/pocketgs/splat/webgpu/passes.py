@@ -46,21 +46,21 @@ COVERAGES: dict[Weights, str] = {
     "mobile": "weighted.by_transmittance",
     "visibility": "weighted.by_transmittance",
 }
-"""How much of the background shows where splats have these weights: see `common/weighted.wgsl`."""
+"""Rule for the share of the background that shows, by weights: see `common/weighted.wgsl`."""
 
 
 @dataclass(frozen=True)
 class Variant:
-    """Which of several ways the passes go.
+    """Variant of the passes.
 
     Attributes:
         precision: of splats and of the replay cache.
-        replay: how the backward pass comes by α: "recompute", or from a "cache" that the forward pass fills.
-        accumulation: how tiles' gradients come together: "ordered" in rows that are added up later, or "atomic".
+        replay: whether the backward pass recomputes α, "recompute", or reads it from the forward pass's "cache".
+        accumulation: how tiles' gradients are summed: "ordered", in rows that are added up later, or "atomic".
         subgroups: whether threads of a subgroup add up without workgroup memory.
-        appearance: what Gaussians are drawn as; training is always of splats.
-        weights: what Gaussians are weighted by where nothing is sorted, which is for rendering only; None to sort.
-        lenses: what cameras may have: PINHOLE or LENSES.
+        appearance: shape that Gaussians are drawn as; training always draws splats.
+        weights: weights of Gaussians without sorting, for rendering only; None to sort.
+        lenses: lenses that cameras may have: PINHOLE or LENSES.
     """
 
     precision: Precision = "f32"
@@ -230,7 +230,7 @@ _REPLAY = Pass("rasterize backward", "rasterize_backward", "tiles", buffers=SORT
 
 
 def _replayed(variant: Variant, replay: Pass) -> tuple[tuple[str, ...], tuple[Pass, ...]]:
-    """Replaying into rows of gradients that are all 0: what is to be cleared for it, and the passes."""
+    """Buffers to clear and passes to run for a replay into rows of gradients that start at 0."""
     if variant.accumulation == "atomic":
         return ("gradient_rows",), (replay,)
     return (), (Pass("clear rows", "clear_rows", indirect=("intersection_dispatches", 12)), replay)
@@ -257,7 +257,7 @@ def _step(variant: Variant) -> Sequence:
 
 
 def _errors(variant: Variant) -> Sequence:
-    """After a step, and from what it has left: the part of the view's error that each Gaussian takes."""
+    """Passes that, after a step, add each Gaussian's contribution to the view's error."""
     cleared, replayed = _replayed(variant, replace(_REPLAY, name="rasterize error backward"))
     return Sequence(
         cleared,
@@ -273,11 +273,11 @@ TABLES = ("shape", "sh", "first_moments", "second_moments")
 """Buffers that lie column by column, with a number for every Gaussian in each column."""
 
 GATHERED = "gradients"
-"""Where rows of the tables are gathered: nothing is kept in it between steps."""
+"""Buffer that table rows are gathered in; free between steps."""
 
 
 def _row_sequences() -> dict[str, Sequence]:
-    """Putting together the rows of each table anew, and setting some of them."""
+    """Sequences that gather the rows of each table, and that set some of them."""
     sequences: dict[str, Sequence] = {}
     for table in TABLES:
         buffers = {"table": table, "gathered": GATHERED}

@@ -22,7 +22,7 @@ def packed(frame: Frame) -> np.ndarray:
 
 
 class Shelf:
-    """Which photograph lies where in the buffer.
+    """The photographs' places in the buffer.
 
     As many as there is room for have a place of their own and are uploaded once. The others share one place, and are
     written there before the step that needs them.
@@ -47,7 +47,7 @@ class Shelf:
         return isinstance(other, Shelf) and (self._places, self.pixels) == (other._places, other.pixels)
 
     def place(self, view: int) -> int:
-        """Where a photograph begins, in pixels."""
+        """Offset of a photograph, in pixels."""
         own = self._places[view]
         return self._shared_place if own is None else own
 

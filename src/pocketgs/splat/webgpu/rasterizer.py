@@ -10,9 +10,9 @@ import numpy as np
 
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
+from pocketgs.splat.backend import Composite, CompositeGradient, Contributions, Parameters
 from pocketgs.splat.ellipse import half_sizes
 from pocketgs.splat.parameters import ParameterLayout
-from pocketgs.splat.rasterizer import Composite, CompositeGradient, Contributions, Parameters
 from pocketgs.splat.webgpu.channels import in_groups, packed, read_channel_gradients, read_image
 from pocketgs.splat.webgpu.image_lists import ImageLists
 from pocketgs.splat.webgpu.layout import CENTRE_WORDS, SPLAT_WORDS
@@ -26,7 +26,7 @@ CULLED = 0xFFFFFFFF
 
 @dataclass(frozen=True, eq=False)
 class _Tape:
-    """What an image was made from.
+    """Inputs of an image.
 
     Attributes:
         scene: the Gaussians.
@@ -64,7 +64,7 @@ class _Tape:
 
 
 class WebGpuBackend:
-    """See `pocketgs.splat.rasterizer.Backend`.
+    """See `pocketgs.splat.backend.Backend`.
 
     The GPU holds one image's lists at a time. Going back from an earlier image draws it again first.
 
@@ -130,7 +130,7 @@ class WebGpuBackend:
         )
 
     def inspect(self, composite: Composite) -> tuple[Contributions, np.ndarray]:
-        """What every Gaussian adds to the image, and the median depth."""
+        """Contributions of each Gaussian, and the median depth."""
         self._show(composite.tape)
         self._lists.run("inspect")
         count = len(composite.tape.scene)

@@ -1,4 +1,4 @@
-"""Steps that are submitted to the GPU ahead of time: the host checks only now and then how far they have got."""
+"""Steps submitted to the GPU ahead of time: the host checks from time to time how many are completed."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from pocketgs.splat.settings import StepSettings
 MAX_PENDING = 64
 MAX_STREAMED = 4
 SECONDS_AHEAD = 0.2
-"""The GPU has at most so many steps, or so much work, before it: then the host looks whether they were completed. Of
-steps whose photographs are streamed there are fewer, since each holds a copy of its own."""
+"""Maximum number of pending steps, of those with streamed photographs, and of seconds of pending work, before the host
+checks which steps are completed. Streamed steps are fewer, since each holds a copy of its photograph."""
 
 MIN_SECONDS = 1e-6
-"""Clocks may tick no faster than a GPU takes its steps."""
+"""Minimum measured time of a step: clocks may be too coarse to measure one."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """A step that the GPU may still have before it."""
+    """A submitted step that may not be completed."""
 
     view: int
     settings: StepSettings
 
 
 class StepsAhead:
-    """The steps that were submitted, and how many of them are completed.
+    """The submitted steps, and the number of completed ones.
 
-    A step that needs more room for tiles' lists than there is changes nothing, and neither do those after it: they are
-    submitted again once there is room.
+    A step whose tile lists do not fit into their buffers changes nothing, and neither do the steps after it. They are
+    submitted again once the buffers are large enough.
 
     Args:
-        executor: whose buffer `status` says how far the GPU is; see `common/update.wgsl`.
+        executor: its buffer `status` holds the GPU's progress; see `common/update.wgsl`.
 
     Attributes:
-        completed: steps of this run and of those that it goes on from.
-        most: steps that are submitted before the host looks.
+        completed: number of completed steps, including those before this run was resumed.
+        most: number of steps that are submitted before the host checks.
     """
 
     def __init__(self, executor: Executor) -> None:
@@ -49,32 +49,32 @@ class StepsAhead:
         self._pending: list[Step] = []
         self._first_pending = 0.0
         self.completed = self._completed_before = 0
-        # Until it is known how long a step takes, the host looks after each.
+        # The host checks after each step until it has measured how long one takes.
         self.most = 1
 
     @property
     def next_number(self) -> int:
-        """Of the step that is submitted next, counted from 1."""
+        """Number of the step that is submitted next, counted from 1."""
         return self.completed + len(self._pending) + 1
 
     def restart(self, completed: int) -> None:
-        """Forget the steps before; so many count as completed."""
+        """Forget all steps, and set the number of completed ones."""
         self._pending.clear()
         self.completed = self._completed_before = completed
         self.resume()
 
     def resume(self) -> None:
-        """Let the GPU know how many steps are completed, and that nothing stands in the way of the next."""
+        """Tell the GPU the number of completed steps, and that it may go on."""
         self._executor.write("status", np.array([self.completed, 0, 0], np.uint32))
 
     def add(self, step: Step) -> None:
-        """A step was submitted."""
+        """Record a submitted step."""
         if not self._pending:
             self._first_pending = time.monotonic()
         self._pending.append(step)
 
     def are_enough(self, streamed: bool) -> bool:
-        """Whether it is time to look."""
+        """Whether enough steps are pending for the host to check."""
         return len(self._pending) >= (min(self.most, MAX_STREAMED) if streamed else self.most)
 
     def settle(self, submit: Callable[[Step], None], make_room: Callable[[int], None]) -> None:
@@ -82,7 +82,7 @@ class StepsAhead:
 
         Args:
             submit: submits a step again.
-            make_room: makes room for so many intersections, and lets the run go on.
+            make_room: makes room for the given number of intersections, and lets the run go on.
         """
         if not self._pending:
             return
@@ -99,7 +99,7 @@ class StepsAhead:
         self.most = int(np.clip(SECONDS_AHEAD / seconds, 1, MAX_PENDING))
 
     def mean_loss(self, steps: int) -> float:
-        """Of the last `steps` completed steps of this run."""
+        """Mean loss of the last `steps` completed steps of this run."""
         ring = self._executor.read("losses", np.float32, KEPT_LOSSES)
         first = max(self.completed - min(steps, KEPT_LOSSES), self._completed_before)
         return float(ring[np.arange(first, self.completed) % KEPT_LOSSES].mean(dtype=np.float64))
