@@ -17,7 +17,7 @@ PATIENCE = 240.0
 
 @dataclass(frozen=True)
 class Phone:
-    """What a page can ask of a server.
+    """Requests that a page can send to a server.
 
     Attributes:
         url: of the page.
@@ -55,7 +55,7 @@ class Phone:
         return dict(fetch(self.url, "shelf.json").json)
 
     def capture(self, identity: str) -> dict[str, Any]:
-        """What the page is told about a capture."""
+        """The server's entry for a capture."""
         return next(dict(each) for each in self.shelf["captures"] if each["id"] == identity)
 
     def until(self, identity: str, wanted: str | Callable[[dict[str, Any]], bool]) -> dict[str, Any]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import os
+import shutil
 import stat
 import zipfile
 from collections.abc import Callable
@@ -49,7 +51,10 @@ def test_what_is_sound(tmp_path: Path) -> None:
         "C:/out.txt",
         "C:out.txt",
         "..\\out.txt",
-        "toys\\a.txt",
+        "toys\\..\\..\\out.txt",
+        "\\\\server\\share\\out.txt",
+        "C:\\out.txt",
+        "toys/b\\a.txt",
         "toys/./a.txt",
         "toys//a.txt",
         "CON",
@@ -83,7 +88,37 @@ def test_any_names_stay_inside(names: list[str], tmp_path_factory: pytest.TempPa
         found = unpacked(zip_of(dict.fromkeys(names, b"x")), place)
     except PocketGSError:
         return
+    if not any("/" in name for name in names):
+        names = [name.replace("\\", "/") for name in names]
     assert set(found) == {name for name in names if not name.endswith("/")}
+
+
+def test_folders_separated_by_backslashes(tmp_path: Path) -> None:
+    """As old programs on Windows do; the folders' own entries end with one too."""
+    content = zip_of({"toys\\": b"", "toys\\images\\a.png": b"a", "toys\\transforms.json": b"{}"})
+    assert unpacked(content, tmp_path) == {"toys/images/a.png": b"a", "toys/transforms.json": b"{}"}
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [("Küche 台所.jpg".encode(), "Küche 台所.jpg"), ("Küche.jpg".encode("cp437"), "Küche.jpg")],
+)
+def test_names_without_the_flag_of_utf8(tmp_path: Path, written: bytes, meant: str) -> None:
+    """They are in UTF-8 all the same; or, if they cannot be, in the code page that the format names."""
+    content = zip_of({"a" * len(written): b"x"})
+    assert unpacked(content.replace(b"a" * len(written), written), tmp_path) == {meant: b"x"}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a folder with an open file cannot be moved there")
+def test_a_folder_that_is_moved_meanwhile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such as to the trash: it is not made again where it was."""
+    place = tmp_path / "place"
+    place.mkdir()
+    (place / "upload.zip").write_bytes(zip_of({"a.txt": b"a", "toys/b.txt": b"b"}))
+    monkeypatch.setattr(shutil, "copyfileobj", lambda *_: place.rename(tmp_path / "trash"))
+    with pytest.raises(FileNotFoundError):
+        unpack(place / "upload.zip", place / "capture", MB)
+    assert [path.name for path in tmp_path.iterdir()] == ["trash"]
 
 
 def test_an_empty_name(tmp_path: Path) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, FilePayload, Route
+from playwright.sync_api import Browser, FilePayload, Route, expect
 
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.results.video import write_video
@@ -109,12 +110,21 @@ def test_what_a_page_can_do(browser: Browser, serve: Callable[..., Phone], photo
         phone["[data-state=queued]"].wait_for()
         choose(phone, "[data-kind=video]", {f"{HARM[:-4]}.mov": b"no video"})
         phone["#begin-upload"].click()
-        phone["[data-state=unusable] .message"].filter(has_text="cannot be opened as a video").wait_for(
-            timeout=PATIENCE
-        )
+        unusable = phone["[data-state=unusable] .message"].filter(has_text="cannot be opened as a video")
+        unusable.wait_for(timeout=PATIENCE)
+        phone["[data-action=check]"].click()
+        phone["[data-state=checking]"].wait_for()
+        unusable.wait_for(timeout=PATIENCE)
+        for role in ("button", "progressbar"):
+            named = phone.page.get_by_role(role, name="x" * 100, include_hidden=True)
+            assert named.count() == 1
+        phone.page.route("**/delete", lambda route: route.abort())
+        phone[".more"].first.click()
+        phone["[data-action=delete]"].click()
+        phone["#toast span"].filter(has_text="the computer does not answer").wait_for()
         assert phone.page.locator(".capture img").count() == 2, "no markup came from a title"
         assert phone.page.title() == "PocketGS"
-        assert [each for each in phone.complaints if "404" not in each] == []
+        assert [each for each in phone.complaints if "404" not in each and "ERR_FAILED" not in each] == []
 
 
 @pytest.mark.usefixtures("untrained")
@@ -149,3 +159,68 @@ def test_an_upload_that_is_interrupted(
         phone["[data-state=unusable]"].wait_for(timeout=PATIENCE)
     path = next((tmp_path / "shelf" / "captures").glob("*/upload/0001.mov"))
     assert path.read_bytes() == content
+
+
+@pytest.mark.usefixtures("untrained")
+def test_an_upload_whose_file_is_gone(browser: Browser, serve: Callable[..., Phone], tmp_path: Path) -> None:
+    """The phone has deleted its temporary copy: no retry helps. A piece that came too late is sent again."""
+    server, video = serve(), tmp_path / "walk.mov"
+    video.write_bytes(bytes(5_000_000))
+    with visiting(browser, server.url, *PHONE) as phone:
+        asked = 0
+
+        def answer(route: Route) -> None:
+            nonlocal asked
+            asked += 1
+            if asked == 1:
+                route.fulfill(status=408, json={"error": "the rest of the request did not arrive"})
+            else:
+                video.unlink(missing_ok=True)
+                route.continue_()
+
+        phone.page.route("**/files/**", answer)
+        with phone.page.expect_file_chooser() as chooser:
+            phone["[data-kind=video]"].click()
+        chooser.value.set_files(video)
+        phone["#begin-upload"].click()
+        sentence = "walk.mov cannot be read any more: choose the same files again"
+        expect(phone["#toast span"]).to_have_text(sentence, timeout=PATIENCE)
+    [told] = server.shelf["captures"]
+    assert (told["state"], told["received"]) == ("uploading", 1 << 21)
+
+
+@pytest.mark.usefixtures("untrained")
+def test_an_upload_that_is_deleted_elsewhere(
+    browser: Browser, serve: Callable[..., Phone], photographs: dict[str, bytes]
+) -> None:
+    """It ends, says so, and sends no more files."""
+    server = serve()
+    with visiting(browser, server.url, *PHONE) as phone:
+        asked = 0
+
+        def delete(route: Route) -> None:
+            nonlocal asked
+            asked += 1
+            for capture in server.shelf["captures"]:
+                server.tell(f"captures/{capture['id']}/delete")
+            route.continue_()
+
+        phone.page.route("**/files/*?offset=*", delete)
+        choose(phone, "[data-kind=photographs]", photographs)
+        phone["#begin-upload"].click()
+        expect(phone["#toast span"]).to_have_text("no such capture: it was deleted", timeout=PATIENCE)
+    assert asked == 1
+
+
+def test_a_run_that_is_paused(browser: Browser, serve: Callable[..., Phone], zipped: bytes) -> None:
+    """It holds up the queue, so the list says how to go on."""
+    server = serve()
+    identity = server.upload({"toys.zip": zipped}, effort="best")
+    server.until(identity, lambda capture: capture["state"] == "training" and capture["progress"]["iteration"] > 0)
+    with visiting(browser, server.url, *COMPUTER, script=NO_GPU) as computer:
+        computer[".open"].click()
+        computer["#pause"].click()
+        expect(computer["#stage"]).to_have_text("paused", timeout=PATIENCE)
+        computer.page.goto(server.url)
+        sentence = re.compile(r"paused at \d+ of 1000000: open Watch to resume")
+        expect(computer[".state"]).to_have_text(sentence, timeout=PATIENCE)

@@ -18,7 +18,7 @@ CONTENT = bytes(range(256)) * 4
 
 @given(pieces=st.lists(st.tuples(st.integers(0, 1100), st.integers(0, 400)), max_size=12))
 def test_any_pieces_make_the_file(pieces: list[tuple[int, int]], tmp_path_factory: pytest.TempPathFactory) -> None:
-    """What has arrived is always the beginning of the file."""
+    """The bytes on disk are always the beginning of the file."""
     path = tmp_path_factory.mktemp("upload").resolve() / "0001.jpg"
     path.touch()
     for offset, length in pieces:

@@ -7,7 +7,9 @@ import json
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,9 +19,11 @@ import pytest
 from pocketgs.serve.entry import Entry, Process, State, UploadedFile, read_entry
 from pocketgs.serve.server import ServeOptions, serving_folder
 from pocketgs.serve.shelf import Shelf, new_id
+from pocketgs.serve.training import Training
 from serve.client import Phone
 from serve.conftest import MINIMAL
 from viewer.client import fetch, following
+from zip_files import zip_of
 
 ENDLESS = (*MINIMAL, "--iterations", "1000000")
 FLAGS = {"quick": (*MINIMAL, "--iterations", "20"), "best": ENDLESS, "broken": ("--images", "none")}
@@ -27,6 +31,22 @@ FLAGS = {"quick": (*MINIMAL, "--iterations", "20"), "best": ENDLESS, "broken": (
 
 def is_training(capture: dict) -> bool:
     return bool(capture["state"] == "training" and capture["progress"]["iteration"])
+
+
+def command_of(folder: Path, identity: str) -> list[str]:
+    """The command of a run that goes on."""
+    process = read_entry(folder / "captures" / identity / "about.json").process
+    assert process
+    return psutil.Process(process.number).cmdline()
+
+
+def working_at(identity: str) -> list[psutil.Process]:
+    """The processes that check or train a capture."""
+    found = []
+    for process in psutil.Process().children(recursive=True):
+        with suppress(psutil.Error):
+            found += [process] if any(identity in argument for argument in process.cmdline()) else []
+    return found
 
 
 async def watch(url: str) -> None:
@@ -74,6 +94,14 @@ def test_one_after_the_other(folder: Path, zipped: bytes) -> None:
         assert told["result"]["iterations"] > done
         scene = fetch(phone.url, f"captures/{long}/scene.ply").body
         assert scene == (folder / "captures" / long / "result" / "scene.ply").read_bytes()
+        phone.tell(f"captures/{long}/train", {"effort": "best"})
+        phone.until(long, is_training)
+        assert "--resume" not in command_of(folder, long), "it begins anew"
+        phone.tell(f"captures/{long}/stop")
+        phone.until(long, "trained")
+        phone.tell(f"captures/{long}/go-on")
+        phone.until(long, is_training)
+        assert "--resume" in command_of(folder, long)
 
 
 def test_deleting_what_trains(folder: Path, zipped: bytes) -> None:
@@ -101,6 +129,31 @@ def test_deleting_what_trains(folder: Path, zipped: bytes) -> None:
         told = phone.until(identity, "failed")
         assert told["message"].startswith("training ended with status")
         assert fetch(phone.url, "shelf.json").status == 200
+
+
+def test_a_log_that_cannot_be_written(folder: Path, serve: Callable[..., Phone], zipped: bytes) -> None:
+    """The run needs none."""
+    phone = serve()
+    begun = phone.begin({"toys.zip": zipped}).json
+    (folder / "captures" / begun["id"] / "train.log").mkdir()
+    phone.put(begun["id"], 1, 0, zipped)
+    phone.until(begun["id"], lambda capture: capture["state"] in ("trained", "failed"))
+    assert phone.capture(begun["id"])["state"] == "trained"
+
+
+def test_a_run_that_cannot_be_followed(
+    serve: Callable[..., Phone], zipped: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever goes wrong in the server, the run ends before the next one begins."""
+
+    async def fail(_: Training, __: Path) -> int:
+        raise RuntimeError("cannot follow")
+
+    monkeypatch.setattr(Training, "finish", fail)
+    phone = serve()
+    identity = phone.upload({"toys.zip": zipped}, effort="best")
+    assert phone.until(identity, "failed")["message"] == "RuntimeError: cannot follow"
+    assert working_at(identity) == []
 
 
 @pytest.mark.usefixtures("untrained")
@@ -148,10 +201,26 @@ def test_a_check_that_was_cut_off(folder: Path, serve: Callable[..., Phone], zip
 
 @pytest.mark.usefixtures("untrained")
 def test_deleting_what_is_checked(serve: Callable[..., Phone], photographs: dict[str, bytes]) -> None:
-    """The check looks for files that are gone: what it says of them does not count."""
+    """The check is cut off: what it may say does not count."""
     phone = serve()
     identity = phone.upload(photographs)
     for _ in range(3):
         assert phone.tell(f"captures/{identity}/delete").status == 200
         assert phone.tell(f"captures/{identity}/restore").status == 200
     assert phone.until(identity, lambda capture: capture["state"] != "checking")["state"] == "queued"
+
+
+@pytest.mark.usefixtures("untrained")
+def test_deleting_what_is_unpacked(folder: Path, serve: Callable[..., Phone]) -> None:
+    """The check ends before the folder is moved, so nothing of it comes back; restored, it is checked again."""
+    phone = serve()
+    identity = phone.upload({"toys.zip": zip_of({f"toys/{number}/a.txt": b"a" for number in range(6_000)})})
+    place = folder / "captures" / identity
+    while not (place / "unpacking" / "toys" / "9").exists():
+        assert phone.capture(identity)["state"] == "checking"
+        time.sleep(0.01)
+    assert phone.tell(f"captures/{identity}/delete").status == 200
+    assert working_at(identity) == []
+    assert not place.exists()
+    assert phone.tell(f"captures/{identity}/restore").status == 200
+    assert "not a capture" in phone.until(identity, "unusable")["message"]

@@ -1,4 +1,4 @@
-"""What the server takes from a phone, and what it refuses. Nothing is trained here."""
+"""Uploads that the server accepts and refuses. Nothing is trained here."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import os
 import re
 import socket
 import threading
+import time
+import zipfile
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -20,10 +22,12 @@ import pytest
 from PIL import Image
 
 from files.test_full_disk import files_of_at_most
+from pocketgs.results.checkpoint import CHECKPOINT
 from pocketgs.results.video import write_video
 from pocketgs.scene.formats import read_scene
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.serve import shelf, uploads
+from pocketgs.serve.entry import Entry, UploadedFile
 from pocketgs.serve.pieces import MAX_PIECE
 from pocketgs.serve.server import ServeOptions, serving_folder
 from serve.client import Phone
@@ -223,6 +227,56 @@ def test_a_connection_that_breaks(serve: Serve) -> None:
     with suppress(ConnectionError, http.client.HTTPException):  # it may hang up while the rest is being sent
         assert phone.put(identity, 1, MAX_PIECE, bytes(MAX_PIECE + 1)).status == 413
     assert phone.capture(identity)["received"] == MAX_PIECE
+
+
+@pytest.mark.parametrize("is_gone", [True, False])
+def test_a_piece_that_nobody_wants(serve: Serve, is_gone: bool) -> None:
+    """Its upload was deleted or is complete: it is refused before it has arrived."""
+    phone = serve()
+    identity = phone.upload({"walk.mov": b"no video"})
+    if is_gone:
+        phone.tell(f"captures/{identity}/delete")
+    parts = urlsplit(phone.url)
+    path = f"{parts.path}captures/{identity}/files/1?offset=0"
+    head = (
+        f"PUT {path} HTTP/1.1\r\nHost: {parts.netloc}\r\nOrigin: {origin_of(phone.url)}\r\nContent-Length: 9000\r\n\r\n"
+    )
+    with socket.create_connection((str(parts.hostname), parts.port), timeout=20) as connection:
+        connection.sendall(head.encode() + bytes(5000))
+        assert connection.recv(1000).startswith(b"HTTP/1.1 404 ")
+
+
+def test_what_was_unusable_is_checked_again(serve: Serve, zipped: bytes) -> None:
+    """The disk has no room for one of the files, and later it has."""
+    content = io.BytesIO(zipped)
+    with zipfile.ZipFile(content, "a", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("toys/large.txt", bytes(4_000_000))
+    phone = serve()
+    with files_of_at_most(2_000_000):
+        identity = phone.upload({"toys.zip": content.getvalue()})
+        assert "File too large" in phone.until(identity, "unusable")["message"]
+    assert phone.tell(f"captures/{identity}/check").status == 200
+    assert phone.until(identity, "queued")["message"] == ""
+    assert phone.tell(f"captures/{identity}/check").status == 409
+
+
+def test_taken_out_of_the_queue(serve: Serve, folder: Path) -> None:
+    """What was to be trained anew, and then was not, can go on where it ended, with the effort that it had."""
+    known, begun = shelf.Shelf(folder), time.time() - 60
+    files = (UploadedFile("a.mov", "0001.mov", 5),)
+    entry = Entry(shelf.new_id(), "toys", "video", files, "quick", 1.0, "trained", begun=begun)
+    known.add(entry)
+    result = known.place(entry) / "result"
+    result.mkdir()
+    (result / "run.json").write_text(json.dumps({"interrupted": True}))
+    for name in ("scene.ply", CHECKPOINT):
+        (result / name).write_bytes(b"x")
+    phone = serve()
+    assert phone.capture(entry.id)["result"]["can_go_on"]
+    assert phone.tell(f"captures/{entry.id}/train", {"effort": "best"}).status == 200
+    assert phone.tell(f"captures/{entry.id}/stop").status == 200
+    told = phone.capture(entry.id)
+    assert (told["state"], told["effort"], told["result"]["can_go_on"]) == ("stopped", "quick", True)
 
 
 def test_two_uploads_at_the_same_time(serve: Serve, photographs: dict[str, bytes]) -> None:

@@ -8,6 +8,7 @@ import stat
 import unicodedata
 import zipfile
 import zlib
+from contextlib import suppress
 from pathlib import Path
 
 from pocketgs.errors import PocketGSError, short
@@ -23,6 +24,9 @@ _RESERVED = re.compile(r"(con|prn|aux|nul|conin\$|conout\$|com[0-9¹²³]|lpt[0-
 _FORBIDDEN = re.compile(r'[<>:"|?*\\\x00-\x1f\x7f]')
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """What phones and computers write. Others, such as LZMA, take as much memory to unpack as the file states."""
+
+_IS_UTF8 = 1 << 11
+"""The flag of names in UTF-8. Many programs write these without it."""
 
 _LEFT_OUT = ("__MACOSX", ".DS_Store", "Thumbs.db")
 
@@ -47,7 +51,7 @@ def unpack(archive: Path, folder: Path, max_bytes: int) -> None:
             folder.mkdir()
             for member in members:
                 path = folder.joinpath(*member.filename.split("/"))
-                path.parent.mkdir(parents=True, exist_ok=True)
+                _make_parents(path, folder)
                 with opened.open(member) as packed, path.open("xb") as file:
                     shutil.copyfileobj(packed, file)
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
@@ -56,7 +60,14 @@ def unpack(archive: Path, folder: Path, max_bytes: int) -> None:
         raise PocketGSError("holds a file and a folder of the same name") from error
 
 
+def _make_parents(path: Path, folder: Path) -> None:
+    """Make the folders between a file and the folder above, but never that one: it may have been moved to the trash."""
+    for parent in reversed(path.relative_to(folder).parents[:-1]):
+        (folder / parent).mkdir(exist_ok=True)
+
+
 def _checked(opened: zipfile.ZipFile, max_bytes: int, free: int) -> list[zipfile.ZipInfo]:
+    _name(opened.infolist())
     members = [
         member
         for member in opened.infolist()
@@ -78,6 +89,17 @@ def _checked(opened: zipfile.ZipFile, max_bytes: int, free: int) -> list[zipfile
             raise PocketGSError(f"holds {short(member.filename)} twice")
         known.add(plain)
     return members
+
+
+def _name(members: list[zipfile.ZipInfo]) -> None:
+    """Give members the names that were meant, where programs write others than the format asks for."""
+    for member in members:
+        if not member.flag_bits & _IS_UTF8:
+            with suppress(UnicodeError):  # then they are what the format says: code page 437
+                member.filename = member.filename.encode("cp437").decode("utf-8")
+    if not any("/" in member.filename for member in members):
+        for member in members:  # an old program on Windows: it separates folders by backslashes
+            member.filename = member.filename.replace("\\", "/")
 
 
 def _check(member: zipfile.ZipInfo) -> None:

@@ -57,7 +57,8 @@ class Entry:
         title: the user's.
         kind: of its files.
         files: what was, or is to be, uploaded.
-        effort: of training.
+        effort: of training: of the last run, or the next one if there was none.
+        anew: effort of the next run if that is to begin anew; empty if it goes on where the last one ended.
         created: when the upload began, in seconds since 1970, as all times here.
         state: see `State`.
         queued: when it was put into the queue.
@@ -77,6 +78,7 @@ class Entry:
     state: State = "uploading"
     queued: float = 0.0
     message: str = ""
+    anew: str = ""
     begun: float = 0.0
     flags: tuple[str, ...] = ()
     process: Process | None = None
@@ -113,6 +115,7 @@ def read_entry(path: Path) -> Entry:
         state=_one_of(fields, "state", get_args(State)),
         queued=fields.number("queued"),
         message=str(fields.values.get("message", "")),
+        anew=str(fields.values.get("anew", "")),
         begun=fields.number("begun"),
         flags=tuple(fields.optional_texts("flags") or ()),
         process=_process(Fields(process, f"{path}, process")) if isinstance(process, dict) else None,

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,13 +18,12 @@ from aiohttp import ClientSession
 from pocketgs.errors import USER_ERROR, PocketGSError
 from pocketgs.files.manifest import PRIVATE
 from pocketgs.serve import child
-from pocketgs.serve.entry import Entry
+from pocketgs.serve.checking import Check
+from pocketgs.serve.entry import Entry, State
 from pocketgs.serve.outcome import can_go_on, is_complete, plain_message
 from pocketgs.serve.shelf import LOG, RESULT, THUMBNAIL, Shelf, input_of
 from pocketgs.serve.thumbnail import show_rendering
 from pocketgs.serve.training import Training
-
-SECONDS_TO_CHECK = 900.0
 
 
 class Queue:
@@ -39,16 +38,17 @@ class Queue:
     def __init__(self, shelf: Shelf, flags: Mapping[str, tuple[str, ...]], max_bytes: int) -> None:
         self._shelf, self._flags, self._max_bytes = shelf, flags, max_bytes
         self._news = asyncio.Condition()
-        self._current: tuple[str, Training] | None = None
-        self._unwanted: set[str] = set()
+        self._work: dict[str, Check | Training] = {}
+        self._held: set[str] = set()
 
     def running(self, identity: str) -> Training | None:
         """The run of a capture, if it is the one that goes on."""
-        return self._current[1] if self._current and self._current[0] == identity else None
+        work = self._work.get(identity)
+        return work if isinstance(work, Training) else None
 
     def waiting(self) -> list[Entry]:
         """The captures that wait to be trained, the next one first."""
-        return sorted(self._in_state("queued"), key=lambda entry: entry.queued)
+        return self._in_state("queued")
 
     async def tell(self) -> None:
         """Look at the shelf again: something on it has changed."""
@@ -56,30 +56,46 @@ class Queue:
             self._news.notify_all()
 
     async def enqueue(self, entry: Entry) -> None:
-        """Put a capture at the end of the queue; it goes on where its last run ended, if `begun` says when."""
+        """Put a capture at the end of the queue."""
         self._shelf.save(replace(entry, state="queued", queued=time.time(), message=""))
         await self.tell()
+
+    async def check_again(self, entry: Entry) -> None:
+        """Check a capture again that was unusable, such as for want of room on the disk."""
+        try:
+            self._shelf.save(replace(entry, state="checking", message=""))
+        finally:  # on a full disk too: the shelf knows it in memory
+            await self.tell()
 
     async def stop(self, entry: Entry) -> None:
         """Stop a capture's run, which keeps what was trained, if anything; or take it out of the queue."""
         run = self.running(entry.id)
         if run is None:
             if entry.state == "queued":
-                self._shelf.save(replace(entry, state="stopped"))
+                self._shelf.save(replace(entry, state="stopped", anew=""))
             return
-        self._unwanted.add(entry.id)
+        run.is_unwanted = True
         await (run.keep() if run.progress.get("iteration") else self._end(entry.id, run, child.GRACE))
 
-    async def drop(self, entry: Entry) -> None:
-        """Forget what is being done with a capture, before it is moved: its run ends at once."""
-        self._unwanted.add(entry.id)
-        if run := self.running(entry.id):
-            await self._end(entry.id, run, grace=0.0)
+    @asynccontextmanager
+    async def held(self, entry: Entry) -> AsyncIterator[None]:
+        """End at once what is being done with a capture, and begin nothing with it while the block moves it.
 
-    async def _end(self, identity: str, run: Training, grace: float) -> None:
-        """End a run, even one that is just being started, and wait until the queue knows."""
-        while self.running(identity) is run:
-            await run.end(grace)
+        Its state is then the one before, so that what was ended begins again if the capture comes back.
+        """
+        self._held.add(entry.id)
+        try:
+            if work := self._work.get(entry.id):
+                await self._end(entry.id, work, grace=0.0)
+            yield
+        finally:
+            self._held.discard(entry.id)
+            await self.tell()
+
+    async def _end(self, identity: str, work: Check | Training, grace: float) -> None:
+        """End a check or a run, even one that is just being started, and wait until the queue knows."""
+        while self._work.get(identity) is work:
+            await (work.end(grace) if isinstance(work, Training) else work.end())
             await asyncio.sleep(0.02)
 
     async def recover(self) -> None:
@@ -96,72 +112,70 @@ class Queue:
     async def check_uploads(self) -> None:
         """Check complete uploads, until cancelled."""
         while True:
-            for entry in self._in_state("checking"):
-                try:
-                    await self._check(entry)
-                except Exception as error:  # whatever it is, other captures wait
-                    self._note(entry.id, state="unusable", message=_reason(error))
-                await self.tell()
-            async with self._news:
-                await self._news.wait_for(lambda: self._in_state("checking"))
+            entry = await self._next("checking")
+            try:
+                await self._check(entry)
+            except Exception as error:  # whatever it is, other captures wait
+                self._note(entry.id, state="unusable", message=_reason(error))
+            await self.tell()
 
     async def train_queued(self) -> None:
         """Train what is queued, until cancelled: then the run that goes on is ended, and queued again."""
         async with ClientSession() as client:
             while True:
-                async with self._news:
-                    await self._news.wait_for(self.waiting)
-                entry = self.waiting()[0]
+                entry = await self._next("queued")
                 try:
                     await self._train(entry, client)
                 except Exception as error:  # whatever it is, other captures wait
                     self._note(entry.id, state="failed", message=_reason(error), process=None)
 
+    async def _next(self, state: State) -> Entry:
+        """Wait for a capture in a state, and return the one that has waited longest."""
+
+        def found() -> list[Entry]:
+            return [entry for entry in self._in_state(state) if entry.id not in self._held]
+
+        async with self._news:
+            await self._news.wait_for(found)
+        return found()[0]
+
     async def _check(self, entry: Entry) -> None:
-        place = self._shelf.place(entry)
-        self._unwanted.discard(entry.id)
-        arguments = ("pocketgs.serve.intake", str(place), str(self._max_bytes))
-        process = await child.start(arguments, self._shelf.folder / PRIVATE)
+        place, check = self._shelf.place(entry), Check()
+        self._work[entry.id] = check
         try:
-            said, _ = await asyncio.wait_for(process.communicate(), SECONDS_TO_CHECK)
-        except asyncio.TimeoutError:
-            self._note(entry.id, state="unusable", message="checking it took too long")
-            return
+            status, said = await check.run(place, self._max_bytes, self._shelf.folder / PRIVATE)
         finally:
-            if process.returncode is None:
-                process.kill()
-                await process.wait()
-        if entry.id in self._unwanted:
-            return  # it was moved meanwhile: if it has come back, it is checked again
-        if process.returncode == 0:
+            del self._work[entry.id]
+        if entry.id in self._held:
+            return  # it was cut off: when the capture has come back, it is checked again
+        if status == 0:
             self._note(entry.id, state="queued", queued=time.time())
             return
-        lines = said.decode(errors="replace").strip().splitlines() or [""]
-        is_said = process.returncode == USER_ERROR
-        message = lines[-1] if is_said else f"checking it ended with status {process.returncode}"
+        message = said if status == USER_ERROR else f"checking it ended with status {status}"
         self._note(entry.id, state="unusable", message=plain_message(message, entry, place))
 
     async def _train(self, entry: Entry, client: ClientSession) -> None:
-        if entry.effort not in self._flags:
-            raise PocketGSError(f"effort {entry.effort!r}, expected one of {', '.join(self._flags)}")
-        place, flags, run = self._shelf.place(entry), self._flags[entry.effort], Training(client)
-        goes_on = flags == entry.flags and can_go_on(place / RESULT, entry.begun)
+        effort = entry.anew or entry.effort
+        if effort not in self._flags:
+            raise PocketGSError(f"effort {effort!r}, expected one of {', '.join(self._flags)}")
+        place, flags, run = self._shelf.place(entry), self._flags[effort], Training(client)
+        goes_on = not entry.anew and flags == entry.flags and can_go_on(place / RESULT, entry.begun)
         begun = entry.begun if goes_on else time.time()
-        self._current = (entry.id, run)
-        self._unwanted.discard(entry.id)
-        self._note(entry.id, state="training", begun=begun, flags=flags, message="")
+        self._work[entry.id] = run
         try:
+            self._note(entry.id, state="training", effort=effort, anew="", begun=begun, flags=flags, message="")
             resumed = ("--resume",) if goes_on else ()
             await run.start(input_of(place, entry), place / RESULT, (*flags, *resumed), self._shelf.folder / PRIVATE)
             self._note(entry.id, process=run.process)
             status = await run.finish(place / LOG)
             await self._conclude(entry, status, run, place)
-        except asyncio.CancelledError:
-            await run.end()
-            self._note(entry.id, state="queued", process=None)
+        except BaseException as error:
+            await run.end()  # nobody follows it any more: it would train beside the next one
+            if isinstance(error, asyncio.CancelledError):
+                self._note(entry.id, state="queued", process=None)
             raise
         finally:
-            self._current = None
+            del self._work[entry.id]
 
     async def _conclude(self, entry: Entry, status: int, run: Training, place: Path) -> None:
         """Say how a run has ended."""
@@ -169,7 +183,9 @@ class Queue:
             with suppress(PocketGSError):
                 await asyncio.to_thread(show_rendering, place / THUMBNAIL, place / RESULT)
             self._note(entry.id, state="trained", process=None)
-        elif entry.id in self._unwanted:
+        elif entry.id in self._held:
+            self._note(entry.id, state="queued", process=None)
+        elif run.is_unwanted:
             self._note(entry.id, state="stopped", process=None)
         else:
             message = plain_message(run.last_words, entry, place)
@@ -177,8 +193,10 @@ class Queue:
                 message = f"training ended with status {status}; it said last: {message or 'nothing'}"
             self._note(entry.id, state="failed", message=message, process=None)
 
-    def _in_state(self, state: str) -> list[Entry]:
-        return [entry for entry in self._shelf.entries.values() if entry.state == state]
+    def _in_state(self, state: State) -> list[Entry]:
+        """Captures in a state, the one that has waited longest first."""
+        found = [entry for entry in self._shelf.entries.values() if entry.state == state]
+        return sorted(found, key=lambda entry: entry.queued)
 
     def _note(self, identity: str, **changes: Any) -> None:
         """Change what is known of a capture, unless it was deleted. A full disk does not stop the queue."""

@@ -25,7 +25,7 @@ from pocketgs.serve.declaration import (
 )
 from pocketgs.serve.downloads import SUFFIXES as DOWNLOADS
 from pocketgs.serve.downloads import disposition, scene_file
-from pocketgs.serve.entry import Entry
+from pocketgs.serve.entry import Entry, State
 from pocketgs.serve.pages import Pages
 from pocketgs.serve.pieces import MAX_PIECE
 from pocketgs.serve.queue import Queue
@@ -81,6 +81,7 @@ def shelf_application(access: Access, shelf: Shelf, queue: Queue, bounds: Bounds
         "/captures/{id}/rename": routes.rename,
         "/captures/{id}/train": routes.train,
         "/captures/{id}/go-on": routes.go_on,
+        "/captures/{id}/check": routes.check,
         "/captures/{id}/stop": routes.stop,
         "/captures/{id}/delete": routes.delete,
         "/captures/{id}/restore": routes.restore,
@@ -186,9 +187,10 @@ class _Routes:
         offset = request.query.get("offset", "")
         if not (offset.isascii() and offset.isdigit() and len(offset) < 16):
             raise RefusedError(400, "expected the piece's offset in bytes")
+        identity, number = request.match_info["id"], int(request.match_info["number"])
+        self._uploads.unfinished(identity, number)  # before the piece is read, which nobody may want any more
         piece = await _body_of(request)
-        number = int(request.match_info["number"])
-        return send_json({"received": await self._uploads.put(request.match_info["id"], number, int(offset), piece)})
+        return send_json({"received": await self._uploads.put(identity, number, int(offset), piece)})
 
     async def rename(self, request: web.Request) -> web.StreamResponse:
         said = await _json_of(request)
@@ -200,11 +202,15 @@ class _Routes:
         said = await _json_of(request)
         effort = checked_effort(said.get("effort") if isinstance(said, dict) else None, self._bounds)
         entry = self._idle(request)
-        await self._queue.enqueue(replace(entry, effort=effort, begun=0.0))
+        await self._queue.enqueue(replace(entry, anew=effort))
         return send_json({})
 
     async def go_on(self, request: web.Request) -> web.StreamResponse:
-        await self._queue.enqueue(self._idle(request))
+        await self._queue.enqueue(replace(self._idle(request), anew=""))
+        return send_json({})
+
+    async def check(self, request: web.Request) -> web.StreamResponse:
+        await self._queue.check_again(self._in_state(request, "unusable"))
         return send_json({})
 
     async def stop(self, request: web.Request) -> web.StreamResponse:
@@ -212,13 +218,8 @@ class _Routes:
         return send_json({})
 
     async def delete(self, request: web.Request) -> web.StreamResponse:
-        was_training = self._entry(request).state == "training"
-        await self._queue.drop(self._entry(request))
-        # Nothing waits from here to the move, so the queue does not take it up again in between.
-        entry = self._entry(request)
-        if was_training and entry.state == "stopped":
-            entry = self._shelf.save(replace(entry, state="queued"))
-        self._shelf.delete(entry)
+        async with self._queue.held(self._entry(request)):
+            self._shelf.delete(self._entry(request))
         return send_json({})
 
     async def restore(self, request: web.Request) -> web.StreamResponse:
@@ -241,8 +242,11 @@ class _Routes:
 
     def _idle(self, request: web.Request) -> Entry:
         """A capture that was checked, and neither waits nor trains."""
+        return self._in_state(request, "trained", "failed", "stopped")
+
+    def _in_state(self, request: web.Request, *states: State) -> Entry:
         entry = self._entry(request)
-        if entry.state not in ("trained", "failed", "stopped"):
+        if entry.state not in states:
             raise RefusedError(409, f"{entry.title} is {entry.state}")
         return entry
 

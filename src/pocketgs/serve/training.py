@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import re
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from aiohttp import ClientError, ClientSession, ClientTimeout, ClientWebSocketResponse
 
@@ -25,6 +26,9 @@ class Training:
 
     Args:
         client: to ask its page with.
+
+    Attributes:
+        is_unwanted: whether the user has stopped it.
     """
 
     def __init__(self, client: ClientSession) -> None:
@@ -34,6 +38,7 @@ class Training:
         self.address: str | None = None
         self.progress: dict[str, Any] = {"stage": "starting", "iteration": 0}
         self.last_words = ""
+        self.is_unwanted = False
 
     async def start(self, capture: Path, result: Path, flags: Sequence[str], folder: Path) -> None:
         """Start the run.
@@ -93,7 +98,7 @@ class Training:
         """Write what the run prints to a file, except the address of its page."""
         assert self._child
         assert self._child.stdout
-        with log.open("wb") as file:
+        with _opened(log) as file:
             while line := await _line(self._child.stdout):
                 text = line.decode(errors="replace").strip()
                 if found := ADDRESS.match(text):
@@ -102,7 +107,6 @@ class Training:
                     self.last_words = text
                     with suppress(OSError):  # a full disk must not end a run that may need no more of it
                         file.write(line)
-                        file.flush()
 
     async def _look(self) -> None:
         """Ask the run's page how far it is, again and again."""
@@ -112,6 +116,14 @@ class Training:
                 with suppress(ClientError, OSError, asyncio.TimeoutError, ValueError):
                     async with self._client.get(f"{self.address}progress.json", timeout=ANSWER) as answer:
                         self.progress = await answer.json()
+
+
+def _opened(log: Path) -> BinaryIO:
+    """A file to write to; one that keeps nothing if it cannot be opened, since no run must end for its log."""
+    try:
+        return log.open("wb", buffering=0)
+    except OSError:
+        return open(os.devnull, "wb", buffering=0)
 
 
 async def _line(stream: asyncio.StreamReader) -> bytes:

@@ -53,6 +53,21 @@ class Uploads:
         self._shelf.add(entry)
         return entry
 
+    def unfinished(self, identity: str, number: int) -> Entry:
+        """The capture that expects pieces of a file.
+
+        Args:
+            identity: of the capture.
+            number: of the file, from 1.
+
+        Raises:
+            RefusedError: there is none.
+        """
+        entry = self._shelf.entries.get(identity)
+        if entry is None or entry.state != "uploading" or not 1 <= number <= len(entry.files):
+            raise RefusedError(404, "no such upload: it is complete, or was deleted")
+        return entry
+
     async def put(self, identity: str, number: int, offset: int, piece: bytes) -> int:
         """Write a piece of a file; returns how many bytes of it have arrived.
 
@@ -65,9 +80,9 @@ class Uploads:
         Raises:
             RefusedError: it does not belong there, or the disk is full.
         """
-        self._unfinished(identity, number)  # before there is a lock for it
+        self.unfinished(identity, number)  # before there is a lock for it
         async with self._writing[identity]:
-            entry = self._unfinished(identity, number)
+            entry = self.unfinished(identity, number)
             self._last_piece[identity] = time.monotonic()
             file = entry.files[number - 1]
             path = self._shelf.place(entry) / UPLOAD / file.stored
@@ -79,12 +94,6 @@ class Uploads:
                 raise RefusedError(500, f"{file.name} cannot be written ({error.strerror or error})") from error
             await self._complete(identity)
             return received
-
-    def _unfinished(self, identity: str, number: int) -> Entry:
-        entry = self._shelf.entries.get(identity)
-        if entry is None or entry.state != "uploading" or not 1 <= number <= len(entry.files):
-            raise RefusedError(404, "no such upload: it is complete, or was deleted")
-        return entry
 
     async def _complete(self, identity: str) -> None:
         """Hand a capture to the queue if all of it has arrived, unless it was deleted meanwhile."""

@@ -72,6 +72,8 @@ function update(element, capture, isHere, stays) {
     }
     setAttribute(part(".picture"), "aria-label", isOpen ? `Open ${title}` : null);
     part(".open").hidden = !isOpen;
+    setAttribute(part("progress"), "aria-label", `Progress of ${title}`);
+    setAttribute(part(".more"), "aria-label", `More about ${title}`);
     setText(part(".open"), state === "training" ? "Watch" : "Open");
     const [action, label] = actionOf(capture, isHere);
     part(".act").hidden = action === null;
@@ -86,6 +88,9 @@ function actionOf({ state, active, progress, effort, result }, isHere) {
     }
     if (state === "training") {
         return ["stop", progress?.iteration ? "Stop and keep" : "Cancel"];
+    }
+    if (state === "unusable") {
+        return ["check", "Check again"];
     }
     if (state === "failed" || (state === "stopped" && result === null)) {
         return [`train-${effort}`, state === "failed" ? "Try again" : "Train"];

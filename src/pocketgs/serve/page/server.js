@@ -23,13 +23,15 @@ export function tell(path, content = {}) {
     return answered(fetch(path, { method: "POST", body: JSON.stringify(content) }));
 }
 
-/** @type {(path: string, piece: Blob, signal: AbortSignal) => Promise<Object>} */
+/** @type {(path: string, piece: ArrayBuffer, signal: AbortSignal) => Promise<Object>} */
 export function put(path, piece, signal) {
     return answered(fetch(path, { method: "PUT", body: piece, signal }));
 }
 
 async function answered(promise) {
-    const response = await promise;
+    const response = await promise.catch((error) => {
+        throw error instanceof TypeError ? new Error("the computer does not answer") : error;
+    });
     const content = await response.json().catch(() => ({}));
     if (!response.ok) {
         throw new RefusedError(response.status, content);

@@ -5,7 +5,7 @@
  * @module
  */
 
-import { put, RefusedError } from "./server.js";
+import { ask, put, RefusedError } from "./server.js";
 
 const PIECE_BYTES = 1 << 21;
 /** How much is sent again where an upload goes on: the server compares it, and so knows that it is the same file. */
@@ -27,10 +27,20 @@ export class Upload {
         this.#pairs = pairs;
     }
 
-    /** Send everything. @throws {RefusedError} the server takes no more of it */
+    /** Send everything, unless it is cancelled. @throws {Error} the server takes no more of it, or a file is gone */
     async send() {
-        for (const [stated, file] of this.#pairs) {
-            await this.#sendFile(stated, file);
+        try {
+            for (const [stated, file] of this.#pairs) {
+                await this.#sendFile(stated, file);
+            }
+        } catch (error) {
+            if (this.#cancelled.signal.aborted) {
+                return;
+            }
+            if (!(error instanceof RefusedError && error.status === 404)) {
+                throw error;
+            }
+            await ask(`captures/${this.#id}/files.json`); // it is complete; or was deleted, which this says
         }
     }
 
@@ -41,16 +51,14 @@ export class Upload {
     async #sendFile({ number, received }, file) {
         let at = received < file.size ? Math.max(0, received - OVERLAP_BYTES) : file.size;
         for (let failures = 0; at < file.size; ) {
+            // Read before it is sent: to `fetch`, a file that is gone is the same as a broken connection.
+            const piece = await contentOf(file, at);
             try {
                 const path = `captures/${this.#id}/files/${number}?offset=${at}`;
-                const piece = file.slice(at, at + PIECE_BYTES);
                 at = (await put(path, piece, this.#cancelled.signal)).received;
                 failures = 0;
             } catch (error) {
-                if (this.#cancelled.signal.aborted || (error instanceof RefusedError && error.status === 404)) {
-                    return; // deleted
-                }
-                if (error instanceof RefusedError && error.facts.received === undefined) {
+                if (this.#cancelled.signal.aborted || isFinal(error)) {
                     throw error;
                 }
                 at = error.facts?.received ?? at;
@@ -58,6 +66,20 @@ export class Upload {
             }
         }
     }
+}
+
+/** @type {(file: File, at: number) => Promise<ArrayBuffer>} */
+async function contentOf(file, at) {
+    try {
+        return await file.slice(at, at + PIECE_BYTES).arrayBuffer();
+    } catch {
+        throw new Error(`${file.name} cannot be read any more: choose the same files again`);
+    }
+}
+
+/** Whether the server takes nothing more; false if the same, or what it has not received yet, may be sent again. */
+function isFinal(error) {
+    return error instanceof RefusedError && error.status !== 408 && error.facts.received === undefined;
 }
 
 /**

@@ -59,6 +59,9 @@ function trainingText(progress) {
     if (!progress?.iteration || progress.finished) {
         return progress?.stage ?? "starting";
     }
+    if (progress.paused) {
+        return `paused at ${progress.iteration} of ${progress.iterations}: open Watch to resume`;
+    }
     const left = progress.seconds_left;
     const duration = left < 90 ? `${Math.ceil(left)}\u00a0s` : `${Math.round(left / 60)}\u00a0min`;
     const time = left > 0 ? `, ${duration} left` : "";
