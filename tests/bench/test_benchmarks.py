@@ -28,7 +28,7 @@ ON_THE_GPU = {
     "webgpu_sweep": "--width 64 --height 48 --hypotheses 16 --repeats 1",
 }
 LEFT_OUT = {"torch_step", "gsplat_simple_trainer", "gsplat_strategies", "splatfacto"}
-PARTS_OF_OTHERS = {"medians", "webgpu_roofline", "webgpu_tables", "webgpu_work"}
+PARTS_OF_OTHERS = {"medians", "pairs", "webgpu_roofline", "webgpu_tables", "webgpu_work"}
 
 
 def table_of(name: str, options: str) -> str:
