@@ -18,7 +18,7 @@ def clean_walk() -> Capture:
 
 @pytest.fixture(scope="session")
 def clean_structure(clean_walk: Capture) -> Structure:
-    """What the training frames of `clean_walk` see, all of them being keyframes."""
+    """Points seen by the training frames of `clean_walk`, all of which are keyframes."""
     structure = build_structure(clean_walk.train, estimate_scale(clean_walk), StructureSettings())
     assert structure is not None
     return structure

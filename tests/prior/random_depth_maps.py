@@ -19,3 +19,10 @@ def random_views(seed: int) -> Views:
     intrinsics = np.array([(12.0, 13.0, width / 2, height / 2 + 1) for height, width in sizes])
     rotations, translations = np.array([p[:3, :3] for p in poses]), np.array([p[:3, 3] for p in poses])
     return Views(depths, intrinsics, sizes, rotations, translations, np.array([1e-4, 0.005, 0.001]))
+
+
+def with_copy(views: Views, apart: float) -> Views:
+    """The same, but the second view looks as the first does, from a place beside it."""
+    rotations, translations = views.rotations.copy(), views.translations.copy()
+    rotations[1], translations[1] = rotations[0], translations[0] + [apart, 0, 0]
+    return views._replace(rotations=rotations, translations=translations)

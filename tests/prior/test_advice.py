@@ -85,5 +85,5 @@ def test_axes_that_meet_in_the_camera_say_nothing_of_distance(small_capture: Cap
         pose = frame.camera.world_to_camera.copy()
         pose[:3, 3] = -pose[:3, :3] @ eye
         turned.append(replace(frame, camera=replace(frame.camera, world_to_camera=pose)))
-    scale = estimate_scale(replace(small_capture, train=turned, metric=metric))
+    scale = estimate_scale(replace(small_capture, train=turned, points=None, metric=metric))
     assert scale.distance == (METRIC_DISTANCE if metric else 1.0)

@@ -1,4 +1,4 @@
-"""What the prior's report says to users."""
+"""The prior's report."""
 
 from __future__ import annotations
 

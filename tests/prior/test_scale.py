@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from pocketgs.capture.capture import Capture, Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.prior.scale import METRIC_DISTANCE, estimate_scale
+from pocketgs.scene.point_cloud import PointCloud
 
 FOCUS = np.array([1.0, 2.0, 3.0])
 
@@ -65,16 +67,50 @@ def test_cameras_that_look_apart_are_given_a_room_in_metres() -> None:
     assert estimate_scale(capture_of(ring(3.0, outwards=True), metric=True)).distance == METRIC_DISTANCE
 
 
-@pytest.mark.parametrize("metric", [False, True])
-@pytest.mark.parametrize(
-    "cameras",
-    [
-        ring(3.0)[:1],
-        [camera_at(np.array([x, 0.0, 0.0]), np.array([x, 5.0, 0.0])) for x in (0.0, 1.0, 2.0)],
-        [camera_at(FOCUS, FOCUS + offset) for offset in np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])],
+WITHOUT_A_FOCUS = {
+    "one camera": ring(3.0)[:1],
+    "parallel axes": [camera_at(np.array([x, 0.0, 0.0]), np.array([x, 5.0, 0.0])) for x in (0.0, 1.0, 2.0)],
+    "one place": [
+        camera_at(FOCUS, FOCUS + offset) for offset in np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
     ],
-    ids=["one camera", "parallel axes", "one place"],
-)
+    "outwards": ring(3.0, outwards=True),
+}
+"""Cameras whose optical axes say nothing about the scene."""
+
+
+def before(cameras: Sequence[Camera], depth: float) -> PointCloud:
+    """Points at a depth in the images of all cameras, and one behind each, farther away."""
+    pixels = np.random.default_rng(0).uniform((4, 4), (60, 44), (30, 2))
+    seen = [camera.centre + depth * camera.rays(pixels) for camera in cameras]
+    behind = [[camera.centre - 1000 * camera.forward] for camera in cameras]
+    positions = np.concatenate([*seen, *behind])
+    return PointCloud(positions, np.zeros_like(positions))
+
+
+@pytest.mark.parametrize("depth", [0.2, 40.0])
+@pytest.mark.parametrize("cameras", WITHOUT_A_FOCUS.values(), ids=WITHOUT_A_FOCUS)
+def test_where_axes_say_nothing_the_captures_own_points_do(cameras: list[Camera], depth: float) -> None:
+    scale = estimate_scale(replace(capture_of(cameras), points=before(cameras, depth)))
+    assert scale.distance == pytest.approx(depth, rel=1e-3)
+    assert scale.unit == scale.distance
+
+
+def test_points_do_not_count_where_axes_meet_or_lengths_are_metres() -> None:
+    points = before(ring(3.0), 20.0)
+    assert estimate_scale(replace(capture_of(ring(3.0)), points=points)).distance == pytest.approx(3.0)
+    for cameras in WITHOUT_A_FOCUS.values():
+        capture = capture_of(cameras, metric=True)
+        assert estimate_scale(replace(capture, points=before(cameras, 20.0))) == estimate_scale(capture)
+
+
+def test_points_that_no_camera_sees_tell_nothing() -> None:
+    cameras = WITHOUT_A_FOCUS["parallel axes"]
+    unseen = PointCloud(np.array([[0.0, -9.0, 0.0]]), np.zeros((1, 3)))
+    assert estimate_scale(replace(capture_of(cameras), points=unseen)) == estimate_scale(capture_of(cameras))
+
+
+@pytest.mark.parametrize("metric", [False, True])
+@pytest.mark.parametrize("cameras", WITHOUT_A_FOCUS.values(), ids=WITHOUT_A_FOCUS)
 def test_what_tells_nothing_still_gives_a_positive_scale(cameras: list[Camera], metric: bool) -> None:
     scale = estimate_scale(capture_of(cameras, metric=metric))
     assert np.isfinite([scale.distance, scale.unit]).all()

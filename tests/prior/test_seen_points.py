@@ -1,4 +1,4 @@
-"""What frames see: points of a cloud, or of sweeps of small copies."""
+"""Points that frames see: of a cloud, or of sweeps of small copies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page's prior computes beside the passes is what Python's computes, number by number."""
+"""The page's prior computes the same numbers beside the passes as Python's."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ import pytest
 from pocketgs.capture import Capture, Frame
 from pocketgs.capture.frame_edits import downscaled
 from pocketgs.capture.synthetic import true_capture
-from pocketgs.prior.cloud.complete import completion
+from pocketgs.geometry.camera import Camera
+from pocketgs.prior.cloud import complete
+from pocketgs.prior.cloud.complete import MAX_SOURCE, completion
 from pocketgs.prior.cloud.cpu_merger import CpuMerger
 from pocketgs.prior.cloud.detail import detail
 from pocketgs.prior.cloud.merge import Candidates
@@ -21,12 +23,14 @@ from pocketgs.prior.depth.depth_range import DepthRange, depths_of, narrowed, wi
 from pocketgs.prior.depth.sensor_depth import completed
 from pocketgs.prior.depth.source_views import choose_source_views
 from pocketgs.prior.depth.sweep import DepthMap, SweepSettings, step_of
+from pocketgs.prior.depth.webgpu.comparison_inputs import other_records
 from pocketgs.prior.depth.webgpu.sweep_inputs import packed, source_records
 from pocketgs.prior.keyframes import KeyframeSettings, select_keyframes
 from pocketgs.prior.scale import estimate_scale
 from pocketgs.prior.seen_points import seen_points
 from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.training.planning.effort import QUICK_KEYFRAMES
+from prior.random_depth_maps import random_views, with_copy
 from static_site.given import TYPED, plain, plain_cloud, plain_frames
 
 Call = Callable[..., Any]
@@ -67,19 +71,42 @@ def test_resized_arrays(call: Call, after: tuple[int, int]) -> None:
         np.testing.assert_allclose(some, cv2.resize(values, after, interpolation=how).reshape(-1), atol=2e-5)
 
 
+@pytest.mark.parametrize("with_points", [False, True])
 @pytest.mark.parametrize("metric", [False, True])
-def test_distance_to_the_scene(call: Call, capture: Capture, metric: bool) -> None:
-    script = "return given.sets.map((cameras) => module.scaleOf(cameras, given.metric, settings));"
-    inwards = [frame.camera for frame in capture.train]
+def test_distance_to_the_scene(
+    call: Call, capture: Capture, frames: list[Frame], metric: bool, with_points: bool
+) -> None:
+    """By axes, and where those say nothing by the capture's own points or the spread of the cameras."""
+    script = (
+        TYPED
+        + """
+        const cloud = given.cloud && cloudOf(given.cloud);
+        return given.sets.map((frames) => {
+            return module.scaleOf({train: framesOf(frames), cloud, isMetric: given.metric}, settings);
+        });
+    """
+    )
     away = np.diag([1.0, -1.0, -1.0, 1.0])
-    outwards = [replace(camera, world_to_camera=away @ camera.world_to_camera) for camera in inwards]
-    sets = [inwards, outwards, inwards[:1], [inwards[0], inwards[0]]]
-    given = {"sets": [[plain(camera) for camera in cameras] for cameras in sets], "metric": metric}
-    for scale, cameras in zip(call("prior/scale.js", script, given), sets, strict=True):
-        posed = [replace(capture.train[0], camera=camera) for camera in cameras]
-        expected = estimate_scale(replace(capture, train=posed, metric=metric))
+    outwards = [away @ frame.camera.world_to_camera for frame in frames]
+    parallel, in_one_place = (np.tile(frames[0].camera.world_to_camera, (3, 1, 1)) for _ in range(2))
+    parallel[:, 0, 3] += [0.0, 0.2, 0.5]
+    sets = [
+        frames,
+        frames[:1],
+        *([posed(frame, pose) for frame, pose in zip(frames, poses, strict=False)] for poses in (outwards, parallel)),
+        [posed(frame, pose) for frame, pose in zip(frames, in_one_place, strict=False)],
+    ]
+    capture = replace(capture, points=cloud_of(capture) if with_points else None, metric=metric)
+    cloud = plain_cloud(cloud_of(capture)) if with_points else None
+    given = {"sets": [plain_frames(some) for some in sets], "cloud": cloud, "metric": metric}
+    for scale, some in zip(call("prior/scale.js", script, given), sets, strict=True):
+        expected = estimate_scale(replace(capture, train=some))
         assert scale["distance"] == pytest.approx(expected.distance, rel=1e-6)
         assert scale["unit"] == pytest.approx(expected.unit, rel=1e-6)
+
+
+def posed(frame: Frame, pose: np.ndarray) -> Frame:
+    return replace(frame, camera=replace(frame.camera, world_to_camera=pose))
 
 
 def test_points_that_frames_see(call: Call, capture: Capture, frames: list[Frame]) -> None:
@@ -103,7 +130,8 @@ def test_points_that_frames_see(call: Call, capture: Capture, frames: list[Frame
 def test_keyframes(call: Call, capture: Capture, frames: list[Frame], known: bool) -> None:
     points = seen_points(cloud_of(capture), frames) if known else [np.zeros((0, 3))] * len(frames)
     blurred = replace(frames[3], image=cv2.GaussianBlur(frames[3].image, (9, 9), 2))
-    frames = [*frames[:3], blurred, *frames[4:]]
+    copy = replace(frames[5], name="copy", image=cv2.GaussianBlur(frames[5].image, (5, 5), 1))
+    frames, points = [*frames[:3], blurred, *frames[4:], copy], [*points, points[5]]
     script = (
         TYPED
         + """
@@ -118,20 +146,45 @@ def test_keyframes(call: Call, capture: Capture, frames: list[Frame], known: boo
     for most, found in zip(mosts, call("prior/keyframes.js", script, given), strict=True):
         decisions = select_keyframes(frames, points, 2.5, KeyframeSettings(max_keyframes=most))
         assert found == [index for index, decision in enumerate(decisions) if decision.kept]
+        assert len(frames) - 1 not in found
 
 
-def test_source_views(call: Call, capture: Capture) -> None:
+@pytest.mark.parametrize("few", [False, True])
+def test_source_views(call: Call, capture: Capture, few: bool) -> None:
+    """With a copy of one view, which is no source view of that one even where there are few others."""
     points = seen_points(cloud_of(capture), capture.train)[4][:60]
     script = """
         const points = Float64Array.from(given.points);
         return given.cameras.map((_, i) => module.chooseSourceViews(i, given.cameras, points, settings.prior.sweep));
     """
-    cameras = [plain(frame.camera) for frame in capture.train]
+    frames = [*capture.train, replace(capture.train[4], name="copy")]
+    frames = frames[3:5] + frames[-1:] if few else frames
+    cameras = [plain(frame.camera) for frame in frames]
     found = call("prior/source_views.js", script, {"cameras": cameras, "points": points.reshape(-1).tolist()})
-    names = [frame.name for frame in capture.train]
-    for keyframe, chosen in zip(capture.train, found, strict=True):
-        expected = choose_source_views(keyframe, capture.train, points, SweepSettings())
+    names = [frame.name for frame in frames]
+    for keyframe, chosen in zip(frames, found, strict=True):
+        expected = choose_source_views(keyframe, frames, points, SweepSettings())
         assert [names[index] for index in chosen] == [frame.name for frame in expected]
+
+
+def test_views_to_compare(call: Call) -> None:
+    """With copies: by the depths up to which their agreement counts."""
+    script = """
+        const views = given.map(({camera, depth, step}) => ({camera, map: {depth: Float32Array.from(depth), step}}));
+        return views.map((_, view) => [...module.otherRecords(views, view, settings.prior.sweep.least_parallax)]);
+    """
+    for apart in (0.0, 0.0138, 0.02):
+        views = with_copy(random_views(0), apart)
+        given = []
+        for view, (height, width) in enumerate(views.sizes):
+            pose = np.eye(4)
+            pose[:3, :3], pose[:3, 3] = views.rotations[view], views.translations[view]
+            camera = Camera(int(width), int(height), *map(float, views.intrinsics[view]), pose)
+            depth = views.depths[view, :height, :width].reshape(-1).tolist()
+            given.append({"camera": plain(camera), "depth": depth, "step": float(views.steps[view])})
+        for view, found in enumerate(call("prior/comparison_inputs.js", script, given)):
+            expected = other_records(views, view)
+            np.testing.assert_allclose(np.reshape(found, expected.shape), expected, rtol=1e-5, atol=1e-6)
 
 
 def test_depth_ranges(call: Call, capture: Capture) -> None:
@@ -232,9 +285,17 @@ def test_merged_points(call: Call, pixels: int, count: int) -> None:
         np.testing.assert_allclose(values, getattr(expected, name), atol=1e-6)
 
 
-@pytest.mark.parametrize("given_points", [600, 30, 0])
-def test_completed_clouds(call: Call, capture: Capture, frames: list[Frame], given_points: int) -> None:
-    """A cloud with a hole is filled up from the capture's own points, and from the surroundings."""
+@pytest.mark.parametrize(("given_points", "looked_at"), [(600, MAX_SOURCE), (600, 70), (30, MAX_SOURCE), (0, 70)])
+def test_completed_clouds(
+    call: Call,
+    capture: Capture,
+    frames: list[Frame],
+    given_points: int,
+    looked_at: int,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A cloud with a hole is filled up from the capture's own points, or some of them, and from the surroundings."""
+    monkeypatch.setattr(complete, "MAX_SOURCE", looked_at)
     own = cloud_of(capture)
     part = own.select(np.flatnonzero(own.positions[:, 0] < np.median(own.positions[:, 0]))[:given_points])
     centre = capture.train[0].camera.centre
@@ -246,7 +307,7 @@ def test_completed_clouds(call: Call, capture: Capture, frames: list[Frame], giv
         + """
         const own = given.own ? cloudOf(given.own) : null;
         const {ViewCells} = await import(new URL("prior/coverage.js", location.href));
-        const { coverage } = settings.prior;
+        const coverage = {...settings.prior.coverage, max_source: given.looked_at};
         const views = new ViewCells(framesOf(given.frames), coverage);
         const { added, covered } = module.completion(cloudOf(given.cloud), views, own ? [own] : [], 2, 900, coverage);
         return [[added.positions, added.colours, added.directions].map((values) => [...values]), covered];
@@ -256,6 +317,7 @@ def test_completed_clouds(call: Call, capture: Capture, frames: list[Frame], giv
         "cloud": plain_cloud(cloud),
         "own": plain_cloud(rest) if rest else None,
         "frames": plain_frames(frames),
+        "looked_at": looked_at,
     }
     arrays, covered = call("prior/complete.js", script, given)
     expected = completion(cloud, frames, [rest] if rest else [], 2.0, 900)

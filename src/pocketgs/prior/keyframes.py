@@ -13,6 +13,7 @@ from pocketgs.capture.even_choice import evenly_chosen
 from pocketgs.capture.sharpness import sharpness
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
+from pocketgs.prior.parallax import LEAST_PARALLAX
 
 CELLS = 12
 """Number of cells along the longer side of a view; coverage is counted in cells."""
@@ -28,6 +29,9 @@ COARSER = 2.0
 
 WIDEST_ANGLE = np.radians(60)
 """Maximum angle between viewing directions for matching."""
+
+COPIED = 0.8
+"""One of two views at the same place is a copy if the other sees more than this share of its cells."""
 
 MAX_VIEWS = 300
 """Maximum number of frames to consider, evenly spaced: it bounds memory and time."""
@@ -80,7 +84,8 @@ def select_keyframes(
 
     Every view is divided into cells; sparse points give the rough distance of each cell. A keyframe sees a cell if the
     cell's middle projects into its image, is not occluded, and is not seen from too far away or from too different a
-    direction. Frames that are blurrier than their neighbours count less.
+    direction. Frames that are blurrier than their neighbours count less. Copies of a keyframe are left out: they tell
+    no depth together with it.
 
     Args:
         frames: the training frames, in capture order.
@@ -169,7 +174,7 @@ def _greedy(views: Sequence[_Cells], weights: np.ndarray, settings: KeyframeSett
     wanted = np.full(len(positions), settings.views)
     left = np.ones(len(views), bool)
     selected: list[tuple[int, float]] = []
-    while len(selected) < min(settings.max_keyframes, len(views)):
+    while left.any() and len(selected) < settings.max_keyframes:
         gains = seen @ (wanted > 0).astype(np.float32) / max(len(positions), 1)
         best = int(np.argmax(np.where(left, gains * weights, -1.0)))
         if len(selected) >= settings.views and gains[best] < settings.least_gain:
@@ -177,7 +182,23 @@ def _greedy(views: Sequence[_Cells], weights: np.ndarray, settings: KeyframeSett
         selected.append((best, float(gains[best])))
         wanted -= seen[best] > 0
         left[best] = False
+        left &= ~_copies(views[best], views, seen[best])
     return selected
+
+
+def _copies(view: _Cells, views: Sequence[_Cells], seen: np.ndarray) -> np.ndarray:
+    """(V,) bool: which views are in the same place as a view that sees most of what they see.
+
+    Args:
+        view: any view.
+        views: V views.
+        seen: (C,) whether it sees the cells of all of them.
+    """
+    counts = [len(other.positions) for other in views]
+    shared = np.bincount(np.repeat(np.arange(len(views)), counts), seen, len(views))
+    baselines = np.linalg.norm([other.camera.centre - view.camera.centre for other in views], axis=1)
+    near = baselines < LEAST_PARALLAX * np.median(view.depths)
+    return near & (shared > COPIED * np.array(counts))
 
 
 def _sees(view: _Cells, positions: np.ndarray, lengths: np.ndarray, rays: np.ndarray) -> np.ndarray:

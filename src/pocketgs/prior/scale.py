@@ -1,13 +1,16 @@
-"""The scale of the scene, estimated from the cameras alone."""
+"""The scale of the scene, estimated from the cameras, or from the capture's own points where those say nothing."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pocketgs.capture.capture import Capture
-from pocketgs.geometry.camera_geometry import GUESSED_DISTANCE, focus_point, looks_at
+from pocketgs.geometry.camera import Camera
+from pocketgs.geometry.camera_geometry import GUESSED_DISTANCE, MIN_CONVERGENCE, focus_point, looks_at
+from pocketgs.prior.seen_points import seen_points
 
 ONE_PLACE, ROUNDING = 1e-3, 1e-9
 """Metres, and share of the distance to the origin, within which cameras count as being in one place.
@@ -35,22 +38,58 @@ class Scale:
 def estimate_scale(capture: Capture) -> Scale:
     """The median distance from the training cameras to the point nearest to their optical axes.
 
-    If they face outwards or are in one place: 2 m, or if the capture is not metric a multiple of the cameras' spread; 1
-    if that is zero.
+    If the axes do not determine that point, as those of cameras that face outwards, are in one place or look the same
+    way: the median depth of the capture's own points that the cameras see. In metric captures, or without such points,
+    it is a guess: see `_guess`.
     """
     cameras = [frame.camera for frame in capture.train]
-    focus = focus_point(cameras)
-    centres = np.array([camera.centre for camera in cameras])
-    spread = float(np.sqrt(centres.var(axis=0).sum()))
-    within = ONE_PLACE if capture.metric else max(ROUNDING * float(np.abs(centres).max()), ROUNDING**2)
-    in_one_place = len(cameras) > 1 and spread <= within
-    if in_one_place and not capture.metric:
-        distance = 1.0
-    elif looks_at(cameras, focus) and not in_one_place:
-        distance = float(np.median(np.linalg.norm(centres - focus, axis=1)))
-    elif capture.metric:
-        distance = METRIC_DISTANCE
-    else:
-        distance = GUESSED_DISTANCE * spread
+    distance = None if capture.metric or _axes_meet(cameras) else _median_depth(capture)
+    if distance is None:
+        distance = _guess(cameras, capture.metric)
     distance = max(distance, np.finfo(np.float32).tiny)
     return Scale(distance, 1.0 if capture.metric else distance)
+
+
+def _axes_meet(cameras: Sequence[Camera]) -> bool:
+    """Whether the optical axes determine a point that the cameras look at; lengths are not metres."""
+    focus = focus_point(cameras)
+    forwards = np.array([camera.forward for camera in cameras])
+    smallest, _, largest = np.linalg.eigvalsh(np.eye(3) - forwards.T @ forwards / len(forwards))
+    return bool(smallest > MIN_CONVERGENCE * largest) and looks_at(cameras, focus) and not _in_one_place(cameras, False)
+
+
+def _median_depth(capture: Capture) -> float | None:
+    """Of the capture's own points that the training cameras see; None if they see none."""
+    if capture.points is None:
+        return None
+    seen = seen_points(capture.points, capture.train)
+    depths = np.concatenate([frame.camera.depths(some) for frame, some in zip(capture.train, seen, strict=True)])
+    return float(np.median(depths)) if len(depths) else None
+
+
+def _guess(cameras: Sequence[Camera], metric: bool) -> float:
+    """The distance from the cameras alone.
+
+    If they face outwards or are in one place: 2 m, or if lengths are not metres a multiple of the cameras' spread; 1 if
+    that is zero.
+    """
+    focus = focus_point(cameras)
+    in_one_place = _in_one_place(cameras, metric)
+    centres = np.array([camera.centre for camera in cameras])
+    if in_one_place and not metric:
+        return 1.0
+    if looks_at(cameras, focus) and not in_one_place:
+        return float(np.median(np.linalg.norm(centres - focus, axis=1)))
+    return METRIC_DISTANCE if metric else GUESSED_DISTANCE * _spread(centres)
+
+
+def _in_one_place(cameras: Sequence[Camera], metric: bool) -> bool:
+    """Whether several cameras are in one place."""
+    centres = np.array([camera.centre for camera in cameras])
+    within = ONE_PLACE if metric else max(ROUNDING * float(np.abs(centres).max()), ROUNDING**2)
+    return len(cameras) > 1 and _spread(centres) <= within
+
+
+def _spread(centres: np.ndarray) -> float:
+    """Root mean square of the distances of (N, 3) places from their mean."""
+    return float(np.sqrt(centres.var(axis=0).sum()))

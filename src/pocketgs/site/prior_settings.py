@@ -18,6 +18,7 @@ from pocketgs.prior.depth.webgpu.layout import MATCHED, MOST_BANDS, USABLE
 from pocketgs.prior.features import features, pairs, two_view
 from pocketgs.prior.features.tracks import REWEIGHTINGS, WIDEST_ANGLE
 from pocketgs.prior.features.webgpu import layout
+from pocketgs.prior.parallax import LEAST_PARALLAX
 from pocketgs.prior.poses import (
     absolute_pose,
     consensus,
@@ -173,6 +174,8 @@ def _keyframes() -> dict[str, Any]:
             "coarser": keyframes.COARSER,
             "widest_angle": float(keyframes.WIDEST_ANGLE),
             "max_views": keyframes.MAX_VIEWS,
+            "least_parallax": LEAST_PARALLAX,
+            "copied": keyframes.COPIED,
             "sharpness_side": REDUCED_SIDE,
         },
         "seen_points": {
@@ -202,6 +205,7 @@ def _depth() -> dict[str, Any]:
         "sweep": {
             **{name: float(value) for name, value in asdict(SweepSettings()).items()},
             "third_view": THIRD_VIEW,
+            "least_parallax": LEAST_PARALLAX,
             "baseline_spread": BASELINE_SPREAD,
             "min_points": depth_maps.MIN_POINTS,
             "max_points": depth_maps.MAX_POINTS,
@@ -248,5 +252,6 @@ def _cloud() -> dict[str, Any]:
             "largest": coverage.LARGEST,
             "missing_share": complete.MISSING_SHARE,
             "max_added_share": complete.MAX_ADDED_SHARE,
+            "max_source": complete.MAX_SOURCE,
         },
     }

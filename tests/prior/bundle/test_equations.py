@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from pocketgs.prior.bundle.problem import by_point, first_estimate
 from pocketgs.prior.bundle.reprojection import COLUMNS, Estimate, linearise, weigh
-from pocketgs.prior.bundle.schur import MIN_DIAGONAL, point_steps, reduced_equations
+from pocketgs.prior.bundle.schur import (
+    MAX_SHARES,
+    MIN_DIAGONAL,
+    SHARE_BYTES,
+    point_steps,
+    reduced_equations,
+    share_count,
+)
 from prior.bundle_problem import make_problem
 
 
@@ -68,3 +77,21 @@ def test_reduced_equations_give_the_step_of_the_whole_system(repeated: bool) -> 
     np.testing.assert_allclose(camera_step, expected[:size], rtol=1e-6, atol=1e-9)
     moves = point_steps(sightings, estimate, huber, points, camera_step)
     np.testing.assert_allclose(moves.ravel(), expected[size:], rtol=1e-6, atol=1e-9)
+
+
+def test_memory_of_many_cameras_is_bounded() -> None:
+    """Every part of the points has a matrix of its own: with 400 cameras, 16 of them would take 740 MB."""
+    problem = make_problem(frames=400, points=40, views=3)
+    observations = problem.observations
+    sightings = by_point(problem.cameras, 40, observations, np.argsort(observations.point))
+    matrix_bytes = 8 * (6 * 400) ** 2
+    tracemalloc.start()
+    try:
+        reduced_equations(sightings, first_estimate(problem.cameras, problem.points), 3.0, 1e-3)
+        assert tracemalloc.get_traced_memory()[1] < SHARE_BYTES + 2 * matrix_bytes
+    finally:
+        tracemalloc.stop()
+
+
+def test_few_cameras_use_all_parts_and_many_at_least_one() -> None:
+    assert [share_count(cameras) for cameras in (1, 235, 236, 1000, 5000)] == [MAX_SHARES, MAX_SHARES, 15, 1, 1]

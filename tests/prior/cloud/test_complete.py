@@ -9,8 +9,10 @@ import pytest
 
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera, look_at
+from pocketgs.prior.cloud import complete
 from pocketgs.prior.cloud.complete import GUESSED_CONFIDENCE, MAX_ADDED_SHARE, completion, joined
 from pocketgs.prior.cloud.coverage import ViewCells, point_radii
+from pocketgs.prior.spread import spread
 from pocketgs.scene.point_cloud import PointCloud
 
 DISTANCE = 7.0
@@ -109,6 +111,19 @@ def test_other_sources_fill_only_what_is_bare() -> None:
     np.testing.assert_array_equal(found.added.confidences, 1)
 
 
+def test_of_large_sources_some_points_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same as of a source that has only those; and none is left out of one that is small enough."""
+    large, cloud = wall(200), with_hole(wall())
+    some = large.select(spread(len(large), 3000))
+    expected = completion(cloud, [frame()], [some], DISTANCE, 100_000).added
+    whole = completion(cloud, [frame()], [large], DISTANCE, 100_000).added
+    assert len(whole) > len(expected) + 500
+    monkeypatch.setattr(complete, "MAX_SOURCE", 3000)
+    for source in (large, some):
+        found = completion(cloud, [frame()], [source], DISTANCE, 100_000).added
+        np.testing.assert_array_equal(found.positions, expected.positions)
+
+
 def test_sources_that_are_seen_from_the_other_side_do_not_fill() -> None:
     """They are used, since there is nothing else, but what they do not cover is guessed."""
     behind = wall(60)
@@ -122,7 +137,7 @@ def test_sources_that_are_seen_from_the_other_side_do_not_fill() -> None:
 @pytest.mark.parametrize("cloud_size", [0, 3000, 10_000])
 @pytest.mark.parametrize("count", [50, 3000, 12_000])
 def test_never_more_points_than_there_may_be(cloud_size: int, count: int) -> None:
-    """What is added fits beside the cloud, or into the share of it that may be given up."""
+    """Added points fit beside the cloud, or into the share of it that may be dropped."""
     rng = np.random.default_rng(0)
     whole = with_hole(wall())
     cloud = whole.select(np.sort(rng.permutation(len(whole))[: min(cloud_size, count)]))

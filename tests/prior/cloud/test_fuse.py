@@ -12,13 +12,14 @@ from pocketgs import Camera, PointCloud
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.prior.cloud.cpu_merger import CpuMerger
-from pocketgs.prior.cloud.fuse import SHELL_EXTENT, FusionSettings, fuse
+from pocketgs.prior.cloud.fuse import SHELL_EXTENT, FusionSettings, fuse, views_of
 from pocketgs.prior.cloud.merge import Candidates
 from pocketgs.prior.depth.consistency import Views
 from pocketgs.prior.depth.cpu.consistency import compare_depths
 from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.sweep import DepthMap
-from prior.random_depth_maps import random_views
+from pocketgs.prior.parallax import LEAST_PARALLAX
+from prior.random_depth_maps import random_views, with_copy
 
 SETTINGS = FusionSettings()
 
@@ -57,10 +58,12 @@ def unprojected(camera: Camera, row: int, column: int, depth: float) -> np.ndarr
 
 
 def twin(views: Views, view: int, tolerance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What `compare_depths` promises, pixel by pixel."""
+    """The result by the definition of `compare_depths`, pixel by pixel."""
     cameras = cameras_of(views)
     height, width = views.sizes[view]
     agreeing, contradicting, footprints = np.zeros((3, height, width))
+    depths = views.depths[view, :height, :width]
+    typical = np.median(depths[depths > 0])
     for row, column in np.ndindex(height, width):
         depth = float(views.depths[view, row, column])
         if depth == 0:
@@ -74,9 +77,11 @@ def twin(views: Views, view: int, tolerance: float) -> tuple[np.ndarray, np.ndar
             theirs = views.depths[other, int(pixel[1]), int(pixel[0])]
             step = max(views.steps[view], views.steps[other])
             indistinct = max(0.5, min(1.0, step * distance)) * step * distance * theirs
+            baseline = np.linalg.norm(camera.centre - cameras[view].centre)
             if theirs > 0 and abs(distance - theirs) < max(tolerance * distance, indistinct):
-                agreeing[row, column] += 1
-                covered.append(distance / camera.fx)
+                if baseline >= LEAST_PARALLAX * min(depth, typical):
+                    agreeing[row, column] += 1
+                    covered.append(distance / camera.fx)
             elif theirs > distance:
                 contradicting[row, column] += 1
         footprints[row, column] = min(covered)
@@ -85,19 +90,46 @@ def twin(views: Views, view: int, tolerance: float) -> tuple[np.ndarray, np.ndar
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("tolerance", [0.01, 0.2])
-def test_comparison_is_that_of_the_twin(seed: int, tolerance: float) -> None:
-    views = random_views(seed)
+@pytest.mark.parametrize("apart", [None, 0.005, 0.0138, 0.02])
+def test_comparison_is_that_of_the_twin(seed: int, tolerance: float, apart: float | None) -> None:
+    """Of views from all around, and with two that are nearly the same: at a depth of 4, a baseline of 0.014 is enough.
+
+    One of 0.0138 is enough at a depth of 3.9.
+    """
+    views = with_copy(random_views(seed), apart) if apart else random_views(seed)
     for view in range(3):
         found, expected = compare_depths(views, view, tolerance), twin(views, view, tolerance)
         np.testing.assert_array_equal(found[0], expected[0])
         np.testing.assert_array_equal(found[1], expected[1])
         np.testing.assert_allclose(found[2], expected[2], rtol=1e-6)
-    if tolerance > 0.1:
+    if tolerance > 0.1 and not apart:
         assert all(twin(views, view, tolerance)[part].any() for view in range(3) for part in range(2))
 
 
+def test_a_copy_of_a_photograph_confirms_nothing() -> None:
+    """Two views have the same wrong depths of a wall, which nobody else sees."""
+    frame = wall_frame("first", np.array([0, 0, -4.0]), 64)
+    wrong = certain(np.full((64, 64), 2.0, np.float32))
+    for apart, confirmed in ((0.0, False), (0.001, False), (0.02, True)):
+        other = wall_frame("second", np.array([apart, 0, -4.0]), 64)
+        views = views_of([frame, other], [wrong, wrong])
+        assert np.all(compare_depths(views, 0, 0.01)[0][:, 1:] == confirmed)
+        confidences, _ = next(CpuStereo().compare(views, [wrong.margin] * 2, 0.01, SETTINGS.confidence))
+        assert np.all((confidences >= SETTINGS.confidence)[:, 1:] == confirmed)
+
+
+def test_the_background_is_confirmed_by_views_that_tell_the_distance_of_the_rest() -> None:
+    """A wall at 2 and, in a quarter of the view, something too far away for the baseline."""
+    depth = np.full((64, 64), 2.0, np.float32)
+    depth[:32, :32] = 900.0
+    eyes = np.array([[0.0, 0, -2], [0.1, 0, -2]])
+    frames = [wall_frame(f"{index}", eye, 64) for index, eye in enumerate(eyes)]
+    agreeing, _, _ = compare_depths(views_of(frames, [certain(depth)] * 2), 0, 0.01)
+    assert np.mean(agreeing[:30, 4:28]) == np.mean(agreeing[34:, 4:60]) == 1.0
+
+
 def test_hundreds_of_views_are_counted() -> None:
-    """One view at half the depth of 300 others, which agree with one another."""
+    """One view at half the depth of 300 others, 299 of which agree with the other from beside it."""
     depths = np.full((301, 2, 2), 4.0, np.float32)
     depths[0] = 2.0
     views = Views(
@@ -105,7 +137,7 @@ def test_hundreds_of_views_are_counted() -> None:
         np.tile([2.0, 2.0, 1.0, 1.0], (301, 1)),
         np.full((301, 2), 2),
         np.tile(np.eye(3), (301, 1, 1)),
-        np.zeros((301, 3)),
+        np.array([[0.0, 0, 0]] * 2 + [[0.05, 0, 0]] * 299),
         np.full(301, 1e-4),
     )
     assert np.all(compare_depths(views, 0, 0.01)[1] == 300)
@@ -131,7 +163,7 @@ def on_surface(cloud: PointCloud, frames: list[Frame]) -> np.ndarray:
 
 
 def projected(frame: Frame, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Which points a frame has in view, and their columns, rows and depths."""
+    """Points that a frame has in view, and their columns, rows and depths."""
     pixels, depth = frame.camera.project(positions)
     seen = (depth > 0) & np.all((pixels >= 0) & (pixels < frame.image.shape[1::-1]), axis=1)
     columns, rows = pixels[seen].astype(int).T

@@ -36,7 +36,7 @@ def turned(degrees: list[float], width: int = WIDTH, height: int = HEIGHT) -> np
 
 
 def twin(view: np.ndarray, among: SourceViews, inverse_depths: np.ndarray) -> np.ndarray:
-    """What `matching_costs` promises. In float32 as well: a census flips where two samples are all but alike."""
+    """The costs by the definition of `matching_costs`, also in float32: a census flips if two samples nearly agree."""
     height, width = view.shape
     own = census(np.pad(view, RADIUS, mode="edge"))
     costs = np.empty((height, width, len(inverse_depths)), np.uint8)

@@ -217,6 +217,8 @@ def test_references_are_those_of_the_best_baselines() -> None:
     # Those that tell nothing are not taken, however many are asked for.
     most = choose_source_views(keyframe, [keyframe, *poor, *good], AHEAD, replace(settings, source_views=9))
     assert [frame.name for frame in most] == ["right", "up", "near", "far"]
+    copies = [frame_at("copy", 0, 0, 0), frame_at("hardly moved", 0.01, 0, 0)]
+    assert choose_source_views(keyframe, [keyframe, *copies], AHEAD, settings) == []
     assert choose_source_views(keyframe, [keyframe], AHEAD, settings) == []
 
 

@@ -35,7 +35,7 @@ def numbered(*counts: int) -> list[Features]:
 
 
 def tracks_of(features: list[Features], matches: dict[tuple[int, int], list[tuple[int, int]]]) -> set[frozenset]:
-    """What is linked, as sets of (view, feature)."""
+    """Tracks, as sets of (view, feature)."""
     seen, feature = link(features, {pair: np.array(found) for pair, found in matches.items()})
     members: dict[int, set] = {}
     for frame, point, number in zip(seen.frame, seen.point, feature, strict=True):

@@ -76,7 +76,7 @@ def test_photographs_must_confirm_what_features_tell(features_are_right: bool) -
 
 
 def tracks_of(frames: Sequence[Frame], points: np.ndarray) -> tuple[Observations, np.ndarray]:
-    """Which of the points are in which images, numbered anew, and the points."""
+    """Observations of the points that images contain, renumbered, and the points."""
     inside = []
     for frame in frames:
         pixels, depths = frame.camera.project(points)

@@ -29,7 +29,7 @@ DEFAULT = StructureSettings()
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """What the stage makes of a capture."""
+    """Result of the stage for a capture."""
 
     capture: Capture
     scale: Scale

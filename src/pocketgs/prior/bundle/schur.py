@@ -12,8 +12,15 @@ from pocketgs.prior.bundle.equations import CameraEquations
 from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, COLUMNS, Estimate, Sightings, linearise, weigh
 from pocketgs.system.compile import kernel, parallel_kernel, part
 
-SHARES = 16
-"""Number of parts that the points are split into. It is fixed, so sums do not depend on the number of threads."""
+MAX_SHARES = 16
+"""Maximum number of parts that the points are split into, which are summed in parallel."""
+
+SHARE_BYTES = 256_000_000
+"""Bytes that the matrices of all parts may take together, unless one alone takes more.
+
+Each part has a dense matrix of its own, which grows with the square of the number of cameras: with 1,000 cameras, 16 of
+them would take 4.6 GB.
+"""
 
 MIN_DIAGONAL = 1e-9
 """Damping is proportional to the diagonal of JᵀJ, with this lower bound."""
@@ -106,9 +113,19 @@ def reduced_equations(
     count = len(estimate.points)
     size = CAMERA_UNKNOWNS * len(estimate.centres)
     points = PointEquations(np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3)))
-    shares = CameraEquations(np.zeros((SHARES, size, size)), *np.zeros((3, SHARES, size)))
+    parts = share_count(len(estimate.centres))
+    shares = CameraEquations(np.zeros((parts, size, size)), *np.zeros((3, parts, size)))
     _reduce(sightings, estimate, huber, damping, points, shares)
     return CameraEquations(*(share.sum(axis=0) for share in shares)), points
+
+
+def share_count(cameras: int) -> int:
+    """Number of parts that the points are split into.
+
+    It depends on nothing but the number of cameras, so sums do not depend on the number of threads.
+    """
+    matrix_bytes = np.dtype(np.float64).itemsize * (CAMERA_UNKNOWNS * cameras) ** 2
+    return min(max(SHARE_BYTES // max(matrix_bytes, 1), 1), MAX_SHARES)
 
 
 @kernel
@@ -154,8 +171,9 @@ def _reduce(
     shares: CameraEquations,
 ) -> None:
     """Write `points`, and add to `shares`, whose arrays have an additional axis with one slot per share."""
-    for share in prange(SHARES):
-        first, end = share * len(estimate.points) // SHARES, (share + 1) * len(estimate.points) // SHARES
+    count = len(shares.right)
+    for share in prange(count):
+        first, end = share * len(estimate.points) // count, (share + 1) * len(estimate.points) // count
         own = CameraEquations(shares.matrix[share], shares.right[share], shares.diagonal[share], shares.gradient[share])
         _reduce_share(sightings, estimate, huber, damping, first, end, points, own)
 

@@ -22,6 +22,13 @@ MAX_ADDED_SHARE = 0.3
 """Maximum share of added points in the cloud, unless fusion leaves more room."""
 
 
+MAX_SOURCE = 1_000_000
+"""Maximum number of points of a source to look at, spread evenly: all of them are projected into every view.
+
+A capture's own cloud may be a scan of tens of millions of points.
+"""
+
+
 @dataclass(frozen=True, eq=False)
 class Completion:
     """Points for the uncovered parts of the training views.
@@ -59,7 +66,7 @@ def completion(
     views.cover(depths, cloud, point_radii(cloud.positions))
     room = max(int(MAX_ADDED_SHARE * count), count - len(cloud))
     found: list[PointCloud] = []
-    for source in sources:
+    for source in (each.select(spread(len(each), MAX_SOURCE)) for each in sources):
         missing = np.flatnonzero(views.uncovered_share(depths, source.positions.astype(np.float64)) > MISSING_SHARE)
         more = source.select(missing[spread(len(missing), room)])
         views.cover(depths, more, point_radii(more.positions))

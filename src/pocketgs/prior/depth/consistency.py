@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pocketgs.prior.parallax import LEAST_PARALLAX
+
 
 class Views(NamedTuple):
     """Depth maps of several views, padded to one size.
@@ -26,11 +28,27 @@ class Views(NamedTuple):
     steps: np.ndarray
 
 
+def farthest_confirmed(views: Views, view: int) -> np.ndarray:
+    """(K,) float64 depths of a view up to which the agreement of each view counts; infinite if it counts for all.
+
+    Copies of the view agree with it whatever its depths are. Farther than that depth, a baseline is too short to tell
+    distances. But the background is confirmed by all views that tell the distance of what the view mostly shows: no
+    baseline is long enough for it, and its depth does not have to be exact.
+    """
+    height, width = views.sizes[view]
+    depths = views.depths[view, :height, :width]
+    known = depths[depths > 0].astype(np.float64)
+    typical = float(np.median(known)) if len(known) else 0.0
+    shifts = views.translations - views.rotations @ views.rotations[view].T @ views.translations[view]
+    told = np.linalg.norm(shifts, axis=1) / LEAST_PARALLAX
+    return np.where(told >= typical, np.inf, told)
+
+
 class Agreement(NamedTuple):
     """How one view's depths compare with the other views'.
 
     Attributes:
-        agreeing: (H, W) uint16 number of views that agree.
+        agreeing: (H, W) uint16 number of views that agree, without copies of the view.
         contradicting: (H, W) uint16 number that see through the point to something behind it.
         footprints: (H, W) float32 smallest footprint of a pixel at the point, in this view or one that agrees.
     """

@@ -9,6 +9,7 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.depth.sweep import SweepSettings
+from pocketgs.prior.parallax import LEAST_PARALLAX
 
 BASELINE_SPREAD = 0.5
 """Standard deviation of the baseline score, relative to the target baseline."""
@@ -23,8 +24,8 @@ def choose_source_views(
     """Choose the source views of a keyframe such that two of them see most of what it sees, from a good angle.
 
     A frame's score at a point is exp(-(b - b_target)² / 2 σ²) · min(α / α_min, 1), where b is the baseline and α the
-    viewing angle at the point; 0 if it does not see the point. Frames are chosen one by one by what they add to the two
-    best scores of all points.
+    viewing angle at the point; 0 if it does not see the point, or from the same place, as copies of the keyframe do.
+    Frames are chosen one by one by what they add to the two best scores of all points.
 
     Args:
         keyframe: the reference view.
@@ -59,7 +60,7 @@ def _scores(view: Camera, other: Camera, points: np.ndarray, settings: SweepSett
     target = np.tan(settings.angle) * distances
     baseline = np.linalg.norm(view.centre - other.centre)
     fit = np.exp(-((baseline / target - 1) ** 2) / (2 * BASELINE_SPREAD**2))
-    return np.where(seen, fit * np.minimum(angle / settings.least_angle, 1.0), 0.0)
+    return np.where(seen & (angle >= LEAST_PARALLAX), fit * np.minimum(angle / settings.least_angle, 1.0), 0.0)
 
 
 def mapping(view: Camera, other: Camera) -> tuple[np.ndarray, np.ndarray]:

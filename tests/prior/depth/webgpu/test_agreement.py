@@ -16,7 +16,7 @@ from pocketgs.prior.depth.cpu.consistency import compare_depths
 from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.sweep import DepthMap
 from pocketgs.prior.depth.webgpu.stereo import WebGpuStereo
-from prior.random_depth_maps import random_views
+from prior.random_depth_maps import random_views, with_copy
 
 pytestmark = pytest.mark.usefixtures("adapter")
 
@@ -50,6 +50,8 @@ CASES = {
     "random": random_views(0),
     "random, again": random_views(3),
     "room": room(),
+    "a copy": with_copy(random_views(0), 0.003),
+    "nearly a copy": with_copy(random_views(2), 0.0138),
     "far from the origin": moved(room(), [4e3, -7e3, 2e3]),
 }
 
@@ -70,7 +72,7 @@ def margins_of(views: Views) -> list[np.ndarray]:
 
 
 def votes(view: int, views: Views) -> Agreement:
-    """Those that the last comparison has left on the GPU."""
+    """Votes that the last comparison left on the GPU."""
     shape = tuple(views.sizes[view])
     words = stereo().comparing.read("votes", np.uint32, shape[0] * shape[1]).reshape(shape)
     footprints = stereo().comparing.read("footprints", np.float32, shape[0] * shape[1]).reshape(shape)
@@ -105,7 +107,7 @@ def test_confidences_are_those_of_the_votes(name: str) -> None:
 
 
 def test_a_comparison_is_the_cpus() -> None:
-    """Where a vote differs, so may the holes around it."""
+    """Holes may differ around a vote that differs."""
     views, margins = CASES["room"], margins_of(CASES["room"])
     given = (views, margins, 0.005, LEAST)
     for found, expected in zip(stereo().compare(*given), CpuStereo().compare(*given), strict=True):

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from pocketgs.prior.depth.consistency import Views
+from pocketgs.prior.depth.consistency import Views, farthest_confirmed
 from pocketgs.system.compile import parallel_kernel, part
 
 
-@parallel_kernel
 def compare_depths(views: Views, view: int, tolerance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Compare every depth of a view with the other views' depths.
 
@@ -23,6 +22,14 @@ def compare_depths(views: Views, view: int, tolerance: float) -> tuple[np.ndarra
     Returns:
         The fields of `Agreement`.
     """
+    return _compare(views, view, tolerance, farthest_confirmed(views, view))
+
+
+@parallel_kernel
+def _compare(
+    views: Views, view: int, tolerance: float, farthest: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """See `compare_depths`; `farthest`: (K,) depths up to which the agreement of each view counts."""
     height, width = views.sizes[view]
     agreeing, contradicting = np.zeros((2, height, width), np.uint16)
     footprints = np.zeros((height, width), np.float32)
@@ -51,8 +58,9 @@ def compare_depths(views: Views, view: int, tolerance: float) -> tuple[np.ndarra
                 step = max(views.steps[view], views.steps[other])
                 indistinct = max(0.5, min(1.0, step * z)) * step * z * theirs
                 if abs(z - theirs) < max(tolerance * z, indistinct):
-                    agreeing[row, column] += 1
-                    footprint = min(footprint, z / focal_x)
+                    if depth <= farthest[other]:
+                        agreeing[row, column] += 1
+                        footprint = min(footprint, z / focal_x)
                 elif z < theirs:
                     contradicting[row, column] += 1
             footprints[row, column] = footprint

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pocketgs.gpu.sizes import Symbols
-from pocketgs.prior.depth.consistency import Views
+from pocketgs.prior.depth.consistency import Views, farthest_confirmed
 
 
 def comparison_numbers(views: Views, view: int) -> dict[str, int]:
@@ -45,4 +45,6 @@ def other_records(views: Views, view: int) -> np.ndarray:
     records[:, 3] = views.intrinsics
     records[:, 4, 0], records[:, 4, 1] = views.sizes[:, 1], views.sizes[:, 0]
     records[:, 4, 2] = np.maximum(views.steps, views.steps[view])
+    # A shader's compiler may assume that there are no infinite numbers.
+    records[:, 4, 3] = np.minimum(farthest_confirmed(views, view), np.finfo(np.float32).max)
     return records

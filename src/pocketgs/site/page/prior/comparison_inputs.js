@@ -5,7 +5,12 @@
  * @module
  */
 
+import { medianOf } from "../numbers/median.js";
+import { length } from "../../page/scene/vectors.js";
 import { relativePose } from "./source_views.js";
+
+/** Largest float32: a shader's compiler may assume that there are no infinite numbers. */
+const MOST = 3.4028234663852886e38;
 
 /**
  * @typedef {Object} View a keyframe at the size of its sweep, and its depth map
@@ -38,20 +43,25 @@ export function comparisonFields(views, view, numbers, { tolerance, confidence: 
 }
 
 /**
- * Each view as `agreement.wgsl` reads it: the turn and shift from the compared view, intrinsics, size and step.
+ * Each view as `agreement.wgsl` reads it: the turn and shift from the compared view, intrinsics, size, step, and the
+ * depth up to which its agreement counts: a copy of the compared view agrees with it whatever its depths are.
  *
  * @param {View[]} views
  * @param {number} view
+ * @param {number} parallax least angle between two views' rays to a point
  * @returns {Float32Array} (K, 5, 4)
  */
-export function otherRecords(views, view) {
+export function otherRecords(views, view, parallax) {
     const own = views[view];
+    const known = own.map.depth.filter((depth) => depth > 0);
+    const typical = known.length ? medianOf(known) : 0;
     const records = views.flatMap(({ camera, map }) => {
         const { rotation, translation } = relativePose(own.camera, camera);
+        const told = length(translation) / parallax;
         return [
             ...rotation.flatMap((row, i) => [...row, translation[i]]),
             ...[camera.fx, camera.fy, camera.cx, camera.cy],
-            ...[camera.width, camera.height, Math.max(map.step, own.map.step), 0],
+            ...[camera.width, camera.height, Math.max(map.step, own.map.step), told >= typical ? MOST : told],
         ];
     });
     return Float32Array.from(records);

@@ -39,7 +39,8 @@ export function completion(cloud, views, sources, distance, count, settings) {
     const fused = cloud.positions.length / 3;
     let room = Math.max(Math.trunc(settings.max_added_share * count), count - fused);
     const found = [];
-    for (const source of sources) {
+    for (const all of sources) {
+        const source = selected(all, spread(all.positions.length / 3, settings.max_source));
         const bare = views.uncoveredShare(depths, source.positions);
         const missing = Array.from(bare, (_, i) => i).filter((i) => bare[i] > settings.missing_share);
         const more = selected(source, spread(missing.length, room).map((i) => missing[i]));
@@ -47,8 +48,8 @@ export function completion(cloud, views, sources, distance, count, settings) {
         found.push(more);
         room -= more.positions.length / 3;
     }
-    const all = guessed(views, depths, distance);
-    const some = selected(all, spread(all.positions.length / 3, room));
+    const guesses = guessed(views, depths, distance);
+    const some = selected(guesses, spread(guesses.positions.length / 3, room));
     views.cover(depths, some, radiiOf(some));
     return { added: joined([...found, some]), covered: views.share(depths) };
 }

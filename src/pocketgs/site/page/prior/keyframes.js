@@ -10,7 +10,7 @@ import { sharpness } from "../capture/sharpness.js";
 import { evenly } from "../numbers/evenly.js";
 import { medianOf } from "../numbers/median.js";
 import { roundedToEven } from "../numbers/rounding.js";
-import { add } from "../../page/scene/vectors.js";
+import { add, length, subtract } from "../../page/scene/vectors.js";
 import { inCells, isUsable } from "./photographs.js";
 
 /**
@@ -97,21 +97,34 @@ function greedy(views, weights, settings) {
     const middles = views.flatMap(({ middles, centre }) => middles.map((middle) => ({ ...middle, from: centre })));
     const seen = views.map((view) => Uint8Array.from(middles, (middle) => sees(view, middle, settings)));
     const wanted = middles.map(() => settings.views);
+    const left = views.map(() => true);
     const selected = [];
-    while (selected.length < Math.min(settings.max_keyframes, views.length)) {
+    while (left.includes(true) && selected.length < settings.max_keyframes) {
         const gains = seen.map((cells) => {
             const gained = cells.reduce((sum, isSeen, i) => sum + isSeen * (wanted[i] > 0), 0);
             return Math.fround(gained / Math.max(middles.length, 1));
         });
-        const worth = gains.map((gain, view) => (selected.includes(view) ? -1 : gain * weights[view]));
+        const worth = gains.map((gain, view) => (left[view] ? gain * weights[view] : -1));
         const best = worth.indexOf(Math.max(...worth));
         if (selected.length >= settings.views && gains[best] < settings.least_gain) {
             break;
         }
         selected.push(best);
+        left[best] = false;
+        copiesOf(views[best], views, seen[best], settings).forEach((isCopy, i) => (left[i] &&= !isCopy));
         seen[best].forEach((isSeen, i) => (wanted[i] -= isSeen));
     }
     return selected;
+}
+
+/** Which views are in the same place as a view that sees most of what they see; `seen`: the cells of all of them. */
+function copiesOf(view, views, seen, { least_parallax: parallax, copied }) {
+    const near = parallax * medianOf(view.depths);
+    let first = 0;
+    return views.map(({ centre, middles }) => {
+        const shared = seen.subarray(first, (first += middles.length)).reduce((sum, isSeen) => sum + isSeen, 0);
+        return length(subtract(centre, view.centre)) < near && shared > copied * middles.length;
+    });
 }
 
 /** Whether a view sees the middle of another view's cell: unhidden, as finely, and from about the same side. */

@@ -47,7 +47,7 @@ export async function buildPrior(capture, { most, refines }, settings, { stereo,
     const { prior } = settings;
     await onStage("comparing poses", 0);
     const frames = [...capture.train, ...capture.heldOut];
-    const scale = scaleOf(capture.train.map(({ camera }) => camera), capture.isMetric, settings);
+    const scale = scaleOf(capture, settings);
     const structure = refines ? await foundBy(finder, frames, scale, prior, { onStage, onWarning }) : null;
     const sound = frames.map((_, i) => i).filter((i) => i < capture.train.length && !structure?.doubtful[i]);
     const own = structure && structureOfFrames(structure, sound);

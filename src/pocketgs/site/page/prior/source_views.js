@@ -44,7 +44,8 @@ export function chooseSourceViews(keyframe, cameras, points, settings) {
 }
 
 /** Of another camera, for the depths of points: exp(-(b - b_target)² / 2 σ²) · min(α / α_min, 1) where it sees them. */
-function scoresOf(view, other, points, { angle: target, least_angle: least, baseline_spread: spread }) {
+function scoresOf(view, other, points, settings) {
+    const { angle: target, least_angle: least, least_parallax: fewest, baseline_spread: spread } = settings;
     const [own, theirs] = [centreOf(view), centreOf(other)];
     const baseline = length(subtract(own, theirs));
     return Float64Array.from({ length: points.length / 3 }, (_, i) => {
@@ -55,6 +56,9 @@ function scoresOf(view, other, points, { angle: target, least_angle: least, base
         const [here, there] = [subtract(own, point), subtract(theirs, point)];
         const cosine = dot(here, there) / Math.max(length(here) * length(there), 1e-30);
         const angle = Math.acos(Math.min(Math.max(cosine, -1), 1));
+        if (angle < fewest) {
+            return 0;
+        }
         const misfit = baseline / (Math.tan(target) * length(here)) - 1;
         return Math.exp(-(misfit ** 2) / (2 * spread ** 2)) * Math.min(angle / least, 1);
     });

@@ -146,7 +146,7 @@ export class Stereo {
         });
         for (const [view, given] of numbers.entries()) {
             const symbols = description.symbols(given);
-            executor.write("others", otherRecords(views, view));
+            executor.write("others", otherRecords(views, view, this.#settings.least_parallax));
             executor.write("margins", views[view].map.margin);
             executor.writeUniform("comparison", comparisonFields(views, view, given, thresholds));
             executor.submit("compare", symbols);

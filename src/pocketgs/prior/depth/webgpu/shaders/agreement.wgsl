@@ -5,7 +5,7 @@ import comparison, workgroups
 @group(0) @binding(0) var<uniform> comparison: Comparison;
 @group(0) @binding(1) var<storage, read> maps: array<f32>;
 // For each view: rows of the transform from this view's camera axes to its own; focal lengths and principal point;
-// width, height, and the step of the coarser of the two sweeps.
+// width, height, the step of the coarser of the two sweeps, and the depth up to which its agreement counts.
 @group(0) @binding(2) var<storage, read> others: array<vec4f>;
 // Agreeing views in the lower half of a word, contradicting ones in the upper.
 @group(0) @binding(3) var<storage, read_write> votes: array<u32>;
@@ -56,8 +56,10 @@ fn main(
         }
         let indistinct = clamp(extent.z * z, 0.5, 1.0) * extent.z * z * theirs;
         if (abs(z - theirs) < max(comparison.tolerance * z, indistinct)) {
-            count += 1u;
-            footprint = min(footprint, z / lens.x);
+            if (depth <= extent.w) {
+                count += 1u;
+                footprint = min(footprint, z / lens.x);
+            }
         } else if (z < theirs) {
             count += 1u << 16u;
         }
