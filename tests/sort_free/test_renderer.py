@@ -20,7 +20,8 @@ from pocketgs.sort_free.renderer import SortFreeImage, SortFreeRenderer
 from pocketgs.sort_free.scene import SortFreeScene, sort_free
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.reference.scene import Scene
-from pocketgs.splat.webgpu.passes import COVERAGES, Variant, Weights, describe
+from pocketgs.splat.webgpu.passes import describe_rendering
+from pocketgs.splat.webgpu.variant import COVERAGES, Variant, Weights
 from pocketgs.splat.webgpu.weighted import WeightedDrawing
 from splat.training_step import camera_in_front
 
@@ -195,7 +196,7 @@ def test_names_of_weights_in_the_shaders_are_those_of_forms() -> None:
     assert {name: form.covers for name, form in FORMS.items()} == {
         name: section == "weighted.by_transmittance" for name, section in COVERAGES.items()
     }
-    shader = describe(Variant(weights="mobile"), training=False).shaders["project"].source
+    shader = describe_rendering(Variant(weights="mobile")).shaders["project"].source
     assert f"LARGEST_EXPONENT: f32 = {LARGEST_EXPONENT}" in shader
 
 

@@ -1,4 +1,4 @@
-"""What the page plans: the buffers that Python plans, and less where that does not fit."""
+"""The page plans the same buffers as Python, and smaller ones if these do not fit."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from pocketgs.site.files import NEVER, SEQUENCES
 from pocketgs.site.settings import MOST_MEMORY, RECIPE
 from pocketgs.splat.webgpu.engine import INTERSECTION_BYTES
 from pocketgs.splat.webgpu.memory import Limits, expected_extent, plan_memory
-from pocketgs.splat.webgpu.passes import Variant, describe
+from pocketgs.splat.webgpu.passes import describe_training
+from pocketgs.splat.webgpu.variant import Variant
 from pocketgs.training.recipes import RECIPES
 
 Call = Callable[..., Any]
@@ -50,7 +51,7 @@ def planned(call: Call, **given: Any) -> dict[str, Any]:
 def test_buffers_are_those_that_python_plans(call: Call) -> None:
     photographs = [(640, 480), (301, 222), (480, 640)]
     most = LARGEST_BUFFER // INTERSECTION_BYTES[Variant().accumulation]
-    whole = describe(Variant())
+    whole = describe_training(Variant())
     extent = expected_extent(20_000, COEFFICIENTS, photographs, most)
     sizes = plan_memory(whole, extent, Limits(1 << 40, LARGEST_BUFFER)).sizes
     expected = sum(sizes[name] for name in whole.part(SEQUENCES, NEVER).buffers)

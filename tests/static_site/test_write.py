@@ -13,7 +13,8 @@ from pocketgs.errors import PocketGSError
 from pocketgs.site import write
 from pocketgs.site.files import SEQUENCES
 from pocketgs.site.write import write_site
-from pocketgs.splat.webgpu.passes import Variant, describe
+from pocketgs.splat.webgpu.passes import describe_training
+from pocketgs.splat.webgpu.variant import Variant
 
 MOST_BYTES = 1_000_000
 IMPORT = re.compile(r"""(?:from |new URL\()"([./\w]+\.js)\"""")
@@ -36,7 +37,7 @@ def test_every_import_leads_to_a_file_and_no_module_is_left_over(site: Path) -> 
 def test_the_passes_are_those_that_run(site: Path) -> None:
     """A host of the smaller description needs nothing else."""
     passes = json.loads((site / "train" / "passes.json").read_text(encoding="utf-8"))
-    whole = describe(Variant())
+    whole = describe_training(Variant())
     assert set(passes["sequences"]) == set(SEQUENCES)
     assert set(passes["uniforms"]) == {"view", "lens", "update"}
     used = {one["shader"] for sequence in passes["sequences"].values() for one in sequence["passes"]}

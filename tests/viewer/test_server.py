@@ -21,7 +21,8 @@ from PIL import Image
 import pocketgs.viewer.routes
 from pocketgs import Capture, Gaussians, PocketGSError
 from pocketgs.results.folder import write_transients
-from pocketgs.splat.webgpu.passes import Variant, describe
+from pocketgs.splat.webgpu.passes import describe_rendering
+from pocketgs.splat.webgpu.variant import Variant
 from pocketgs.viewer.access import Access, is_same_origin
 from pocketgs.viewer.content import Content, capture_views, looked_at
 from pocketgs.viewer.live import LiveRun
@@ -118,9 +119,9 @@ def test_modules_and_passes(page: Page, monkeypatch: pytest.MonkeyPatch, tmp_pat
         assert answer.status == 200, path
         assert answer.headers["Content-Type"] == f"{kind}; charset=utf-8"
     for appearance in ("splats", "points", "discs"):
-        expected = describe(Variant(appearance=appearance), training=False).to_json()
+        expected = describe_rendering(Variant(appearance=appearance)).to_json()
         assert fetch(page.url, f"passes.json?appearance={appearance}").json == json.loads(json.dumps(expected))
-    expected = describe(Variant(weights="lc"), training=False).to_json()
+    expected = describe_rendering(Variant(weights="lc")).to_json()
     assert fetch(page.url, "passes.json?weights=lc").json == json.loads(json.dumps(expected))
     assert fetch(page.url, "passes.json?weights=magic").status == 404
     assert fetch(page.url, "passes.json").json == fetch(page.url, "passes.json?appearance=splats").json

@@ -14,7 +14,8 @@ from pocketgs.prior.depth.webgpu.passes import describe_comparison, describe_swe
 from pocketgs.prior.features.webgpu.passes import describe_features, describe_matching
 from pocketgs.seeding.webgpu.passes import describe_neighbourhoods
 from pocketgs.site.settings import settings
-from pocketgs.splat.webgpu.passes import Variant, describe
+from pocketgs.splat.webgpu.passes import describe_training
+from pocketgs.splat.webgpu.variant import Variant
 from pocketgs.viewer.constants import MODULE, constants_module
 
 PAGE = Path(__file__).parent / "page"
@@ -70,7 +71,7 @@ def site_files() -> dict[str, bytes]:
     own = [path for path in sorted(PAGE.rglob("*")) if path.is_file()]
     files |= {f"train/{path.relative_to(PAGE).as_posix()}": path.read_bytes() for path in own}
     files[HTML] = files.pop(f"train/{HTML}")
-    files["train/passes.json"] = _encoded(_plain(describe(Variant()).part(SEQUENCES, NEVER)))
+    files["train/passes.json"] = _encoded(_plain(describe_training(Variant()).part(SEQUENCES, NEVER)))
     depth = {"sweep": _plain(describe_sweep()), "comparison": _plain(describe_comparison())}
     files["train/depth_passes.json"] = _encoded(depth)
     features = {"finding": _plain(describe_features()), "matching": _plain(describe_matching())}

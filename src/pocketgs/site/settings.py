@@ -52,8 +52,8 @@ from pocketgs.splat.webgpu.memory import (
     INTERSECTIONS_PER_GAUSSIAN,
     MIN_INTERSECTIONS,
 )
-from pocketgs.splat.webgpu.passes import Variant
 from pocketgs.splat.webgpu.steps_ahead import MAX_PENDING, SECONDS_AHEAD
+from pocketgs.splat.webgpu.variant import Variant
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.effort import QUICK_GAUSSIANS, QUICK_ITERATIONS
 from pocketgs.training.preparation import MIN_POINTS

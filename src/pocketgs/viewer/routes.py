@@ -16,7 +16,8 @@ from aiohttp.typedefs import Middleware
 import pocketgs.gpu
 import pocketgs.viewer
 from pocketgs.files.opening import open_in_place
-from pocketgs.splat.webgpu.passes import Appearance, Variant, Weights, describe
+from pocketgs.splat.webgpu.passes import describe_rendering
+from pocketgs.splat.webgpu.variant import Appearance, Variant, Weights
 from pocketgs.viewer.access import Access, is_same_origin
 from pocketgs.viewer.constants import MODULE, constants_module
 from pocketgs.viewer.content import Content, View, jpeg
@@ -154,7 +155,7 @@ async def _passes(request: web.Request) -> web.StreamResponse:
     asked = request.query.get("appearance", "splats"), request.query.get("weights")
     for appearance, weights in product(appearances, forms):
         if asked == (appearance, weights):
-            return send_json(describe(Variant(appearance=appearance, weights=weights), training=False).to_json())
+            return send_json(describe_rendering(Variant(appearance=appearance, weights=weights)).to_json())
     raise web.HTTPNotFound
 
 

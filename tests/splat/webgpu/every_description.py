@@ -16,8 +16,9 @@ from pocketgs.prior.features.webgpu.passes import describe_features, describe_ma
 from pocketgs.seeding.webgpu.passes import describe_neighbourhoods
 from pocketgs.splat.webgpu.compositor_passes import describe_compositor
 from pocketgs.splat.webgpu.lenses import LENSES
-from pocketgs.splat.webgpu.passes import Variant, Weights, describe
+from pocketgs.splat.webgpu.passes import describe_rendering, describe_training
 from pocketgs.splat.webgpu.rasterizer_passes import describe_rasterizer
+from pocketgs.splat.webgpu.variant import Variant, Weights
 
 TRAINING = [
     Variant(precision, replay, accumulation, subgroups)  # type: ignore[arg-type]
@@ -27,9 +28,9 @@ TRAINING = [
 ]
 RENDERING = [Variant(appearance="points"), Variant(appearance="discs")]
 RENDERING += [Variant(weights=weights, lenses=LENSES) for weights in get_args(Weights)]
-DESCRIPTIONS = {str(variant): describe(variant) for variant in TRAINING}
-DESCRIPTIONS |= {"lenses": describe(Variant(lenses=LENSES))}
-DESCRIPTIONS |= {str(variant): describe(variant, training=False) for variant in RENDERING}
+DESCRIPTIONS = {str(variant): describe_training(variant) for variant in TRAINING}
+DESCRIPTIONS |= {"lenses": describe_training(Variant(lenses=LENSES))}
+DESCRIPTIONS |= {str(variant): describe_rendering(variant) for variant in RENDERING}
 DESCRIPTIONS |= {f"rasterizer {subgroups}": describe_rasterizer(subgroups) for subgroups in (False, True)}
 DESCRIPTIONS |= {"rasterizer sum": describe_rasterizer(False, "sum"), "sweep": describe_sweep()}
 DESCRIPTIONS |= {"comparison": describe_comparison()}

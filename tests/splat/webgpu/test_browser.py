@@ -29,9 +29,10 @@ from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.settings import AdamSettings, LearningRates, LossSettings, StepSettings
 from pocketgs.splat.webgpu.engine import WebGpuEngine
 from pocketgs.splat.webgpu.frame_values import update_values, view_values
-from pocketgs.splat.webgpu.passes import Variant, describe
+from pocketgs.splat.webgpu.passes import describe_training
 from pocketgs.splat.webgpu.photographs import packed
 from pocketgs.splat.webgpu.scene_columns import to_columns
+from pocketgs.splat.webgpu.variant import Variant
 from splat.webgpu.every_description import every_shader
 from splat.webgpu.variants import shared_engine
 from static_site.hosting import hosting
@@ -118,7 +119,7 @@ def variant(request: pytest.FixtureRequest) -> Variant:
 @pytest.fixture(scope="module")
 def replayed(page: Page, variant: Variant, scene: Gaussians, photograph: Frame) -> dict[str, Any]:
     """Render and train the scene in the page: its image, then parameters and losses after training."""
-    description, camera = describe(variant), photograph.camera
+    description, camera = describe_training(variant), photograph.camera
     given = given_numbers(scene, camera)
     shape, sh = to_columns(scene)
     moments = np.zeros(10 * len(scene) + sh.size)
@@ -222,13 +223,17 @@ def test_same_sweep(page: Page) -> None:
 
 def test_browser_compiles_every_shader_with_the_least_limits(page: Page) -> None:
     """Shaders that the other tests do not compile."""
-    compiled = [describe(Variant("f32", "recompute")), describe(Variant("f16", "cache")), describe_sweep()]
+    compiled = [
+        describe_training(Variant("f32", "recompute")),
+        describe_training(Variant("f16", "cache")),
+        describe_sweep(),
+    ]
     found = page.evaluate("json => compileAll(json)", every_shader(compiled).to_json())
     assert found == {"complaints": [], "limits": [8, 128 << 20, 16_384]}
 
 
 def test_same_sizes(page: Page, scene: Gaussians, camera: Camera) -> None:
-    description = describe(Variant("f16", "cache"))
+    description = describe_training(Variant("f16", "cache"))
     symbols = {**description.symbols(given_numbers(scene, camera)), "drawn_tiles": 5}
     passes = [one for sequence in description.sequences.values() for one in sequence.passes]
     expressions = [*description.definitions.values(), *description.buffers.values(), *(one.when for one in passes)]
@@ -246,7 +251,7 @@ def test_what_is_no_size_is_refused(page: Page, expression: str) -> None:
 
 def test_too_large_a_buffer_is_refused(page: Page) -> None:
     with pytest.raises(Error, match=r"buffer 'image' would need 1000000 MB, the device allows \d+ MB"):
-        page.evaluate("json => reserve(json, {image: 1e12})", describe(Variant()).to_json())
+        page.evaluate("json => reserve(json, {image: 1e12})", describe_training(Variant()).to_json())
 
 
 FILL_MEMORY = """async (json) => {
@@ -266,7 +271,7 @@ FILL_MEMORY = """async (json) => {
 
 
 def test_a_buffer_that_found_no_memory_is_made_anew(page: Page) -> None:
-    said, image, splats = page.evaluate(FILL_MEMORY, describe(Variant()).to_json())
+    said, image, splats = page.evaluate(FILL_MEMORY, describe_training(Variant()).to_json())
     assert "memory is full" in said
     assert (image, splats) == (128, 64)
 
@@ -277,4 +282,4 @@ def test_browser_without_webgpu_is_told_so(browser: Browser, address: str) -> No
         page.add_init_script("delete Navigator.prototype.gpu")
         page.goto(address)
         with pytest.raises(Error, match="no WebGPU"):
-            page.evaluate("json => reserve(json, {})", describe(Variant()).to_json())
+            page.evaluate("json => reserve(json, {})", describe_training(Variant()).to_json())

@@ -17,9 +17,10 @@ from pocketgs.prior.depth.webgpu.passes import SHADERS as DEPTH_SHADERS
 from pocketgs.prior.features.webgpu.passes import SHADERS as FEATURE_SHADERS
 from pocketgs.seeding.webgpu.passes import SHADERS as SEED_SHADERS
 from pocketgs.splat.webgpu.lenses import LENSES
-from pocketgs.splat.webgpu.passes import Variant, describe
+from pocketgs.splat.webgpu.passes import describe_rendering, describe_training
 from pocketgs.splat.webgpu.rasterizer_passes import describe_rasterizer
 from pocketgs.splat.webgpu.shader_files import SHADERS
+from pocketgs.splat.webgpu.variant import Variant
 from splat.webgpu.every_description import DESCRIPTIONS
 from splat.webgpu.wgsl_layout import constant, workgroup_bytes, workgroup_size
 
@@ -84,7 +85,7 @@ def bound(description: Description, one: Pass) -> list[tuple[str, str]]:
 
 
 def test_uniforms_lie_where_the_shaders_read_them() -> None:
-    view, update = (describe(Variant()).uniforms[name] for name in ("view", "update"))
+    view, update = (describe_training(Variant()).uniforms[name] for name in ("view", "update"))
     vectors = ["to_camera_x", "to_camera_y", "to_camera_z", "centre", "background"]
     assert [view.fields[name] for name in vectors] == [("vec4f", 16 * i) for i in range(5)]
     pairs = ["focal", "principal", "slopes_low", "slopes_high"]
@@ -146,7 +147,7 @@ def test_every_buffer_is_bound_by_some_pass(description: Description) -> None:
 
 
 def test_rendering_needs_fewer_buffers_than_training() -> None:
-    description = describe(Variant())
+    description = describe_training(Variant())
     assert "photographs" not in description.buffers_of(["render", "render depth"])
     assert {"image", "splats", "tile_starts", "shape", "sh", "status"} <= set(description.buffers_of(["render"]))
 
@@ -164,7 +165,7 @@ def test_every_shader_file_is_of_use() -> None:
 @pytest.mark.parametrize("tiles", [1, 2, 255, 256, 257, 65_535, 65_536, 70_000])
 def test_the_sort_by_tile_takes_as_many_digits_as_tiles_have(tiles: int) -> None:
     """And an even number of them, so that the result is not left in the spare buffers."""
-    description = describe(Variant())
+    description = describe_training(Variant())
     symbols = description.symbols({**CASE, "width": 8 * tiles, "height": 8})
     assert symbols["tiles"] == tiles
     moves = [
@@ -199,9 +200,9 @@ def test_a_description_survives_json(description: Description) -> None:
 
 def test_sizes_are_those_worked_out_by_hand() -> None:
     """1,000 Gaussians of SH degree 1 and room for 65,536 intersections, at 650 x 480: 82 x 60 tiles."""
-    description = describe(Variant("f32", "cache"))
+    description = describe_training(Variant("f32", "cache"))
     sizes = description.sizes(description.symbols(CASE), description.buffers)
-    half = describe(Variant("f16", "cache", "atomic"))
+    half = describe_training(Variant("f16", "cache", "atomic"))
     pixels, tiles, patches, intersections = 312_000, 4_920, 1_230, 65_536
     by_gaussian = {"shape": 44, "sh": 48, "splats": 40, "depth_keys": 4, "order": 4, "tile_counts": 4}
     by_gaussian |= {"depth_keys_spare": 4, "order_spare": 4}
@@ -247,7 +248,7 @@ def test_words_of_the_shaders_are_the_bytes_of_the_buffers() -> None:
     """Sizes of a splat, a record of the replay cache and a row of sums."""
     for precision in ("f32", "f16"):
         for replay in ("recompute", "cache"):
-            description = describe(Variant(precision, replay))  # type: ignore[arg-type]
+            description = describe_training(Variant(precision, replay))  # type: ignore[arg-type]
             symbols = {"capacity": 1, "intersections": 1, "pixels": 1, "replay_depth": 1}
             backward = description.shaders["rasterize_backward"].source
             splat = 4 * constant("SPLAT_WORDS", backward)
@@ -256,7 +257,7 @@ def test_words_of_the_shaders_are_the_bytes_of_the_buffers() -> None:
             if replay == "cache":
                 record = 4 * constant("RECORD_WORDS", backward)
                 assert evaluate(description.buffers["replay_cache"], symbols) == 4 + record
-    weighted = describe(Variant(weights="lc"), training=False)
+    weighted = describe_rendering(Variant(weights="lc"))
     splat = 4 * constant("SPLAT_WORDS", weighted.shaders["rasterize"].source)
     assert evaluate(weighted.buffers["splats"], {"capacity": 1}) == splat
 

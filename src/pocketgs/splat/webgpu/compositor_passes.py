@@ -6,7 +6,8 @@ from functools import cache
 
 from pocketgs.gpu.description import Description, Pass, Sequence, shader_names
 from pocketgs.gpu.uniforms import UniformLayout
-from pocketgs.splat.webgpu.passes import CLEARED, DEFINITIONS, Variant, list_passes, rendering_buffers
+from pocketgs.splat.webgpu.buffers import DEFINITIONS, rendering_buffers
+from pocketgs.splat.webgpu.passes import CLEARED, list_passes
 from pocketgs.splat.webgpu.rasterizer_passes import (
     BACKWARD_BUFFERS,
     FORWARD_BUFFERS,
@@ -15,6 +16,7 @@ from pocketgs.splat.webgpu.rasterizer_passes import (
     channel_sections,
 )
 from pocketgs.splat.webgpu.shader_files import SHADERS
+from pocketgs.splat.webgpu.variant import Variant
 
 SHAPE_GRADIENT_WORDS = 4
 """Of a splat's row in `shape_gradients`: see `gather_shapes.wgsl`."""

@@ -37,7 +37,7 @@ from pocketgs.splat.webgpu.memory import (
     plan_memory,
     plan_rows,
 )
-from pocketgs.splat.webgpu.passes import Variant, describe
+from pocketgs.splat.webgpu.passes import describe_training
 from pocketgs.splat.webgpu.photographs import PIXEL_BYTES, packed
 from pocketgs.splat.webgpu.row_changes import gather_rows, set_values
 from pocketgs.splat.webgpu.steps_ahead import Step, StepsAhead
@@ -49,6 +49,7 @@ from pocketgs.splat.webgpu.tables import (
     write_scene,
     write_statistics,
 )
+from pocketgs.splat.webgpu.variant import Variant
 from pocketgs.system.memory_need import MemoryNeed
 
 INTERSECTION_BYTES = {"ordered": 4 * SUM_WORDS, "atomic": 4}
@@ -80,7 +81,7 @@ class WebGpuEngine:
         self.device = f"{adapter.name}, {adapter.backend}"
         subgroups = "subgroup" in adapter.features and not options.portable
         variant = Variant(options.precision, options.replay, options.accumulation, subgroups, lenses=LENSES)
-        self.executor = Executor(shared_device(adapter, variant.features), describe(variant))
+        self.executor = Executor(shared_device(adapter, variant.features), describe_training(variant))
         self._shares_memory = adapter.shares_memory
         self._limits = Limits(options.max_memory * 1_000_000, adapter.largest_buffer)
         self._frames: list[Frame] = []

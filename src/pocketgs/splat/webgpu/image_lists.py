@@ -16,7 +16,7 @@ from pocketgs.gpu.executor import Executor
 from pocketgs.gpu.sizes import Symbols
 from pocketgs.splat.webgpu.drawing import write_camera
 from pocketgs.splat.webgpu.memory import GROWTH, MIN_INTERSECTIONS
-from pocketgs.splat.webgpu.passes import Variant
+from pocketgs.splat.webgpu.variant import Variant
 
 
 class ImageLists:

@@ -6,18 +6,11 @@ from dataclasses import replace
 from functools import cache
 
 from pocketgs.gpu.description import Description, Pass, Sequence, shader_names
+from pocketgs.splat.webgpu.buffers import DEFINITIONS, SORTING_BUFFERS, rendering_buffers
 from pocketgs.splat.webgpu.layout import CENTRE_WORDS, SHAPE_WORDS
 from pocketgs.splat.webgpu.lenses import LENSES, link, through_lenses
-from pocketgs.splat.webgpu.passes import (
-    CLEARED,
-    DEFINITIONS,
-    SORTED,
-    SORTING_BUFFERS,
-    Variant,
-    bin_passes,
-    camera_uniforms,
-    rendering_buffers,
-)
+from pocketgs.splat.webgpu.passes import CLEARED, SORT_BY_DEPTH, SORTED, bin_passes, camera_uniforms
+from pocketgs.splat.webgpu.variant import Variant
 
 GROUP = 3
 """Channels that are composited together, where a step has its three colours."""
@@ -95,7 +88,7 @@ def channel_sections(subgroups: bool, compositor: str) -> dict[str, str]:
 def describe_rasterizer(subgroups: bool, compositor: str = "over") -> Description:
     """Describe the rasterizer's passes.
 
-    The numbers that the expressions are computed from: those of `describe` that rendering needs; channel_groups;
+    The numbers that the expressions are computed from: those of `describe_rendering`; channel_groups;
     colours, 1 where the first group is the Gaussians' colour; antialiased, 1 or 0; and those of `lens_symbols`. Passes
     after "forward" work from what it has left.
 
@@ -109,7 +102,7 @@ def describe_rasterizer(subgroups: bool, compositor: str = "over") -> Descriptio
     cleared = (*CLEARED, "cluster_bounds")
     binning = [
         part
-        for one in bin_passes(by_depth)
+        for one in bin_passes(SORT_BY_DEPTH if by_depth else ())
         for part in (_with_and_without_antialiasing(one) if one.shader == "project" else (one,))
     ]
     sequences = {

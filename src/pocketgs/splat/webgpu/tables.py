@@ -12,8 +12,8 @@ from pocketgs.splat.colours import COLUMNS, UPDATES
 from pocketgs.splat.engine import OptimiserState
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import Statistics
+from pocketgs.splat.webgpu.buffers import STATISTICS
 from pocketgs.splat.webgpu.layout import SHAPE_COLUMNS
-from pocketgs.splat.webgpu.passes import STATISTICS
 from pocketgs.splat.webgpu.scene_columns import from_columns, to_columns, transposed
 
 _MOMENTS = ("first_moments", "second_moments")

@@ -20,8 +20,9 @@ from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.webgpu.drawing import draw_once, rendered
 from pocketgs.splat.webgpu.lenses import LENSES, lens_symbols
 from pocketgs.splat.webgpu.memory import GROWTH, INTERSECTIONS_PER_GAUSSIAN, MIN_INTERSECTIONS
-from pocketgs.splat.webgpu.passes import Variant, Weights, describe
+from pocketgs.splat.webgpu.passes import describe_rendering
 from pocketgs.splat.webgpu.scene_columns import to_columns, transposed
+from pocketgs.splat.webgpu.variant import Variant, Weights
 
 
 class WeightedDrawing:
@@ -53,7 +54,7 @@ class WeightedDrawing:
         adapter = choose_adapter(gpu)
         variant = Variant(subgroups="subgroup" in adapter.features, weights=weights, lenses=LENSES)
         device = shared_device(adapter, variant.features)
-        self._executor = Executor(device, describe(variant, training=False))
+        self._executor = Executor(device, describe_rendering(variant))
         self._largest = adapter.largest_buffer
         self._max_memory = max_memory
         scene = checked_scene(gaussians)
