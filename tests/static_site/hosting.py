@@ -14,7 +14,7 @@ from typing import Any
 
 @dataclass
 class Host:
-    """What serves the site: its address, and the paths that were asked for, in order."""
+    """A server of the site: its address, and the requested paths, in order."""
 
     address: str = ""
     asked: list[str] = field(default_factory=list)

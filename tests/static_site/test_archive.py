@@ -51,6 +51,11 @@ def test_with_a_comment_and_what_systems_add(call: Call) -> None:
     assert read(call, stream.getvalue()) == {"a/b": b"c"}
 
 
+def test_with_the_backslashes_of_old_tools(call: Call) -> None:
+    archive = zip_of({"a\\": b"", "a\\transforms.json": b"{}", "a\\images\\b.png": b"b"})
+    assert read(call, archive) == {"a/transforms.json": b"{}", "a/images/b.png": b"b"}
+
+
 def stating(archive: bytes, offset: int, value: int) -> bytes:
     """With another number in the first entry of the list of files."""
     at = archive.index(b"PK\x01\x02") + offset
@@ -84,7 +89,10 @@ BOMB = zip_of({"a.json": bytes(3_000_000)})
         (zip_of({"../a.json": b"{}"}), "leads out of its folder"),
         (zip_of({"a/../../b": b"{}"}), "leads out of its folder"),
         (zip_of({"/etc/passwd": b"{}"}), "leads out of its folder"),
-        (zip_of({"a\\b": b"{}"}), "leads out of its folder"),
+        (zip_of({"a\\b": b"{}", "a/c": b"{}"}), "leads out of its folder"),
+        (zip_of({"a\\..\\..\\b": b"{}"}), "leads out of its folder"),
+        (zip_of({"\\b": b"{}"}), "leads out of its folder"),
+        (zip_of({"C:\\b": b"{}"}), "leads out of its folder"),
         (zip_of({"C:/b": b"{}"}), "leads out of its folder"),
     ],
 )
@@ -104,7 +112,7 @@ def test_the_same_path_twice(call: Call) -> None:
 
 
 def test_cut_anywhere_or_with_any_byte_changed(call: Call) -> None:
-    """What is not read as it was packed is refused, by a sentence that names the archive or the file."""
+    """An archive or file that does not unpack to its content is refused, with an error that names it."""
     script = f"""
         const {{FileTree}} = await import(new URL("archive/tree.js", location.href));
         const whole = Uint8Array.from(atob(given), (character) => character.charCodeAt(0));

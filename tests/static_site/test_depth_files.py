@@ -163,7 +163,7 @@ UNPACK = """
 
 
 def unpacked(call: Call, files: list[tuple[bytes, int]]) -> list[bytes | None]:
-    """What the page makes of LZFSE files that are said to unpack to these sizes."""
+    """Unpack LZFSE files with these declared sizes in the page."""
     given = [{"packed": base64.b64encode(packed).decode(), "size": size} for packed, size in files]
     return [None if one is None else base64.b64decode(one) for one in call("archive/lzfse.js", UNPACK, given)]
 

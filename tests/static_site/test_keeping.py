@@ -1,9 +1,15 @@
-"""What the page holds on to while it trains, and afterwards: the run, the GPU, the screen."""
+"""The run, the GPU and the screen while the page trains, and afterwards."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from static_site.hosting import Host
+from viewer.browsing import PATIENCE
 
 Call = Callable[..., Any]
 
@@ -70,6 +76,50 @@ def test_a_run_takes_the_place_of_the_one_before(call: Call) -> None:
         ["full", None, 0],
     ]
     assert left == 0
+
+
+BEGIN = """async () => {
+    const { KeptRun } = await import(new URL("train/storage/kept_run.js", document.baseURI));
+    const root = await navigator.storage.getDirectory();
+    const kept = new KeptRun(await root.getDirectoryHandle("run", { create: true }));
+    await kept.begin("toys", { train: [], heldOut: [], background: [0, 0, 0] }, { iterations: 9 });
+    await kept.keep({ header: { losses: [1, 1] }, arrays: [] });
+}"""
+
+
+def test_a_kept_run_shows_once_the_other_tab_is_closed(browser: Browser, host: Host) -> None:
+    with browser.new_context() as context:
+        first = context.new_page()
+        first.goto(host.address)
+        first.locator("#start").wait_for(timeout=PATIENCE)
+        first.evaluate(BEGIN)
+        second = context.new_page()
+        second.goto(host.address)
+        expect(second.locator("#message-text")).to_contain_text("Another tab of this page", timeout=PATIENCE)
+        second.locator("#start").wait_for(timeout=PATIENCE)
+        expect(second.locator("#go-on")).to_be_hidden()
+        first.close()
+        expect(second.locator("#go-on")).to_have_text("Go on with toys, 2 of 9", timeout=PATIENCE)
+
+
+CHECKPOINT = """
+    const told = [];
+    const fails = (text) => async () => {
+        throw new Error(text);
+    };
+    const listener = {onCheckpoint: async (checkpoint) => told.push(checkpoint)};
+    const trainer = {download: fails("full"), answer: given ? fails("lost") : async () => {}};
+    const run = new module.Run(trainer, {train: [], heldOut: []}, settings, {}, listener);
+    const serving = run.serve().then(() => "goes on", ({message}) => message);
+    await new Promise((resolve) => setTimeout(resolve, 10));
+    run.close();
+    return [told, await serving];
+"""
+
+
+@pytest.mark.parametrize(("is_lost", "expected"), [(False, [[None], "goes on"]), (True, [[], "lost"])])
+def test_a_checkpoint_that_fails_ends_only_the_run_of_a_lost_gpu(call: Call, is_lost: bool, expected: object) -> None:
+    assert call("training/run.js", CHECKPOINT, is_lost) == expected
 
 
 OPEN = """

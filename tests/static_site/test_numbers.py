@@ -1,4 +1,4 @@
-"""What the page computes before and beside the passes is what Python computes, number by number."""
+"""The page computes the same numbers before and beside the passes as Python."""
 
 from __future__ import annotations
 

@@ -29,7 +29,9 @@ self.addEventListener("message", ({ data: { type, picked } }) => {
     }
     if (type === "train" && picked.name !== "endless") {
         tell("progress", progress);
-        tell("done", { scene, isKept: picked.name === "kept" });
+        const { name } = picked;
+        tell("kept", { found: name === "lost" ? null : { name, iteration: name === "half" ? 4 : 9, iterations: 9 } });
+        tell("done", { scene, isKept: name !== "lost" });
     }
 });
 tell("settings", { run: { iterations: 9, gaussians: 9 }, plan: { most_memory: 900 } });
@@ -105,14 +107,57 @@ def test_a_scene_that_would_be_lost_is_asked_about(visit: Visit) -> None:
     visit.drop("kept.zip", b"")
     assert kinds == ["confirm"] * 2
     expect(visit["#title"]).to_have_text("kept")
+    save_ply(visit)
     visit.drop("lost.zip", b"")
     expect(visit["#title"]).to_have_text("lost")
     visit["#message-close"].click()
     visit.page.close(run_before_unload=True)
     visit.page.wait_for_timeout(500)
     assert kinds == ["confirm"] * 2 + ["beforeunload"]
-    with visit.page.expect_download():
-        visit["#save-ply"].click()
+    save_ply(visit)
     visit.drop("kept.zip", b"")
     expect(visit["#title"]).to_have_text("kept")
     assert answers == []
+
+
+def save_ply(visit: Visit) -> None:
+    if visit["#message"].is_visible():
+        visit["#message-close"].click()
+    with visit.page.expect_download():
+        visit["#save-ply"].click()
+
+
+def test_a_kept_run_is_not_replaced_without_asking(visit: Visit) -> None:
+    """Unless it is finished and saved."""
+    answers = [False, False]
+    kinds = asked(visit, answers)
+    visit.drop("kept.zip", b"")
+    visit["#save-ply"].wait_for()
+    visit.drop("half.zip", b"")
+    assert kinds == ["confirm"]
+    expect(visit["#title"]).to_have_text("kept")
+    save_ply(visit)
+    visit.drop("half.zip", b"")
+    expect(visit["#title"]).to_have_text("half")
+    save_ply(visit)
+    visit.drop("kept.zip", b"")
+    assert kinds == ["confirm"] * 2
+    expect(visit["#title"]).to_have_text("half")
+
+
+def test_a_share_that_is_cancelled_saves_nothing(visit: Visit) -> None:
+    kinds = asked(visit, [False])
+    visit.page.evaluate(
+        """() => {
+            navigator.canShare = () => true;
+            navigator.share = async () => {
+                throw new DOMException("", "AbortError");
+            };
+        }"""
+    )
+    visit.drop("lost.zip", b"")
+    visit["#message-close"].click()
+    visit["#save-ply"].click()
+    visit.drop("kept.zip", b"")
+    assert kinds == ["confirm"]
+    expect(visit["#title"]).to_have_text("lost")

@@ -44,7 +44,7 @@ def test_the_same_file_as_pythons(call: Call, count: int, degree: int, extent: f
 
 
 def test_what_many_gaussians_share(call: Call) -> None:
-    """Where Python would write a codebook, the page writes the same numbers without."""
+    """The page writes no codebook where Python would, but the same numbers."""
     scene = random_scene(400, 2)
     scene.means[:200] = scene.means[0]
     scene.sh[:, 1:] = 0

@@ -65,6 +65,8 @@ def visit(browser: Browser, host: Host) -> Iterator[Visit]:
     """The page, loaded, its shaders compiled. Tests use it one after the other, as people may."""
     with visiting(browser, "about:blank", 720, 420) as visit:
         prefix_worker(visit.page.context, HOLD_DEVICE)
+        # Whether to leave while it trains, and whether another run may take the place of one that is not saved.
+        visit.page.on("dialog", lambda dialog: dialog.accept())
         visit.page.goto(host.address)
         visit["body[data-gpu=ready]"].wait_for(timeout=PATIENCE)
         yield visit
@@ -127,7 +129,7 @@ def psnr_in_python(capture: Path, folder: Path, *options: str) -> float:
 
 
 def picture(visit: Visit) -> str:
-    """What the page shows of the scene."""
+    """The page's image of the scene."""
     return str(visit.page.evaluate(PICTURE))
 
 
@@ -288,7 +290,6 @@ def paused_and_kept(visit: Visit) -> int:
 
 def test_a_run_goes_on_after_the_page_was_closed(visit: Visit, capture_folder: Path, tmp_path: Path) -> None:
     """To the same bits as without the break."""
-    visit.page.on("dialog", lambda dialog: dialog.accept())  # whether to leave while it trains
     choose(visit, most=32, iterations=24, gaussians=200)
     visit.drop("toys.zip", zipped(capture_folder))
     done = paused_and_kept(visit)
@@ -448,12 +449,52 @@ def test_depth_can_be_cancelled(visit: Visit, capture_folder: Path) -> None:
 
 
 def test_training_can_be_cancelled_until_its_first_step(visit: Visit, capture_folder: Path) -> None:
+    """The kept run of before is still there."""
+    choose(visit, most=32, iterations=1, gaussians=100)
+    visit.drop("before.zip", zipped(capture_folder))
+    visit["#save-ply"].wait_for(timeout=PATIENCE)
     choose(visit, most=32, iterations=20_000, gaussians=100)
     cancel_after(visit, "first")
     visit.drop("toys.zip", zipped(capture_folder))
     visit["#live"].wait_for()
     visit["#start"].wait_for(timeout=PATIENCE)
     expect(visit["#live"]).to_be_hidden()
+    expect(visit["#go-on"]).to_have_text("Go on with before, 1 of 1")
+    assert visit.complaints == []
+
+
+NO_ROOM = """() => {
+    const [create, pop] = [device.createBuffer, device.popErrorScope];
+    let isFull = false;
+    device.createBuffer = (wanted) => {
+        if (wanted.label !== "copy of first_moments") {
+            return create.call(device, wanted);
+        }
+        isFull = true;
+        device.pushErrorScope("validation");
+        const invalid = create.call(device, { ...wanted, size: 2 ** 50 });
+        pop.call(device);
+        return invalid;
+    };
+    device.popErrorScope = async () => {
+        const [found, wasFull] = [pop.call(device), isFull];
+        isFull = false;
+        return (await found) ?? (wasFull ? new GPUOutOfMemoryError("full") : null);
+    };
+}"""
+
+
+def test_a_run_goes_on_where_the_gpu_has_no_room_for_a_checkpoint(
+    visit: Visit, capture_folder: Path, tmp_path: Path
+) -> None:
+    choose(visit, most=32, iterations=2, gaussians=100)
+    visit.page.workers[0].evaluate(NO_ROOM)
+    visit.drop("toys.zip", zipped(capture_folder))
+    scene = saved(visit, tmp_path / "scene.ply").read_bytes()
+    visit.page.workers[0].evaluate("() => { delete device.createBuffer; delete device.popErrorScope; }")
+    assert b"element vertex 100\n" in scene[:200]
+    expect(visit["#message-text"]).to_contain_text("cannot be kept in the browser's storage")
+    visit["#message-close"].click()
     assert visit.complaints == []
 
 

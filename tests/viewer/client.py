@@ -16,7 +16,7 @@ from aiohttp import ClientSession, ClientWebSocketResponse, WSMsgType
 
 @dataclass(frozen=True)
 class Answer:
-    """What came back."""
+    """A server's response."""
 
     status: int
     headers: Mapping[str, str]
@@ -51,7 +51,7 @@ def fetch(
 
 
 def origin_of(url: str) -> str:
-    """What browsers call the page's origin."""
+    """The page's origin, as browsers send it."""
     parts = urlsplit(url)
     return f"{parts.scheme}://{parts.netloc}"
 

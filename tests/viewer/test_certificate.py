@@ -24,7 +24,7 @@ HOSTS = ["127.0.0.1", "localhost", "192.168.7.9", "toys.local"]
 
 @pytest.fixture
 def trust(tmp_path: Path) -> ssl.SSLContext:
-    """What trusts the certificate for these hosts in the test's folder, and nothing else."""
+    """A context that trusts only the certificate for these hosts in the test's folder."""
     names = ["127.0.0.1", "localhost", *lan_addresses(), *host_names()]
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.verify_flags |= ssl.VERIFY_X509_STRICT

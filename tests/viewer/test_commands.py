@@ -61,7 +61,7 @@ def scene() -> Gaussians:
 
 @pytest.fixture
 def result(scene: Gaussians, small_capture: Capture, tmp_path: Path) -> Path:
-    """What a run with refined poses leaves behind."""
+    """The result folder of a run with refined poses."""
     folder = tmp_path / "toys-result"
     (folder / "held_out").mkdir(parents=True)
     scene.save(folder / "scene.ply")

@@ -119,7 +119,7 @@ def test_values_for_the_shaders_are_those_of_python(visit: Visit, cameras: list[
 
 
 def test_dragging_turns_the_scene(visit: Visit) -> None:
-    """What is in front of the target follows the pointer."""
+    """Points in front of the target follow the pointer."""
     before = marks(visit.picture())
     visit.drag(30, 0)
     after = marks(visit.picture())
@@ -227,6 +227,14 @@ def test_a_saved_picture_outlives_the_click(visit: Visit) -> None:
     visit["#screenshot"].click()
     expect(visit["#message-text"]).to_contain_text("could not encode the picture")
     visit["#message-close"].click()
+
+
+def test_the_canvas_shows_that_it_has_the_focus(visit: Visit) -> None:
+    visit.page.keyboard.press("Tab")
+    visit["#canvas"].focus()
+    expect(visit["#canvas"]).to_have_css("outline-style", "solid")
+    expect(visit["#canvas"]).to_have_css("outline-offset", "-2px")
+    visit["#canvas"].blur()
 
 
 def test_reset_goes_back(visit: Visit) -> None:
@@ -412,7 +420,7 @@ SUBMISSIONS = """{
 
 
 def first_drawing(visit: Visit) -> str:
-    """How the first image was drawn since `submissions` were cleared: whole, or in parts."""
+    """Whether the first image since `submissions` were cleared was drawn whole or in parts, by its label."""
     return next(label for label in visit.page.evaluate("submissions") if label in ("render", "list splats"))
 
 

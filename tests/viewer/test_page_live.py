@@ -116,7 +116,7 @@ def test_pages_that_missed_the_end_of_a_run(tmp_path: Path) -> None:
 
 
 def nothing() -> Content:
-    """What a server has of a run that left no result."""
+    """Refuse, as a server does for a run without a result."""
     raise web.HTTPNotFound
 
 

@@ -103,7 +103,7 @@ def until_points(visit: Visit) -> None:
 
 
 def still(visit: Visit) -> np.ndarray:
-    """What the page shows once it has shown the same for a while."""
+    """The page's image once it has stopped changing."""
     before = visit.seen()
     for _ in range(60):
         visit.page.wait_for_timeout(500)

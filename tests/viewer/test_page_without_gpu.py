@@ -182,6 +182,29 @@ LOSE = """async () => {
 }"""
 
 
+FAIL = """async () => {
+    const { Renderer } = await import(new URL("page/drawing/renderer.js", document.baseURI));
+    let open = 0;
+    const device = {
+        addEventListener() {},
+        createShaderModule() {
+            throw new Error("no shader");
+        },
+        destroy: () => open--,
+    };
+    const requestDevice = async () => open++ || device;
+    const gpu = { requestAdapter: async () => ({ limits: {}, requestDevice }) };
+    Object.defineProperty(navigator, "gpu", { value: gpu, configurable: true });
+    const failure = await Renderer.open(document.createElement("canvas"), () => {}).catch(({ message }) => message);
+    delete navigator.gpu;
+    return [typeof failure, open];
+}"""
+
+
+def test_a_gpu_on_which_shaders_fail_does_not_stay_open(page: Page) -> None:
+    assert page.evaluate(FAIL) == ["string", 0]
+
+
 def test_a_gpu_that_is_lost_again_and_again_is_left_alone(page: Page) -> None:
     """Until then each loss halves the resolution."""
     shares, said, compositor = page.evaluate(LOSE)

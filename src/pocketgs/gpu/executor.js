@@ -16,6 +16,8 @@ import { pack } from "./uniforms.js";
 /** Maximum number of workgroups in one dimension of a dispatch. */
 const MAX_ROW_LENGTH = 65_535;
 
+const FULL = "the GPU's memory is full: expected a smaller scene or smaller images";
+
 /** Number of recorded sequences to keep: one per image size and amount of data. */
 const MAX_RECORDED = 64;
 
@@ -84,7 +86,7 @@ export class Executor {
         if (await this.#device.popErrorScope()) {
             // Any of them may be invalid, though it states the size that was asked for.
             grown.forEach(([name]) => this.#forget(name));
-            throw new Error("the GPU's memory is full: expected a smaller scene or smaller images");
+            throw new Error(FULL);
         }
     }
 
@@ -161,10 +163,15 @@ export class Executor {
      * @param {number} count
      * @param {number} offset in numbers
      * @returns {Promise<T>}
+     * @throws {Error} the GPU's memory is full
      */
     async read(name, type, count, offset = 0) {
         const usage = GPUBufferUsage.MAP_READ | GPUBufferUsage.COPY_DST;
+        this.#device.pushErrorScope("out-of-memory");
         const copy = this.#device.createBuffer({ label: `copy of ${name}`, size: 4 * count, usage });
+        if (await this.#device.popErrorScope()) {
+            throw new Error(FULL);
+        }
         const encoder = this.#device.createCommandEncoder();
         encoder.copyBufferToBuffer(this.#buffers.get(name), 4 * offset, copy, 0, 4 * count);
         this.#device.queue.submit([encoder.finish()]);

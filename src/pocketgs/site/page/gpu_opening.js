@@ -4,9 +4,7 @@
  * @module
  */
 
-/** Tries to open it, and milliseconds between them: after a loss a browser may have to start a process for it. */
-const TRIES = 3;
-const PAUSE = 1000;
+import { TRIES, tried } from "../page/drawing/opening.js";
 
 /**
  * The GPU, open whenever that is possible.
@@ -38,7 +36,7 @@ export class GpuOpening {
     }
 
     #begin(tries) {
-        const opening = this.#tried(tries);
+        const opening = tried(this.#open, tries);
         this.#opening = opening;
         opening.then(
             ({ lost }) => {
@@ -51,18 +49,5 @@ export class GpuOpening {
             },
         );
         return opening;
-    }
-
-    async #tried(tries) {
-        for (;;) {
-            try {
-                return await this.#open();
-            } catch (error) {
-                if (!--tries) {
-                    throw error;
-                }
-                await new Promise((resolve) => setTimeout(resolve, PAUSE));
-            }
-        }
     }
 }

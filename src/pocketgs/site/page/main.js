@@ -5,6 +5,7 @@
  */
 
 import { save } from "../page/controls/saving.js";
+import { element } from "../page/element.js";
 import { listenForCaptures } from "./controls/pick.js";
 import { ProgressView } from "./controls/progress.js";
 import { ScenePicture } from "./controls/scene_picture.js";
@@ -34,6 +35,10 @@ let kept = null;
 let scene = {};
 /** Whether the scene would be lost with the page: it is neither kept nor saved. */
 let isFleeting = false;
+/** Whether the scene is that of the kept run. */
+let isKept = false;
+/** Whether the kept run, as far as it is known, has been saved. */
+let isKeptSaved = false;
 
 const handlers = {
     settings: ({ run, plan }) => {
@@ -61,14 +66,16 @@ const handlers = {
     },
     picture: (found) => picture.show(found.picture),
     progress: (progress) => {
+        isKeptSaved = false;
         progressView.showProgress(progress);
         picture.refresh();
     },
     done: (found) => {
-        [scene, isFleeting] = [found.scene, !found.isKept];
+        [scene, isKept, isFleeting] = [found.scene, found.isKept, !found.isKept];
         FORMATS.forEach((format) => (element(`save-${format}`).disabled = !scene[format]));
         setTraining(false);
-        element("kept").hidden = true;
+        // The run that can go on is this one, unless this one is not kept.
+        element("kept").hidden = isKept || !kept;
         progressView.end();
         picture.redraw();
     },
@@ -95,7 +102,8 @@ listenForCaptures((picked) => {
     if (!OPTIONS.map(element).every((input) => input.reportValidity())) {
         return;
     }
-    if (isFleeting && !confirm("The trained scene is not saved, and would be lost. Train another all the same?")) {
+    const lost = sceneLost() || keptRunLost();
+    if (lost && !confirm(`${lost} Train another all the same?`)) {
         return;
     }
     const [most, iterations, gaussians, megabytes] = OPTIONS.map((id) => element(id).valueAsNumber);
@@ -111,9 +119,26 @@ listenForCaptures((picked) => {
 element("depth").addEventListener("change", ({ target }) => (element("refines").disabled = !target.checked));
 
 element("go-on").addEventListener("click", () => {
+    if (sceneLost() && !confirm(`${sceneLost()} Go on all the same?`)) {
+        return;
+    }
     begin(kept.name, kept.iterations);
     worker.postMessage({ type: "go on" });
 });
+
+/** What is lost with the scene that is shown, as a sentence; "" if nothing is. */
+function sceneLost() {
+    return isFleeting ? "The trained scene is not saved, and would be lost." : "";
+}
+
+/** What is lost with the kept run once another one trains, likewise. */
+function keptRunLost() {
+    if (!kept || (isKeptSaved && kept.iteration === kept.iterations)) {
+        return "";
+    }
+    const state = kept.iteration < kept.iterations ? "is not finished" : "is not saved";
+    return `The kept run of ${kept.name} ${state}, and would be replaced.`;
+}
 
 function begin(title, iterations) {
     [name, isPaused, scene, isFleeting] = [title, false, {}, false];
@@ -136,9 +161,10 @@ element("cancel").addEventListener("click", () => worker.postMessage({ type: "ca
 element("stop").addEventListener("click", () => worker.postMessage({ type: "stop" }));
 
 for (const format of FORMATS) {
-    element(`save-${format}`).addEventListener("click", () => {
-        isFleeting = false;
-        save(scene[format], `${name}.${format}`);
+    element(`save-${format}`).addEventListener("click", async () => {
+        if (await save(scene[format], `${name}.${format}`)) {
+            [isFleeting, isKeptSaved] = [false, isKept];
+        }
     });
 }
 
@@ -199,7 +225,3 @@ function addMessage(text) {
 }
 
 const cut = (text) => (text.length > MOST_SHOWN ? `${text.slice(0, MOST_SHOWN)} …` : text);
-
-function element(id) {
-    return document.getElementById(id);
-}

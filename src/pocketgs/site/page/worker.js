@@ -4,7 +4,7 @@
  * @module
  */
 
-import { BUFFER_LIMITS, openDevice } from "../gpu/device.js";
+import { onDevice } from "../page/drawing/opening.js";
 import { FileTree, StoredFile } from "./archive/tree.js";
 import { filesInZip } from "./archive/zip.js";
 import { withoutDepth } from "./capture/depth_map.js";
@@ -34,6 +34,7 @@ import { Trainer } from "./training/trainer.js";
 
 const LOST_AT_WORK = "Go on, or train again with smaller photographs.";
 const LOST_AT_REST = "The scene can be saved, but not turned.";
+const KEPT_ELSEWHERE = "Another tab of this page keeps a run: close it.";
 const NOT_KEPT = "This run cannot be kept in the browser's storage: save the scene before you close the page.";
 
 const DATA = ["settings.json", "passes.json", "depth_passes.json", "features_passes.json", "seeding_passes.json"];
@@ -47,7 +48,9 @@ let serving = Promise.resolve();
 
 // Shaders are compiled while the user chooses a capture.
 const opening = new GpuOpening(openGpu, () => tell("ready"), complain);
-const kept = await KeptRun.open();
+/** Null where the browser keeps nothing, and while another page keeps a run. @type {KeptRun | null} */
+let kept = null;
+await openKept();
 
 self.addEventListener("message", async ({ data }) => {
     if (data.type === "train") {
@@ -63,7 +66,6 @@ self.addEventListener("message", async ({ data }) => {
     }
 });
 tell("settings", { run: settings.run, plan: settings.plan });
-tellOfKept();
 
 /**
  * @typedef {Object} Own what a plan leaves as it is
@@ -76,9 +78,7 @@ tellOfKept();
 async function train(picked, own) {
     await endLast();
     const { gpu, capture, points, options } = await readied(picked, own);
-    const isKept = await isStored(kept?.begin(picked.name, capture, options));
-    cancelling.signal.throwIfAborted();
-    await perform(capture, options, gpu, isKept, (run) => run.go(points, gpu.search, cancelling.signal));
+    await perform(picked.name, capture, options, gpu, (run) => run.go(points, gpu.search, cancelling.signal));
 }
 
 /** What a run needs: the GPU, its capture with refined poses, the points that it starts from, its options. */
@@ -94,8 +94,8 @@ async function readied(picked, { iterations, prior, refines, ...wish }) {
 /** Go on with the run of an earlier visit. */
 async function goOn() {
     await endLast();
-    const { capture, options, checkpoint } = await kept.read();
-    await perform(capture, options, await compiled(), true, (run) => run.goOn(checkpoint, cancelling.signal));
+    const { name, capture, options, checkpoint } = await kept.read();
+    await perform(name, capture, options, await compiled(), (run) => run.goOn(checkpoint, cancelling.signal));
 }
 
 async function endLast() {
@@ -122,13 +122,15 @@ function preparedOn({ trainer, stereo, finder }, capture, options) {
 /**
  * Train, and then draw the scene until the next run.
  *
+ * @param {string} name
  * @param {import("./capture/open.js").Capture} capture
  * @param {import("./training/run.js").Options} options
  * @param {Gpu} gpu
- * @param {boolean} isKept whether there is room to keep it
  * @param {(run: Run) => Promise<import("../page/scene/gaussian_columns.js").GaussianColumns>} work
  */
-async function perform(capture, options, gpu, isKept, work) {
+async function perform(name, capture, options, gpu, work) {
+    // One that goes on is kept already.
+    let isKept = true;
     gpu.trainer.mostBytes = options.mostBufferBytes ?? Infinity;
     tell("first", firstView(capture, settings.volume));
     run = new Run(gpu.trainer, capture, settings, options, {
@@ -139,8 +141,12 @@ async function perform(capture, options, gpu, isKept, work) {
         },
         onPicture: (picture) => tell("picture", { picture }),
         onComplaint: (text) => tell("complaint", { text }),
+        onBegin: async (begun) => {
+            isKept = await isStored(kept?.begin(name, begun, options));
+            await tellOfKept();
+        },
         onCheckpoint: async (checkpoint) => {
-            isKept &&= await isStored(kept.keep(checkpoint));
+            isKept &&= await isStored(checkpoint && kept.keep(checkpoint));
             await tellOfKept();
         },
     });
@@ -174,6 +180,21 @@ async function failed(error) {
     await tellOfKept();
 }
 
+/** Open the browser's storage, unless another page holds it: then this one goes on without until that is closed. */
+function openKept() {
+    return new Promise((resolve) => {
+        const onWait = () => {
+            tell("complaint", { text: KEPT_ELSEWHERE });
+            resolve();
+        };
+        KeptRun.open(onWait).then((opened) => {
+            kept = opened;
+            resolve();
+            return tellOfKept();
+        });
+    });
+}
+
 async function tellOfKept() {
     tell("kept", { found: (await kept?.summary()) ?? null });
 }
@@ -189,14 +210,15 @@ async function tellOfKept() {
  *
  * @returns {Promise<Gpu>}
  */
-async function openGpu() {
-    const device = await openDevice(BUFFER_LIMITS);
-    device.addEventListener("uncapturederror", ({ error }) => tell("complaint", { text: error.message }));
-    const trainer = await Trainer.open(device, passes, settings);
-    const stereo = await Stereo.open(device, depthPasses, settings.prior.sweep);
-    const finder = await FeatureFinder.open(device, featuresPasses, settings.prior.features);
-    const search = await NeighbourSearch.open(device, seedingPasses, settings.seeding);
-    return { trainer, stereo, finder, search, loss: new GpuLoss(device), lost: device.lost };
+function openGpu() {
+    return onDevice(async (device) => {
+        device.addEventListener("uncapturederror", ({ error }) => tell("complaint", { text: error.message }));
+        const trainer = await Trainer.open(device, passes, settings);
+        const stereo = await Stereo.open(device, depthPasses, settings.prior.sweep);
+        const finder = await FeatureFinder.open(device, featuresPasses, settings.prior.features);
+        const search = await NeighbourSearch.open(device, seedingPasses, settings.seeding);
+        return { trainer, stereo, finder, search, loss: new GpuLoss(device), lost: device.lost };
+    });
 }
 
 /** The capture with its photographs, as large as they fit, and the plan. */

@@ -14,7 +14,7 @@ import { SceneView } from "./drawing/scene_view.js";
 import { fetchScene, readScene } from "./formats/scene_file.js";
 import { paced } from "./live/pace.js";
 import { LiveRun } from "./live/run.js";
-import { beginOpening, whileLoading } from "./messages/loading.js";
+import { whileLoading } from "./messages/loading.js";
 import { hideMessage, showMessage, showPreviews, showWithoutGpu } from "./messages/messages.js";
 
 /** Default up direction, for cameras whose y axis points down. */
@@ -69,7 +69,7 @@ async function drawOnGpu(opening, open, viewer, view) {
 }
 
 async function load({ scene, title, up }, view, cameras) {
-    const mayShow = beginOpening();
+    const claim = view.beginOpening();
     const showPart = (gaussians, count) => {
         if (view.renderer.showPart(gaussians, count)) {
             cameras.frameArriving(gaussians, up, count);
@@ -79,11 +79,11 @@ async function load({ scene, title, up }, view, cameras) {
     const read = (onProgress) => fetchScene(scene, onProgress, onPart);
     try {
         const gaussians = await whileLoading(title, read);
-        if (mayShow()) {
+        if (claim()) {
             await showScene(gaussians, up, view, cameras);
         }
     } catch (error) {
-        if (mayShow()) {
+        if (claim()) {
             view.renderer.stayWithPoints();
         }
         showMessage(error.message);
@@ -97,11 +97,11 @@ async function showScene(gaussians, up, view, cameras) {
 
 async function openFile(file, view, cameras) {
     hideMessage();
-    const mayShow = beginOpening();
+    const claim = view.beginOpening();
     const read = (onProgress) => readScene(file.name, file.stream(), file.size, onProgress);
     try {
         const gaussians = await whileLoading(file.name, read);
-        if (mayShow()) {
+        if (claim()) {
             cameras.frame(gaussians, USUAL_UP);
             document.getElementById("title").textContent = file.name;
             await view.setScene(gaussians);
@@ -112,21 +112,21 @@ async function openFile(file, view, cameras) {
 }
 
 function follow(view, cameras) {
-    const mayShow = beginOpening();
+    const claim = view.beginOpening();
     new LiveRun({
         onScene: async (gaussians) => {
-            if (mayShow()) {
+            if (claim()) {
                 await showScene(gaussians, USUAL_UP, view, cameras);
             }
         },
         onViewer: (viewer) => {
-            if (mayShow()) {
+            if (claim()) {
                 cameras.setViews(viewer);
             }
             showPreviews(viewer.previews);
         },
         onResult: () => {
-            if (mayShow()) {
+            if (claim()) {
                 location.reload();
             }
         },

@@ -35,20 +35,30 @@ export async function filesInZip(archive, name) {
     const refused = (found) => new Error(`${name}: ${found}`);
     const { count, offset, bytes } = await findDirectory(archive, refused);
     const directory = await viewOf(archive, offset, bytes);
-    const files = [];
+    const entries = [];
     for (let at = 0, i = 0; i < count; i++) {
         if (at + ENTRY_BYTES > directory.byteLength || directory.getUint32(at, true) !== ENTRY_MARK) {
             throw refused(`its list of files is broken after ${i} of ${count}: expected a whole zip file`);
         }
         const entry = readEntry(directory, at);
         at += entry.bytes;
-        if (!entry.path.endsWith("/")) {
+        entries.push(entry);
+    }
+    return withSlashes(entries)
+        .filter(({ path }) => !path.endsWith("/"))
+        .map((entry) => {
             const read = () => unpacked(archive, entry, refused);
             const readStart = (most) => startOf(archive, entry, most, refused);
-            files.push(new StoredFile(entry.path, entry.size, read, readStart));
-        }
+            return new StoredFile(entry.path, entry.size, read, readStart);
+        });
+}
+
+/** Old tools on Windows separate folders by backslashes. */
+function withSlashes(entries) {
+    if (entries.some(({ path }) => path.includes("/"))) {
+        return entries;
     }
-    return files;
+    return entries.map((entry) => ({ ...entry, path: entry.path.replaceAll("\\", "/") }));
 }
 
 async function findDirectory(archive, refused) {

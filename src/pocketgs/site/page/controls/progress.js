@@ -4,6 +4,7 @@
  * @module
  */
 
+import { element } from "../../page/element.js";
 import { drawCurves } from "../../page/live/curves.js";
 import { showFigures } from "../../page/live/figures.js";
 
@@ -85,8 +86,4 @@ export class ProgressView {
     #draw() {
         drawCurves(element("curves"), this.#samples, this.#iterations);
     }
-}
-
-function element(id) {
-    return document.getElementById(id);
 }

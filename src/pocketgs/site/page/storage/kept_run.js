@@ -31,14 +31,23 @@ export class KeptRun {
         this.#folder = folder;
     }
 
-    /** @returns {Promise<KeptRun | null>} null where the browser keeps nothing, or another page does */
-    static async open() {
+    /**
+     * Wait for as long as another page keeps a run.
+     *
+     * @param {() => void} onWait called if that takes long
+     * @returns {Promise<KeptRun | null>} null where the browser keeps nothing
+     */
+    static async open(onWait) {
+        // A page that is loaded again waits for the worker that it had before.
+        const waiting = setTimeout(onWait, MS_TO_WAIT);
         try {
             await lockForGood();
             const root = await navigator.storage.getDirectory();
             return new KeptRun(await root.getDirectoryHandle(FOLDER, { create: true }));
         } catch {
             return null;
+        } finally {
+            clearTimeout(waiting);
         }
     }
 
@@ -84,9 +93,12 @@ export class KeptRun {
         }
     }
 
-    /** @returns {Promise<{capture: Capture, options: Options, checkpoint: Checkpoint}>} the run that `summary` is of */
+    /**
+     * @returns {Promise<{name: string, capture: Capture, options: Options, checkpoint: Checkpoint}>} the run that
+     *     `summary` is of
+     */
     async read() {
-        const { number, options, background, frames, training } = await this.#description();
+        const { number, name, options, background, frames, training } = await this.#description();
         const checkpoint = await readCheckpoint(await this.#file(CHECKPOINT), number);
         const photographs = await this.#file(PHOTOGRAPHS);
         let at = 0;
@@ -101,7 +113,7 @@ export class KeptRun {
         }
         this.#number = number;
         const [train, heldOut] = [frames.slice(0, training), frames.slice(training)];
-        return { capture: { train, heldOut, background, cloud: null, warnings: [] }, options, checkpoint };
+        return { name, capture: { train, heldOut, background, cloud: null, warnings: [] }, options, checkpoint };
     }
 
     async #writeCapture(name, { train, heldOut, background }, options) {
@@ -150,8 +162,7 @@ function lockForGood() {
             resolve();
             return new Promise(() => {});
         };
-        // A page that is loaded again waits for the worker that it had before.
-        navigator.locks.request(LOCK, { signal: AbortSignal.timeout(MS_TO_WAIT) }, holdForGood).catch(reject);
+        navigator.locks.request(LOCK, holdForGood).catch(reject);
     });
 }
 

@@ -40,7 +40,10 @@ import { ViewOrder } from "./view_order.js";
  * @property {(picture: {width: number, height: number, rgba: Uint8ClampedArray} | null) => void} onPicture null where
  *     there was no room for it
  * @property {(text: string) => void} onComplaint
- * @property {(checkpoint: import("../storage/kept_run.js").Checkpoint) => Promise<void>} onCheckpoint
+ * @property {(capture: Capture) => Promise<void>} onBegin called once a new run will not fail for want of memory, and
+ *     cannot be cancelled any more
+ * @property {(checkpoint: import("../storage/kept_run.js").Checkpoint | null) => Promise<void>} onCheckpoint null where
+ *     there was no room to copy it from the GPU
  */
 
 /** Milliseconds of training after which the run is kept again. */
@@ -147,6 +150,8 @@ export class Run {
         signal.throwIfAborted();
         await this.#trainer.begin(train, background, seedDiscs(ordered, around, recipe, seeding));
         signal.throwIfAborted();
+        this.#report();
+        await this.#listener.onBegin(this.#capture);
         return this.#finish();
     }
 
@@ -168,6 +173,7 @@ export class Run {
         this.#first = this.#iteration;
         await this.#trainer.begin(train, background, scene, { losses: header.losses, near: header.near, moments });
         signal.throwIfAborted();
+        this.#report();
         return this.#finish();
     }
 
@@ -189,7 +195,6 @@ export class Run {
         const { iterations, seed } = this.#options;
         const order = new ViewOrder(this.#views, seed);
         const every = this.#settings.run.evaluate_every;
-        this.#report();
         let began = performance.now();
         while (this.#iteration < iterations && !this.#isStopped) {
             const rates = ratesAt(this.#initial, this.#settings.recipe.schedule, this.#iteration / iterations);
@@ -213,10 +218,20 @@ export class Run {
 
     async #keep() {
         [this.#mustKeep, this.#kept] = [false, this.#spent];
-        const [scene, { losses, near, moments }] = [await this.#trainer.download(), await this.#trainer.state()];
-        const { count, coefficients } = scene;
-        const header = { count, coefficients, losses, near, psnr: this.#psnr, initial: this.#initial };
-        await this.#listener.onCheckpoint({ header, arrays: [scene.shape, scene.sh, ...moments] });
+        await this.#listener.onCheckpoint(await this.#checkpoint());
+    }
+
+    /** How far the run is, or null where there is no room to copy it from the GPU: training goes on without. */
+    async #checkpoint() {
+        try {
+            const [scene, { losses, near, moments }] = [await this.#trainer.download(), await this.#trainer.state()];
+            const { count, coefficients } = scene;
+            const header = { count, coefficients, losses, near, psnr: this.#psnr, initial: this.#initial };
+            return { header, arrays: [scene.shape, scene.sh, ...moments] };
+        } catch {
+            await this.#trainer.answer();
+            return null;
+        }
     }
 
     async #waitWhile(goesOn) {

@@ -207,6 +207,11 @@ export class Trainer {
         return { losses: [...this.losses], near: this.#near, moments };
     }
 
+    /** Wait until the GPU answers. Where it was lost this fails. */
+    async answer() {
+        await this.#executor.read("status", Uint32Array, 1);
+    }
+
     async #rendered(camera) {
         const { description } = this.#executor;
         const buffers = description.buffersOf(["render"]);
@@ -232,7 +237,7 @@ export class Trainer {
     async #recover() {
         await this.#executor.reserve(this.#sizesWith(this.#intersections));
         this.#resume();
-        await this.#executor.read("status", Uint32Array, 1);
+        await this.answer();
     }
 
     #submit(step) {

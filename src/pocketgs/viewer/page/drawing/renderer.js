@@ -5,11 +5,11 @@
  */
 
 import { Description } from "../../gpu/description.js";
-import { BUFFER_LIMITS, openDevice } from "../../gpu/device.js";
 import { Executor } from "../../gpu/executor.js";
 import { GROWTH, INTERSECTIONS_PER_GAUSSIAN, MEAN, MIN_INTERSECTIONS } from "../constants.js";
 import { nearPlane } from "../scene/near_plane.js";
 import { Display } from "./display.js";
+import { onDevice } from "./opening.js";
 import { pngOf } from "./png.js";
 import { SubmissionSizes } from "./submission_sizes.js";
 import { viewValues } from "./view_values.js";
@@ -72,14 +72,15 @@ export class Renderer {
         const renderer = new Renderer();
         const description = fetchDescription(renderer.#passes);
         description.catch(() => {});
-        renderer.#device = await openDevice(BUFFER_LIMITS);
-        renderer.#device.addEventListener("uncapturederror", ({ error }) => onFault(error.message));
-        renderer.#canvas = canvas;
-        [renderer.#display, renderer.#executor] = await Promise.all([
-            Display.open(renderer.#device, canvas),
-            renderer.#executorOf(await description),
-        ]);
-        return renderer;
+        return onDevice(async (device) => {
+            device.addEventListener("uncapturederror", ({ error }) => onFault(error.message));
+            [renderer.#device, renderer.#canvas] = [device, canvas];
+            [renderer.#display, renderer.#executor] = await Promise.all([
+                Display.open(device, canvas),
+                renderer.#executorOf(await description),
+            ]);
+            return renderer;
+        });
     }
 
     /** @returns {Promise<GPUDeviceLostInfo>} resolves when the GPU is lost */

@@ -5,6 +5,7 @@
  */
 
 import { FIRST_SHARE } from "./frame_loop.js";
+import { tried } from "./opening.js";
 
 /**
  * @typedef {import("../scene/gaussian_columns.js").GaussianColumns} GaussianColumns
@@ -26,10 +27,6 @@ import { FIRST_SHARE } from "./frame_loop.js";
 /** A GPU that is lost more often than this, each time within so many milliseconds of work, is not opened again. */
 const MAX_LOSSES = 3;
 const LASTING = 60_000;
-
-/** Tries to open a lost GPU, and milliseconds between them: a browser may have to start a process for it. */
-const TRIES = 3;
-const PAUSE = 1000;
 
 /** Draws points or on the GPU; marks the document when only points are possible. */
 export class SceneRenderer {
@@ -238,7 +235,7 @@ export class SceneRenderer {
     /** Open a lost GPU again, and draw points meanwhile. */
     async #regain(message, reopen) {
         this.#drawPoints();
-        const gpu = this.#losses <= MAX_LOSSES && (await this.#reopened(reopen));
+        const gpu = this.#losses <= MAX_LOSSES && (await tried(reopen).catch(() => null));
         if (!gpu) {
             this.stayWithPoints();
             this.#told.onNote("");
@@ -248,17 +245,6 @@ export class SceneRenderer {
         const resolution = this.#losses ? `${100 * this.#largestOnGpu} %` : "the same";
         this.#told.onNote(`the GPU was lost: now at ${resolution} resolution`);
         await this.useGpu(gpu, reopen);
-    }
-
-    async #reopened(reopen) {
-        for (let i = 0; i < TRIES; i++) {
-            try {
-                return await reopen();
-            } catch {
-                await new Promise((resolve) => setTimeout(resolve, PAUSE));
-            }
-        }
-        return null;
     }
 
     /** Report an error of the GPU, but not repeatedly for every scene of a run or every image. */

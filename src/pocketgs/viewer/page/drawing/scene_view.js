@@ -50,6 +50,9 @@ export class SceneView {
     #times = [];
     #onStatistics;
     #journey = 0;
+    /** Numbers of what was opened: of the last, and of what is shown. */
+    #opened = 0;
+    #shown = 0;
 
     /**
      * @param {HTMLCanvasElement} canvas that receives pointer events
@@ -112,6 +115,20 @@ export class SceneView {
     /** Milliseconds to wait before showing more of a loading scene, so that drawing does not delay loading. */
     get pauseBetweenParts() {
         return PAUSE_BETWEEN_PARTS * (this.#times.at(-1) ?? 0);
+    }
+
+    /**
+     * Start opening a scene, or a run with a sequence of scenes.
+     *
+     * @returns {() => boolean} claims the view, to be called before showing it: false if something opened later has it
+     */
+    beginOpening() {
+        const number = ++this.#opened;
+        return () => {
+            const isNewest = number >= this.#shown;
+            this.#shown = Math.max(this.#shown, number);
+            return isNewest;
+        };
     }
 
     /**

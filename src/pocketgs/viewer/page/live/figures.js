@@ -4,6 +4,8 @@
  * @module
  */
 
+import { element } from "../element.js";
+
 /**
  * Show how far a run is, and what became of it.
  *
@@ -16,8 +18,8 @@
  * @param {number} progress.memory_mb
  */
 export function showFigures({ iteration, iterations, loss, held_out_psnr, seconds_left, memory_mb }) {
-    const show = (id, text) => (document.getElementById(id).textContent = text);
-    document.getElementById("training").value = iterations ? iteration / iterations : 0;
+    const show = (id, text) => (element(id).textContent = text);
+    element("training").value = iterations ? iteration / iterations : 0;
     show("iteration", iterations ? `${iteration} / ${iterations}` : "");
     show("loss", loss?.toPrecision(3) ?? "–");
     show("psnr", held_out_psnr ? `${held_out_psnr.toFixed(2)} dB` : "–");

@@ -4,6 +4,7 @@
  * @module
  */
 
+import { element } from "../element.js";
 import { readScene } from "../formats/scene_file.js";
 import { drawCurves } from "./curves.js";
 import { showFigures } from "./figures.js";
@@ -146,8 +147,4 @@ async function servedNow() {
     } catch {
         return "unknown";
     }
-}
-
-function element(id) {
-    return document.getElementById(id);
 }

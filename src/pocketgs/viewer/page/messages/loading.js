@@ -1,5 +1,5 @@
 /**
- * The progress bar of loading scenes, and which of several is shown.
+ * The progress bar of loading scenes.
  *
  * @module
  */
@@ -12,22 +12,6 @@
 
 /** @type {Reading[]} in order of their start */
 let underWay = [];
-let begun = 0;
-let shown = 0;
-
-/**
- * Start opening a scene, or a run with a sequence of scenes.
- *
- * @returns {() => boolean} to call before showing it: false if something opened later is already shown
- */
-export function beginOpening() {
-    const number = ++begun;
-    return () => {
-        const isNewest = number >= shown;
-        shown = Math.max(shown, number);
-        return isNewest;
-    };
-}
 
 /**
  * Show the bar until a scene is loaded; of several, that of the newest.
