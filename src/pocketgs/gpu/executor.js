@@ -169,13 +169,19 @@ export class Executor {
         const usage = GPUBufferUsage.MAP_READ | GPUBufferUsage.COPY_DST;
         this.#device.pushErrorScope("out-of-memory");
         const copy = this.#device.createBuffer({ label: `copy of ${name}`, size: 4 * count, usage });
-        if (await this.#device.popErrorScope()) {
-            throw new Error(FULL);
-        }
+        const outOfMemory = this.#device.popErrorScope();
+        // Submitted before anything is awaited: what is submitted meanwhile must not change what is read.
+        this.#device.pushErrorScope("validation");
         const encoder = this.#device.createCommandEncoder();
         encoder.copyBufferToBuffer(this.#buffers.get(name), 4 * offset, copy, 0, 4 * count);
         this.#device.queue.submit([encoder.finish()]);
-        await copy.mapAsync(GPUMapMode.READ);
+        const invalid = this.#device.popErrorScope();
+        const mapped = copy.mapAsync(GPUMapMode.READ);
+        const [full, fault] = await Promise.all([outOfMemory, invalid, mapped.catch(() => {})]);
+        if (full || fault) {
+            throw new Error(full ? FULL : fault.message);
+        }
+        await mapped;
         const content = new type(copy.getMappedRange().slice(0));
         copy.destroy();
         return content;
