@@ -42,6 +42,17 @@ def test_software_adapters_come_last(adapter: Adapter) -> None:
     assert adapter.backend in ("Vulkan", "Metal", "D3D12")
 
 
+def test_adapters_are_found_after_another_library_has_opened_gpus(adapter: Adapter) -> None:
+    code = (
+        "import wgpu; wgpu.gpu.enumerate_adapters_sync(); from pocketgs.gpu.adapters import adapters; "
+        "print([one.backend for one in adapters()])"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert adapter.backend in run.stdout
+    assert "OpenGL" not in run.stdout
+
+
 def test_where_all_adapters_are_software_auto_takes_the_cpu(adapter: Adapter, monkeypatch: pytest.MonkeyPatch) -> None:
     if not adapter.is_software:
         pretend(monkeypatch, as_software(adapter))

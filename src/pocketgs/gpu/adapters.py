@@ -6,7 +6,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -88,12 +88,14 @@ def adapters() -> tuple[Adapter, ...]:
     except (ImportError, OSError):
         return ()
     # OpenGL lacks what the passes need, and probing it prints to the terminal.
-    set_instance_extras(backends=["Vulkan", "Metal", "DX12"])
+    with suppress(RuntimeError):  # another library has opened GPUs before, with backends of its choice
+        set_instance_extras(backends=["Vulkan", "Metal", "DX12"])
     try:
         with _without_complaints_about_displays():
-            found = [_adapter(handle) for handle in wgpu.gpu.enumerate_adapters_sync()]
+            listed = [_adapter(handle) for handle in wgpu.gpu.enumerate_adapters_sync()]
     except RuntimeError:
         return ()
+    found = [adapter for adapter in listed if not adapter.backend.startswith("OpenGL")]
     return tuple(sorted(found, key=lambda adapter: (adapter.is_software, _PREFERENCE.get(adapter.kind, 5))))
 
 

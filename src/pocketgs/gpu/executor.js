@@ -16,6 +16,9 @@ import { pack } from "./uniforms.js";
 /** Maximum number of workgroups in one dimension of a dispatch. */
 const MAX_ROW_LENGTH = 65_535;
 
+/** Bytes of a write after which memory is worth a submission. */
+const LARGE_WRITE = 1 << 20;
+
 const FULL = "the GPU's memory is full: expected a smaller scene or smaller images";
 
 /** Number of recorded sequences to keep: one per image size and amount of data. */
@@ -142,6 +145,18 @@ export class Executor {
      */
     write(name, content, offset = 0) {
         this.#device.queue.writeBuffer(this.#buffers.get(name), offset, content);
+        if (content.byteLength > LARGE_WRITE) {
+            this.#device.queue.submit([]); // releases the browser's copy
+        }
+    }
+
+    /**
+     * Fill a buffer with zeros, in order with submitted sequences.
+     *
+     * @param {string} name
+     */
+    clear(name) {
+        this.#submit(`clear ${name}`, [name], []);
     }
 
     /**

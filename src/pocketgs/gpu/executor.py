@@ -33,6 +33,9 @@ _STORAGE = wgpu.BufferUsage.STORAGE | wgpu.BufferUsage.COPY_DST | wgpu.BufferUsa
 _UNIFORM = wgpu.BufferUsage.UNIFORM | wgpu.BufferUsage.COPY_DST
 
 
+LOST_SIGNS = ("lost", "could not map buffer")
+"""Parts of the messages of wgpu's errors that mean that the device was lost: it has no type for that."""
+
 _Method = TypeVar("_Method", bound=Callable[..., Any])
 
 
@@ -45,8 +48,8 @@ def _with_errors_in_one_line(method: _Method) -> _Method:
             return method(self, *given, **named)
         except wgpu.GPUOutOfMemoryError as error:
             raise PocketGSError(f"the GPU is out of memory: expected a smaller --max-memory ({error})") from error
-        except wgpu.GPUError as error:
-            if "lost" not in str(error).lower():
+        except (wgpu.GPUError, RuntimeError) as error:
+            if not any(sign in str(error).lower() for sign in LOST_SIGNS):
                 raise
             forget_device(self.device)
             expected = "a driver that keeps running (it resets where a step takes too long), or --engine cpu"
@@ -165,6 +168,24 @@ class Executor:
             clear: Encode = partial(self._clear, sequence=sequence)
             milliseconds = measure(self.device, clear, [one.dispatch for one in recorded])
             self._times.add([CLEAR, *(one.name for one in recorded)], milliseconds, symbols)
+
+    @_with_errors_in_one_line
+    def submit_by_pass(self, sequence: str, symbols: Symbols) -> None:
+        """Run a long sequence as `submit` does, but with a submission for each pass.
+
+        Drivers reset GPUs on which one submission takes seconds.
+        """
+        if self._times is not None:
+            self.submit(sequence, symbols)
+            return
+        for name in self.description.sequences[sequence].cleared:
+            self.clear(name)
+        for one in self._recorded(sequence, symbols):
+            encoder = self.device.create_command_encoder()
+            compute = encoder.begin_compute_pass()
+            one.dispatch(compute)
+            compute.end()
+            self.device.queue.submit([encoder.finish()])
 
     @property
     def has_timestamps(self) -> bool:

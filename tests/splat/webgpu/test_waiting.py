@@ -71,3 +71,15 @@ def test_a_lost_device_ends_in_one_line(engine: WebGpuEngine) -> None:
             attempt()
         assert "\n" not in str(caught.value)
     assert WebGpuEngine().executor.device is not engine.executor.device
+
+
+def test_a_device_lost_while_memory_is_mapped_ends_in_one_line(
+    engine: WebGpuEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: Any) -> None:
+        raise RuntimeError("Could not map buffer: 'Unknown'.")  # wgpu's error, which has no type of its own
+
+    engine.step(0, STEP)
+    monkeypatch.setattr(type(engine.executor.device.queue), "read_buffer", fails)
+    with pytest.raises(PocketGSError, match="the GPU was lost while working"):
+        engine.download()

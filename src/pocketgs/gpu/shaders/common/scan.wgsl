@@ -35,6 +35,7 @@ enable subgroups;
 // Running sums over the 256 threads of a workgroup: within each subgroup at once, then over the subgroups' sums.
 
 // Whether all subgroups are of one size and their threads consecutive and in order, which WGSL does not promise.
+var<workgroup> disorder: atomic<u32>;
 var<workgroup> in_order: u32;
 var<workgroup> subgroup_size: u32;
 
@@ -47,15 +48,19 @@ fn exclusive_scan(value: vec4u, thread: u32) -> vec4u {
     let subgroup = thread / lanes;
     workgroupBarrier();
     if (thread == 0u) {
-        in_order = 1u;
+        atomicStore(&disorder, 0u);
         subgroup_size = lanes;
     }
     workgroupBarrier();
     if (thread != first + lane || first % lanes != 0u || THREADS % lanes != 0u || lanes != subgroup_size) {
-        in_order = 0u;
+        atomicStore(&disorder, 1u);
     }
     if (lane == lanes - 1u) {
         running_sums[subgroup] = before + value;
+    }
+    workgroupBarrier();
+    if (thread == 0u) {
+        in_order = 1u - atomicLoad(&disorder);
     }
     if (workgroupUniformLoad(&in_order) == 0u) {
         return shared_scan(value, thread);

@@ -104,7 +104,7 @@ class WebGpuStereo:
         for name, content in inputs.buffers.items():
             executor.write(name, content)
         executor.write_uniform("sweep", inputs.uniform(symbols))
-        executor.submit(SWEEP, symbols)
+        executor.submit_by_pass(SWEEP, symbols)
         shape = keyframe.image.shape[:2]
         depth, margin = (
             executor.read(name, np.float32, symbols["pixels"]).reshape(shape) for name in ("depths", "margins")

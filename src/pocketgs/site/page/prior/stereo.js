@@ -121,7 +121,8 @@ export class Stereo {
         executor.write("inverse_depths", inverse);
         const isBounded = search.farthest < Infinity;
         executor.writeUniform("sweep", sweepFields(sources, inverse, isBounded, symbols, this.#settings));
-        executor.submit("sweep", symbols);
+        // Drivers reset GPUs on which one submission takes too long.
+        await executor.submitByPass("sweep", symbols, executor.description.sequences.sweep.passes.length, () => true);
         const depth = await executor.read("depths", Float32Array, symbols.pixels);
         return { depth, margin: await executor.read("margins", Float32Array, symbols.pixels), step };
     }

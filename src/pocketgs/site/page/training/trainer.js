@@ -115,17 +115,18 @@ export class Trainer {
         const sizes = this.#frames.map(({ camera }) => camera);
         const expected = expectedIntersections(scene.count, sizes, executor.largestBuffer, engine);
         await this.#makeRoom(expected, engine.min_intersections);
-        frames.forEach((frame, view) => {
+        for (const [view, frame] of frames.entries()) {
             if (this.#shelf.isResident(view)) {
                 this.#shelve(view, countedPixels(frame));
+                await executor.finished(); // until then there is another copy of the photograph
             } else {
                 this.#frames[view].pixels = countedPixels(frame);
             }
-        });
+        }
         executor.write("shape", scene.shape);
         executor.write("sh", scene.sh);
         for (const name of ["cluster_bounds", "colours", ...MOMENTS]) {
-            executor.write(name, new Uint8Array(executor.buffer(name).size));
+            executor.clear(name);
         }
         state?.moments.forEach((values, i) => executor.write(MOMENTS[i], values));
         this.#near = state?.near ?? nearPlane([0, 1, 2].map((axis) => scene.column(MEAN + axis)), scene.count);

@@ -50,12 +50,22 @@ fn move_shape(column: u32, i: u32, step: vec3f) {
     }
 }
 
+// sin(x)/x and cos(x) by their series below 1/2. WGSL promises a sine only to 2⁻¹¹, more than the angle of a usual step.
+fn sinc_and_cosine(x: f32) -> vec2f {
+    if (x > 0.5) {
+        return vec2f(sin(x) / x, cos(x));
+    }
+    let square = x * x;
+    let sinc = 1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0));
+    let cosine = 1.0 - square / 2.0 * (1.0 - square / 12.0 * (1.0 - square / 30.0 * (1.0 - square / 56.0)));
+    return vec2f(sinc, cosine);
+}
+
 // Q ⊗ exp(½ δ), normalised.
 fn turned(q: vec4f, delta: vec3f) -> vec4f {
-    let half_angle = 0.5 * length(delta);
-    // sin(θ/2)/θ without dividing by zero.
-    let v = select(0.5, 0.5 * sin(half_angle) / half_angle, half_angle > 1e-8) * delta;
-    let c = cos(half_angle);
+    let parts = sinc_and_cosine(0.5 * length(delta));
+    let v = 0.5 * parts.x * delta;
+    let c = parts.y;
     return normalize(vec4f(q.x * c - dot(q.yzw, v), q.x * v + c * q.yzw + cross(q.yzw, v)));
 }
 
