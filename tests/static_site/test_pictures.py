@@ -73,6 +73,8 @@ TRAIN = """
             }
         },
         write: (name, values) => name === "status" && status.splice(0, 3, ...values),
+        clear: () => {},
+        finished: async () => {},
         writeUniform: () => {},
         submit: (name, {intersections, width}) => {
             const needed = width > 8 ? 100_000 : 1000;
