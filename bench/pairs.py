@@ -72,10 +72,8 @@ def _walk(
                     inside = left + column < width and top + row < height
                     if inside and exponent >= LOG2_ALPHA_MIN and transmittance[row, column] >= TRANSMITTANCE_MIN:
                         if contributing < len(places):
-                            places[contributing, 0], places[contributing, 1] = (
-                                splat,
-                                (top + row) * width + left + column,
-                            )
+                            places[contributing, 0] = splat
+                            places[contributing, 1] = (top + row) * width + left + column
                         contributing += 1
                         transmittance[row, column] *= 1.0 - min(2.0**exponent, ALPHA_MAX)
     return visited, contributing

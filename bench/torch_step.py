@@ -24,9 +24,7 @@ from pairs import list_pairs
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.cpu.engine import CpuEngine
-from pocketgs.splat.cpu.layout import (
-    View,
-)
+from pocketgs.splat.cpu.layout import View
 from pocketgs.splat.cpu.lenses.lens import kernel_lens
 from pocketgs.splat.settings import StepSettings
 from pocketgs.torch import rasterization

@@ -11,8 +11,8 @@ import socket
 import threading
 import time
 import zipfile
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlsplit
@@ -211,10 +211,9 @@ def test_an_interrupted_upload_goes_on(serve: Serve, folder: Path) -> None:
     phone.until(identity, "unusable")
 
 
-def test_a_connection_that_breaks(serve: Serve) -> None:
-    """Of a piece that does not arrive whole, nothing is kept; a piece that is too large is not read."""
-    phone, content = serve(), bytes(6_000_000)
-    identity = phone.begin({"walk.mov": content}).json["id"]
+@contextmanager
+def half_a_piece(phone: Phone, identity: str) -> Iterator[socket.socket]:
+    """A connection on which a part of a piece of the upload was sent."""
     parts = urlsplit(phone.url)
     path = f"{parts.path}captures/{identity}/files/1?offset=0"
     head = (
@@ -222,6 +221,15 @@ def test_a_connection_that_breaks(serve: Serve) -> None:
     )
     with socket.create_connection((str(parts.hostname), parts.port), timeout=20) as connection:
         connection.sendall(head.encode() + bytes(5000))
+        yield connection
+
+
+def test_a_connection_that_breaks(serve: Serve) -> None:
+    """Of a piece that does not arrive whole, nothing is kept; a piece that is too large is not read."""
+    phone, content = serve(), bytes(6_000_000)
+    identity = phone.begin({"walk.mov": content}).json["id"]
+    with half_a_piece(phone, identity):
+        pass
     assert phone.put(identity, 1, 0, b"").json == {"received": 0}
     assert phone.put(identity, 1, 0, content[:MAX_PIECE]).json == {"received": MAX_PIECE}
     with suppress(ConnectionError, http.client.HTTPException):  # it may hang up while the rest is being sent
@@ -236,13 +244,7 @@ def test_a_piece_that_nobody_wants(serve: Serve, is_gone: bool) -> None:
     identity = phone.upload({"walk.mov": b"no video"})
     if is_gone:
         phone.tell(f"captures/{identity}/delete")
-    parts = urlsplit(phone.url)
-    path = f"{parts.path}captures/{identity}/files/1?offset=0"
-    head = (
-        f"PUT {path} HTTP/1.1\r\nHost: {parts.netloc}\r\nOrigin: {origin_of(phone.url)}\r\nContent-Length: 9000\r\n\r\n"
-    )
-    with socket.create_connection((str(parts.hostname), parts.port), timeout=20) as connection:
-        connection.sendall(head.encode() + bytes(5000))
+    with half_a_piece(phone, identity) as connection:
         assert connection.recv(1000).startswith(b"HTTP/1.1 404 ")
 
 

@@ -11,7 +11,6 @@ from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.journal import settle
 from pocketgs.results.cameras_file import holds_cameras, with_poses_of
-from pocketgs.results.checkpoint import CHECKPOINT, read_transients
 from pocketgs.results.folder import CAMERAS, RECORD, SCENE, posed_folder
 from pocketgs.results.transients import without_transients_of
 from pocketgs.scene.formats import is_scene_name, read_scene
@@ -99,17 +98,8 @@ def as_trained_on(path: Path, capture: Capture) -> Capture:
     Raises:
         PocketGSError: poses or transients cannot be read.
     """
-    folder, posed = folder_of(path), in_world_of(path, capture)
-    found = without_transients_of(folder, posed)
-    if found is posed and _knows_transients(folder):
-        said = "its run masked what moved between the photographs, but had other training views: nothing is masked here"
-        hint = "give the options that it was trained with, such as --images or --hold-out"
-        Terminal(to_errors=True).say(f"warning: {path}: {said}; {hint}", style="yellow")
-    return found
 
+    def warn(warning: str) -> None:
+        Terminal(to_errors=True).say(f"warning: {path}: {warning}", style="yellow")
 
-def _knows_transients(folder: Path) -> bool:
-    """Whether the run of a result folder has found transients."""
-    checkpoint = folder / CHECKPOINT
-    cells = read_transients(checkpoint) if checkpoint.is_file() else None
-    return any(of_view.any() for of_view in cells or ())
+    return without_transients_of(folder_of(path), in_world_of(path, capture), warn)

@@ -85,12 +85,14 @@ class Loop:
             with self._stopwatch.stage("training"):
                 self._step(started)
             self._look_at_held_out_views()
+            if observer or saver:
+                progress = self._progress(started, interrupt)
             if observer:
-                progress, before = self._progress(started, interrupt), time.monotonic()
+                before = time.monotonic()
                 observer(progress)
                 started += time.monotonic() - before  # an observer's pauses do not count
             if saver:
-                saver(self._progress(started, interrupt))
+                saver(progress)
         if self.iteration > self._first_iteration:
             self._finish_steps()
 

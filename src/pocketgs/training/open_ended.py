@@ -20,7 +20,7 @@ from pocketgs.splat.engine import Engine
 from pocketgs.splat.settings import LearningRates
 from pocketgs.training.pace import share_of_time
 from pocketgs.training.transients import FIRST_EPOCHS
-from pocketgs.training.validation import Course, Look, mean_psnr, validation_views
+from pocketgs.training.validation import Course, Look, mean_psnr, validation_views, validation_views_of_few
 
 FIRST_STAGE, STAGE_RATIO = 500, 4 / 3
 """Iterations of the first stage, and the ratio between the ends of consecutive stages."""
@@ -72,7 +72,7 @@ class OpenEndedPace:
         self._course = course or Course()
         self._seconds_before = self._course.looks[-1].seconds if self._course.looks else 0.0
         self._longest, self._seconds, self._initial, self._most = iterations, seconds, initial, most
-        held_back = validation_views(len(frames), is_decided=True)
+        held_back = validation_views(len(frames)) or validation_views_of_few(len(frames))
         self._validation, self._background = [frames[index] for index in held_back], background
         self._all = range(len(frames))
         self._shown = [index for index in self._all if index not in held_back]

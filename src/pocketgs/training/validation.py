@@ -70,19 +70,17 @@ class Course:
         return 60.0 * self.gain / seconds if seconds > 0 else None
 
 
-def validation_views(views: int, is_decided: bool = False) -> list[int]:
-    """Indices of the training views to hold back; empty if there are too few training views.
-
-    Args:
-        views: number of training views.
-        is_decided: whether the listed views were enough, so that some are held back even if a few were dropped since.
-    """
-    found = list(range(FIRST, views, EVERY))
-    if is_decided and len(found) < MIN_VIEWS < views // 2:
-        found = [views // 3, 2 * views // 3]
+def validation_views(views: int) -> list[int]:
+    """Indices of the training views to hold back; empty if there are too few training views."""
+    found = range(FIRST, views, EVERY)
     if len(found) < MIN_VIEWS:
         return []
     return [found[place] for place in evenly_chosen(len(found), MAX_VIEWS)]
+
+
+def validation_views_of_few(views: int) -> list[int]:
+    """Indices of two training views to hold back where some were dropped since enough were listed; empty below six."""
+    return [views // 3, 2 * views // 3] if views // 2 > MIN_VIEWS else []
 
 
 def render_frame(renderer: Renderer, frame: Frame, background: tuple[float, float, float]) -> np.ndarray:
