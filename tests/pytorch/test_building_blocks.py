@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
 import torch
 
 from pocketgs.errors import PocketGSError
+from pocketgs.splat.cpu.bin import Binner
 from pocketgs.torch import (
     ClusterCompactor,
     ClusterCuller,
@@ -20,6 +23,7 @@ from pocketgs.torch import (
     TileRasterizer,
     compute_relocation,
     rasterization,
+    tiles,
 )
 
 SIZE = (50, 37)
@@ -76,6 +80,42 @@ def test_selective_adam_updates_columns_of_a_larger_tensor() -> None:
             values.grad = torch.linspace(-1, 1, 150).reshape(50, 1, 3)
             optimiser.step(torch.arange(50) % 2 == 0)
     assert torch.equal(sliced, apart)
+
+
+def test_selective_adam_keeps_moments_that_are_not_contiguous() -> None:
+    mirrored, plain = torch.rand(3, 50).T.requires_grad_(), torch.rand(50, 3, requires_grad=True)
+    optimisers = [SelectiveAdam([values], eps=1e-8, betas=(0.9, 0.999)) for values in (mirrored, plain)]
+    moments = {name: torch.zeros_like(mirrored) for name in ("exp_avg", "exp_avg_sq")}
+    assert not moments["exp_avg"].is_contiguous()
+    optimisers[0].state[mirrored] = {"step": torch.tensor(0.0), **moments}
+    for step in range(2):
+        for values, optimiser in zip((mirrored, plain), optimisers, strict=True):
+            values.grad = torch.linspace(-1, 1 + step, 150).reshape(50, 3)
+            optimiser.step(torch.arange(50) % 2 == 0)
+    for name in moments:
+        kept, expected = (
+            optimiser.state[each][name] for each, optimiser in zip((mirrored, plain), optimisers, strict=True)
+        )
+        assert expected.any()
+        assert torch.equal(kept, expected)
+
+
+class SlowPool(list[tuple[int, Binner]]):
+    """Waits before each deletion, while a garbage collection gives a binner back."""
+
+    def __delitem__(self, place: Any) -> None:
+        tiles._give_back(2, [Binner(2)])
+        time.sleep(0.1)
+        super().__delitem__(place)
+
+
+def test_threads_take_different_binners(monkeypatch: pytest.MonkeyPatch) -> None:
+    pool = SlowPool((1, Binner(1)) for _ in range(2))
+    monkeypatch.setattr(tiles, "_waiting", pool)
+    with ThreadPoolExecutor(2) as executor:
+        one, other = executor.map(tiles._take_binner, [1, 1])
+    assert one is not other
+    assert [threads for threads, _ in pool] == [2, 2]
 
 
 def test_relocation_follows_the_papers_equation() -> None:

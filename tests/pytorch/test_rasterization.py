@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import io
+import pickle
 from collections.abc import Callable
 from typing import Any
 
@@ -86,6 +89,23 @@ def test_copies_of_meta_hold_every_value(make_scene: Callable[..., Any], copied:
     assert set(found) == META
     assert all(value is not None for value in found.values())
     assert meta.pop("isect_ids") is found["isect_ids"]
+
+
+def saved(meta: dict[str, Any]) -> Any:
+    """Meta after `torch.save` and `torch.load`."""
+    file = io.BytesIO()
+    torch.save(meta, file)
+    file.seek(0)
+    return torch.load(file)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, saved, lambda meta: pickle.loads(pickle.dumps(meta))])
+def test_saved_meta_holds_every_value(make_scene: Callable[..., Any], copied: Callable[..., Any]) -> None:
+    _, _, meta = rasterization(**make_scene(5), **SIZE, packed=True)
+    found = copied(meta)
+    assert set(found) == META
+    assert torch.equal(found["isect_offsets"], meta["isect_offsets"])
+    assert found["width"] == 50
 
 
 def test_images_changed_in_place_are_not_taken_back(make_scene: Callable[..., Any]) -> None:

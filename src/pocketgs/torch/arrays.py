@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping
+from typing import Any
 
 import numba
 import numpy as np
@@ -54,6 +56,24 @@ def checked_dtype(tensors: Mapping[str, Tensor | None]) -> torch.dtype:
         if tensor.dtype != given[first].dtype:
             raise PocketGSError(f"{name}: found {tensor.dtype}, expected {given[first].dtype} as {first} has")
     return given[first].dtype
+
+
+def whole_numbers(**sizes: Any) -> list[int]:
+    """Sizes as ints, which kernels need; callers may give tensors or arrays of one integer.
+
+    Args:
+        sizes: by the name of their argument.
+
+    Raises:
+        PocketGSError: one is not an integer.
+    """
+    found = []
+    for name, size in sizes.items():
+        try:
+            found.append(operator.index(size))
+        except TypeError:
+            raise PocketGSError(f"{name}: found {size!r}, expected an integer") from None
+    return found
 
 
 def check_shape(name: str, tensor: Tensor, *allowed: tuple[int, ...]) -> None:

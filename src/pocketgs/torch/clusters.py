@@ -17,7 +17,7 @@ from torch import Tensor
 from pocketgs.splat.cpu.clusters import BOUNDS, fit, outside
 from pocketgs.splat.cpu.layout import CLUSTER, View
 from pocketgs.splat.cpu.lenses.lens import Pinhole
-from pocketgs.torch.arrays import array_of, torch_threads
+from pocketgs.torch.arrays import array_of, torch_threads, whole_numbers
 
 
 class ClusterCuller(torch.autograd.Function):
@@ -32,6 +32,7 @@ class ClusterCuller(torch.autograd.Function):
         ctx: Any, means: Tensor, scales: Tensor, viewmat: Tensor, K: Tensor, width: int, height: int, near_plane: float
     ) -> Tensor:
         """All clusters that the camera may see, ascending."""
+        width, height = whole_numbers(width=width, height=height)
         matrix, intrinsics = array_of(viewmat.double()), array_of(K.double())
         rotation, shift = np.ascontiguousarray(matrix[:3, :3]), np.ascontiguousarray(matrix[:3, 3])
         (fx, fy), (cx, cy) = intrinsics.diagonal()[:2], intrinsics[:2, 2]

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.cpu.operators.given_lists import list_intersections
-from pocketgs.torch.arrays import array_of, check_shape
+from pocketgs.torch.arrays import array_of, check_shape, whole_numbers
 
 DEPTH_BITS = 32
 
@@ -50,8 +50,11 @@ def isect_tiles(
         tile | bits of the depth; and their rows (E,) int32.
 
     Raises:
-        PocketGSError: shapes disagree.
+        PocketGSError: shapes disagree, or a size is not an integer.
     """
+    tile_size, tile_width, tile_height = whole_numbers(
+        tile_size=tile_size, tile_width=tile_width, tile_height=tile_height
+    )
     shape = tuple(depths.shape)
     check_shape("means2d", means2d, (*shape, 2))
     check_shape("radii", radii, (*shape, 2))
@@ -59,7 +62,7 @@ def isect_tiles(
     if packed:
         if n_images is None or image_ids is None:
             raise PocketGSError("isect_tiles: packed=True takes n_images and image_ids")
-        count, images = n_images, array_of(image_ids).astype(np.int64)
+        (count,), images = whole_numbers(n_images=n_images), array_of(image_ids).astype(np.int64)
     else:
         images = np.repeat(np.arange(count, dtype=np.int64), shape[-1])
     centres, reach = (
@@ -96,7 +99,11 @@ def isect_offset_encode(isect_ids: Tensor, n_images: int, tile_width: int, tile_
 
     Returns:
         (I, tile_height, tile_width) int32.
+
+    Raises:
+        PocketGSError: a size is not an integer.
     """
+    n_images, tile_width, tile_height = whole_numbers(n_images=n_images, tile_width=tile_width, tile_height=tile_height)
     tiles = tile_width * tile_height
     numbers = (np.arange(n_images, dtype=np.int64)[:, None] << tiles.bit_length()) | np.arange(tiles, dtype=np.int64)
     firsts = np.searchsorted(array_of(isect_ids) >> DEPTH_BITS, numbers.reshape(-1)).astype(np.int32)

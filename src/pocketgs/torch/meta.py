@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -46,6 +47,13 @@ class Meta(dict[str, Any]):
     def __iter__(self) -> Iterator[str]:
         """Names; overridden so that `dict(meta)` and `{**meta}` look up each value."""
         return super().__iter__()
+
+    def __reduce__(self) -> Any:
+        """Copies and pickles hold all values, without the functions, which cannot be pickled.
+
+        They are ordered dictionaries, which `torch.load` allows by default; it refuses calls of `dict`.
+        """
+        return OrderedDict, (), None, None, iter(self.items())
 
     def __or__(self, other: Any) -> Any:
         """A plain dictionary of both."""

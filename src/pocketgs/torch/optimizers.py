@@ -50,8 +50,10 @@ class SelectiveAdam(torch.optim.Adam):
             state = self.state[values]
             if not state:
                 state["step"] = torch.tensor(0.0)
-                for name in ("exp_avg", "exp_avg_sq"):
-                    state[name] = torch.zeros_like(values, memory_format=torch.contiguous_format)
+                state["exp_avg"], state["exp_avg_sq"] = torch.zeros_like(values), torch.zeros_like(values)
+            for name in ("exp_avg", "exp_avg_sq"):
+                # The kernel updates them in place: it would update a copy of moments that are not contiguous.
+                state[name] = state[name].contiguous()
             columns = values.numel() // max(len(values), 1)
             updated = values.detach().contiguous()
             adam_of_rows(

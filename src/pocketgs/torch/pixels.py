@@ -10,7 +10,7 @@ from torch import Tensor
 
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.cpu.layout import TILE_HEIGHT
-from pocketgs.torch.arrays import array_of, check_shape, checked_dtype
+from pocketgs.torch.arrays import array_of, check_shape, checked_dtype, whole_numbers
 from pocketgs.torch.rasterize import TileRasterizer
 from pocketgs.torch.reference import GivenLists, ReferenceRasterizer
 from pocketgs.torch.tiles import tiles_from
@@ -40,7 +40,7 @@ def rasterize_to_pixels(
         opacities: (..., N).
         image_width: of every image.
         image_height: of every image.
-        tile_size: side of a tile, a multiple of 16.
+        tile_size: side of a tile; in float32 a multiple of 16.
         isect_offsets: (..., tile_height, tile_width) int32 from `isect_offset_encode`.
         flatten_ids: (E,) int32 from `isect_tiles`.
         backgrounds: (..., D) behind the splats, or None for black.
@@ -52,7 +52,7 @@ def rasterize_to_pixels(
         Colours (..., H, W, D) and alphas (..., H, W, 1).
 
     Raises:
-        PocketGSError: shapes or types disagree, or the tile size is not a multiple of 16.
+        PocketGSError: shapes or types disagree, or a size is not an integer or not one of these.
     """
     tensors = {"means2d": means2d, "conics": conics, "colors": colors, "opacities": opacities}
     dtype = checked_dtype({**tensors, "backgrounds": backgrounds})
@@ -63,8 +63,10 @@ def rasterize_to_pixels(
     if backgrounds is not None:
         check_shape("backgrounds", backgrounds, (*lead, channels))
         backgrounds = backgrounds.reshape(-1, channels)
-    if tile_size < TILE_HEIGHT or tile_size % TILE_HEIGHT:
-        raise PocketGSError(f"tile_size: found {tile_size}, expected a multiple of {TILE_HEIGHT}")
+    width, height, side = whole_numbers(image_width=image_width, image_height=image_height, tile_size=tile_size)
+    unit = 1 if dtype == torch.float64 else TILE_HEIGHT  # the kernels' tiles must not cross borders of given ones
+    if side < unit or side % unit:
+        raise PocketGSError(f"tile_size: found {side}, expected a positive multiple of {unit}")
     images = math.prod(lead)
     offsets = np.empty((images, math.prod(isect_offsets.shape[-2:]) + 1), np.int32)
     offsets[:, :-1] = array_of(isect_offsets).reshape(images, -1)
@@ -72,13 +74,13 @@ def rasterize_to_pixels(
     given = array_of(flatten_ids)
     if masks is not None:
         offsets, given = _masked(offsets, given, array_of(masks).reshape(images, -1))
-    size = (image_width, image_height)
+    size = (width, height)
     firsts = _first_rows(offsets, given, math.prod(shape))
     if dtype == torch.float64:
-        lists = GivenLists(offsets, given, tile_size, size)
+        lists = GivenLists(offsets, given, side, size)
         colours, alphas = ReferenceRasterizer.apply(means2d, conics, colors, opacities, backgrounds, lists, absgrad)
     else:
-        tiles = tiles_from((means2d, conics, opacities), firsts, offsets, given, tile_size, size)
+        tiles = tiles_from((means2d, conics, opacities), firsts, offsets, given, side, size)
         colours, alphas = TileRasterizer.apply(means2d, conics, colors, opacities, backgrounds, tiles, absgrad)
     return colours.reshape(*lead, *colours.shape[1:]), alphas.reshape(*lead, *alphas.shape[1:])
 

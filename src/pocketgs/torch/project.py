@@ -14,7 +14,7 @@ from pocketgs.splat.cpu.layout import View
 from pocketgs.splat.cpu.lenses.lens import Fisheye, KernelLens, Orthographic, Pinhole
 from pocketgs.splat.cpu.operators.projection import MATRIX, project_ewa, project_ewa_backward
 from pocketgs.system.dealing import PIECE
-from pocketgs.torch.arrays import array_of, torch_threads, zeros
+from pocketgs.torch.arrays import array_of, torch_threads, whole_numbers, zeros
 
 LENSES: dict[str, KernelLens] = {
     "pinhole": Pinhole(),
@@ -49,6 +49,11 @@ class Projection:
     packed: bool = False
     sparse_grad: bool = False
     camera_model: str = "pinhole"
+
+    def __post_init__(self) -> None:
+        width, height = whole_numbers(width=self.width, height=self.height)
+        object.__setattr__(self, "width", width)  # the class is frozen
+        object.__setattr__(self, "height", height)
 
 
 class Splats(NamedTuple):

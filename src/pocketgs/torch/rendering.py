@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from pocketgs.errors import PocketGSError
-from pocketgs.torch.arrays import check_shape, checked_dtype
+from pocketgs.torch.arrays import check_shape, checked_dtype, whole_numbers
 from pocketgs.torch.colours import drawn_colours
 from pocketgs.torch.covariance import upper_triangle
 from pocketgs.torch.engine import gpu_compositor
@@ -136,6 +136,7 @@ def rasterization(
             "viewmats_rs": viewmats_rs,
         }
     )
+    width, height, tile_size = whole_numbers(width=width, height=height, tile_size=tile_size)
     dtype = checked_dtype({"means": means, "opacities": opacities, "colors": colors, "backgrounds": backgrounds})
     lead, count, cameras = tuple(means.shape[:-2]), means.shape[-2], viewmats.shape[-3]
     check_shape("opacities", opacities, (*lead, count))

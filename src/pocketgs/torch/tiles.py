@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from pocketgs.splat.cpu.operators.given_lists import lists_from
 from pocketgs.splat.cpu.operators.splat_rows import write_rows
 from pocketgs.splat.cpu.project import CULLED
 from pocketgs.splat.cpu.sort import sort_by_depth
-from pocketgs.torch.arrays import array_of, flat, torch_threads
+from pocketgs.torch.arrays import array_of, flat, torch_threads, whole_numbers
 
 NO_COLOURS = np.empty((0, 0), np.float32)
 _NO_DEPTHS = np.empty(0, np.float32)
@@ -27,6 +28,9 @@ MAX_KEPT = 8
 """Maximum number of binners kept for later images: fresh memory costs a page fault every 4 KB."""
 
 _waiting: list[tuple[int, Binner]] = []
+
+# Reentrant: while a thread takes a binner, its garbage collector may delete tiles, which gives others back.
+_pool = threading.RLock()
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,7 @@ class TileBinner(torch.autograd.Function):
         height: int,
     ) -> Tiles:
         """Sort each image's splats by depth, and list them for the tiles that they reach."""
-        threads = torch_threads()
+        threads, (width, height) = torch_threads(), whole_numbers(width=width, height=height)
         arrays = [flat(centres, 2), flat(conics, 3), *(array_of(each).reshape(-1) for each in (opacities, depths))]
         lists, visible, binners = [], [], []
         for first, end in pairwise(first_rows):
@@ -113,17 +117,19 @@ def tiles_from(
 
 def _take_binner(threads: int) -> Binner:
     """An unused binner."""
-    for place, (own_threads, binner) in enumerate(_waiting):
-        if own_threads == threads:
-            del _waiting[place]
-            return binner
+    with _pool:
+        for place, (own_threads, binner) in enumerate(_waiting):
+            if own_threads == threads:
+                del _waiting[place]
+                return binner
     return Binner(threads)
 
 
 def _give_back(threads: int, binners: Sequence[Binner]) -> None:
     """Return the binners of deleted tiles for later images."""
-    room = max(MAX_KEPT - len(_waiting), 0)
-    _waiting.extend((threads, binner) for binner in binners[:room])
+    with _pool:
+        room = max(MAX_KEPT - len(_waiting), 0)
+        _waiting.extend((threads, binner) for binner in binners[:room])
 
 
 def splat_rows(arrays: Sequence[np.ndarray], colours: np.ndarray, threads: int) -> tuple[np.ndarray, np.ndarray]:
