@@ -166,3 +166,16 @@ def test_export_colmap_with_the_poses_of_a_result(
     found = sorted(open_capture(tmp_path / "model").frames, key=lambda frame: frame.name)
     for one, other in zip(found, sorted(frames, key=lambda frame: frame.name), strict=True):
         np.testing.assert_allclose(one.camera.world_to_camera, other.camera.world_to_camera, atol=1e-9)
+
+
+def test_warnings_about_scenes(tmp_path: Path, pocketgs: Callable[..., Any], scene: Gaussians) -> None:
+    path, far = tmp_path / "scene.ply", tmp_path / "far.ply"
+    path.write_bytes(path.read_bytes().replace(b"element", b"comment antialiased 1\nelement", 1))
+    errors = pocketgs("convert", path, tmp_path / "out.spz").errors
+    assert errors.startswith(f"warning: {path}: trained with anti-aliasing")
+    assert errors.count("\n") == 1
+    means = scene.means.copy()
+    means[0, 0] = 1e7
+    replace(scene, means=means).save(far)
+    errors = pocketgs("convert", far, tmp_path / "far.pgs").errors
+    assert errors.startswith(f"warning: {tmp_path / 'far.pgs'}: centres are rounded")

@@ -12,6 +12,7 @@ import tyro
 
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import USER_ERROR, PocketGSError
+from pocketgs.scene.warning import SceneWarning
 from pocketgs.system.interrupt import STOPPED
 
 SUBCOMMANDS = {
@@ -36,9 +37,9 @@ SUBCOMMANDS = {
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit: 0 on success, 2 for errors that the user can fix, 130 for Ctrl-C."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    if not sys.warnoptions:
-        warnings.simplefilter("ignore")  # they name lines of source, for developers
     errors = Terminal(to_errors=True)
+    if not sys.warnoptions:
+        _show_scene_warnings_only(errors)
     try:
         if given and given[0] in SUBCOMMANDS:
             name, *rest = given
@@ -60,6 +61,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except KeyboardInterrupt:
         errors.say("pocketgs: stopped", style="red")
         sys.exit(STOPPED)
+
+
+def _show_scene_warnings_only(errors: Terminal) -> None:
+    """Print warnings about scenes as the other messages; the rest names lines of source, for developers."""
+
+    def show(message: Warning | str, *_: Any) -> None:
+        errors.say(f"warning: {message}", style="yellow")
+
+    warnings.simplefilter("ignore")
+    warnings.filterwarnings("default", category=SceneWarning)
+    warnings.showwarning = show
 
 
 def _subcommand(name: str) -> Callable[..., Any]:

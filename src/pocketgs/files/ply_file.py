@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.opening import checked
 
 MAX_HEADER_BYTES = 1 << 20
+AS_ASCII = bytes(range(128)) + b"?" * 128
+"""Table that replaces bytes beyond ASCII."""
 
 
 def read_vertices(path: Path) -> np.ndarray:
@@ -35,8 +38,11 @@ def read_elements(path: Path) -> dict[str, np.ndarray]:
     try:
         if not checked(path).is_file():
             raise PocketGSError(f"{path}: no such file, expected a .ply")
-        _check_size(path)
-        return {element.name: element.data for element in PlyData.read(str(path)).elements}
+        header = _checked_header(path)
+        if header.isascii():
+            return {element.name: element.data for element in PlyData.read(str(path)).elements}
+        with _PlainHeader(path, len(header)) as stream:
+            return {element.name: element.data for element in PlyData.read(stream).elements}
     except PocketGSError:
         raise
     except Exception as error:  # plyfile raises all kinds of errors
@@ -57,8 +63,24 @@ def read_comments(path: Path) -> list[str]:
     return [line.removeprefix("comment ").strip() for line in lines if line.startswith("comment ")]
 
 
-def _check_size(path: Path) -> None:
-    """Refuse a header that states more than the file holds: plyfile allocates before it reads lists or text.
+class _PlainHeader(io.BufferedReader):
+    """A .ply file whose header reads as ASCII, as plyfile expects: comments may hold other text.
+
+    Each byte becomes one, so that places in the file stay the same, and it can be mapped to memory.
+    """
+
+    def __init__(self, path: Path, size: int) -> None:
+        super().__init__(io.FileIO(path))
+        self._size = size
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        inside = max(self._size - self.tell(), 0)
+        found = super().read(size)
+        return found[:inside].translate(AS_ASCII) + found[inside:] if inside else found
+
+
+def _checked_header(path: Path) -> bytes:
+    """The header up to its end, unless it states more than the file holds: plyfile allocates before it reads.
 
     Raises:
         PocketGSError: the file is shorter than its header states, or the header has no end.
@@ -78,3 +100,4 @@ def _check_size(path: Path) -> None:
     least_bytes = sum(rows * max(properties, 1) for rows, properties in elements)
     if least_bytes > size:
         raise PocketGSError(f"{path}: cut short: {size} bytes, but its header states at least {least_bytes}")
+    return header

@@ -17,9 +17,13 @@ def unit(quaternions: np.ndarray) -> np.ndarray:
 
 
 def rotation_matrices(quaternions: np.ndarray) -> np.ndarray:
-    """(N, 3, 3) rotation matrices of (N, 4) quaternions w, x, y, z, normalised here; NaN where they cannot be."""
+    """(N, 3, 3) rotation matrices of (N, 4) quaternions w, x, y, z, normalised here; NaN where they are not finite.
+
+    Those of length 0 give the identity.
+    """
     with np.errstate(all="ignore"):
-        w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+        lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
+        w, x, y, z = (quaternions / np.where(lengths == 0, 1.0, lengths)).T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],

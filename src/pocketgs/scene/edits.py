@@ -36,9 +36,9 @@ def cropped(gaussians: Gaussians, low: np.ndarray, high: np.ndarray) -> Gaussian
 
 
 def drawable(gaussians: Gaussians) -> Gaussians:
-    """Keep the Gaussians whose numbers are finite, but for opacities, which may be 0 or 1; others cannot be drawn.
+    """Keep the Gaussians whose numbers are finite, but for opacities, which may be 0 or 1.
 
-    Quaternions of length 0 become the identity, as which other programs draw them.
+    Quaternions of length 0 become the identity, which is what they are drawn as: they have no gradient.
 
     Raises:
         PocketGSError: none is left.
@@ -126,7 +126,7 @@ def rotated(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:
     return Gaussians(
         gaussians.means @ rotation.T,
         gaussians.log_scales,
-        composed(_quaternion(rotation), gaussians.quaternions),
+        composed(_quaternion(rotation), gaussians.unit_quaternions),
         gaussians.opacity_logits,
         np.einsum("ij,njc->nic", sh_rotation(rotation, gaussians.sh.shape[1]), gaussians.sh),
     )

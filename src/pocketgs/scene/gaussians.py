@@ -8,10 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.quaternions import unit
 
 SH_COEFFICIENTS = (1, 4, 9, 16)
 SH_DC = 0.28209479177387814
 """Spherical harmonic of degree 0, 1 / (2 √π): colour = 0.5 + SH_DC · sh[:, 0] at degree 0."""
+
+SHORTEST, LONGEST = 1e-15, 1e15
+"""Lengths of quaternions whose squares float32 holds."""
 
 
 @dataclass
@@ -21,7 +25,8 @@ class Gaussians:
     Attributes:
         means: (N, 3) centres in world coordinates.
         log_scales: (N, 3) natural logarithms of the standard deviations along the Gaussian's axes.
-        quaternions: (N, 4) w, x, y, z: rotation from the Gaussian's axes to the world, of any length but 0.
+        quaternions: (N, 4) w, x, y, z: rotation from the Gaussian's axes to the world, of any length; of length 0, the
+            identity.
         opacity_logits: (N,) opacity = 1 / (1 + exp(-logit)).
         sh: (N, K, 3) spherical-harmonics coefficients of RGB, K = 1, 4, 9 or 16 for degree 0 to 3.
 
@@ -67,11 +72,14 @@ class Gaussians:
 
     @property
     def unit_quaternions(self) -> np.ndarray:
-        """(N, 4) quaternions of length 1; NaN where they cannot be normalised."""
+        """(N, 4) quaternions of length 1; the identity where the length is 0, NaN where it is not finite."""
         with np.errstate(all="ignore"):
             lengths = np.linalg.norm(self.quaternions, axis=1, keepdims=True)
             # Normalising a unit quaternion can change its last bit, and a resumed run must not differ.
-            return np.where(np.abs(lengths - 1.0) > 1e-6, self.quaternions / lengths, self.quaternions)
+            whole = np.where(np.abs(lengths - 1.0) > 1e-6, self.quaternions / lengths, self.quaternions)
+        extreme = np.isfinite(self.quaternions).all(axis=1) & ~((lengths > SHORTEST) & (lengths < LONGEST))[:, 0]
+        whole[extreme] = unit(self.quaternions[extreme])
+        return whole
 
     @property
     def sh_degree(self) -> int:

@@ -9,7 +9,8 @@ def quaternion_gradient(quaternions: np.ndarray, d_rotations: np.ndarray) -> np.
     """(N, 4) gradient with respect to quaternions of any length, from that in their tangent spaces.
 
     A unit quaternion moves by ½ q ⊗ (0, δ), and changes of its length have no effect. So the gradient is 2 q ⊗ (0, d),
-    divided by the length twice: once to normalise q, once since normalisation scales a step.
+    divided by the length twice: once to normalise q, once since normalisation scales a step. That of a zero quaternion,
+    which is drawn as the identity, is 0.
 
     Args:
         quaternions: (N, 4) w, x, y, z.
@@ -19,5 +20,6 @@ def quaternion_gradient(quaternions: np.ndarray, d_rotations: np.ndarray) -> np.
     with np.errstate(all="ignore"):
         scalar = -np.sum(v * d_rotations, axis=1, keepdims=True)
         product = np.concatenate([scalar, w * d_rotations + np.cross(v, d_rotations)], axis=1)
-        gradient = 2.0 * product / np.sum(quaternions**2, axis=1, keepdims=True)
+        squares = np.sum(quaternions**2, axis=1, keepdims=True)
+        gradient = 2.0 * product / np.where(squares == 0, 1.0, squares)
     return np.where(np.any(d_rotations != 0.0, axis=1, keepdims=True), gradient, 0.0)

@@ -15,7 +15,14 @@ from hypothesis import strategies as st
 from plyfile import PlyData, PlyElement
 
 from pocketgs.errors import PocketGSError
+from pocketgs.files.ply_file import read_vertices
+from pocketgs.geometry.camera import Camera, look_at
+from pocketgs.scene.edits import drawable
+from pocketgs.scene.formats.activations import MIN_LOG_SCALE
 from pocketgs.scene.gaussians import PARAMETERS, SH_COEFFICIENTS, Gaussians
+from pocketgs.splat.engine import EngineOptions
+from pocketgs.splat.rendering import render
+from scene.formats.scenes import random_scene
 
 LAYOUT = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
 LAYOUT_END = ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
@@ -52,7 +59,8 @@ def module_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @given(data=st.data(), count=st.integers(0, 5), degree=st.integers(0, 3))
 @settings(deadline=None)
 def test_round_trip_keeps_every_bit(module_folder: Path, data: st.DataObject, count: int, degree: int) -> None:
-    # Any bit pattern at all: NaN, infinity, denormals and negative zero are numbers that a file must keep, too.
+    # Any bit pattern at all: NaN, infinity, denormals and negative zero are numbers that a file must keep, too, except
+    # a thickness of 0.
     size = count * (11 + 3 * SH_COEFFICIENTS[degree])
     raw = np.frombuffer(data.draw(st.binary(min_size=4 * size, max_size=4 * size)), np.float32)
     means, log_scales, quaternions, opacity_logits, sh = np.split(raw, count * np.cumsum([3, 3, 4, 1]))
@@ -64,6 +72,7 @@ def test_round_trip_keeps_every_bit(module_folder: Path, data: st.DataObject, co
         sh.reshape(count, SH_COEFFICIENTS[degree], 3),
     )
     scene.save(module_folder / "scene.ply")
+    scene.log_scales = np.where(scene.log_scales == -np.inf, np.float32(MIN_LOG_SCALE), scene.log_scales)
     assert bits(Gaussians.load(module_folder / "scene.ply")) == bits(scene)
 
 
@@ -163,11 +172,73 @@ def load_or_refuse(path: Path) -> None:
     assert len(scene) <= path.stat().st_size
 
 
-@pytest.mark.parametrize("name", ["x", "f_dc_1", "f_rest_4", "opacity", "scale_2", "rot_0"])
+@pytest.mark.parametrize("name", ["x", "f_dc_1", "f_rest_4", "opacity", "scale_1", "rot_0"])
 def test_missing_property(scene_file: Path, name: str) -> None:
     rewrite_header(scene_file, lambda lines: [line for line in lines if line.split()[-1] != name])
     with pytest.raises(PocketGSError, match=r"f_rest|missing|readable"):
         Gaussians.load(scene_file)
+
+
+@pytest.mark.parametrize("form", ["<", ">", "text"])
+def test_comment_in_any_language(tmp_path: Path, form: str) -> None:
+    scene = numbered(3, 1)
+    scene.save(tmp_path / "scene.ply")
+    elements = [PlyElement.describe(np.array(PlyData.read(tmp_path / "scene.ply")["vertex"].data), "vertex")]
+    text = form == "text"
+    PlyData(elements, text=text, byte_order="=" if text else form).write(str(tmp_path / "scene.ply"))
+    content = (tmp_path / "scene.ply").read_bytes()
+    for comment in ("Räume, 部屋".encode(), bytes(range(128, 256))):
+        (tmp_path / "scene.ply").write_bytes(content.replace(b"element", b"comment " + comment + b"\nelement", 1))
+        assert bits(Gaussians.load(tmp_path / "scene.ply")) == bits(scene)
+
+
+def test_comment_in_any_language_takes_no_more_memory(tmp_path: Path) -> None:
+    """The file is mapped, not copied, whatever the header holds."""
+    vertices = np.zeros(2_000_000, [("x", "f4"), ("y", "f4"), ("z", "f4")])
+    PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(str(tmp_path / "large.ply"))
+    content = (tmp_path / "large.ply").read_bytes()
+    (tmp_path / "large.ply").write_bytes(content.replace(b"element", "comment é\nelement".encode(), 1))
+    tracemalloc.start()
+    try:
+        found = read_vertices(tmp_path / "large.ply")
+        assert len(found) == 2_000_000
+        assert tracemalloc.get_traced_memory()[1] < 5e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_gaussians_with_two_axes(tmp_path: Path) -> None:
+    """Those of 2DGS have no third axis: they become discs, a thousandth as thick as the smaller of the two."""
+    scene = numbered(3, 1)
+    scene.log_scales[:] = [[-3, -2, 0], [-2, -4, 0], [-3, -np.inf, 0]]
+    scene.save(tmp_path / "scene.ply")
+    data = PlyData.read(tmp_path / "scene.ply")["vertex"].data
+    names = [name for name in data.dtype.names if name != "scale_2"]
+    flat = np.array(data[names].tolist(), [(name, "f4") for name in names])
+    PlyData([PlyElement.describe(flat, "vertex")]).write(str(tmp_path / "flat.ply"))
+    found = Gaussians.load(tmp_path / "flat.ply")
+    thin = np.log(1e-3)
+    expected = [[-3, -2, -3 + thin], [-2, -4, -4 + thin], [-3, MIN_LOG_SCALE, MIN_LOG_SCALE]]
+    np.testing.assert_allclose(found.log_scales, expected, rtol=1e-6)
+    assert bits(found)[2:] == bits(scene)[2:]
+
+
+def test_thickness_of_nothing(tmp_path: Path) -> None:
+    """It is drawn the same with finite numbers, which every format holds."""
+    scene = random_scene(40, 1, extent=1.0)
+    scene.log_scales[:] = [-2, -3, -np.inf]
+    scene.save(tmp_path / "scene.ply")
+    found = Gaussians.load(tmp_path / "scene.ply")
+    assert np.isfinite(found.log_scales).all()
+    assert drawable(found) is found
+    pose = look_at(np.array([0.0, 0.5, -4.0]), np.zeros(3), np.array([0.0, -1.0, 0.0]))
+    camera = Camera(64, 48, 60.0, 60.0, 32.0, 24.0, pose)
+    pictures = [render(each, camera, engine=EngineOptions(engine="cpu")).image for each in (scene, found)]
+    assert pictures[0].std() > 0.05
+    np.testing.assert_array_equal(pictures[0], pictures[1])
+    for suffix in (".pgs", ".spz", ".sog", ".splat", ".glb", ".compressed.ply"):
+        found.save(tmp_path / f"scene{suffix}")
+        assert len(Gaussians.load(tmp_path / f"scene{suffix}")) == 40
 
 
 def test_wrong_number_of_rest_coefficients(scene_file: Path) -> None:

@@ -78,6 +78,26 @@ def test_broken(tmp_path: Path, change: Callable[[dict[str, Any]], object], told
         read_scene(changed(tmp_path / "a.sog", change))
 
 
+@pytest.mark.parametrize("name", ["scales", "sh0", "shN"])
+def test_codebook_without_its_first_number(tmp_path: Path, name: str) -> None:
+    """The first number is null in some files: it continues the even steps of the others."""
+    sog.write_gaussians(tmp_path / "a.sog", random_scene(700, 1))
+    book = np.linspace(-4.0, 1.1, 256).tolist()
+    whole = read_scene(changed(tmp_path / "a.sog", lambda meta: meta[name].update(codebook=book)))
+    found = read_scene(changed(tmp_path / "a.sog", lambda meta: meta[name].update(codebook=[None, *book[1:]])))
+    first = book[1] + (book[1] - book[255]) / 255
+    for one, other in ((found.log_scales, whole.log_scales), (found.sh, whole.sh)):
+        np.testing.assert_allclose(one, np.where(other == np.float32(-4.0), first, other), atol=1e-6)
+    assert (found.log_scales if name == "scales" else found.sh).min() == np.float32(first)
+
+
+@pytest.mark.parametrize("book", [[None] * 256, [None] + [1.0] * 99, [1.0, None] + [1.0] * 254, [None, True] * 128])
+def test_codebook_without_other_numbers(tmp_path: Path, book: list[Any]) -> None:
+    sog.write_gaussians(tmp_path / "a.sog", random_scene(100, 1))
+    with pytest.raises(PocketGSError, match="not a list of up to 256 numbers"):
+        read_scene(changed(tmp_path / "a.sog", lambda meta: meta["scales"].update(codebook=book)))
+
+
 def test_other_codecs_are_refused(tmp_path: Path) -> None:
     sog.write_gaussians(tmp_path / "a.sog", random_scene(100, 1))
     parts = parts_of(tmp_path / "a.sog")

@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pocketgs.cli.convert import convert
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.formats import spz
 from pocketgs.scene.formats.axes import RIGHT_UP_BACK, half_turn
@@ -264,14 +265,47 @@ def test_too_few_streams(tmp_path: Path) -> None:
         read(tmp_path, in_zstd(header(4, degree=1, last=4), streams(4)[:4]))
 
 
+@pytest.mark.parametrize(
+    ("kind", "mean"), [(0, [1, 2, 3]), (4, [1, 2, 3]), (6, [1, -2, -3]), (7, [-1, 2, -3]), (1, [-1, -2, 3])]
+)
+def test_stated_axes(tmp_path: Path, kind: int, mean: list[float]) -> None:
+    """A file states its axes: right or left, down or up, back or forward. Ours are right, down, forward."""
+    parts = [part for part in streams(4, 1) if part]
+    extension = struct.pack("<III", 0xADBE0003, 4, kind)
+    found = read(tmp_path, in_zstd(header(4, degree=1, flags=2, last=6), parts, extension))
+    plain = read(tmp_path, in_zstd(header(4, degree=1, last=6), parts))
+    assert found.means.tolist() == [mean]
+    # Harmonics of degree 1 are those of y, z and x.
+    signs = np.array(mean, np.float32) * plain.means[0] / plain.means[0] ** 2
+    np.testing.assert_array_equal(found.sh[0, 1:], plain.sh[0, 1:] * signs[[1, 2, 0], None])
+    largest = covariances(plain).max()
+    turned = np.diag(signs) @ covariances(plain)[0] @ np.diag(signs)
+    np.testing.assert_allclose(covariances(found)[0] / largest, turned / largest, atol=1e-6)
+
+
+def test_upside_down_scene_is_turned_by_convert(tmp_path: Path) -> None:
+    """Some programs store the axes of a .ply unchanged; half a turn about x, as docs/formats.md says, rights them."""
+    scene = random_scene(50, 3)
+    spz.write_gaussians(tmp_path / "theirs.spz", half_turn(scene, RIGHT_UP_BACK))
+    convert(tmp_path / "theirs.spz", tmp_path / "upright.ply", rotate=(180.0, 0.0, 0.0))
+    found = Gaussians.load(tmp_path / "upright.ply")
+    np.testing.assert_allclose(found.means, scene.means, atol=1e-6)
+    np.testing.assert_allclose(found.sh, scene.sh, atol=0.015)
+    largest = covariances(scene).max(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose(covariances(found) / largest, covariances(scene) / largest, atol=0.1)
+
+
 def test_extensions(tmp_path: Path) -> None:
-    """Unknown extensions are skipped, our own axes accepted, and others refused."""
+    """Unknown extensions are skipped, our own axes accepted, and mirrored ones refused."""
     parts = [part for part in streams(4) if part]
     unknown = struct.pack("<II5s", 0x12340001, 5, b"hello")
-    same_axes, other_axes = (struct.pack("<III", 0xADBE0003, 4, axes) for axes in (4, 6))
+    same_axes, other_axes = (struct.pack("<III", 0xADBE0003, 4, axes) for axes in (4, 8))
     head = header(4, flags=2, last=5)
     assert len(read(tmp_path, in_zstd(head, parts, unknown + same_axes))) == 1
-    for extension, message in ((unknown + other_axes, "expected right, up, back"), (unknown[:7], "cut short")):
+    for extension, message in (
+        (unknown + other_axes, "expected one of 0, 1, 4, 6, 7: save it with"),
+        (unknown[:7], "cut short"),
+    ):
         with pytest.raises(PocketGSError, match=message):
             read(tmp_path, in_zstd(head, parts, extension))
 

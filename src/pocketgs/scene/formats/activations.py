@@ -6,8 +6,16 @@ import numpy as np
 
 from pocketgs.scene.gaussians import SH_DC
 
+MIN_LOG_SCALE = float(np.log(np.finfo(np.float32).tiny))
+"""Logarithm of the smallest thickness that float32 holds in full precision."""
+
 OPACITY_STEPS = 255
 """8-bit opacities are multiples of 1 / 255."""
+
+
+def finite_log_scales(log_scales: np.ndarray) -> np.ndarray:
+    """Logarithms of standard deviations, with a finite one for a thickness of 0, which is drawn the same."""
+    return np.where(log_scales == -np.inf, np.float32(MIN_LOG_SCALE), log_scales)
 
 
 def opacity_of(logits: np.ndarray) -> np.ndarray:

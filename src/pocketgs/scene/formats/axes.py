@@ -9,11 +9,17 @@ import numpy as np
 
 from pocketgs.scene.gaussians import Gaussians
 
+RIGHT_DOWN_FORWARD = (1, 1, 1)
+"""Signs that convert between axes that are the same."""
+
 RIGHT_UP_BACK = (1, -1, -1)
 """Signs that convert between x right, y down, z forward and x right, y up, z back, the axes of `.spz`."""
 
 LEFT_UP_FORWARD = (-1, -1, 1)
 """Signs that convert between x right, y down, z forward and x left, y up, z forward, the axes of glTF."""
+
+LEFT_DOWN_BACK = (-1, 1, -1)
+"""Signs that convert between x right, y down, z forward and x left, y down, z back."""
 
 # The coordinates in which each harmonic is odd, in the order of the 3DGS `.ply`: Y(-x, y, z) = -Y(x, y, z) for "x".
 _ODD = ("", "y", "z", "x", "xy", "yz", "", "xz", "", "y", "xyz", "y", "z", "x", "z", "x")
@@ -24,7 +30,7 @@ def half_turn(gaussians: Gaussians, signs: tuple[int, int, int]) -> Gaussians:
 
     Args:
         gaussians: the scene.
-        signs: of x, y and z; two are -1.
+        signs: of x, y and z; two are -1, or none.
     """
     x, y, z = signs
     flips = dict(zip("xyz", signs, strict=True))

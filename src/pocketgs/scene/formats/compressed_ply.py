@@ -15,8 +15,9 @@ from plyfile import PlyData, PlyElement
 
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
-from pocketgs.files.ply_file import MAX_HEADER_BYTES, read_elements
+from pocketgs.files.ply_file import MAX_HEADER_BYTES, read_comments, read_elements
 from pocketgs.geometry.quaternions import MAX_OTHER, drop_largest, restore_largest, unit
+from pocketgs.scene.formats import antialiased
 from pocketgs.scene.formats.activations import colour_of, dc_of, opacity_from_byte, opacity_of
 from pocketgs.scene.formats.checks import require_room, require_sound
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
@@ -148,6 +149,7 @@ def read_gaussians(path: Path) -> Gaussians:
         np.concatenate([dc_of(rgb)[:, None], _harmonics(path, elements, count)], axis=1),
     )
     require_sound(path, gaussians)
+    antialiased.warn_if(antialiased.is_marked(read_comments(path)), path)
     return gaussians
 
 

@@ -7,6 +7,7 @@ range coder (`range_coder.py`) with what their neighbours tell (`pgs_positions.p
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,11 +19,19 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
 from pocketgs.scene.formats import pgs_attributes as attributes
 from pocketgs.scene.formats.checks import read_contents, require_room, require_sound
+from pocketgs.scene.formats.coarseness import warn_if_coarse
 from pocketgs.scene.formats.pgs_coding import DEFAULT, Coding
 from pocketgs.scene.formats.pgs_columns import MAX_NUMBER, Columns, ReadColumns, WrittenColumns
 from pocketgs.scene.formats.pgs_positions import MAX_BITS, decode_positions, encode_positions, morton_sorted
 from pocketgs.scene.formats.pgs_rotations import fineness_of, quaternions_of, steps_of, turn_levels
-from pocketgs.scene.formats.pgs_rounding import MAX_ENTRIES, distinct_rows, grid_exponent, levels, rounded
+from pocketgs.scene.formats.pgs_rounding import (
+    MAX_ENTRIES,
+    distinct_rows,
+    finest_exponent,
+    grid_exponent,
+    levels,
+    rounded,
+)
 from pocketgs.scene.formats.pgs_sections import (
     COLUMNS,
     FIELDS,
@@ -110,6 +119,8 @@ def encoded(gaussians: Gaussians, coding: Coding, path: Path) -> tuple[list[Sect
     _require_count(path, len(gaussians))
     coding = coding.in_single_precision()
     scene = rounded(gaussians, coding)
+    if grid_exponent(gaussians.means) is None:
+        warn_if_coarse(path, gaussians, math.ldexp(1.0, finest_exponent(gaussians.means) + 1))
     exponent = grid_exponent(scene.means)
     assert exponent is not None
     cells = np.ldexp(scene.means.astype(np.float64), -exponent).astype(np.int64)

@@ -6,6 +6,7 @@ higher coefficients, channel by channel), opacity (logit), scale_0..2 (natural l
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -15,12 +16,18 @@ from plyfile import PlyData, PlyElement
 
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
-from pocketgs.files.ply_file import read_vertices
+from pocketgs.files.ply_file import read_comments, read_vertices
+from pocketgs.scene.formats import antialiased
+from pocketgs.scene.formats.activations import finite_log_scales
 from pocketgs.scene.formats.checks import require_room
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 
 # Maximum bytes that reading takes per Gaussian and per spherical-harmonics coefficient, as measured.
 READING = (100, 38)
+
+FLATNESS = math.log(1e-3)
+"""Logarithm of the thickness of a Gaussian that has two axes, relative to the smaller one: flat to the eye, and a
+variance that float32 can still tell from the others."""
 
 
 def _property_names(rest: int) -> list[str]:
@@ -69,6 +76,8 @@ def write_gaussians(
 def read_gaussians(path: Path) -> Gaussians:
     """Read a scene. Normals and properties outside the layout are ignored.
 
+    The Gaussians of 2DGS have two axes: they become thin discs. A thickness of 0 becomes the smallest of float32.
+
     Raises:
         PocketGSError: the file is missing or broken, or lacks a property of the layout.
     """
@@ -77,7 +86,8 @@ def read_gaussians(path: Path) -> Gaussians:
     available = {name for name in data.dtype.names or () if data.dtype[name].kind != "O"}
     rest = sum(name.startswith("f_rest_") for name in available)
     missing = [name for name in _property_names(rest) if name not in available and name not in ("nx", "ny", "nz")]
-    if missing:
+    is_flat = missing == ["scale_2"]
+    if missing and not is_flat:
         raise PocketGSError(f"{path}: holds no Gaussians: vertex property {missing[0]!r} is missing or not a number")
     if 1 + rest // 3 not in SH_COEFFICIENTS or rest % 3:
         raise PocketGSError(f"{path}: {rest} f_rest properties, expected 0, 9, 24 or 45 (SH degree 0 to 3)")
@@ -87,14 +97,18 @@ def read_gaussians(path: Path) -> Gaussians:
     def stack(*names: str) -> np.ndarray:
         return np.stack([np.asarray(data[name], dtype=np.float32) for name in names], axis=1)
 
+    log_scales = stack("scale_0", "scale_1") if is_flat else stack("scale_0", "scale_1", "scale_2")
+    if is_flat:
+        log_scales = np.column_stack([log_scales, log_scales.min(axis=1) + np.float32(FLATNESS)])
     sh = np.empty((len(data), 1 + rest // 3, 3), np.float32)
     sh[:, 0] = stack("f_dc_0", "f_dc_1", "f_dc_2")
     if rest:
         by_channel = stack(*(f"f_rest_{i}" for i in range(rest))).reshape(len(data), 3, rest // 3)
         sh[:, 1:] = np.swapaxes(by_channel, 1, 2)
+    antialiased.warn_if(antialiased.is_marked(read_comments(path)), path)
     return Gaussians(
         stack("x", "y", "z"),
-        stack("scale_0", "scale_1", "scale_2"),
+        finite_log_scales(log_scales),
         stack("rot_0", "rot_1", "rot_2", "rot_3"),
         stack("opacity")[:, 0],
         sh,

@@ -23,6 +23,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
 from pocketgs.files.memory_bound import JSON_BYTES, require_memory
 from pocketgs.geometry.quaternions import MAX_OTHER, drop_largest, restore_largest, unit
+from pocketgs.scene.formats import antialiased
 from pocketgs.scene.formats.activations import opacity_from_byte, opacity_to_byte
 from pocketgs.scene.formats.checks import read_contents, require_room, require_sound
 from pocketgs.scene.formats.codebooks import nearest, scalar_codebook, vector_codebook
@@ -182,6 +183,9 @@ class _Archive:
             sh,
         )
         require_sound(self._path, gaussians)
+        # The first is what splat-transform writes, the second what the specification has.
+        marked = self._meta.get("model") == "antialiased" or self._meta.get("antialias") is True
+        antialiased.warn_if(marked, self._path)
         return gaussians
 
     def _degree(self) -> int:
@@ -215,8 +219,14 @@ class _Archive:
         return part[key]
 
     def _numbers(self, name: str, key: str, count: int) -> np.ndarray:
-        """(count,) float64 numbers; a shorter list is padded with its last one."""
+        """(count,) float64 numbers; a shorter list is padded with its last one.
+
+        Some programs write null as a codebook's first number: it becomes what PlayCanvas' engine makes of it.
+        """
         found = self._field(name, key)
+        lacks_first = isinstance(found, list) and len(found) == count == ENTRIES and found[0] is None
+        if lacks_first:
+            found = [0.0, *found[1:]]
         is_list = isinstance(found, list) and 0 < len(found) <= count
         if not is_list or not all(isinstance(each, (int, float)) and not isinstance(each, bool) for each in found):
             raise PocketGSError(f"{self._path}: {key!r} of {name!r} is not a list of up to {count} numbers")
@@ -224,6 +234,8 @@ class _Archive:
             numbers = np.array(found, np.float64)
         except OverflowError as error:
             raise PocketGSError(f"{self._path}: {key!r} of {name!r} holds a number beyond all bounds") from error
+        if lacks_first:
+            numbers[0] = numbers[1] + (numbers[1] - numbers[-1]) / (ENTRIES - 1)
         return np.concatenate([numbers, np.full(count - len(numbers), numbers[-1])])
 
     def _rows(self, name: str, place: int, count: int, channels: int) -> np.ndarray:

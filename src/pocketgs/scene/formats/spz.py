@@ -10,13 +10,16 @@ from __future__ import annotations
 import struct
 import sys
 import zlib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias
 
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
-from pocketgs.scene.formats.axes import RIGHT_UP_BACK, half_turn
+from pocketgs.scene.formats import antialiased
+from pocketgs.scene.formats.axes import LEFT_DOWN_BACK, LEFT_UP_FORWARD, RIGHT_DOWN_FORWARD, RIGHT_UP_BACK, half_turn
 from pocketgs.scene.formats.checks import read_contents, require_room, require_sound
+from pocketgs.scene.formats.coarseness import warn_if_coarse
 from pocketgs.scene.formats.spz_arrangement import rearranged
 from pocketgs.scene.formats.spz_attributes import MAX_FIXED, Layout, fractional_bits_for, pack, unpack
 from pocketgs.scene.formats.spz_precision import FINE, Precision
@@ -46,8 +49,15 @@ EXTENSION = struct.Struct("<II")
 FIRST_ROW = HEADER.size + TABLE_START.size
 STREAMS = 6
 MAX_DEGREE = 4
-HAS_EXTENSIONS = 2
-AXES_EXTENSION, AXES_RIGHT_UP_BACK = 0xADBE0003, 4
+ANTIALIASED, HAS_EXTENSIONS = 1, 2
+"""Bits of the flags."""
+
+AXES_EXTENSION = 0xADBE0003
+"""Adobe's extension that states a file's axes, which are x right, y up, z back without it."""
+
+AXES = {0: RIGHT_UP_BACK, 1: LEFT_DOWN_BACK, 4: RIGHT_UP_BACK, 6: RIGHT_DOWN_FORWARD, 7: LEFT_UP_FORWARD}
+"""Signs that convert from the axes of these kinds; 0 states none. The others are mirrored, or quarter turns."""
+
 GZIP_LEVEL = 9
 # Maximum bytes that reading takes per Gaussian and per spherical-harmonics coefficient, as measured.
 READING = (320, 28)
@@ -57,6 +67,23 @@ ZSTD_OPTIONS: tuple[dict[int, int], ...] = (
     {zstd.CompressionParameter.compression_level: 19, zstd.CompressionParameter.min_match: 5},
 )
 """Settings to try for each stream; which is better depends on how often runs of three bytes repeat by chance."""
+
+
+@dataclass(frozen=True)
+class Stored:
+    """The content of a file, decompressed.
+
+    Attributes:
+        layout: of the streams.
+        streams: the six streams.
+        flags: of the header.
+        axes: signs that convert to ours.
+    """
+
+    layout: Layout
+    streams: list[bytes]
+    flags: int
+    axes: tuple[int, int, int] = RIGHT_UP_BACK
 
 
 def write_gaussians(path: Path, gaussians: Gaussians, version: Version = CURRENT, precision: Precision = FINE) -> None:
@@ -91,6 +118,7 @@ def encode(
     bits = fractional_bits_for(gaussians, precision)
     if bits is None:
         raise PocketGSError(f"{path}: a coordinate exceeds {MAX_FIXED}, the maximum of .spz")
+    warn_if_coarse(path, gaussians, 2.0**-bits)
     turned = half_turn(gaussians, RIGHT_UP_BACK)
     if precision.rearranged:
         turned = rearranged(turned, precision)
@@ -100,20 +128,21 @@ def encode(
 
 
 def read_gaussians(path: Path) -> Gaussians:
-    """Read a scene of any version. Coefficients above degree 3 and the anti-aliasing flag are ignored.
+    """Read a scene of any version. Coefficients above degree 3 are ignored; the anti-aliasing flag is a warning.
 
     Raises:
-        PocketGSError: the file is missing, broken, of an unknown version, or not in the axes of the format.
+        PocketGSError: the file is missing, broken, of an unknown version, or states axes that mirror the scene.
     """
     contents = read_contents(path)
     if contents.startswith(GZIP_MAGIC):
-        layout, streams = _gunzip(path, contents)
+        stored = _gunzip(path, contents)
     elif contents.startswith(MAGIC):
-        layout, streams = _unbundle(path, contents)
+        stored = _unbundle(path, contents)
     else:
         raise PocketGSError(f"{path}: not a .spz: begins with {contents[:4]!r}, expected {MAGIC!r} or {GZIP_MAGIC!r}")
-    gaussians = half_turn(unpack(streams, layout), RIGHT_UP_BACK)
+    gaussians = half_turn(unpack(stored.streams, stored.layout), stored.axes)
     require_sound(path, gaussians)
+    antialiased.warn_if(bool(stored.flags & ANTIALIASED), path)
     return gaussians
 
 
@@ -150,7 +179,7 @@ def _gzip(layout: Layout, streams: list[bytes]) -> bytes:
     return b"".join([*parts, compressor.flush()])
 
 
-def _gunzip(path: Path, contents: bytes) -> tuple[Layout, list[bytes]]:
+def _gunzip(path: Path, contents: bytes) -> Stored:
     """Decompress at most as many bytes as the header states, however far the gzip stream would expand."""
     decompressor = zlib.decompressobj(GZIP_WINDOW)
     try:
@@ -166,7 +195,7 @@ def _gunzip(path: Path, contents: bytes) -> tuple[Layout, list[bytes]]:
     # Extensions come after the streams; none of them changes how the streams are read.
     if more and not flags & HAS_EXTENSIONS:
         raise PocketGSError(f"{path}: holds more than the {needed} bytes for {layout.count} Gaussians")
-    return layout, _cut(body, layout)
+    return Stored(layout, _cut(body, layout), flags)
 
 
 def _cut(body: bytes, layout: Layout) -> list[bytes]:
@@ -184,7 +213,7 @@ def _bundle(layout: Layout, streams: list[bytes]) -> bytes:
     return b"".join([_header(layout, len(streams)), TABLE_START.pack(FIRST_ROW), *table, *packed])
 
 
-def _unbundle(path: Path, contents: bytes) -> tuple[Layout, list[bytes]]:
+def _unbundle(path: Path, contents: bytes) -> Stored:
     layout, flags, count = _layout(path, contents, (4,))
     expected = [size for size in layout.sizes if size]
     if count < len(expected) or count > STREAMS:
@@ -194,15 +223,14 @@ def _unbundle(path: Path, contents: bytes) -> tuple[Layout, list[bytes]]:
         rows = [TABLE_ROW.unpack_from(contents, table + index * TABLE_ROW.size) for index in range(count)]
     except struct.error as error:
         raise PocketGSError(f"{path}: cut short: {len(contents)} bytes, in the table of streams ({error})") from error
-    if flags & HAS_EXTENSIONS:
-        _check_extensions(path, contents[FIRST_ROW:table])
+    axes = _axes(path, contents[FIRST_ROW:table]) if flags & HAS_EXTENSIONS else RIGHT_UP_BACK
     streams, start = [], table + count * TABLE_ROW.size
     for index, ((small, whole), size) in enumerate(zip(rows, layout.sizes, strict=False)):
         if whole != size:
             raise PocketGSError(f"{path}: stream {index} has {whole} bytes, expected {size}")
         streams.append(_decompress(path, contents[start : start + small], small, size))
         start += small
-    return layout, streams + [b""] * (STREAMS - len(streams))
+    return Stored(layout, streams + [b""] * (STREAMS - len(streams)), flags, axes)
 
 
 def _decompress(path: Path, packed: bytes, stated: int, size: int) -> bytes:
@@ -221,16 +249,23 @@ def _decompress(path: Path, packed: bytes, stated: int, size: int) -> bytes:
     return bytes(stream)
 
 
-def _check_extensions(path: Path, records: bytes) -> None:
-    """Skip unknown extensions; refuse one that states other axes, which would rotate or mirror the scene.
+def _axes(path: Path, records: bytes) -> tuple[int, int, int]:
+    """Signs that convert from the axes that extensions state; unknown extensions are skipped.
 
     Raises:
-        PocketGSError: the records are cut short, or state other axes than right, up, back.
+        PocketGSError: the records are cut short, or state axes that are no half turn from ours.
     """
+    axes = RIGHT_UP_BACK
     while records:
         if len(records) < EXTENSION.size:
             raise PocketGSError(f"{path}: an extension is cut short after {len(records)} bytes")
         kind, size = EXTENSION.unpack_from(records)
         payload, records = records[EXTENSION.size : EXTENSION.size + size], records[EXTENSION.size + size :]
-        if kind == AXES_EXTENSION and payload[:1] != bytes([AXES_RIGHT_UP_BACK]):
-            raise PocketGSError(f"{path}: axes of kind {payload[:4].hex()}, expected right, up, back; save it without")
+        if kind != AXES_EXTENSION:
+            continue
+        stated = int.from_bytes(payload[:4], "little")
+        if len(payload) < 4 or stated not in AXES:
+            expected = f"one of {', '.join(map(str, AXES))}: save it with axes right, up, back, which is 4"
+            raise PocketGSError(f"{path}: axes of kind {payload[:4].hex()}, expected {expected}")
+        axes = AXES[stated]
+    return axes

@@ -1,0 +1,34 @@
+"""A warning where the grid of a file's centres is coarse for the scene: one far Gaussian makes it so for all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.scene.warning import warn
+
+LARGEST_STEP = 0.5
+"""A step of centres, relative to the size of the median Gaussian, beyond which rounding shows."""
+
+
+def warn_if_coarse(path: Path, gaussians: Gaussians, step: float) -> None:
+    """Warn if centres are rounded to more than half the size of most Gaussians.
+
+    Args:
+        path: the file.
+        gaussians: the scene; its centres and log scales are finite.
+        step: the finest step of centres that the file allows, in scene units.
+    """
+    # The size is the largest standard deviation: a disc hides how far it moves in its plane.
+    with np.errstate(over="ignore"):
+        size = float(np.exp(np.median(gaussians.log_scales.max(axis=1)).astype(np.float64)))
+    if step <= LARGEST_STEP * size:
+        return
+    largest = float(np.abs(gaussians.means).max())
+    warn(
+        f"{path}: centres are rounded to steps of {step:.2g}, but half of the Gaussians are smaller than {size:.2g}: "
+        f"the steps suit the farthest one, with a coordinate of {largest:.3g}. Leave far ones out with "
+        "--crop-box xmin ymin zmin xmax ymax zmax of pocketgs convert, or write a .ply"
+    )
