@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _show_scene_warnings_only(errors: Terminal) -> None:
     """Print warnings about scenes as the other messages; the rest names lines of source, for developers."""
 
-    def show(message: Warning | str, *_: Any) -> None:
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
         errors.say(f"warning: {message}", style="yellow")
 
     warnings.simplefilter("ignore")
