@@ -50,6 +50,15 @@ def test_tiles_of_other_sizes_are_refused(dtype: torch.dtype, tile_size: int) ->
         rasterize_to_pixels(*splats, 50, 37, tile_size, *lists)
 
 
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("grid", [(1, 1), (4, 3), (3, 5)])
+def test_lists_for_another_grid_of_tiles_are_refused(dtype: torch.dtype, grid: tuple[int, int]) -> None:
+    splats = [torch.zeros(1, 5, *shape, dtype=dtype) for shape in ((2,), (3,), (3,), ())]
+    lists = (torch.zeros(1, *grid, dtype=torch.int32), torch.zeros(0, dtype=torch.int32))
+    with pytest.raises(PocketGSError, match="isect_offsets: found "):
+        rasterize_to_pixels(*splats, 50, 37, 16, *lists)
+
+
 def every_function(scene: dict[str, Tensor], width: Any, height: Any, side: Any) -> list[Any]:
     """Results of all functions that take sizes."""
     gaussians = [scene[name] for name in ("means", "quats", "scales")]

@@ -67,6 +67,7 @@ def rasterize_to_pixels(
     unit = 1 if dtype == torch.float64 else TILE_HEIGHT  # the kernels' tiles must not cross borders of given ones
     if side < unit or side % unit:
         raise PocketGSError(f"tile_size: found {side}, expected a positive multiple of {unit}")
+    check_shape("isect_offsets", isect_offsets, (*lead, math.ceil(height / side), math.ceil(width / side)))
     images = math.prod(lead)
     offsets = np.empty((images, math.prod(isect_offsets.shape[-2:]) + 1), np.int32)
     offsets[:, :-1] = array_of(isect_offsets).reshape(images, -1)
