@@ -15,13 +15,13 @@ from pocketgs import Capture, PocketGSError, train
 from pocketgs.system import cores
 from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.planning.effort import (
+    FEWEST_GAUSSIANS,
     MAX_EPOCHS,
-    MAX_GAUSSIANS,
     MAX_ITERATIONS,
     MAX_SECONDS,
-    MIN_GAUSSIANS,
     MIN_ITERATIONS,
     MIN_SECONDS,
+    MOST_GAUSSIANS,
     STANDARD_KEYFRAMES,
     sized,
 )
@@ -54,12 +54,12 @@ def test_standard_is_the_default_and_what_sizes_are_bounded_by() -> None:
     assert sizes(TrainingOptions()) == (None, None, None)
     many = [(40, 30)] * 1000
     small, large = sized(TrainingOptions(), many), sized(TrainingOptions(), [(4000, 3000)] * 500)
-    assert small.max_gaussians == MIN_GAUSSIANS
+    assert small.max_gaussians == FEWEST_GAUSSIANS
     assert MIN_SECONDS - 0.1 < seconds(small, many) <= MIN_SECONDS
     assert sized(TrainingOptions(max_gaussians=1000), many).iterations == MAX_ITERATIONS
     assert sized(TrainingOptions(), many[:20]).iterations == 20 * MAX_EPOCHS
     assert sized(TrainingOptions(), many[:3]).iterations == MIN_ITERATIONS
-    assert large.max_gaussians == MAX_GAUSSIANS
+    assert large.max_gaussians == MOST_GAUSSIANS
     assert large.iterations == MIN_ITERATIONS
 
 
@@ -79,7 +79,7 @@ def test_standard_grows_with_the_size_of_photographs(width: int, height: int, co
     views, enlarged = [(width, height)] * count, [(times * width, times * height)] * count
     smaller, larger = sized(TrainingOptions(), views), sized(TrainingOptions(), enlarged)
     assert smaller.max_gaussians <= larger.max_gaussians
-    assert seconds(smaller, views) <= seconds(larger, enlarged) + step_seconds(MAX_GAUSSIANS, 9, 1e8)
+    assert seconds(smaller, views) <= seconds(larger, enlarged) + step_seconds(MOST_GAUSSIANS, 9, 1e8)
 
 
 def test_standard_takes_the_time_that_it_should() -> None:
@@ -88,7 +88,7 @@ def test_standard_takes_the_time_that_it_should() -> None:
         options = sized(TrainingOptions(), views)
         assert least <= seconds(options, views) <= most
     assert sized(TrainingOptions(), FERN).max_gaussians < 55_000
-    assert sized(TrainingOptions(), PHONE).max_gaussians == MAX_GAUSSIANS
+    assert sized(TrainingOptions(), PHONE).max_gaussians == MOST_GAUSSIANS
     assert sized(TrainingOptions(), PHONE).max_keyframes == STANDARD_KEYFRAMES
 
 

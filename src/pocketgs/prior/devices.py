@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 from pocketgs.prior.bundle.equations import Adjuster
 from pocketgs.prior.bundle.schur import CpuAdjuster
@@ -13,6 +12,7 @@ from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.stereo import Stereo
 from pocketgs.prior.features.cpu.finder import CpuFinder
 from pocketgs.prior.features.finder import FeatureFinder
+from pocketgs.system.device_name import DeviceName
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Devices:
     merger: Merger
 
 
-def create_devices(device: Literal["cpu", "webgpu"] = "cpu", gpu: str | None = None, max_memory: int = 3000) -> Devices:
+def create_devices(device: DeviceName = "cpu", gpu: str | None = None, max_memory: int = 3000) -> Devices:
     """Choose one device for all stages.
 
     Args:

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import sys
-from typing import Literal
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from pocketgs.seeding.neighbourhoods import PLANE_NEIGHBOURS, SPACING_NEIGHBOURS, Neighbourhoods
 from pocketgs.system.cores import usable_cores
+from pocketgs.system.device_name import DeviceName
 
 
 class CpuSearch:
     """See `pocketgs.seeding.neighbourhoods.NeighbourSearch`."""
 
-    name: Literal["cpu", "webgpu"] = "cpu"
+    name: DeviceName = "cpu"
     most_points = sys.maxsize
 
     def around(self, positions: np.ndarray) -> Neighbourhoods:

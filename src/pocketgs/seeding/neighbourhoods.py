@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
+
+from pocketgs.system.device_name import DeviceName
 
 SPACING_NEIGHBOURS = 3
 """A seed's size is the mean distance to this many nearest neighbours (3DGS, section 4)."""
@@ -34,7 +36,7 @@ class Neighbourhoods:
 class NeighbourSearch(Protocol):
     """Finds the nearest neighbours of points, exactly, on one device."""
 
-    name: Literal["cpu", "webgpu"]
+    name: DeviceName
 
     @property
     def most_points(self) -> int:
@@ -48,9 +50,7 @@ class NeighbourSearch(Protocol):
         """
 
 
-def create_search(
-    device: Literal["cpu", "webgpu"] = "cpu", gpu: str | None = None, max_memory: int = 3000
-) -> NeighbourSearch:
+def create_search(device: DeviceName = "cpu", gpu: str | None = None, max_memory: int = 3000) -> NeighbourSearch:
     """Choose the device that finds neighbours.
 
     Args:

@@ -14,6 +14,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.rows import RowChange, Statistics
 from pocketgs.splat.settings import StepSettings
+from pocketgs.system.device_name import DeviceName
 from pocketgs.system.memory_need import MemoryNeed
 
 EngineName = Literal["auto", "cpu", "webgpu"]
@@ -203,7 +204,7 @@ def create_engine(options: EngineOptions | None = None) -> Engine:
     return CpuEngine(options.threads)
 
 
-def chosen_engine(options: EngineOptions) -> Literal["cpu", "webgpu"]:
+def chosen_engine(options: EngineOptions) -> DeviceName:
     """The name of the engine, with "auto" resolved.
 
     Raises:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, get_args
 
 from pocketgs.errors import PocketGSError
+from pocketgs.system.device_name import DeviceName
 
 if TYPE_CHECKING:
     from pocketgs.splat.webgpu.compositor import SplatCompositor
 
-EngineName = Literal["cpu", "webgpu"]
-
 _compositor: SplatCompositor | None = None
 
 
-def set_engine(engine: EngineName, gpu: str | None = None) -> None:
+def set_engine(engine: DeviceName, gpu: str | None = None) -> None:
     """Choose where `rasterization` sorts splats, lists them for tiles and composites them, both ways.
 
     Projection and colours, which take far less time, remain on the CPU, as all tensors do: what is composited is
@@ -29,8 +28,8 @@ def set_engine(engine: EngineName, gpu: str | None = None) -> None:
         PocketGSError: there is no such engine or GPU.
     """
     global _compositor
-    if engine not in get_args(EngineName):
-        raise PocketGSError(f"set_engine: found {engine!r}, expected {' or '.join(get_args(EngineName))}")
+    if engine not in get_args(DeviceName):
+        raise PocketGSError(f"set_engine: found {engine!r}, expected {' or '.join(get_args(DeviceName))}")
     if engine == "cpu":
         _compositor = None
         return

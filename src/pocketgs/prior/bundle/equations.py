@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from pocketgs.prior.bundle.reprojection import Estimate, Sightings
+from pocketgs.system.device_name import DeviceName
 
 
 class CameraEquations(NamedTuple):
@@ -52,7 +53,7 @@ class NormalEquations(Protocol):
 class Adjuster(Protocol):
     """A device that makes normal equations."""
 
-    name: Literal["cpu", "webgpu"]
+    name: DeviceName
 
     def equations(self, sightings: Sightings, huber: float) -> NormalEquations:
         """The equations of a problem.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import prange
@@ -11,6 +11,7 @@ from numba import prange
 from pocketgs.prior.bundle.equations import CameraEquations
 from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, COLUMNS, Estimate, Sightings, linearise, weigh
 from pocketgs.system.compile import kernel, parallel_kernel, part
+from pocketgs.system.device_name import DeviceName
 
 MAX_SHARES = 16
 """Maximum number of parts that the points are split into, which are summed in parallel."""
@@ -69,7 +70,7 @@ class CpuEquations:
 class CpuAdjuster:
     """See `pocketgs.prior.bundle.equations.Adjuster`."""
 
-    name: Literal["cpu", "webgpu"] = "cpu"
+    name: DeviceName = "cpu"
 
     def equations(self, sightings: Sightings, huber: float) -> CpuEquations:
         """The equations of a problem."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from pocketgs.scene.point_cloud import PointCloud
+from pocketgs.system.device_name import DeviceName
 
 MERGING_ROUNDS = 12
 OVERFULL = 1.05
@@ -62,7 +63,7 @@ class Candidates:
 class Merger(Protocol):
     """Brings candidates together, on one device."""
 
-    name: Literal["cpu", "webgpu"]
+    name: DeviceName
 
     def merged(self, candidates: Candidates, count: int) -> PointCloud:
         """Average the candidates in each voxel; the voxel size is chosen so that about `count` voxels are filled.

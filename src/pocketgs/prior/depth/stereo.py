@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.prior.depth.consistency import ConfidenceMap, Views
 from pocketgs.prior.depth.depth_range import DepthRange
 from pocketgs.prior.depth.sweep import DepthMap, SweepSettings
+from pocketgs.system.device_name import DeviceName
 from pocketgs.system.memory_need import MemoryNeed
 
 MAP_BYTES = 4
@@ -75,7 +76,7 @@ class Stereo(Protocol):
     do: they show the background and mark the object's outline.
     """
 
-    name: Literal["cpu", "webgpu"]
+    name: DeviceName
 
     def memory_needed(self, extent: StereoExtent) -> StereoNeed:
         """What work of at most this extent would take.

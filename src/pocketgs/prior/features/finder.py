@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from pocketgs.capture.capture import Frame
 from pocketgs.prior.features.features import Features
+from pocketgs.system.device_name import DeviceName
 
 
 class FeatureFinder(Protocol):
@@ -16,7 +17,7 @@ class FeatureFinder(Protocol):
     All devices find SIFT features as OpenCV does, in the image at twice its size.
     """
 
-    name: Literal["cpu", "webgpu"]
+    name: DeviceName
 
     @property
     def most_pixels(self) -> int:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
 from pocketgs.gpu.adapters import choose_adapter
@@ -13,6 +11,7 @@ from pocketgs.scene.morton import morton_order
 from pocketgs.seeding.neighbourhoods import Neighbourhoods
 from pocketgs.seeding.webgpu.layout import LARGEST_BYTES, POINT_BYTES, numbers_of
 from pocketgs.seeding.webgpu.passes import LOOK_AROUND, describe_neighbourhoods
+from pocketgs.system.device_name import DeviceName
 
 
 class WebGpuSearch:
@@ -26,7 +25,7 @@ class WebGpuSearch:
         PocketGSError: there is no such device, or it lacks something.
     """
 
-    name: Literal["cpu", "webgpu"] = "webgpu"
+    name: DeviceName = "webgpu"
 
     def __init__(self, gpu: str | None = None, max_memory: int = 3000) -> None:
         adapter = choose_adapter(gpu)

@@ -21,7 +21,7 @@ STANDARD_KEYFRAMES = 100
 SMALL_CAPTURE = 3_000_000
 """Pixels of the smallest capture that `standard` is tuned for: some twenty photographs of 500 x 370."""
 
-MIN_GAUSSIANS, MAX_GAUSSIANS = 50_000, 150_000
+FEWEST_GAUSSIANS, MOST_GAUSSIANS = 50_000, 150_000
 MIN_SECONDS, MAX_SECONDS = 35.0, 190.0
 """Bounds of the training time, on the machine that the time model was measured on."""
 
@@ -84,7 +84,7 @@ def _quick() -> dict[str, int]:
 def _standard(options: TrainingOptions, recipe: Recipe, views: Sequence[tuple[int, int]]) -> dict[str, int]:
     pixels = sum(width * height for width, height in views)
     growth = max(pixels / SMALL_CAPTURE, 1.0)
-    gaussians = options.max_gaussians or min(int(MIN_GAUSSIANS * growth**GAUSSIANS_POWER), MAX_GAUSSIANS)
+    gaussians = options.max_gaussians or min(int(FEWEST_GAUSSIANS * growth**GAUSSIANS_POWER), MOST_GAUSSIANS)
     degree = recipe.sh_degree if options.sh_degree is None else options.sh_degree
     step = step_seconds(gaussians, (degree + 1) ** 2, pixels / max(len(views), 1))
     iterations = int(min(MIN_SECONDS * growth**SECONDS_POWER, MAX_SECONDS) / step)

@@ -16,7 +16,7 @@ StrategyName = Literal["fixed", "adc", "mcmc", "budgeted"]
 
 STRATEGIES = get_args(StrategyName)
 
-MIN_GAUSSIANS = 4
+LEAST_START = 4
 
 
 @dataclass(frozen=True)
@@ -46,4 +46,4 @@ def most_at_start(name: StrategyName, most: int, open_ended: bool = False) -> in
     """Maximum initial number of Gaussians of a run of at most `most`."""
     first = _KINDS[name].first
     first = min(first, FIRST_OPEN_ENDED) if open_ended and first < 1.0 else first
-    return max(int(first * most), min(MIN_GAUSSIANS, most))
+    return max(int(first * most), min(LEAST_START, most))

@@ -7,8 +7,6 @@ host, which also decides by the exact cost whether a step is taken.
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
 from pocketgs.gpu.adapters import choose_adapter
@@ -21,6 +19,7 @@ from pocketgs.prior.bundle.schur import CpuEquations
 from pocketgs.prior.bundle.webgpu.layout import CAMERA_SUMS, COLUMNS, PAIR_SUMS, PRODUCTS
 from pocketgs.prior.bundle.webgpu.passes import REDUCE, STEP, describe_equations
 from pocketgs.prior.bundle.webgpu.problem import by_camera, meeting_count, meetings_of
+from pocketgs.system.device_name import DeviceName
 
 
 class WebGpuAdjuster:
@@ -34,7 +33,7 @@ class WebGpuAdjuster:
         PocketGSError: there is no such device, or it lacks something.
     """
 
-    name: Literal["cpu", "webgpu"] = "webgpu"
+    name: DeviceName = "webgpu"
 
     def __init__(self, gpu: str | None = None, max_memory: int = 3000) -> None:
         self._adapter = choose_adapter(gpu)

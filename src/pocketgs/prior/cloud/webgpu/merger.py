@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
 from pocketgs.gpu.adapters import choose_adapter
@@ -15,6 +13,7 @@ from pocketgs.prior.cloud.merge import Candidates, choose_size, heaviest, levels
 from pocketgs.prior.cloud.webgpu.layout import MERGED_WORDS
 from pocketgs.prior.cloud.webgpu.passes import FILL, MERGE, describe_merging
 from pocketgs.scene.point_cloud import PointCloud
+from pocketgs.system.device_name import DeviceName
 
 
 class WebGpuMerger:
@@ -31,7 +30,7 @@ class WebGpuMerger:
         PocketGSError: there is no such device, or it lacks something.
     """
 
-    name: Literal["cpu", "webgpu"] = "webgpu"
+    name: DeviceName = "webgpu"
 
     def __init__(self, gpu: str | None = None, max_memory: int = 3000) -> None:
         self._adapter = choose_adapter(gpu)

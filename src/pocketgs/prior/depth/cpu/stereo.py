@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Literal
 
 import cv2
 import numpy as np
@@ -21,6 +20,7 @@ from pocketgs.prior.depth.source_views import mapping
 from pocketgs.prior.depth.stereo import MAP_BYTES, StereoExtent, StereoNeed
 from pocketgs.prior.depth.sweep import DepthMap, SweepSettings, no_depth, step_of
 from pocketgs.prior.depth.sweep_constants import BITS, SMOOTHING_STEPS, SMOOTHING_WIDTH, SMOOTHING_WINDOW
+from pocketgs.system.device_name import DeviceName
 from pocketgs.system.memory_need import MemoryNeed
 
 HYPOTHESIS_BYTES, PIXEL_BYTES, SOURCE_BYTES = 3, 40, 4
@@ -31,7 +31,7 @@ source view padded to the size of the others."""
 class CpuStereo:
     """See `pocketgs.prior.depth.stereo.Stereo`."""
 
-    name: Literal["cpu", "webgpu"] = "cpu"
+    name: DeviceName = "cpu"
 
     def memory_needed(self, extent: StereoExtent) -> StereoNeed:
         """Of this process alone; comparisons take the padded depth maps."""

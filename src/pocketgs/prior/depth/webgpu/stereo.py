@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from pocketgs.prior.depth.webgpu.comparison_inputs import comparison_fields, com
 from pocketgs.prior.depth.webgpu.layout import MOST_BANDS, MOST_HYPOTHESES
 from pocketgs.prior.depth.webgpu.passes import COMPARE, SWEEP, describe_comparison, describe_sweep
 from pocketgs.prior.depth.webgpu.sweep_inputs import SweepInputs
+from pocketgs.system.device_name import DeviceName
 from pocketgs.system.memory_need import MemoryNeed
 
 PIXEL_BYTES, IMAGE_BYTES = 40, 8
@@ -55,7 +55,7 @@ class WebGpuStereo:
         PocketGSError: there is no such device, or it lacks something.
     """
 
-    name: Literal["cpu", "webgpu"] = "webgpu"
+    name: DeviceName = "webgpu"
 
     def __init__(self, gpu: str | None = None, max_memory: int = 3000) -> None:
         adapter = choose_adapter(gpu)

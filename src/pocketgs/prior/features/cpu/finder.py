@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from typing import Literal
 
 import cv2
 import numpy as np
@@ -11,12 +10,13 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.prior.features.features import CONTRAST, Features, Nearest, mutual_matches
 from pocketgs.system.compile import unlocked_kernel
+from pocketgs.system.device_name import DeviceName
 
 
 class CpuFinder:
     """See `pocketgs.prior.features.finder.FeatureFinder`. SIFT is OpenCV's."""
 
-    name: Literal["cpu", "webgpu"] = "cpu"
+    name: DeviceName = "cpu"
     most_pixels = sys.maxsize
 
     def detect(self, frame: Frame, most: int) -> Features:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from typing import Literal
 
 import cv2
 import numpy as np
@@ -25,6 +24,7 @@ from pocketgs.prior.features.webgpu.layout import (
     kernels,
 )
 from pocketgs.prior.features.webgpu.passes import DESCRIBE, FIND, MATCH, describe_features, describe_matching
+from pocketgs.system.device_name import DeviceName
 
 
 class WebGpuFinder:
@@ -38,7 +38,7 @@ class WebGpuFinder:
         PocketGSError: there is no such device, or it lacks something.
     """
 
-    name: Literal["cpu", "webgpu"] = "webgpu"
+    name: DeviceName = "webgpu"
 
     def __init__(self, gpu: str | None = None, max_memory: int = 3000) -> None:
         adapter = choose_adapter(gpu)
