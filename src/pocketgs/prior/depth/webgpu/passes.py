@@ -26,7 +26,15 @@ _SHARED = (
     "SMOOTHING_STEPS",
 )
 
-_CONFIDENCE = ("CLEAR_MARGIN", "HOLE", "HOLE_SHARE", "FILLER_MARGIN", "FILLER_CONFIDENCE")
+_CONFIDENCE = (
+    "CLEAR_MARGIN",
+    "HOLE",
+    "HOLE_SHARE",
+    "FILLER_MARGIN",
+    "FILLER_CONFIDENCE",
+    "COHERENT_SIDE",
+    "COHERENT_STEPS",
+)
 
 SHADERS = ShaderLibrary(
     Path(__file__).parent / "shaders",
