@@ -38,6 +38,7 @@ OUTCOME = {
     "reprojection_error": 0.5,
     "matched_pairs": 6,
     "parallax_pairs": 0,
+    "stands_still": False,
     "other_models": [],
     "metric": False,
 }
@@ -401,6 +402,22 @@ def test_turning_on_the_spot_has_no_poses(tmp_path: Path) -> None:
     write_mistake("turning", tmp_path / "capture", width=480, height=360, frames=10)
     with pytest.raises(PocketGSError, match="no poses found for 10 images"):
         pose(tmp_path / "capture" / "images", tmp_path / "posed")
+
+
+def test_a_camera_that_stands_still_has_no_poses(tmp_path: Path) -> None:
+    """A textured wall, with noise in each photograph, and something that moves before it."""
+    generator = np.random.default_rng(0)
+    wall = np.kron(generator.integers(0, 256, (45, 60)), np.ones((8, 8), int))
+    folder = tmp_path / "photographs"
+    folder.mkdir()
+    for number in range(6):
+        photograph = wall + generator.integers(-5, 6, wall.shape)
+        photograph[100:200, 60 * number : 60 * number + 100] = np.kron(wall[::8, ::8], np.ones((4, 4)))[:100, :100]
+        Image.fromarray(np.clip(photograph, 0, 255).astype(np.uint8)).save(folder / f"{number}.png")
+    started = []
+    with pytest.raises(PocketGSError, match="no poses found for 6 images, from a camera that stands still"):
+        pose(folder, tmp_path / "posed", on_stage=started.append)
+    assert started == ["frames", "features", "matching"]
 
 
 def cameras_by_name(capture: Path, images: str | None = None) -> dict[str, Camera]:

@@ -87,6 +87,8 @@ def place_all(
         return attempt(set(), mapper="global", better_than=_placed(best), refine_lenses=False)
 
     best = attempt(pairs)
+    if best["stands_still"]:
+        return best
     # A later attempt replaces the model only if it registers more photographs.
     lacking = [index for index, name in enumerate(names) if name not in best["placed"]]
     more = likeliest_pairs(likeness, lacking, pairs, MAX_EXTRA_PAIRS)

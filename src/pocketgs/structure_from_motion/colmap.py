@@ -12,6 +12,7 @@ import numpy as np
 import pycolmap
 
 from pocketgs.structure_from_motion.job import Job, Outcome, announce, announce_count, serve
+from pocketgs.structure_from_motion.stillness import match_shifts, stands_still
 from pocketgs.structure_from_motion.world import from_places, upright
 
 MIN_MODEL, MIN_POINTS = 3, 20
@@ -49,7 +50,7 @@ def run(job: Job) -> Outcome:
     Returns:
         The result: names of images `placed`, `points`, mean `reprojection_error` in pixels of the full images, mean
         `track_length`, number of `matched_pairs` and of `parallax_pairs` among them, whose matches no homography
-        explains, sizes of `other_models`, whether the world is `metric`.
+        explains, whether the camera `stands_still`, sizes of `other_models`, whether the world is `metric`.
     """
     database = Path(job["database"])
     pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
@@ -59,14 +60,17 @@ def run(job: Job) -> Outcome:
         _fill(job, database)
     announce("matching")
     _match(job, database)
-    announce("mapping")
-    models = _models(job, database)
     with pycolmap.Database.open(database) as found:
         _, geometries = found.read_two_view_geometries()
-    pairs = {
-        "matched_pairs": sum(len(geometry.inlier_matches) > 0 for geometry in geometries),
-        "parallax_pairs": sum(geometry.config in WITH_PARALLAX for geometry in geometries),
-    }
+        pairs = {
+            "matched_pairs": sum(len(geometry.inlier_matches) > 0 for geometry in geometries),
+            "parallax_pairs": sum(geometry.config in WITH_PARALLAX for geometry in geometries),
+            "stands_still": stands_still(match_shifts(found)),
+        }
+    if pairs["stands_still"]:
+        return {"placed": [], **pairs}
+    announce("mapping")
+    models = _models(job, database)
     if not models:
         return {"placed": [], **pairs}
     models.sort(key=lambda model: (model.num_reg_images(), model.num_points3D()), reverse=True)

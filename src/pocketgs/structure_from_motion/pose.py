@@ -103,7 +103,8 @@ def pose(
             features = sum(photograph.features for photograph in photographs) // len(photographs)
             if not outcome["placed"]:
                 found = f"{features:,} features per image, {outcome['matched_pairs']} matching pairs"
-                raise PocketGSError(f"{source}: no poses found for {len(photographs)} images ({found}): {ADVICE}")
+                why = ", from a camera that stands still" if outcome["stands_still"] else ""
+                raise PocketGSError(f"{source}: no poses found for {len(photographs)} images{why} ({found}): {ADVICE}")
             read_listing(staging)  # COLMAP may not report that the disk is full
             record = {**made_from, **outcome, "frames": len(photographs), "unplaced": unplaced, "features": features}
             (staging / POSED_RECORD).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
