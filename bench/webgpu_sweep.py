@@ -156,7 +156,7 @@ def sweep_in_passes(frames: Sequence[Frame], search: DepthRange, settings: Sweep
     agreement = Agreement(*times.measure("agreement", lambda: compare_depths(views, 0, TOLERANCE)))
     # All of it: the CPU has no passes.
     margin = np.ones_like(views.depths[0])
-    times.measure("confidence", lambda: confidence_map(agreement, views.depths[0], margin, views.steps[0], LEAST))
+    times.measure("confidence", lambda: confidence_map(agreement, views.depths[0], margin, LEAST))
     times.measure("smooth", lambda: smoothed(depth, step_of(inverse_depths)))
 
 

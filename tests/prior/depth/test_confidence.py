@@ -5,20 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pocketgs.prior.depth.confidence import (
-    COHERENT_SIDE,
-    COHERENT_STEPS,
-    FILLER_CONFIDENCE,
-    FILLER_MARGIN,
-    HOLE,
-    confidence,
-    confidence_map,
-)
+from pocketgs.prior.depth.confidence import FILLER_CONFIDENCE, FILLER_MARGIN, HOLE, confidence, confidence_map
 from pocketgs.prior.depth.consistency import Agreement
 
 LEAST = 0.4
-
-STEP = 0.01
 
 
 def test_confidence() -> None:
@@ -46,7 +36,7 @@ def test_depths_in_holes_have_little_confidence(side: str) -> None:
     if side in ("right", "bottom"):
         agreeing, expected = agreeing[::-1, ::-1], expected[::-1, ::-1]
     ones = np.ones(agreeing.shape, np.float32)
-    found = confidence_map(agreement(agreeing, np.zeros_like(agreeing)), ones, ones, STEP, LEAST)
+    found = confidence_map(agreement(agreeing, np.zeros_like(agreeing)), ones, ones, LEAST)
     assert found.dtype == np.float32
     np.testing.assert_array_equal(found, expected)
 
@@ -57,7 +47,7 @@ def test_what_fills_no_holes() -> None:
     depth, margin = np.ones((2, 20, 20), np.float32)
     contradicting = nothing.copy()
     contradicting[:, 3], depth[:, 5], margin[:, 7] = 1, 0, 0.99 * FILLER_MARGIN
-    found = confidence_map(agreement(nothing, contradicting), depth, margin, STEP, LEAST)
+    found = confidence_map(agreement(nothing, contradicting), depth, margin, LEAST)
     assert np.flatnonzero((found == 0).all(axis=0)).tolist() == [3, 5, 7]
     assert np.flatnonzero((found > 0).all(axis=0)).size == 17
 
@@ -65,29 +55,6 @@ def test_what_fills_no_holes() -> None:
 def test_little_confidence_counts_as_none() -> None:
     ones = np.ones((20, 20), int)
     depth, margin = np.ones(ones.shape, np.float32), np.ones(ones.shape, np.float32)
-    found = confidence_map(agreement(ones, ones), depth, margin, STEP, LEAST)
+    found = confidence_map(agreement(ones, ones), depth, margin, LEAST)
     assert confidence(ones, ones, margin)[0, 0] == 0.25
     assert not found.any()
-
-
-@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
-def test_noise_fills_no_holes(scale: float) -> None:
-    """On the left a slanted surface, on the right depths at random; scenes have any unit."""
-    columns = np.arange(60)
-    inverse = np.tile(0.3 + 0.25 * COHERENT_STEPS * STEP * columns, (40, 1))
-    inverse[:, 30:] = np.random.default_rng(0).uniform(0.1, 1.0, (40, 30))
-    depth, margin = (scale / inverse).astype(np.float32), np.ones(inverse.shape, np.float32)
-    nothing = np.zeros(inverse.shape, int)
-    found = confidence_map(agreement(nothing, nothing), depth, margin, STEP / scale, LEAST)
-    inside = COHERENT_SIDE // 2
-    assert (found[:, : 30 - inside] == np.float32(FILLER_CONFIDENCE)).all()
-    assert not found[:, 30 + inside :].any()
-
-
-def test_a_speck_fills_no_hole_but_a_patch_does() -> None:
-    depth, margin = np.full((30, 60), 5.0, np.float32), np.ones((30, 60), np.float32)
-    depth[10:13, 10:13], depth[10:20, 40:50] = 1.0, 1.0
-    nothing = np.zeros(depth.shape, int)
-    found = confidence_map(agreement(nothing, nothing), depth, margin, STEP, LEAST)
-    assert not found[10:13, 10:13].any()
-    assert (found[11:19, 41:49] > 0).all()

@@ -99,8 +99,7 @@ def test_confidences_are_those_of_the_votes(name: str) -> None:
     filled = 0
     for view, found in enumerate(stereo().compare(views, margins, 0.05, LEAST)):
         height, width = views.sizes[view]
-        depth, step = views.depths[view, :height, :width], views.steps[view]
-        expected = confidence_map(votes(view, views), depth, margins[view], step, LEAST)
+        expected = confidence_map(votes(view, views), views.depths[view, :height, :width], margins[view], LEAST)
         np.testing.assert_array_equal(found.confidences > 0, expected > 0)
         np.testing.assert_allclose(found.confidences, expected, rtol=1e-6)
         filled += int((expected == np.float32(FILLER_CONFIDENCE)).sum())

@@ -73,8 +73,7 @@ class CpuStereo:
         for view, (height, width) in enumerate(views.sizes):
             agreement = Agreement(*compare_depths(views, view, tolerance))
             depth = views.depths[view, :height, :width]
-            confidences = confidence_map(agreement, depth, margins[view], views.steps[view], least)
-            yield ConfidenceMap(confidences, agreement.footprints)
+            yield ConfidenceMap(confidence_map(agreement, depth, margins[view], least), agreement.footprints)
 
 
 def smoothed(depth: np.ndarray, spacing: float) -> np.ndarray:

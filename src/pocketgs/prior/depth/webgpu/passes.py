@@ -26,15 +26,7 @@ _SHARED = (
     "SMOOTHING_STEPS",
 )
 
-_CONFIDENCE = (
-    "CLEAR_MARGIN",
-    "HOLE",
-    "HOLE_SHARE",
-    "FILLER_MARGIN",
-    "FILLER_CONFIDENCE",
-    "COHERENT_SIDE",
-    "COHERENT_STEPS",
-)
+_CONFIDENCE = ("CLEAR_MARGIN", "HOLE", "HOLE_SHARE", "FILLER_MARGIN", "FILLER_CONFIDENCE")
 
 SHADERS = ShaderLibrary(
     Path(__file__).parent / "shaders",

@@ -1,5 +1,5 @@
-// Give little confidence to depths in holes, where few others have any, if no view contradicts them, they are cheaper
-// than others by a margin, and most pixels around them have about the same. One thread per pixel.
+// Give little confidence to depths in holes, where few others have any, if no view contradicts them and they are cheaper
+// than others by a margin. One thread per pixel.
 import comparison, comparison.votes, comparison.window, workgroups
 
 @group(0) @binding(0) var<uniform> comparison: Comparison;
@@ -9,28 +9,6 @@ import comparison, comparison.votes, comparison.window, workgroups
 // Of pixels with confidence, around each pixel in its row.
 @group(0) @binding(4) var<storage, read> counts: array<u32>;
 @group(0) @binding(5) var<storage, read_write> confidences: array<f32>;
-// Of the views, see `agreement.wgsl`.
-@group(0) @binding(6) var<storage, read> others: array<vec4f>;
-
-const AROUND: i32 = i32(COHERENT_SIDE / 2u);
-
-fn depth_at(row: u32, column: u32) -> f32 {
-    return maps[(comparison.view * comparison.image_height + row) * comparison.image_width + column];
-}
-
-// See `coherent` in `prior/depth/confidence.py`.
-fn is_coherent(row: u32, column: u32, depth: f32) -> bool {
-    let tolerance = COHERENT_STEPS * others[5u * comparison.view + 4u].z;
-    var close = 0u;
-    for (var i = -AROUND; i <= AROUND; i++) {
-        let beside = mirrored(i32(row) + i, comparison.height);
-        for (var j = -AROUND; j <= AROUND; j++) {
-            let there = depth_at(beside, mirrored(i32(column) + j, comparison.width));
-            close += u32(abs(there - depth) <= tolerance * depth * there);
-        }
-    }
-    return 2u * close > COHERENT_SIDE * COHERENT_SIDE;
-}
 
 @compute @workgroup_size(THREADS)
 fn main(
@@ -48,10 +26,9 @@ fn main(
         count += counts[mirrored(i32(row) + i, comparison.height) * comparison.width + column];
     }
     let is_hole = f32(count) < HOLE_SHARE * f32(HOLE * HOLE);
-    let depth = depth_at(row, column);
+    let depth = maps[(comparison.view * comparison.image_height + row) * comparison.image_width + column];
     let is_uncontradicted = contradicting_of(votes[pixel]) == 0u;
-    let is_filler = is_hole && depth > 0.0 && is_uncontradicted && margins[pixel] >= FILLER_MARGIN;
-    if (is_filler && is_coherent(row, column, depth)) {
+    if (is_hole && depth > 0.0 && is_uncontradicted && margins[pixel] >= FILLER_MARGIN) {
         confidences[pixel] = FILLER_CONFIDENCE;
     }
 }
