@@ -61,11 +61,11 @@ def run(job: Job) -> Outcome:
     announce("matching")
     _match(job, database)
     with pycolmap.Database.open(database) as found:
-        _, geometries = found.read_two_view_geometries()
+        numbers, geometries = found.read_two_view_geometries()
         pairs = {
             "matched_pairs": sum(len(geometry.inlier_matches) > 0 for geometry in geometries),
             "parallax_pairs": sum(geometry.config in WITH_PARALLAX for geometry in geometries),
-            "stands_still": stands_still(match_shifts(found)),
+            "stands_still": stands_still(match_shifts(found, numbers, geometries)),
         }
     if pairs["stands_still"]:
         return {"placed": [], **pairs}

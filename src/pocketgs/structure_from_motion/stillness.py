@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import pycolmap
@@ -24,12 +24,20 @@ def stands_still(shifts: Iterable[np.ndarray]) -> bool:
     return len(medians) > 0 and float(np.mean(np.array(medians) < STILL)) >= STILL_SHARE
 
 
-def match_shifts(database: pycolmap.Database) -> Iterator[np.ndarray]:
-    """Of each matching pair, (M, 2) by how much its matches shift, in diagonals of the image."""
+def match_shifts(
+    database: pycolmap.Database, numbers: Sequence[int], geometries: Sequence[pycolmap.TwoViewGeometry]
+) -> Iterator[np.ndarray]:
+    """Of each matching pair, (M, 2) by how much its matches shift, in diagonals of the image.
+
+    Args:
+        database: of the images.
+        numbers: of its pairs.
+        geometries: of the pairs, with their matches.
+    """
     images = {image.image_id: image for image in database.read_all_images()}
     points = {number: database.read_keypoints(number)[:, :2] for number in images}
     sizes = {camera.camera_id: np.hypot(camera.width, camera.height) for camera in database.read_all_cameras()}
-    for pair, geometry in zip(*database.read_two_view_geometries(), strict=True):
+    for pair, geometry in zip(numbers, geometries, strict=True):
         first, second = pycolmap.pair_id_to_image_pair(pair)
         matches = np.asarray(geometry.inlier_matches).reshape(-1, 2)
         if len(matches):
