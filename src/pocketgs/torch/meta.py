@@ -39,6 +39,16 @@ class Meta(dict[str, Any]):
         self._waiting.pop(name, None)
         super().__setitem__(name, value)
 
+    def __delitem__(self, name: str) -> None:
+        self._waiting.pop(name, None)
+        super().__delitem__(name)
+
+    def __eq__(self, other: object) -> bool:
+        return self.copy() == other
+
+    def __ne__(self, other: object) -> bool:
+        return self.copy() != other
+
     def get(self, name: str, default: Any = None) -> Any:
         """The value of this name, or the default."""
         self._settle(name)
@@ -55,6 +65,10 @@ class Meta(dict[str, Any]):
         """
         return OrderedDict, (), None, None, iter(self.items())
 
+    def __ior__(self, other: Any) -> Any:
+        self.update(other)
+        return self
+
     def __or__(self, other: Any) -> Any:
         """A plain dictionary of both."""
         return self.copy() | other
@@ -63,6 +77,16 @@ class Meta(dict[str, Any]):
         """Remove a value and return it."""
         self._settle(name)
         return super().pop(name, *default)
+
+    def setdefault(self, name: str, default: Any = None) -> Any:
+        """The value of this name, which is set to the default if it is missing."""
+        self._settle(name)
+        return super().setdefault(name, default)
+
+    def update(self, *others: Any, **values: Any) -> None:
+        """Set the values of other dictionaries, or of pairs, as those of the names given."""
+        for name, value in dict(*others, **values).items():
+            self[name] = value
 
     def items(self) -> Any:
         """All names with their values."""
