@@ -35,7 +35,8 @@ def read(engine: WebGpuEngine, name: str, count: int, dtype: type = np.uint32) -
 def tile_lists(engine: WebGpuEngine, tiles: int) -> list[np.ndarray]:
     """The Gaussians in each tile's list, in its order, after a rendering."""
     starts = read(engine, "tile_starts", tiles + 1)
-    slots, splats = (read(engine, name, max(int(starts[-1]), 1)) for name in ("slots", "slot_splats"))
+    (counted,) = read(engine, "intersection_count", 1)  # some tiles may be counted and not listed
+    slots, splats = (read(engine, name, max(int(counted), 1)) for name in ("slots", "slot_splats"))
     return [splats[slots[start:end]] for start, end in pairwise(starts)]
 
 

@@ -35,7 +35,7 @@ fn main(
             slot++;
         }
     }
-    // Should the count have been rounded otherwise than the list, what is left goes to a tile that is not drawn.
+    // More may have been counted, see `counted_ellipse_of`: what is left goes to a tile that is not drawn.
     for (; slot < end; slot++) {
         tile_keys[slot] = view.tiles_across * view.tiles_down;
         slots[slot] = slot;
