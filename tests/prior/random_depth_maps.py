@@ -9,10 +9,14 @@ from pocketgs.prior.depth.consistency import Views
 
 
 def random_views(seed: int) -> Views:
-    """Three views from around of something at a distance of 4, of different sizes, some of whose depths are unknown."""
+    """Three views from around of something at a distance of 4, of different sizes.
+
+    Some depths are unknown, and on the left most are noise.
+    """
     rng = np.random.default_rng(seed)
     sizes = np.array([[9, 13], [11, 8], [7, 15]])
     depths = rng.choice([0.0, 3.9, 4.0, 4.03, 6.0], (3, 11, 15)).astype(np.float32)
+    depths[:, :, 7:] = np.where(rng.random((3, 11, 8)) < 0.7, np.float32(4.0), depths[:, :, 7:])
     poses = [look_at(rng.normal(0, 0.7, 3) - [0, 0, 4], rng.normal(0, 0.2, 3), rng.normal(size=3)) for _ in sizes]
     for depth, (height, width) in zip(depths, sizes, strict=True):
         depth[height:], depth[:, width:] = 4.0, 4.0  # never to be looked at

@@ -193,6 +193,8 @@ def _depth() -> dict[str, Any]:
             "quantiles": depth_range.QUANTILES,
             "nearest_share": depth_range.NEAREST_SHARE,
             "nearest_quantile": depth_range.NEAREST_QUANTILE,
+            "nearest_an_octave": depth_range.NEAREST_AN_OCTAVE,
+            "limits_per_step": depth_range.LIMITS_PER_STEP,
             "unknown_nearest": depth_range.UNKNOWN_NEAREST,
             "min_points": depth_range.MIN_POINTS,
             "wide_hypotheses": depth_range.WIDE_HYPOTHESES,
@@ -238,6 +240,7 @@ def _cloud() -> dict[str, Any]:
         "merging": {
             "rounds": merge.MERGING_ROUNDS,
             "overfull": merge.OVERFULL,
+            "turn": merge.TURN.ravel().tolist(),
             "detail_power": merge.DETAIL_POWER,
             "max_octaves": merge.MAX_OCTAVES,
             "min_detail": merge.MIN_DETAIL,

@@ -14,7 +14,7 @@ from pocketgs.capture.synthetic import true_capture
 from pocketgs.prior.cloud.cpu_merger import CpuMerger
 from pocketgs.prior.cloud.fuse import SHELL_EXTENT, FusionSettings, fuse, views_of
 from pocketgs.prior.cloud.merge import Candidates
-from pocketgs.prior.depth.consistency import Views
+from pocketgs.prior.depth.consistency import AROUND, COHERENT_STEPS, CONFIRMED, Views
 from pocketgs.prior.depth.cpu.consistency import compare_depths
 from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.sweep import DepthMap
@@ -84,6 +84,11 @@ def twin(views: Views, view: int, tolerance: float) -> tuple[np.ndarray, np.ndar
                     covered.append(distance / camera.fx)
             elif theirs > distance:
                 contradicting[row, column] += 1
+        around = depths[max(row - AROUND, 0) : row + AROUND + 1, max(column - AROUND, 0) : column + AROUND + 1]
+        known = around[around > 0].astype(float)
+        shared = np.mean(np.abs(1 / known - 1 / depth) <= COHERENT_STEPS * views.steps[view])
+        if agreeing[row, column] < CONFIRMED and shared < 0.5:
+            contradicting[row, column] += 1
         footprints[row, column] = min(covered)
     return agreeing, contradicting, footprints
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.prior.cloud.merge import Candidates, choose_size, heaviest, levels_of, side_of
+from pocketgs.prior.cloud.merge import Candidates, choose_size, heaviest, levels_of, side_of, turned
 from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.system.device_name import DeviceName
 
@@ -28,11 +28,11 @@ class CpuMerger:
         if len(candidates.positions) == 0:
             return PointCloud(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
         level = levels_of(candidates)
-        voxel = np.zeros(0, np.int64)
+        along_grid, voxel = turned(candidates.positions), np.zeros(0, np.int64)
 
         def filled(size: float) -> int:
             nonlocal voxel
-            _, voxel = np.unique(_voxels(candidates.positions, level, size), return_inverse=True)
+            _, voxel = np.unique(_voxels(along_grid, level, size), return_inverse=True)
             return int(voxel.max()) + 1
 
         choose_size(filled, len(level), count)
@@ -50,7 +50,7 @@ class CpuMerger:
 
 
 def _voxels(positions: np.ndarray, level: np.ndarray, size: float) -> np.ndarray:
-    """(M,) int64 key of each voxel, see `KEY_FACTORS`."""
+    """(M,) int64 key of each voxel, see `KEY_FACTORS`. Positions are along the axes of the grid."""
     cells = np.floor(positions / side_of(level, size)[:, None]).astype(np.int64)
     factors = np.array(KEY_FACTORS, np.uint64).view(np.int64)
     return cells @ factors[:3] + (level - level.min()) * factors[3]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.system.device_name import DeviceName
@@ -23,6 +24,15 @@ MIN_DETAIL = 1e-4
 """Lower bound of the detail: photographs are rounded to 1/255."""
 
 STEPS_AN_OCTAVE = 2
+
+TURN = Rotation.from_euler("xyz", (0.5, 0.7, 0.3)).as_matrix()
+"""The grid of voxels is turned against the world.
+
+Walls and floors are often parallel to the world's axes. Where the side of a voxel ran along one, its pixels, a little
+before and behind it, would give two sheets of points in place of one: 88 to 92 % of the demo's points were within 1 %
+of the surface, according to where the sides lay. With the grid turned, 92 % are, wherever it begins. Any angles do that
+are not near 0, 45 or 90 degrees.
+"""
 
 SIZES_AN_OCTAVE = 64
 """Voxel sizes are tried in steps of 2^(1/64): devices whose depths differ in a few pixels then find the same voxels."""
@@ -101,6 +111,12 @@ def choose_size(filled: Callable[[float], int], candidates: int, count: int) -> 
         size *= np.sqrt(found / ((1 + OVERFULL) / 2 * count))
         size = float(np.exp2(np.round(SIZES_AN_OCTAVE * np.log2(size)) / SIZES_AN_OCTAVE))
     return tried, found
+
+
+def turned(positions: np.ndarray) -> np.ndarray:
+    """(M, 3) float64 positions along the axes of the grid. Sums have one order, so that all hosts get the same bits."""
+    x, y, z = positions.astype(np.float64).T
+    return np.stack([row[0] * x + row[1] * y + row[2] * z for row in TURN], axis=1)
 
 
 def levels_of(candidates: Candidates) -> np.ndarray:

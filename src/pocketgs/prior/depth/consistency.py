@@ -8,6 +8,17 @@ import numpy as np
 
 from pocketgs.prior.parallax import LEAST_PARALLAX
 
+AROUND, COHERENT_STEPS = 3, 2.0
+"""A depth is coherent if at least half of the known ones around it, up to so many rows and columns away, are within so
+many steps of the sweep.
+
+Where nothing matches, at the edges of photographs and on surfaces seen from very different sides, depths are noise. It
+agrees with some other view by chance, and Gaussians there hang in the air before other views.
+"""
+
+CONFIRMED = 2
+"""Number of agreeing views that confirm a depth that is not coherent, such as that of a twig."""
+
 
 class Views(NamedTuple):
     """Depth maps of several views, padded to one size.
@@ -49,7 +60,8 @@ class Agreement(NamedTuple):
 
     Attributes:
         agreeing: (H, W) uint16 number of views that agree, without copies of the view.
-        contradicting: (H, W) uint16 number that see through the point to something behind it.
+        contradicting: (H, W) uint16 number that see through the point to something behind it, and one more where the
+            depth is not coherent and fewer than CONFIRMED views agree.
         footprints: (H, W) float32 smallest footprint of a pixel at the point, in this view or one that agrees.
     """
 

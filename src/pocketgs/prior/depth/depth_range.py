@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -27,6 +28,14 @@ WIDENED = 1.5
 
 PIXELS_PER_STEP = 0.7
 """Shift between neighbouring hypotheses, in pixels of the source view that shifts most."""
+
+NEAREST_AN_OCTAVE, LIMITS_PER_STEP = 16, 16
+"""The nearest depth of the full-range sweep is rounded to so many values per factor of 2, and limits within that range
+to fractions of its steps, always outwards.
+
+Devices that round otherwise, and so find slightly other points and depths, then test the same hypotheses. A shift by a
+hundredth of a step changes depths by more than that, since it changes what is sampled.
+"""
 
 FEWEST, MOST = 48, 192
 """Minimum and maximum number of hypotheses of a sweep."""
@@ -65,7 +74,9 @@ def wide_range(frame: Frame, points: np.ndarray, distance: float) -> DepthRange:
     depths = depths_of(frame, points)
     if len(depths) < MIN_POINTS:
         return DepthRange(UNKNOWN_NEAREST * distance, np.inf, WIDE_HYPOTHESES)
-    return DepthRange(NEAREST_SHARE * float(np.quantile(depths, NEAREST_QUANTILE)), np.inf, WIDE_HYPOTHESES)
+    nearest = NEAREST_SHARE * float(np.quantile(depths, NEAREST_QUANTILE))
+    rounded = 2.0 ** (math.floor(NEAREST_AN_OCTAVE * math.log2(nearest)) / NEAREST_AN_OCTAVE)
+    return DepthRange(rounded, np.inf, WIDE_HYPOTHESES)
 
 
 def narrowed(wide: DepthRange, found: np.ndarray, frame: Frame, source_views: Sequence[Frame]) -> DepthRange:
@@ -82,7 +93,9 @@ def narrowed(wide: DepthRange, found: np.ndarray, frame: Frame, source_views: Se
     low, high = float(inverse[0]), float(inverse[-1])
     if len(found) >= MIN_POINTS:
         far, near = np.quantile(1 / found, QUANTILES)
-        low, high = max(low, float(far) - WIDENED * step), min(high, float(near) + WIDENED * step)
+        unit = step / LIMITS_PER_STEP
+        low = max(low, unit * math.floor((float(far) - WIDENED * step) / unit))
+        high = min(high, unit * math.ceil((float(near) + WIDENED * step) / unit))
     farthest = np.inf if low <= step else 1 / low
     baseline = max(
         (float(np.linalg.norm(other.camera.centre - frame.camera.centre)) for other in source_views), default=0

@@ -51,7 +51,7 @@ CASES = {
     "random, again": random_views(3),
     "room": room(),
     "a copy": with_copy(random_views(0), 0.003),
-    "nearly a copy": with_copy(random_views(2), 0.0138),
+    "nearly a copy": with_copy(random_views(6), 0.0138),
     "far from the origin": moved(room(), [4e3, -7e3, 2e3]),
 }
 

@@ -9,7 +9,7 @@ from pocketgs.gpu.buffer_sizes import fit
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
 from pocketgs.prior.cloud.cpu_merger import CpuMerger
-from pocketgs.prior.cloud.merge import Candidates, choose_size, heaviest, levels_of, side_of
+from pocketgs.prior.cloud.merge import TURN, Candidates, choose_size, heaviest, levels_of, side_of, turned
 from pocketgs.prior.cloud.webgpu.layout import MERGED_WORDS
 from pocketgs.prior.cloud.webgpu.passes import FILL, MERGE, describe_merging
 from pocketgs.scene.point_cloud import PointCloud
@@ -44,8 +44,9 @@ class WebGpuMerger:
             return CpuMerger().merged(candidates, count)
         levels = levels_of(candidates)
         lowest, relative = levels.min(), levels - levels.min()
-        origin = np.median(candidates.positions, axis=0)
-        local = candidates.positions - origin
+        along_grid = turned(candidates.positions)
+        origin = np.median(along_grid, axis=0)
+        local = along_grid - origin
         unit = float(np.abs(local).max()) or 1.0
         symbols = self._symbols(total, int(relative.max()) + 1, total)
         self._write(local / unit, relative, candidates, symbols)
@@ -63,7 +64,7 @@ class WebGpuMerger:
         found = self.executor.read("merged", np.float32, MERGED_WORDS * voxels).reshape(-1, MERGED_WORDS)
         self.executor.release()
         weight, members = found[:, 9].astype(np.float64), found[:, 10]
-        positions = origin + unit * found[:, :3].astype(np.float64)
+        positions = (origin + unit * found[:, :3].astype(np.float64)) @ TURN
         directions = found[:, 6:9] / np.maximum(np.linalg.norm(found[:, 6:9], axis=1, keepdims=True), 1e-9)
         return heaviest(PointCloud(positions, found[:, 3:6], directions, weight / members), weight, count)
 

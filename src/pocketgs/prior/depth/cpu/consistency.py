@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from pocketgs.prior.depth.consistency import Views, farthest_confirmed
+from pocketgs.prior.depth.consistency import AROUND, COHERENT_STEPS, CONFIRMED, Views, farthest_confirmed
 from pocketgs.system.compile import parallel_kernel, part
 
 
@@ -63,8 +63,30 @@ def _compare(
                         footprint = min(footprint, z / focal_x)
                 elif z < theirs:
                     contradicting[row, column] += 1
+            if agreeing[row, column] < CONFIRMED and not is_coherent(
+                views.depths[view, :height, :width], row, column, views.steps[view]
+            ):
+                contradicting[row, column] += 1
             footprints[row, column] = footprint
     return agreeing, contradicting, footprints
+
+
+@part
+def is_coherent(depths: np.ndarray, row: int, column: int, step: float) -> bool:
+    """Whether at least half of the known depths around a pixel, its own included, are about the same as its own.
+
+    Inverse depths 1/a and 1/b are compared as |a - b| ≤ s a b, without a division, whose rounding devices differ in.
+    """
+    height, width = depths.shape
+    here, tolerance = depths[row, column], np.float32(COHERENT_STEPS * step)
+    close, known = 0, 0
+    for i in range(max(row - AROUND, 0), min(row + AROUND + 1, height)):
+        for j in range(max(column - AROUND, 0), min(column + AROUND + 1, width)):
+            there = depths[i, j]
+            if there > 0:
+                known += 1
+                close += abs(there - here) <= tolerance * here * there
+    return 2 * close >= known
 
 
 @part

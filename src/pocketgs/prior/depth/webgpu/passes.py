@@ -10,7 +10,7 @@ from pocketgs.gpu.description import Description, Pass, Sequence
 from pocketgs.gpu.shader_library import ShaderLibrary
 from pocketgs.gpu.uniforms import UniformLayout
 from pocketgs.gpu.workgroups import THREADS
-from pocketgs.prior.depth import confidence, sweep_constants
+from pocketgs.prior.depth import confidence, consistency, sweep_constants
 from pocketgs.prior.depth.webgpu import layout
 from pocketgs.prior.depth.webgpu.layout import CHUNK, LANE, MOST_BANDS, PATCH, PATH_THREADS
 
@@ -26,12 +26,15 @@ _SHARED = (
     "SMOOTHING_STEPS",
 )
 
+_COHERENCE = ("AROUND", "COHERENT_STEPS", "CONFIRMED")
+
 _CONFIDENCE = ("CLEAR_MARGIN", "HOLE", "HOLE_SHARE", "FILLER_MARGIN", "FILLER_CONFIDENCE")
 
 SHADERS = ShaderLibrary(
     Path(__file__).parent / "shaders",
     {
         **{name: getattr(sweep_constants, name) for name in _SHARED},
+        **{name: getattr(consistency, name) for name in _COHERENCE},
         **{name: getattr(confidence, name) for name in _CONFIDENCE},
         **{name: getattr(layout, name) for name in ("PATCH", "CHUNK", "LANE", "PATH_THREADS", "MATCHED", "USABLE")},
     },

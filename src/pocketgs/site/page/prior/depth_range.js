@@ -38,11 +38,13 @@ export const stepOf = (inverse) => Math.fround(inverse[1] - inverse[0]);
  * @returns {DepthRange}
  */
 export function wideRange(depths, distance, settings) {
-    const near =
-        depths.length < settings.min_points
-            ? settings.unknown_nearest * distance
-            : settings.nearest_share * quantileOf(Float64Array.from(depths).sort(), settings.nearest_quantile);
-    return { nearest: near, farthest: Infinity, hypotheses: settings.wide_hypotheses };
+    const wide = { farthest: Infinity, hypotheses: settings.wide_hypotheses };
+    if (depths.length < settings.min_points) {
+        return { nearest: settings.unknown_nearest * distance, ...wide };
+    }
+    const near = settings.nearest_share * quantileOf(Float64Array.from(depths).sort(), settings.nearest_quantile);
+    const octaves = Math.floor(settings.nearest_an_octave * Math.log2(near)) / settings.nearest_an_octave;
+    return { nearest: 2 ** octaves, ...wide };
 }
 
 /**
@@ -62,8 +64,9 @@ export function narrowed(wide, found, view, sources, settings) {
     if (found.length >= settings.min_points) {
         const sorted = found.map((depth) => 1 / depth).sort();
         const [far, near] = settings.quantiles.map((share) => quantileOf(sorted, share));
-        low = Math.max(low, far - settings.widened * step);
-        high = Math.min(high, near + settings.widened * step);
+        const unit = step / settings.limits_per_step;
+        low = Math.max(low, unit * Math.floor((far - settings.widened * step) / unit));
+        high = Math.min(high, unit * Math.ceil((near + settings.widened * step) / unit));
     }
     const isUnbounded = low <= step;
     const centre = centreOf(view);

@@ -57,8 +57,18 @@ function levelsOf({ footprints, details, count }, settings) {
     });
 }
 
+/** Positions along the axes of the grid, summed in Python's order. */
+function turned(positions, count, turn) {
+    return Float64Array.from({ length: 3 * count }, (_, i) => {
+        const [axis, first] = [3 * (i % 3), i - (i % 3)];
+        const across = turn[axis] * positions[first] + turn[axis + 1] * positions[first + 1];
+        return across + turn[axis + 2] * positions[first + 2];
+    });
+}
+
 /** Which voxel each candidate lies in: a hash table with open addressing. */
 class VoxelTable {
+    /** (N, 3) along the axes of the grid. */
     #positions;
     #levels;
     #lowest;
@@ -73,7 +83,7 @@ class VoxelTable {
     filled = 0;
 
     constructor({ positions, count }, levels, settings) {
-        this.#positions = positions;
+        this.#positions = turned(positions, count, settings.turn);
         this.#levels = levels;
         this.#lowest = levels.reduce((least, level) => Math.min(least, level));
         this.#highest = levels.reduce((most, level) => Math.max(most, level));

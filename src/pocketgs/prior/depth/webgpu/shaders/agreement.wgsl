@@ -1,6 +1,7 @@
 // Compare every depth of a view with the depth maps of the others: how many agree, how many see through the point to
-// something behind it, and the smallest footprint of a pixel there. One thread per pixel.
-import comparison, workgroups
+// something behind it, and the smallest footprint of a pixel there. A depth that hardly any view confirms
+// counts as contradicted once more where most of those around are different. One thread per pixel.
+import comparison, comparison.votes, workgroups
 
 @group(0) @binding(0) var<uniform> comparison: Comparison;
 @group(0) @binding(1) var<storage, read> maps: array<f32>;
@@ -15,6 +16,23 @@ const RECORD: u32 = 5u;
 
 fn depth_at(view: u32, column: u32, row: u32) -> f32 {
     return maps[(view * comparison.image_height + row) * comparison.image_width + column];
+}
+
+// See `is_coherent` in `prior/depth/cpu/consistency.py`.
+fn is_coherent(column: u32, row: u32, depth: f32) -> bool {
+    let tolerance = COHERENT_STEPS * others[RECORD * comparison.view + 4u].z;
+    let first = vec2u(max(column, AROUND) - AROUND, max(row, AROUND) - AROUND);
+    let last = min(vec2u(column, row) + AROUND, vec2u(comparison.width, comparison.height) - 1u);
+    var close = 0u;
+    var known = 0u;
+    for (var i = first.y; i <= last.y; i++) {
+        for (var j = first.x; j <= last.x; j++) {
+            let there = depth_at(comparison.view, j, i);
+            known += u32(there > 0.0);
+            close += u32(there > 0.0 && abs(there - depth) <= tolerance * depth * there);
+        }
+    }
+    return 2u * close >= known;
 }
 
 @compute @workgroup_size(THREADS)
@@ -63,6 +81,9 @@ fn main(
         } else if (z < theirs) {
             count += 1u << 16u;
         }
+    }
+    if (agreeing_of(count) < CONFIRMED && !is_coherent(column, row, depth)) {
+        count += 1u << 16u;
     }
     votes[pixel] = count;
     footprints[pixel] = footprint;

@@ -1,0 +1,35 @@
+"""Merging: what a voxel's pixels become does not depend on where walls lie."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pocketgs.prior.cloud.cpu_merger import CpuMerger
+from pocketgs.prior.cloud.merge import TURN, Candidates, turned
+
+
+def wall(offset: float, noise: float, count: int = 40_000) -> Candidates:
+    """Pixels of a wall of 1 x 1 that is parallel to two of the world's axes, a little before and behind it."""
+    rng = np.random.default_rng(0)
+    positions = np.column_stack([rng.uniform(0, 1, (count, 2)), rng.normal(offset, noise, count)])
+    ones = np.ones(count)
+    return Candidates(positions, np.ones((count, 3)), np.tile([0.0, 0.0, 1.0], (count, 1)), 0.02 * ones, ones, ones)
+
+
+def test_a_wall_is_one_sheet_of_points_wherever_it_is() -> None:
+    """A voxel's side along the wall would divide its pixels between two voxels, one before and one behind it."""
+    noise, side = 0.002, 0.02
+    errors = []
+    for offset in np.linspace(0.0, side, 9):
+        points = CpuMerger().merged(wall(offset, noise), 2500).positions
+        errors.append(np.sqrt(np.mean((points[:, 2] - offset) ** 2)))
+    assert max(errors) < 1.2 * min(errors)
+    assert max(errors) < 0.75 * noise
+
+
+def test_the_grid_is_turned_and_not_stretched() -> None:
+    """By a rotation that no axis and no diagonal survives."""
+    np.testing.assert_allclose(TURN @ TURN.T, np.eye(3), atol=1e-15)
+    positions = np.random.default_rng(1).normal(size=(100, 3))
+    np.testing.assert_allclose(turned(positions), positions @ TURN.T, rtol=1e-12, atol=1e-12)
+    assert np.abs(TURN).max() < 0.95
