@@ -28,7 +28,7 @@ def test_a_wall_is_one_sheet_of_points_wherever_it_is() -> None:
 
 
 def test_the_grid_is_turned_and_not_stretched() -> None:
-    """By a rotation that no axis and no diagonal survives."""
+    """By a rotation that keeps every side of a voxel 18 degrees and more away from walls along the axes."""
     np.testing.assert_allclose(TURN @ TURN.T, np.eye(3), atol=1e-15)
     positions = np.random.default_rng(1).normal(size=(100, 3))
     np.testing.assert_allclose(turned(positions), positions @ TURN.T, rtol=1e-12, atol=1e-12)
