@@ -1,5 +1,5 @@
 // How many pixels with confidence lie around each pixel in its row. One thread per pixel.
-import comparison, comparison.window, workgroups
+import comparison, comparison.window, mirrored, workgroups
 
 @group(0) @binding(0) var<uniform> comparison: Comparison;
 @group(0) @binding(1) var<storage, read> confidences: array<f32>;
@@ -18,7 +18,7 @@ fn main(
     let row_start = pixel - column;
     var count = 0u;
     for (var i = -REACH; i <= REACH; i++) {
-        let confidence = confidences[row_start + mirrored(i32(column) + i, comparison.width)];
+        let confidence = confidences[row_start + mirrored_with_ends(i32(column) + i, i32(comparison.width))];
         count += select(0u, 1u, confidence > 0.0);
     }
     counts[pixel] = count;

@@ -1,6 +1,6 @@
 // Give little confidence to depths in holes, where few others have any, if no view contradicts them and they are cheaper
 // than others by a margin. One thread per pixel.
-import comparison, comparison.votes, comparison.window, workgroups
+import comparison, comparison.votes, comparison.window, mirrored, workgroups
 
 @group(0) @binding(0) var<uniform> comparison: Comparison;
 @group(0) @binding(1) var<storage, read> maps: array<f32>;
@@ -23,7 +23,7 @@ fn main(
     let row = pixel / comparison.width;
     var count = 0u;
     for (var i = -REACH; i <= REACH; i++) {
-        count += counts[mirrored(i32(row) + i, comparison.height) * comparison.width + column];
+        count += counts[mirrored_with_ends(i32(row) + i, i32(comparison.height)) * comparison.width + column];
     }
     let is_hole = f32(count) < HOLE_SHARE * f32(HOLE * HOLE);
     let depth = maps[(comparison.view * comparison.image_height + row) * comparison.image_width + column];

@@ -29,14 +29,3 @@ fn contradicting_of(word: u32) -> u32 {
 
 section window
 const REACH: i32 = i32(HOLE / 2u);
-
-// A place on a line, mirrored at its ends with the border repeated. Remainders of negative numbers would be shorter, but
-// Vulkan leaves them undefined, and NVIDIA's are wrong.
-fn mirrored(index: i32, length: u32) -> u32 {
-    let end = i32(length);
-    var place = index;
-    while (place < 0 || place >= end) {
-        place = select(-1 - place, 2 * end - 1 - place, place >= end);
-    }
-    return u32(place);
-}
