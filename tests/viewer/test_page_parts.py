@@ -16,8 +16,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from playwright.sync_api import Error, Page
+from plyfile import PlyData, PlyElement
 
-from pocketgs.scene.formats import pgs, ply, splat, spz
+from pocketgs.errors import PocketGSError
+from pocketgs.scene.formats import pgs, ply, read_scene, splat, spz
 from pocketgs.scene.formats.pgs_coding import FINE
 from pocketgs.scene.formats.pgs_sections import Section, join_sections, split_sections
 from pocketgs.scene.formats.spz_precision import SMALL
@@ -41,6 +43,9 @@ FORMATS: list[Written] = [
     ("scene.pgs", pgs.write_gaussians, pgs.read_gaussians),
     ("scene.pgs", lambda path, scene: pgs.write_gaussians(path, scene, FINE), pgs.read_gaussians),
 ]
+AXES = 0xADBE0003
+"""The extension of a .spz that states its axes."""
+
 written = pytest.mark.parametrize("written", FORMATS, ids=("ply", "splat", "spz3", "spz4", "small", "pgs", "fine pgs"))
 
 
@@ -132,6 +137,109 @@ def test_page_reads_ply_of_other_types(page: Page) -> None:
     np.testing.assert_array_equal(sh, rows[:, 3:6].T)
     np.testing.assert_array_equal(shape[10], rows[:, 6])
     np.testing.assert_allclose(np.linalg.norm(shape[6:10], axis=0), 1, rtol=1e-6)
+
+
+@pytest.mark.parametrize("has_third_scale", [True, False])
+def test_page_reads_flat_gaussians(page: Page, tmp_path: Path, has_third_scale: bool) -> None:
+    """A thickness of 0 gets a finite logarithm, and Gaussians of 2DGS a third axis: shaders draw finite ones only."""
+    scene, path = random_scene(3000, 4), tmp_path / "flat.ply"
+    scene.log_scales[::3, 0] = -np.inf
+    scene.log_scales[1::3, 2] = -np.inf
+    scene.save(path)
+    data = PlyData.read(path)["vertex"].data
+    names = [name for name in data.dtype.names if has_third_scale or name != "scale_2"]
+    rows = np.array(data[names].tolist(), [(name, "f4") for name in names])
+    PlyData([PlyElement.describe(rows, "vertex")], byte_order="<").write(str(path))
+    shape, _, _ = read(page, path.name, path.read_bytes())
+    assert np.isfinite(shape).all()
+    np.testing.assert_allclose(shape, to_columns(read_scene(path))[0], rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", [0, 1, 4, 6, 7])
+def test_page_turns_stated_axes(page: Page, tmp_path: Path, kind: int) -> None:
+    path = tmp_path / "scene.spz"
+    path.write_bytes(spz_with(struct.pack("<II3sIII", 0x12340001, 3, b"???", AXES, 4, kind), coefficients=16))
+    shape, sh, _ = read(page, path.name, path.read_bytes())
+    for found, expected in zip((shape, sh), to_columns(read_scene(path)), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("start", [b"\x1f\x8b", b"ply", b"NGSP", b"PGSC"])
+def test_page_reads_a_splat_that_begins_like_another_format(page: Page, start: bytes) -> None:
+    """It has no header: the bytes of its first number may be any."""
+    content = start + splat_of(random_scene(3, 1))[len(start) :]
+    shape, _, _ = read(page, "scene.splat", content)
+    assert shape[0, 0] == np.frombuffer(content, "<f4")[0]
+
+
+def spz_with(extensions: bytes, coefficients: int = 1) -> bytes:
+    """A .spz of version 4 with extensions."""
+    content = bytearray(spz.encode(random_scene(20, coefficients)))
+    content[14] |= 2
+    content[16:20] = struct.pack("<I", 32 + len(extensions))
+    return bytes(content[:32] + extensions + content[32:])
+
+
+def early_spz(version: int, positions: bytes, more: bytes = b"") -> bytes:
+    """A .spz of version 1 or 2 with one Gaussian of degree 0."""
+    header = struct.pack("<4sIIBBBB", b"NGSP", version, 1, 0, 12, 0, 0)
+    return gzip.compress(header + positions + bytes(10) + more, mtime=0)
+
+
+def splat_of(scene: Gaussians, scale: float | None = None) -> bytes:
+    """A .splat, whose second Gaussian has another standard deviation if one is given."""
+    records = np.zeros(len(scene), splat.RECORD)
+    records["means"], records["scales"] = scene.means, scene.scales
+    if scale is not None:
+        records["scales"][1, 1] = scale
+    return records.tobytes()
+
+
+def pgs_with_exponent(exponent: int) -> bytes:
+    """A .pgs with another step of its coordinates."""
+    parts, kinds = split_sections(Path("scene.pgs"), pgs.encode(random_scene(9, 1)), pgs.KNOWN), dict(pgs.KNOWN)
+    parts["scene"] = parts["scene"][:10] + struct.pack("<h", exponent) + parts["scene"][12:]
+    return join_sections([Section(name, kinds[name], part) for name, part in parts.items()])
+
+
+def ply_with(line: str) -> bytes:
+    """A .ply with another line among its properties, and room for it."""
+    names = ["x", "y", "z", *(f"f_dc_{i}" for i in range(3)), "opacity", *(f"scale_{i}" for i in range(3))]
+    names += [f"rot_{i}" for i in range(4)]
+    lines = ["ply", "format binary_little_endian 1.0", "element vertex 2", line]
+    lines += [*(f"property float {name}" for name in names), "end_header", ""]
+    return "\n".join(lines).encode() + bytes(2 * 4 * (len(names) + 1))
+
+
+REFUSED: list[tuple[str, Callable[[], bytes], str]] = [
+    ("a.splat", lambda: splat_of(random_scene(3, 1), -1.0), "negative scales, expected standard deviations"),
+    ("a.splat", lambda: splat_of(random_scene(3, 1), np.inf), "1 of 3 Gaussians hold NaN or infinity"),
+    ("a.splat", lambda: splat_of(random_scene(3, 1), np.nan), "1 of 3 Gaussians hold NaN or infinity"),
+    ("a.spz", lambda: early_spz(1, np.array([1, np.inf, 2], "<f2").tobytes()), "1 of 1 Gaussians hold NaN or infinity"),
+    ("a.spz", lambda: early_spz(2, bytes(9), b"more"), "holds more than the bytes for 1 Gaussians"),
+    ("a.spz", lambda: spz_with(struct.pack("<III", AXES, 4, 8)), "kind 8, expected one of 0, 1, 4, 6, 7: save it"),
+    ("a.spz", lambda: spz_with(struct.pack("<III", AXES, 4, 260)), "kind 260, expected one of 0, 1, 4, 6, 7: save it"),
+    ("a.spz", lambda: spz_with(struct.pack("<II", AXES, 0)), "kind none, expected one of 0, 1, 4, 6, 7: save it"),
+    ("a.spz", lambda: spz_with(struct.pack("<II3s", 0x12340001, 3, b"???") + b"cut"), "cut short after 3 bytes"),
+    ("a.spz", lambda: spz_with(b"").replace(struct.pack("<I12x", 32), bytes(16)), "table of streams at byte 0"),
+    ("a.pgs", lambda: pgs_with_exponent(1000), "9 of 9 Gaussians hold NaN or infinity"),
+    ("a.ply", lambda: ply_with("property float"), 'holds "property float", expected a property'),
+    ("a.ply", lambda: ply_with("property float opacity"), 'holds "property float opacity", expected a property'),
+    ("a.ply", lambda: ply_with("prooerty float w"), 'holds "prooerty float w", expected a property'),
+    ("a.ply", lambda: ply_with("property constructor w"), "of type constructor, expected numbers"),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "words"), REFUSED, ids=[f"{name}: {words}" for name, _, words in REFUSED])
+def test_page_refuses_what_python_refuses(
+    page: Page, tmp_path: Path, name: str, content: Callable[[], bytes], words: str
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(content())
+    with pytest.raises(PocketGSError):
+        read_scene(path)
+    with pytest.raises(Error, match=words):
+        read(page, name, path.read_bytes())
 
 
 @written

@@ -77,6 +77,7 @@ def test_page_refuses_broken_weights(page: Page, tmp_path: Path) -> None:
         ("weights", parts["weights"] + bytes(8), "bytes for 1 numbers"),
         ("weights", b"magic".ljust(16, b"\0") + parts["weights"][16:], "'magic': not known"),
         ("view", None, 'section "view" of the .pgs is missing'),
+        ("weights", None, 'section "weights" of the .pgs is missing'),
     ):
         changed = {**parts, name: broken}
         sections = [Section(each, dict(KNOWN)[each], part) for each, part in changed.items() if part is not None]

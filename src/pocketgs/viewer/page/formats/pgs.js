@@ -6,6 +6,7 @@
 
 import { LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../constants.js";
 import { GaussianColumns, requireRoom } from "../scene/gaussian_columns.js";
+import { requireSound } from "./checks.js";
 import { coarsenessOf, codeColours, codeHarmonic, codeScales, codeTurns, nearestBefore } from "./pgs_attributes.js";
 import { decodePositions } from "./pgs_positions.js";
 import { finenessOf, quaternionOf, stepOf } from "./pgs_rotations.js";
@@ -50,8 +51,11 @@ export async function readPgs(source) {
     if (coefficients > 1) {
         fillHarmonics(codeOf, layout, gaussians);
     }
+    requireSound(gaussians);
     if (sections.has("weights")) {
         gaussians.weighting = readWeighting(sections, count);
+    } else if (sections.has("view")) {
+        throw new Error('section "weights" of the .pgs is missing, which section "view" belongs to');
     }
     return gaussians;
 }

@@ -5,6 +5,7 @@
  * @module
  */
 
+import { LOG_SCALE } from "../constants.js";
 import { GaussianColumns } from "../scene/gaussian_columns.js";
 import { Weighting, numbersOf } from "../scene/weighting.js";
 import { columnsOf } from "./ply_columns.js";
@@ -18,8 +19,14 @@ import { MAX_HEADER_BYTES, beginsWithVertices, readHeader, rowsOf } from "./ply_
 const ROWS_AT_ONCE = 1 << 11;
 const COEFFICIENTS = { 0: 1, 9: 4, 24: 9, 45: 16 };
 
+/** Logarithm of the thickness of a Gaussian that has two axes, relative to the smaller one. */
+const FLATNESS = Math.log(1e-3);
+
+/** Logarithm of the smallest thickness that float32 holds in full precision. */
+const MIN_LOG_SCALE = Math.log(2 ** -126);
+
 /**
- * Read a scene.
+ * Read a scene. The Gaussians of 2DGS have two axes: they become thin discs.
  *
  * @param {ByteStream} source at the start of the file
  * @param {number} bytes the file's size
@@ -48,6 +55,7 @@ export async function readPly(source, bytes, onPart) {
                 values[first + row] = read(row * stride + property.offset, littleEndian);
             }
         }
+        completeLogScales(gaussians, !properties.has("scale_2"), first, first + rows);
         onPart(gaussians, first + rows);
     }
     gaussians.normaliseQuaternions();
@@ -94,9 +102,24 @@ function weightingIn(comments, properties, count) {
     return new Weighting(form, valueOf("unit"), numbersOf(form).map(valueOf), coefficients, count);
 }
 
-/** The target column of each property. */
+/** Give Gaussians of two axes a third one, and those of a thickness of 0 a finite logarithm, to be drawn. */
+function completeLogScales(gaussians, isFlat, first, end) {
+    const columns = [0, 1, 2].map((axis) => gaussians.column(LOG_SCALE + axis).subarray(first, end));
+    if (isFlat) {
+        const [xs, ys, zs] = columns;
+        xs.forEach((x, i) => (zs[i] = Math.min(x, ys[i]) + FLATNESS));
+    }
+    for (const column of columns) {
+        column.forEach((logScale, i) => (column[i] = logScale === -Infinity ? MIN_LOG_SCALE : logScale));
+    }
+}
+
+/** The target column of each property; of 2DGS, none is that of the third scale. */
 function targetsIn(gaussians, properties) {
     const columns = columnsOf(gaussians);
+    if (!properties.has("scale_2")) {
+        columns.delete("scale_2");
+    }
     for (let k = 0; k < (gaussians.weighting?.coefficients ?? 0); k++) {
         columns.set(`view_${k}`, gaussians.weighting.column(k));
     }

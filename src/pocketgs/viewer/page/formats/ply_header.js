@@ -57,6 +57,9 @@ export function readHeader(start) {
     return { bytes: end.index + end[0].length, lines, format, elements };
 }
 
+/** Words that begin a line among an element's properties, besides theirs. */
+const REMARKS = ["comment", "obj_info", ""];
+
 /** Whether the file begins with vertices. @type {(header: Header) => boolean} */
 export const beginsWithVertices = ({ elements: [first] }) => first?.[1] === "vertex" && /^\d+$/.test(first[2]);
 
@@ -66,16 +69,22 @@ export const beginsWithVertices = ({ elements: [first] }) => first?.[1] === "ver
  * @param {Header} header of a file that begins with vertices
  * @param {string} whose they are, for messages
  * @returns {Rows}
- * @throws {Error} a property is not a number
+ * @throws {Error} a property is not a number, or a line states none
  */
 export function rowsOf({ lines, elements }, whose) {
     const begin = lines.indexOf(elements[0]) + 1;
     const end = elements[1] ? lines.indexOf(elements[1]) : lines.length;
     const properties = new Map();
     let stride = 0;
-    for (const [, type, name] of lines.slice(begin, end).filter(([word]) => word === "property")) {
-        if (!(type in TYPES)) {
+    for (const line of lines.slice(begin, end).filter(([word]) => !REMARKS.includes(word))) {
+        const [word, type, name] = line;
+        if (word === "property" && !Object.hasOwn(TYPES, type)) {
             throw new Error(`${whose} vertices have a property of type ${type}, expected numbers`);
+        }
+        // Every row has the bytes of all properties, so one that is not understood would shift the others.
+        if (word !== "property" || line.length !== 3 || properties.has(name)) {
+            const found = line.join(" ").slice(0, 80);
+            throw new Error(`${whose} header holds "${found}", expected a property with a type and a name of its own`);
         }
         const [size, method] = TYPES[type];
         properties.set(name, { type: method, offset: stride, column: properties.size });

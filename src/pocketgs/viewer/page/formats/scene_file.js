@@ -66,6 +66,10 @@ export async function fetchScene({ url, bytes, is_copy: isCopy }, onProgress, on
 }
 
 async function readAny(name, source, bytes, onPart) {
+    // First by its name: it has no header, so its first numbers may have the bytes of any other.
+    if (name.toLowerCase().endsWith(".splat")) {
+        return readSplat(source, bytes, onPart);
+    }
     const start = await source.takeUpTo(4);
     source.putBack(start);
     const text = String.fromCharCode(...start);
@@ -77,9 +81,6 @@ async function readAny(name, source, bytes, onPart) {
     }
     if (text === "NGSP" || text.startsWith("\x1f\x8b")) {
         return readSpz(source);
-    }
-    if (name.toLowerCase().endsWith(".splat")) {
-        return readSplat(source, bytes, onPart);
     }
     throw new Error(`not a scene, expected ${SUFFIXES.join(", ")}`);
 }

@@ -6,6 +6,7 @@
 
 import { LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../constants.js";
 import { GaussianColumns, dcOf } from "../scene/gaussian_columns.js";
+import { requireSound } from "./checks.js";
 import { logitOfByte } from "./opacity.js";
 
 const RECORD = 32;
@@ -20,7 +21,7 @@ const ROWS_AT_ONCE = 1 << 13;
  * @param {number} bytes the file's size
  * @param {import("./scene_file.js").PartListener} onPart
  * @returns {Promise<GaussianColumns>}
- * @throws {Error} it is not a whole number of records
+ * @throws {Error} it is not a whole number of records, or holds NaN, infinity or negative scales
  */
 export async function readSplat(source, bytes, onPart) {
     if (bytes === 0 || bytes % RECORD) {
@@ -34,6 +35,7 @@ export async function readSplat(source, bytes, onPart) {
         onPart(gaussians, first + rows);
     }
     gaussians.normaliseQuaternions();
+    requireSound(gaussians);
     return gaussians;
 }
 
@@ -43,6 +45,9 @@ function readRows(records, first, rows, gaussians) {
         const colours = gaussians.harmonics(0, axis);
         for (let row = 0; row < rows; row++) {
             const scale = records.getFloat32(RECORD * row + 12 + 4 * axis, true);
+            if (scale < 0) {
+                throw new Error("not a .splat: negative scales, expected standard deviations");
+            }
             means[first + row] = records.getFloat32(RECORD * row + 4 * axis, true);
             scales[first + row] = Math.log(Math.max(scale, MIN_SCALE));
             colours[first + row] = dcOf(records.getUint8(RECORD * row + 24 + axis) / 255);

@@ -14,18 +14,23 @@ import { logitOfByte } from "./opacity.js";
  * @property {number} count
  * @property {number} degree of the spherical harmonics, 0 to 4
  * @property {number} fractionalBits of the positions
+ * @property {number[]} axes signs of x, y and z that convert from the file's axes to ours: two are -1, or none
  */
 
 export const COLOUR_SCALE = 0.15 * 255;
 export const MAX_OTHER = Math.SQRT1_2;
 export const ROTATION_STEPS = 511;
 
-/** The file's axes are right, up, back; ours are right, down, forward. */
-export const AXIS_SIGNS = [1, -1, -1];
-export const QUATERNION_SIGNS = [1, 1, -1, -1];
+/** The coordinates, 0 to 2, in which each harmonic is odd, in the order of the 3DGS `.ply`. */
+const ODD = [[], [1], [2], [0], [0, 1], [1, 2], [], [0, 2], [], [1], [0, 1, 2], [1], [2], [0], [2], [0]];
 
-/** Signs of the harmonics under that half turn about x, in the order of the 3DGS `.ply`. */
-export const HARMONIC_SIGNS = [1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1];
+const quaternionSigns = ([x, y, z]) => [1, y * z, x * z, x * y];
+const harmonicSigns = (axes) => ODD.map((odd) => odd.reduce((sign, axis) => sign * axes[axis], 1));
+
+/** The file's axes are right, up, back unless it states others; ours are right, down, forward. */
+export const AXIS_SIGNS = [1, -1, -1];
+export const QUATERNION_SIGNS = quaternionSigns(AXIS_SIGNS);
+export const HARMONIC_SIGNS = harmonicSigns(AXIS_SIGNS);
 
 /**
  * Sizes of the six streams in bytes.
@@ -46,7 +51,7 @@ export function streamSizes({ version, count, degree }) {
  * @returns {GaussianColumns}
  */
 export function unpack([positions, opacities, colours, scales, rotations, harmonics], layout) {
-    const { count, degree } = layout;
+    const { count, degree, axes } = layout;
     const gaussians = new GaussianColumns(count, (Math.min(degree, 3) + 1) ** 2);
     unpackPositions(positions, layout, gaussians);
     gaussians.column(OPACITY_LOGIT).set(Float32Array.from(opacities, logitOfByte));
@@ -58,24 +63,25 @@ export function unpack([positions, opacities, colours, scales, rotations, harmon
         }
     }
     const unpackRotation = layout.version >= 3 ? smallestThree : firstThree;
+    const signs = quaternionSigns(axes);
     for (let i = 0; i < count; i++) {
         unpackRotation(rotations, i).forEach((value, part) => {
-            gaussians.shape[(QUATERNION + part) * count + i] = QUATERNION_SIGNS[part] * value;
+            gaussians.shape[(QUATERNION + part) * count + i] = signs[part] * value;
         });
     }
     gaussians.normaliseQuaternions();
-    unpackHarmonics(harmonics, degree, gaussians);
+    unpackHarmonics(harmonics, layout, gaussians);
     return gaussians;
 }
 
-function unpackPositions(positions, { version, fractionalBits }, gaussians) {
+function unpackPositions(positions, { version, fractionalBits, axes }, gaussians) {
     const bytes = new DataView(positions.buffer, positions.byteOffset, positions.length);
     const fixedPoint = (place) => ((positions[place] << 8) | (positions[place + 1] << 16) | (positions[place + 2] << 24)) >> 8;
     const read = version === 1 ? (n) => half(bytes.getUint16(2 * n, true)) : (n) => fixedPoint(3 * n) * 2 ** -fractionalBits;
     for (let axis = 0; axis < 3; axis++) {
         const means = gaussians.column(MEAN + axis);
         for (let i = 0; i < gaussians.count; i++) {
-            means[i] = AXIS_SIGNS[axis] * read(3 * i + axis);
+            means[i] = axes[axis] * read(3 * i + axis);
         }
     }
 }
@@ -115,10 +121,11 @@ function smallestThree(rotations, i) {
     return [xyzw[3], xyzw[0], xyzw[1], xyzw[2]];
 }
 
-function unpackHarmonics(harmonics, degree, gaussians) {
+function unpackHarmonics(harmonics, { degree, axes }, gaussians) {
     const width = 3 * ((degree + 1) ** 2 - 1);
+    const signs = harmonicSigns(axes);
     for (let coefficient = 1; coefficient < gaussians.coefficients; coefficient++) {
-        const scale = HARMONIC_SIGNS[coefficient] / 128;
+        const scale = signs[coefficient] / 128;
         for (let channel = 0; channel < 3; channel++) {
             const values = gaussians.harmonics(coefficient, channel);
             const first = 3 * (coefficient - 1) + channel;
