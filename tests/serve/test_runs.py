@@ -16,6 +16,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from pocketgs.serve.child import LEFT_ALONE
 from pocketgs.serve.entry import Entry, Process, State, UploadedFile, read_entry
 from pocketgs.serve.server import ServeOptions, serving_folder
 from pocketgs.serve.shelf import Shelf, new_id
@@ -47,6 +48,13 @@ def working_at(identity: str) -> list[psutil.Process]:
         with suppress(psutil.Error):
             found += [process] if any(identity in argument for argument in process.cmdline()) else []
     return found
+
+
+def until_there(phone: Phone, identity: str, path: Path) -> None:
+    """Wait until a check has come so far that it has written a file or folder."""
+    while not path.exists():
+        assert phone.capture(identity)["state"] == "checking"
+        time.sleep(0.01)
 
 
 async def watch(url: str) -> None:
@@ -199,6 +207,30 @@ def test_a_check_that_was_cut_off(folder: Path, serve: Callable[..., Phone], zip
     assert (place / "capture" / "toys" / "cloud.ply").is_file()
 
 
+def test_a_server_that_is_killed_while_it_checks(folder: Path) -> None:
+    """The check ends too: it would unpack into the folder in which the next server checks again."""
+    command = [sys.executable, "-m", "pocketgs", "serve", str(folder), "--no-host", "--no-open"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout
+        try:
+            phone = Phone(server.stdout.readline().removeprefix("page at ").strip())
+            identity = phone.upload({"toys.zip": zip_of({f"toys/{number}/a.txt": b"a" for number in range(20_000)})})
+            place = folder / "captures" / identity
+            until_there(phone, identity, place / "unpacking" / "toys" / "9")
+            checking = working_at(identity)
+            assert checking
+        finally:
+            server.kill()
+    assert psutil.wait_procs(checking, timeout=60)[1] == []
+    assert not (place / "capture").exists(), "it did not wait until all was unpacked"
+
+
+def test_a_server_that_is_killed_before_its_check_begins() -> None:
+    gone = 2**22 + 1
+    program = f"import time; from pocketgs.serve.child import end_with; end_with({gone}); time.sleep(600)"
+    assert subprocess.run([sys.executable, "-c", program], timeout=60, check=False).returncode == LEFT_ALONE
+
+
 @pytest.mark.usefixtures("untrained")
 def test_deleting_what_is_checked(serve: Callable[..., Phone], photographs: dict[str, bytes]) -> None:
     """The check is cut off: what it may say does not count."""
@@ -216,9 +248,7 @@ def test_deleting_what_is_unpacked(folder: Path, serve: Callable[..., Phone]) ->
     phone = serve()
     identity = phone.upload({"toys.zip": zip_of({f"toys/{number}/a.txt": b"a" for number in range(6_000)})})
     place = folder / "captures" / identity
-    while not (place / "unpacking" / "toys" / "9").exists():
-        assert phone.capture(identity)["state"] == "checking"
-        time.sleep(0.01)
+    until_there(phone, identity, place / "unpacking" / "toys" / "9")
     assert phone.tell(f"captures/{identity}/delete").status == 200
     assert working_at(identity) == []
     assert not place.exists()

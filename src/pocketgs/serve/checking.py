@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -29,7 +30,8 @@ class Check:
         Raises:
             PocketGSError: it took too long.
         """
-        self._child = await child.start(("pocketgs.serve.intake", str(place), str(max_bytes)), folder)
+        arguments = ("pocketgs.serve.intake", str(place), str(max_bytes), str(os.getpid()))
+        self._child = await child.start(arguments, folder)
         try:
             said, _ = await asyncio.wait_for(self._child.communicate(), SECONDS_TO_CHECK)
         except asyncio.TimeoutError as error:

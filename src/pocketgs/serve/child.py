@@ -1,10 +1,15 @@
-"""Child processes: starting them apart from the terminal, and ending them with all that they have started."""
+"""Child processes: starting them apart from the terminal, and ending them with all that they have started.
+
+Those that must not go on without the server end by themselves when it is gone.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import os
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -18,6 +23,11 @@ GRACE = 20.0
 """Seconds that an interrupted run has to keep what was trained, and to end its own child processes."""
 
 SECONDS_BETWEEN_LOOKS = 0.05
+SECONDS_TO_NOTICE = 0.5
+"""How long a process goes on at most after the one that it ends with, see `end_with`."""
+
+LEFT_ALONE = 3
+"""Exit status of a process that has ended for want of the one that it ends with."""
 
 
 async def start(arguments: Sequence[str], folder: Path) -> asyncio.subprocess.Process:
@@ -68,11 +78,43 @@ def end(process: Process, grace: float = GRACE) -> None:
             _ends_within(found, GRACE)
 
 
+def end_with(number: int) -> None:
+    """End this process, without any cleanup, soon after another one has ended, even if that was killed.
+
+    The other is watched, since not every system tells a process that its parent is gone. Reading standard input until
+    it closes would tell, but on Windows, libraries that are loaded meanwhile may wait for the end of that read.
+
+    Args:
+        number: of the other process. It need not be the parent: in a virtual environment on Windows, a launcher is.
+    """
+    if identity(os.getpid()) is None:  # processes cannot be looked at here, such as in a sandbox without /proc
+        return
+    try:
+        other = psutil.Process(number)
+    except psutil.NoSuchProcess:
+        os._exit(LEFT_ALONE)
+    threading.Thread(target=_end_after, args=(other,), daemon=True).start()
+
+
 def _ends_within(process: psutil.Process, seconds: float) -> bool:
     """Whether a process ends in time. Unlike psutil's `wait`, this leaves the exit status to whoever started it."""
     deadline = time.monotonic() + seconds
-    while process.is_running() and process.status() != psutil.STATUS_ZOMBIE:
+    while _goes_on(process):
         if time.monotonic() >= deadline:
             return False
         time.sleep(SECONDS_BETWEEN_LOOKS)
     return True
+
+
+def _end_after(other: psutil.Process) -> None:
+    while _goes_on(other):
+        time.sleep(SECONDS_TO_NOTICE)
+    os._exit(LEFT_ALONE)
+
+
+def _goes_on(process: psutil.Process) -> bool:
+    """Whether a process has not ended. A zombie has; whoever started it has yet to ask for its exit status."""
+    try:
+        return bool(process.is_running() and process.status() != psutil.STATUS_ZOMBIE)
+    except psutil.NoSuchProcess:
+        return False

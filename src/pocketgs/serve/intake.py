@@ -16,14 +16,20 @@ from pocketgs.capture.unposed import find_photographs, is_video
 from pocketgs.capture.video_file import VideoFrame, read_frames, video_size
 from pocketgs.errors import USER_ERROR, PocketGSError
 from pocketgs.serve.archive import unpack
+from pocketgs.serve.child import end_with
 from pocketgs.serve.entry import Entry, read_entry
 from pocketgs.serve.shelf import ABOUT, CAPTURE, THUMBNAIL, UPLOAD, input_of
 from pocketgs.serve.thumbnail import write_thumbnail
 
 
 def main() -> None:
-    """Check a capture; the arguments are its folder and the bound of bytes. What is wrong is printed, with status 2."""
-    folder, max_bytes = Path(sys.argv[1]), int(sys.argv[2])
+    """Check a capture; what is wrong is printed, with status 2.
+
+    The arguments are the capture's folder, the bound of bytes, and the number of the server's process. Without a server
+    the check ends: the next one checks again, in the same folder.
+    """
+    folder, max_bytes, server = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
+    end_with(server)
     try:
         check(folder, read_entry(folder / ABOUT), max_bytes)
     except (PocketGSError, OSError) as error:
