@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import http.client
 import io
 import json
@@ -26,7 +27,7 @@ from pocketgs.results.checkpoint import CHECKPOINT
 from pocketgs.results.video import write_video
 from pocketgs.scene.formats import read_scene
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.serve import shelf, uploads
+from pocketgs.serve import pieces, shelf, uploads
 from pocketgs.serve.entry import Entry, UploadedFile
 from pocketgs.serve.pieces import MAX_PIECE
 from pocketgs.serve.server import ServeOptions, serving_folder
@@ -38,6 +39,7 @@ from zip_files import zip_of
 pytestmark = pytest.mark.usefixtures("untrained")
 Serve = Callable[..., Phone]
 VIDEO = {"walk.mov": bytes(range(256)) * 8}
+NO_ROOM = "the computer's disk is full (nothing was changed): delete something there, or empty the trash, and try again"
 
 
 def below(folder: Path) -> set[str]:
@@ -307,11 +309,34 @@ def test_full_disk(serve: Serve, folder: Path, monkeypatch: pytest.MonkeyPatch) 
     assert phone.put(identity, 1, 1000, VIDEO["walk.mov"][1000:]).json == {"received": 2048}
     with files_of_at_most(50):
         answer = phone.begin(VIDEO, title="no room")
-    assert "cannot be written" in answer.json["error"]
+    assert (answer.status, answer.json["error"]) == (507, NO_ROOM)
     assert len(phone.shelf["captures"]) == len(list((folder / "captures").iterdir())) == 1
     monkeypatch.setattr(shelf, "RESERVE", 1 << 60)
     answer = phone.begin(VIDEO)
     assert (answer.status, "disk is full (0 MB are free" in answer.json["error"]) == (507, True)
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EDQUOT])
+def test_full_disk_at_a_file(serve: Serve, folder: Path, monkeypatch: pytest.MonkeyPatch, code: int) -> None:
+    """The disk has no room for one more name, or the user's share of it has none; later it has."""
+    phone = serve()
+    identity = phone.begin(VIDEO).json["id"]
+    before = below(folder)
+
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(code, os.strerror(code))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(pieces, "_write", fail)
+        patch.setattr(Path, "write_text", fail)
+        patch.setattr(Path, "mkdir", fail)
+        answers = [phone.put(identity, 1, 0, VIDEO["walk.mov"]), phone.begin(VIDEO)]
+        answers.append(phone.tell(f"captures/{identity}/rename", {"title": "other"}))
+    for answer in answers:
+        assert (answer.status, "delete something there" in answer.json["error"]) == (507, True), answer.body
+    assert below(folder) - before == {f"captures/{identity}/upload/0001.mov"}
+    assert (phone.capture(identity)["title"], phone.capture(identity)["received"]) == ("toys", 0)
+    assert phone.put(identity, 1, 0, VIDEO["walk.mov"]).json == {"received": 2048}
 
 
 def test_full_disk_at_the_end_of_an_upload(serve: Serve) -> None:
@@ -320,8 +345,36 @@ def test_full_disk_at_the_end_of_an_upload(serve: Serve) -> None:
     identity = phone.begin({"walk.mov": content}).json["id"]
     with files_of_at_most(50):
         answer = phone.put(identity, 1, 0, content)
-    assert "about.json: cannot be written" in answer.json["error"]
+    assert (answer.status, "disk is full (the upload is complete, and" in answer.json["error"]) == (507, True)
     phone.until(identity, "unusable")
+
+
+def test_full_disk_at_a_change(serve: Serve, folder: Path, photographs: dict[str, bytes]) -> None:
+    """What a page asks for is done in memory and on disk, or not at all, and can be asked for again."""
+    phone = serve()
+    good, bad = phone.upload(photographs), phone.upload({"walk.mov": b"no video"})
+    phone.until(good, "queued")
+    phone.until(bad, "unusable")
+    changes: list[tuple[str, str, Any]] = [
+        (good, "rename", {"title": "other"}),
+        (good, "stop", None),
+        (good, "train", {"effort": "best"}),
+        (good, "stop", None),
+        (good, "go-on", None),
+        (bad, "check", None),
+    ]
+    for identity, action, content in changes:
+        shown = phone.shelf["captures"]
+        kept = {path: path.read_bytes() for path in folder.glob("captures/*/about.json")}
+        with files_of_at_most(50):
+            answer = phone.tell(f"captures/{identity}/{action}", content)
+        assert (answer.status, answer.json["error"]) == (507, NO_ROOM), action
+        assert phone.shelf["captures"] == shown
+        assert {path: path.read_bytes() for path in kept} == kept
+        assert list(folder.glob("captures/*/.*")) == [], "nothing half-written is left"
+        assert phone.tell(f"captures/{identity}/{action}", content).status == 200
+        assert phone.shelf["captures"] != shown
+    phone.until(bad, "unusable")
 
 
 def test_unfinished_uploads_are_few(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:

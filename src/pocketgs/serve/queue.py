@@ -56,23 +56,33 @@ class Queue:
             self._news.notify_all()
 
     async def enqueue(self, entry: Entry) -> None:
-        """Put a capture at the end of the queue."""
-        self._shelf.save(replace(entry, state="queued", queued=time.time(), message=""))
+        """Put a capture at the end of the queue.
+
+        Raises:
+            PocketGSError: that cannot be written down, such as on a full disk; nothing is changed.
+        """
+        self._shelf.change(replace(entry, state="queued", queued=time.time(), message=""))
         await self.tell()
 
     async def check_again(self, entry: Entry) -> None:
-        """Check a capture again that was unusable, such as for want of room on the disk."""
-        try:
-            self._shelf.save(replace(entry, state="checking", message=""))
-        finally:  # on a full disk too: the shelf knows it in memory
-            await self.tell()
+        """Check a capture again that was unusable, such as for want of room on the disk.
+
+        Raises:
+            PocketGSError: as `enqueue`.
+        """
+        self._shelf.change(replace(entry, state="checking", message=""))
+        await self.tell()
 
     async def stop(self, entry: Entry) -> None:
-        """Stop a capture's run, which keeps what was trained, if anything; or take it out of the queue."""
+        """Stop a capture's run, which keeps what was trained, if anything; or take it out of the queue.
+
+        Raises:
+            PocketGSError: as `enqueue`.
+        """
         run = self.running(entry.id)
         if run is None:
             if entry.state == "queued":
-                self._shelf.save(replace(entry, state="stopped", anew=""))
+                self._shelf.change(replace(entry, state="stopped", anew=""))
             return
         run.is_unwanted = True
         await (run.keep() if run.progress.get("iteration") else self._end(entry.id, run, child.GRACE))

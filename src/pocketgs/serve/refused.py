@@ -22,8 +22,19 @@ class RefusedError(Exception):
         self.status, self.sentence, self.facts = status, sentence, facts
 
 
-def no_room(found: str) -> RefusedError:
-    """The refusal for a full disk."""
+def is_full(error: Exception) -> bool:
+    """Whether a full disk is the reason for an error, or for the one that it was raised from."""
+    reason = error if isinstance(error, OSError) else error.__cause__
+    return isinstance(reason, OSError) and reason.errno in FULL
+
+
+def no_room(found: str, then: str = "try again") -> RefusedError:
+    """The refusal for a full disk.
+
+    Args:
+        found: how things are.
+        then: what to do when there is room.
+    """
     return RefusedError(
-        507, f"the computer's disk is full ({found}): delete something there, or empty the trash, and try again"
+        507, f"the computer's disk is full ({found}): delete something there, or empty the trash, and {then}"
     )

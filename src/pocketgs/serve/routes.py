@@ -29,7 +29,7 @@ from pocketgs.serve.entry import Entry, State
 from pocketgs.serve.pages import Pages
 from pocketgs.serve.pieces import MAX_PIECE
 from pocketgs.serve.queue import Queue
-from pocketgs.serve.refused import FULL, RefusedError, no_room
+from pocketgs.serve.refused import RefusedError, is_full, no_room
 from pocketgs.serve.shelf import THUMBNAIL, Shelf
 from pocketgs.serve.shown import shown_deleted, shown_entry, shown_files
 from pocketgs.serve.uploads import Uploads
@@ -115,13 +115,11 @@ async def _explained(request: web.Request, handler: Handler) -> web.StreamRespon
         found = error
     except web.HTTPRequestEntityTooLarge:
         found = RefusedError(413, f"a request of more than {MAX_PIECE:,} bytes")
-    except PocketGSError as error:
-        found = RefusedError(500, str(error))
     except ConnectionError:  # the phone is gone
         raise
-    except OSError as error:
-        full = error.errno in FULL
-        found = no_room("nothing was changed") if full else RefusedError(500, error.strerror or str(error))
+    except (PocketGSError, OSError) as error:
+        said = (error.strerror if isinstance(error, OSError) else "") or str(error)
+        found = no_room("nothing was changed") if is_full(error) else RefusedError(500, said)
     response = web.json_response({"error": found.sentence, **found.facts}, status=found.status)
     if found.status == 413:
         response.force_close()  # the rest of the request was not read
@@ -195,7 +193,7 @@ class _Routes:
     async def rename(self, request: web.Request) -> web.StreamResponse:
         said = await _json_of(request)
         title = clean_title(said.get("title") if isinstance(said, dict) else None)
-        self._shelf.save(replace(self._entry(request), title=title))
+        self._shelf.change(replace(self._entry(request), title=title))
         return send_json({})
 
     async def train(self, request: web.Request) -> web.StreamResponse:

@@ -100,6 +100,19 @@ class Shelf:
             partial.write_text(json.dumps(entry.to_json(), indent=1) + "\n", encoding="utf-8")
         return entry
 
+    def change(self, entry: Entry) -> Entry:
+        """As `save`, but what cannot be written is not changed in memory either: whoever asked for it can ask again.
+
+        Raises:
+            PocketGSError: it cannot be written.
+        """
+        before = self.entries[entry.id]
+        try:
+            return self.save(entry)
+        except PocketGSError:
+            self.entries[entry.id] = before
+            raise
+
     def delete(self, entry: Entry) -> None:
         """Move a capture to the trash."""
         self._move(entry, replace(entry, deleted=time.time()), self.entries)

@@ -8,11 +8,12 @@ from collections import defaultdict
 from dataclasses import replace
 from typing import Any
 
+from pocketgs.errors import PocketGSError
 from pocketgs.serve.declaration import Bounds, declared
 from pocketgs.serve.entry import Entry
 from pocketgs.serve.pieces import put_piece
 from pocketgs.serve.queue import Queue
-from pocketgs.serve.refused import FULL, RefusedError, no_room
+from pocketgs.serve.refused import RefusedError, is_full, no_room
 from pocketgs.serve.shelf import UPLOAD, Shelf, free_bytes
 
 MOST_UNFINISHED = 20
@@ -89,18 +90,28 @@ class Uploads:
             try:
                 received = await asyncio.to_thread(put_piece, path, file.size, offset, piece)
             except OSError as error:
-                if error.errno in FULL:
+                if is_full(error):
                     raise no_room("the upload stays as far as it is") from error
                 raise RefusedError(500, f"{file.name} cannot be written ({error.strerror or error})") from error
             await self._complete(identity)
             return received
 
     async def _complete(self, identity: str) -> None:
-        """Hand a capture to the queue if all of it has arrived, unless it was deleted meanwhile."""
+        """Hand a capture to the queue if all of it has arrived, unless it was deleted meanwhile.
+
+        Raises:
+            RefusedError: the disk is too full to note that. The capture is checked all the same.
+            PocketGSError: that cannot be noted for another reason; likewise.
+        """
         entry = self._shelf.entries.get(identity)
         if entry and self._shelf.has_all(entry):
             self._last_piece.pop(identity, None)
             try:
                 self._shelf.save(replace(entry, state="checking"))
+            except PocketGSError as error:
+                if is_full(error):
+                    then = "check the capture again if that fails"
+                    raise no_room("the upload is complete, and is being checked", then) from error
+                raise
             finally:  # on a full disk too: the shelf knows it in memory
                 await self._queue.tell()
