@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,6 +10,12 @@ import pytest
 from PIL import Image
 
 from pocketgs.cli.capture_options import CaptureOptions
+
+
+@pytest.fixture
+def no_poses(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fail where structure from motion would begin."""
+    monkeypatch.setattr("pocketgs.cli.train.posed", lambda *_, **__: pytest.fail("poses are sought"))
 
 
 def test_warnings_and_masks_are_told(pocketgs: Callable, capture_folder: Path, tmp_path: Path) -> None:
@@ -30,25 +37,53 @@ def test_warnings_and_masks_are_told(pocketgs: Callable, capture_folder: Path, t
     assert (refused.status, "nowhere: no such folder" in refused.errors) == (2, True)
 
 
-@pytest.mark.parametrize("name", [None, "cat.png"])
+@pytest.mark.parametrize("names", [[], ["cat.png"]])
 def test_masks_that_no_frame_of_a_video_has_are_refused_at_once(
-    pocketgs: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str | None
+    pocketgs: Callable, tmp_path: Path, no_poses: None, names: list[str]
 ) -> None:
-    monkeypatch.setattr("pocketgs.cli.train.posed", lambda *_, **__: pytest.fail("poses are sought"))
     video, masks = tmp_path / "room.mp4", tmp_path / "people"
     video.touch()
-    if name is not None:
-        masks.mkdir()
+    masks.mkdir()
+    for name in names:
         Image.new("L", (8, 6), 255).save(masks / name)
     refused = pocketgs("train", video, "--output", tmp_path / "result", "--masks", masks)
     assert refused.status == 2
     assert f"{masks}: holds no mask of a frame of {video}, expected such as frame_000120.png" in refused.errors
 
 
+@pytest.mark.parametrize("source", ["room.mp4", "photographs"])
+@pytest.mark.parametrize("is_relative", [True, False])
+def test_masks_that_are_not_there_are_refused_at_once(
+    pocketgs: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_poses: None, source: str, is_relative: bool
+) -> None:
+    """A mistyped folder is named, with where a relative one was looked for, before poses are sought for minutes."""
+    monkeypatch.chdir(tmp_path)
+    Path("room.mp4").touch()
+    Path("photographs").mkdir()
+    for number in range(3):
+        Image.new("RGB", (64, 48)).save(f"photographs/{number}.jpg")
+    masks = "peeple" if is_relative else str(tmp_path / "peeple")
+    refused = pocketgs("train", source, "--output", "result", "--masks", masks)
+    assert refused.status == 2
+    assert f"{masks}: no such folder, expected one with masks" in refused.errors
+    searched = Path("result/posed/room") if source == "room.mp4" else Path("photographs")
+    assert (f" in the current folder or in {searched}" in refused.errors) == is_relative
+    assert "structure from motion" not in refused.output
+    assert not Path("result").exists()
+
+
+@pytest.mark.parametrize("masks", ["found", "none", "people"])
 @pytest.mark.parametrize("name", ["frame_000012.jpg.png", "frame_000012.png", "12.png"])
-def test_masks_that_may_be_of_a_videos_frames(tmp_path: Path, name: str) -> None:
-    (tmp_path / "room.mp4").touch()
-    (tmp_path / "people").mkdir()
-    Image.new("L", (8, 6), 255).save(tmp_path / "people" / name)
-    for masks in (str(tmp_path / "people"), "inside-the-capture-that-is-made"):
-        CaptureOptions(masks=masks).check_without_poses(tmp_path / "room.mp4")
+def test_masks_that_may_be_of_a_videos_frames(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, masks: str, name: str
+) -> None:
+    """Wherever they are: in the current folder, or in the capture that an earlier run has made."""
+    monkeypatch.chdir(tmp_path)
+    video, made = tmp_path / "room.mp4", tmp_path / "made"
+    video.touch()
+    for place in (tmp_path, made):
+        (place / "people").mkdir(parents=True)
+        Image.new("L", (8, 6), 255).save(place / "people" / name)
+        CaptureOptions(masks=masks).check_without_poses(video, made)
+        CaptureOptions(masks=str(place / "people")).check_without_poses(video, made)
+        shutil.rmtree(place / "people")

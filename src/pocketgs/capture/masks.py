@@ -24,10 +24,18 @@ NUMBERLESS, MAX_DIGITS = -1, 18
 
 
 def named_folder(capture: Path, masks: str) -> Path | None:
-    """The folder of masks that the user named, inside the capture or elsewhere; None for "found" and "none"."""
+    """The folder of masks that the user named, inside the capture or elsewhere; None for "found" and "none".
+
+    Raises:
+        PocketGSError: there is no such folder.
+    """
     if masks in (FOUND, NONE):
         return None
-    return capture / masks if (capture / masks).is_dir() else Path(masks)
+    folder = capture / masks if (capture / masks).is_dir() else Path(masks)
+    if not folder.is_dir():
+        searched = "" if folder.is_absolute() else f" in the current folder or in {capture}"
+        raise PocketGSError(f"{folder}: no such folder, expected one with masks{searched}")
+    return folder
 
 
 def with_masks(listing: Listing, capture: Path, masks: str) -> Listing:
@@ -129,14 +137,12 @@ def check_for_video(video: Path, folder: Path) -> None:
 
     Args:
         video: the video.
-        folder: with the masks. A relative path that does not exist passes: it may be inside the capture that is made.
+        folder: with the masks.
 
     Raises:
-        PocketGSError: the folder does not exist, or no image in it has the name of a frame, or all frames' numbers.
+        PocketGSError: no image in the folder has the name of a frame, or all frames' numbers.
     """
-    if not folder.is_dir() and not folder.is_absolute():
-        return
-    stems = [file.stem for file in _files(folder)] if folder.is_dir() else []
+    stems = [file.stem for file in _files(folder)]
     are_numbered = bool(stems) and all(_number(stem) != NUMBERLESS for stem in stems)
     if not are_numbered and not any(re.match(r"frame_\d{6}", stem) for stem in stems):
         raise PocketGSError(
@@ -176,8 +182,6 @@ def match(names: Sequence[str], folder: Path) -> dict[str, Path]:
 
 def _match_all(names: Sequence[str], folder: Path) -> dict[str, Path]:
     """As `match`, but finding no mask at all is an error."""
-    if not folder.is_dir():
-        raise PocketGSError(f"{folder}: no such folder, expected one with masks")
     found = match(names, folder)
     if not found:
         example = PurePosixPath(names[0])

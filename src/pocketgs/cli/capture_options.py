@@ -9,7 +9,7 @@ from pathlib import Path
 from pocketgs.capture import Capture, ListedCapture, list_capture
 from pocketgs.capture.hold_out import HOLD_OUT_EVERY
 from pocketgs.capture.loading import LensHandling
-from pocketgs.capture.masks import FOUND, NONE, check_for_video
+from pocketgs.capture.masks import check_for_video, named_folder
 from pocketgs.capture.open import check_options
 from pocketgs.capture.unposed import is_video
 from pocketgs.cli.terminal import Terminal
@@ -49,11 +49,16 @@ class CaptureOptions:
         Terminal(to_errors=True).say(*warnings, style="yellow")
         return capture
 
-    def check_without_poses(self, path: Path) -> None:
+    def check_without_poses(self, path: Path, made: Path) -> None:
         """Refuse options that cannot be right for photographs or a video, before poses are sought for minutes.
 
+        Args:
+            path: of the photographs or the video.
+            made: the capture that is made of them, which an earlier run may have left.
+
         Raises:
-            PocketGSError: an option is out of range, images are chosen by folder, or a video's masks cannot be its own.
+            PocketGSError: an option is out of range, images are chosen by folder, the named masks are not there, or a
+                video's masks cannot be its own.
         """
         check_options(self.downscale, self.max_size, self.background, self.lens, self.hold_out)
         if self.images is not None:
@@ -61,8 +66,10 @@ class CaptureOptions:
                 f"{path}: has no poses, so that --images {self.images} has nothing to choose from: leave it out, and "
                 "give the folder of the photographs themselves as the capture"
             )
-        if is_video(path) and self.masks not in (FOUND, NONE):
-            check_for_video(path, Path(self.masks))
+        # A video's frames, and so their masks, belong to the capture that is made.
+        masks = named_folder(made if is_video(path) else path, self.masks)
+        if is_video(path) and masks is not None:
+            check_for_video(path, masks)
 
     def check_without_capture(self, expected: str, but: Collection[str] = ()) -> None:
         """Refuse options that would have no effect, because no capture is read.

@@ -77,8 +77,8 @@ def _listed(
     """List a capture; poses of photographs or a video are found first, and kept in the result's folder."""
     if not lacks_poses(capture):
         return reading.listed(capture)
-    reading.check_without_poses(capture)
     found = posed_folder(folder, capture)
+    reading.check_without_poses(capture, found)
     console.say(f"{capture} has no poses: structure from motion finds them and keeps them in {found}")
     # Masks have the names of photographs; a video's frames get theirs only now.
     masks = FOUND if is_video(capture) else reading.masks
