@@ -6,7 +6,7 @@
  */
 
 import { LOG_SCALE } from "../constants.js";
-import { GaussianColumns } from "../scene/gaussian_columns.js";
+import { GaussianColumns, MIN_SCALE } from "../scene/gaussian_columns.js";
 import { Weighting, numbersOf } from "../scene/weighting.js";
 import { columnsOf } from "./ply_columns.js";
 import { MAX_HEADER_BYTES, beginsWithVertices, readHeader, rowsOf } from "./ply_header.js";
@@ -22,8 +22,7 @@ const COEFFICIENTS = { 0: 1, 9: 4, 24: 9, 45: 16 };
 /** Logarithm of the thickness of a Gaussian that has two axes, relative to the smaller one. */
 const FLATNESS = Math.log(1e-3);
 
-/** Logarithm of the smallest thickness that float32 holds in full precision. */
-const MIN_LOG_SCALE = Math.log(2 ** -126);
+const MIN_LOG_SCALE = Math.log(MIN_SCALE);
 
 /**
  * Read a scene. The Gaussians of 2DGS have two axes: they become thin discs.
@@ -45,7 +44,8 @@ export async function readPly(source, bytes, onPart) {
     }
     const gaussians = new GaussianColumns(count, COEFFICIENTS[rest]);
     gaussians.weighting = weightingIn(comments, properties, count);
-    const targets = targetsIn(gaussians, properties);
+    const isFlat = !properties.has("scale_2");
+    const targets = targetsIn(gaussians, properties, isFlat);
     for (let first = 0; first < count; first += ROWS_AT_ONCE) {
         const rows = Math.min(ROWS_AT_ONCE, count - first);
         const view = new DataView((await source.take(rows * stride)).buffer);
@@ -55,7 +55,7 @@ export async function readPly(source, bytes, onPart) {
                 values[first + row] = read(row * stride + property.offset, littleEndian);
             }
         }
-        completeLogScales(gaussians, !properties.has("scale_2"), first, first + rows);
+        completeLogScales(gaussians, isFlat, first, first + rows);
         onPart(gaussians, first + rows);
     }
     gaussians.normaliseQuaternions();
@@ -115,9 +115,9 @@ function completeLogScales(gaussians, isFlat, first, end) {
 }
 
 /** The target column of each property; of 2DGS, none is that of the third scale. */
-function targetsIn(gaussians, properties) {
+function targetsIn(gaussians, properties, isFlat) {
     const columns = columnsOf(gaussians);
-    if (!properties.has("scale_2")) {
+    if (isFlat) {
         columns.delete("scale_2");
     }
     for (let k = 0; k < (gaussians.weighting?.coefficients ?? 0); k++) {

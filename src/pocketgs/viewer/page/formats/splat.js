@@ -5,12 +5,11 @@
  */
 
 import { LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../constants.js";
-import { GaussianColumns, dcOf } from "../scene/gaussian_columns.js";
+import { GaussianColumns, MIN_SCALE, dcOf } from "../scene/gaussian_columns.js";
 import { requireSound } from "./checks.js";
 import { logitOfByte } from "./opacity.js";
 
 const RECORD = 32;
-const MIN_SCALE = 2 ** -126;
 
 const ROWS_AT_ONCE = 1 << 13;
 

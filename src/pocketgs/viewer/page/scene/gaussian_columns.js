@@ -6,6 +6,9 @@
 
 import { MAX_BYTES, QUATERNION, SH_DC, SHAPE_COLUMNS } from "../constants.js";
 
+/** Smallest standard deviation that float32 holds in full precision: shaders draw finite logarithms only. */
+export const MIN_SCALE = 2 ** -126;
+
 /** Coefficient of degree 0 of a colour in [0, 1]. @type {(colour: number) => number} */
 export const dcOf = (colour) => (colour - 0.5) / SH_DC;
 
