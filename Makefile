@@ -8,7 +8,7 @@ SIDE_BY_SIDE = -n 2 --dist loadfile
 
 .PHONY: demo test test-fast system-packages lint bench clean
 
-# Capture a small built-in scene, train it and show it.
+# Capture and train a small built-in scene.
 demo:
 	@$(PYTHON) tools/bootstrap.py
 	.venv/bin/pocketgs demo

@@ -26,6 +26,7 @@ from pocketgs.scene.gaussians import Gaussians
 from pocketgs.scene.morton import morton_order
 from pocketgs.seeding.seeds import SEEDINGS
 from pocketgs.splat.engine import create_engine
+from pocketgs.splat.rendering import render_frame
 from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.torch import install_as_gsplat
 from pocketgs.training.options import TrainingOptions
@@ -33,7 +34,6 @@ from pocketgs.training.planning.effort import sized
 from pocketgs.training.preparation import prepare
 from pocketgs.training.recipes import Recipe, camera_extent, recipe_named
 from pocketgs.training.train import train
-from pocketgs.training.validation import render_frame
 
 UNBOUNDED = 10_000_000
 

@@ -16,7 +16,7 @@ from rich.table import Table
 
 from medians import median_milliseconds
 from pocketgs.gpu.adapters import choose_adapter
-from pocketgs.prior.cloud.cpu_merger import CpuMerger
+from pocketgs.prior.cloud.cpu.merger import CpuMerger
 from pocketgs.prior.cloud.merge import Candidates
 from pocketgs.prior.cloud.webgpu.merger import WebGpuMerger
 

@@ -8,24 +8,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from pocketgs.cli import SUBCOMMANDS
+
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
-SUBCOMMANDS = (
-    "train",
-    "pose",
-    "eval",
-    "render",
-    "view",
-    "info",
-    "compress",
-    "distil",
-    "convert",
-    "export-colmap",
-    "serve",
-    "site",
-    "demo",
-    "bench",
-)
 
 TYPED = re.compile(r"^(?:    |\t)(?P<line>(?:[\w./\\-]*pocketgs|python3?|make|pip)\s.*)$", re.MULTILINE)
 IN_TEXT = re.compile(r"`(?P<line>[^`\n]+(?:\n[^`\n]+)?)`")

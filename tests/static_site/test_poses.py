@@ -14,7 +14,7 @@ from pocketgs.capture.capture import Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle.adjustment import adjust_bundle, adjust_pose
-from pocketgs.prior.bundle.schur import CpuAdjuster
+from pocketgs.prior.bundle.cpu.schur import CpuAdjuster
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
 from pocketgs.prior.features.cpu.finder import CpuFinder
 from pocketgs.prior.features.features import Features

@@ -16,7 +16,7 @@ from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.cloud import complete
 from pocketgs.prior.cloud.complete import MAX_SOURCE, completion
-from pocketgs.prior.cloud.cpu_merger import CpuMerger
+from pocketgs.prior.cloud.cpu.merger import CpuMerger
 from pocketgs.prior.cloud.detail import detail
 from pocketgs.prior.cloud.merge import Candidates
 from pocketgs.prior.depth.depth_range import DepthRange, depths_of, narrowed, wide_range

@@ -30,8 +30,8 @@ from pocketgs.scene.formats.ply import read_gaussians
 from pocketgs.scene.formats.spz import encode
 from pocketgs.site.settings import PGS_CODING
 from pocketgs.splat.cpu.engine import CpuEngine
+from pocketgs.splat.rendering import render_frame
 from pocketgs.training.train import train
-from pocketgs.training.validation import render_frame
 from static_site.given import WITHOUT_FEATURES
 from static_site.hosting import Host
 from static_site.videos import write_h264

@@ -30,14 +30,14 @@ from pocketgs.training.strategies import choose
 from pocketgs.training.strategies.adc import AdaptiveDensityControl, DensityControl
 from pocketgs.training.strategies.budgeted import Budgeted, Growth, Parabola
 from pocketgs.training.strategies.division import halves
-from pocketgs.training.strategies.mcmc import MarkovChain, Relocation
+from pocketgs.training.strategies.mcmc import MCMC, Relocation
 from pocketgs.training.strategies.relocation import MAX_SHARING, shared
-from pocketgs.training.strategies.strategy import Situation
+from pocketgs.training.strategies.strategy import StrategyContext
 from pocketgs.training.train import train as prepare_and_train
 
 train = partial(prepare_and_train, prior="none")
 
-SITUATION = Situation(iterations=1000, most=150, measure_extent=lambda: 1.0, views=8)
+CONTEXT = StrategyContext(iterations=1000, most=150, measure_extent=lambda: 1.0, views=8)
 
 
 class Rows:
@@ -113,7 +113,7 @@ def test_the_dead_move_onto_the_living_and_the_number_grows_to_its_bound() -> No
     scene.opacity_logits[:20] = -8.0
     scene.means[20] = np.nan
     engine = Rows(scene)
-    chain = MarkovChain(SITUATION)
+    chain = MCMC(CONTEXT)
     counts = []
     for iteration in range(1, 1001):
         chain.after_step(iteration, engine)  # type: ignore[arg-type]
@@ -127,7 +127,7 @@ def test_the_dead_move_onto_the_living_and_the_number_grows_to_its_bound() -> No
     assert (first.sources[:21] > 20).all()
     assert first.fresh[:21].all()
     assert (first.sources[21:] == np.arange(21, 100)).all()
-    full = MarkovChain(replace(SITUATION, most=100))
+    full = MCMC(replace(CONTEXT, most=100))
     engine = Rows(scattered())
     full.after_step(100, engine)  # type: ignore[arg-type]
     assert engine.count == 100
@@ -135,7 +135,7 @@ def test_the_dead_move_onto_the_living_and_the_number_grows_to_its_bound() -> No
 
 
 def test_mcmc_prices_opacity_and_size_and_shakes_ever_less() -> None:
-    chain = MarkovChain(replace(SITUATION, measure_extent=lambda: 4.0))
+    chain = MCMC(replace(CONTEXT, measure_extent=lambda: 4.0))
     loss = chain.loss(LossSettings(dssim_weight=0.3))
     assert loss == LossSettings(dssim_weight=0.3, opacity_weight=0.01, size_weight=0.01 / 3 / 4)
     early, late = chain.noise(1, 1.0), chain.noise(2, 0.5)
@@ -167,7 +167,7 @@ def grown(
     engine.restart_statistics(
         Statistics(gradients.astype(np.float32) * 2, np.full(count, 2, np.float32), *[np.zeros(count, np.float32)] * 2)
     )
-    strategy = AdaptiveDensityControl(replace(SITUATION, most=most, iterations=iterations))
+    strategy = AdaptiveDensityControl(replace(CONTEXT, most=most, iterations=iterations))
     strategy.after_step(iteration, engine)  # type: ignore[arg-type]
     return engine
 
@@ -219,7 +219,7 @@ def test_opacities_are_reset(iteration: int, bright: bool) -> None:
     engine.store.second_moments[:] = 1.0
     statistics = replace(Statistics.none_yet(100), seen=np.ones(100, np.float32))
     engine.restart_statistics(statistics)
-    strategy = AdaptiveDensityControl(replace(SITUATION, bright=bright, iterations=30_000), DensityControl(every=7000))
+    strategy = AdaptiveDensityControl(replace(CONTEXT, bright=bright, iterations=30_000), DensityControl(every=7000))
     strategy.after_step(iteration, engine)  # type: ignore[arg-type]
     np.testing.assert_allclose(engine.download().opacities, 0.01, rtol=1e-5)
     assert not engine.store.first_moments[:, 9].any()
@@ -232,11 +232,11 @@ def test_opacities_are_reset(iteration: int, bright: bool) -> None:
 
 
 def test_the_budget_is_met_exactly_where_errors_are() -> None:
-    situation = replace(SITUATION, most=200)
-    plan = Parabola(Growth(start=0.1, stop=0.5, times=5, first=0.5), situation.iterations, situation.most)
+    context = replace(CONTEXT, most=200)
+    plan = Parabola(Growth(start=0.1, stop=0.5, times=5, first=0.5), context.iterations, context.most)
     targets = [plan.target(iteration, 100) for iteration in (100, 200, 300, 400, 500, 900)]
     assert targets == [100, 143, 175, 193, 200, 200]
-    strategy = Budgeted(replace(situation, growth=plan))
+    strategy = Budgeted(replace(context, growth=plan))
     scene = scattered()
     scene.opacity_logits[:10] = -6.0
     engine = Rows(scene)
@@ -273,9 +273,9 @@ def early(monkeypatch: pytest.MonkeyPatch) -> None:
     control = DensityControl(start=4, stop=20, every=4, gradient=1e-6, reset_every=9)
     relocation = Relocation(start=0.1, every=3, dead=0.2)
     for name, make in (
-        ("adc", lambda situation: AdaptiveDensityControl(situation, control)),
-        ("mcmc", lambda situation: MarkovChain(situation, relocation)),
-        ("budgeted", lambda situation: Budgeted(situation, Growth(start=0.2, stop=0.8, times=4))),
+        ("adc", lambda context: AdaptiveDensityControl(context, control)),
+        ("mcmc", lambda context: MCMC(context, relocation)),
+        ("budgeted", lambda context: Budgeted(context, Growth(start=0.2, stop=0.8, times=4))),
     ):
         monkeypatch.setitem(choose._KINDS, name, replace(choose._KINDS[name], make=make))
 

@@ -20,10 +20,10 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.lens import Lens
 from pocketgs.metrics.evaluation import psnr
 from pocketgs.splat.cpu.engine import CpuEngine
+from pocketgs.splat.rendering import render_frame
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.preparation import prepare
 from pocketgs.training.train import train
-from pocketgs.training.validation import render_frame
 from training.through_lens import expose_through
 
 SIDE, VIEWS, HELD_OUT = 128, 18, (4, 12)

@@ -20,6 +20,7 @@ from pocketgs.results.checkpoint import CHECKPOINT, read_checkpoint, write_check
 from pocketgs.results.folder import TRANSIENTS, write_transients
 from pocketgs.scene.gaussians import PARAMETERS
 from pocketgs.splat.cpu.engine import CpuEngine
+from pocketgs.splat.rendering import render_frame
 from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.training import transients
 from pocketgs.training.options import TrainingOptions
@@ -29,7 +30,6 @@ from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint
 from pocketgs.training.train import train
 from pocketgs.training.transients import Transients, pixels_of, transient_cells
-from pocketgs.training.validation import render_frame
 
 OPTIONS = TrainingOptions(iterations=200, max_gaussians=15_000, engine="cpu", evaluate_every=0, bundle=False)
 

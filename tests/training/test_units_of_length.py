@@ -12,9 +12,9 @@ from pocketgs.capture.capture import Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.metrics.evaluation import psnr
 from pocketgs.splat.engine import create_engine
+from pocketgs.splat.rendering import render_frame
 from pocketgs.training.preparation import prepare
 from pocketgs.training.train import train
-from pocketgs.training.validation import render_frame
 
 OPTIONS = TrainingOptions(engine="cpu", iterations=30, max_gaussians=2000, evaluate_every=0)
 

@@ -409,15 +409,15 @@ def test_submissions_grow_to_what_takes_a_tenth_of_a_second(page: Page, latency:
     assert whole == [False, True, True, False, False]
 
 
-PACE = """async () => {
-    const { paced } = await import(new URL("page/live/pace.js", document.baseURI));
+THROTTLE = """async () => {
+    const { throttled } = await import(new URL("page/live/throttle.js", document.baseURI));
     const happened = [];
     let done;
     const act = (...given) => {
         happened.push(given);
         done();
     };
-    const call = paced(act, () => {
+    const call = throttled(act, () => {
         happened.push("asked");
         return 30;
     });
@@ -434,4 +434,4 @@ PACE = """async () => {
 
 def test_pace_lets_a_while_go_by_and_passes_on_the_newest(page: Page) -> None:
     """One call for everything given meanwhile, and another for what is given later."""
-    assert page.evaluate(PACE) == ["asked", "called", [3, -3], "asked", "called", [4, -4]]
+    assert page.evaluate(THROTTLE) == ["asked", "called", [3, -3], "asked", "called", [4, -4]]

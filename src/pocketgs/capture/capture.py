@@ -11,7 +11,7 @@ import numpy as np
 
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
-from pocketgs.scene.background import checked_background
+from pocketgs.scene.background import BLACK, Background, checked_background
 from pocketgs.scene.point_cloud import PointCloud
 
 
@@ -111,7 +111,7 @@ class Capture:
     train: list[Frame]
     held_out: list[Frame]
     points: PointCloud | None = None
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    background: Background = BLACK
     metric: bool = False
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     protocol: str = ""

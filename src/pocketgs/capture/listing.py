@@ -8,6 +8,7 @@ from pocketgs.capture.video_file import VideoFrame
 from pocketgs.files.paths import CaptureFile
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.lens import PINHOLE, Lens
+from pocketgs.scene.background import BLACK, Background
 from pocketgs.scene.point_cloud import PointCloud
 
 
@@ -61,7 +62,7 @@ class Listing:
     frames: list[FrameSource]
     held_out: frozenset[str] | None = None
     points: PointCloud | None = None
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    background: Background = BLACK
     metric: bool = False
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     warnings: tuple[str, ...] = field(default=())

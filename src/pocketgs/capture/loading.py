@@ -23,6 +23,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.opening import reading_inside
 from pocketgs.files.paths import CaptureFile
 from pocketgs.geometry.camera import Camera
+from pocketgs.scene.background import BLACK, Background
 from pocketgs.system.cores import usable_cores
 
 MAX_READERS = 8
@@ -51,7 +52,7 @@ class Preparation:
         masks: folder of masks that the user named, which may lie elsewhere, or None.
     """
 
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    background: Background = BLACK
     lens: LensHandling = "undistort"
     downscale: float = 1.0
     max_size: int | None = None
@@ -251,7 +252,7 @@ def camera_of_size(source: FrameSource, width: int, height: int) -> Camera:
     return camera if (width, height) == (camera.width, camera.height) else camera.resized(width, height)
 
 
-def composite(colours: np.ndarray, alpha: np.ndarray, background: tuple[float, float, float]) -> np.ndarray:
+def composite(colours: np.ndarray, alpha: np.ndarray, background: Background) -> np.ndarray:
     """Composite colours on a background.
 
     Args:

@@ -18,7 +18,7 @@ from pocketgs.capture.origin import near_origin
 from pocketgs.capture.unposed import find_photographs_in, holds_photographs
 from pocketgs.errors import PocketGSError
 from pocketgs.files.opening import folder_of, reading_inside
-from pocketgs.scene.background import checked_background
+from pocketgs.scene.background import Background, checked_background
 
 
 class Reader(Protocol):
@@ -46,7 +46,7 @@ def open_capture(
     images: str | None = None,
     downscale: float | None = None,
     max_size: int | None = None,
-    background: tuple[float, float, float] | None = None,
+    background: Background | None = None,
     lens: LensHandling = "undistort",
     hold_out_every: int = HOLD_OUT_EVERY,
     masks: str = masks_of.FOUND,
@@ -94,7 +94,7 @@ def list_capture(
     images: str | None = None,
     downscale: float | None = None,
     max_size: int | None = None,
-    background: tuple[float, float, float] | None = None,
+    background: Background | None = None,
     lens: LensHandling = "undistort",
     hold_out_every: int = HOLD_OUT_EVERY,
     masks: str = masks_of.FOUND,
@@ -200,7 +200,7 @@ def is_transforms_file(path: Path) -> bool:
 def check_options(
     downscale: float | None,
     max_size: int | None,
-    background: tuple[float, float, float] | None,
+    background: Background | None,
     lens: str,
     hold_out_every: int,
 ) -> None:

@@ -6,15 +6,15 @@ from pathlib import Path
 
 from pocketgs.capture.capture import Capture
 from pocketgs.cli.scene_file import folder_of
-from pocketgs.compression.views import Colour, cameras_around, not_too_many, renderings
+from pocketgs.compression.views import cameras_around, not_too_many, renderings
 from pocketgs.errors import PocketGSError
 from pocketgs.files.json_fields import read_json
 from pocketgs.geometry.camera import Camera
 from pocketgs.results.cameras_file import holds_cameras, read_cameras
 from pocketgs.results.folder import CAMERAS, RECORD
+from pocketgs.scene.background import BLACK, Background
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
-from pocketgs.splat.rendering import BLACK
 
 
 def trained_cameras(scene: Path) -> dict[str, Camera]:
@@ -36,7 +36,7 @@ def own_cameras(scene: Path, gaussians: Gaussians) -> dict[str, Camera]:
     return not_too_many(trained_cameras(scene) or cameras_around(gaussians))
 
 
-def own_background(scene: Path) -> Colour:
+def own_background(scene: Path) -> Background:
     """The background that the run of a scene's result folder was trained with; black without a run."""
     try:
         red, green, blue = map(float, read_json(folder_of(scene) / RECORD).values["capture"]["background"])
@@ -45,7 +45,7 @@ def own_background(scene: Path) -> Colour:
     return red, green, blue
 
 
-def rendered_capture(scene: Path, gaussians: Gaussians, engine: Engine, background: Colour | None) -> Capture:
+def rendered_capture(scene: Path, gaussians: Gaussians, engine: Engine, background: Background | None) -> Capture:
     """A capture of renderings of a scene from the cameras of its result folder, for training.
 
     Args:

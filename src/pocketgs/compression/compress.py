@@ -26,11 +26,11 @@ from pocketgs.system.interrupt import deferred_interrupt
 
 MB = 1_000_000
 
-PACE = 0.1
+RENDERING_RATES = 0.1
 """Learning rates on renderings of the scene itself, relative to those on photographs: it fits them already."""
 
 GENTLE = 0.3
-"""Learning rates on photographs, relative to the recipe's, for scenes that training at these makes worse."""
+"""Learning rates on photographs, relative to those of fine-tuning, for scenes that training at these makes worse."""
 
 TRIAL_STEPS, TRIAL_TIME = 200, 0.05
 """Training steps to find that out, and their maximum share of the steps that the time limit allows."""
@@ -112,7 +112,7 @@ def compress(
         workshop = Workshop(tuner, pruner, judge, timekeeper, DEFAULT, bound.admits)
         try:
             timekeeper.check()
-            tuner.pace = _suitable_pace(scene, workshop) if views.photographs else PACE
+            tuner.rate_factor = _suitable_rate_factor(scene, workshop) if views.photographs else RENDERING_RATES
             _search(scene, views, workshop, bound)
         except StoppedError:
             if not any(map(bound.admits, workshop.candidates)):
@@ -161,8 +161,8 @@ def _search(scene: Gaussians, views: Views, workshop: Workshop, bound: SizeBound
         search_on_renderings(scene, workshop, bound.psnr)
 
 
-def _suitable_pace(scene: Gaussians, workshop: Workshop) -> float:
-    """GENTLE if some training at the recipe's learning rates leaves the scene worse, as it does after long training."""
+def _suitable_rate_factor(scene: Gaussians, workshop: Workshop) -> float:
+    """GENTLE if some training at the usual learning rates leaves the scene worse, as it does after long training."""
     steps = int(min(TRIAL_STEPS, TRIAL_TIME * workshop.timekeeper.steps_left()))
     if not steps:
         return 1.0

@@ -10,7 +10,7 @@ from pocketgs.compression.views import Views
 from pocketgs.metrics.evaluation import psnr, ssim
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
-from pocketgs.training.validation import render_frame
+from pocketgs.splat.rendering import render_frame
 
 
 @dataclass(frozen=True)

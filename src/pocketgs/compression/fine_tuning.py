@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pocketgs.capture.capture import Frame
+from pocketgs.scene.background import Background
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.settings import LearningRates, StepSettings
@@ -40,7 +41,7 @@ class FineTuner:
         after_step: called after every step.
 
     Attributes:
-        pace: factor on all learning rates.
+        rate_factor: factor on all learning rates.
         recipe: of the loss and the optimiser.
         background: see above.
     """
@@ -49,12 +50,12 @@ class FineTuner:
         self,
         engine: Engine,
         frames: Sequence[Frame],
-        background: tuple[float, float, float],
+        background: Background,
         scene: Gaussians,
         seed: int,
         after_step: Callable[[], None] = lambda: None,
     ) -> None:
-        self.pace = 1.0
+        self.rate_factor = 1.0
         self.recipe = recipe_named("pocketgs")
         self.background = background
         self._engine, self._frames, self._after_step = engine, frames, after_step
@@ -91,7 +92,7 @@ class FineTuner:
 
     def rates_at(self, step: int, steps: int, start: float = RATE, end: float = 0.1 * RATE) -> LearningRates:
         """Learning rates of a step; see `tune`."""
-        share = self.pace * (end + (start - end) * 0.5 * (1.0 + float(np.cos(np.pi * step / steps))))
+        share = self.rate_factor * (end + (start - end) * 0.5 * (1.0 + float(np.cos(np.pi * step / steps))))
         return self._rates.scaled(share)
 
     def next_frame(self) -> Frame:

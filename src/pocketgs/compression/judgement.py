@@ -12,7 +12,7 @@ from pocketgs.compression.views import Views
 from pocketgs.metrics.evaluation import squared_error
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
-from pocketgs.training.validation import render_frame
+from pocketgs.splat.rendering import render_frame
 
 TRAINING_VIEWS = 40
 """Maximum number of training views for the estimate that replaces held-out ones."""

@@ -11,11 +11,10 @@ from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.even_choice import evenly_chosen
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera, look_at
+from pocketgs.scene.background import Background
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
-from pocketgs.training.validation import render_frame
-
-Colour = tuple[float, float, float]
+from pocketgs.splat.rendering import render_frame
 
 EVERY = 8
 """Every eighth rendered view is for reports, and every eighth of the others for decisions."""
@@ -51,7 +50,7 @@ class Views:
     train: list[Frame]
     judges: list[Frame]
     reported: list[Frame]
-    background: Colour
+    background: Background
     photographs: bool
 
 
@@ -75,7 +74,7 @@ def not_too_many(cameras: Mapping[str, Camera]) -> dict[str, Camera]:
     return {names[place]: cameras[names[place]] for place in evenly_chosen(len(names), RENDERED_VIEWS)}
 
 
-def rendered(scene: Gaussians, cameras: Mapping[str, Camera], engine: Engine, background: Colour) -> Views:
+def rendered(scene: Gaussians, cameras: Mapping[str, Camera], engine: Engine, background: Background) -> Views:
     """Renderings of the scene itself, some for decisions and some for the report.
 
     Args:
@@ -94,13 +93,13 @@ def rendered(scene: Gaussians, cameras: Mapping[str, Camera], engine: Engine, ba
     return Views(train, judges or reported, reported, background, False)
 
 
-def renderings(scene: Gaussians, cameras: Mapping[str, Camera], engine: Engine, background: Colour) -> list[Frame]:
+def renderings(scene: Gaussians, cameras: Mapping[str, Camera], engine: Engine, background: Background) -> list[Frame]:
     """Renderings of the scene itself; arguments as those of `rendered`."""
     engine.upload(scene)
     return [_rendering(name, camera, engine, background) for name, camera in cameras.items()]
 
 
-def _rendering(name: str, camera: Camera, engine: Engine, background: Colour) -> Frame:
+def _rendering(name: str, camera: Camera, engine: Engine, background: Background) -> Frame:
     frame = Frame(name, camera, np.zeros((camera.height, camera.width, 3), np.uint8))
     image = np.nan_to_num(render_frame(engine, frame, background))
     return Frame(name, camera, np.round(image * 255.0).astype(np.uint8))

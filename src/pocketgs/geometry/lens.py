@@ -186,9 +186,7 @@ def distort(lens: Lens, points: np.ndarray) -> np.ndarray:
     square = x * x + y * y
     if lens.model == "fisheye":
         radius = np.maximum(np.sqrt(square), 1e-12)
-        angle = np.arctan(radius)
-        powers = angle[:, None] ** np.array([2, 4, 6, 8])
-        return points * (angle * (1 + powers @ np.array(lens.coefficients)) / radius)[:, None]
+        return points * (fisheye_radius(lens, np.arctan(radius)) / radius)[:, None]
     k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = lens.padded
     radial = (1 + square * (k1 + square * (k2 + square * k3))) / (1 + square * (k4 + square * (k5 + square * k6)))
     across = x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x) + square * (s1 + square * s2)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pocketgs.prior.bundle.cpu.schur import CpuAdjuster
 from pocketgs.prior.bundle.equations import Adjuster
-from pocketgs.prior.bundle.schur import CpuAdjuster
-from pocketgs.prior.cloud.cpu_merger import CpuMerger
+from pocketgs.prior.cloud.cpu.merger import CpuMerger
 from pocketgs.prior.cloud.merge import Merger
 from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.stereo import Stereo

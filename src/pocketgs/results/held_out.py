@@ -14,7 +14,7 @@ from pocketgs.metrics.evaluation import Evaluation, Pair, evaluate
 from pocketgs.results.folder import write_side_by_side
 from pocketgs.splat.constants import SSIM_WINDOW
 from pocketgs.splat.engine import Renderer
-from pocketgs.training.validation import render_frame
+from pocketgs.splat.rendering import render_frame
 
 
 def check_comparable(held_out: Sequence[Frame]) -> None:

@@ -11,6 +11,8 @@ from pocketgs.errors import PocketGSError
 Background: TypeAlias = tuple[float, float, float]
 """Red, green and blue in [0, 1]."""
 
+BLACK: Background = (0.0, 0.0, 0.0)
+
 
 def checked_background(found: object) -> Background:
     """Check a background colour and convert it to floats.

@@ -7,9 +7,11 @@ from typing import Any
 
 from pocketgs.capture.sharpness import REDUCED_SIDE
 from pocketgs.prior import exposure, keyframes, scale, seen_points
-from pocketgs.prior.bundle import levenberg_marquardt, reprojection, schur
+from pocketgs.prior.bundle import levenberg_marquardt, reprojection
 from pocketgs.prior.bundle.adjustment import BundleSettings
-from pocketgs.prior.cloud import complete, coverage, cpu_merger, fuse, merge
+from pocketgs.prior.bundle.cpu import schur
+from pocketgs.prior.cloud import complete, coverage, fuse, merge
+from pocketgs.prior.cloud.cpu import merger
 from pocketgs.prior.cloud.detail import DETAIL_SCALE
 from pocketgs.prior.depth import depth_maps, depth_range, sensor_depth
 from pocketgs.prior.depth.source_views import BASELINE_SPREAD, THIRD_VIEW
@@ -244,7 +246,7 @@ def _cloud() -> dict[str, Any]:
             "detail_power": merge.DETAIL_POWER,
             "max_octaves": merge.MAX_OCTAVES,
             "min_detail": merge.MIN_DETAIL,
-            "key_factors": [str(factor) for factor in cpu_merger.KEY_FACTORS],  # JSON's numbers have 53 bits
+            "key_factors": [str(factor) for factor in merger.KEY_FACTORS],  # JSON's numbers have 53 bits
             "steps_an_octave": merge.STEPS_AN_OCTAVE,
             "sizes_an_octave": merge.SIZES_AN_OCTAVE,
         },

@@ -70,7 +70,7 @@ LEAST_SIDE, LEAST_GAUSSIANS = 320, 5_000
 PGS_CODING = FINE.finer().finer().finer().finer()
 """The grids of the `.pgs` that the page saves: as close to the trained scene as its `.spz`, and smaller."""
 
-PACES = 256
+SCHEDULE_SAMPLES = 256
 """A schedule is stated at so many equal parts of a run; between them the page interpolates."""
 
 
@@ -200,5 +200,5 @@ def _sampled(schedule: Schedule) -> dict[str, list[float]]:
     """By what the schedule multiplies each of the rates, from a run's start to its end."""
     names = [field.name for field in fields(LearningRates)]
     ones = LearningRates(*[1.0] * len(names))
-    paces = [asdict(schedule(ones, progress)) for progress in np.linspace(0.0, 1.0, PACES + 1).tolist()]
-    return {name: [rates[name] for rates in paces] for name in names}
+    samples = [asdict(schedule(ones, progress)) for progress in np.linspace(0.0, 1.0, SCHEDULE_SAMPLES + 1).tolist()]
+    return {name: [rates[name] for rates in samples] for name in names}

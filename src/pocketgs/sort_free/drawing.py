@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pocketgs.geometry.camera import Camera
+from pocketgs.scene.background import BLACK, Background
 from pocketgs.sort_free.scene import SortFreeScene
 from pocketgs.splat.engine import EngineOptions, Renderer, Rendering, chosen_engine
 
@@ -39,9 +40,7 @@ class SortFreeDrawing:
         self._scene = scene
         self._renderer = SortFreeRenderer("cpu", threads)
 
-    def render(
-        self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False
-    ) -> Rendering:
+    def render(self, camera: Camera, background: Background = BLACK, depth: bool = False) -> Rendering:
         """Render the scene."""
         image = self._renderer.forward(self._scene, camera, background, depth=depth)
         return Rendering(image.rgb, image.alpha, image.depth)

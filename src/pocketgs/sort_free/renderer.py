@@ -13,7 +13,7 @@ import numba
 import numpy as np
 
 from pocketgs.geometry.camera import Camera
-from pocketgs.scene.background import checked_background
+from pocketgs.scene.background import BLACK, Background, checked_background
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.scene.spherical_harmonics import basis, basis_gradient
 from pocketgs.sort_free import kernels
@@ -23,8 +23,6 @@ from pocketgs.sort_free.scene import SortFreeScene
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.rasterizer import Raster, RasterGradient, Rasterizer
 from pocketgs.system.cores import kernel_threads
-
-BLACK = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -91,7 +89,7 @@ class SortFreeRenderer:
         self,
         scene: SortFreeScene,
         camera: Camera,
-        background: tuple[float, float, float] = BLACK,
+        background: Background = BLACK,
         *,
         depth: bool = False,
         near: float | None = None,

@@ -11,6 +11,7 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
+from pocketgs.scene.background import BLACK, Background
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.rows import RowChange, Statistics
 from pocketgs.splat.settings import StepSettings
@@ -66,9 +67,7 @@ class OptimiserState:
 class Renderer(Protocol):
     """Renders one scene."""
 
-    def render(
-        self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False
-    ) -> Rendering:
+    def render(self, camera: Camera, background: Background = BLACK, depth: bool = False) -> Rendering:
         """Render the current scene."""
 
 

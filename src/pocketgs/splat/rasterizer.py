@@ -19,7 +19,7 @@ import numpy as np
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.quaternions import rotation_matrices
-from pocketgs.scene.background import checked_background
+from pocketgs.scene.background import BLACK, Background, checked_background
 from pocketgs.splat.backend import Backend, Composite, Contributions, Parameters
 from pocketgs.splat.channels import Channels, channels_of
 from pocketgs.splat.near_plane import near_plane
@@ -32,7 +32,6 @@ CompositorName = Literal["over", "sum"]
 COMPOSITORS = get_args(CompositorName)
 HIDING = ("depth", "median_depth", "contributions")
 """Outputs that depend on occlusion, which only the compositor "over" supports."""
-BLACK = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -156,7 +155,7 @@ class Rasterizer:
         outputs: Sequence[Output] = ("rgb",),
         *,
         features: np.ndarray | None = None,
-        background: tuple[float, float, float] = BLACK,
+        background: Background = BLACK,
         near: float | None = None,
         antialiased: bool = False,
     ) -> Raster:

@@ -1,20 +1,22 @@
-"""Rendering without training."""
+"""Renders scenes from outside training: views of cameras, and of frames to be compared with photographs."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from pocketgs.geometry.camera import Camera
-from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.engine import EngineOptions, Rendering, create_engine
+import numpy as np
 
-BLACK = (0.0, 0.0, 0.0)
+from pocketgs.capture.capture import Frame
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.background import BLACK, Background
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.splat.engine import EngineOptions, Renderer, Rendering, create_engine
 
 
 def render(
     scene: Gaussians,
     camera: Camera,
-    background: tuple[float, float, float] = BLACK,
+    background: Background = BLACK,
     *,
     depth: bool = False,
     engine: EngineOptions | None = None,
@@ -34,7 +36,7 @@ def render(
 def render_all(
     scene: Gaussians,
     cameras: Iterable[Camera],
-    background: tuple[float, float, float] = BLACK,
+    background: Background = BLACK,
     *,
     depth: bool = False,
     engine: EngineOptions | None = None,
@@ -44,3 +46,14 @@ def render_all(
     renderer.upload(scene)
     for camera in cameras:
         yield renderer.render(camera, background, depth)
+
+
+def render_frame(renderer: Renderer, frame: Frame, background: Background) -> np.ndarray:
+    """Render a frame's view to (H, W, 3) float32, clipped to [0, 1] as on a screen.
+
+    Args:
+        renderer: with the scene.
+        frame: whose camera renders; its photograph is not read.
+        background: RGB in [0, 1].
+    """
+    return np.clip(renderer.render(frame.camera, background).image, 0.0, 1.0)

@@ -59,7 +59,7 @@ UNSUPPORTED = (
 )
 """Names that can be imported, so that scripts that may use them start; calling them is an error."""
 
-FROM_THE_WHEEL = {
+FROM_GSPLAT_PACKAGE = {
     "DefaultStrategy": "strategy",
     "MCMCStrategy": "strategy",
     "Strategy": "strategy",
@@ -96,7 +96,7 @@ def install_as_gsplat(
     folders = _installed_folders()
     version = version or _installed_version() or VERSION
     module = _make_module("gsplat", folders, version)
-    LOG.warning("gsplat %s resolves to PocketGS: rasterization runs on the CPU", version)
+    LOG.warning("gsplat %s resolves to PocketGS: rasterization runs without CUDA", version)
     if importlib.util.find_spec("fused_ssim") is None:
         similarity = _empty_module("fused_ssim")
         vars(similarity)["fused_ssim"] = fused_ssim
@@ -157,10 +157,10 @@ def _empty_module(name: str, folders: list[str] | None = None) -> ModuleType:
 
 def _looked_up(name: str) -> Any:
     """An object of gsplat's own package, imported on first use."""
-    if name not in FROM_THE_WHEEL:
+    if name not in FROM_GSPLAT_PACKAGE:
         raise AttributeError(f"module 'gsplat' (PocketGS) has no attribute {name!r}")
     try:
-        module = importlib.import_module(f"gsplat.{FROM_THE_WHEEL[name]}")
+        module = importlib.import_module(f"gsplat.{FROM_GSPLAT_PACKAGE[name]}")
     except ModuleNotFoundError as error:
         if not (error.name or "").startswith("gsplat"):
             raise

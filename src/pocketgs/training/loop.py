@@ -12,11 +12,11 @@ from pocketgs.system.interrupt import Interrupt
 from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.training.colours import colour_settings
 from pocketgs.training.options import SizedOptions
-from pocketgs.training.progress import Observer, Progress
+from pocketgs.training.progress import MAX_EVALUATED, Observer, Progress
 from pocketgs.training.result import Checkpoint, LossSample
 from pocketgs.training.schedules import Schedules
 from pocketgs.training.transients import Transients
-from pocketgs.training.validation import MAX_LOOKED_AT, mean_psnr
+from pocketgs.training.validation import mean_psnr
 from pocketgs.training.view_choice import view_of_step
 
 SECONDS_BETWEEN_LOSSES = 0.5
@@ -56,7 +56,7 @@ class Loop:
         self._loss, self._loss_asked = float("nan"), float("-inf")
         self._held_out_psnr: float | None = None
         held_out = capture.held_out
-        self._looked_at = [held_out[place] for place in evenly_chosen(len(held_out), MAX_LOOKED_AT)]
+        self._evaluated = [held_out[place] for place in evenly_chosen(len(held_out), MAX_EVALUATED)]
 
     def checkpoint(self) -> Checkpoint:
         """A copy of the current state, from which the run can be resumed."""
@@ -125,13 +125,13 @@ class Loop:
         return views[view_of_step(self.iteration, len(views), self._options.seed)]
 
     def _look_at_held_out_views(self) -> None:
-        """Measure the PSNR of at most MAX_LOOKED_AT held-out views now and then; the final figures are of them all."""
+        """Measure the PSNR of at most MAX_EVALUATED held-out views now and then; the final figures are of them all."""
         every = self._options.evaluate_every
-        if not every or self.iteration % every or not self._looked_at:
+        if not every or self.iteration % every or not self._evaluated:
             return
         self._finish_steps()
         with self._stopwatch.stage("evaluation"):
-            self._held_out_psnr = mean_psnr(self._engine, self._looked_at, self._capture.background)
+            self._held_out_psnr = mean_psnr(self._engine, self._evaluated, self._capture.background)
         seconds = self._stopwatch.seconds
         elapsed = sum(seconds.values()) - seconds["evaluation"]
         self.samples.append(

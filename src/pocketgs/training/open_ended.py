@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from pocketgs.capture.capture import Frame
+from pocketgs.scene.background import Background
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.settings import LearningRates
 from pocketgs.training.pace import share_of_time
@@ -65,7 +66,7 @@ class OpenEndedPace:
         seconds: float | None,
         initial: LearningRates,
         frames: Sequence[Frame],
-        background: tuple[float, float, float],
+        background: Background,
         most: int,
         course: Course | None,
     ) -> None:

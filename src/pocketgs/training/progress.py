@@ -9,6 +9,10 @@ from pocketgs.scene.gaussians import Gaussians
 from pocketgs.system.interrupt import Interrupt
 from pocketgs.training.result import Checkpoint
 
+MAX_EVALUATED = 12
+"""Maximum number of held-out views whose PSNR is measured during training: of a thousand photographs, rendering every
+eighth would take nearly as long as training."""
+
 
 @dataclass(frozen=True)
 class Progress:
@@ -19,7 +23,7 @@ class Progress:
         iterations: end of the run, as far as it is known.
         fraction: progress from 0 to 1, by iterations or by time.
         loss: mean training loss over the last epoch, updated at intervals.
-        held_out_psnr: PSNR of the last evaluation on at most `MAX_LOOKED_AT` held-out views, or None.
+        held_out_psnr: PSNR of the last evaluation on at most `MAX_EVALUATED` held-out views, or None.
         iteration_rate: iterations per second.
         seconds_left: estimate of the time until iterations or the time budget run out.
         gain_per_minute: gain in dB per minute on validation views, or None without any.

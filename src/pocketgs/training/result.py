@@ -23,7 +23,7 @@ class LossSample:
         elapsed: seconds of all stages so far, except evaluations on held-out views: the time that a run without them
             would have taken.
         loss: of training.
-        held_out_psnr: mean over at most `MAX_LOOKED_AT` held-out views, evenly chosen, in dB.
+        held_out_psnr: mean over at most `MAX_EVALUATED` held-out views, evenly chosen, in dB.
         gaussians: number of Gaussians.
     """
 

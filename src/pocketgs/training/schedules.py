@@ -13,7 +13,7 @@ from pocketgs.training.pace import SetPace
 from pocketgs.training.recipes import Recipe, camera_extent, recipe_named
 from pocketgs.training.result import Checkpoint
 from pocketgs.training.strategies.choose import create_strategy
-from pocketgs.training.strategies.strategy import GrowthPlan, Situation, Strategy
+from pocketgs.training.strategies.strategy import GrowthPlan, Strategy, StrategyContext
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,7 @@ def schedules_of(
     rates = recipe.rates_for(options.iterations, recipe.length([frame.camera for frame in capture.train], points))
     pace = _pace(capture, options, recipe, rates, seconds, resume)
     growth = pace if isinstance(pace, OpenEndedPace) else None
-    return Schedules(
-        recipe, rates, pace, create_strategy(options.strategy, _situation(capture, points, options, growth))
-    )
+    return Schedules(recipe, rates, pace, create_strategy(options.strategy, _context(capture, points, options, growth)))
 
 
 def _pace(
@@ -74,10 +72,10 @@ def _pace(
     return SetPace(options.iterations, seconds, recipe.schedule, rates, len(capture.train), course)
 
 
-def _situation(
+def _context(
     capture: PreparedCapture, points: PointCloud, options: SizedOptions, growth: GrowthPlan | None
-) -> Situation:
-    return Situation(
+) -> StrategyContext:
+    return StrategyContext(
         iterations=options.iterations,
         most=options.max_gaussians,
         measure_extent=lambda: camera_extent([frame.camera for frame in capture.train], points),

@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 
 from pocketgs.capture.capture import Frame
+from pocketgs.scene.background import Background
 from pocketgs.splat.engine import Engine
 from pocketgs.training.view_residuals import ComparedView, compare_views, grid_of
 
@@ -54,9 +55,7 @@ class Transients:
         cells: transients found earlier in the run, or None.
     """
 
-    def __init__(
-        self, frames: Sequence[Frame], background: tuple[float, float, float], cells: Sequence[np.ndarray] | None
-    ) -> None:
+    def __init__(self, frames: Sequence[Frame], background: Background, cells: Sequence[np.ndarray] | None) -> None:
         self._frames, self._background = frames, background
         self._first = max(FIRST_LOOK, FIRST_EPOCHS * len(frames))
         self._remember(cells)
@@ -110,9 +109,7 @@ def _any(cells: Sequence[np.ndarray]) -> bool:
     return any(of_view.any() for of_view in cells)
 
 
-def transient_cells(
-    engine: Engine, frames: Sequence[Frame], background: tuple[float, float, float]
-) -> list[np.ndarray]:
+def transient_cells(engine: Engine, frames: Sequence[Frame], background: Background) -> list[np.ndarray]:
     """Find the cells of each training view that show transients, given the current scene.
 
     All cells of a view that its neighbours contradict are returned, unless too many views would be left out.

@@ -10,17 +10,15 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.capture.even_choice import evenly_chosen
 from pocketgs.metrics.evaluation import psnr
-from pocketgs.splat.engine import Engine, Renderer
+from pocketgs.scene.background import Background
+from pocketgs.splat.engine import Engine
+from pocketgs.splat.rendering import render_frame
 
 EVERY, FIRST = 8, 4
 """Every eighth training view, starting with the fifth, is a validation view."""
 
 MIN_VIEWS, MAX_VIEWS = 2, 12
 """Minimum and maximum number of validation views: fewer are unreliable, more only take time."""
-
-MAX_LOOKED_AT = 12
-"""Maximum number of held-out views whose PSNR is measured during training: of a thousand photographs, rendering every
-eighth would take nearly as long as training."""
 
 
 @dataclass(frozen=True)
@@ -83,12 +81,7 @@ def validation_views_of_few(views: int) -> list[int]:
     return [views // 3, 2 * views // 3] if views // 2 > MIN_VIEWS else []
 
 
-def render_frame(renderer: Renderer, frame: Frame, background: tuple[float, float, float]) -> np.ndarray:
-    """Render a frame's view to (H, W, 3) float32, clipped to [0, 1] as on a screen."""
-    return np.clip(renderer.render(frame.camera, background).image, 0.0, 1.0)
-
-
-def mean_psnr(engine: Engine, frames: Sequence[Frame], background: tuple[float, float, float]) -> float:
+def mean_psnr(engine: Engine, frames: Sequence[Frame], background: Background) -> float:
     """Mean PSNR of renderings of these views, in dB; NaN if the scene has diverged."""
     values = []
     for frame in frames:

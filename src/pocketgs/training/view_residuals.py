@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from pocketgs.capture.capture import Frame
+from pocketgs.scene.background import Background
 from pocketgs.splat.engine import Engine
 
 CELLS = 80
@@ -45,9 +46,7 @@ class ComparedView:
     expected: np.ndarray
 
 
-def compare_views(
-    engine: Engine, frames: Sequence[Frame], background: tuple[float, float, float]
-) -> list[ComparedView]:
+def compare_views(engine: Engine, frames: Sequence[Frame], background: Background) -> list[ComparedView]:
     """Compare training views with their renderings and with their neighbours, given the current scene.
 
     Args:
@@ -91,7 +90,7 @@ def grid_of(frame: Frame) -> tuple[int, int]:
     return max(1, round(height * scale)), max(1, round(width * scale))
 
 
-def _rendered(engine: Engine, frame: Frame, background: tuple[float, float, float]) -> _Rendered:
+def _rendered(engine: Engine, frame: Frame, background: Background) -> _Rendered:
     down, across = grid_of(frame)
     size = (across * PIXELS_PER_CELL, down * PIXELS_PER_CELL)
     rendered = engine.render(frame.camera.resized(*size), background, depth=True)

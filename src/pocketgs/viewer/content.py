@@ -15,6 +15,7 @@ from PIL import Image
 from pocketgs.capture.capture import Capture
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.camera_geometry import focus_point, looks_at, upward
+from pocketgs.scene.background import BLACK, Background
 
 UP = (0.0, -1.0, 0.0)
 """Default up direction: structure from motion uses the first camera's axes, in which y is down."""
@@ -61,7 +62,7 @@ class Content:
     title: str
     scene: Path | None = None
     live: bool = False
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    background: Background = BLACK
     views: tuple[View, ...] = ()
     up: Sequence[float] = UP
     target: Sequence[float] = (0.0, 0.0, 0.0)

@@ -17,7 +17,7 @@ from pocketgs.files.opening import reading_inside
 from pocketgs.files.plain_names import plain_names
 from pocketgs.results.cameras_file import read_cameras
 from pocketgs.results.folder import CAMERAS, PICTURES, RECORD, TRANSIENTS
-from pocketgs.scene.background import checked_background
+from pocketgs.scene.background import Background, checked_background
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.viewer.content import UP, Content, View, capture_views, looked_at
 
@@ -84,7 +84,7 @@ def _views_of_result(result: Path, record: dict[str, Any]) -> tuple[View, ...]:
     return tuple(View(name, camera, name in named) for name, camera in sorted(cameras.items()))
 
 
-def _background(record: dict[str, Any]) -> tuple[float, float, float]:
+def _background(record: dict[str, Any]) -> Background:
     capture = record.get("capture")
     colour = capture.get("background") if isinstance(capture, dict) else None
     try:

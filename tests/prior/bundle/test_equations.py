@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pocketgs.prior.bundle.problem import by_point, first_estimate
-from pocketgs.prior.bundle.reprojection import COLUMNS, Estimate, linearise, weigh
-from pocketgs.prior.bundle.schur import (
+from pocketgs.prior.bundle.cpu.schur import (
     MAX_SHARES,
     MIN_DIAGONAL,
     SHARE_BYTES,
@@ -18,6 +16,8 @@ from pocketgs.prior.bundle.schur import (
     reduced_equations,
     share_count,
 )
+from pocketgs.prior.bundle.problem import by_point, first_estimate
+from pocketgs.prior.bundle.reprojection import COLUMNS, Estimate, linearise, weigh
 from prior.bundle_problem import make_problem
 
 

@@ -9,10 +9,10 @@ import pytest
 
 from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.prior.bundle.adjustment import BundleResult, BundleSettings, adjust_bundle
+from pocketgs.prior.bundle.cpu.schur import CpuAdjuster, CpuEquations
 from pocketgs.prior.bundle.equations import Adjuster, CameraEquations
 from pocketgs.prior.bundle.problem import by_point, first_estimate
 from pocketgs.prior.bundle.reprojection import Sightings
-from pocketgs.prior.bundle.schur import CpuAdjuster, CpuEquations
 from pocketgs.prior.bundle.webgpu.equations import WebGpuAdjuster
 from prior.bundle_problem import Problem, make_problem
 

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from pocketgs import Camera, PointCloud
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.synthetic import true_capture
-from pocketgs.prior.cloud.cpu_merger import CpuMerger
+from pocketgs.prior.cloud.cpu.merger import CpuMerger
 from pocketgs.prior.cloud.fuse import SHELL_EXTENT, FusionSettings, fuse, views_of
 from pocketgs.prior.cloud.merge import Candidates
 from pocketgs.prior.depth.consistency import AROUND, COHERENT_STEPS, CONFIRMED, Views

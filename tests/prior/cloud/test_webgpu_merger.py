@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from pocketgs.capture import open_capture
-from pocketgs.prior.cloud.cpu_merger import CpuMerger
+from pocketgs.prior.cloud.cpu.merger import CpuMerger
 from pocketgs.prior.cloud.merge import Candidates
 from pocketgs.prior.cloud.webgpu.merger import WebGpuMerger
 from pocketgs.prior.devices import create_devices

@@ -12,7 +12,7 @@ from pocketgs.capture.capture import Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle.adjustment import BundleSettings
-from pocketgs.prior.bundle.schur import CpuAdjuster
+from pocketgs.prior.bundle.cpu.schur import CpuAdjuster
 from pocketgs.prior.features.observations import Observations
 from pocketgs.prior.poses.refinement import Refinement, refine
 from pocketgs.prior.poses.robust_adjustment import RobustAdjustment

@@ -15,7 +15,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.gpu.adapters import Adapter
 from pocketgs.prior.bundle.adjustment import BundleSettings, adjust_bundle, huber_cost
-from pocketgs.prior.bundle.schur import CpuAdjuster
+from pocketgs.prior.bundle.cpu.schur import CpuAdjuster
 from pocketgs.prior.bundle.webgpu.equations import WebGpuAdjuster
 from pocketgs.prior.features.tracks import reprojection_errors, triangulate, triangulation_angles, view_distances
 from pocketgs.prior.poses.structure import Structure, StructureSettings, build_structure

@@ -110,7 +110,8 @@ def test_duplicate_frames(capture: Capture) -> None:
 
 def test_two_frames(capture: Capture) -> None:
     structure = built(capture, capture.frames[4:6])
-    assert structure is None or not structure.doubtful
+    assert structure is not None
+    assert not structure.doubtful
 
 
 def test_turning_on_the_spot_tells_no_depth(capture: Capture) -> None:

@@ -17,12 +17,12 @@ from scipy.spatial.transform import Rotation
 
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
+from pocketgs.prior.bundle.cpu.schur import MIN_DIAGONAL, CpuAdjuster, camera_equations
 from pocketgs.prior.bundle.equations import Adjuster, CameraEquations
 from pocketgs.prior.bundle.levenberg_marquardt import minimise
 from pocketgs.prior.bundle.pose_prior import PosePrior, pose_prior, unheld
 from pocketgs.prior.bundle.problem import by_point, check, first_estimate
 from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, Estimate, Sightings, distances
-from pocketgs.prior.bundle.schur import MIN_DIAGONAL, CpuAdjuster, camera_equations
 from pocketgs.prior.features.observations import Observations
 
 

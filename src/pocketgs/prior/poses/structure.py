@@ -11,8 +11,8 @@ from pocketgs.capture.capture import Frame, Photographs
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle.adjustment import BundleSettings
+from pocketgs.prior.bundle.cpu.schur import CpuAdjuster
 from pocketgs.prior.bundle.equations import Adjuster
-from pocketgs.prior.bundle.schur import CpuAdjuster
 from pocketgs.prior.features.cpu.finder import CpuFinder
 from pocketgs.prior.features.detection import detect_all
 from pocketgs.prior.features.features import Features

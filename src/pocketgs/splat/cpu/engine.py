@@ -12,7 +12,7 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.lens import PINHOLE, Lens
-from pocketgs.scene.background import checked_background
+from pocketgs.scene.background import BLACK, Background, checked_background
 from pocketgs.scene.gaussians import PARAMETERS, SH_COEFFICIENTS, Gaussians
 from pocketgs.splat.checks import check_state, check_view, checked_scene
 from pocketgs.splat.cpu.adam import regularise, update
@@ -184,9 +184,7 @@ class CpuEngine:
         """Mean loss of the last `steps` steps, measured before their updates."""
         return float(np.mean(list(self._losses)[-steps:]))
 
-    def render(
-        self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False
-    ) -> Rendering:
+    def render(self, camera: Camera, background: Background = BLACK, depth: bool = False) -> Rendering:
         """Render the current scene."""
         numba.set_num_threads(self.threads)
         view = View.of(camera)

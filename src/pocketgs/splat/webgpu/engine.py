@@ -13,7 +13,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.gpu.adapters import DRIVER_BYTES, choose_adapter
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
-from pocketgs.scene.background import Background
+from pocketgs.scene.background import BLACK, Background
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.checks import check_masks, check_state, check_view, checked_scene
 from pocketgs.splat.colours import check_transforms
@@ -184,9 +184,7 @@ class WebGpuEngine:
         self._settle()
         return self._ahead.mean_loss(steps)
 
-    def render(
-        self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False
-    ) -> Rendering:
+    def render(self, camera: Camera, background: Background = BLACK, depth: bool = False) -> Rendering:
         """Render the current scene."""
         return rendered(self._draw, camera, background, depth)
 

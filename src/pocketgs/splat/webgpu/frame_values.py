@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from pocketgs.geometry.camera import Camera
 from pocketgs.gpu.sizes import Symbols, ceil_div
+from pocketgs.scene.background import Background
 from pocketgs.scene.gaussians import SH_COEFFICIENTS
 from pocketgs.splat.constants import SSIM_WINDOW
 from pocketgs.splat.engine import KEPT_LOSSES
@@ -17,7 +18,7 @@ from pocketgs.splat.webgpu.layout import TILE
 
 
 def view_values(
-    camera: Camera, background: tuple[float, float, float], near: float, symbols: Symbols, photograph: int = 0
+    camera: Camera, background: Background, near: float, symbols: Symbols, photograph: int = 0
 ) -> dict[str, ArrayLike]:
     """Fields of the struct `View`.
 

@@ -12,7 +12,7 @@ from pocketgs.gpu.adapters import choose_adapter
 from pocketgs.gpu.buffer_sizes import check_buffers
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
-from pocketgs.scene.background import Background
+from pocketgs.scene.background import BLACK, Background
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.checks import checked_scene
 from pocketgs.splat.engine import EngineOptions, Rendering
@@ -73,9 +73,7 @@ class WeightedDrawing:
         self._weighting = {**absent, **numbers, "unit": unit, "view_coefficients": views.shape[1]}
         self._is_written = False
 
-    def render(
-        self, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), depth: bool = False
-    ) -> Rendering:
+    def render(self, camera: Camera, background: Background = BLACK, depth: bool = False) -> Rendering:
         """Render the scene.
 
         Raises:

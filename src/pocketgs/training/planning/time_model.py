@@ -13,7 +13,7 @@ from pocketgs.prior.features.pairs import PAIRS_PER_VIEW
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.training.planning.calibration import Speed
 from pocketgs.training.planning.work import Work
-from pocketgs.training.validation import MAX_LOOKED_AT
+from pocketgs.training.progress import MAX_EVALUATED
 
 MEGA = 1e6
 
@@ -75,7 +75,7 @@ def timetable(work: Work, speed: Speed) -> Timetable:
     seeding = SEEDED_MILLION * millions
     step = step_seconds(work.gaussians, work.coefficients, outline.pixels)
     held_out = len(outline.held_out)
-    look = min(held_out, MAX_LOOKED_AT) * (LOOK_VIEW + LOOK_MEGAPIXEL * megapixels)
+    look = min(held_out, MAX_EVALUATED) * (LOOK_VIEW + LOOK_MEGAPIXEL * megapixels)
     after = WRITTEN + WRITTEN_MILLION * millions + held_out * (EVALUATED_VIEW + EVALUATED_MEGAPIXEL * megapixels)
     looks = look / work.options.evaluate_every if work.options.evaluate_every else 0.0
     return Timetable(

@@ -10,7 +10,7 @@ from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.rows import RowChange, Statistics
 from pocketgs.training.strategies.division import SHRINKING, drawn_within, logit
-from pocketgs.training.strategies.strategy import Collected, Quiet, Situation
+from pocketgs.training.strategies.strategy import Collected, StrategyContext, StrategyDefaults
 
 
 @dataclass(frozen=True)
@@ -38,15 +38,15 @@ class DensityControl:
     reset_to: float = 2.0
 
 
-class AdaptiveDensityControl(Quiet):
+class AdaptiveDensityControl(StrategyDefaults):
     """3DGS's strategy, with a maximum number: if there is no room, the largest gradients take precedence."""
 
     name = "adc"
     changes_rows = True
 
-    def __init__(self, situation: Situation, control: DensityControl | None = None) -> None:
-        self._situation, self._control = situation, control or DensityControl()
-        self._extent = situation.measure_extent()
+    def __init__(self, context: StrategyContext, control: DensityControl | None = None) -> None:
+        self._context, self._control = context, control or DensityControl()
+        self._extent = context.measure_extent()
 
     def collected(self, iteration: int) -> Collected:
         """Gradients on the image, until densification ends."""
@@ -55,11 +55,11 @@ class AdaptiveDensityControl(Quiet):
     def after_step(self, iteration: int, engine: Engine) -> None:
         """Densify and prune, then reset opacities; not after the last step, since no training would follow."""
         control = self._control
-        if iteration >= min(control.stop, self._situation.iterations):
+        if iteration >= min(control.stop, self._context.iterations):
             return
         if iteration > control.start and iteration % control.every == 0:
             engine.change_rows(self._refined(iteration, engine.download(), engine.statistics()))
-        at_start = self._situation.bright and iteration == control.start
+        at_start = self._context.bright and iteration == control.start
         if iteration % control.reset_every == 0 or at_start:
             collected = engine.statistics()
             engine.change_rows(self._reset(engine.download()))
@@ -67,11 +67,11 @@ class AdaptiveDensityControl(Quiet):
 
     def _refined(self, iteration: int, scene: Gaussians, statistics: Statistics) -> RowChange:
         """Clone or split the Gaussians with large gradients, then prune."""
-        control, situation = self._control, self._situation
+        control, context = self._control, self._context
         largest = scene.scales.max(axis=1)
         gradient = statistics.screen_gradients / np.maximum(statistics.seen, 1.0)
         growing = np.flatnonzero(gradient > control.gradient)
-        room = max(situation.most - len(scene), 0)
+        room = max(context.most - len(scene), 0)
         if len(growing) > room:
             growing = np.sort(growing[np.argsort(-gradient[growing], kind="stable")[:room]])
         is_small = largest[growing] <= control.small * self._extent
@@ -80,7 +80,7 @@ class AdaptiveDensityControl(Quiet):
         sources = np.concatenate([whole, cloned, split, split]).astype(np.int32)
         parts = slice(len(whole) + len(cloned), None)
         means, log_scales = scene.means[sources], scene.log_scales[sources]
-        means[parts] = drawn_within(scene, sources[parts], situation.random(iteration))
+        means[parts] = drawn_within(scene, sources[parts], context.random(iteration))
         log_scales[parts] -= np.float32(np.log(SHRINKING))
         is_kept = scene.opacities[sources] >= control.faint
         if iteration > control.reset_every:

@@ -15,7 +15,7 @@ from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.rows import RowChange
 from pocketgs.training.strategies.division import halves
-from pocketgs.training.strategies.strategy import Collected, Quiet, Situation
+from pocketgs.training.strategies.strategy import Collected, StrategyContext, StrategyDefaults
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Growth:
         start, stop: shares of the run between which the number grows.
         times: number of growths.
         first: maximum initial number, as a share of the final number.
-        looks: maximum number of views whose errors are summed before each growth.
+        views: maximum number of views whose errors are summed before each growth.
         faint: Gaussians of a lower opacity are pruned.
     """
 
@@ -34,7 +34,7 @@ class Growth:
     stop: float = 0.25
     times: int = 5
     first: float = 0.8
-    looks: int = 30
+    views: int = 30
     faint: float = 0.01
 
 
@@ -64,21 +64,21 @@ class Parabola:
         return int(self._most * (1.0 - (1.0 - self._first) * left**2))
 
 
-class Budgeted(Quiet):
+class Budgeted(StrategyDefaults):
     """Splits the Gaussians that contribute most to errors, and prunes faint ones, according to a schedule."""
 
     name = "budgeted"
     changes_rows = True
 
-    def __init__(self, situation: Situation, growth: Growth | None = None) -> None:
-        self._situation, self._growth = situation, growth or Growth()
-        self._plan = situation.growth or Parabola(self._growth, situation.iterations, situation.most)
+    def __init__(self, context: StrategyContext, growth: Growth | None = None) -> None:
+        self._context, self._growth = context, growth or Growth()
+        self._plan = context.growth or Parabola(self._growth, context.iterations, context.most)
 
     def collected(self, iteration: int) -> Collected:
         """Errors, in the last steps before a growth."""
         ahead = self._plan.next_growth(iteration)
-        looks = min(self._growth.looks, self._situation.views)
-        return Collected(errors=ahead is not None and ahead - iteration < looks)
+        views = min(self._growth.views, self._context.views)
+        return Collected(errors=ahead is not None and ahead - iteration < views)
 
     def after_step(self, iteration: int, engine: Engine) -> None:
         """Prune and split, if the schedule says so."""

@@ -9,8 +9,8 @@ from typing import Literal, get_args
 from pocketgs.training.strategies.adc import AdaptiveDensityControl
 from pocketgs.training.strategies.budgeted import Budgeted, Growth
 from pocketgs.training.strategies.fixed import Fixed
-from pocketgs.training.strategies.mcmc import MarkovChain
-from pocketgs.training.strategies.strategy import Situation, Strategy
+from pocketgs.training.strategies.mcmc import MCMC
+from pocketgs.training.strategies.strategy import Strategy, StrategyContext
 
 StrategyName = Literal["fixed", "adc", "mcmc", "budgeted"]
 
@@ -21,7 +21,7 @@ LEAST_START = 4
 
 @dataclass(frozen=True)
 class _Kind:
-    make: Callable[[Situation], Strategy]
+    make: Callable[[StrategyContext], Strategy]
     first: float
     """Maximum initial number of Gaussians, as a share of the final number."""
 
@@ -32,14 +32,14 @@ FIRST_OPEN_ENDED = 0.5
 _KINDS: dict[str, _Kind] = {
     "fixed": _Kind(Fixed, 1.0),
     "adc": _Kind(AdaptiveDensityControl, 0.5),
-    "mcmc": _Kind(MarkovChain, 0.5),
+    "mcmc": _Kind(MCMC, 0.5),
     "budgeted": _Kind(Budgeted, Growth().first),
 }
 
 
-def create_strategy(name: StrategyName, situation: Situation) -> Strategy:
+def create_strategy(name: StrategyName, context: StrategyContext) -> Strategy:
     """Create a strategy."""
-    return _KINDS[name].make(situation)
+    return _KINDS[name].make(context)
 
 
 def most_at_start(name: StrategyName, most: int, open_ended: bool = False) -> int:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from pocketgs.splat.engine import Engine
-from pocketgs.training.strategies.strategy import Collected, Quiet, Situation
+from pocketgs.training.strategies.strategy import Collected, StrategyContext, StrategyDefaults
 
 
-class Fixed(Quiet):
+class Fixed(StrategyDefaults):
     """Keeps the number of Gaussians."""
 
     name = "fixed"
     changes_rows = False
 
-    def __init__(self, situation: Situation) -> None:
-        """Ignores the situation."""
+    def __init__(self, context: StrategyContext) -> None:
+        """Ignores the context."""
 
     def collected(self, iteration: int) -> Collected:
         """Nothing."""

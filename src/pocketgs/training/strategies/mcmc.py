@@ -12,7 +12,7 @@ from pocketgs.splat.rows import RowChange
 from pocketgs.splat.settings import LossSettings, PositionNoise
 from pocketgs.training.strategies.division import logit
 from pocketgs.training.strategies.relocation import shared
-from pocketgs.training.strategies.strategy import Collected, Situation
+from pocketgs.training.strategies.strategy import Collected, StrategyContext
 
 MAX_OPACITY = 1.0 - 1e-6
 
@@ -40,15 +40,15 @@ class Relocation:
     size_weight: float = 0.01
 
 
-class MarkovChain:
+class MCMC:
     """The strategy of 3DGS-MCMC: relocation, growth, noise, and regularisation of opacity and size."""
 
     name = "mcmc"
     changes_rows = True
 
-    def __init__(self, situation: Situation, relocation: Relocation | None = None) -> None:
-        self._situation, self._relocation = situation, relocation or Relocation()
-        self._extent = situation.measure_extent()
+    def __init__(self, context: StrategyContext, relocation: Relocation | None = None) -> None:
+        self._context, self._relocation = context, relocation or Relocation()
+        self._extent = context.measure_extent()
 
     def collected(self, iteration: int) -> Collected:
         """Nothing."""
@@ -62,19 +62,19 @@ class MarkovChain:
 
     def noise(self, iteration: int, slowness: float) -> PositionNoise | None:
         """Noise in proportion to the learning rate of the means."""
-        seed = int(np.random.default_rng((self._situation.seed, iteration, 2)).integers(2**32))
+        seed = int(np.random.default_rng((self._context.seed, iteration, 2)).integers(2**32))
         return PositionNoise(self._relocation.noise * slowness / self._extent, seed)
 
     def after_step(self, iteration: int, engine: Engine) -> None:
         """Relocate dead Gaussians, and grow."""
-        relocation, iterations = self._relocation, self._situation.iterations
+        relocation, iterations = self._relocation, self._context.iterations
         is_time = relocation.start * iterations < iteration < relocation.stop * iterations
         if is_time and iteration % relocation.every == 0:
             self._relocate(engine, iteration)
 
     def _relocate(self, engine: Engine, iteration: int) -> None:
         """Relocate dead Gaussians, then add copies."""
-        rng = self._situation.random(iteration)
+        rng = self._context.random(iteration)
         scene = engine.download()
         is_dead = ~(scene.opacities > self._relocation.dead) | ~np.isfinite(scene.means).all(axis=1)
         if is_dead.any() and not is_dead.all():
@@ -82,7 +82,7 @@ class MarkovChain:
             sources[is_dead] = rng.choice(np.flatnonzero(~is_dead), is_dead.sum(), p=_shares(scene.opacities[~is_dead]))
             engine.change_rows(self._sharing(scene, sources))
             scene = engine.download()
-        most = max(min(self._situation.most, int((1.0 + self._relocation.growth) * len(scene))), len(scene))
+        most = max(min(self._context.most, int((1.0 + self._relocation.growth) * len(scene))), len(scene))
         if most > len(scene):
             added = rng.choice(len(scene), most - len(scene), p=_shares(scene.opacities))
             sources = np.concatenate([np.arange(len(scene)), added]).astype(np.int32)

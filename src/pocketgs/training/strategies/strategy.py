@@ -23,7 +23,7 @@ class GrowthPlan(Protocol):
 
 
 @dataclass(frozen=True)
-class Situation:
+class StrategyContext:
     """The run that a strategy is for. Everything random is determined by the seed and the iteration.
 
     Attributes:
@@ -83,7 +83,7 @@ class Strategy(Protocol):
         """Change the engine's rows, if it is time."""
 
 
-class Quiet:
+class StrategyDefaults:
     """Defaults for strategies without regularisers and noise."""
 
     def loss(self, loss: LossSettings) -> LossSettings:

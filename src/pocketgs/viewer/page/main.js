@@ -12,7 +12,7 @@ import { PointRenderer } from "./drawing/point_renderer.js";
 import { Renderer } from "./drawing/renderer.js";
 import { SceneView } from "./drawing/scene_view.js";
 import { fetchScene, readScene } from "./formats/scene_file.js";
-import { paced } from "./live/pace.js";
+import { throttled } from "./live/throttle.js";
 import { LiveRun } from "./live/run.js";
 import { whileLoading } from "./messages/loading.js";
 import { hideMessage, showMessage, showPreviews, showWithoutGpu } from "./messages/messages.js";
@@ -75,7 +75,7 @@ async function load({ scene, title, up }, view, cameras) {
             cameras.frameArriving(gaussians, up, count);
         }
     };
-    const onPart = paced(showPart, () => view.pauseBetweenParts);
+    const onPart = throttled(showPart, () => view.pauseBetweenParts);
     const read = (onProgress) => fetchScene(scene, onProgress, onPart);
     try {
         const gaussians = await whileLoading(title, read);

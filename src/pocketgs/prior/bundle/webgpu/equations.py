@@ -13,9 +13,9 @@ from pocketgs.gpu.adapters import choose_adapter
 from pocketgs.gpu.buffer_sizes import fit
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
+from pocketgs.prior.bundle.cpu.schur import CpuEquations
 from pocketgs.prior.bundle.equations import CameraEquations, NormalEquations
 from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, Estimate, Sightings
-from pocketgs.prior.bundle.schur import CpuEquations
 from pocketgs.prior.bundle.webgpu.layout import CAMERA_SUMS, COLUMNS, PAIR_SUMS, PRODUCTS
 from pocketgs.prior.bundle.webgpu.passes import REDUCE, STEP, describe_equations
 from pocketgs.prior.bundle.webgpu.problem import by_camera, meeting_count, meetings_of

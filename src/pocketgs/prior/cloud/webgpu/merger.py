@@ -8,7 +8,7 @@ from pocketgs.gpu.adapters import choose_adapter
 from pocketgs.gpu.buffer_sizes import fit
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
-from pocketgs.prior.cloud.cpu_merger import CpuMerger
+from pocketgs.prior.cloud.cpu.merger import CpuMerger
 from pocketgs.prior.cloud.merge import TURN, Candidates, choose_size, heaviest, levels_of, side_of, turned
 from pocketgs.prior.cloud.webgpu.layout import MERGED_WORDS
 from pocketgs.prior.cloud.webgpu.passes import FILL, MERGE, describe_merging

@@ -22,12 +22,12 @@ export function nearPlane(means, count) {
             sample.push(mean);
         }
     }
-    const middle = [0, 1, 2].map((axis) => middleOf(sample.map((mean) => mean[axis])));
-    const extent = middleOf(sample.map((mean) => Math.max(...mean.map((value, axis) => Math.abs(value - middle[axis])))));
+    const middle = [0, 1, 2].map((axis) => upperMedianOf(sample.map((mean) => mean[axis])));
+    const extent = upperMedianOf(sample.map((mean) => Math.max(...mean.map((value, axis) => Math.abs(value - middle[axis])))));
     return extent > 0 ? NEAR * 2 ** Math.round(Math.log2(extent)) : NEAR;
 }
 
 /** @param {number[]} numbers */
-function middleOf(numbers) {
+function upperMedianOf(numbers) {
     return Float64Array.from(numbers).sort()[numbers.length >> 1];
 }

@@ -12,7 +12,7 @@
  * @param {() => number} pause returns the milliseconds to wait
  * @returns {(...given: T) => void}
  */
-export function paced(act, pause) {
+export function throttled(act, pause) {
     let newest = null;
     return (...given) => {
         if (!newest) {

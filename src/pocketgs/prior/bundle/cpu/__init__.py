@@ -1,0 +1,1 @@
+"""Bundle adjustment on the CPU, in Numba kernels."""

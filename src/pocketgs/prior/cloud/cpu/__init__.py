@@ -1,0 +1,1 @@
+"""Merging of candidates on the CPU, in NumPy."""
