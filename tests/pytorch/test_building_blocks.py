@@ -22,8 +22,11 @@ from pocketgs.torch import (
     TileBinner,
     TileRasterizer,
     compute_relocation,
+    proj,
+    quat_scale_to_covar_preci,
     rasterization,
     tiles,
+    world_to_cam,
 )
 
 SIZE = (50, 37)
@@ -70,6 +73,16 @@ def test_selective_adam_moves_only_what_was_seen() -> None:
         optimiser.step(seen[:999])
 
 
+@pytest.mark.parametrize("shape", [(50, 0, 3), (0, 3)])
+def test_selective_adam_takes_empty_tensors(shape: tuple[int, ...]) -> None:
+    """Such as the higher coefficients of harmonics of degree 0."""
+    values = torch.nn.Parameter(torch.zeros(shape))
+    values.grad = torch.zeros(shape)
+    optimiser = SelectiveAdam([values], eps=1e-8, betas=(0.9, 0.999))
+    optimiser.step(torch.ones(shape[0], dtype=torch.bool))
+    assert optimiser.state[values]["exp_avg"].shape == shape
+
+
 def test_selective_adam_updates_columns_of_a_larger_tensor() -> None:
     whole = torch.rand(50, 16, 3)
     sliced, apart = (torch.nn.Parameter(values) for values in (whole[:, :1], whole[:, :1].clone()))
@@ -104,7 +117,7 @@ class SlowPool(list[tuple[int, Binner]]):
     """Waits before each deletion, while a garbage collection gives a binner back."""
 
     def __delitem__(self, place: Any) -> None:
-        tiles._give_back(2, [Binner(2)])
+        tiles._give_back(2, Binner(2))
         time.sleep(0.1)
         super().__delitem__(place)
 
@@ -134,3 +147,20 @@ def test_relocation_follows_the_papers_equation() -> None:
         )
         assert each[row].item() == pytest.approx(o, rel=1e-6)
         torch.testing.assert_close(sizes[row], scales[row] * (opacities[row].item() / total), rtol=1e-5, atol=0.0)
+
+
+def test_covariances_are_exact_under_autocast(make_scene: Callable[..., Any]) -> None:
+    scene = make_scene()
+    gaussians = (scene["means"], scene["quats"], scene["scales"])
+    images = []
+    for enabled in (False, True):
+        with torch.autocast("cpu", torch.bfloat16, enabled=enabled):
+            covars, inverses = quat_scale_to_covar_preci(*gaussians[1:])
+            assert covars is not None
+            assert inverses is not None
+            local = world_to_cam(gaussians[0], covars, scene["viewmats"])
+            found = (covars, inverses, *local, *proj(*local, scene["Ks"], *SIZE))
+            assert all(tensor.dtype == torch.float32 for tensor in found)
+            given = {**scene, "quats": None, "scales": None, "covars": covars}
+            images.append(rasterization(**given, width=SIZE[0], height=SIZE[1])[0])
+    assert torch.equal(*images)

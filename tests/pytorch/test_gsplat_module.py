@@ -8,7 +8,9 @@ import textwrap
 
 import pytest
 
+from pocketgs.errors import PocketGSError
 from pocketgs.gpu.adapters import Adapter
+from pocketgs.torch import install_as_gsplat
 
 PREPARE = """
 import torch
@@ -67,12 +69,14 @@ state, more = strategy.initialize_state(), {"lr": 1e-5}
 """
 
 
-def run(script: str, version: str | None = None, cuda_means_cpu: bool = False) -> str:
+def run(
+    script: str, version: str | None = None, cuda_means_cpu: bool = False, warning: str = "resolves to PocketGS"
+) -> str:
     prepare = PREPARE.format(version=version, cuda_means_cpu=cuda_means_cpu)
     command = [sys.executable, "-c", prepare + textwrap.dedent(script)]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert "resolves to PocketGS" in done.stderr
+    assert warning in done.stderr
     return done.stdout
 
 
@@ -98,7 +102,8 @@ def test_earlier_versions_have_one_radius() -> None:
     camera = (torch.eye(4)[None], torch.tensor([[[50.0, 0, 32], [0, 50, 24], [0, 0, 1]]]), 64, 48)
     print(tuple(rasterization(*gaussians, *camera, packed=False)[2]["radii"].shape))
     """
-    assert run(script, "1.4.0").strip() == "(1, 1)"
+    warning = "1.4.0 was asked for: meta['radii'] changed in 1.5, so strategies of the installed package fail"
+    assert run(script, "1.4.0", warning=warning).strip() == "(1, 1)"
     assert run(script, "1.5.3").strip() == "(1, 1, 2)"
 
 
@@ -109,6 +114,11 @@ def test_installing_twice_and_being_looked_up() -> None:
     import gsplat.cuda, fused_ssim
     for name in ("gsplat", "gsplat.cuda", "gsplat.rendering", "fused_ssim"):
         assert importlib.util.find_spec(name).name == name
+    from gsplat.rendering import depth_to_normal, get_projection_matrix
+    for name in ("compression", "exporter", "strategy", "utils", "version"):
+        assert getattr(gsplat, name).__name__ == f"gsplat.{name}"
+    assert gsplat.utils.depth_to_normal is depth_to_normal and gsplat.cuda._torch_impl._persp_proj
+    assert not hasattr(gsplat.rendering, "strategy")
     """)
 
 
@@ -117,6 +127,8 @@ def test_what_needs_cuda_can_be_imported_and_says_so_when_called() -> None:
     import gsplat
     from gsplat import rasterization_2dgs, rasterization_inria_wrapper
     from gsplat.cuda._wrapper import RollingShutterType, fully_fused_projection, rasterize_to_pixels_2dgs
+    from gsplat.cuda._wrapper import FThetaCameraDistortionParameters, FThetaPolynomialType, adam, persp_proj
+    from gsplat.cuda._wrapper import UnscentedTransformParameters
     from gsplat.distributed import cli
     from gsplat.optimizers import SelectiveAdam
     from gsplat.relocation import compute_relocation
@@ -130,6 +142,12 @@ def test_what_needs_cuda_can_be_imported_and_says_so_when_called() -> None:
         raise AssertionError
     assert not hasattr(gsplat, "anything_else")
     """)
+
+
+def test_versions_that_are_none_are_refused() -> None:
+    for version in ("v1.5.3", "1", "latest"):
+        with pytest.raises(PocketGSError, match=f"version: found '{version}', expected one such as 1.5.3"):
+            install_as_gsplat(version)
 
 
 def test_scripts_that_name_cuda_run_on_the_cpu() -> None:

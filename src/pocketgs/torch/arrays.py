@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, short
 from pocketgs.system.cores import kernel_threads
 
 
@@ -58,21 +58,42 @@ def checked_dtype(tensors: Mapping[str, Tensor | None]) -> torch.dtype:
     return given[first].dtype
 
 
-def whole_numbers(**sizes: Any) -> list[int]:
-    """Sizes as ints, which kernels need; callers may give tensors or arrays of one integer.
+def whole_numbers(least: int, /, **numbers: Any) -> list[int]:
+    """Numbers as ints, which kernels need; callers may give tensors or arrays of one integer.
 
     Args:
-        sizes: by the name of their argument.
+        least: the smallest number allowed.
+        numbers: by the name of their argument.
 
     Raises:
-        PocketGSError: one is not an integer.
+        PocketGSError: one is not an integer, or is less than that.
     """
     found = []
-    for name, size in sizes.items():
+    for name, number in numbers.items():
         try:
-            found.append(operator.index(size))
+            found.append(operator.index(number))
         except TypeError:
-            raise PocketGSError(f"{name}: found {size!r}, expected an integer") from None
+            raise PocketGSError(f"{name}: found {short(number)}, expected an integer") from None
+        if found[-1] < least:
+            raise PocketGSError(f"{name}: found {found[-1]}, expected at least {least}")
+    return found
+
+
+def real_numbers(**numbers: Any) -> list[float]:
+    """Numbers as floats: kernels do not take tensors, and would be compiled again for ints.
+
+    Args:
+        numbers: by the name of their argument.
+
+    Raises:
+        PocketGSError: one is not a number.
+    """
+    found = []
+    for name, number in numbers.items():
+        try:
+            found.append(float(number))
+        except (TypeError, ValueError, RuntimeError):  # PyTorch raises RuntimeError for several numbers
+            raise PocketGSError(f"{name}: found {short(number)}, expected a number") from None
     return found
 
 

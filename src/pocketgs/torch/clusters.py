@@ -17,7 +17,8 @@ from torch import Tensor
 from pocketgs.splat.cpu.clusters import BOUNDS, fit, outside
 from pocketgs.splat.cpu.layout import CLUSTER, View
 from pocketgs.splat.cpu.lenses.lens import Pinhole
-from pocketgs.torch.arrays import array_of, torch_threads, whole_numbers
+from pocketgs.torch.arrays import array_of, real_numbers, torch_threads, whole_numbers
+from pocketgs.torch.unsupported import first_derivative
 
 
 class ClusterCuller(torch.autograd.Function):
@@ -32,7 +33,8 @@ class ClusterCuller(torch.autograd.Function):
         ctx: Any, means: Tensor, scales: Tensor, viewmat: Tensor, K: Tensor, width: int, height: int, near_plane: float
     ) -> Tensor:
         """All clusters that the camera may see, ascending."""
-        width, height = whole_numbers(width=width, height=height)
+        width, height = whole_numbers(1, width=width, height=height)
+        (near_plane,) = real_numbers(near_plane=near_plane)
         matrix, intrinsics = array_of(viewmat.double()), array_of(K.double())
         rotation, shift = np.ascontiguousarray(matrix[:3, :3]), np.ascontiguousarray(matrix[:3, 3])
         (fx, fy), (cx, cy) = intrinsics.diagonal()[:2], intrinsics[:2, 2]
@@ -57,16 +59,19 @@ class ClusterCompactor(torch.autograd.Function):
     def forward(ctx: Any, clusters: Tensor, *tensors: Tensor) -> tuple[Tensor, ...]:
         """The clusters' rows."""
         rows = (clusters[:, None] * CLUSTER + torch.arange(CLUSTER)).flatten()
-        ctx.rows = rows[rows < len(tensors[0])]
+        rows = rows[rows < len(tensors[0])]
+        ctx.save_for_backward(rows)
         ctx.shapes = [tensor.shape for tensor in tensors]
-        return tuple(tensor.index_select(0, ctx.rows) for tensor in tensors)
+        return tuple(tensor.index_select(0, rows) for tensor in tensors)
 
     @staticmethod
+    @first_derivative
     def backward(ctx: Any, *d_outputs: Tensor) -> tuple[Tensor | None, ...]:
         """Copy each row's gradient back to its place."""
+        (rows,) = ctx.saved_tensors
         gradients = []
         for shape, gradient in zip(ctx.shapes, d_outputs, strict=True):
             whole = gradient.new_zeros(shape)
-            whole[ctx.rows] = gradient
+            whole[rows] = gradient
             gradients.append(whole)
         return (None, *gradients)

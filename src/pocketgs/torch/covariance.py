@@ -6,6 +6,10 @@ with them, and double precision uses them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
 import torch
 from torch import Tensor
 from torch.nn.functional import normalize
@@ -15,6 +19,20 @@ from pocketgs.torch.arrays import check_shape
 from pocketgs.torch.unsupported import check_camera_model
 
 _TINY = 1e-7
+
+_Parameters = ParamSpec("_Parameters")
+_Result = TypeVar("_Result")
+
+
+def in_full_precision(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
+    """The function without autocast, which would round its matrix products to half precision."""
+
+    @wraps(function)
+    def exact(*arguments: _Parameters.args, **named: _Parameters.kwargs) -> _Result:
+        with torch.autocast("cpu", enabled=False):
+            return function(*arguments, **named)
+
+    return exact
 
 
 def rotations_of(quats: Tensor) -> Tensor:
@@ -28,6 +46,7 @@ def rotations_of(quats: Tensor) -> Tensor:
     return torch.stack([torch.stack(row, -1) for row in rows], -2)
 
 
+@in_full_precision
 def quat_scale_to_covar_preci(
     quats: Tensor, scales: Tensor, compute_covar: bool = True, compute_preci: bool = True, triu: bool = False
 ) -> tuple[Tensor | None, Tensor | None]:
@@ -66,6 +85,7 @@ def from_upper_triangle(triangles: Tensor) -> Tensor:
     return triangles[..., places]
 
 
+@in_full_precision
 def world_to_cam(means: Tensor, covars: Tensor, viewmats: Tensor) -> tuple[Tensor, Tensor]:
     """Transform Gaussians into cameras' axes.
 
@@ -82,6 +102,7 @@ def world_to_cam(means: Tensor, covars: Tensor, viewmats: Tensor) -> tuple[Tenso
     return local, rotations @ covars[..., None, :, :, :] @ rotations.transpose(-1, -2)
 
 
+@in_full_precision
 def proj(
     means: Tensor, covars: Tensor, Ks: Tensor, width: int, height: int, camera_model: str = "pinhole"
 ) -> tuple[Tensor, Tensor]:

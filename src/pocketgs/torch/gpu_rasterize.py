@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
@@ -15,6 +16,7 @@ from pocketgs.splat.cpu.project import CULLED
 from pocketgs.splat.webgpu.compositor import NOT_DRAWN, SplatCompositor, Splats
 from pocketgs.torch.arrays import array_of, flat, torch_threads, zeros
 from pocketgs.torch.tiles import NO_COLOURS, splat_rows
+from pocketgs.torch.unsupported import first_derivative
 
 _SHAPE = (MEAN_X, MEAN_Y, DEPTH, LOG2_OPACITY, EXPONENT_XX, EXPONENT_XY, EXPONENT_YY)
 """Columns of the CPU's rows in the order of the GPU's."""
@@ -46,33 +48,32 @@ class GpuRasterizer(torch.autograd.Function):
     ) -> tuple[Tensor, Tensor]:
         """Composite the splats of each image front to back: C = Σ c_i α_i T_i + T · background."""
         channels = colours.shape[-1]
-        values = flat(colours, channels)
-        shapes, keys = _shapes(centres, conics, opacities, depths)
-        behind = np.zeros((len(first_rows) - 1, channels), np.float32)
-        if backgrounds is not None:
-            behind[:] = array_of(backgrounds)
-        # Backward may draw them again, so they share no memory with tensors that callers may change.
-        drawn = [Splats(*size, shapes[a:b], keys[a:b], values[a:b].copy()) for a, b in pairwise(first_rows)]
+        drawn = _splats(centres, conics, colours, opacities, depths, first_rows, size)
+        behind = colours.new_zeros(len(drawn), channels) if backgrounds is None else backgrounds
         images, light = zeros(len(drawn), size[1], size[0], channels), zeros(len(drawn), size[1], size[0])
         for image, splats in enumerate(drawn):
             planes, light[image] = gpu.forward(splats)
-            images[image] = np.moveaxis(planes, 0, 2) + light[image, ..., None] * behind[image]
-        ctx.save_for_backward(centres, conics, colours, opacities)
-        ctx.drawn, ctx.light, ctx.behind, ctx.gpu = drawn, torch.from_numpy(light), torch.from_numpy(behind), gpu
-        ctx.first_rows, ctx.absgrad, ctx.has_background = first_rows, absgrad, backgrounds is not None
-        return torch.from_numpy(images), 1.0 - ctx.light[..., None]
+            images[image] = np.moveaxis(planes, 0, 2) + light[image, ..., None] * array_of(behind[image])
+        ctx.save_for_backward(centres, conics, colours, opacities, depths, behind, torch.from_numpy(light))
+        # The compositor keeps the splats that it drew last, and backward makes all others again.
+        ctx.drawn, ctx.gpu, ctx.first_rows, ctx.size = [weakref.ref(each) for each in drawn], gpu, first_rows, size
+        ctx.absgrad, ctx.has_background = absgrad, backgrounds is not None
+        return torch.from_numpy(images), torch.from_numpy(1.0 - light)[..., None]
 
     @staticmethod
+    @first_derivative
     def backward(ctx: Any, *d_outputs: Tensor) -> tuple[Tensor | None, ...]:
         """Replay all images."""
-        given = ctx.saved_tensors
-        centres, _, colours, opacities = given
+        centres, conics, colours, opacities, depths, behind, light = ctx.saved_tensors
+        drawn = [each() for each in ctx.drawn]
+        if not all(drawn):
+            drawn = _splats(centres, conics, colours, opacities, depths, ctx.first_rows, ctx.size)
         d_images, d_alphas = d_outputs
         rows, channels = opacities.numel(), colours.shape[-1]
         d_centres, d_absolute, d_conics = zeros(rows, 2), zeros(rows, 2), zeros(rows, 3)
         d_colours, d_opacities = zeros(rows, channels), zeros(rows)
-        d_light = torch.einsum("ihwd,id->ihw", d_images, ctx.behind) - d_alphas[..., 0]
-        for image, splats in enumerate(ctx.drawn):
+        d_light = torch.einsum("ihwd,id->ihw", d_images, behind) - d_alphas[..., 0]
+        for image, splats in enumerate(drawn):
             own = slice(ctx.first_rows[image], ctx.first_rows[image + 1])
             planes = np.moveaxis(array_of(d_images[image]), 2, 0)
             found = ctx.gpu.backward(splats, planes, array_of(d_light[image]), ctx.absgrad)
@@ -82,18 +83,28 @@ class GpuRasterizer(torch.autograd.Function):
         np.divide(d_opacities, array_of(opacities).reshape(-1), out=d_opacities, where=d_opacities != 0.0)
         if ctx.absgrad:
             centres.absgrad = torch.from_numpy(d_absolute).reshape(centres.shape)
-        d_backgrounds = torch.einsum("ihw,ihwd->id", ctx.light, d_images) if ctx.has_background else None
+        d_backgrounds = torch.einsum("ihw,ihwd->id", light, d_images) if ctx.has_background else None
+        given = (centres, conics, colours, opacities)
         made = zip((d_centres, d_conics, d_colours, d_opacities), given, strict=True)
         gradients = (torch.from_numpy(array).reshape(one.shape) for array, one in made)
         return (*gradients, None, d_backgrounds, None, None, None, None)
 
 
-def _shapes(centres: Tensor, conics: Tensor, opacities: Tensor, depths: Tensor) -> tuple[np.ndarray, np.ndarray]:
-    """The shapes and keys of `Splats`."""
+def _splats(
+    centres: Tensor,
+    conics: Tensor,
+    colours: Tensor,
+    opacities: Tensor,
+    depths: Tensor,
+    first_rows: Sequence[int],
+    size: tuple[int, int],
+) -> list[Splats]:
+    """The splats of each image."""
     arrays = [flat(centres, 2), flat(conics, 3), *(array_of(each).reshape(-1) for each in (opacities, depths))]
     rows, keys = splat_rows(arrays, NO_COLOURS, torch_threads())
     shapes = np.ascontiguousarray(rows[:, _SHAPE])
     absent = np.zeros(len(_SHAPE), np.float32)
     absent[_SHAPE.index(LOG2_OPACITY)] = NOT_DRAWN
     shapes[keys == CULLED] = absent
-    return shapes, keys
+    values = flat(colours, colours.shape[-1])
+    return [Splats(*size, shapes[a:b], keys[a:b], values[a:b]) for a, b in pairwise(first_rows)]

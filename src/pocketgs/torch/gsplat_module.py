@@ -6,6 +6,8 @@ import importlib
 import importlib.metadata
 import importlib.util
 import logging
+import pkgutil
+import re
 import sys
 from collections.abc import Callable
 from functools import wraps
@@ -15,6 +17,7 @@ from typing import Any
 
 import torch
 
+from pocketgs.errors import PocketGSError
 from pocketgs.torch import covariance, harmonics, intersections, pixels, projection, rendering
 from pocketgs.torch.devices import let_cuda_mean_cpu
 from pocketgs.torch.optimizers import SelectiveAdam
@@ -41,8 +44,12 @@ BLOCKS: dict[str, Callable[..., Any]] = {
 }
 
 UNSUPPORTED = (
+    "FThetaCameraDistortionParameters",
+    "FThetaPolynomialType",
+    "UnscentedTransformParameters",
     "accumulate",
     "accumulate_2dgs",
+    "adam",
     "all_gather_int32",
     "all_gather_tensor_list",
     "all_to_all_int32",
@@ -60,13 +67,25 @@ UNSUPPORTED = (
 """Names that can be imported, so that scripts that may use them start; calling them is an error."""
 
 FROM_GSPLAT_PACKAGE = {
-    "DefaultStrategy": "strategy",
-    "MCMCStrategy": "strategy",
-    "Strategy": "strategy",
-    "PngCompression": "compression",
-    "export_splats": "exporter",
+    "gsplat": {
+        "DefaultStrategy": "gsplat.strategy:DefaultStrategy",
+        "MCMCStrategy": "gsplat.strategy:MCMCStrategy",
+        "Strategy": "gsplat.strategy:Strategy",
+        "PngCompression": "gsplat.compression:PngCompression",
+        "export_splats": "gsplat.exporter:export_splats",
+        "compression": "gsplat.compression:",
+        "exporter": "gsplat.exporter:",
+        "strategy": "gsplat.strategy:",
+        "utils": "gsplat.utils:",
+        "version": "gsplat.version:",
+    },
+    "gsplat.cuda": {"_torch_impl": "gsplat.cuda._torch_impl:", "_torch_impl_2dgs": "gsplat.cuda._torch_impl_2dgs:"},
+    "gsplat.rendering": {
+        "depth_to_normal": "gsplat.utils:depth_to_normal",
+        "get_projection_matrix": "gsplat.utils:get_projection_matrix",
+    },
 }
-"""Names that come from gsplat's own package: they are plain PyTorch, and run unchanged on our functions."""
+"""What modules take from gsplat's own package, as "module:object": it is plain PyTorch, and runs on our functions."""
 
 
 def install_as_gsplat(
@@ -80,22 +99,29 @@ def install_as_gsplat(
 
     Args:
         version: version of gsplat that callers expect; None for that of the installed package. Before 1.5,
-            `meta["radii"]` has one number per Gaussian, the larger of the two.
+            `meta["radii"]` has one number per Gaussian, the larger of the two; the installed package's strategies fail
+            if they expect the other form.
         even_with_cuda: whether to replace gsplat even if CUDA is available.
         cuda_means_cpu: whether PyTorch's functions take the device "cuda" for the CPU, in the calling thread, so that
             scripts that name it run as they are. `torch.cuda.is_available()` remains false.
 
     Returns:
         The module returned by `import gsplat`.
+
+    Raises:
+        PocketGSError: the version is not one.
     """
     if torch.cuda.is_available() and not even_with_cuda:
         LOG.warning("CUDA is available: gsplat stays as it is")
         return importlib.import_module("gsplat")
+    installed = _installed_version()
+    version = version or installed or VERSION
+    if installed and _two_sides(installed) != _two_sides(version):
+        found = f"gsplat {installed} is installed, and {version} was asked for"
+        LOG.warning("%s: meta['radii'] changed in 1.5, so strategies of the installed package fail", found)
     for name in [name for name in sys.modules if name == "gsplat" or name.startswith("gsplat.")]:
         del sys.modules[name]
-    folders = _installed_folders()
-    version = version or _installed_version() or VERSION
-    module = _make_module("gsplat", folders, version)
+    module = _make_module("gsplat", _installed_folders(), version)
     LOG.warning("gsplat %s resolves to PocketGS: rasterization runs without CUDA", version)
     if importlib.util.find_spec("fused_ssim") is None:
         similarity = _empty_module("fused_ssim")
@@ -128,20 +154,21 @@ def _make_module(name: str, folders: list[str], version: str) -> ModuleType:
         "optimizers.selective_adam": {"SelectiveAdam": SelectiveAdam},
         "cuda": {},
         "cuda._backend": {"_C": None},
-        "cuda._wrapper": {**BLOCKS, **stubs, **shutters},
+        "cuda._wrapper": {**BLOCKS, **stubs, **shutters, "persp_proj": covariance.proj},
     }
     for part, contents in parts.items():
         is_package = part in ("", "cuda", "optimizers")
         places = [f"{folder}/{part}" if part else folder for folder in folders] if is_package else None
         module = _empty_module(f"{name}.{part}" if part else name, places)
         vars(module).update(contents)
+        if module.__name__ in FROM_GSPLAT_PACKAGE:
+            vars(module)["__getattr__"] = _lookup(module.__name__)
         sys.modules[module.__name__] = module
         parent, _, own = module.__name__.rpartition(".")
         if parent:
             setattr(sys.modules[parent], own, module)
     whole = sys.modules[name]
     vars(whole)["__version__"] = version
-    vars(whole)["__getattr__"] = _looked_up
     return whole
 
 
@@ -155,17 +182,22 @@ def _empty_module(name: str, folders: list[str] | None = None) -> ModuleType:
     return module
 
 
-def _looked_up(name: str) -> Any:
-    """An object of gsplat's own package, imported on first use."""
-    if name not in FROM_GSPLAT_PACKAGE:
-        raise AttributeError(f"module 'gsplat' (PocketGS) has no attribute {name!r}")
-    try:
-        module = importlib.import_module(f"gsplat.{FROM_GSPLAT_PACKAGE[name]}")
-    except ModuleNotFoundError as error:
-        if not (error.name or "").startswith("gsplat"):
-            raise
-        raise ImportError(f"gsplat.{name} comes from gsplat's own package: pip install gsplat=={VERSION}") from error
-    return getattr(module, name)
+def _lookup(module: str) -> Callable[[str], Any]:
+    """A function that imports a module's names that come from gsplat's own package, on first use."""
+
+    def look_up(name: str) -> Any:
+        place = FROM_GSPLAT_PACKAGE[module].get(name)
+        if place is None:
+            raise AttributeError(f"module {module!r} (PocketGS) has no attribute {name!r}")
+        try:
+            return pkgutil.resolve_name(place)
+        except ModuleNotFoundError as error:
+            if not (error.name or "").startswith("gsplat"):
+                raise
+            missing = f"{module}.{name} comes from gsplat's own package: pip install gsplat=={VERSION}"
+            raise ImportError(missing) from error
+
+    return look_up
 
 
 def _stub(name: str) -> Callable[..., Any]:
@@ -191,8 +223,15 @@ def _with_one_radius(rasterization: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _two_sides(version: str) -> bool:
-    numbers = tuple(int(part) for part in version.split(".")[:2])
-    return numbers >= RADII_HAVE_TWO_SIDES_SINCE
+    """Whether radii have two sides in this version.
+
+    Raises:
+        PocketGSError: it is not a version.
+    """
+    numbers = re.match(r"(\d+)\.(\d+)", version)
+    if numbers is None:
+        raise PocketGSError(f"version: found {version!r}, expected one such as {VERSION}")
+    return tuple(map(int, numbers.groups())) >= RADII_HAVE_TWO_SIDES_SINCE
 
 
 def _installed_folders() -> list[str]:

@@ -11,7 +11,8 @@ from torch import Tensor
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.spherical_harmonics import basis, basis_gradient
 from pocketgs.splat.cpu.operators.harmonics import harmonics, harmonics_backward
-from pocketgs.torch.arrays import array_of, check_shape, checked_dtype, torch_threads
+from pocketgs.torch.arrays import array_of, check_shape, checked_dtype, torch_threads, whole_numbers
+from pocketgs.torch.unsupported import first_derivative
 
 HIGHEST_DEGREE = 3
 
@@ -27,16 +28,17 @@ class SphericalHarmonics(torch.autograd.Function):
     def forward(ctx: Any, directions: Tensor, coefficients: Tensor, used: int, drawn: Tensor) -> Tensor:
         """Values where requested, otherwise 0."""
         rows = np.flatnonzero(drawn.numpy())
-        ctx.save_for_backward(directions, coefficients)
-        ctx.used, ctx.rows = used, rows
+        ctx.save_for_backward(directions, coefficients, torch.from_numpy(rows))
+        ctx.used = used
         return torch.from_numpy(values_of(directions, coefficients, used, rows, rows, len(directions)))
 
     @staticmethod
+    @first_derivative
     def backward(ctx: Any, *d_outputs: Tensor) -> tuple[Tensor | None, ...]:
         """Gradients with respect to directions and coefficients."""
-        directions, coefficients = ctx.saved_tensors
-        d_values, wanted = array_of(d_outputs[0]), ctx.needs_input_grad[0]
-        return (*gradients_of(directions, coefficients, ctx.used, ctx.rows, ctx.rows, d_values, wanted), None, None)
+        directions, coefficients, kept = ctx.saved_tensors
+        rows, d_values, wanted = kept.numpy(), array_of(d_outputs[0]), ctx.needs_input_grad[0]
+        return (*gradients_of(directions, coefficients, ctx.used, rows, rows, d_values, wanted), None, None)
 
 
 class ViewColours(torch.autograd.Function):
@@ -54,16 +56,18 @@ class ViewColours(torch.autograd.Function):
         rows, count = (np.arange(len(gaussians)), len(gaussians)) if packed else (gaussians, len(directions))
         values = values_of(directions, coefficients, used, gaussians, rows, count)
         values += 0.5
-        ctx.save_for_backward(directions, coefficients)
-        ctx.used, ctx.gaussians, ctx.rows, ctx.passed = used, gaussians, rows, values >= 0.0
+        ctx.save_for_backward(directions, coefficients, *map(torch.from_numpy, (gaussians, rows, values >= 0.0)))
+        ctx.used = used
         return torch.from_numpy(np.maximum(values, 0.0, out=values))
 
     @staticmethod
+    @first_derivative
     def backward(ctx: Any, *d_outputs: Tensor) -> tuple[Tensor | None, ...]:
         """Gradients with respect to directions and coefficients."""
-        directions, coefficients = ctx.saved_tensors
-        d_values, wanted = array_of(d_outputs[0]) * ctx.passed, ctx.needs_input_grad[0]
-        found = gradients_of(directions, coefficients, ctx.used, ctx.gaussians, ctx.rows, d_values, wanted)
+        directions, coefficients, *kept = ctx.saved_tensors
+        gaussians, rows, passed = (each.numpy() for each in kept)
+        d_values, wanted = array_of(d_outputs[0]) * passed, ctx.needs_input_grad[0]
+        found = gradients_of(directions, coefficients, ctx.used, gaussians, rows, d_values, wanted)
         return (*found, None, None, None)
 
 
@@ -143,7 +147,8 @@ def spherical_harmonics(degrees_to_use: int, dirs: Tensor, coeffs: Tensor, masks
     lead = tuple(dirs.shape[:-1])
     check_shape("dirs", dirs, (*lead, 3))
     check_shape("coeffs", coeffs, (*lead, -1, 3))
-    used = coefficients_used(degrees_to_use, coeffs.shape[-2])
+    (degree,) = whole_numbers(0, degrees_to_use=degrees_to_use)
+    used = coefficients_used(degree, coeffs.shape[-2])
     drawn = torch.ones(lead, dtype=torch.bool) if masks is None else masks
     check_shape("masks", drawn, lead)
     values = SphericalHarmonics.apply(

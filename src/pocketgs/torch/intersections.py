@@ -50,10 +50,10 @@ def isect_tiles(
         tile | bits of the depth; and their rows (E,) int32.
 
     Raises:
-        PocketGSError: shapes disagree, or a size is not an integer.
+        PocketGSError: shapes disagree, a size is not a positive integer, or there is no such image.
     """
     tile_size, tile_width, tile_height = whole_numbers(
-        tile_size=tile_size, tile_width=tile_width, tile_height=tile_height
+        1, tile_size=tile_size, tile_width=tile_width, tile_height=tile_height
     )
     shape = tuple(depths.shape)
     check_shape("means2d", means2d, (*shape, 2))
@@ -62,7 +62,10 @@ def isect_tiles(
     if packed:
         if n_images is None or image_ids is None:
             raise PocketGSError("isect_tiles: packed=True takes n_images and image_ids")
-        (count,), images = whole_numbers(n_images=n_images), array_of(image_ids).astype(np.int64)
+        check_shape("image_ids", image_ids, (math.prod(shape),))
+        (count,), images = whole_numbers(0, n_images=n_images), array_of(image_ids).astype(np.int64)
+        if len(images) and not 0 <= images.min() <= images.max() < count:
+            raise PocketGSError(f"image_ids: found {images.min()} to {images.max()}, expected 0 to {count - 1}")
     else:
         images = np.repeat(np.arange(count, dtype=np.int64), shape[-1])
     centres, reach = (
@@ -101,9 +104,10 @@ def isect_offset_encode(isect_ids: Tensor, n_images: int, tile_width: int, tile_
         (I, tile_height, tile_width) int32.
 
     Raises:
-        PocketGSError: a size is not an integer.
+        PocketGSError: a size is not a positive integer.
     """
-    n_images, tile_width, tile_height = whole_numbers(n_images=n_images, tile_width=tile_width, tile_height=tile_height)
+    (n_images,) = whole_numbers(0, n_images=n_images)
+    tile_width, tile_height = whole_numbers(1, tile_width=tile_width, tile_height=tile_height)
     tiles = tile_width * tile_height
     numbers = (np.arange(n_images, dtype=np.int64)[:, None] << tiles.bit_length()) | np.arange(tiles, dtype=np.int64)
     firsts = np.searchsorted(array_of(isect_ids) >> DEPTH_BITS, numbers.reshape(-1)).astype(np.int32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -10,7 +11,7 @@ from torch import Tensor
 
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.cpu.operators.selected_adam import adam_of_rows
-from pocketgs.torch.arrays import array_of, flat, torch_threads
+from pocketgs.torch.arrays import array_of, torch_threads
 
 
 class SelectiveAdam(torch.optim.Adam):
@@ -54,13 +55,15 @@ class SelectiveAdam(torch.optim.Adam):
             for name in ("exp_avg", "exp_avg_sq"):
                 # The kernel updates them in place: it would update a copy of moments that are not contiguous.
                 state[name] = state[name].contiguous()
-            columns = values.numel() // max(len(values), 1)
             updated = values.detach().contiguous()
+            shape = (len(values), math.prod(values.shape[1:]))
+            tensors = (updated, values.grad, state["exp_avg"], state["exp_avg_sq"])
+            rows, gradients, moments, squares = (array_of(tensor).reshape(shape) for tensor in tensors)
             adam_of_rows(
-                flat(updated, columns),
-                flat(values.grad, columns),
-                flat(state["exp_avg"], columns),
-                flat(state["exp_avg_sq"], columns),
+                rows,
+                gradients,
+                moments,
+                squares,
                 seen,
                 group["lr"],
                 group["betas"][0],

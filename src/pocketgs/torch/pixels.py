@@ -11,6 +11,7 @@ from torch import Tensor
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.cpu.layout import TILE_HEIGHT
 from pocketgs.torch.arrays import array_of, check_shape, checked_dtype, whole_numbers
+from pocketgs.torch.colours import check_channels
 from pocketgs.torch.rasterize import TileRasterizer
 from pocketgs.torch.reference import GivenLists, ReferenceRasterizer
 from pocketgs.torch.tiles import tiles_from
@@ -52,7 +53,7 @@ def rasterize_to_pixels(
         Colours (..., H, W, D) and alphas (..., H, W, 1).
 
     Raises:
-        PocketGSError: shapes or types disagree, or a size is not an integer or not one of these.
+        PocketGSError: shapes or types disagree, or a size is not a positive integer or not one of these.
     """
     tensors = {"means2d": means2d, "conics": conics, "colors": colors, "opacities": opacities}
     dtype = checked_dtype({**tensors, "backgrounds": backgrounds})
@@ -60,21 +61,26 @@ def rasterize_to_pixels(
     check_shape("means2d", means2d, (*shape, 2))
     check_shape("conics", conics, (*shape, 3))
     check_shape("colors", colors, (*shape, channels))
+    check_channels(channels)
     if backgrounds is not None:
         check_shape("backgrounds", backgrounds, (*lead, channels))
         backgrounds = backgrounds.reshape(-1, channels)
-    width, height, side = whole_numbers(image_width=image_width, image_height=image_height, tile_size=tile_size)
+    width, height, side = whole_numbers(1, image_width=image_width, image_height=image_height, tile_size=tile_size)
     unit = 1 if dtype == torch.float64 else TILE_HEIGHT  # the kernels' tiles must not cross borders of given ones
-    if side < unit or side % unit:
-        raise PocketGSError(f"tile_size: found {side}, expected a positive multiple of {unit}")
-    check_shape("isect_offsets", isect_offsets, (*lead, math.ceil(height / side), math.ceil(width / side)))
-    images = math.prod(lead)
-    offsets = np.empty((images, math.prod(isect_offsets.shape[-2:]) + 1), np.int32)
-    offsets[:, :-1] = array_of(isect_offsets).reshape(images, -1)
+    if side % unit:
+        raise PocketGSError(f"tile_size: found {side}, expected a multiple of {unit}")
+    grid = (math.ceil(height / side), math.ceil(width / side))
+    check_shape("isect_offsets", isect_offsets, (*lead, *grid))
+    images, in_image = math.prod(lead), math.prod(grid)
+    offsets = np.empty((images, in_image + 1), np.int32)
+    offsets[:, :-1] = array_of(isect_offsets).reshape(images, in_image)
     offsets[:, -1] = [*offsets[1:, 0], len(flatten_ids)]
     given = array_of(flatten_ids)
     if masks is not None:
-        offsets, given = _masked(offsets, given, array_of(masks).reshape(images, -1))
+        check_shape("masks", masks, (*lead, *grid))
+        if masks.dtype != torch.bool:
+            raise PocketGSError(f"masks: found {masks.dtype}, expected torch.bool")
+        offsets, given = _masked(offsets, given, array_of(masks).reshape(images, in_image))
     size = (width, height)
     firsts = _first_rows(offsets, given, math.prod(shape))
     if dtype == torch.float64:

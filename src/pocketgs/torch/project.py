@@ -14,7 +14,8 @@ from pocketgs.splat.cpu.layout import View
 from pocketgs.splat.cpu.lenses.lens import Fisheye, KernelLens, Orthographic, Pinhole
 from pocketgs.splat.cpu.operators.projection import MATRIX, project_ewa, project_ewa_backward
 from pocketgs.system.dealing import PIECE
-from pocketgs.torch.arrays import array_of, torch_threads, whole_numbers, zeros
+from pocketgs.torch.arrays import array_of, check_shape, real_numbers, torch_threads, whole_numbers, zeros
+from pocketgs.torch.unsupported import first_derivative
 
 LENSES: dict[str, KernelLens] = {
     "pinhole": Pinhole(),
@@ -51,9 +52,11 @@ class Projection:
     camera_model: str = "pinhole"
 
     def __post_init__(self) -> None:
-        width, height = whole_numbers(width=self.width, height=self.height)
-        object.__setattr__(self, "width", width)  # the class is frozen
-        object.__setattr__(self, "height", height)
+        settings = ("width", "height", "eps2d", "near_plane", "far_plane", "radius_clip")
+        given = {name: getattr(self, name) for name in settings}
+        whole = whole_numbers(1, width=given.pop("width"), height=given.pop("height"))
+        for name, value in zip(settings, [*whole, *real_numbers(**given)], strict=True):
+            object.__setattr__(self, name, value)  # the class is frozen
 
 
 class Splats(NamedTuple):
@@ -99,12 +102,18 @@ class Project2D(torch.autograd.Function):
     ) -> Splats:
         """Project every Gaussian into every camera of its batch."""
         threads = torch_threads()
-        cameras, count = viewmats.shape[-3], means.shape[-2]
+        lead, cameras, count = tuple(means.shape[:-2]), viewmats.shape[-3], means.shape[-2]
+        check_shape("means", means, (*lead, count, 3))
+        check_shape("quats", quats, (*lead, count, 4))
+        check_shape("scales", scales, (*lead, count, 3))
+        check_shape("opacities", opacities, (*lead, count), (*lead, 0))
+        check_shape("viewmats", viewmats, (*lead, cameras, 4, 4))
+        check_shape("Ks", Ks, (*lead, cameras, 3, 3))
         views, lens = _views(viewmats, Ks, projection), LENSES[projection.camera_model]
-        batches = len(views) // cameras
+        batches = math.prod(lead)
         inputs = (means, quats, scales)
         places, turns, sizes = (array_of(each).reshape(batches, count, each.shape[-1]) for each in inputs)
-        opaque = array_of(opacities).reshape(batches, -1)
+        opaque = array_of(opacities).reshape(batches, opacities.shape[-1])
         shape = (len(views), count)
         centres, depths = np.empty((*shape, 2), np.float32), np.empty(shape, np.float32)
         conics, radii = np.empty((*shape, 3), np.float32), np.empty((*shape, 2), np.int32)
@@ -136,20 +145,21 @@ class Project2D(torch.autograd.Function):
         if projection.packed:
             arrays = [np.take(array, seen, axis=0) for array in arrays]
         splats = Splats._make(map(torch.from_numpy, [*arrays, seen]))
-        ctx.projection, ctx.views, ctx.rows = projection, views, seen
-        ctx.save_for_backward(means, quats, scales, splats.conics, splats.compensations)
+        ctx.projection, ctx.views, ctx.shape_of_viewmats = projection, views, viewmats.shape
+        ctx.save_for_backward(means, quats, scales, splats.conics, splats.compensations, splats.seen)
         ctx.mark_non_differentiable(splats.radii, splats.seen)
         return splats
 
     @staticmethod
+    @first_derivative
     def backward(ctx: Any, *d_splats: Tensor) -> tuple[Tensor | None, ...]:
         """Gradients of the Gaussians, summed over cameras, and of the cameras' matrices."""
-        *gaussians, conics, compensations = (array_of(tensor) for tensor in ctx.saved_tensors)
+        *gaussians, conics, compensations, seen = (array_of(tensor) for tensor in ctx.saved_tensors)
         shape = gaussians[0].shape
         count, batches = shape[-2], math.prod(shape[:-2])
         means, quats, scales = (array.reshape(batches, count, array.shape[-1]) for array in gaussians)
         d_centres, d_depths, d_conics, d_compensations = (array_of(gradient) for gradient in d_splats[:4])
-        projection, seen, views = ctx.projection, ctx.rows, ctx.views
+        projection, views = ctx.projection, ctx.views
         threads = torch_threads()
         if not projection.compensated:
             compensations, d_compensations = compensations[:0], d_compensations[:0]
@@ -186,7 +196,7 @@ class Project2D(torch.autograd.Function):
                 d_matrices[image, :3] = by_piece.sum(axis=0).reshape(3, 4)
         d_viewmats = None
         if d_matrices is not None:
-            d_viewmats = torch.from_numpy(d_matrices).float().reshape(*shape[:-2], -1, 4, 4)
+            d_viewmats = torch.from_numpy(d_matrices).float().reshape(ctx.shape_of_viewmats)
         if projection.sparse_grad:
             found = [_sparse(gradient, seen, count, len(views)) for gradient in gradients]
         else:

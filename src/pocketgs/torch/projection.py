@@ -94,6 +94,8 @@ def projected(
     check_shape("means", means, (*lead, count, 3))
     check_shape("viewmats", viewmats, (*lead, cameras, 4, 4))
     check_shape("Ks", Ks, (*lead, cameras, 3, 3))
+    if opacities is not None:
+        check_shape("opacities", opacities, (*lead, count))
     if projection.sparse_grad and (not projection.packed or lead):
         raise PocketGSError("sparse_grad: it takes packed=True, and means without batches")
     if covars is None and (quats is None or scales is None):
@@ -104,30 +106,42 @@ def projected(
         check_shape("scales", scales, (*lead, count, 3))
         if dtype == torch.float32:
             return Splats(*Project2D.apply(means, quats, scales, bounding, viewmats, Ks, projection))
+        finite, (means, quats, scales) = _finite_rows(means, quats, scales)
         matrices, _ = quat_scale_to_covar_preci(quats, scales, compute_preci=False)
     else:
         assert covars is not None
         check_shape("covars", covars, (*lead, count, 6))
+        finite, (means, covars) = _finite_rows(means, covars)
         matrices = from_upper_triangle(covars)
     assert matrices is not None
     if projection.sparse_grad:
         raise PocketGSError("sparse_grad: it takes float32 quats and scales")
-    return _project(means, matrices, bounding, viewmats, Ks.to(dtype), projection)
+    return _project(means, matrices, finite, bounding, viewmats, Ks.to(dtype), projection)
+
+
+def _finite_rows(*tensors: Tensor) -> tuple[Tensor, list[Tensor]]:
+    """Where all numbers of a Gaussian are finite, (..., N) bool, and the (..., N, X) tensors, elsewhere ones.
+
+    A NaN of a Gaussian that is not drawn would become the gradient of the camera.
+    """
+    finite = torch.cat(tensors, -1).isfinite().all(-1)
+    return finite, [torch.where(finite[..., None], tensor, 1.0) for tensor in tensors]
 
 
 def _project(
     means: Tensor,
     covars: Tensor,
+    finite: Tensor,
     opacities: Tensor,
     viewmats: Tensor,
     Ks: Tensor,
     projection: Projection,
 ) -> Splats:
-    """`Project2D` in plain PyTorch, for given covariances and for double precision."""
+    """`Project2D` in plain PyTorch, for given covariances and for double precision; what is not finite is invisible."""
     size = (projection.width, projection.height)
     local, turned = world_to_cam(means, covars, viewmats)
     depths = local[..., 2]
-    in_range = (depths >= projection.near_plane) & (depths <= projection.far_plane)
+    in_range = (depths >= projection.near_plane) & (depths <= projection.far_plane) & finite[..., None, :]
     # Invisible Gaussians must not divide by a depth of 0, or their gradients become NaN.
     local = torch.where(in_range[..., None], local, local.new_tensor([0.0, 0.0, 1.0]))
     centres, covariances = proj(local, turned, Ks, *size, projection.camera_model)
@@ -143,7 +157,7 @@ def _project(
             drawn = opacities[..., None, :] * compensations
         reach = (2.0 * (drawn / ALPHA_MIN).clamp(min=1.0).log()).sqrt().clamp(max=REACH)
         radii = (reach[..., None] * torch.stack([xx, yy], -1).sqrt()).ceil()
-        seen = in_range & (drawn >= ALPHA_MIN) & (radii > projection.radius_clip).any(-1)
+        seen = in_range & (drawn >= ALPHA_MIN) & drawn.isfinite() & (radii > projection.radius_clip).any(-1)
         inside = (centres + radii > 0.0) & (centres - radii < centres.new_tensor(size))
         seen &= inside.all(-1) & centres.isfinite().all(-1) & conics.isfinite().all(-1)
         radii = torch.where(seen[..., None], radii, 0.0).int()

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
-from typing import Any
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -17,6 +17,7 @@ from pocketgs.splat.cpu.rasterize_backward import rasterize_backward, sums_per_i
 from pocketgs.splat.limits import GSPLAT
 from pocketgs.torch.arrays import array_of, flat, torch_threads, zeros
 from pocketgs.torch.tiles import Tiles, splat_rows
+from pocketgs.torch.unsupported import first_derivative
 
 _NO_PLANE = np.empty((0, 0), np.float32)
 _scratch = threading.local()
@@ -30,13 +31,13 @@ def _sums(size: int) -> np.ndarray:
     return kept
 
 
-@dataclass(frozen=True)
-class _Tape:
-    """State for the replay of an image. Channels are innermost in memory, as in gsplat's images."""
+class _Tape(NamedTuple):
+    """State for the replay of an image: its tile lists, and the ends of what was drawn of them."""
 
-    splats: np.ndarray
-    image: np.ndarray
-    transmittance: np.ndarray
+    intersections: np.ndarray
+    ranges: np.ndarray
+    slots: np.ndarray
+    visible: np.ndarray
     drawn_ends: np.ndarray
 
 
@@ -61,58 +62,57 @@ class TileRasterizer(torch.autograd.Function):
     ) -> tuple[Tensor, Tensor]:
         """Composite the splats of each image front to back: C = Σ c_i α_i T_i + T · background."""
         threads, channels = torch_threads(), colours.shape[-1]
-        arrays: list[np.ndarray] = [flat(centres, 2), flat(conics, 3), array_of(opacities).reshape(-1)]
-        values = flat(colours, channels)
-        shape = (tiles.height, tiles.width)
-        behind = np.zeros((len(tiles.lists), max(channels, COLOURS)), np.float32)
+        arrays = [flat(centres, 2), flat(conics, 3), array_of(opacities).reshape(-1)]
+        splats, _ = splat_rows(arrays, flat(colours, channels), threads)
+        shape = (len(tiles.lists), tiles.height, tiles.width)
+        behind = np.zeros((shape[0], max(channels, COLOURS)), np.float32)
         if backgrounds is not None:
             behind[:, :channels] = array_of(backgrounds)
-        tapes = []
-        for image, lists in enumerate(tiles.lists):
-            own = slice(tiles.first_rows[image], tiles.first_rows[image + 1])
-            splats, _ = splat_rows([array[own] for array in arrays], values[own], threads)
-            planes = np.empty((*shape, behind.shape[1]), np.float32).transpose(2, 0, 1)
-            transmittance, ends = np.empty(shape, np.float32), np.empty(len(lists.ranges) - 1, np.int32)
-            drawn = (lists.intersections, lists.ranges, behind[image], GSPLAT)
-            rasterize(splats, *drawn, threads, planes, transmittance, ends)
-            tapes.append(_Tape(splats, planes, transmittance, ends))
-        ctx.tapes, ctx.tiles, ctx.absgrad, ctx.has_background = tapes, tiles, absgrad, backgrounds is not None
-        images = _batch([tape.image[:channels].transpose(1, 2, 0) for tape in tapes])
-        alphas = _batch([1.0 - tape.transmittance for tape in tapes])
-        # A single image shares its memory with the tape. Saving it makes PyTorch raise if it was changed in place.
-        ctx.save_for_backward(centres, conics, colours, opacities, images)
+        # Channels are innermost in memory, as in gsplat's images.
+        drawn, light, tapes = np.empty((*shape, behind.shape[1]), np.float32), np.empty(shape, np.float32), []
+        for image, (lists, (first, end)) in enumerate(zip(tiles.lists, pairwise(tiles.first_rows), strict=True)):
+            ends = np.empty(len(lists.ranges) - 1, np.int32)
+            given = (splats[first:end], lists.intersections, lists.ranges, behind[image], GSPLAT)
+            rasterize(*given, threads, drawn[image].transpose(2, 0, 1), light[image], ends)
+            tapes.append(_Tape(*lists, tiles.visible[image], ends))
+        # As tensors, which PyTorch frees after backward.
+        kept = [torch.from_numpy(array) for array in (splats, drawn, light, *(each for tape in tapes for each in tape))]
+        ctx.save_for_backward(centres, conics, colours, opacities, *kept)
+        ctx.first_rows, ctx.absgrad, ctx.has_background = tiles.first_rows, absgrad, backgrounds is not None
         ctx.set_materialize_grads(False)
-        return images, alphas[..., None]
+        # Backward needs the image as it was drawn, and callers may change theirs.
+        return torch.from_numpy(drawn[..., :channels].copy()), torch.from_numpy(1.0 - light)[..., None]
 
     @staticmethod
+    @first_derivative
     def backward(ctx: Any, *d_outputs: Tensor) -> tuple[Tensor | None, ...]:
         """Replay all images."""
-        given = ctx.saved_tensors[:-1]
-        centres, conics, colours, opacities = given
-        tiles, threads, channels = ctx.tiles, torch_threads(), colours.shape[-1]
+        centres, conics, colours, opacities, *tensors = ctx.saved_tensors
+        splats, drawn, light, *kept = (tensor.numpy() for tensor in tensors)
+        threads, channels = torch_threads(), colours.shape[-1]
         shapes, opaque = flat(conics, 3), array_of(opacities).reshape(-1)
         d_images, d_alphas = d_outputs
-        rows = len(shapes)
+        rows, row = len(shapes), sums_per_intersection(drawn.shape[-1])
         d_centres, d_conics, d_colours, d_opacities = zeros(rows, 2), zeros(rows, 3), zeros(rows, channels), zeros(rows)
         d_absolute = zeros(rows if ctx.absgrad else 0, 2)
-        for image, (tape, lists) in enumerate(zip(ctx.tapes, tiles.lists, strict=True)):
-            own = slice(tiles.first_rows[image], tiles.first_rows[image + 1])
-            row = sums_per_intersection(len(tape.image))
-            sums = _sums(len(lists.intersections) * row)
-            planes = np.zeros((*tape.transmittance.shape, len(tape.image)), np.float32)
-            if d_images is not None and channels == len(tape.image):
+        for image in range(len(drawn)):
+            tape = _Tape._make(kept[image * len(_Tape._fields) : (image + 1) * len(_Tape._fields)])
+            own = slice(ctx.first_rows[image], ctx.first_rows[image + 1])
+            sums = _sums(len(tape.intersections) * row)
+            planes = np.zeros(drawn.shape[1:], np.float32)
+            if d_images is not None and channels == drawn.shape[-1]:
                 planes = array_of(d_images[image])
             elif d_images is not None:
                 planes[..., :channels] = d_images[image].numpy()
             d_transmittance = _NO_PLANE if d_alphas is None else -array_of(d_alphas[image, ..., 0])
-            drawn = (tape.splats, lists.intersections, lists.ranges, tape.drawn_ends, GSPLAT)
-            made = (tape.image, planes.transpose(2, 0, 1), tape.transmittance, d_transmittance)
-            rasterize_backward(*drawn, threads, *made, ctx.absgrad, sums)
+            listed = (splats[own], tape.intersections, tape.ranges, tape.drawn_ends, GSPLAT)
+            made = (drawn[image].transpose(2, 0, 1), planes.transpose(2, 0, 1), light[image], d_transmittance)
+            rasterize_backward(*listed, threads, *made, ctx.absgrad, sums)
             gather_sums(
                 shapes[own],
                 opaque[own],
-                tiles.visible[image],
-                lists.slots,
+                tape.visible,
+                tape.slots,
                 row,
                 sums,
                 threads,
@@ -126,12 +126,7 @@ class TileRasterizer(torch.autograd.Function):
             centres.absgrad = torch.from_numpy(d_absolute).reshape(centres.shape)
         d_backgrounds = None
         if ctx.has_background and d_images is not None:
-            light = _batch([tape.transmittance for tape in ctx.tapes])
-            d_backgrounds = torch.einsum("ihw,ihwd->id", light, d_images)
+            d_backgrounds = torch.einsum("ihw,ihwd->id", torch.from_numpy(light), d_images)
+        given = (centres, conics, colours, opacities)
         found = zip((d_centres, d_conics, d_colours, d_opacities), given, strict=True)
         return (*(torch.from_numpy(array).reshape(one.shape) for array, one in found), d_backgrounds, None, None)
-
-
-def _batch(arrays: list[np.ndarray]) -> Tensor:
-    """The arrays as one tensor, not copied if there is only one."""
-    return torch.from_numpy(arrays[0][None] if len(arrays) == 1 else np.stack(arrays))

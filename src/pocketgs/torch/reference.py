@@ -15,6 +15,7 @@ from pocketgs.splat.limits import GSPLAT
 from pocketgs.splat.reference.project import Projection
 from pocketgs.splat.reference.rasterize import rasterize, rasterize_backward
 from pocketgs.torch.arrays import array_of
+from pocketgs.torch.unsupported import first_derivative
 
 
 @dataclass(frozen=True)
@@ -66,26 +67,30 @@ class ReferenceRasterizer(torch.autograd.Function):
         """Composite all tiles."""
         channels, (width, height) = colours.shape[-1], lists.size
         shape = (len(lists.offsets), height, width)
-        behind = np.zeros((shape[0], channels)) if backgrounds is None else array_of(backgrounds)
-        ctx.save_for_backward(centres, conics, colours, opacities)
-        ctx.lists, ctx.absgrad, ctx.behind, ctx.has_background = lists, absgrad, behind, backgrounds is not None
+        behind = colours.new_zeros(shape[0], channels) if backgrounds is None else backgrounds
         images, light = np.empty((*shape, channels)), np.empty(shape)
         for tile in _tiles(_arrays(centres, conics, colours, opacities), lists):
-            raster = rasterize(tile.projection, tile.camera, behind[tile.image], GSPLAT)
+            raster = rasterize(tile.projection, tile.camera, behind[tile.image].numpy(), GSPLAT)
             images[tile.image, tile.rows, tile.columns] = raster.image
             light[tile.image, tile.rows, tile.columns] = raster.transmittance
-        ctx.light = torch.from_numpy(light)
-        return torch.from_numpy(images), 1.0 - ctx.light[..., None]
+        # As tensors, which PyTorch frees after backward.
+        kept = [torch.from_numpy(array) for array in (lists.offsets, lists.given, light)]
+        ctx.save_for_backward(centres, conics, colours, opacities, behind, *kept)
+        ctx.tile_size, ctx.absgrad, ctx.has_background = lists.tile_size, absgrad, backgrounds is not None
+        return torch.from_numpy(images), torch.from_numpy(1.0 - light)[..., None]
 
     @staticmethod
+    @first_derivative
     def backward(ctx: Any, *d_outputs: Tensor) -> tuple[Tensor | None, ...]:
         """Replay all tiles."""
         d_images, d_alphas = (array_of(gradient) for gradient in d_outputs)
-        arrays = _arrays(*ctx.saved_tensors)
+        *given, behind, offsets, listed, light = ctx.saved_tensors
+        lists = GivenLists(offsets.numpy(), listed.numpy(), ctx.tile_size, (light.shape[2], light.shape[1]))
+        arrays = _arrays(*given)
         d_centres, d_conics, d_colours, d_opacities = (np.zeros_like(array) for array in arrays)
         d_absolute = np.zeros_like(d_centres)
-        for tile in _tiles(arrays, ctx.lists):
-            raster = rasterize(tile.projection, tile.camera, ctx.behind[tile.image], GSPLAT)
+        for tile in _tiles(arrays, lists):
+            raster = rasterize(tile.projection, tile.camera, behind[tile.image].numpy(), GSPLAT)
             d_image = d_images[tile.image, tile.rows, tile.columns]
             d_light = -d_alphas[tile.image, tile.rows, tile.columns, 0]
             found = rasterize_backward(tile.projection, tile.camera, raster, d_image, d_light, GSPLAT)
@@ -95,12 +100,11 @@ class ReferenceRasterizer(torch.autograd.Function):
             np.add.at(d_conics, tile.splats, np.stack([xx, xy, yy], axis=1))
             np.add.at(d_colours, tile.splats, found.colours)
             np.add.at(d_opacities, tile.splats, found.opacities)
-        centres = ctx.saved_tensors[0]
         if ctx.absgrad:
-            centres.absgrad = torch.from_numpy(d_absolute).reshape(centres.shape)
-        d_backgrounds = torch.einsum("ihw,ihwd->id", ctx.light, d_outputs[0]) if ctx.has_background else None
-        made = zip((d_centres, d_conics, d_colours, d_opacities), ctx.saved_tensors, strict=True)
-        return (*(torch.from_numpy(array).reshape(given.shape) for array, given in made), d_backgrounds, None, None)
+            given[0].absgrad = torch.from_numpy(d_absolute).reshape(given[0].shape)
+        d_backgrounds = torch.einsum("ihw,ihwd->id", light, d_outputs[0]) if ctx.has_background else None
+        made = zip((d_centres, d_conics, d_colours, d_opacities), given, strict=True)
+        return (*(torch.from_numpy(array).reshape(one.shape) for array, one in made), d_backgrounds, None, None)
 
 
 def _arrays(*splats: Tensor) -> list[np.ndarray]:

@@ -136,7 +136,7 @@ def rasterization(
             "viewmats_rs": viewmats_rs,
         }
     )
-    width, height, tile_size = whole_numbers(width=width, height=height, tile_size=tile_size)
+    width, height, tile_size = whole_numbers(1, width=width, height=height, tile_size=tile_size)
     dtype = checked_dtype({"means": means, "opacities": opacities, "colors": colors, "backgrounds": backgrounds})
     lead, count, cameras = tuple(means.shape[:-2]), means.shape[-2], viewmats.shape[-3]
     check_shape("opacities", opacities, (*lead, count))
@@ -238,7 +238,7 @@ def composited(
     if values.dtype == torch.float64:
         lists = (width, height, meta["tile_size"], meta["isect_offsets"], meta["flatten_ids"])
         return rasterize_to_pixels(*splats, *lists, backgrounds, packed=rows.packed, absgrad=absgrad)
-    behind = None if backgrounds is None else backgrounds.reshape(rows.images, -1)
+    behind = None if backgrounds is None else backgrounds.reshape(rows.images, backgrounds.shape[-1])
     gpu = gpu_compositor()
     if gpu is None:
         drawn = (meta["means2d"], meta["conics"], meta["opacities"], meta["depths"])

@@ -13,6 +13,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.splat.constants import SSIM_WINDOW
 from pocketgs.splat.cpu.dssim import dssim
 from pocketgs.torch.arrays import array_of, check_shape, checked_dtype, torch_threads
+from pocketgs.torch.unsupported import first_derivative
 
 PADDINGS = ("same", "valid")
 
@@ -62,10 +63,12 @@ class Similarity(torch.autograd.Function):
         pairs = zip(array_of(images), array_of(255.0 * photographs), gradient, losses, strict=True)
         for image, photograph, own_gradient, own_losses in pairs:
             dssim(image, photograph, _NO_MASK, 1.0, threads, own_gradient, own_losses)
-        ctx.gradient = torch.from_numpy(gradient).div_(-len(gradient))
+        ctx.save_for_backward(torch.from_numpy(gradient).div_(-len(gradient)))
         return images.new_tensor(1.0 - losses.sum(dtype=np.float64) / len(losses))
 
     @staticmethod
+    @first_derivative
     def backward(ctx: Any, *d_outputs: Tensor) -> tuple[Tensor | None, ...]:
         """The gradient with respect to the images."""
-        return ctx.gradient * d_outputs[0], None
+        (gradient,) = ctx.saved_tensors
+        return gradient * d_outputs[0], None

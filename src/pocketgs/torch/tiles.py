@@ -29,7 +29,7 @@ MAX_KEPT = 8
 
 _waiting: list[tuple[int, Binner]] = []
 
-# Reentrant: while a thread takes a binner, its garbage collector may delete tiles, which gives others back.
+# Reentrant: while a thread takes a binner, its garbage collector may delete lists, which gives others back.
 _pool = threading.RLock()
 
 
@@ -69,19 +69,19 @@ class TileBinner(torch.autograd.Function):
         height: int,
     ) -> Tiles:
         """Sort each image's splats by depth, and list them for the tiles that they reach."""
-        threads, (width, height) = torch_threads(), whole_numbers(width=width, height=height)
+        threads, (width, height) = torch_threads(), whole_numbers(1, width=width, height=height)
         arrays = [flat(centres, 2), flat(conics, 3), *(array_of(each).reshape(-1) for each in (opacities, depths))]
-        lists, visible, binners = [], [], []
+        lists, visible = [], []
         for first, end in pairwise(first_rows):
             splats, keys = splat_rows([array[first:end] for array in arrays], NO_COLOURS, threads)
             clusters = np.arange(-(-len(keys) // CLUSTER), dtype=np.int32)
             seen, order = sort_by_depth(keys, clusters, *np.empty((3, len(keys)), np.int32))
-            binners.append(_take_binner(threads))
-            lists.append(binners[-1].bin(splats, seen, order, _image(width, height)))
+            binner = _take_binner(threads)
+            lists.append(binner.bin(splats, seen, order, _image(width, height)))
             visible.append(seen)
-        tiles = Tiles(width, height, first_rows, lists, visible)
-        weakref.finalize(tiles, _give_back, threads, binners).atexit = False
-        return tiles
+            # The rasterizer keeps this array until backward, along with the others, which are the binner's too.
+            weakref.finalize(lists[-1].intersections, _give_back, threads, binner).atexit = False
+        return Tiles(width, height, first_rows, lists, visible)
 
 
 def tiles_from(
@@ -125,11 +125,11 @@ def _take_binner(threads: int) -> Binner:
     return Binner(threads)
 
 
-def _give_back(threads: int, binners: Sequence[Binner]) -> None:
-    """Return the binners of deleted tiles for later images."""
+def _give_back(threads: int, binner: Binner) -> None:
+    """Return the binner of deleted lists for later images."""
     with _pool:
-        room = max(MAX_KEPT - len(_waiting), 0)
-        _waiting.extend((threads, binner) for binner in binners[:room])
+        if len(_waiting) < MAX_KEPT:
+            _waiting.append((threads, binner))
 
 
 def splat_rows(arrays: Sequence[np.ndarray], colours: np.ndarray, threads: int) -> tuple[np.ndarray, np.ndarray]:

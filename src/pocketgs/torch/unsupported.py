@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, NoReturn
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, NoReturn, TypeVar
+
+import torch
 
 from pocketgs.errors import PocketGSError
+
+_Result = TypeVar("_Result")
 
 CAMERA_MODELS = ("pinhole", "ortho", "fisheye")
 
@@ -54,3 +60,19 @@ def check_camera_model(camera_model: str) -> None:
     """
     if camera_model not in CAMERA_MODELS:
         raise PocketGSError(f"camera_model: found {camera_model!r}, expected one of {', '.join(CAMERA_MODELS)}")
+
+
+def first_derivative(backward: Callable[..., _Result]) -> Callable[..., _Result]:
+    """The `backward` of an autograd function, which refuses to be differentiated itself.
+
+    PyTorch would take what kernels compute for constants, and return wrong second derivatives. Its decorator
+    `once_differentiable` notices that only on some paths through the graph.
+    """
+
+    @wraps(backward)
+    def checked(*arguments: Any) -> _Result:
+        if torch.is_grad_enabled():  # only with create_graph=True
+            unsupported("create_graph=True", "its functions have no second derivatives")
+        return backward(*arguments)
+
+    return checked
