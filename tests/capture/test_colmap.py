@@ -110,15 +110,24 @@ def test_images_of_a_model_in_a_numbered_folder(ring, colmap_files, tmp_path):
     assert read_listing(tmp_path).frames[0].name == "colmap/images/view_00.png"
 
 
-def test_renamed_copies_are_matched_in_sorted_order(ring, colmap_files, tmp_path):
-    colmap_files.write(tmp_path / "sparse/0")
-    ring.write_images(tmp_path / "images")
-    for number, name in enumerate(sorted(ring.names)):
-        (tmp_path / "images" / name).rename(tmp_path / f"images/image{number:03d}.png")
-    capture = open_capture(tmp_path)
-    assert "sorted order" in capture.warnings[0]
-    frame = next(frame for frame in capture.frames if frame.name == "images/image006.png")
-    np.testing.assert_allclose(frame.camera.world_to_camera, ring.cameras[6].world_to_camera, atol=1e-9)
+@pytest.mark.parametrize(("first", "how"), [(0, "by the numbers in their names"), (100, "in sorted order")])
+def test_renamed_copies(ring, colmap_files, tmp_path, first, how):
+    """Numbers tell more than the order of the names, in which 10 comes before 2."""
+    colmap_files.write(tmp_path / "sparse/0", "text")
+    renamed = colmap_files.text["images"].replace("view_09.png", "IMG_10.png").replace("view_0", "IMG_")
+    (tmp_path / "sparse/0/images.txt").write_text(renamed)
+    order = ["IMG_0", "IMG_1", "IMG_10", *(f"IMG_{number}" for number in range(2, 9))]
+    (tmp_path / "images").mkdir()
+    for position, name in enumerate(order):
+        number = int(name[4:]) if first == 0 else first + position
+        Image.new("RGB", (16, 12)).save(tmp_path / f"images/image{number:03d}.png")
+    capture = open_capture(tmp_path, hold_out_every=0)
+    assert capture.warnings == (f"images names its files otherwise: matched to the model {how}",)
+    expected = [9, 2] if first == 0 else [3, 4]
+    chosen = ("image010.png", "image002.png") if first == 0 else ("image104.png", "image105.png")
+    cameras = {Path(frame.name).name: frame.camera for frame in capture.frames}
+    for name, index in zip(chosen, expected, strict=True):
+        np.testing.assert_allclose(cameras[name].world_to_camera, ring.cameras[index].world_to_camera, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -7,28 +7,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from PIL import ExifTags, Image
+from PIL import Image
 
+from capture.photographs import PICTURE, RAMP, on_its_side
 from pocketgs.capture import open_capture
 from pocketgs.capture.depth_file import read_depth
 from pocketgs.capture.image_file import read_colour, read_grey, read_header
-from pocketgs.capture.open import lacks_poses, list_capture
-from pocketgs.capture.photograph_copy import place_masks, place_photograph
+from pocketgs.capture.open import list_capture
 from pocketgs.capture.unposed import find_photographs
 from pocketgs.errors import PocketGSError
-from pocketgs.structure_from_motion.images import source_masks
-
-RAMP = np.add.outer(np.arange(0, 96, 2), np.arange(0, 128, 2)).astype(np.uint8)
-PICTURE = np.dstack([RAMP, RAMP // 2 + 60, 255 - RAMP])
-
-
-def on_its_side(orientation: int = 6) -> Image.Exif:
-    """EXIF data; 6 asks for a quarter turn clockwise."""
-    exif = Image.Exif()
-    exif[ExifTags.Base.Orientation] = orientation
-    exif[ExifTags.Base.Model] = "Phone"
-    exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm] = 26
-    return exif
 
 
 @pytest.mark.parametrize("name", ["a.heic", "A.HEIF", "b.mpo", "c.jpg"])
@@ -78,82 +65,6 @@ def test_stored_pixels_are_turned_only_for_cameras_of_the_turned_shape(ring, wri
     assert (frame.camera.cx, frame.camera.width) == (6.5, 12)
     stored = open_capture(write_transforms())  # states the size of the stored pixels
     assert stored.train[0].image.shape == (12, 16, 3)
-
-
-def test_photographs_without_poses_are_placed_upright(tmp_path):
-    source, placed = tmp_path / "photos", tmp_path / "placed"
-    source.mkdir()
-    placed.mkdir()
-    pictures = {"a.jpg": 1, "b.jpg": 6, "c.JPG": 3}
-    for name, orientation in pictures.items():
-        Image.fromarray(PICTURE).save(source / name, quality=95, exif=on_its_side(orientation))
-    pytest.importorskip("pillow_heif").register_heif_opener()
-    Image.fromarray(PICTURE).save(source / "d.heic")
-    Image.fromarray(PICTURE).save(source / "a.heic")  # iPhones can keep both
-    assert lacks_poses(source)
-    found = {photograph: place_photograph(photograph, placed) for photograph in find_photographs(source)}
-    sizes = {file.name: read_header(file) for file in found.values()}
-    assert set(sizes) == {"a.jpg", "a.heic.jpg", "b.jpg", "c.JPG", "d.jpg"}
-    assert (sizes["b.jpg"].width, sizes["b.jpg"].height) == (48, 64)
-    assert all(header.orientation == 1 for header in sizes.values())
-    exif = Image.open(placed / "b.jpg").getexif()
-    assert exif[ExifTags.Base.Model] == "Phone"
-    assert exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm] == 26
-    assert np.abs(read_colour(placed / "c.JPG")[0].astype(int) - PICTURE[::-1, ::-1]).mean() < 4
-    assert read_header(source / "b.jpg").orientation == 6
-    assert source_masks(source, "found") == {}
-
-
-def test_long_notes_in_exif_are_left_out(tmp_path: Path) -> None:
-    """JPEG has room for 64 kB, PNG and HEIF have more."""
-    exif = on_its_side()
-    exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.MakerNote] = bytes(70_000)
-    Image.fromarray(PICTURE).save(tmp_path / "a.png", exif=exif)
-    (tmp_path / "placed").mkdir()
-    stored = Image.open(place_photograph(tmp_path / "a.png", tmp_path / "placed"))
-    assert stored.size == (48, 64)
-    assert stored.getexif()[ExifTags.Base.Model] == "Phone"
-    assert stored.getexif().get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm] == 26
-
-
-def test_masks_of_photographs_without_poses_are_turned_with_them(tmp_path):
-    source, placed = tmp_path / "photos", tmp_path / "placed"
-    (source / "mask").mkdir(parents=True)
-    placed.mkdir()
-    mask = np.zeros((48, 64), np.uint8)
-    mask[:10] = 255
-    half = mask[::2, ::2]
-    cases = {"a": mask, "b": np.rot90(mask, -1), "c": mask, "d": half, "e": np.rot90(half, -1)}
-    for name, turned in cases.items():
-        Image.fromarray(PICTURE).save(source / f"{name}.jpg", exif=on_its_side())
-        Image.fromarray(turned).save(source / f"mask/{name}.png")
-    found = {photograph: place_photograph(photograph, placed) for photograph in find_photographs(source)}
-    place_masks(source_masks(source, "found"), found, tmp_path / "masks")
-    for name in cases:
-        stored = np.asarray(Image.open(tmp_path / f"masks/{name}.jpg.png"))
-        np.testing.assert_array_equal(stored, np.rot90(half if name in "de" else mask, -1) > 0)
-
-
-@pytest.mark.parametrize("ignores_exif", [False, True])
-def test_masks_of_photographs_upside_down(tmp_path: Path, ignores_exif: bool) -> None:
-    """Their shape does not tell whether a program has followed EXIF, but its other masks and a mask's own EXIF do."""
-    source, placed = tmp_path / "photos", tmp_path / "placed"
-    (source / "mask").mkdir(parents=True)
-    placed.mkdir()
-    stored = np.zeros((48, 64), np.uint8)
-    stored[:10] = 255
-    upright = {"a": np.rot90(stored, 2), "b": np.rot90(stored, 2), "c": np.rot90(stored, -1)}
-    for name, orientation in {"a": 3, "b": 3, "c": 6}.items():
-        exif = on_its_side(orientation)
-        Image.fromarray(PICTURE).save(source / f"{name}.jpg", exif=exif)
-        states_it = name == "b"
-        mask = stored if ignores_exif or states_it else upright[name]
-        Image.fromarray(mask).save(source / f"mask/{name}.png", **({"exif": exif} if states_it else {}))
-    found = {photograph: place_photograph(photograph, placed) for photograph in find_photographs(source)}
-    place_masks(source_masks(source, "found"), found, tmp_path / "masks")
-    for name, expected in upright.items():
-        written = np.asarray(Image.open(tmp_path / f"masks/{name}.jpg.png"))
-        np.testing.assert_array_equal(written, expected > 0, err_msg=name)
 
 
 @pytest.mark.parametrize("channel", ["Z", "R", "Y"])

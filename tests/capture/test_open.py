@@ -11,6 +11,7 @@ from PIL import Image
 
 from pocketgs.capture import open_capture
 from pocketgs.capture.hold_out import ordinal
+from pocketgs.capture.open import video_of
 from pocketgs.errors import PocketGSError
 
 
@@ -19,6 +20,29 @@ def test_unknown_format_lists_what_was_looked_for(tmp_path):
         open_capture(tmp_path)
     for looked_for in ("transforms_train.json", "transforms.json", "sparse/0", "poses_bounds.npy"):
         assert looked_for in str(caught.value)
+
+
+def test_what_is_there_is_named(tmp_path):
+    (tmp_path / "scan.zip").touch()
+    with pytest.raises(
+        PocketGSError, match=r"supported format: it is an archive: unpack it first\. Looked for photogr"
+    ):
+        open_capture(tmp_path / "scan.zip")
+
+
+def test_a_folder_stands_for_the_only_video_in_it(tmp_path, write_transforms):
+    video, other = tmp_path / "clip/walk.MOV", tmp_path / "clip/more.mp4"
+    video.parent.mkdir()
+    video.touch()
+    assert video_of(video.parent) == video
+    assert video_of(tmp_path / "absent") == tmp_path / "absent"
+    other.touch()
+    assert video_of(video.parent) == video.parent
+    recording = write_transforms()
+    (recording / "rgb.mp4").touch()
+    assert video_of(recording) == recording
+    (recording / "transforms.json").unlink()
+    assert video_of(recording) == recording  # photographs are meant
 
 
 @pytest.mark.parametrize("name", ["absent", "nul\0", "x" * 5000])

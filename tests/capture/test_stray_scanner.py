@@ -117,15 +117,17 @@ def test_missing_truncated_and_foreign_videos(copied_phone, tmp_path):
         open_capture(folder)
 
 
-def test_broken_depth_maps_are_named(copied_phone):
+def test_broken_depth_maps_are_left_out_and_named(copied_phone):
     folder = copied_phone("stray-scanner")
     depth, confidence = folder / "depth/000003.png", folder / "confidence/000003.png"
     save(np.zeros((5, 4), np.uint8), confidence)
-    with pytest.raises(PocketGSError, match=r"000003\.png: 4x5 pixels, expected the depth map's 48x36"):
-        open_capture(folder)
+    said = "depth maps of 1 frames cannot be used, the first of rgb.mp4/000003: they are left out"
+    (warning,) = open_capture(folder).warnings
+    assert f"{said} ({confidence}: 4x5 pixels, expected the depth map's 48x36)" in warning
     depth.write_bytes(depth.read_bytes()[:100])
-    with pytest.raises(PocketGSError, match=r"depth.000003\.png: cannot be decoded"):
-        open_capture(folder)
+    capture = open_capture(folder)
+    assert f"{said} ({depth}: cannot be decoded" in capture.warnings[0]
+    assert [frame.name for frame in capture.frames if frame.depth is None] == ["rgb.mp4/000003"]
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

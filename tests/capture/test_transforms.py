@@ -84,26 +84,6 @@ def test_other_image_folder(ring, write_transforms):
     assert (camera.width, camera.height, camera.fx, camera.cx) == (8, 6, 10.0, 4.25)
 
 
-def test_masks_and_depths(ring, write_transforms):
-    frames = ring.transforms()["frames"]
-    folder = write_transforms()
-    mask = np.zeros((12, 16), dtype=np.uint8)
-    mask[:, 8:] = 255
-    Image.fromarray(mask).save(folder / "mask.png")
-    depth = np.full((6, 8), 1500, dtype=np.uint16)
-    depth[0] = 0
-    Image.fromarray(depth).save(folder / "depth.png")
-    np.save(folder / "depth.npy", np.full((12, 16), 2.0, dtype=np.float32))
-    frames[0].update(mask_path="mask.png", depth_file_path="depth.png")
-    frames[1].update(depth_file_path="depth.npy", depth_unit_scale_factor=1.0)
-    write_transforms(frames=frames)
-    first, second = sorted(open_capture(folder).frames, key=lambda frame: frame.name)[:2]
-    np.testing.assert_array_equal(first.mask, mask > 0)
-    np.testing.assert_allclose(first.depth[2:], 1.5)
-    np.testing.assert_array_equal(first.depth[:2], 0)
-    np.testing.assert_array_equal(second.depth, 2.0)
-
-
 def test_own_split(ring, write_transforms):
     paths = [frame["file_path"] for frame in ring.transforms()["frames"]]
     folder = write_transforms(train_filenames=paths[:6], val_filenames=paths[6:8], test_filenames=paths[8:])
@@ -198,6 +178,10 @@ def test_blender_without_test_images(ring, tmp_path):
         ("cx", float("nan"), "cx"),
         ("cx", 1e300, "principal point"),
         ("camera_model", "EQUIRECTANGULAR", "expected one of PINHOLE"),
+        ("ftheta_p0", 0.0, "'ftheta_p0' states another lens, expected a 'camera_model', one of PINHOLE"),
+        ("equirectangular", True, "'equirectangular' states another lens"),
+        ("latlong", {}, "'latlong' states another lens"),
+        ("orthographic", True, "'orthographic' states another lens"),
         ("camera_angle_x", 4.0, "radians"),
         ("ply_file_path", "../cloud.ply", "outside"),
         ("test_filenames", "images/view_00.png", "list of strings"),
@@ -240,26 +224,6 @@ def test_wrong_frames_are_named(ring, write_transforms, field, value, said):
         open_capture(write_transforms(frames=frames))
 
 
-def test_absent_depth_maps_are_left_out(ring, write_transforms):
-    frames = ring.transforms()["frames"]
-    for frame in frames[2:5]:
-        frame["depth_file_path"] = "depth/absent.png"
-    capture = open_capture(write_transforms(frames=frames))
-    assert [frame.depth for frame in capture.frames] == [None] * 10
-    (warning,) = capture.warnings
-    assert warning.endswith("transforms.json: 3 of its depth maps have no file, the first depth/absent.png")
-
-
-def test_absent_masks_are_left_out(ring, write_transforms):
-    frames = ring.transforms()["frames"]
-    for frame in frames[2:5]:
-        frame["mask_path"] = "masks/absent.png"
-    capture = open_capture(write_transforms(frames=frames))
-    assert [frame.mask for frame in capture.frames] == [None] * 10
-    (warning,) = capture.warnings
-    assert warning.endswith("transforms.json: 3 of its masks have no file, the first masks/absent.png")
-
-
 @pytest.mark.parametrize("root", ["/home/someone/scan/", "C:\\scans\\my scan\\"])
 def test_files_beside_images_that_have_moved(ring, write_transforms, root):
     frames, folder = ring.transforms()["frames"], write_transforms()
@@ -296,19 +260,6 @@ def test_files_elsewhere_are_not_read(ring, write_transforms, tmp_path_factory):
     listing = read_listing(folder)
     assert (listing.frames[0].mask_path, listing.frames[0].depth_path, listing.points) == (None, None, None)
     assert len(listing.warnings) == 3
-
-
-def test_depth_of_another_shape_is_left_out(ring, write_transforms):
-    frames, folder = ring.transforms()["frames"], write_transforms()
-    for index, shape in ((0, (6, 8)), (1, (8, 6)), (2, (16, 12))):
-        np.save(folder / f"{index}.npy", np.full(shape, 2.0, np.float32))
-        frames[index]["depth_file_path"] = f"{index}.npy"
-    capture = open_capture(write_transforms(frames=frames))
-    assert [frame.name for frame in capture.frames if frame.depth is not None] == ["images/view_00.png"]
-    (warning,) = capture.warnings
-    assert warning.startswith(
-        "the depth maps of 2 frames have not the shape of their photographs, the first of images/"
-    )
 
 
 def test_nearly_rigid_poses_are_made_rigid(ring, write_transforms):

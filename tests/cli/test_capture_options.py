@@ -37,16 +37,19 @@ def test_warnings_and_masks_are_told(pocketgs: Callable, capture_folder: Path, t
     assert (refused.status, "nowhere: no such folder" in refused.errors) == (2, True)
 
 
+@pytest.mark.parametrize("given", ["clip/room.mp4", "clip"])
 @pytest.mark.parametrize("names", [[], ["cat.png"]])
 def test_masks_that_no_frame_of_a_video_has_are_refused_at_once(
-    pocketgs: Callable, tmp_path: Path, no_poses: None, names: list[str]
+    pocketgs: Callable, tmp_path: Path, no_poses: None, names: list[str], given: str
 ) -> None:
-    video, masks = tmp_path / "room.mp4", tmp_path / "people"
+    """A folder stands for the only video in it."""
+    video, masks = tmp_path / "clip/room.mp4", tmp_path / "people"
+    video.parent.mkdir()
     video.touch()
     masks.mkdir()
     for name in names:
         Image.new("L", (8, 6), 255).save(masks / name)
-    refused = pocketgs("train", video, "--output", tmp_path / "result", "--masks", masks)
+    refused = pocketgs("train", tmp_path / given, "--output", tmp_path / "result", "--masks", masks)
     assert refused.status == 2
     assert f"{masks}: holds no mask of a frame of {video}, expected such as frame_000120.png" in refused.errors
 

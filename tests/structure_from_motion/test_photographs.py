@@ -63,6 +63,17 @@ def test_no_features_where_a_mask_says_no(tmp_path: Path) -> None:
         assert stored["keypoints"][:, 0].max() <= 160
 
 
+def test_no_features_where_a_photograph_is_transparent(tmp_path: Path) -> None:
+    picture = textured(320, 240)
+    picture.putalpha(Image.fromarray(np.where(np.arange(320) < 160, 128, 127)[None].repeat(240, 0).astype(np.uint8)))
+    (tmp_path / "images").mkdir()
+    picture.save(tmp_path / "images/a.png")
+    (found,) = read(tmp_path / "images", tmp_path, 160)
+    with np.load(found.file) as stored:
+        assert len(stored["keypoints"]) > 15
+        assert stored["keypoints"][:, 0].max() <= 80
+
+
 def test_a_damaged_photograph_ends_the_reading(tmp_path: Path) -> None:
     for name in ("a.jpg", "b.jpg", "c.jpg"):
         path = written(tmp_path / "images", b"", name)

@@ -201,6 +201,15 @@ def test_a_result_replaces_an_earlier_one_when_complete(
 
 
 @pytest.mark.usefixtures("colmap_outcome")
+def test_pictures_that_are_not_read_are_counted(photographs: Path, tmp_path: Path) -> None:
+    for name in ("4.dng", "5.DNG", "._6.dng"):
+        (photographs / name).touch()
+    warnings: list[str] = []
+    pose(photographs, tmp_path / "output", on_warning=warnings.append)
+    assert warnings == [f"{photographs}: 2 other pictures are not read (.dng)"]
+
+
+@pytest.mark.usefixtures("colmap_outcome")
 def test_a_posed_capture_is_used_again_until_its_source_changes(
     photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -300,11 +309,11 @@ def test_names_may_hold_any_character(data_folder: Path, tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_poses_of_a_video(tmp_path: Path) -> None:
-    capture = true_capture(width=480, height=360, frames=16, points=10)
+    capture = true_capture(width=400, height=300, frames=12, points=10)
     frames = sorted(capture.frames, key=lambda frame: frame.name)
     write_video(tmp_path / "walk.mp4", (frame.image for frame in frames), fps=30)
     found = pose(tmp_path / "walk.mp4", tmp_path / "posed", PoseOptions(camera_model="PINHOLE"))
-    assert (found.frames, found.registered) == (16, 16)
+    assert (found.frames, found.registered) == (12, 12)
     truth = {f"frame_{number:06d}.jpg": frame.camera for number, frame in enumerate(frames)}
     position_errors, angles = differences(cameras_by_name(tmp_path / "posed"), truth)
     assert position_errors.mean() < 0.005
@@ -399,8 +408,8 @@ def test_the_memory_for_photographs_is_bounded(
 
 @pytest.mark.slow
 def test_turning_on_the_spot_has_no_poses(tmp_path: Path) -> None:
-    write_mistake("turning", tmp_path / "capture", width=480, height=360, frames=10)
-    with pytest.raises(PocketGSError, match="no poses found for 10 images"):
+    write_mistake("turning", tmp_path / "capture", width=360, height=270, frames=8)
+    with pytest.raises(PocketGSError, match="no poses found for 8 images"):
         pose(tmp_path / "capture" / "images", tmp_path / "posed")
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pocketgs.capture.image_file import read_array, read_whole_numbers
+from pocketgs.capture.image_file import read_array, read_numbers
 from pocketgs.capture.lzfse import read_compressed
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import require_memory
@@ -21,8 +21,8 @@ def read_depth(path: CaptureFile, unit: float, shape: tuple[int, int] | None = N
     """Read a depth map as (H, W) float32 times `unit`; 0 where unknown.
 
     Args:
-        path: an integer image, an OpenEXR file or a .npy array; or, if `shape` is given, float32 numbers compressed
-            with LZFSE.
+        path: a greyscale image of integers or floating-point numbers, an OpenEXR file or a .npy array; or, if `shape`
+            is given, float32 numbers compressed with LZFSE.
         unit: length of one unit of the file.
         shape: rows and columns of a compressed map, whose file does not state them.
 
@@ -36,7 +36,7 @@ def read_depth(path: CaptureFile, unit: float, shape: tuple[int, int] | None = N
     elif isinstance(path, Path) and path.suffix.lower() == ".exr":
         raw = _only_channel(path)
     else:
-        raw = read_whole_numbers(path)
+        raw = read_numbers(path)
     if raw.ndim == 3 and raw.shape[2] == 1:
         raw = raw[:, :, 0]
     if raw.ndim != 2 or raw.dtype.kind not in "uif":
@@ -57,7 +57,7 @@ def read_reliable(path: CaptureFile, shape: tuple[int, int] | None = None) -> np
     Raises:
         PocketGSError: as `read_depth`.
     """
-    raw = read_whole_numbers(path) if shape is None else _decompressed(path, shape, np.dtype(np.uint8))
+    raw = read_numbers(path) if shape is None else _decompressed(path, shape, np.dtype(np.uint8))
     return raw > 0
 
 

@@ -30,7 +30,8 @@ some files as it opens them, or decodes more than their headers state.
 Image.MAX_IMAGE_PIXELS = MOST_PIXELS // 2  # Pillow warns from here, and refuses twice as many
 
 SIXTEEN_BIT_MODES = ("I", "I;16", "I;16B", "I;16L", "I;16N")
-HEIF_SUFFIXES = frozenset({".heic", ".heif"})
+HEIF_MARK = b"ftyp"
+"""Bytes 4 to 8 of a HEIF file. iPhones' photographs are often stored under the name .JPG."""
 
 DECODING, DECODING_ALPHA = 24, 40
 """Bytes per pixel while a photograph is read, without and with alpha."""
@@ -46,12 +47,14 @@ class ImageHeader:
         width, height: in pixels, as stored.
         has_alpha: whether the pixels have alpha.
         orientation: EXIF's tag Orientation; 1 means upright.
+        format: Pillow's name of the file's format, whatever its suffix.
     """
 
     width: int
     height: int
     has_alpha: bool
     orientation: int = UPRIGHT
+    format: str = ""
 
     @property
     def upright_size(self) -> tuple[int, int]:
@@ -66,7 +69,7 @@ def read_header(path: CaptureFile) -> ImageHeader:
     Raises:
         PocketGSError: the file is missing or not an image.
     """
-    return _opened(path, lambda image: ImageHeader(*image.size, _has_alpha(image), _orientation(image)))
+    return _opened(path, _header)
 
 
 def read_size(path: CaptureFile) -> tuple[int, int]:
@@ -93,7 +96,7 @@ def read_colour(path: CaptureFile, upright: bool = False) -> tuple[np.ndarray, n
     Raises:
         PocketGSError: the file is missing, truncated, damaged or far too large.
     """
-    return read_image(path, lambda image: _colour_and_alpha(ImageOps.exif_transpose(image) if upright else image))
+    return read_image(path, lambda image: colour_and_alpha(ImageOps.exif_transpose(image) if upright else image))
 
 
 def read_image(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
@@ -127,13 +130,13 @@ def read_grey(path: CaptureFile, least_side: int) -> np.ndarray:
     return read_image(path, reduced)
 
 
-def read_whole_numbers(path: CaptureFile) -> np.ndarray:
-    """Read an 8- or 16-bit greyscale image as (H, W) integers.
+def read_numbers(path: CaptureFile) -> np.ndarray:
+    """Read a greyscale image as (H, W) numbers: integers of 8 or 16 bits, or float32.
 
     Raises:
         PocketGSError: as `read_colour`, or the image is in colour.
     """
-    return read_image(path, _whole_numbers)
+    return read_image(path, _numbers)
 
 
 def read_array(path: Path) -> np.ndarray:
@@ -165,11 +168,13 @@ def _opened(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
         raise PocketGSError(f"{clipped(path)}: cannot be looked up ({error.strerror or error})") from error
     if not is_file:
         raise PocketGSError(f"{path}: no such file, expected an image")
-    if Path(path.name).suffix.lower() in HEIF_SUFFIXES:
-        _know_heif()
     try:
-        with open_file(path) as file, Image.open(file) as image:
-            return read(image)
+        with open_file(path) as file:
+            if file.read(8)[4:] == HEIF_MARK:
+                _know_heif()
+            file.seek(0)
+            with Image.open(file) as image:
+                return read(image)
     except PocketGSError:
         raise
     except Image.DecompressionBombError as error:
@@ -186,7 +191,12 @@ def _know_heif() -> None:
     pillow_heif.register_heif_opener()
 
 
-def _colour_and_alpha(image: Image.Image) -> tuple[np.ndarray, np.ndarray | None]:
+def colour_and_alpha(image: Image.Image) -> tuple[np.ndarray, np.ndarray | None]:
+    """(H, W, 3) uint8 RGB of an image, and its (H, W) uint8 alpha if it has one.
+
+    Raises:
+        ValueError: its pixels are floating-point numbers.
+    """
     if image.mode == "F":
         raise ValueError("its pixels are floating-point numbers, expected 8 or 16 bits a channel")
     if image.mode in SIXTEEN_BIT_MODES:
@@ -195,6 +205,10 @@ def _colour_and_alpha(image: Image.Image) -> tuple[np.ndarray, np.ndarray | None
         pixels = np.asarray(image.convert("RGBA"))
         return np.ascontiguousarray(pixels[:, :, :3]), np.ascontiguousarray(pixels[:, :, 3])
     return np.asarray(image.convert("RGB")), None
+
+
+def _header(image: Image.Image) -> ImageHeader:
+    return ImageHeader(*image.size, _has_alpha(image), _orientation(image), image.format or "")
 
 
 def _has_alpha(image: Image.Image) -> bool:
@@ -210,7 +224,7 @@ def _orientation(image: Image.Image) -> int:
     return stated if isinstance(stated, int) and UPRIGHT < stated <= max(QUARTER_TURNS) else UPRIGHT
 
 
-def _whole_numbers(image: Image.Image) -> np.ndarray:
-    if image.mode not in (*SIXTEEN_BIT_MODES, "L"):
+def _numbers(image: Image.Image) -> np.ndarray:
+    if image.mode not in (*SIXTEEN_BIT_MODES, "L", "F"):
         raise ValueError(f"mode {image.mode} is not the 16-bit greyscale of a depth map")
     return np.asarray(image)

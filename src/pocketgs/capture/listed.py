@@ -10,6 +10,7 @@ from pathlib import Path
 from pocketgs.capture.capture import Capture, Frame, Result
 from pocketgs.capture.frame_edits import size_after
 from pocketgs.capture.image_file import DECODING, DECODING_ALPHA, ImageHeader, read_header
+from pocketgs.capture.left_out import depth_warnings, masked_out_warning
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.loading import (
     MAX_READERS,
@@ -167,7 +168,7 @@ class ListedCapture:
         preparation, readers = self._prepared(shrink), min(readers, self._readers(shrink))
         loaded = load_frames(self.listing.frames, preparation, readers)
         frames = [frame for frame in loaded if frame.mask is None or frame.mask.any()]
-        warnings = self.listing.warnings + _masked_out_warning(loaded, frames)
+        warnings = self.listing.warnings + masked_out_warning(loaded, frames)
         if all(frame.name in self.held_out_names for frame in frames):
             raise PocketGSError(f"{self.path}: {warnings[-1]}; no frame is left to train on")
         return Capture(
@@ -181,7 +182,7 @@ class ListedCapture:
             metric=self.listing.metric,
             origin=self.listing.origin,
             protocol=", ".join([describe_images(self.listing.frames, frames, preparation), self.split]),
-            warnings=warnings + _shape_warning(self.listing.frames, loaded),
+            warnings=warnings + depth_warnings(self.listing.frames, loaded, preparation.folder),
             photographs=(
                 StoredPhotographs(self.listing.frames, self._of_pinholes, readers) if _may_read_again(shrink) else None
             ),
@@ -262,25 +263,6 @@ def describe_images(sources: list[FrameSource], frames: list[Frame], preparation
     if masked:
         words.append("masked" if masked == len(frames) else f"{masked} of {len(frames)} masked")
     return ", ".join(words)
-
-
-def _masked_out_warning(loaded: list[Frame], usable: list[Frame]) -> tuple[str, ...]:
-    """One warning that counts the frames whose masks exclude every pixel, or none."""
-    if len(usable) == len(loaded):
-        return ()
-    left_out = {frame.name for frame in loaded} - {frame.name for frame in usable}
-    found = f"the masks of {len(left_out)} of {len(loaded)} frames leave no pixel, the first {min(left_out)}"
-    return (f"{found}: these frames are left out; masks are white where pixels are to be used",)
-
-
-def _shape_warning(listed: list[FrameSource], loaded: list[Frame]) -> tuple[str, ...]:
-    """One warning that counts the depth maps that were left out for their shape, or none."""
-    with_depth = {frame.name for frame in loaded if frame.depth is not None}
-    lacking = [source.name for source in listed if source.depth_path is not None and source.name not in with_depth]
-    if not lacking:
-        return ()
-    found = f"the depth maps of {len(lacking)} frames have not the shape of their photographs"
-    return (f"{found}, the first of {lacking[0]}: they are left out",)
 
 
 def _colour_name(colour: tuple[float, float, float]) -> str:

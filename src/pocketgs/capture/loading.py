@@ -176,14 +176,14 @@ def prepared(source: FrameSource, colours: np.ndarray, alpha: np.ndarray | None,
 
 
 def _depth_of_size(source: FrameSource, width: int, height: int) -> np.ndarray | None:
-    """A frame's depth, resized to its photograph's size; None if it has another shape.
+    """A frame's depth, resized to its photograph's size; None if it cannot be read or has another shape.
 
-    It may be of another part of the view, or turned.
-
-    Raises:
-        PocketGSError: as `reliable_depth`.
+    It may be a coloured picture of depth, of another part of the view, or turned. A photograph alone is enough.
     """
-    depth = reliable_depth(source)
+    try:
+        depth = reliable_depth(source)
+    except PocketGSError:
+        return None
     fits = _have_same_shape(depth.shape[::-1], (width, height), PLANE_ASPECT_TOLERANCE)
     return nearest(depth, width, height) if fits else None
 

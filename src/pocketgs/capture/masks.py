@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 from pocketgs.capture.image_file import read_size
+from pocketgs.capture.last_numbers import NUMBERLESS, last_number, pair_by_number
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.named_images import spelling
 from pocketgs.errors import PocketGSError
@@ -19,8 +20,6 @@ FOUND, NONE = "found", "none"
 """Values of the option `masks` other than a folder: use the capture's own masks, or none."""
 
 FOLDERS = ("masks", "mask")
-
-NUMBERLESS, MAX_DIGITS = -1, 18
 
 
 def named_folder(capture: Path, masks: str) -> Path | None:
@@ -143,7 +142,7 @@ def check_for_video(video: Path, folder: Path) -> None:
         PocketGSError: no image in the folder has the name of a frame, or all frames' numbers.
     """
     stems = [file.stem for file in _files(folder)]
-    are_numbered = bool(stems) and all(_number(stem) != NUMBERLESS for stem in stems)
+    are_numbered = bool(stems) and all(last_number(stem) != NUMBERLESS for stem in stems)
     if not are_numbered and not any(re.match(r"frame_\d{6}", stem) for stem in stems):
         raise PocketGSError(
             f"{folder}: holds no mask of a frame of {video}, expected such as frame_000120.png for frame 120, counted "
@@ -172,7 +171,7 @@ def match(names: Sequence[str], folder: Path) -> dict[str, Path]:
         for key in (name, name.with_suffix("")):
             by_name.setdefault(spelling(key.as_posix()), file)
     found = {name: mask for name in names if (mask := _named(name, by_name)) is not None}
-    found = found or _numbered(names, files)
+    found = found or pair_by_number(names, files)
     shared = [mask for mask, count in Counter(found.values()).items() if count > 1]
     if shared:
         one, other, *_ = (name for name, mask in found.items() if mask == shared[0])
@@ -202,21 +201,6 @@ def _named(photograph: str, masks: dict[str, Path]) -> Path | None:
             if key in masks:
                 return masks[key]
     return None
-
-
-def _numbered(photographs: Sequence[str], masks: Sequence[Path]) -> dict[str, Path]:
-    """Masks by the last numbers in their names; empty unless the photographs have the same numbers, each once."""
-    numbers = {name: _number(PurePosixPath(name).stem) for name in photographs}
-    by_number = {_number(mask.stem): mask for mask in masks}
-    agree = sorted(numbers.values()) == sorted(_number(mask.stem) for mask in masks)
-    if not agree or NUMBERLESS in by_number or len(by_number) < len(masks):
-        return {}
-    return {name: by_number[number] for name, number in numbers.items()}
-
-
-def _number(stem: str) -> int:
-    digits = re.findall(r"\d+", stem)
-    return int(digits[-1][-MAX_DIGITS:]) if digits else NUMBERLESS
 
 
 def _files(folder: Path) -> list[Path]:

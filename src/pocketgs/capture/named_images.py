@@ -6,7 +6,7 @@ import os
 import re
 import unicodedata
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path, PureWindowsPath
 
@@ -21,7 +21,11 @@ ANY_SUFFIX = "/*"
 
 
 def find_images(
-    folder: Path, named: Sequence[str], where: str, suffixes: tuple[str, ...] = ("",)
+    folder: Path,
+    named: Sequence[str],
+    where: str,
+    suffixes: tuple[str, ...] = ("",),
+    leave_out: Callable[[Path], bool] = lambda folder: False,
 ) -> tuple[list[Path | None], tuple[str, ...]]:
     """Find the file of each image that a capture names; returns warnings too.
 
@@ -34,6 +38,7 @@ def find_images(
         named: stated paths, relative to it.
         where: the file that states them, for messages.
         suffixes: to try at the end of each.
+        leave_out: whether the search by name leaves out a folder.
 
     Returns:
         Files, None where missing, and warnings.
@@ -48,7 +53,7 @@ def find_images(
         files, refusal = [], error
     if any(files):
         return files, ()
-    files = _by_name_alone(folder, named, suffixes)
+    files = _by_name_alone(_images_below(folder, leave_out), named, suffixes)
     found = [(name, file) for name, file in zip(named, files, strict=True) if file is not None]
     if refusal and len(found) < len(named):
         raise refusal
@@ -62,7 +67,8 @@ def find_images(
 def find_stated(folder: Path, named: Sequence[str], where: str, suffixes: tuple[str, ...] = ("",)) -> list[Path | None]:
     """The files that `find_images` finds in the stated folders.
 
-    Case, the encoding of accents, and the suffix (if no other file has the same stem) may differ.
+    Case, the separator of folders, the encoding of accents, and the suffix (if no other file has the same stem) may
+    differ.
 
     Raises:
         PocketGSError: a path is not usable, or leaves the folder.
@@ -72,7 +78,8 @@ def find_stated(folder: Path, named: Sequence[str], where: str, suffixes: tuple[
     for name in named:
         file = existing_file(folder, name, where, suffixes)
         if file is None:
-            file = _spelt_otherwise(spelt_in(inside(folder, name, where).parent), name, suffixes)
+            beside = inside(folder, with_slashes(name), where).parent
+            file = _spelt_otherwise(spelt_in(beside), name, suffixes)
         files.append(file)
     return files
 
@@ -93,7 +100,7 @@ def find_moved(folder: Path, stated: str, where: str, photograph: Path | None = 
     """
     path = PureWindowsPath(stated)
     if not path.root:
-        return existing_file(folder, stated, where)
+        return existing_file(folder, with_slashes(stated), where)
     parts = path.parts[1:][-DEEPEST - 1 :]
     ends = ("/".join(parts[start:]) for start in range(len(parts)))
     files = (existing_file(folder, end, where) for end in ends)
@@ -118,10 +125,10 @@ def _spelt_in(folder: Path) -> dict[str, list[Path]]:
     return found
 
 
-def _by_name_alone(folder: Path, named: Sequence[str], suffixes: tuple[str, ...]) -> list[Path | None]:
+def _by_name_alone(present: Sequence[Path], named: Sequence[str], suffixes: tuple[str, ...]) -> list[Path | None]:
     """For each image, the file of its name whose folders match the stated ones best; None on a tie."""
     by_name: dict[str, list[Path]] = defaultdict(list)
-    for file in _images_below(folder):
+    for file in present:
         by_name[spelling(file.name)].append(file)
 
     def best(name: str) -> Path | None:
@@ -142,13 +149,17 @@ def _rank(file: Path, stated: str) -> tuple[int, bool]:
     return -agreeing, re.search(r"_\d+$", file.parent.name) is not None
 
 
-def _images_below(folder: Path) -> list[Path]:
+def _images_below(folder: Path, leave_out: Callable[[Path], bool]) -> list[Path]:
     """All images below a folder, except in folders of masks, depths and the like; links are not followed."""
+
+    def is_searched(path: Path) -> bool:
+        return is_folder_of_photographs(path) and not leave_out(path)
+
     found = []
     for place, folders, files in os.walk(folder):
         path = Path(place)
         deep = len(path.relative_to(folder).parts) >= DEEPEST
-        folders[:] = [] if deep else sorted(name for name in folders if is_folder_of_photographs(path / name))
+        folders[:] = [] if deep else sorted(name for name in folders if is_searched(path / name))
         found += [path / name for name in sorted(files) if is_image(path / name) and not (path / name).is_symlink()]
     return found
 
@@ -156,6 +167,11 @@ def _images_below(folder: Path) -> list[Path]:
 def _last_part(stated: str) -> str:
     """File name of a path with either separator: paths may come from Windows."""
     return PureWindowsPath(stated).name
+
+
+def with_slashes(stated: str) -> str:
+    """A path as written on Windows, with `/` as the separator."""
+    return stated.replace("\\", "/")
 
 
 def spelling(name: str) -> str:

@@ -15,9 +15,12 @@ from pocketgs.capture.listed import ListedCapture
 from pocketgs.capture.listing import Listing
 from pocketgs.capture.loading import LensHandling, Preparation
 from pocketgs.capture.origin import near_origin
-from pocketgs.capture.unposed import find_photographs_in, holds_photographs
+from pocketgs.capture.unposed import find_photographs_in, holds_photographs, only_video
+from pocketgs.capture.unrecognised import what_is_there
+from pocketgs.capture.video_file import VIDEO_SUFFIXES
 from pocketgs.errors import PocketGSError
 from pocketgs.files.opening import folder_of, reading_inside
+from pocketgs.files.paths import IMAGE_SUFFIXES
 from pocketgs.scene.background import Background, checked_background
 
 
@@ -158,6 +161,16 @@ def lacks_poses(path: Path) -> bool:
     return holds_photographs(path) and not holds_capture(located(path))
 
 
+def video_of(path: Path) -> Path:
+    """The path itself, or, if it is a folder without photographs and no capture, the only video in it.
+
+    Raises:
+        OSError: a folder cannot be read.
+    """
+    video = only_video(path)
+    return path if video is None or holds_capture(located(path)) else video
+
+
 def located(path: Path) -> Path:
     """The path itself, or, if it is not a capture, the only folder in it that is one.
 
@@ -178,10 +191,14 @@ def _reader_for(path: Path) -> Reader:
     for reader in READERS:
         if reader.recognises(path):
             return reader
-    if holds_photographs(path):
+    if holds_photographs(path) or only_video(path):
         raise PocketGSError(f"{path}: photographs without poses, expected a capture; run pocketgs pose to make one")
-    looked_for = "; ".join(f"{reader.FORMAT}: {reader.LOOKED_FOR}" for reader in READERS)
-    raise PocketGSError(f"{path}: not a capture of a supported format. Looked for {looked_for}")
+    found = what_is_there(path)
+    raise PocketGSError(
+        f"{path}: not a capture of a supported format{found and ': '}{found}. Looked for photographs "
+        f"({', '.join(sorted(IMAGE_SUFFIXES))}); a video ({', '.join(sorted(VIDEO_SUFFIXES))}); "
+        + "; ".join(f"{reader.FORMAT}: {reader.LOOKED_FOR}" for reader in READERS)
+    )
 
 
 def capture_name(path: Path) -> str:

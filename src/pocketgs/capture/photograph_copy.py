@@ -4,48 +4,89 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Mapping
-from glob import escape
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import count
 from pathlib import Path
 
+import numpy as np
 from PIL import ExifTags, Image, ImageOps
 
 from pocketgs.capture.image_file import QUARTER_TURNS, UPRIGHT, ImageHeader, read_colour, read_header, read_image
 from pocketgs.capture.mask_file import read_mask
+from pocketgs.capture.named_images import spelling
+from pocketgs.files.atomic_file import replacing
 
-READ_BY_COLMAP = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp"})
+COLMAP_SUFFIXES = frozenset({".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff", ".bmp"})
+COLMAP_FORMATS = frozenset({"JPEG", "MPO", "PNG", "TIFF", "BMP"})
+"""Suffixes and formats that COLMAP reads. Of an MPO file under the name .jpg, it reads the first image."""
+
+JPEG_SUFFIXES = (".jpg", ".jpeg")
 JPEG_QUALITY = 97
 
 MOST_EXIF = 65_533
 """Bytes that fit into a segment of a JPEG file."""
 
 
-def place_photograph(photograph: Path, folder: Path) -> Path:
-    """Put a photograph into a folder.
+def names_of_copies(photographs: Sequence[Path]) -> dict[Path, str]:
+    """The file name of each photograph's copy, see `place_photograph`.
 
-    A photograph that is stored upright, in a format that COLMAP reads, is hard-linked if the file system can, else
-    copied. Others, such as HEIF, are rotated as EXIF states and saved as JPEG with the rest of their EXIF data.
-
-    Returns:
-        The new file.
+    Names are unique, also where the file system ignores case, and none is that of another photograph: a copy may be a
+    hard link to its photograph, which must not be written to.
 
     Raises:
-        PocketGSError: the photograph cannot be decoded.
+        PocketGSError: a photograph is not an image.
     """
-    if photograph.suffix.lower() in READ_BY_COLMAP and read_header(photograph).orientation == UPRIGHT:
-        target = folder / photograph.name
+    own = {spelling(photograph.name) for photograph in photographs}
+    names: dict[Path, str] = {}
+    taken: set[str] = set()
+    for photograph in photographs:
+        forbidden = taken | (own - {spelling(photograph.name)})
+        names[photograph] = next(name for name in _possible_names(photograph) if spelling(name) not in forbidden)
+        taken.add(spelling(names[photograph]))
+    return names
+
+
+def place_photograph(photograph: Path, target: Path) -> None:
+    """Write a copy of a photograph to a file of a name from `names_of_copies`.
+
+    A photograph that is stored upright, in a format that COLMAP reads, is hard-linked if the file system can, else
+    copied. Others, such as HEIF, are rotated as EXIF states and saved with the rest of their EXIF data: as PNG if they
+    have alpha, else as JPEG.
+
+    Raises:
+        PocketGSError: the photograph cannot be decoded, or the copy cannot be written.
+    """
+    header = read_header(photograph)
+    if _is_kept(photograph, header):
         _link_or_copy(photograph, target)
-        return target
-    taken = len(list(photograph.parent.glob(f"{escape(photograph.stem)}.*"))) > 1
-    is_jpeg = photograph.suffix.lower() in (".jpg", ".jpeg")
-    target = folder / (photograph.name if is_jpeg else f"{photograph.name if taken else photograph.stem}.jpg")
+        return
     exif = read_image(photograph, _exif_upright)
-    colours, _ = read_colour(photograph, upright=True)
-    Image.fromarray(colours).save(target, quality=JPEG_QUALITY, subsampling=0, exif=exif)
-    return target
+    colours, alpha = read_colour(photograph, upright=True)
+    with replacing(target) as new:
+        if alpha is not None:
+            Image.fromarray(np.dstack([colours, alpha])).save(new, "PNG", exif=exif)
+        else:
+            Image.fromarray(colours).save(new, "JPEG", quality=JPEG_QUALITY, subsampling=0, exif=exif)
 
 
-def place_masks(masks: Mapping[Path, Path], placed: Mapping[Path, Path], folder: Path) -> None:
+def _is_kept(photograph: Path, header: ImageHeader) -> bool:
+    """Whether a photograph's copy is the same file. Suffixes count as well: many programs look at nothing else."""
+    is_read = photograph.suffix.lower() in COLMAP_SUFFIXES and header.format in COLMAP_FORMATS
+    return is_read and header.orientation == UPRIGHT
+
+
+def _possible_names(photograph: Path) -> Iterator[str]:
+    """Names for a photograph's copy, the best first."""
+    header, suffix = read_header(photograph), photograph.suffix
+    usual = (".png",) if header.has_alpha else JPEG_SUFFIXES
+    if not _is_kept(photograph, header) and suffix.lower() not in usual:
+        suffix = usual[0]
+        yield f"{photograph.stem}{suffix}"
+    yield photograph.name if suffix == photograph.suffix else f"{photograph.name}{suffix}"
+    yield from (f"{photograph.stem}_{number}{suffix}" for number in count(2))
+
+
+def place_masks(masks: Mapping[Path, Path], names: Mapping[Path, str], folder: Path) -> None:
     """Put masks of photographs into a folder of their own, upright, with COLMAP's names.
 
     A mask's own EXIF states how it is turned. Most programs write none: their masks are of upright photographs if they
@@ -54,7 +95,7 @@ def place_masks(masks: Mapping[Path, Path], placed: Mapping[Path, Path], folder:
 
     Args:
         masks: by photograph.
-        placed: the result of `place_photograph` by photograph.
+        names: of the photographs' copies, by photograph.
         folder: for the masks, created if there are any.
 
     Raises:
@@ -71,7 +112,7 @@ def place_masks(masks: Mapping[Path, Path], placed: Mapping[Path, Path], folder:
         as_stored = _is_as_stored(of_photograph, of_mask) if by_quarter else exif_is_ignored
         if as_stored and of_mask.orientation == UPRIGHT:
             usable = _turned(usable, of_photograph.orientation)
-        usable.save(folder / f"{placed[photograph].name}.png")
+        usable.save(folder / f"{names[photograph]}.png")
 
 
 def _is_as_stored(photograph: ImageHeader, mask: ImageHeader) -> bool:
@@ -105,4 +146,5 @@ def _link_or_copy(source: Path, target: Path) -> None:
     try:
         os.link(source.resolve(), target)
     except OSError:  # another file system, or no hard links
-        shutil.copyfile(source, target)
+        with replacing(target) as new:
+            shutil.copyfile(source, new)

@@ -25,14 +25,32 @@ def find_photographs(folder: Path) -> list[Path]:
     found = max(map(find_photographs_in, (folder, folder / USUAL_FOLDER)), key=len)
     if found:
         return found
-    inner = [path for path in sorted(folder.iterdir()) if is_folder_of_photographs(path)] if folder.is_dir() else []
-    holding = [found for path in inner if (found := find_photographs_in(path))]
+    holding = list(photographs_by_folder(folder).values())
     return holding[0] if len(holding) == 1 else []
 
 
 def find_photographs_in(folder: Path) -> list[Path]:
     """The photographs directly in a folder, sorted by name; empty if there is no such folder."""
     return list_images(folder) if folder.is_dir() else []
+
+
+def photographs_by_folder(folder: Path) -> dict[Path, list[Path]]:
+    """The photographs in the folders of a folder, by inner folder, sorted; those without photographs are left out."""
+    inner = [path for path in sorted(folder.iterdir()) if is_folder_of_photographs(path)] if folder.is_dir() else []
+    return {path: found for path in inner if (found := find_photographs_in(path))}
+
+
+def videos_in(folder: Path) -> list[Path]:
+    """The videos directly in a folder, sorted by name; empty if there is no such folder."""
+    files = sorted(folder.iterdir()) if folder.is_dir() else ()
+    return [file for file in files if is_video(file) and not file.name.startswith(".")]
+
+
+def only_video(folder: Path) -> Path | None:
+    """The only video directly in a folder; None if there is no such, or if the folder holds photographs too."""
+    videos = videos_in(folder)
+    is_alone = len(videos) == 1 and not find_photographs(folder) and not photographs_by_folder(folder)
+    return videos[0] if is_alone else None
 
 
 def holds_photographs(path: Path) -> bool:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from pocketgs.capture.capture import Capture
-from pocketgs.capture.open import lacks_poses
+from pocketgs.capture.open import lacks_poses, video_of
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.journal import settle
@@ -42,6 +42,7 @@ def capture_of(scene: Path, capture: Path) -> Path:
         scene: a scene file or a result folder.
         capture: as the user named it.
     """
+    capture = video_of(capture)
     made = posed_folder(folder_of(scene), capture)
     return made if made.is_dir() and lacks_poses(capture) else capture
 

@@ -10,7 +10,7 @@ import tyro
 
 from pocketgs.capture import ListedCapture
 from pocketgs.capture.masks import FOUND, NONE
-from pocketgs.capture.open import capture_name, is_transforms_file, lacks_poses
+from pocketgs.capture.open import capture_name, is_transforms_file, lacks_poses, video_of
 from pocketgs.capture.unposed import is_video
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.compressing_run import CompressingRun
@@ -48,7 +48,7 @@ def train(
         training: Options of training.
         page: Options of the page that follows the run.
     """
-    console = Terminal()
+    console, capture = Terminal(), video_of(capture)
     name, resolved = capture_name(capture), capture.resolve()
     # A folder and the transforms.json in it are one capture; a folder and a video of the same name are two.
     source = source_of(resolved.parent if is_transforms_file(resolved) else resolved)

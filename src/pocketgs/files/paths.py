@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import zipfile
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TypeAlias
 
@@ -12,7 +13,15 @@ from pocketgs.errors import PocketGSError, short
 CaptureFile: TypeAlias = Path | zipfile.Path
 """A file of a capture, on disk or inside an archive that is read without unpacking."""
 
-IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".mpo", ".heic", ".heif", ".tif", ".tiff", ".webp", ".bmp"})
+IMAGE_SUFFIXES = frozenset(
+    {".png", ".jpg", ".jpeg", ".jpe", ".jfif", ".mpo", ".heic", ".heif", ".tif", ".tiff", ".webp", ".bmp"}
+    | ({".avif"} if find_spec("PIL._avif") else set())  # only some builds of Pillow have it
+)
+UNREAD_SUFFIXES = (
+    frozenset({".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".gif", ".jp2", ".jxl", ".psd", ".avif"})
+    - IMAGE_SUFFIXES
+)
+"""Suffixes of pictures that are not read, such as cameras' raw data."""
 
 OTHER_PICTURES = ("mask", "depth", "conf", "normal", "seg", "label", "thumb", "preview", "held_out", ".", "__")
 """Prefixes of folders whose images share photographs' names but are not photographs."""

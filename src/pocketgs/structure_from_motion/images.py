@@ -7,8 +7,9 @@ from pathlib import Path
 from PIL import Image
 
 from pocketgs.capture.masks import FOUND, NONE, find_masks
-from pocketgs.capture.photograph_copy import place_masks, place_photograph
+from pocketgs.capture.photograph_copy import names_of_copies, place_masks, place_photograph
 from pocketgs.capture.unposed import find_photographs, is_video
+from pocketgs.capture.unrecognised import what_is_there
 from pocketgs.capture.video_file import read_frames, sharpest_frames
 from pocketgs.errors import PocketGSError
 from pocketgs.files.paths import IMAGE_SUFFIXES, relative_name
@@ -32,9 +33,10 @@ def source_files(source: Path) -> list[Path]:
         raise PocketGSError(f"{source}: no such file or folder, expected a video or a folder of photographs")
     photographs = find_photographs(source)
     if len(photographs) < FEWEST:
-        kinds = ", ".join(sorted(IMAGE_SUFFIXES))
+        kinds, found = ", ".join(sorted(IMAGE_SUFFIXES)), what_is_there(source)
         raise PocketGSError(
-            f"{source}: {len(photographs)} photographs, expected a video or a folder with at least {FEWEST} ({kinds})"
+            f"{source}: {len(photographs)} photographs{found and '; '}{found}, expected a video or a folder with at "
+            f"least {FEWEST} ({kinds})"
         )
     return photographs
 
@@ -73,8 +75,9 @@ def gather(source: Path, folder: Path, options: PoseOptions, threads: int, on_co
     if is_video(source):
         _extract(source, folder, options.most_frames, on_count)
         return
-    placed = dict(zip(files, each(files, lambda path: place_photograph(path, folder), threads, on_count), strict=True))
-    place_masks(source_masks(source, options.masks), placed, folder.parent / MASKS)
+    names = names_of_copies(files)
+    each(files, lambda path: place_photograph(path, folder / names[path]), threads, on_count)
+    place_masks(source_masks(source, options.masks), names, folder.parent / MASKS)
 
 
 def _extract(video: Path, folder: Path, most_frames: int, on_count: Count) -> None:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from pocketgs.capture.image_file import SIXTEEN_BIT_MODES, high_bytes, read_image
+from pocketgs.capture.image_file import colour_and_alpha, read_image
 from pocketgs.capture.mask_file import read_mask
 from pocketgs.structure_from_motion.exif import Exif, read_exif
 from pocketgs.structure_from_motion.features import find_features
@@ -68,11 +68,12 @@ def read_photographs(
     most = FEATURES_OF_FEW if len(paths) <= MAX_FOR_ALL_PAIRS else FEATURES_OF_MANY
 
     def read(path: Path) -> Photograph:
-        size, image, exif = read_image(path, lambda opened: _reduced(opened, max_size))
+        size, image, opaque, exif = read_image(path, lambda opened: _reduced(opened, max_size))
         features = find_features(image, most)
         mask = masks / f"{path.name}.png"
-        if mask.is_file():
-            features = features.within(read_mask(mask), (image.shape[1], image.shape[0]))
+        for usable in (opaque, read_mask(mask) if mask.is_file() else None):
+            if usable is not None:
+                features = features.within(usable, (image.shape[1], image.shape[0]))
         columns, rows = np.minimum(features.keypoints[:, :2].astype(int), np.array(image.shape[1::-1]) - 1).T
         file = workspace / f"{path.name}.npz"
         np.savez(file, keypoints=features.keypoints, descriptors=features.descriptors, colours=image[rows, columns])
@@ -110,16 +111,17 @@ def focal_length(photograph: Photograph) -> tuple[float, bool]:
     return (ratio or PHONE_FOCAL_RATIO) * diagonal, ratio is not None
 
 
-def _reduced(image: Image.Image, max_size: int) -> tuple[tuple[int, int], np.ndarray, Exif]:
-    """The full size, the reduced image, (H, W, 3) uint8, and EXIF data."""
+def _reduced(image: Image.Image, max_size: int) -> tuple[tuple[int, int], np.ndarray, np.ndarray | None, Exif]:
+    """The full size, the reduced image, (H, W, 3) uint8, bools of its opaque pixels at any size, and EXIF data.
+
+    Pixels of half opacity and more are opaque, as in `Frame.usable`; None if the image has no alpha.
+    """
     exif, size = read_exif(image), image.size
     factor = min(1.0, max_size / max(size))
     reduced = (max(1, round(size[0] * factor)), max(1, round(size[1] * factor)))
     # JPEG can be decoded at 1/2, 1/4 or 1/8 of its size in a fraction of the time; other formats ignore this.
     image.draft(None, reduced)
-    colours = high_bytes(image) if image.mode in SIXTEEN_BIT_MODES else np.asarray(image.convert("RGB"))
-    if colours.ndim == 2:
-        colours = np.repeat(colours[:, :, None], 3, axis=2)
+    colours, alpha = colour_and_alpha(image)
     if image.size != reduced:
         colours = cv2.resize(colours, reduced, interpolation=cv2.INTER_AREA)
-    return size, colours, exif
+    return size, colours, None if alpha is None else alpha >= 128, exif

@@ -10,8 +10,9 @@ from typing import Any
 
 from pocketgs.capture.formats.colmap import POSED_RECORD
 from pocketgs.capture.image_file import read_header
-from pocketgs.capture.open import read_listing
+from pocketgs.capture.open import read_listing, video_of
 from pocketgs.capture.unposed import is_video
+from pocketgs.capture.unrecognised import unread_pictures
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_folder import replacing_folder
 from pocketgs.structure_from_motion.attempts import place_all
@@ -72,7 +73,8 @@ def pose(
     The same input, options and version of pycolmap give the same poses on the same machine, on any number of threads.
 
     Args:
-        images_or_video: a folder with photographs, directly or in a folder `images`, or a video file.
+        images_or_video: a folder with photographs, directly or in a folder `images`; a video file, or a folder with
+            nothing but one.
         output: folder for the capture: `images/`, `sparse/0/`, `posed.json`, and `masks/` if photographs have masks. An
             earlier one is kept until the new one is complete.
         options: None for the defaults.
@@ -83,9 +85,11 @@ def pose(
     Raises:
         PocketGSError: pycolmap is missing, the input or the output cannot be used, or no poses were found.
     """
-    source, output, options = Path(images_or_video), Path(output), options or PoseOptions()
+    source, output, options = video_of(Path(images_or_video)), Path(output), options or PoseOptions()
     check_installed()
     made_from = _made_from(source, options)
+    if not is_video(source) and (unread := unread_pictures(source_files(source)[0].parent)):
+        on_warning(f"{source}: {unread}")
     check_replaceable(output)
     try:
         with replacing_folder(output) as (staging, workspace):
@@ -149,7 +153,7 @@ def posed(
     Raises:
         PocketGSError: as `pose`.
     """
-    made_from = _made_from(Path(images_or_video), options or PoseOptions())
+    made_from = _made_from(video_of(Path(images_or_video)), options or PoseOptions())
     record = read_record(Path(folder)) or {}
     if not (made_from.items() <= record.items() and (Path(folder) / MODEL).is_dir()):
         pose(images_or_video, folder, options, on_stage=on_stage, on_count=on_count, on_warning=on_warning)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pocketgs.capture.formats.transforms_file import absent_warning, mask_warning, read_frames
+from pocketgs.capture.formats.transforms_file import absent_warning, check_some_exist, mask_warning, read_frames
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.errors import PocketGSError
 from pocketgs.files.json_fields import read_json
@@ -23,21 +23,25 @@ def read(path: Path, images: str | None = None) -> Listing:
     """Read the training and test frames; transforms_val.json is ignored.
 
     Raises:
-        PocketGSError: a file is malformed, or `images` is given, which the format does not support.
+        PocketGSError: a file is malformed, no training frame has an image, or `images` is given, which the format does
+            not support.
     """
     if images is not None:
         raise PocketGSError(f"{path}: images='{images}' given, but blender captures name their images in full")
     train, warnings = _read_split(path, "transforms_train.json")
     if not (path / "transforms_test.json").is_file():
         return Listing(FORMAT, train, background=WHITE, warnings=warnings)
-    test, more_warnings = _read_split(path, "transforms_test.json")
+    # The test images may be absent: people leave them out to save space.
+    test, more_warnings = _read_split(path, "transforms_test.json", may_be_absent=True)
     held_out = frozenset(frame.name for frame in test)
     return Listing(FORMAT, train + test, held_out=held_out or None, background=WHITE, warnings=warnings + more_warnings)
 
 
-def _read_split(path: Path, name: str) -> tuple[list[FrameSource], tuple[str, ...]]:
+def _read_split(path: Path, name: str, may_be_absent: bool = False) -> tuple[list[FrameSource], tuple[str, ...]]:
     document = read_json(path / name)
     # Always with the folder: training and test images have the same names.
     frames, warnings = read_frames(document, path, may_have_moved=False)
+    if not may_be_absent:
+        check_some_exist(frames, document)
     warnings += absent_warning(frames, document) + mask_warning(frames, document)
     return [frame for frame in frames if frame is not None], warnings

@@ -3,28 +3,46 @@
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 from pocketgs.capture.formats import colmap_files
+from pocketgs.capture.formats.colmap_images import holds_any, match_files
 from pocketgs.capture.formats.colmap_model import ColmapCamera, ColmapImage
 from pocketgs.capture.listing import FrameSource, Listing
-from pocketgs.capture.named_images import find_images, find_stated
 from pocketgs.capture.poses import camera_at, rotation_from_quaternion, world_to_camera_of
 from pocketgs.errors import PocketGSError
-from pocketgs.files.paths import inside, list_images, relative_name
+from pocketgs.files.paths import inside, relative_name
 
 FORMAT = "colmap"
 LOOKED_FOR = "cameras and images .bin or .txt, there or in sparse/0, sparse, colmap/sparse or dense/sparse"
 MODEL_FOLDERS = ("", "sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "dense/sparse", "dense/0/sparse")
 DEFAULT_IMAGES = "images"
 IMAGE_FOLDERS = (DEFAULT_IMAGES, "images_2", "images_4", "images_8", "rgb", "input", "photos")
+MODELS_BESIDE = ("", "sparse/0", "sparse")
+"""Places of a model beside its own folder of images."""
 POSED_RECORD = "posed.json"
 """Name of the record of how this package has found a capture's poses."""
 
 
+@dataclass(frozen=True)
+class _Model:
+    """A sparse model, and warnings about its choice."""
+
+    folder: Path
+    images: list[ColmapImage]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> list[str]:
+        return [image.name for image in self.images]
+
+
 def recognises(path: Path) -> bool:
     """Whether the folder has a sparse model with cameras and images. LLFF captures have one without images."""
-    return path.is_dir() and _model_folder(path) is not None
+    return path.is_dir() and any(_models_at(path, name) for name in MODEL_FOLDERS)
 
 
 def read(path: Path, images: str | None = None) -> Listing:
@@ -37,21 +55,24 @@ def read(path: Path, images: str | None = None) -> Listing:
     Raises:
         PocketGSError: a file is malformed, a camera model is not supported, or no registered image exists.
     """
-    model = _model_folder(path)
-    if model is None:
-        raise PocketGSError(f"{path}: no COLMAP model, expected {LOOKED_FOR}")
-    cameras = colmap_files.read_cameras(model)
-    registered = colmap_files.read_images(model)
-    if not registered:
-        raise PocketGSError(f"{model}: registers no image, expected at least one")
-    files, warnings = _match_files(registered, path, model, images)
+    model = _choose_model(path, images)
+    cameras = colmap_files.read_cameras(model.folder)
+    if not model.images:
+        raise PocketGSError(f"{model.folder}: registers no image, expected at least one")
+    around, folder = _folder_around(model.folder, path), _image_folder(path, model.folder, images)
+
+    def is_of_another_model(place: Path) -> bool:
+        return not place.parent.samefile(around) and any(_models_at(place.parent, name) for name in MODELS_BESIDE)
+
+    leave_out = is_of_another_model if images is None else None
+    files, warnings = match_files(model.names, folder, path, f"{model.folder}: images", leave_out)
     frames = [
-        _frame(image, file, path, cameras, f"{model}, image {image.name}")
-        for image, file in zip(registered, files, strict=True)
+        _frame(image, file, path, cameras, f"{model.folder}, image {image.name}")
+        for image, file in zip(model.images, files, strict=True)
         if file is not None
     ]
-    points = colmap_files.read_points(model)
-    return Listing(FORMAT, frames, points=points, metric=_is_metric(path), warnings=warnings)
+    points = colmap_files.read_points(model.folder)
+    return Listing(FORMAT, frames, points=points, metric=_is_metric(path), warnings=model.warnings + warnings)
 
 
 def _is_metric(path: Path) -> bool:
@@ -62,43 +83,52 @@ def _is_metric(path: Path) -> bool:
         return False
 
 
-def _model_folder(path: Path) -> Path | None:
-    folders = (path / name for name in MODEL_FOLDERS)
+def _choose_model(path: Path, images: str | None) -> _Model:
+    """The first model whose own image folder is used or holds its images, or else the first.
+
+    COLMAP writes undistorted images beside a model of their own, and the originals may be elsewhere.
+
+    Raises:
+        PocketGSError: there is no model, or one that is looked at is malformed.
+    """
+    places = [folders for name in MODEL_FOLDERS if (folders := _models_at(path, name))]
+    if not places:
+        raise PocketGSError(f"{path}: no COLMAP model, expected {LOOKED_FOR}")
+    first = _largest(places[0], path)
+    others = (_largest(folders, path) for folders in places[1:])
+    return next((model for model in chain([first], others) if _has_images(model, path, images)), first)
+
+
+def _models_at(path: Path, name: str) -> list[Path]:
+    """The complete models at a place of `MODEL_FOLDERS`: where its name holds a 0, all that COLMAP numbers like it."""
+    before, zero, after = name.partition("0")
+    folders = [path / name]
+    if zero:
+        inner = (path / before).iterdir() if (path / before).is_dir() else ()
+        numbers = sorted(int(folder.name) for folder in inner if re.fullmatch("[0-9]{1,9}", folder.name))
+        folders = [path / f"{before}{number}{after}" for number in numbers]
     parts = ("cameras", "images")
-    return next((f for f in folders if all(colmap_files.find_part(f, part) for part in parts)), None)
+    return [folder for folder in folders if all(colmap_files.find_part(folder, part) for part in parts)]
 
 
-def _match_files(
-    registered: list[ColmapImage], capture: Path, model: Path, images: str | None
-) -> tuple[list[Path | None], tuple[str, ...]]:
-    """Each registered image's file, None where it is missing, and warnings."""
-    folder = _image_folder(capture, model, images)
-    where = f"{model}: images"
-    names = [image.name for image in registered]
-    warnings: tuple[str, ...] = ()
-    # Absolute paths are of the machine that wrote them: those images are found by name alone.
-    were_elsewhere = images is None and any(Path(name).is_absolute() for name in names)
-    files: list[Path | None] = [] if were_elsewhere else find_stated(folder, names, where)
-    if images is None and not any(files):
-        # As with relative names, those of the folder beside the model come first: the originals have the same names.
-        below = [f"{DEFAULT_IMAGES}/{name}" for name in names]
-        for place in dict.fromkeys((folder, capture) if were_elsewhere else (capture,)):
-            files, warnings = find_images(place, below, where)
-            if any(files):
-                break
-    absent = [name for name, file in zip(names, files, strict=True) if file is None]
-    if not absent:
-        return files, warnings
-    if len(absent) < len(names):
-        found = f"{len(absent)} of {len(names)} registered images are absent, the first {absent[0]}"
-        return files, (*warnings, found)
-    # Downscaled copies are often renamed (LLFF: images/IMG_4026.JPG, images_8/image000.png) but stay in order.
-    renamed = list_images(folder)
-    if len(renamed) != len(names):
-        raise PocketGSError(f"{folder}: holds none of the {len(names)} registered images, such as {absent[0]}")
-    by_name = dict(zip(sorted(names), renamed, strict=True))
-    message = f"{relative_name(folder, capture)} names its files otherwise: matched to the model in sorted order"
-    return [by_name[name] for name in names], (message,)
+def _largest(folders: list[Path], capture: Path) -> _Model:
+    """Of several models, whose worlds have nothing in common, the one with the most registered images."""
+    models = [_Model(folder, colmap_files.read_images(folder)) for folder in folders]
+    largest = max(models, key=lambda model: len(model.images))
+    if len(models) == 1:
+        return largest
+    sizes = [f"{relative_name(model.folder, capture)} with {len(model.images)}" for model in models]
+    found = f"{len(models)} COLMAP models that do not fit together: {', '.join(sizes)} images"
+    return replace(largest, warnings=(f"{found}; only the largest, {sizes[models.index(largest)]}, is used",))
+
+
+def _has_images(model: _Model, capture: Path, images: str | None) -> bool:
+    around = _folder_around(model.folder, capture)
+    if images is not None:
+        folder = inside(capture, images, "the images option")
+        return folder.is_dir() and folder.parent.samefile(around)
+    usual = next((around / name for name in IMAGE_FOLDERS if (around / name).is_dir()), None)
+    return usual is not None and holds_any(usual, model.names, str(model.folder))
 
 
 def _image_folder(capture: Path, model: Path, images: str | None) -> Path:

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PureWindowsPath
 
 from pocketgs.capture.cloud_file import read_cloud
 from pocketgs.capture.formats.stated_intrinsics import NERFCAPTURE_FIELD
-from pocketgs.capture.formats.transforms_file import absent_warning, depth_warning, mask_warning, read_frames
+from pocketgs.capture.formats.transforms_file import (
+    absent_warning,
+    check_some_exist,
+    depth_warning,
+    mask_warning,
+    read_frames,
+)
 from pocketgs.capture.listing import FrameSource, Listing
-from pocketgs.capture.named_images import find_moved
+from pocketgs.capture.named_images import find_moved, spelling
 from pocketgs.errors import PocketGSError
 from pocketgs.files.json_fields import Fields, read_json
 from pocketgs.scene.point_cloud import PointCloud
 
 FORMAT = "nerfstudio"
 LOOKED_FOR = "transforms.json"
+PARTS = ("train_filenames", "val_filenames", "test_filenames")
 
 
 def recognises(path: Path) -> bool:
@@ -30,7 +37,7 @@ def read(path: Path, images: str | None = None) -> Listing:
 
     Args:
         path: the folder or the file.
-        images: folder inside the capture to take the images from, by file name.
+        images: folder inside the capture to take the images from, see `read_frames`.
 
     Raises:
         PocketGSError: a field is missing or malformed, a path leaves the folder, or no frame has an image.
@@ -38,14 +45,14 @@ def read(path: Path, images: str | None = None) -> Listing:
     file = path if path.is_file() else path / "transforms.json"
     document = read_json(file)
     listed, warnings = read_frames(document, file.parent, images)
+    check_some_exist(listed, document)
     warnings += absent_warning(listed, document) + mask_warning(listed, document) + depth_warning(listed, document)
-    if listed and all(frame is None for frame in listed):
-        raise PocketGSError(f"{file}: none of the {len(listed)} listed frames has an image file")
     frames, held_out = _split(document, listed)
     points, more_warnings = _cloud(document, file.parent)
+    warnings += _split_warnings(document) + more_warnings
     # ARKit's poses are in metres.
     metric = NERFCAPTURE_FIELD in document.values or document.flag("metric")
-    return Listing(FORMAT, frames, held_out=held_out, points=points, metric=metric, warnings=warnings + more_warnings)
+    return Listing(FORMAT, frames, held_out=held_out, points=points, metric=metric, warnings=warnings)
 
 
 def _split(document: Fields, listed: list[FrameSource | None]) -> tuple[list[FrameSource], frozenset[str] | None]:
@@ -55,24 +62,38 @@ def _split(document: Fields, listed: list[FrameSource | None]) -> tuple[list[Fra
     validation frames beside test frames, are not used.
     """
     present = [frame for frame in listed if frame is not None]
-    parts = {name: _part(document, listed, f"{name}_filenames") for name in ("train", "val", "test")}
-    held_out = parts["test"] or parts["val"]
+    train, val, test = (_part(document, listed, name) for name in PARTS)
+    held_out = test or val
     if not held_out:
         return present, None
-    train = parts["train"] or frozenset(f.name for f in present) - (parts["val"] or frozenset()) - held_out
+    train = train or frozenset(frame.name for frame in present) - val - held_out
     if train & held_out:
         raise PocketGSError(f"{document.where}: the image {min(train & held_out)} is both for training and held out")
     return [frame for frame in present if frame.name in train | held_out], held_out
 
 
-def _part(document: Fields, listed: list[FrameSource | None], name: str) -> frozenset[str] | None:
-    """Names of the existing frames in a list of file paths, or None if there is no such list."""
-    paths = document.optional_texts(name)
-    if paths is None:
-        return None
-    wanted = {PurePosixPath(path) for path in paths}
+def _part(document: Fields, listed: list[FrameSource | None], name: str) -> frozenset[str]:
+    """Names of the existing frames in a list of file paths; none if there is no such list."""
+    wanted = {_key(path) for path in document.optional_texts(name) or ()}
     frames = zip(document.objects("frames"), listed, strict=True)
-    return frozenset(f.name for fields, f in frames if f and PurePosixPath(fields.text("file_path")) in wanted)
+    return frozenset(f.name for fields, f in frames if f and _key(fields.text("file_path")) in wanted)
+
+
+def _split_warnings(document: Fields) -> tuple[str, ...]:
+    """A warning about each list of the split that names none of the frames, whether or not their images exist."""
+    stated = {_key(fields.text("file_path")) for fields in document.objects("frames")}
+    lists = {name: document.optional_texts(name) for name in PARTS}
+    return tuple(
+        f"{document.where}: {name} names no frame, and is not used: none of the {len(paths)} is a file_path, the first "
+        f"{paths[0]}"
+        for name, paths in lists.items()
+        if paths and stated.isdisjoint(map(_key, paths))
+    )
+
+
+def _key(path: str) -> str:
+    """A path without what differs between systems: its separator, case, and the encoding of accents."""
+    return spelling(PureWindowsPath(path).as_posix())
 
 
 def _cloud(document: Fields, folder: Path) -> tuple[PointCloud | None, tuple[str, ...]]:

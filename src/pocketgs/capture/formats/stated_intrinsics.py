@@ -19,6 +19,7 @@ Other files may use it too; nerfstudio itself does not.
 """
 
 MATRIX_FIELDS = ("K", "intrinsics", "intrinsic_matrix", "camera_intrinsics")
+PIXEL_FIELDS = ("fl_x", "fl_y", "cx", "cy", *MATRIX_FIELDS)
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ def read_intrinsics(fields: Fields, image_size: Callable[[], tuple[int, int]]) -
 
     Args:
         fields: the frame's fields, over those of the whole file.
-        image_size: returns the size of the image file, used if none is stated.
+        image_size: returns the size of the image that the frame states, used if no size is stated.
 
     Raises:
         PocketGSError: no focal length is stated, or a field is malformed.
@@ -59,6 +60,11 @@ def read_intrinsics(fields: Fields, image_size: Callable[[], tuple[int, int]]) -
     middle = (width / 2, height / 2) if matrix is None else (float(matrix[0, 2]), float(matrix[1, 2]))
     cx, cy = _stated_centre(fields)
     return Intrinsics((width, height), (fx, fy), (middle[0] if cx is None else cx, middle[1] if cy is None else cy))
+
+
+def states_pixels(fields: Fields) -> bool:
+    """Whether a frame states intrinsics in pixels, which refer to one image size, unlike fields of view."""
+    return any(fields.values.get(name) is not None for name in PIXEL_FIELDS)
 
 
 def _stated_centre(fields: Fields) -> tuple[float | None, float | None]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path, PurePosixPath
+from collections.abc import Callable, Sequence
+from pathlib import Path, PureWindowsPath
 
 import numpy as np
 
-from pocketgs.capture.formats.stated_intrinsics import read_intrinsics
+from pocketgs.capture.formats.stated_intrinsics import read_intrinsics, states_pixels
 from pocketgs.capture.image_file import read_size
 from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.named_images import find_images, find_moved, find_stated
@@ -22,6 +22,9 @@ from pocketgs.geometry.lens import PINHOLE, Lens
 EXTENSIONS_TRIED = ("", ".png", ".jpg", ".jpeg")
 PERSPECTIVE_MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "PERSPECTIVE")
 FISHEYE_MODELS = ("OPENCV_FISHEYE",)
+KNOWN_MODELS = ", ".join(PERSPECTIVE_MODELS + FISHEYE_MODELS)
+LENSES_OF_INSTANT_NGP = ("ftheta_p0", "equirectangular", "latlong", "orthographic")
+"""Fields by which instant-ngp's files state a lens that is not supported."""
 DEFAULT_DEPTH_UNIT = 0.001
 
 
@@ -35,7 +38,7 @@ def read_frames(
     Args:
         document: the whole file.
         folder: that its paths are relative to, and must lie in.
-        images: folder to take the images from instead, by file name.
+        images: folder to take the images from instead, by their paths below their first folder, or by file name.
         may_have_moved: if none is at its stated path, search the images in the whole folder by name.
 
     Raises:
@@ -46,13 +49,29 @@ def read_frames(
     named = [frame.text("file_path") for frame in frames]
     warnings: tuple[str, ...] = ()
     if images is not None:
-        named = [f"{images}/{PurePosixPath(name).name}" for name in named]
-    if images is None and may_have_moved:
+        files = _in_other_folder(folder, images, named, document.where)
+    elif may_have_moved:
         files, warnings = find_images(folder, named, document.where, EXTENSIONS_TRIED)
     else:
         files = find_stated(folder, named, document.where, EXTENSIONS_TRIED)
     found = zip(frames, files, strict=True)
-    return [None if file is None else _read_frame(frame, folder, file) for frame, file in found], warnings
+    has_moved = images is not None
+    return [None if file is None else _read_frame(frame, folder, file, has_moved) for frame, file in found], warnings
+
+
+def check_some_exist(frames: list[FrameSource | None], document: Fields) -> None:
+    """Refuse a file that lists no frame, or of whose frames none has an image.
+
+    Raises:
+        PocketGSError: it does.
+    """
+    if not frames:
+        raise PocketGSError(f"{document.where}: lists no frame, expected at least one")
+    if not any(frames):
+        first = document.objects("frames")[0].text("file_path")
+        raise PocketGSError(
+            f"{document.where}: none of the {len(frames)} listed frames has an image file, the first {short(first)}"
+        )
 
 
 def absent_warning(frames: list[FrameSource | None], document: Fields) -> tuple[str, ...]:
@@ -92,12 +111,22 @@ def _without_file(kind: str, named: Sequence[str | None], found: Sequence[object
     return (f"{document.where}: {len(absent)} of its {kind} have no file, the first {absent[0]}",)
 
 
-def _read_frame(fields: Fields, folder: Path, path: Path) -> FrameSource:
+def _in_other_folder(folder: Path, images: str, named: Sequence[str], where: str) -> list[Path | None]:
+    """The files in the folder `images`, whose sub-folders are those of the stated first folder, or are none."""
+    paths = [PureWindowsPath(name) for name in named]  # with either separator
+    below = ["/".join(part for part in path.parts[1:] if part != "..") or path.name for path in paths]
+    mirrored = find_stated(folder, [f"{images}/{name}" for name in below], where, EXTENSIONS_TRIED)
+    flat = find_stated(folder, [f"{images}/{path.name}" for path in paths], where, EXTENSIONS_TRIED)
+    return [one or other for one, other in zip(mirrored, flat, strict=True)]
+
+
+def _read_frame(fields: Fields, folder: Path, path: Path, has_moved: bool) -> FrameSource:
+    """Read a frame; `has_moved` if its image is from another folder than it states."""
     depth, depth_unit = _read_depth(fields)
     return FrameSource(
         name=relative_name(path, folder),
         image=path,
-        camera=_read_camera(fields, path),
+        camera=_read_camera(fields, lambda: _size_of_original(fields, folder, path) if has_moved else read_size(path)),
         lens=_read_lens(fields),
         mask_path=_beside(path, folder, fields.optional_text("mask_path"), fields.where),
         depth_path=_beside(path, folder, depth, fields.where),
@@ -119,8 +148,25 @@ def _read_depth(fields: Fields) -> tuple[str | None, float]:
     return depth, DEFAULT_DEPTH_UNIT if unit is None else unit
 
 
-def _read_camera(fields: Fields, image_path: Path) -> Camera:
-    stated = read_intrinsics(fields, lambda: read_size(image_path))
+def _size_of_original(fields: Fields, folder: Path, copy: Path) -> tuple[int, int]:
+    """Size of the image that a frame states, which its intrinsics refer to; `copy` is in another folder.
+
+    Raises:
+        PocketGSError: there is no such image, and the intrinsics are in pixels.
+    """
+    stated = fields.text("file_path")
+    found = (find_moved(folder, stated + suffix, fields.where) for suffix in EXTENSIONS_TRIED)
+    original = next(filter(None, found), None)
+    if original is None and states_pixels(fields):
+        raise PocketGSError(
+            f"{fields.where}: no fields 'w' and 'h', and no image {short(stated)}, expected either: intrinsics "
+            f"in pixels refer to its size, and {copy} may have another"
+        )
+    return read_size(original or copy)
+
+
+def _read_camera(fields: Fields, image_size: Callable[[], tuple[int, int]]) -> Camera:
+    stated = read_intrinsics(fields, image_size)
     return camera_at(fields.where, stated.size, stated.focal, stated.centre, _read_pose(fields))
 
 
@@ -136,8 +182,12 @@ def _read_pose(fields: Fields) -> np.ndarray:
 def _read_lens(fields: Fields) -> Lens:
     model = fields.optional_text("camera_model")
     if model is not None and model not in PERSPECTIVE_MODELS + FISHEYE_MODELS:
-        known = ", ".join(PERSPECTIVE_MODELS + FISHEYE_MODELS)
-        raise PocketGSError(f"{fields.where}: field 'camera_model' is {short(model)}, expected one of {known}")
+        raise PocketGSError(f"{fields.where}: field 'camera_model' is {short(model)}, expected one of {KNOWN_MODELS}")
+    for name in LENSES_OF_INSTANT_NGP:
+        if fields.values.get(name) is not None and fields.values[name] is not False:
+            raise PocketGSError(
+                f"{fields.where}: field '{name}' states another lens, expected a 'camera_model', one of {KNOWN_MODELS}"
+            )
     fisheye = model in FISHEYE_MODELS or fields.flag("is_fisheye")
     names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
     lens = Lens("fisheye" if fisheye else "opencv", tuple(fields.optional_number(name) or 0.0 for name in names))

@@ -1,0 +1,51 @@
+"""What lies where a capture was expected, for messages that say what to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pocketgs.capture.unposed import photographs_by_folder, videos_in
+from pocketgs.errors import counted
+from pocketgs.files.paths import UNREAD_SUFFIXES
+
+ARCHIVE_SUFFIXES = frozenset({".zip", ".7z", ".rar", ".tar", ".gz", ".tgz", ".bz2", ".xz"})
+MAX_NAMES = 4
+
+
+def what_is_there(path: Path) -> str:
+    """What a path holds instead of a capture, and what to do; empty if there is nothing to say.
+
+    Raises:
+        OSError: a folder cannot be read.
+    """
+    if not path.is_dir():
+        return "it is an archive: unpack it first" if _is_archive(path) else ""
+    by_folder, videos = photographs_by_folder(path), videos_in(path)
+    if len(by_folder) > 1:
+        sizes = [f"{folder.name} ({len(photographs)})" for folder, photographs in by_folder.items()]
+        return f"it holds photographs in several folders, {_listed(sizes)}: move them to one, or name one"
+    if len(videos) > 1:
+        return f"it holds several videos, {_listed([video.name for video in videos])}: name one"
+    archives = [file.name for file in sorted(path.iterdir()) if _is_archive(file)]
+    if archives:
+        return f"it holds {_listed(archives)}: unpack archives first"
+    return unread_pictures(path)
+
+
+def unread_pictures(folder: Path) -> str:
+    """The number and suffixes of the pictures directly in a folder that are not read; empty if there are none."""
+    suffixes = [file.suffix.lower() for file in folder.iterdir() if not file.name.startswith(".")]
+    unread = [suffix for suffix in suffixes if suffix in UNREAD_SUFFIXES]
+    if not unread:
+        return ""
+    found = counted(len(unread), "other picture is not read", "other pictures are not read")
+    return f"{found} ({', '.join(sorted(set(unread)))})"
+
+
+def _is_archive(path: Path) -> bool:
+    return path.suffix.lower() in ARCHIVE_SUFFIXES and not path.name.startswith(".") and path.is_file()
+
+
+def _listed(names: list[str]) -> str:
+    more = len(names) - MAX_NAMES
+    return ", ".join(names[:MAX_NAMES]) + (f" and {more} more" if more > 0 else "")
