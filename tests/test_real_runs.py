@@ -109,9 +109,9 @@ def test_fern_on_the_gpu_engine(trained: Callable[..., dict[str, Any]]) -> None:
 
 
 def test_fern_compressed(trained: Callable[..., dict[str, Any]], data_folder: Path, tmp_path: Path) -> None:
-    """A fifteenth of the size, for at most 0.3 dB on photographs that took no part."""
-    options = ("--images", "images_8", "--downscale", "2")
-    trained("fern", *options, "--effort", "quick", "--iterations", "300", "--max-gaussians", "10000")
+    """A twenty-fifth of the size, for at most 0.3 dB on photographs that took no part."""
+    options = ("--images", "images_8", "--downscale", "3")
+    trained("fern", *options, "--effort", "quick", "--iterations", "300", "--max-gaussians", "8000")
     path, figures = tmp_path / "fern.pgs", tmp_path / "figures.json"
     command = ["compress", tmp_path / "fern", data_folder / "fern", *options, "--output", path, "--json", figures]
     process = [sys.executable, "-m", "pocketgs", *map(str, command)]
@@ -121,5 +121,5 @@ def test_fern_compressed(trained: Callable[..., dict[str, Any]], data_folder: Pa
     [written] = [row for row in pgs if row["name"] == ".pgs, written"]
     print(original, spz, written)
     assert written["psnr"] >= original["psnr"] - 0.3
-    assert 15 * written["megabytes"] <= original["megabytes"]
+    assert 25 * written["megabytes"] <= original["megabytes"]
     assert 2 * written["megabytes"] <= spz["megabytes"]

@@ -131,7 +131,7 @@ def test_structure(call: Call) -> None:
 
 def test_photographs_with_wrong_poses(call: Call) -> None:
     """One for training and one that is held out are placed anew; one of another place, mirrored, is left out."""
-    capture = true_capture(width=192, height=144, frames=8, points=1)
+    capture = true_capture(width=160, height=120, frames=8, points=1)
     frames = [replace(f, camera=turned(f.camera, 30)) if i in (2, 6) else f for i, f in enumerate(capture.train)]
     frames[4] = replace(frames[4], image=np.ascontiguousarray(frames[4].image[:, ::-1]))
     script = (

@@ -107,7 +107,7 @@ def test_jumping_colours_cost_little(tmp_path: Path) -> None:
 
     def trained(jumps: bool, **options: Any) -> Evaluation:
         engine = create_engine(EngineOptions("cpu"))
-        train(capture(jumps), opened_engine=engine, iterations=300, max_gaussians=10_000, bundle=False, **options)
+        train(capture(jumps), opened_engine=engine, iterations=250, max_gaussians=6_000, bundle=False, **options)
         evaluation = evaluate_held_out(engine, capture(jumps))
         assert evaluation is not None
         print(f"jumps {jumps}, {options}: {evaluation.psnr:.2f} dB, colour-corrected {evaluation.cc_psnr:.2f} dB")
