@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 from PIL import Image
 from plyfile import PlyData, PlyElement
 
@@ -20,6 +21,10 @@ from pocketgs.capture.synthetic import true_capture
 from pocketgs.gpu.adapters import Adapter, adapters
 from pocketgs.system.process import resident_bytes
 from pocketgs.training.planning import machine
+
+# Examples may take long where the machine is busy or a kernel is compiled first.
+settings.register_profile("without_deadline", parent=settings(), deadline=None)
+settings.load_profile("without_deadline")
 
 RESIDENT_AT_START = 400_000_000
 """Most bytes that a command's process holds when it plans its run."""

@@ -234,7 +234,7 @@ def test_no_results_give_a_document() -> None:
     assert markdown_table([]).startswith("# Results\n")
 
 
-@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_the_order_of_results_changes_nothing(many_results: list[CellResult], data: st.DataObject) -> None:
     assert markdown_table(data.draw(st.permutations(many_results))) == markdown_table(many_results)

@@ -204,7 +204,7 @@ def test_unknown_binary_model(tmp_path):
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_damaged_models_never_crash(ring, colmap_files, tmp_path: Path, encoding, data):
     colmap_files.write(tmp_path, encoding)
@@ -223,7 +223,7 @@ def test_damaged_models_never_crash(ring, colmap_files, tmp_path: Path, encoding
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
 @pytest.mark.parametrize("part", READERS)
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(content=st.binary(max_size=200))
 def test_random_bytes_never_crash(tmp_path, encoding, part, content):
     reader, suffix = ENCODINGS[encoding]

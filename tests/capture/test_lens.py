@@ -124,7 +124,7 @@ def test_images_too_large_to_remap():
 coefficient = st.floats(-2, 2) | st.floats(-1e6, 1e6)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     model=st.sampled_from(["opencv", "fisheye"]),
     coefficients=st.tuples(*[coefficient] * 4),

@@ -91,7 +91,7 @@ def test_a_header_that_states_a_huge_array(llff_folder):
         open_capture(llff_folder)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(position=st.integers(0, 10_000), replacement=st.binary(max_size=40), cut=st.integers(0, 2000))
 def test_damaged_arrays_never_crash(ring, llff_folder, position, replacement, cut):
     buffer = io.BytesIO()

@@ -160,7 +160,7 @@ def test_truncated_images(tmp_path, suffix):
             read_colour(path)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(position=st.integers(0, 400), replacement=st.binary(min_size=1, max_size=8))
 def test_damaged_images_never_crash(source, position, replacement):
     whole = source.image.read_bytes()

@@ -49,7 +49,7 @@ def test_others_stay_where_they_are(capture_folder: Path) -> None:
     assert (found.origin, found.warnings) == ((0.0, 0.0, 0.0), ())
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.floats(1e-6, 1e6), st.floats(0, 1e9), st.integers(0, 100))
 def test_what_is_left_is_small(extent: float, distance: float, seed: int) -> None:
     rng = np.random.default_rng(seed)

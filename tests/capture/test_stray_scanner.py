@@ -130,7 +130,7 @@ def test_broken_depth_maps_are_left_out_and_named(copied_phone):
     assert [frame.name for frame in capture.frames if frame.depth is None] == ["rgb.mp4/000003"]
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     table=st.sampled_from(["odometry.csv", "camera_matrix.csv"]), start=st.integers(0, 800), junk=st.binary(max_size=9)
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tyro
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pocketgs.cli.capture_options import CaptureOptions
@@ -20,7 +20,6 @@ OPTIONS = st.builds(
 )
 
 
-@settings(deadline=None)
 @given(OPTIONS)
 def test_flags_give_the_options_back(options: CaptureOptions) -> None:
     assert tyro.cli(CaptureOptions, args=list(flags_of(options))) == options

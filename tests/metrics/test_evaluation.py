@@ -42,7 +42,7 @@ def test_agrees_with_scikit_image_on_a_photograph(photo: np.ndarray, amount: flo
     assert psnr(rendered, photo) == pytest.approx(peak_signal_noise_ratio(photo, rendered, data_range=1), abs=1e-4)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(height=st.integers(11, 40), width=st.integers(11, 40), seed=st.integers(0, 1000), amount=st.floats(0, 1))
 def test_agrees_with_scikit_image_at_any_size(height: int, width: int, seed: int, amount: float) -> None:
     image = np.random.default_rng(seed).random((height, width, 3), dtype=np.float32)

@@ -72,7 +72,7 @@ def times_seen(frames: Sequence[Frame], chosen: Sequence[int], spots: int = 5) -
     return np.array(counts)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(data=st.data(), count=st.integers(1, 40), most=st.integers(2, 12))
 def test_every_frame_is_decided_on_and_the_bound_is_hard(data: st.DataObject, count: int, most: int) -> None:
     position = st.tuples(st.floats(-3, 3), st.floats(-3, 3), st.floats(-3, 1))
@@ -85,7 +85,7 @@ def test_every_frame_is_decided_on_and_the_bound_is_hard(data: st.DataObject, co
     assert 1 <= len(kept(decisions)) <= most
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), count=st.integers(2, 25))
 def test_unordered_stills_are_covered_twice(seed: int, count: int) -> None:
     """Every part that two frames see at all is seen by two keyframes, wherever the frames stand."""

@@ -56,7 +56,7 @@ def test_held_out_cameras_do_not_count() -> None:
     assert estimate_scale(capture_of(ring(3.0), ring(300.0))).distance == pytest.approx(3.0)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(factor=st.floats(1e-3, 1e3), outwards=st.booleans())
 def test_distance_grows_with_the_scene(factor: float, outwards: bool) -> None:
     once, grown = (estimate_scale(capture_of(ring(radius, outwards))) for radius in (1.0, factor))

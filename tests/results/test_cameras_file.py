@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pocketgs import Capture, PocketGSError
@@ -175,7 +175,6 @@ def test_what_is_no_pose(small_capture: Capture, path: Path, pose: Any) -> None:
 @given(
     st.recursive(st.none() | st.floats() | st.text(), lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner))
 )
-@settings(deadline=None)
 def test_any_json(small_capture: Capture, tmp_path_factory: pytest.TempPathFactory, content: Any) -> None:
     path = tmp_path_factory.mktemp("any") / "cameras.json"
     for document in (

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -128,7 +128,6 @@ def test_plain_names_are_plain_and_differ() -> None:
 
 
 @given(st.lists(st.text(min_size=1, max_size=400).filter(lambda name: name.strip("/.")), max_size=8))
-@settings(deadline=None)
 def test_any_name_makes_a_file(frames: list[str]) -> None:
     names = plain_names(frames)
     assert len({name.casefold() for name in names}) == len(frames)
@@ -196,7 +195,6 @@ def test_checkpoint_cut_off(tmp_path: Path, checkpoint: Checkpoint) -> None:
 
 
 @given(data=st.data())
-@settings(deadline=None)
 def test_damaged_checkpoint(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
     """Garbage, and a valid file with some bytes changed: it is refused, or the damage does not matter."""
     folder = tmp_path_factory.mktemp("damaged")

@@ -34,7 +34,7 @@ def rotation_of(angles: tuple[float, float, float]) -> np.ndarray:
 
 
 @given(angles=ANGLES, coefficients=st.sampled_from([1, 4, 9, 16]))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_turned_harmonics_show_in_a_direction_what_they_showed_in_the_turned_back_one(
     angles: tuple[float, float, float], coefficients: int
 ) -> None:
@@ -48,7 +48,7 @@ def test_turned_harmonics_show_in_a_direction_what_they_showed_in_the_turned_bac
 
 
 @given(angles=ANGLES)
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_turned_covariances(angles: tuple[float, float, float]) -> None:
     scene, rotation = random_scene(20, 3), rotation_of(angles)
     turned = rotated(scene, rotation)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from scipy.spatial.transform import Rotation
@@ -120,7 +120,6 @@ def test_points_on_top_of_each_other(seed: Seeding) -> None:
 
 @pytest.mark.parametrize("shape", list(SEEDINGS))
 @given(positions=arrays.arrays(np.float32, (6, 3), elements=st.floats(-1e6, 1e6, width=32)))
-@settings(deadline=None)
 def test_any_points_give_sound_gaussians(shape: str, positions: np.ndarray) -> None:
     assert sound(SEEDINGS[shape](cloud(positions), 0.1, 0, 1.0))
 

@@ -55,7 +55,7 @@ def rows_of(scene: SortFreeScene) -> np.ndarray:
     seed=st.integers(0, 99),
     detail=st.sampled_from(["fine", "small"]),
 )
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 def test_a_pgs_holds_what_was_rounded(
     folder: Path, gaussians: Gaussians, form: str, degree: int, seed: int, detail: Detail
 ) -> None:

@@ -47,7 +47,7 @@ def a_camera(rng: np.random.Generator) -> Camera:
     return Camera(width, height, *rng.uniform(10.0, 90.0, 2), *(rng.uniform(-0.2, 1.2, 2) * (width, height)), pose)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 10_000))
 def test_what_is_visible_is_in_a_cluster_in_view(seed: int) -> None:
     scene, camera = around(seed), a_camera(np.random.default_rng(seed))

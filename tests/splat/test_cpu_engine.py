@@ -110,7 +110,7 @@ def test_few_gaussians_and_small_images(make_gaussians: MakeGaussians, count: in
     assert all(np.all(np.isfinite(getattr(result, name))) for name in PARAMETERS)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(EDITS)
 def test_hostile_numbers_leave_the_image_finite(edits: list[tuple[int, float]]) -> None:
     gaussians = with_hostile_numbers(edits)
@@ -137,7 +137,7 @@ def test_a_million_gaussians_off_screen() -> None:
     assert engine.render(camera, (0.1, 0.2, 0.3)).alpha.max() == 0.0
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 10_000), st.integers(1, 70), st.integers(1, 70))
 def test_tile_lists_hold_every_pixel_that_a_splat_colours(seed: int, width: int, height: int) -> None:
     """Comparison with all pixels by brute force: no contribution of 1/255 is missing, and depth order is kept."""

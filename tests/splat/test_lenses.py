@@ -206,7 +206,7 @@ def test_antialiasing_keeps_what_a_small_gaussian_adds_to_the_image(
 
 
 @pytest.mark.parametrize("name", BENT)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 10_000))
 def test_what_is_visible_is_in_a_cluster_in_view(name: str, seed: int) -> None:
     scene, camera = around(seed, 1500), through(a_camera(np.random.default_rng(seed)), name)

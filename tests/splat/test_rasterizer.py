@@ -234,7 +234,7 @@ def test_nothing_to_see(engine: str, make_gaussians: MakeGaussians) -> None:
         assert not np.any(gradient.pose)
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(edits=EDITS)
 def test_hostile_numbers_leave_images_and_gradients_finite(engine: str, edits: list[tuple[int, float]]) -> None:
     gaussians, camera = with_hostile_numbers(edits), camera_in_front(33, 21, 30.0)

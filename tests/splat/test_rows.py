@@ -67,7 +67,7 @@ def numbered(count: int, coefficients: int = 4) -> tuple[Gaussians, OptimiserSta
     return scene, OptimiserState(moments[0], moments[1], 5)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_rows_change_as_in_numpy(data: st.DataObject) -> None:
     count = data.draw(st.integers(1, 12))

@@ -168,7 +168,7 @@ def unpacked(call: Call, files: list[tuple[bytes, int]]) -> list[bytes | None]:
     return [None if one is None else base64.b64decode(one) for one in call("archive/lzfse.js", UNPACK, given)]
 
 
-@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(content=st.lists(st.binary(max_size=9).flatmap(lambda piece: st.integers(1, 999).map(lambda n: n * piece))))
 def test_any_content_of_lzfse(call: Call, content: list[bytes]) -> None:
     joined = b"".join(content)

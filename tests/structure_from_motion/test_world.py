@@ -35,7 +35,7 @@ def looking(headings: np.ndarray, pitches: np.ndarray) -> np.ndarray:
     return np.stack([right, np.cross(forward, right), forward], axis=1)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(seeds)
 def test_a_similarity_is_found(seed: int) -> None:
     generator = np.random.default_rng(seed)
@@ -45,7 +45,7 @@ def test_a_similarity_is_found(seed: int) -> None:
     np.testing.assert_allclose(found.apply(points), true.apply(points), atol=1e-9)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(seeds, st.integers(0, 4))
 def test_gps_gives_metres_and_survives_wrong_places(seed: int, wrong: int) -> None:
     generator = np.random.default_rng(seed)
@@ -72,7 +72,7 @@ def test_gps_that_tells_too_little_is_not_used(spread: list[float], count: int) 
     assert from_places(metres / 3, metres + generator.normal(scale=1.5, size=metres.shape)) is None
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(seeds, st.sampled_from(["around", "one way"]))
 def test_up_is_found_however_cameras_are_held(seed: int, way: str) -> None:
     generator = np.random.default_rng(seed)
@@ -84,7 +84,7 @@ def test_up_is_found_however_cameras_are_held(seed: int, way: str) -> None:
     assert up_direction(rotations @ turn.T) @ (turn @ [0, -1, 0]) > np.cos(np.radians(3))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(seeds)
 def test_the_world_stands_upright_around_what_is_seen(seed: int) -> None:
     generator = np.random.default_rng(seed)

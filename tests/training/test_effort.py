@@ -8,7 +8,7 @@ from dataclasses import replace
 import numba
 import psutil
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pocketgs import Capture, PocketGSError, train
@@ -43,7 +43,6 @@ def seconds(options: SizedOptions, views: list[tuple[int, int]]) -> float:
     return options.iterations * step_seconds(options.max_gaussians, 9, pixels)
 
 
-@settings(deadline=None)
 @given(SIDES, SIDES, COUNTS)
 def test_quick_is_the_same_for_every_capture(width: int, height: int, count: int) -> None:
     assert sizes(sized(TrainingOptions(effort="quick"), [(width, height)] * count)) == (500, 50_000, 40)
@@ -63,7 +62,6 @@ def test_standard_is_the_default_and_what_sizes_are_bounded_by() -> None:
     assert large.iterations == MIN_ITERATIONS
 
 
-@settings(deadline=None)
 @given(SIDES, SIDES, COUNTS, COUNTS)
 def test_standard_grows_with_the_number_of_photographs(width: int, height: int, count: int, more: int) -> None:
     smaller, larger = (sized(TrainingOptions(), [(width, height)] * views) for views in (count, count + more))
@@ -73,7 +71,6 @@ def test_standard_grows_with_the_number_of_photographs(width: int, height: int, 
     assert smaller.iterations <= larger.iterations + 1
 
 
-@settings(deadline=None)
 @given(SIDES, SIDES, COUNTS, st.integers(1, 4))
 def test_standard_grows_with_the_size_of_photographs(width: int, height: int, count: int, times: int) -> None:
     views, enlarged = [(width, height)] * count, [(times * width, times * height)] * count
@@ -100,7 +97,6 @@ def test_photographs_of_different_sizes_count_by_their_pixels() -> None:
 
 
 @pytest.mark.parametrize("effort", ["quick", "standard"])
-@settings(deadline=None)
 @given(
     st.none() | st.integers(1, 10_000),
     st.none() | st.integers(4, 10**6),

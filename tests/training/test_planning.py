@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pocketgs.capture import ListedCapture, list_capture
@@ -84,7 +84,6 @@ def assert_no_less(larger: Plan | None, smaller: Plan | None) -> None:
         assert (larger.shrink, -larger.gaussians) <= (smaller.shrink, -smaller.gaussians)
 
 
-@settings(deadline=None)
 @given(CAPTURES, OPTIONS, st.integers(1, 20_000), st.integers(0, 20_000))
 def test_more_memory_never_gives_less(listed: ListedCapture, options: SizedOptions, memory: int, more: int) -> None:
     smaller, larger = (planned(listed, replace(options, max_memory=size)) for size in (memory, memory + more))
@@ -93,7 +92,6 @@ def test_more_memory_never_gives_less(listed: ListedCapture, options: SizedOptio
         assert max(smaller.peak_rss_mb, smaller.device_mb) <= memory
 
 
-@settings(deadline=None)
 @given(CAPTURES, OPTIONS, SPEEDS, st.floats(0.01, 2000), st.floats(0, 2000))
 def test_more_time_never_gives_less(
     listed: ListedCapture, options: SizedOptions, speed: Speed, seconds: float, more: float
@@ -110,7 +108,6 @@ def test_more_time_never_gives_less(
         assert 1 <= smaller.iterations <= options.iterations
 
 
-@settings(deadline=None)
 @given(CAPTURES, OPTIONS, st.integers(1, 5000))
 def test_a_refusal_names_a_budget_that_will_do(listed: ListedCapture, options: SizedOptions, memory: int) -> None:
     if planned(listed, replace(options, max_memory=memory)):
@@ -159,7 +156,6 @@ def test_the_warning_says_what_was_done() -> None:
     assert shrinking_warning(plan, options) == f"to keep to 1,000 MB: {size}"
 
 
-@settings(deadline=None)
 @given(st.integers(1, 1500))
 def test_a_size_that_is_given_is_kept(memory: int) -> None:
     listed, options = photographs(2016, 1512, size_is_given=True), SizedOptions(max_memory=memory)
@@ -171,7 +167,6 @@ def test_a_size_that_is_given_is_kept(memory: int) -> None:
             make_plan(listed, options, MACHINE)
 
 
-@settings(deadline=None)
 @given(CAPTURES, OPTIONS, st.integers(1, 20_000))
 def test_nothing_becomes_senselessly_small(listed: ListedCapture, options: SizedOptions, memory: int) -> None:
     plan = planned(listed, replace(options, max_memory=memory))
@@ -219,7 +214,6 @@ def test_outlines_know_what_undistortion_leaves(capture_folder: Path, k1: float)
     assert (list_capture(capture_folder).outline().pixels > 96 * 72) == (k1 < 0)
 
 
-@settings(deadline=None)
 @given(st.integers(101, 3000), st.integers(1, 400))
 def test_the_smallest_photograph_bounds_shrinking(side: int, memory: int) -> None:
     """With photographs of several sizes, none shrinks to nothing."""

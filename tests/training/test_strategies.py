@@ -86,7 +86,7 @@ def covariances(scene: Gaussians) -> np.ndarray:
 # Relocation.
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.floats(0.01, 0.99), st.integers(1, 20))
 def test_those_who_share_hide_as_much_as_the_one(opacity: float, sharing: int) -> None:
     """Integrated along a line: ∫ 1 - (1 - o' exp(-x²/2s'²))^n dx = ∫ o exp(-x²/2) dx."""

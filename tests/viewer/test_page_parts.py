@@ -290,7 +290,7 @@ def test_page_refuses_a_pgs_that_states_too_many(page: Page) -> None:
         read(page, path.name, content)
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     content=st.one_of(
         st.binary(max_size=400),

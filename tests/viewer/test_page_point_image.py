@@ -63,7 +63,7 @@ def scenes(draw: st.DrawFn) -> Gaussians:
     return Gaussians(means, log_scales, rng.normal(size=(count, 4)), rng.uniform(-4, 6, count), sh)
 
 
-@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(scene=scenes())
 def test_image_is_the_engines(page: Page, engine: CpuEngine, scene: Gaussians) -> None:
     """Of view-independent colours in [0, 1]."""

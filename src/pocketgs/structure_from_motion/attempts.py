@@ -6,12 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from pocketgs.structure_from_motion.gps import local_metres
-from pocketgs.structure_from_motion.job import Job, Outcome
+from pocketgs.structure_from_motion.mapping_job import MappedCamera, MappingJob, MappingOutcome
 from pocketgs.structure_from_motion.options import PoseOptions
 from pocketgs.structure_from_motion.pairs import (
     MAX_FOR_ALL_PAIRS,
@@ -48,7 +48,7 @@ def place_all(
     options: PoseOptions,
     on_stage: Callable[[str], None],
     on_count: Count,
-) -> Outcome:
+) -> MappingOutcome:
     """Find the poses of as many photographs as possible.
 
     Args:
@@ -61,8 +61,7 @@ def place_all(
         on_count: called with the progress of a stage.
 
     Returns:
-        See `colmap.run`; the attempt that registered most photographs. `lenses_refined` says whether the lenses were
-        found from the photographs.
+        The attempt that registered most photographs.
 
     Raises:
         PocketGSError: COLMAP failed.
@@ -73,13 +72,13 @@ def place_all(
     pairs = _first_pairs(names, likeness, in_order, places)
     job = _job(photographs, places, model, workspace, options)
 
-    def attempt(pairs: Pairs, **changes: Any) -> Outcome:
+    def attempt(pairs: Pairs, **changes: Any) -> MappingOutcome:
         listed = [(names[first], names[second]) for first, second in sorted(pairs)]
         asked = {**job, "pairs": listed, **changes}
         found = run_colmap("colmap", asked, workspace / "log.txt", on_stage, on_count)
-        return {**found, "lenses_refined": asked["refine_lenses"]}
+        return cast(MappingOutcome, {**found, "lenses_refined": asked["refine_lenses"]})
 
-    def at_once() -> Outcome:
+    def at_once() -> MappingOutcome:
         """Place all photographs together, with lenses as they are stated if the motion does not determine them."""
         found = attempt(set(), mapper="global", better_than=_placed(best))
         if found["placed"]:
@@ -103,12 +102,12 @@ def place_all(
     return best
 
 
-def _moved(outcome: Outcome) -> bool:
+def _moved(outcome: MappingOutcome) -> bool:
     """Whether the camera changed its place, and did not only turn."""
     return outcome["parallax_pairs"] > MIN_PARALLAX_SHARE * outcome["matched_pairs"]
 
 
-def _placed(outcome: Outcome) -> int:
+def _placed(outcome: MappingOutcome) -> int:
     return len(outcome["placed"])
 
 
@@ -128,7 +127,7 @@ def _first_pairs(names: Sequence[str], likeness: np.ndarray, in_order: bool, pla
 
 def _job(
     photographs: Sequence[Photograph], places: np.ndarray | None, model: Path, workspace: Path, options: PoseOptions
-) -> Job:
+) -> MappingJob:
     raw_model = workspace / "raw"
     raw_model.mkdir()
     known = [] if places is None else zip(photographs, places.tolist(), strict=True)
@@ -137,6 +136,7 @@ def _job(
         "model": str(model),
         "raw_model": str(raw_model),
         "cameras": [_camera(group, options) for group in cameras_of(photographs)],
+        "pairs": [],
         "places": {photograph.name: place for photograph, place in known if np.isfinite(place).all()},
         "least_matches": MIN_MATCHES,
         "mapper": "incremental",
@@ -147,7 +147,7 @@ def _job(
     }
 
 
-def _camera(group: Sequence[Photograph], options: PoseOptions) -> Job:
+def _camera(group: Sequence[Photograph], options: PoseOptions) -> MappedCamera:
     focal, is_known = focal_length(group[0])
     return {
         "model": options.camera_model,

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from pocketgs.structure_from_motion.job import Job, Outcome, announce, announce_count, serve
+from pocketgs.structure_from_motion.job import announce, announce_count, serve
+from pocketgs.structure_from_motion.mapping_job import MappingJob, MappingOutcome
 from pocketgs.structure_from_motion.stillness import match_shifts, stands_still
 from pocketgs.structure_from_motion.world import from_places, upright
 
@@ -34,24 +35,8 @@ PAIRS_AT_ONCE = 60
 """Pairs matched between two progress reports."""
 
 
-def run(job: Job) -> Outcome:
-    """Find the poses of images and write the largest resulting model.
-
-    Args:
-        job: `database`, a file, created and filled with `cameras` if missing; `pairs` of names to match, in addition to
-            those matched before, or none to verify all of these again; `least_matches` per pair; `mapper`, one of
-            `MAPPERS`; `refine_lenses`, or keep what cameras state; `model` and
-            `raw_model`, folders for the model of the full-size images in its final world, and for that of the reduced
-            images in COLMAP's; `better_than`, the number of images that must be exceeded to write them; `go_on`,
-            whether to register more images in an earlier `raw_model`; `places` in metres, by image name; `seed`.
-            A camera has `model`, `focal_length`, `focal_length_is_known`, `size` of the reduced and `full_size` of the
-            full images, and `images`, each with `name` and `features`, an .npz file.
-
-    Returns:
-        The result: names of images `placed`, `points`, mean `reprojection_error` in pixels of the full images, mean
-        `track_length`, number of `matched_pairs` and of `parallax_pairs` among them, whose matches no homography
-        explains, whether the camera `stands_still`, sizes of `other_models`, whether the world is `metric`.
-    """
+def run(job: MappingJob) -> MappingOutcome:
+    """Find the poses of images and write the largest resulting model."""
     database = Path(job["database"])
     pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
     pycolmap.set_random_seed(job["seed"])
@@ -62,22 +47,22 @@ def run(job: Job) -> Outcome:
     _match(job, database)
     with pycolmap.Database.open(database) as found:
         numbers, geometries = found.read_two_view_geometries()
-        pairs = {
+        outcome: MappingOutcome = {
+            "placed": [],
             "matched_pairs": sum(len(geometry.inlier_matches) > 0 for geometry in geometries),
             "parallax_pairs": sum(geometry.config in WITH_PARALLAX for geometry in geometries),
             "stands_still": stands_still(match_shifts(found, numbers, geometries)),
         }
-    if pairs["stands_still"]:
-        return {"placed": [], **pairs}
+    if outcome["stands_still"]:
+        return outcome
     announce("mapping")
     models = _models(job, database)
     if not models:
-        return {"placed": [], **pairs}
+        return outcome
     models.sort(key=lambda model: (model.num_reg_images(), model.num_points3D()), reverse=True)
     largest = models[0]
-    placed = sorted(names[image.name] for image in largest.images.values() if image.has_pose)
-    outcome = {"placed": placed, **pairs}
-    if len(placed) <= job["better_than"]:
+    outcome["placed"] = sorted(names[image.name] for image in largest.images.values() if image.has_pose)
+    if len(outcome["placed"]) <= job["better_than"]:
         return outcome
     largest = _with_stated_focal_lengths(job, largest)
     largest.write_binary(job["raw_model"])
@@ -97,7 +82,7 @@ def run(job: Job) -> Outcome:
     }
 
 
-def _names(job: Job) -> dict[str, str]:
+def _names(job: MappingJob) -> dict[str, str]:
     """The images' names by those in the database.
 
     COLMAP splits each line of a list of pairs at spaces, and takes `#` for a comment: there, images have numbers.
@@ -106,7 +91,7 @@ def _names(job: Job) -> dict[str, str]:
     return {f"{number:06d}": name for number, name in enumerate(names)}
 
 
-def _fill(job: Job, database: Path) -> None:
+def _fill(job: MappingJob, database: Path) -> None:
     """Create the database with cameras, images and their features."""
     numbers = iter(_names(job))
     with pycolmap.Database.open(database) as made, pycolmap.DatabaseTransaction(made):
@@ -137,7 +122,7 @@ def _add_image(database: pycolmap.Database, name: str, file: str, camera: int, r
         database.write_descriptors(image.image_id, descriptors)
 
 
-def _match(job: Job, database: Path) -> None:
+def _match(job: MappingJob, database: Path) -> None:
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = job["seed"]
     verification.min_num_inliers = job["least_matches"]
@@ -166,13 +151,13 @@ def _matched(database: Path) -> list[tuple[str, str]]:
     return [(names[first], names[second]) for first, second in numbers]
 
 
-def _models(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
+def _models(job: MappingJob, database: Path) -> list[pycolmap.Reconstruction]:
     found = MAPPERS[job["mapper"]](job, database)
     # Where the camera only turned, COLMAP places images and then discards their points.
     return [model for model in found if model.num_reg_images() >= MIN_MODEL and model.num_points3D() >= MIN_POINTS]
 
 
-def _map_incrementally(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
+def _map_incrementally(job: MappingJob, database: Path) -> list[pycolmap.Reconstruction]:
     """Start from two images and add one after the other."""
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = job["seed"]
@@ -198,7 +183,7 @@ def _map_incrementally(job: Job, database: Path) -> list[pycolmap.Reconstruction
     return list(found.values())
 
 
-def _map_globally(job: Job, database: Path) -> list[pycolmap.Reconstruction]:
+def _map_globally(job: MappingJob, database: Path) -> list[pycolmap.Reconstruction]:
     """Place all images at once (GLOMAP, Pan et al. 2024), which needs no two images to start from.
 
     It places images by few and wrong matches too: a model with few points, or with a lens that makes no sense, is none.
@@ -231,7 +216,7 @@ def _has_square_pixels(camera: pycolmap.Camera) -> bool:
 MAPPERS = {"incremental": _map_incrementally, "global": _map_globally}
 
 
-def _with_stated_focal_lengths(job: Job, model: pycolmap.Reconstruction) -> pycolmap.Reconstruction:
+def _with_stated_focal_lengths(job: MappingJob, model: pycolmap.Reconstruction) -> pycolmap.Reconstruction:
     """The model with EXIF's focal lengths, where these differ much from the estimated ones and fit as well.
 
     From straight above flat ground, for example, the focal length is undetermined: any value explains the photographs.
@@ -263,7 +248,7 @@ def _log_ratio(camera: pycolmap.Camera, focal_length: float) -> float:
     return float(np.log(camera.mean_focal_length() / focal_length))
 
 
-def _enlarge(job: Job, model: pycolmap.Reconstruction) -> None:
+def _enlarge(job: MappingJob, model: pycolmap.Reconstruction) -> None:
     """Scale from pixels of the reduced images to those of the full ones."""
     for number, camera in enumerate(job["cameras"], start=1):
         if number not in model.cameras:
@@ -278,7 +263,7 @@ def _enlarge(job: Job, model: pycolmap.Reconstruction) -> None:
     model.update_point_3d_errors()
 
 
-def _colour(job: Job, model: pycolmap.Reconstruction) -> None:
+def _colour(job: MappingJob, model: pycolmap.Reconstruction) -> None:
     """Set each point's colour to the mean of its features' colours."""
     files = {image["name"]: image["features"] for camera in job["cameras"] for image in camera["images"]}
     numbers = {number: row for row, number in enumerate(model.points3D)}
@@ -296,7 +281,7 @@ def _colour(job: Job, model: pycolmap.Reconstruction) -> None:
         model.points3D[number].color = np.rint(sums[row, :3] / max(sums[row, 3], 1.0)).astype(np.uint8)
 
 
-def _settle(job: Job, model: pycolmap.Reconstruction) -> bool:
+def _settle(job: MappingJob, model: pycolmap.Reconstruction) -> bool:
     """Transform the model to its final world. Returns whether lengths are metres."""
     images = [image for image in model.images.values() if image.has_pose]
     rotations = np.array([image.cam_from_world().rotation.matrix() for image in images])

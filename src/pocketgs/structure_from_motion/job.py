@@ -9,11 +9,8 @@ from __future__ import annotations
 import json
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
-
-Job = dict[str, Any]
-Outcome = dict[str, Any]
 
 
 def announce(stage: str) -> None:
@@ -26,7 +23,7 @@ def announce_count(done: int, of: int) -> None:
     print(json.dumps({"done": done, "of": of}), flush=True)
 
 
-def serve(run: Callable[[Job], Outcome]) -> None:
+def serve(run: Callable[[Any], Mapping[str, Any]]) -> None:
     """Run the job from stdin, and write its result to stdout."""
     # Ctrl-C reaches both processes of a terminal: the parent decides what to do.
     signal.signal(signal.SIGINT, signal.SIG_IGN)

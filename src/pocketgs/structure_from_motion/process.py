@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from pocketgs.errors import PocketGSError
-from pocketgs.structure_from_motion.job import Job, Outcome
 from pocketgs.structure_from_motion.work import Count
 from pocketgs.system.cores import usable_cores
 from pocketgs.system.free_memory import free_memory
@@ -41,16 +41,16 @@ def threads_that_fit(pixels: int) -> int:
 
 def run_colmap(
     module: str,
-    job: Job,
+    job: Mapping[str, Any],
     log: Path,
     on_stage: Callable[[str], None],
     on_count: Count = lambda done, of: None,
-) -> Outcome:
+) -> dict[str, Any]:
     """Run a job and return its result.
 
     Args:
         module: of this package, whose `run` does the job: "colmap" or "triangulation".
-        job: description of the job.
+        job: what the module's `run` takes.
         log: file for COLMAP's stderr, in a folder of this program's own.
         on_stage: called with a stage's name when it begins.
         on_count: called with the progress of the stage.

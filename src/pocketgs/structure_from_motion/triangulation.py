@@ -6,20 +6,12 @@ from pathlib import Path
 
 import pycolmap
 
-from pocketgs.structure_from_motion.job import Job, Outcome, announce, serve
+from pocketgs.structure_from_motion.job import announce, serve
+from pocketgs.structure_from_motion.triangulation_job import PosedCamera, TriangulationJob, TriangulationOutcome
 
 
-def run(job: Job) -> Outcome:
-    """Triangulate the sparse cloud of images with known poses, and write it as a COLMAP model.
-
-    Args:
-        job: `images` and `model`, folders; `database`, a file to be made; `pairs`, a file that names two images a line;
-            `cameras`, by image name: `size` in pixels, `intrinsics` fx, fy, cx, cy and `world_to_camera`, three rows of
-            four; `max_size`, `seed`, `threads` as in COLMAP.
-
-    Returns:
-        Number of `points`, and their mean `reprojection_error` in pixels.
-    """
+def run(job: TriangulationJob) -> TriangulationOutcome:
+    """Triangulate the sparse cloud of images with known poses, and write it as a COLMAP model."""
     database = Path(job["database"])
     pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
     pycolmap.set_random_seed(job["seed"])
@@ -36,7 +28,7 @@ def run(job: Job) -> Outcome:
     return {"points": model.num_points3D(), "reprojection_error": model.compute_mean_reprojection_error()}
 
 
-def _extract(job: Job, database: Path) -> None:
+def _extract(job: TriangulationJob, database: Path) -> None:
     """Create the database with all images, each with a camera of its own, and extract their features.
 
     Images are imported before extraction, whose threads would number them in the order in which they finish.
@@ -63,7 +55,7 @@ def _extract(job: Job, database: Path) -> None:
     )
 
 
-def _match(job: Job, database: Path) -> None:
+def _match(job: TriangulationJob, database: Path) -> None:
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = job["seed"]
     pairing = pycolmap.ImportedPairingOptions()
@@ -73,7 +65,7 @@ def _match(job: Job, database: Path) -> None:
     )
 
 
-def _posed(job: Job, database: Path) -> pycolmap.Reconstruction:
+def _posed(job: TriangulationJob, database: Path) -> pycolmap.Reconstruction:
     """A model without points, with every image at its pose, numbered as in the database."""
     model = pycolmap.Reconstruction()
     with pycolmap.Database.open(database) as found:
@@ -85,7 +77,7 @@ def _posed(job: Job, database: Path) -> pycolmap.Reconstruction:
     return model
 
 
-def _camera(number: int, camera: Job) -> pycolmap.Camera:
+def _camera(number: int, camera: PosedCamera) -> pycolmap.Camera:
     width, height = camera["size"]
     parameters = camera["intrinsics"]
     found = pycolmap.Camera(camera_id=number, model="PINHOLE", width=width, height=height, params=parameters)

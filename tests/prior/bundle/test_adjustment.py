@@ -204,7 +204,7 @@ def test_points_behind_a_camera_do_no_harm() -> None:
     assert np.all(np.isfinite(result.points))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 1000),
     pose_error=st.floats(0.0, 1.0),

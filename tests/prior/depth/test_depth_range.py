@@ -7,7 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pocketgs.capture.capture import Frame
@@ -47,7 +47,6 @@ def points_at(*depths: float) -> np.ndarray:
 
 
 @given(nearest=st.floats(1e-4, 1e4), times=st.floats(1.5, 1e3), hypotheses=st.integers(8, 192))
-@settings(deadline=None)
 def test_depths_tried_reach_from_end_to_end(nearest: float, times: float, hypotheses: int) -> None:
     for farthest in (nearest * times, np.inf):
         inverse = DepthRange(nearest, farthest, hypotheses).inverse_depths

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numba
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pocketgs.prior.depth.cpu.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners
@@ -92,7 +92,6 @@ def test_depth_changes_where_the_grey_level_does() -> None:
 
 
 @given(steps=st.integers(2, 12), vertex=st.floats(1.5, 13.5), lift=st.integers(0, 500))
-@settings(deadline=None)
 def test_vertex_of_a_parabola_is_found(steps: int, vertex: float, lift: int) -> None:
     """Of one with integer samples, to rounding."""
     numerator = round(vertex * steps)

@@ -67,7 +67,7 @@ def test_nothing_matched_gives_no_tracks(counts: tuple[int, ...]) -> None:
     assert triangulate(exact().true_cameras, seen).shape == (0, 3)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 10_000), views=st.integers(2, 6), count=st.integers(1, 8), share=st.floats(0, 1))
 def test_tracks_are_sound_whatever_the_matches(seed: int, views: int, count: int, share: float) -> None:
     rng = np.random.default_rng(seed)

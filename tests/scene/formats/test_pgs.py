@@ -44,7 +44,7 @@ def read_back(folder: Path, scene: Gaussians, coding: Coding = DEFAULT) -> Gauss
     values=st.lists(st.one_of(st.integers(-3, 3), st.integers(1 - 2**24, 2**24 - 1)), min_size=1, max_size=80),
     seed=st.integers(0, 99),
 )
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_columns_are_read_as_written(values: list[int], seed: int) -> None:
     rng = np.random.default_rng(seed)
     contexts = rng.integers(0, 3, len(values))
@@ -59,7 +59,7 @@ def test_columns_are_read_as_written(values: list[int], seed: int) -> None:
 
 
 @given(scene=scenes())
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 def test_a_file_holds_what_was_rounded(folder: Path, scene: Gaussians) -> None:
     once = rounded(scene)
     assert rows_of(rounded(once)).tobytes() == rows_of(once).tobytes()

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from plyfile import PlyData, PlyElement
 
@@ -57,7 +57,6 @@ def module_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @given(data=st.data(), count=st.integers(0, 5), degree=st.integers(0, 3))
-@settings(deadline=None)
 def test_round_trip_keeps_every_bit(module_folder: Path, data: st.DataObject, count: int, degree: int) -> None:
     # Any bit pattern at all: NaN, infinity, denormals and negative zero are numbers that a file must keep, too, except
     # a thickness of 0.
@@ -137,7 +136,6 @@ def test_file_cut_off_anywhere(scene_file: Path) -> None:
 
 
 @given(garbage=st.binary(max_size=300), head=st.integers(0, 700))
-@settings(deadline=None)
 def test_garbage(module_folder: Path, garbage: bytes, head: int) -> None:
     """Random bytes alone, and after the beginning of a valid file."""
     sound, path = module_folder / "sound.ply", module_folder / "garbage.ply"
@@ -148,7 +146,6 @@ def test_garbage(module_folder: Path, garbage: bytes, head: int) -> None:
 
 
 @given(data=st.data())
-@settings(deadline=None)
 def test_damaged_header(module_folder: Path, data: st.DataObject) -> None:
     path = module_folder / "damaged.ply"
     numbered(2, 1).save(path)

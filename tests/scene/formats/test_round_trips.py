@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pocketgs.errors import PocketGSError
@@ -39,7 +39,6 @@ def farthest(first: np.ndarray, second: np.ndarray) -> float:
 
 
 @given(scene=scenes())
-@settings(deadline=None)
 def test_spz(folder: Path, scene: Gaussians) -> None:
     found = again(folder, scene, ".spz")
     assert found.sh_degree == scene.sh_degree
@@ -52,7 +51,6 @@ def test_spz(folder: Path, scene: Gaussians) -> None:
 
 
 @given(scene=scenes())
-@settings(deadline=None)
 def test_compressed_ply(folder: Path, scene: Gaussians) -> None:
     found = again(folder, scene, ".compressed.ply")
     ordered = scene.select(morton_order(scene.means))
@@ -72,7 +70,6 @@ def test_compressed_ply(folder: Path, scene: Gaussians) -> None:
 
 
 @given(scene=scenes())
-@settings(deadline=None)
 def test_splat(folder: Path, scene: Gaussians) -> None:
     found = again(folder, scene, ".splat")
     importance = scene.log_scales.astype(np.float64).sum(axis=1) - np.logaddexp(0, -scene.opacity_logits)
@@ -87,7 +84,6 @@ def test_splat(folder: Path, scene: Gaussians) -> None:
 
 
 @given(scene=scenes())
-@settings(deadline=None)
 def test_glb(folder: Path, scene: Gaussians) -> None:
     found = again(folder, scene, ".glb")
     assert np.array_equal(found.means, scene.means)
@@ -161,7 +157,6 @@ def test_file_cut_off_anywhere(tmp_path: Path, suffix: str, degree: int) -> None
 
 
 @given(suffix=st.sampled_from(LOSSY), garbage=st.binary(max_size=300), head=st.integers(0, 900))
-@settings(deadline=None)
 def test_garbage(folder: Path, suffix: str, garbage: bytes, head: int) -> None:
     """Random bytes alone, and after the beginning of a valid file."""
     write_scene(folder / f"sound{suffix}", random_scene(5, 1))
@@ -171,7 +166,6 @@ def test_garbage(folder: Path, suffix: str, garbage: bytes, head: int) -> None:
 
 
 @given(suffix=st.sampled_from(LOSSY), data=st.data())
-@settings(deadline=None)
 def test_single_wrong_bytes(folder: Path, suffix: str, data: st.DataObject) -> None:
     write_scene(folder / f"sound{suffix}", random_scene(5, 1))
     content = bytearray((folder / f"sound{suffix}").read_bytes())

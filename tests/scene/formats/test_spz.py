@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pocketgs.cli.convert import convert
@@ -154,7 +154,6 @@ def test_one_in_ten_gaussians_may_be_smaller(smaller: int, bits: int) -> None:
 
 
 @given(scene=scenes())
-@settings(deadline=None)
 def test_least_turns_show_the_same(scene: Gaussians) -> None:
     found = with_least_turns(scene)
     largest = covariances(scene).max(axis=(1, 2), keepdims=True)
@@ -165,7 +164,6 @@ def test_least_turns_show_the_same(scene: Gaussians) -> None:
 
 
 @given(scene=scenes(), version=st.sampled_from([3, 4]))
-@settings(deadline=None)
 def test_small_keeps_what_it_says(
     tmp_path_factory: pytest.TempPathFactory, scene: Gaussians, version: spz.Version
 ) -> None:

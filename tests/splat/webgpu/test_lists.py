@@ -84,7 +84,7 @@ def test_equal_depths_are_drawn_in_order_of_their_index(options: EngineOptions) 
     assert np.mean(np.abs(rendering.image - expected.image) > tolerance) < 0.02
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.booleans(), st.integers(0, 10_000), st.integers(1, 70), st.integers(1, 70))
 def test_tile_lists_hold_every_pixel_that_a_splat_colours(portable: bool, seed: int, width: int, height: int) -> None:
     """Against brute force over all pixels: nothing that reaches 1/255 is missing, and depth order holds."""

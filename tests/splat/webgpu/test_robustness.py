@@ -40,7 +40,7 @@ def rows(gaussians: Gaussians) -> np.ndarray:
     return np.concatenate([getattr(gaussians, name).reshape(len(gaussians), -1) for name in PARAMETERS], axis=1)
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120)
 @given(st.sampled_from(VARIANTS), EDITS)
 def test_hostile_numbers_leave_the_image_finite(options: EngineOptions, edits: list[tuple[int, float]]) -> None:
     gaussians = with_hostile_numbers(edits)

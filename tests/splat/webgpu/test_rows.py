@@ -46,7 +46,7 @@ def numbered(count: int, coefficients: int) -> tuple[Gaussians, OptimiserState]:
     return scene, OptimiserState(moments[0], moments[1], 5, 0.125)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.data())
 def test_rows_change_as_in_numpy(data: st.DataObject) -> None:
     coefficients = data.draw(st.sampled_from([1, 4]))
