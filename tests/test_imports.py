@@ -83,7 +83,7 @@ FOLDERS = {
     "sort_free": "capture errors files geometry scene splat system training",
     "results": "capture errors files geometry metrics prior scene splat system training",
     "viewer": "capture errors files geometry gpu results scene splat system training",
-    "site": "capture compression errors geometry gpu prior results scene seeding splat training viewer",
+    "site": "capture compression errors files geometry gpu prior results scene seeding splat training viewer",
     "serve": "capture errors files results scene site viewer",
     "bench": "capture errors files results scene system training",
     "cli": "bench capture compression errors files geometry gpu metrics prior results scene serve site sort_free splat"

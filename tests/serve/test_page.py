@@ -37,6 +37,15 @@ def choose(visit: Visit, selector: str, files: dict[str, bytes]) -> None:
     chooser.value.set_files(payloads(files))
 
 
+def test_what_a_phone_offers_for_a_button(browser: Browser, serve: Callable[..., Phone]) -> None:
+    """As an archive any file: iPhones know no type for .r3d, and offer only files of the types that they know."""
+    with visiting(browser, serve().url, *PHONE) as phone:
+        for kind, accepted in (("photographs", re.compile("^image/[*],")), ("archive", "")):
+            choose(phone, f"[data-kind={kind}]", {"a.txt": b"hello"})
+            expect(phone["#files"]).to_have_attribute("accept", accepted)
+            phone["#begin [data-close]"].click()
+
+
 def is_within(visit: Visit) -> bool:
     """Whether the page is no wider than the window."""
     return bool(visit.page.evaluate("document.documentElement.scrollWidth <= innerWidth"))
@@ -68,9 +77,15 @@ def test_a_video_from_a_phone(browser: Browser, serve: Callable[..., Phone], tmp
             assert visit[".capture bdi"].text_content() == HARM
             assert visit.page.title() == "PocketGS"
             assert visit.page.locator(".picture img").evaluate("image => image.decode().then(() => image.naturalWidth)")
+        # Saving leaves no page: an upload that goes on is not asked about.
+        asked: list[str] = []
+        phone.page.on("dialog", lambda dialog: (asked.append(dialog.type), dialog.accept()))
+        phone.page.evaluate("() => { window.onbeforeunload = (event) => event.preventDefault(); }")
         phone[".more"].click()
         with phone.page.expect_download() as saved:
             phone["[data-suffix='.ply']"].click()
+        phone.page.evaluate("() => { window.onbeforeunload = null; }")
+        assert asked == []
         assert len(read_scene(Path(saved.value.path()).rename(tmp_path / "saved.ply"))) > 100
         phone[".open"].click()
         phone["#stats:not(:empty)"].wait_for(state="attached", timeout=PATIENCE)

@@ -139,3 +139,46 @@ def test_cut_anywhere_or_with_any_byte_changed(call: Call) -> None:
         assert outcome == whole or outcome.startswith(("capture.zip: ", "the file ", "{")), outcome
         if outcome.startswith("{"):  # names and fields that nobody reads may have changed, contents may not
             assert str(list(b"some text, some text")).replace(" ", "") in outcome or "a.json" not in outcome
+
+
+AWAY = "cannot be read any more: the system may have moved it, such as to the cloud; choose it once more"
+TOO_LARGE = "does not fit into the browser's memory: close other tabs, or choose a smaller capture"
+
+
+@pytest.mark.parametrize(("error", "sentence"), [("NotReadableError", AWAY), ("RangeError", TOO_LARGE)])
+def test_what_cannot_be_read_is_not_called_damaged(call: Call, error: str, sentence: str) -> None:
+    """Systems take files back, such as to the cloud; and memory may be full."""
+    script = """
+        const {StoredFile} = await import(new URL("archive/tree.js", location.href));
+        const {decoded} = await import(new URL("capture/pixels.js", location.href));
+        const whole = new Blob([Uint8Array.from(atob(given.archive), (character) => character.charCodeAt(0))]);
+        const fail = () => {
+            throw given.error === "RangeError" ? new RangeError("full") : new DOMException("", given.error);
+        };
+        let failing = "";
+        const slice = (...range) => ({
+            arrayBuffer: async () => (failing === "list" ? fail() : whole.slice(...range).arrayBuffer()),
+            stream: () => (failing === "content" ? new ReadableStream({pull: fail}) : whole.slice(...range).stream()),
+        });
+        const archive = {size: whole.size, slice};
+        const told = (work) => work.then(() => "read", ({message}) => message);
+        const [file] = await module.filesInZip(archive, "scan.zip");
+        failing = "content";
+        const outcomes = [await told(file.bytes()), await told(file.start(9))];
+        failing = "list";
+        const fromDisk = StoredFile.ofDisk(archive, "a.json").bytes();
+        outcomes.push(await told(module.filesInZip(archive, "scan.zip")), await told(fromDisk));
+        const decode = self.createImageBitmap;
+        self.createImageBitmap = async () => fail();
+        outcomes.push(await told(decoded(new Uint8Array(9), "image/png", "a.png")));
+        self.createImageBitmap = decode;
+        return outcomes;
+    """
+    given = {"archive": base64.b64encode(zip_of({"a.json": b"text"})).decode(), "error": error}
+    assert call("archive/zip.js", script, given) == [
+        f"scan.zip: a.json {sentence}",
+        f"scan.zip: a.json {sentence}",
+        f"scan.zip: {sentence}",
+        f"a.json {sentence}",
+        f"a.png {sentence}",
+    ]

@@ -12,7 +12,7 @@ TOLD = """
     const loss = new module.GpuLoss({ lost: new Promise((resolve) => (lose = resolve)) });
     const told = [];
     const tell = async (work) => {
-        told.push(await loss.unless(work, "Go on.").catch(({ message }) => message));
+        told.push(await loss.unless(work, () => "Go on.").catch(({ message }) => message));
     };
     await tell(Promise.resolve("done"));
     await tell(Promise.reject(new Error("failed")));

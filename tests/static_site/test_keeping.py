@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import Browser, Route, expect
 
 from static_site.hosting import Host
-from viewer.browsing import PATIENCE
+from viewer.browsing import PATIENCE, visiting
+from zip_files import zip_of
 
 Call = Callable[..., Any]
 
@@ -81,13 +84,14 @@ def test_a_run_takes_the_place_of_the_one_before(call: Call) -> None:
 BEGIN = """async () => {
     const { KeptRun } = await import(new URL("train/storage/kept_run.js", document.baseURI));
     const root = await navigator.storage.getDirectory();
-    const kept = new KeptRun(await root.getDirectoryHandle("run", { create: true }));
+    const kept = new KeptRun(await root.getDirectoryHandle("run", { create: true }), "an older site");
     await kept.begin("toys", { train: [], heldOut: [], background: [0, 0, 0] }, { iterations: 9 });
-    await kept.keep({ header: { losses: [1, 1] }, arrays: [] });
+    const header = { losses: [1, 1], count: 3, coefficients: 1 };
+    await kept.keep({ header, arrays: [new Float32Array(9), new Float32Array(9)] });
 }"""
 
 
-def test_a_kept_run_shows_once_the_other_tab_is_closed(browser: Browser, host: Host) -> None:
+def test_a_run_of_an_older_site_shows_once_the_other_tab_is_closed(browser: Browser, host: Host) -> None:
     with browser.new_context() as context:
         first = context.new_page()
         first.goto(host.address)
@@ -99,7 +103,48 @@ def test_a_kept_run_shows_once_the_other_tab_is_closed(browser: Browser, host: H
         second.locator("#start").wait_for(timeout=PATIENCE)
         expect(second.locator("#go-on")).to_be_hidden()
         first.close()
-        expect(second.locator("#go-on")).to_have_text("Go on with toys, 2 of 9", timeout=PATIENCE)
+        # Its scene is there, but this site does not go on with the run of another version.
+        expect(second.locator("#go-on")).to_have_text("Open toys, 2 of 9", timeout=PATIENCE)
+        expect(second.locator("#changed")).to_contain_text("This page has changed since")
+        second.locator("#message-close").click()
+        second.locator("#go-on").click()
+        with second.expect_download(timeout=PATIENCE) as saved:
+            second.locator("#save-ply").click(timeout=PATIENCE)
+        assert b"element vertex 3\n" in Path(saved.value.path()).read_bytes()[:200]
+
+
+LOSE_EARLY = """
+const request = GPUAdapter.prototype.requestDevice;
+let device;
+GPUAdapter.prototype.requestDevice = async function (...given) {
+    return (device = await request.apply(this, given));
+};
+const post = self.postMessage;
+self.postMessage = (message) => {
+    post.call(self, message);
+    if (message.text === "comparing poses") {
+        device.destroy();
+    }
+};
+"""
+"""Runs before the page's worker: its GPU is lost before it trains."""
+
+
+def test_nothing_goes_on_that_was_lost_before_it_was_kept(browser: Browser, host: Host, capture_folder: Path) -> None:
+    with visiting(browser, "about:blank", 1280, 720) as visit:
+
+        def lose_early(route: Route) -> None:
+            response = route.fetch()
+            route.fulfill(response=response, body=LOSE_EARLY + response.text())
+
+        visit.page.context.route("**/worker.js", lose_early)
+        visit.page.goto(host.address)
+        visit["#start"].wait_for(timeout=PATIENCE)
+        files = {path.relative_to(capture_folder).as_posix(): path.read_bytes() for path in capture_folder.rglob("*.*")}
+        visit.drop("toys.zip", zip_of(files))
+        sentence = re.compile("The GPU was lost: .*[.] Train again, with smaller photographs[.]")
+        expect(visit["#message-text"]).to_have_text(sentence, timeout=PATIENCE)
+        expect(visit["#go-on"]).to_be_hidden()
 
 
 CHECKPOINT = """

@@ -21,6 +21,7 @@ const progress = { iteration: 1, loss: 1, held_out_psnr: 20, rate: 1, gaussians:
 const tell = (type, content = {}) => postMessage({ type, ...content });
 self.addEventListener("message", ({ data: { type, picked } }) => {
     if (type === "train") {
+        tell("stage", { text: "depth of keyframe 3 of 40", share: 0.1 });
         tell("plan", { text });
         tell("first", first);
         tell("complaint", { text: "one" });
@@ -30,7 +31,8 @@ self.addEventListener("message", ({ data: { type, picked } }) => {
     if (type === "train" && picked.name !== "endless") {
         tell("progress", progress);
         const { name } = picked;
-        tell("kept", { found: name === "lost" ? null : { name, iteration: name === "half" ? 4 : 9, iterations: 9 } });
+        const iteration = name === "half" ? 4 : 9;
+        tell("kept", { found: name === "lost" ? null : { name, iteration, iterations: 9, canGoOn: true } });
         tell("done", { scene, isKept: name !== "lost" });
     }
 });
@@ -44,6 +46,7 @@ def visit(browser: Browser, host: Host) -> Iterator[Visit]:
         visit.page.context.route(
             "**/worker.js", lambda route: route.fulfill(body=WORKER, content_type="text/javascript")
         )
+        visit.page.add_init_script("navigator.storage.persist = async () => true")
         visit.page.goto(host.address)
         visit["#start"].wait_for()
         yield visit
@@ -108,9 +111,13 @@ def test_a_scene_that_would_be_lost_is_asked_about(visit: Visit) -> None:
     assert kinds == ["confirm"] * 2
     expect(visit["#title"]).to_have_text("kept")
     save_ply(visit)
+    assert leaving(visit) == [False, ""]
     visit.drop("lost.zip", b"")
     expect(visit["#title"]).to_have_text("lost")
     visit["#message-close"].click()
+    prevented, text = leaving(visit)
+    assert prevented
+    assert text, "older browsers ask only for a text"
     visit.page.close(run_before_unload=True)
     visit.page.wait_for_timeout(500)
     assert kinds == ["confirm"] * 2 + ["beforeunload"]
@@ -118,6 +125,63 @@ def test_a_scene_that_would_be_lost_is_asked_about(visit: Visit) -> None:
     visit.drop("kept.zip", b"")
     expect(visit["#title"]).to_have_text("kept")
     assert answers == []
+
+
+def leaving(visit: Visit) -> list[object]:
+    """Whether the page wants to be asked about before it is left, and the text that it gives."""
+    return visit.page.evaluate(
+        """() => {
+            const event = document.createEvent("BeforeUnloadEvent");
+            event.initEvent("beforeunload", false, true);
+            dispatchEvent(event);
+            return [event.defaultPrevented, event.returnValue];
+        }"""
+    )
+
+
+def test_a_scene_in_storage_that_may_be_deleted_is_not_safe(visit: Visit) -> None:
+    visit.page.evaluate("() => { navigator.storage.persist = async () => false; }")
+    visit.drop("kept.zip", b"")
+    visit["#save-ply"].wait_for()
+    assert leaving(visit)[0]
+    save_ply(visit)
+    assert leaving(visit) == [False, ""]
+
+
+def test_the_way_back_to_a_scene(visit: Visit) -> None:
+    """On phones the card for another capture covers the buttons that save this one."""
+    visit.page.set_viewport_size({"width": 390, "height": 844})
+    expect(visit["#back"]).to_be_hidden()
+    visit.page.keyboard.press("Escape")
+    expect(visit["#start"]).to_be_visible()
+    visit.drop("kept.zip", b"")
+    visit["#message-close"].click()
+    for way_back in (visit["#back"].click, lambda: visit.page.keyboard.press("Escape")):
+        visit["#another"].click()
+        expect(visit["#choose-archive"]).to_be_focused()
+        way_back()
+        expect(visit["#another"]).to_be_focused()
+        visit["#save-ply"].click(timeout=2000, trial=True)
+
+
+def test_what_listeners_and_keyboards_follow(visit: Visit) -> None:
+    """Stages are announced without how far they are, and the focus goes where the next button is."""
+    visit["#choose-archive"].focus()
+    visit.drop("endless.zip", b"")
+    expect(visit["#cancel"]).to_be_focused()
+    expect(visit["#announced"]).to_have_text("depth of keyframe")
+    expect(visit["#announced"]).to_have_attribute("role", "status")
+    visit.page.reload()
+    visit["#start"].wait_for()
+    visit["#choose-archive"].focus()
+    visit.drop("kept.zip", b"")
+    expect(visit["#save-ply"]).to_be_focused()
+    expect(visit["#announced"]).to_have_text("done")
+
+
+def test_any_file_can_be_chosen_as_an_archive(visit: Visit) -> None:
+    """Phones that know no type for .r3d would offer no such file."""
+    assert visit["#archive-input"].get_attribute("accept") is None
 
 
 def save_ply(visit: Visit) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageCms, PngImagePlugin
 from playwright.sync_api import Error
 
 from pocketgs.capture.listing import FrameSource
@@ -248,3 +248,37 @@ def test_a_mask_of_another_shape(call: Call) -> None:
 def test_what_is_no_photograph(call: Call, content: bytes, words: str) -> None:
     with pytest.raises(Error, match=words):
         load(call, content, LANDSCAPE, Lens(), 800)
+
+
+COLOURS = """
+    const {drawn} = await import(new URL("capture/pixels.js", location.href));
+    const bytes = Uint8Array.from(atob(given), (character) => character.charCodeAt(0));
+    const {plain, turnable, type} = module.readHeader(bytes, "photograph");
+    const shown = [];
+    for (const content of [bytes, plain, turnable]) {
+        // Safari changes colours whatever is asked of it, as every browser does where nothing is asked.
+        const bitmap = await createImageBitmap(new Blob([content], {type}));
+        shown.push([bitmap.width, [...drawn(bitmap, bitmap.width, bitmap.height).rgba.slice(0, 3)]]);
+    }
+    return shown;
+"""
+
+
+@pytest.mark.parametrize(("suffix", "by"), [("JPEG", "profile"), ("PNG", "profile"), ("PNG", "gamma")])
+def test_colours_stay_as_they_are_stored(call: Call, suffix: str, by: str) -> None:
+    """Without its profile or gamma a file has nothing by which a browser could change its colours."""
+    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    for one, other in ((b"rXYZ", b"swap"), (b"bXYZ", b"rXYZ"), (b"swap", b"bXYZ")):
+        profile = profile.replace(one, other)
+    chunks = PngImagePlugin.PngInfo()
+    chunks.add(b"gAMA", (100_000).to_bytes(4, "big"))
+    more: dict[str, Any] = {"icc_profile": profile} if by == "profile" else {"pnginfo": chunks}
+    exif = Image.Exif()
+    exif[0x0112] = TURNED_RIGHT
+    stream = io.BytesIO()
+    Image.new("RGB", (24, 16), (200, 120, 40)).save(stream, suffix, quality=95, exif=exif, **more)
+    stored, plain, turnable = call("capture/image_header.js", COLOURS, base64.b64encode(stream.getvalue()).decode())
+    assert np.abs(np.subtract(stored[1], (200, 120, 40))).max() > 20
+    assert np.abs(np.subtract(plain[1], (200, 120, 40))).max() <= 2
+    assert turnable[1] == plain[1]
+    assert (plain[0], turnable[0]) == (24, stored[0])

@@ -11,6 +11,10 @@ import numpy as np
 import pytest
 from playwright.sync_api import Error
 
+from pocketgs.prior.depth.depth_maps import stereo_extent
+from pocketgs.prior.depth.depth_range import MOST
+from pocketgs.prior.depth.sweep import SweepSettings
+from pocketgs.prior.depth.webgpu.passes import describe_sweep
 from pocketgs.site.files import NEVER, SEQUENCES
 from pocketgs.site.settings import MOST_MEMORY, RECIPE
 from pocketgs.splat.webgpu.engine import INTERSECTION_BYTES
@@ -27,10 +31,13 @@ LARGEST_BUFFER = 1 << 31
 PLAN = """
     const {Description} = await import(new URL("../gpu/description.js", location.href));
     const description = new Description(await (await fetch(new URL("passes.json", location.href))).json());
-    const device = {description, largestBuffer: given.largest};
+    const {sweep, comparison} = await (await fetch(new URL("depth_passes.json", location.href))).json();
+    const depth = {sweep: new Description(sweep), comparison: new Description(comparison)};
+    const device = {description, depth, largestBuffer: given.largest};
     const frames = given.sizes.map(([width, height]) => ({width, height, pixelBytes: 4}));
     const outline = {frames, storedPixels: given.stored, hasDepth: given.hasDepth ?? false, videoBytes: 0};
-    const wish = {most: given.most, gaussians: given.gaussians, bytes: given.bytes, screen: given.screen};
+    const {most, gaussians, bytes, screen, prior} = given;
+    const wish = {most, gaussians, bytes, screen, prior};
     return module.planRun(outline, wish, device, settings);
 """
 
@@ -44,6 +51,7 @@ def planned(call: Call, **given: Any) -> dict[str, Any]:
         "bytes": MOST_MEMORY * 1_000_000,
         "largest": LARGEST_BUFFER,
         "screen": {"width": 1, "height": 1},
+        "prior": "none",
     }
     return call("training/plan.js", PLAN, {**usual, **given})
 
@@ -99,6 +107,30 @@ def test_what_a_buffer_cannot_hold_is_reduced_too(call: Call) -> None:
     plan = planned(call, gaussians=1_000_000, bytes=16e9, largest=128 << 20)
     assert plan["gaussians"] < 1_000_000
     assert "a buffer larger than the GPU's" in plan["text"]
+
+
+def test_depth_counts_and_goes_before_a_run_is_refused(call: Call) -> None:
+    """The memory of sweeps is that which Python plans."""
+    given: dict[str, Any] = {"sizes": [[800, 600]] * 40, "stored": 480_000}
+    without, with_depth = planned(call, **given), planned(call, **given, prior="dense")
+    settings, passes = SweepSettings(), describe_sweep()
+    extent = stereo_extent([(800, 600)] * 40, 40, settings)
+    size = {"width": extent.width, "height": extent.height}
+    padded = {f"image_{side}": pixels for side, pixels in size.items()}
+    others = {"images": 1 + settings.source_views, "hypotheses": MOST, "paths": settings.paths, "bands": 1}
+    symbols = passes.symbols({**size, **padded, **others})
+    buffers, maps = sum(passes.sizes(symbols, passes.buffers).values()), 8 * 40 * extent.pixels
+    assert with_depth["bufferBytes"] == pytest.approx(buffers, rel=0.01)
+    assert with_depth["bytes"] == pytest.approx(4 * 40 * 480_000 + buffers + maps, rel=0.01)
+    assert (without["bufferBytes"], without["bytes"]) < (buffers, with_depth["bytes"])
+    assert with_depth["mostBufferBytes"] == without["mostBufferBytes"]
+    smaller = planned(call, **given, prior="dense", bytes=with_depth["bytes"] - 1)
+    assert smaller["prior"] == "dense"
+    assert smaller["most"] < 800
+    assert "40 photographs of 800 pixels and 50,000 splats, with depth, would take" in smaller["text"]
+    tight = planned(call, **given, prior="dense", bytes=200e6)
+    assert tight["prior"] == "none"
+    assert ". Left out depth. Reduced photographs to " in tight["text"]
 
 
 def test_what_cannot_fit_is_refused(call: Call) -> None:

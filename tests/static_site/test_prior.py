@@ -121,21 +121,51 @@ def test_clouds(call: Call, capture: Capture, has_cloud: bool, has_depth: bool) 
     assert np.median(off) < 0.02
 
 
-def test_too_little_memory_is_told_and_training_starts_from_other_points(call: Call, capture: Capture) -> None:
+def test_training_starts_from_other_points_once_memory_is_full(call: Call, capture: Capture) -> None:
+    """Whatever finds it full, and what is cancelled, gives the GPU's memory back."""
     script = (
         TYPED
+        + OPEN
         + """
-        const stereo = { reserve: async () => { throw new Error("the GPU is full"); }, release: () => {} };
-        const warnings = [];
-        const listener = { onStage: async () => {}, onWarning: (text) => warnings.push(text) };
-        const loaded = { train: framesOf(given.frames), heldOut: [], cloud: cloudOf(given.cloud) };
-        const options = { gaussians: 10_000, seed: 0, prior: "dense", refines: false };
-        const { points } = await module.prepared(loaded, options, settings, { stereo }, listener);
-        return [points.positions.length / 3, warnings];
+        const outcome = async ([begun, hasCloud, isCancelled]) => {
+            const warnings = [];
+            const onStage = async (text) => {
+                if (text.startsWith(begun) && isCancelled) {
+                    throw new DOMException("", "AbortError");
+                }
+                if (text.startsWith(begun)) {
+                    device.popErrorScope = async () => new GPUOutOfMemoryError("");
+                }
+            };
+            const listener = { onStage, onWarning: (text) => warnings.push(text) };
+            const loaded = { train: framesOf(given.frames), heldOut: [], cloud: hasCloud && cloudOf(given.cloud) };
+            const options = { gaussians: 400, seed: 0, prior: "dense", refines: false };
+            const preparing = module.prepared(loaded, options, settings, { stereo }, listener);
+            const found = await preparing.then(({ points }) => points.positions.length / 3, ({ name }) => name);
+            delete device.popErrorScope;
+            return [found, ...warnings, stereo.bytes];
+        };
+        const outcomes = [];
+        for (const one of given.cases) {
+            outcomes.push(await outcome(one));
+        }
+        device.destroy();
+        return outcomes;
     """
     )
     assert capture.points is not None
-    given = {"frames": plain_frames(capture.train), "cloud": plain_cloud(capture.points)}
-    found, warnings = call("training/preparation.js", script, given)
-    assert found == 400
-    assert warnings == ["Depth is not computed: the GPU is full. Training starts from the capture's own points."]
+    cases = {
+        ("rough depth of photograph 2", False, True): ["AbortError", 0],
+        ("rough depth of photograph 1", False): [400, told("points where the photographs agree"), 0],
+        ("choosing keyframes", True): [400, told("the capture's own points"), 0],
+        ("depth of keyframe 2", True): [400, told("the capture's own points"), 0],
+        ("comparing depth maps", True): [400, told("the capture's own points"), 0],
+    }
+    frames = plain_frames(capture.train[:3])
+    given = {"frames": frames, "cloud": plain_cloud(capture.points), "cases": list(cases)}
+    assert call("training/preparation.js", script, given) == list(cases.values())
+
+
+def told(instead: str) -> str:
+    full = "the GPU's memory is full: expected a smaller scene or smaller images"
+    return f"Depth is not computed: {full}. Training starts from {instead}."

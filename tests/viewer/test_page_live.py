@@ -57,6 +57,8 @@ def test_page_follows_a_run(written_capture: Path, tmp_path: Path) -> None:
             expect(visit["#live"]).to_be_visible(timeout=PATIENCE)
             expect(visit["#stats"]).not_to_be_empty(timeout=PATIENCE)
             expect(visit["#stage"]).to_have_text("training", timeout=PATIENCE)
+            expect(visit["#announced"]).to_have_text("training")
+            expect(visit["#announced"]).to_have_attribute("role", "status")
             expect(visit["#camera-name"]).to_contain_text("held out")
             expect(visit["#loss"]).not_to_have_text("–", timeout=PATIENCE)
             expect(visit["#psnr"]).to_contain_text("dB", timeout=PATIENCE)

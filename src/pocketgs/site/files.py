@@ -24,6 +24,7 @@ EXECUTOR = Path(pocketgs.gpu.__file__).parent
 
 SHARED = (
     "controls/dropping.js",
+    "controls/leaving.js",
     "controls/pointer.js",
     "controls/saving.js",
     "drawing/frame_loop.js",
@@ -45,6 +46,7 @@ SHARED = (
     "icon.svg",
     "live/curves.js",
     "live/figures.js",
+    "live/stage.js",
     "scene/camera.js",
     "scene/gaussian_columns.js",
     "scene/near_plane.js",

@@ -20,6 +20,7 @@ from pocketgs.capture.formats.transforms_file import (
 from pocketgs.capture.hold_out import HOLD_OUT_EVERY
 from pocketgs.capture.loading import ASPECT_TOLERANCE, PLANE_ASPECT_TOLERANCE
 from pocketgs.capture.masks import FOLDERS
+from pocketgs.capture.named_images import DEEPEST
 from pocketgs.capture.origin import FAR, METRIC_EXTENT
 from pocketgs.capture.poses import (
     ARKIT_PIXEL_CENTRE,
@@ -30,6 +31,7 @@ from pocketgs.capture.poses import (
 )
 from pocketgs.capture.sharpness import MAX_FRAMES, REDUCED_SIDE
 from pocketgs.capture.undistortion import BORDER_SAMPLES
+from pocketgs.files.paths import OTHER_PICTURES
 from pocketgs.geometry.camera_geometry import GUESSED_DISTANCE, MIN_CONVERGENCE
 from pocketgs.geometry.lens import MAX_HALF_FIELD, MAX_STEP
 from pocketgs.prior.cloud import volume
@@ -131,6 +133,8 @@ def _capture() -> dict[str, Any]:
         "fisheye_models": FISHEYE_MODELS,
         "extensions_tried": EXTENSIONS_TRIED,
         "mask_folders": FOLDERS,
+        "other_pictures": OTHER_PICTURES,
+        "deepest": DEEPEST,
         "arkit_pixel_centre": ARKIT_PIXEL_CENTRE,
         "undistortion_border": UNDISTORTION_BORDER,
         "depth_unit": DEFAULT_DEPTH_UNIT,

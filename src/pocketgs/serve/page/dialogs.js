@@ -4,7 +4,9 @@
  * @module
  */
 
-import { EFFORTS, sizeOf } from "./words.js";
+import { element } from "../page/element.js";
+import { sizeOf } from "../page/size_text.js";
+import { EFFORTS } from "./words.js";
 
 for (const button of document.querySelectorAll("[data-close]")) {
     button.addEventListener("click", () => button.closest("dialog").close());
@@ -102,8 +104,4 @@ function button(text, action) {
     made.textContent = text;
     made.dataset.action = action;
     return made;
-}
-
-function element(id) {
-    return document.getElementById(id);
 }

@@ -4,10 +4,13 @@
  * @module
  */
 
-import { sizeOf } from "./words.js";
+import { sizeOf } from "../page/size_text.js";
 
 /** For phones, which offer the camera and the library for these. */
 const KINDS = { photographs: "image/*", video: "video/*" };
+
+/** What the browser offers. iPhones have no type for .r3d, and would not offer such files: any may be an archive. */
+const offered = (kind, suffixes) => (kind in KINDS ? [KINDS[kind], ...suffixes[kind]].join(",") : "");
 
 /**
  * Let the user choose files. Called by a click.
@@ -18,7 +21,7 @@ const KINDS = { photographs: "image/*", video: "video/*" };
  */
 export function choose(kind, suffixes) {
     const input = document.getElementById("files");
-    input.accept = [KINDS[kind], ...suffixes[kind]].filter(Boolean).join(",");
+    input.accept = offered(kind, suffixes);
     input.multiple = kind === "photographs";
     input.value = "";
     return new Promise((resolve) => {

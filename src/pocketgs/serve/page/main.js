@@ -4,6 +4,7 @@
  * @module
  */
 
+import { askBeforeLeaving } from "../page/controls/leaving.js";
 import { CaptureList } from "./captures.js";
 import { askForNew, askForTitle, showMenu } from "./dialogs.js";
 import { choose, problemWith } from "./files.js";
@@ -109,5 +110,5 @@ for (const button of document.querySelectorAll("#choices button")) {
 }
 document.getElementById("empty-trash").addEventListener("click", () => attempt(() => tell("trash/empty")));
 document.addEventListener("visibilitychange", () => refresh().catch(() => {}));
-window.addEventListener("beforeunload", (event) => uploads.size > 0 && event.preventDefault());
+askBeforeLeaving(() => uploads.size > 0);
 look();

@@ -4,12 +4,9 @@
  * @module
  */
 
-export const EFFORTS = { quick: "Quick", standard: "Standard", best: "Best" };
+import { sizeOf } from "../page/size_text.js";
 
-/** @type {(bytes: number) => string} */
-export function sizeOf(bytes) {
-    return bytes < 1e6 ? `${Math.ceil(bytes / 1e3)}\u00a0KB` : `${(bytes / 1e6).toFixed(bytes < 1e8 ? 1 : 0)}\u00a0MB`;
-}
+export const EFFORTS = { quick: "Quick", standard: "Standard", best: "Best" };
 
 /**
  * @param {Object} capture what the server tells about it

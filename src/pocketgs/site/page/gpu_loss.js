@@ -29,13 +29,13 @@ export class GpuLoss {
      *
      * @template T
      * @param {Promise<T>} work
-     * @param {string} advice for whom it is lost
+     * @param {() => string} advise what to do, called once it is lost
      * @returns {Promise<T>}
      * @throws {Error} the work's own, or that the GPU was lost
      */
-    unless(work, advice) {
+    unless(work, advise) {
         return new Promise((resolve, reject) => {
-            const onLoss = () => reject(new Error(`The GPU was lost: ${this.#reason}. ${advice}`));
+            const onLoss = () => reject(new Error(`The GPU was lost: ${this.#reason}. ${advise()}`));
             this.#listeners.add(onLoss);
             work.catch(thrownLater)
                 .then(resolve, reject)

@@ -4,8 +4,11 @@
  * @module
  */
 
+import { askBeforeLeaving } from "../page/controls/leaving.js";
 import { save } from "../page/controls/saving.js";
 import { element } from "../page/element.js";
+import { keepFocusIn } from "./controls/focus.js";
+import { askForLastingStorage } from "./controls/lasting_storage.js";
 import { listenForCaptures } from "./controls/pick.js";
 import { ProgressView } from "./controls/progress.js";
 import { ScenePicture } from "./controls/scene_picture.js";
@@ -29,14 +32,17 @@ const picture = new ScenePicture(
 let name = "";
 let isTraining = false;
 let isPaused = false;
-/** @type {{name: string, iteration: number, iterations: number} | null} a run that can go on */
+/** @type {{name: string, iteration: number, iterations: number, canGoOn: boolean} | null} the kept run */
 let kept = null;
 /** @type {Object<string, Blob | undefined>} the trained scene by format */
 let scene = {};
-/** Whether the scene would be lost with the page: it is neither kept nor saved. */
-let isFleeting = false;
+let isSaved = false;
 /** Whether the scene is that of the kept run. */
 let isKept = false;
+/** Whether the browser will not delete what is kept. */
+let isLasting = false;
+/** Once training begins: before, users would not know what they are asked for. */
+let asking = null;
 /** Whether the kept run, as far as it is known, has been saved. */
 let isKeptSaved = false;
 
@@ -51,11 +57,13 @@ const handlers = {
         kept = found;
         element("kept").hidden = !found;
         if (found) {
-            element("go-on").textContent = `Go on with ${found.name}, ${found.iteration} of ${found.iterations}`;
+            const { name, iteration, iterations, canGoOn } = found;
+            element("go-on").textContent = `${canGoOn ? "Go on with" : "Open"} ${name}, ${iteration} of ${iterations}`;
+            element("changed").hidden = canGoOn;
         }
     },
     ready: () => (document.body.dataset.gpu = "ready"),
-    stage: ({ text, share, bytes }) => progressView.showStage(text, share, bytes),
+    stage: ({ text, share, bytes }) => progressView.showWork(text, share, bytes),
     plan: ({ text }) => progressView.showPlan(text),
     capture: ({ warnings }) => warnings.length && showMessage(warnings.join("\n\n")),
     first: (view) => {
@@ -66,12 +74,13 @@ const handlers = {
     },
     picture: (found) => picture.show(found.picture),
     progress: (progress) => {
+        asking ??= askForLastingStorage().then((granted) => (isLasting = granted));
         isKeptSaved = false;
         progressView.showProgress(progress);
         picture.refresh();
     },
     done: (found) => {
-        [scene, isKept, isFleeting] = [found.scene, found.isKept, !found.isKept];
+        [scene, isKept] = [found.scene, found.isKept];
         FORMATS.forEach((format) => (element(`save-${format}`).disabled = !scene[format]));
         setTraining(false);
         // The run that can go on is this one, unless this one is not kept.
@@ -98,7 +107,7 @@ listenForCaptures((picked) => {
         showMessage("A capture is being trained: stop it first.");
         return;
     }
-    element("start").hidden = false;
+    showStart();
     if (!OPTIONS.map(element).every((input) => input.reportValidity())) {
         return;
     }
@@ -123,25 +132,29 @@ element("go-on").addEventListener("click", () => {
         return;
     }
     begin(kept.name, kept.iterations);
-    worker.postMessage({ type: "go on" });
+    worker.postMessage({ type: kept.canGoOn ? "go on" : "give" });
 });
 
 /** What is lost with the scene that is shown, as a sentence; "" if nothing is. */
 function sceneLost() {
-    return isFleeting ? "The trained scene is not saved, and would be lost." : "";
+    return isFleeting() ? "The trained scene is not saved, and would be lost." : "";
 }
+
+/** Whether the scene may be lost with the page: it is not saved, and if it is kept, the browser may delete it. */
+const isFleeting = () => hasScene() && !isSaved && !(isKept && isLasting);
 
 /** What is lost with the kept run once another one trains, likewise. */
 function keptRunLost() {
-    if (!kept || (isKeptSaved && kept.iteration === kept.iterations)) {
+    const goesOn = kept?.canGoOn && kept.iteration < kept.iterations;
+    if (!kept || (isKeptSaved && !goesOn)) {
         return "";
     }
-    const state = kept.iteration < kept.iterations ? "is not finished" : "is not saved";
+    const state = goesOn ? "is not finished" : "is not saved";
     return `The kept run of ${kept.name} ${state}, and would be replaced.`;
 }
 
 function begin(title, iterations) {
-    [name, isPaused, scene, isFleeting] = [title, false, {}, false];
+    [name, isPaused, scene, isSaved] = [title, false, {}, false];
     setTraining(true);
     for (const id of ["message", "start", "pictures", "kept"]) {
         element(id).hidden = true;
@@ -163,12 +176,19 @@ element("stop").addEventListener("click", () => worker.postMessage({ type: "stop
 for (const format of FORMATS) {
     element(`save-${format}`).addEventListener("click", async () => {
         if (await save(scene[format], `${name}.${format}`)) {
-            [isFleeting, isKeptSaved] = [false, isKept];
+            [isSaved, isKeptSaved] = [true, isKept];
         }
     });
 }
 
-element("another").addEventListener("click", () => (element("start").hidden = false));
+element("another").addEventListener("click", () => {
+    showStart();
+    element("choose-archive").focus();
+});
+
+element("back").addEventListener("click", hideStart);
+
+document.addEventListener("keydown", ({ key }) => key === "Escape" && hideStart());
 
 element("beside").addEventListener("click", () => {
     showBeside(true);
@@ -177,7 +197,7 @@ element("beside").addEventListener("click", () => {
 
 element("message-close").addEventListener("click", () => (element("message").hidden = true));
 
-window.addEventListener("beforeunload", (event) => (isTraining || isFleeting) && event.preventDefault());
+askBeforeLeaving(() => isTraining || isFleeting());
 
 // Systems end hidden pages without asking.
 document.addEventListener("visibilitychange", () => {
@@ -189,8 +209,24 @@ document.addEventListener("visibilitychange", () => {
 function backToStart() {
     setTraining(false);
     element("live").hidden = element("pictures").hidden = true;
-    element("start").hidden = false;
+    showStart();
 }
+
+/** The card to begin with. On phones it covers the scene, to which there is a way back. */
+function showStart() {
+    element("start").hidden = false;
+    element("back").hidden = !hasScene();
+    keepFocusIn(element("start"));
+}
+
+function hideStart() {
+    if (hasScene() && !element("start").hidden) {
+        element("start").hidden = true;
+        element("another").focus();
+    }
+}
+
+const hasScene = () => Object.keys(scene).length > 0;
 
 function setTraining(training) {
     isTraining = training;

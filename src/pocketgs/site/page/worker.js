@@ -5,6 +5,7 @@
  */
 
 import { onDevice } from "../page/drawing/opening.js";
+import { crc32 } from "../page/formats/crc32.js";
 import { FileTree, StoredFile } from "./archive/tree.js";
 import { filesInZip } from "./archive/zip.js";
 import { withoutDepth } from "./capture/depth_map.js";
@@ -18,7 +19,7 @@ import { GpuOpening } from "./gpu_opening.js";
 import { FeatureFinder } from "./prior/features/finder.js";
 import { Stereo } from "./prior/stereo.js";
 import { NeighbourSearch } from "./seeding/neighbour_search.js";
-import { KeptRun } from "./storage/kept_run.js";
+import { KeptRun, sceneOf } from "./storage/kept_run.js";
 import { firstView } from "./training/first_view.js";
 import { planRun } from "./training/plan.js";
 import { prepared } from "./training/preparation.js";
@@ -32,13 +33,17 @@ import { Trainer } from "./training/trainer.js";
  * @property {{path: string, file: File}[]} files
  */
 
-const LOST_AT_WORK = "Go on, or train again with smaller photographs.";
+const LOST_WHILE_KEPT = "Go on, or train again with smaller photographs.";
+const LOST_UNKEPT = "Train again, with smaller photographs.";
 const LOST_AT_REST = "The scene can be saved, but not turned.";
 const KEPT_ELSEWHERE = "Another tab of this page keeps a run: close it.";
-const NOT_KEPT = "This run cannot be kept in the browser's storage: save the scene before you close the page.";
+const NOT_KEPT = "This run cannot be kept in the browser's storage: stop and save it before you leave the page.";
 
 const DATA = ["settings.json", "passes.json", "depth_passes.json", "features_passes.json", "seeding_passes.json"];
-const [settings, passes, depthPasses, featuresPasses, seedingPasses] = await Promise.all(DATA.map(fetched));
+const texts = await Promise.all(DATA.map(fetched));
+const [settings, passes, depthPasses, featuresPasses, seedingPasses] = texts.map((text) => JSON.parse(text));
+/** Of the site: with other settings or passes a kept run would not go on to the same scene. */
+const version = crc32(new TextEncoder().encode(texts.join())).toString(16);
 /** @type {Run | null} */
 let run = null;
 /** Ends what comes before training; null from then on. @type {AbortController | null} */
@@ -57,6 +62,8 @@ self.addEventListener("message", async ({ data }) => {
         await train(data.picked, data.options).catch(failed);
     } else if (data.type === "go on") {
         await goOn().catch(failed);
+    } else if (data.type === "give") {
+        await give().catch(failed);
     } else if (data.type === "cancel") {
         cancelling?.abort();
     } else if (data.type === "look") {
@@ -70,7 +77,6 @@ tell("settings", { run: settings.run, plan: settings.plan });
 /**
  * @typedef {Object} Own what a plan leaves as it is
  * @property {number} iterations
- * @property {"dense" | "none"} prior
  * @property {boolean} refines whether the prior finds features, and by them refines poses
  *
  * @type {(picked: Picked, options: import("./training/plan.js").Wish & Own) => Promise<void>}
@@ -78,15 +84,16 @@ tell("settings", { run: settings.run, plan: settings.plan });
 async function train(picked, own) {
     await endLast();
     const { gpu, capture, points, options } = await readied(picked, own);
-    await perform(picked.name, capture, options, gpu, (run) => run.go(points, gpu.search, cancelling.signal));
+    const work = (run) => run.go(points, gpu.search, cancelling.signal);
+    await perform(picked.name, capture, options, gpu, false, work);
 }
 
 /** What a run needs: the GPU, its capture with refined poses, the points that it starts from, its options. */
-async function readied(picked, { iterations, prior, refines, ...wish }) {
-    const [given, { gaussians, mostBufferBytes }] = await opened(picked, wish, prior);
+async function readied(picked, { iterations, refines, ...wish }) {
+    const [given, { gaussians, prior, mostBufferBytes }] = await opened(picked, wish);
     const options = { seed: settings.run.seed, iterations, gaussians, prior, refines, mostBufferBytes };
     const gpu = await compiled();
-    const { capture, points } = await gpu.loss.unless(preparedOn(gpu, given, options), LOST_AT_WORK);
+    const { capture, points } = await gpu.loss.unless(preparedOn(gpu, given, options), () => LOST_UNKEPT);
     capture.train.forEach((frame) => (frame.depth = null));
     return { gpu, capture, points, options };
 }
@@ -95,7 +102,14 @@ async function readied(picked, { iterations, prior, refines, ...wish }) {
 async function goOn() {
     await endLast();
     const { name, capture, options, checkpoint } = await kept.read();
-    await perform(name, capture, options, await compiled(), (run) => run.goOn(checkpoint, cancelling.signal));
+    await perform(name, capture, options, await compiled(), true, (run) => run.goOn(checkpoint, cancelling.signal));
+}
+
+/** Give the scene of an earlier visit's run as it is kept. */
+async function give() {
+    await endLast();
+    const { checkpoint } = await kept.read();
+    tell("done", { scene: await filesOf(sceneOf(checkpoint)), isKept: true });
 }
 
 async function endLast() {
@@ -126,11 +140,11 @@ function preparedOn({ trainer, stereo, finder }, capture, options) {
  * @param {import("./capture/open.js").Capture} capture
  * @param {import("./training/run.js").Options} options
  * @param {Gpu} gpu
+ * @param {boolean} isKept whether the run is kept already
  * @param {(run: Run) => Promise<import("../page/scene/gaussian_columns.js").GaussianColumns>} work
  */
-async function perform(name, capture, options, gpu, work) {
-    // One that goes on is kept already.
-    let isKept = true;
+async function perform(name, capture, options, gpu, isKept, work) {
+    let canGoOn = isKept;
     gpu.trainer.mostBytes = options.mostBufferBytes ?? Infinity;
     tell("first", firstView(capture, settings.volume));
     run = new Run(gpu.trainer, capture, settings, options, {
@@ -143,16 +157,16 @@ async function perform(name, capture, options, gpu, work) {
         onComplaint: (text) => tell("complaint", { text }),
         onBegin: async (begun) => {
             isKept = await isStored(kept?.begin(name, begun, options));
-            await tellOfKept();
+            canGoOn = await tellOfKept();
         },
         onCheckpoint: async (checkpoint) => {
             isKept &&= await isStored(checkpoint && kept.keep(checkpoint));
-            await tellOfKept();
+            canGoOn = await tellOfKept();
         },
     });
-    const scene = await gpu.loss.unless(work(run), LOST_AT_WORK);
+    const scene = await gpu.loss.unless(work(run), () => (canGoOn ? LOST_WHILE_KEPT : LOST_UNKEPT));
     tell("done", { scene: await filesOf(scene), isKept });
-    serving = gpu.loss.unless(run.serve(), LOST_AT_REST).catch(complain);
+    serving = gpu.loss.unless(run.serve(), () => LOST_AT_REST).catch(complain);
 }
 
 /** Whether the run is kept. Where there is no room for it, the page trains all the same, and says so. */
@@ -187,7 +201,7 @@ function openKept() {
             tell("complaint", { text: KEPT_ELSEWHERE });
             resolve();
         };
-        KeptRun.open(onWait).then((opened) => {
+        KeptRun.open(version, onWait).then((opened) => {
             kept = opened;
             resolve();
             return tellOfKept();
@@ -195,8 +209,11 @@ function openKept() {
     });
 }
 
+/** @returns {Promise<boolean>} whether a run is kept */
 async function tellOfKept() {
-    tell("kept", { found: (await kept?.summary()) ?? null });
+    const found = (await kept?.summary()) ?? null;
+    tell("kept", { found });
+    return found !== null;
 }
 
 /**
@@ -222,7 +239,7 @@ function openGpu() {
 }
 
 /** The capture with its photographs, as large as they fit, and the plan. */
-async function opened({ archive, files }, wish, prior) {
+async function opened({ archive, files }, wish) {
     const showStage = (text) => (done, of) => {
         cancelling.signal.throwIfAborted();
         tell("stage", { text: `${text} ${done} of ${of}`, share: done / of });
@@ -232,9 +249,11 @@ async function opened({ archive, files }, wish, prior) {
         ? await filesInZip(archive, archive.name)
         : files.map(({ path, file }) => StoredFile.ofDisk(file, path));
     const found = await readListing(new FileTree(stored), settings.capture, showStage("seeking sharp frames,"));
-    const listing = prior === "dense" ? found : withoutDepth(found);
+    const listing = wish.prior === "dense" ? found : withoutDepth(found);
     const outline = await outlineOf(listing, settings.capture);
-    const plan = planRun(outline, wish, (await opening.get()).trainer.device, settings);
+    const { trainer, stereo } = await opening.get();
+    const device = { ...trainer.device, depth: stereo.descriptions };
+    const plan = planRun(outline, wish, device, settings);
     tell("plan", { text: plan.text });
     const capture = await loadCapture(listing, plan.most, settings, showStage("photograph"));
     tell("capture", { warnings: capture.warnings });
@@ -246,7 +265,7 @@ async function fetched(name) {
     if (!response.ok) {
         throw new Error(`${name}: the server answers ${response.status}`);
     }
-    return response.json();
+    return response.text();
 }
 
 /**

@@ -16,6 +16,7 @@ import { throttled } from "./live/throttle.js";
 import { LiveRun } from "./live/run.js";
 import { whileLoading } from "./messages/loading.js";
 import { hideMessage, showMessage, showPreviews, showWithoutGpu } from "./messages/messages.js";
+import { sizeOf } from "./size_text.js";
 
 /** Default up direction, for cameras whose y axis points down. */
 const USUAL_UP = [0, -1, 0];
@@ -148,10 +149,6 @@ function timeOf(milliseconds) {
         return `${(milliseconds / 1000).toFixed(1)}\u00a0s`;
     }
     return `${milliseconds < 10 ? milliseconds.toFixed(1) : Math.round(milliseconds)}\u00a0ms`;
-}
-
-function sizeOf(bytes) {
-    return bytes < 1e6 ? `${Math.ceil(bytes / 1e3)}\u00a0KB` : `${(bytes / 1e6).toFixed(1)}\u00a0MB`;
 }
 
 start().catch((error) => showMessage(error.message));

@@ -4,6 +4,8 @@
  * @module
  */
 
+import { readingFault } from "./reading_fault.js";
+
 /** Of a single file that is read whole. */
 const MAX_FILE_BYTES = 512e6;
 
@@ -31,7 +33,13 @@ export class StoredFile {
      * @returns {StoredFile}
      */
     static ofDisk(file, path) {
-        const readStart = async (most) => new Uint8Array(await file.slice(0, most).arrayBuffer());
+        const readStart = async (most) => {
+            try {
+                return new Uint8Array(await file.slice(0, most).arrayBuffer());
+            } catch (error) {
+                throw new Error(`${path} ${readingFault(error) ?? error.message}`);
+            }
+        };
         return new StoredFile(path, file.size, () => readStart(file.size), readStart);
     }
 
@@ -107,16 +115,6 @@ export class FileTree {
     }
 
     /**
-     * @param {string} path whose folders do not count
-     * @returns {StoredFile | undefined} the only file of this name in any folder
-     */
-    findByName(path) {
-        const name = spelling(nameOf(path));
-        const same = [...this.#files.values()].filter((file) => spelling(nameOf(file.path)) === name);
-        return same.length === 1 ? same[0] : undefined;
-    }
-
-    /**
      * The files of a folder, by their paths in it.
      *
      * @param {string} folder
@@ -138,11 +136,11 @@ export class FileTree {
      * Paths of the files directly in a folder, in order.
      *
      * @param {string} folder "" for the topmost
-     * @param {RegExp} pattern of their names
+     * @param {(name: string) => boolean} isWanted
      * @returns {string[]}
      */
-    pathsIn(folder, pattern) {
-        return this.paths.filter((path) => folderOf(path) === folder && pattern.test(nameOf(path))).sort();
+    pathsIn(folder, isWanted) {
+        return this.paths.filter((path) => folderOf(path) === folder && isWanted(nameOf(path))).sort();
     }
 
     /** Whether there is a file below a folder. @type {(folder: string) => boolean} */
@@ -169,6 +167,23 @@ export function normalised(path) {
     return parts.join("/");
 }
 
+/**
+ * A stated path as one of the tree.
+ *
+ * @param {string} folder that it is relative to, and must stay in; "" for the topmost
+ * @param {string} path
+ * @param {string} where the file that states it, for messages
+ * @returns {string}
+ * @throws {Error} it is absolute, or leads out of the folder
+ */
+export function inside(folder, path, where) {
+    const plain = normalised(path);
+    if (path.startsWith("/") || plain.split("/")[0] === "..") {
+        throw new Error(`${where}: names the file ${path}, which lies outside the capture's folder`);
+    }
+    return normalised(`${folder}/${plain}`);
+}
+
 /** The last part of a path. @type {(path: string) => string} */
 export function nameOf(path) {
     return path.slice(path.lastIndexOf("/") + 1);
@@ -179,6 +194,7 @@ export function folderOf(path) {
     return path.slice(0, Math.max(path.lastIndexOf("/"), 0));
 }
 
-function spelling(path) {
+/** A path without what differs between systems: case, and the encoding of accents. @type {(path: string) => string} */
+export function spelling(path) {
     return path.normalize("NFC").toLowerCase();
 }

@@ -6,6 +6,7 @@
 
 import { crc32 } from "../../page/formats/crc32.js";
 import { taken } from "./inflate.js";
+import { readingFault } from "./reading_fault.js";
 import { StoredFile } from "./tree.js";
 
 const END_BYTES = 22;
@@ -34,7 +35,7 @@ const MAX_DIRECTORY_BYTES = 1 << 26;
 export async function filesInZip(archive, name) {
     const refused = (found) => new Error(`${name}: ${found}`);
     const { count, offset, bytes } = await findDirectory(archive, refused);
-    const directory = await viewOf(archive, offset, bytes);
+    const directory = await viewOf(archive, offset, bytes, refused);
     const entries = [];
     for (let at = 0, i = 0; i < count; i++) {
         if (at + ENTRY_BYTES > directory.byteLength || directory.getUint32(at, true) !== ENTRY_MARK) {
@@ -63,7 +64,7 @@ function withSlashes(entries) {
 
 async function findDirectory(archive, refused) {
     const start = Math.max(0, archive.size - END_BYTES - MAX_COMMENT);
-    const end = await viewOf(archive, start, archive.size - start);
+    const end = await viewOf(archive, start, archive.size - start, refused);
     for (let at = end.byteLength - END_BYTES; at >= 0; at--) {
         if (end.getUint32(at, true) !== END_MARK) {
             continue;
@@ -97,7 +98,8 @@ function readEntry(directory, at) {
 }
 
 async function unpacked(archive, entry, refused) {
-    const bytes = await taken(await streamOf(archive, entry, refused), entry.size).catch(() => null);
+    const stream = await streamOf(archive, entry, refused);
+    const bytes = await taken(stream, entry.size).catch((error) => unlessFault(error, entry, refused, null));
     if (bytes === null || crc32(bytes) !== entry.sum) {
         throw refused(`${entry.path} is damaged: its content is not what was packed`);
     }
@@ -109,7 +111,9 @@ async function startOf(archive, entry, most, refused) {
     const start = new Uint8Array(Math.min(most, entry.size));
     let filled = 0;
     while (filled < start.length) {
-        const { value, done } = await reader.read().catch(() => ({ done: true }));
+        const { value, done } = await reader.read().catch((error) => {
+            return unlessFault(error, entry, refused, { done: true });
+        });
         if (done) {
             break;
         }
@@ -120,6 +124,15 @@ async function startOf(archive, entry, most, refused) {
     return start.subarray(0, filled);
 }
 
+/** What stands for damaged content, unless it could not be read for another reason. */
+function unlessFault(error, { path }, refused, otherwise) {
+    const reason = readingFault(error);
+    if (reason) {
+        throw refused(`${path} ${reason}`);
+    }
+    return otherwise;
+}
+
 /** A packed file's content, as it is unpacked. */
 async function streamOf(archive, { path, flags, method, packed, offset }, refused) {
     if (flags & ENCRYPTED) {
@@ -128,7 +141,7 @@ async function streamOf(archive, { path, flags, method, packed, offset }, refuse
     if (method !== STORED && method !== DEFLATED) {
         throw refused(`${path} is compressed by method ${method}: expected a file that is stored or deflated`);
     }
-    const local = offset + LOCAL_BYTES <= archive.size ? await viewOf(archive, offset, LOCAL_BYTES) : null;
+    const local = offset + LOCAL_BYTES <= archive.size ? await viewOf(archive, offset, LOCAL_BYTES, refused) : null;
     if (local?.getUint32(0, true) !== LOCAL_MARK) {
         throw refused(`${path} is not where its list of files says: expected a whole zip file`);
     }
@@ -137,6 +150,10 @@ async function streamOf(archive, { path, flags, method, packed, offset }, refuse
     return method === DEFLATED ? content.pipeThrough(new DecompressionStream("deflate-raw")) : content;
 }
 
-async function viewOf(blob, start, bytes) {
-    return new DataView(await blob.slice(start, start + bytes).arrayBuffer());
+async function viewOf(blob, start, bytes, refused) {
+    try {
+        return new DataView(await blob.slice(start, start + bytes).arrayBuffer());
+    } catch (error) {
+        throw refused(readingFault(error) ?? error.message);
+    }
 }

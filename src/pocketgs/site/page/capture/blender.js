@@ -6,7 +6,7 @@
 
 import { Fields } from "./json_fields.js";
 import { listingOf } from "./listing.js";
-import { absentWarning, readFrames } from "./transforms_file.js";
+import { absentWarning, maskWarning, readFrames } from "./transforms_file.js";
 
 /** What makes a folder such a capture. */
 const MARK = "transforms_train.json";
@@ -29,12 +29,14 @@ export async function read(tree, bounds) {
         return listingOf("blender", train, { background, warnings });
     }
     const [test, moreWarnings] = await readSplit(tree.find(TEST), tree, bounds);
-    const heldOut = new Set(test.map(({ name }) => name));
+    const heldOut = test.length ? new Set(test.map(({ name }) => name)) : null;
     return listingOf("blender", [...train, ...test], { heldOut, background, warnings: [...warnings, ...moreWarnings] });
 }
 
 async function readSplit(file, tree, bounds) {
     const document = await Fields.of(file);
-    const frames = await readFrames(document, tree, bounds);
-    return [frames.filter(Boolean), absentWarning(frames, document)];
+    // Always with the folder: training and test images have the same names.
+    const [frames, warnings] = await readFrames(document, tree, bounds, false);
+    warnings.push(...absentWarning(frames, document), ...maskWarning(frames, document));
+    return [frames.filter(Boolean), warnings];
 }

@@ -7,7 +7,9 @@
 import { cameraAt, rotationOf } from "./camera.js";
 import * as binary from "./colmap_binary.js";
 import * as text from "./colmap_text.js";
+import { isImage } from "./image_header.js";
 import { byCodePoint, listingOf, soundCloud, sourceOf } from "./listing.js";
+import { findImages, findStated } from "./named_images.js";
 
 /** @typedef {import("../archive/tree.js").FileTree} FileTree */
 
@@ -30,7 +32,7 @@ export async function read(tree, bounds) {
     if (!registered.length) {
         throw new Error(`${imageFile.path}: registers no image, expected at least one`);
     }
-    const [files, warnings] = matchFiles(registered, tree, folder, bounds);
+    const [files, warnings] = matchFiles(registered, tree, folder, imageFile.path, bounds);
     const frames = registered.flatMap((image, i) => {
         return files[i] ? [frameOf(image, files[i], cameras, imageFile, bounds)] : [];
     });
@@ -54,27 +56,47 @@ function findPart(tree, folder, name) {
 }
 
 /** Each registered image's file, undefined where it is missing, and warnings. */
-function matchFiles(registered, tree, model, { image_folders: usual, usual_images: first }) {
-    // COLMAP writes undistorted images beside their model; the originals in the capture have the same names.
-    const folders = [around(model), ""].flatMap((place) => usual.map((name) => place + name));
-    const folder = folders.find((name) => tree.hasFolder(name)) ?? "";
+function matchFiles(registered, tree, model, where, bounds) {
+    const folder = imageFolder(tree, model, bounds);
     const names = registered.map(({ name }) => name);
-    const files = names.map((name) => tree.find(`${folder}/${name}`));
+    const [files, warnings] = namedFiles(names, tree, folder, where, bounds);
     const absent = names.filter((_, i) => !files[i]);
     if (absent.length < names.length) {
         const found = `${absent.length} of ${names.length} registered images are absent, the first ${absent[0]}`;
-        return [files, absent.length ? [found] : []];
+        return [files, absent.length ? [...warnings, found] : warnings];
     }
     // Smaller copies are often renamed, but stay in order.
-    const present = tree.pathsIn(folder, /\.(jpe?g|png)$/i);
+    const present = tree.pathsIn(folder, isImage);
     if (present.length !== names.length) {
         const found = `holds none of the ${names.length} registered images, such as ${absent[0]}`;
-        throw new Error(`${folder || first}: ${found}`);
+        throw new Error(`${folder || bounds.usual_images}: ${found}`);
     }
     const ordered = names.toSorted(byCodePoint);
     const renamed = present.toSorted(byCodePoint);
     const message = `${folder} names its files otherwise: matched to the model in sorted order`;
     return [names.map((name) => tree.find(renamed[ordered.indexOf(name)])), [message]];
+}
+
+/** Each image's file in the folder, or else by its name alone. */
+function namedFiles(names, tree, folder, where, bounds) {
+    // Absolute paths are of the machine that wrote them: those images are found by name alone.
+    const wereElsewhere = names.some((name) => name.startsWith("/"));
+    const stated = wereElsewhere ? [] : findStated(tree, folder, names, where);
+    if (stated.some(Boolean)) {
+        return [stated, []];
+    }
+    // As with relative names, those of the folder beside the model come first: the originals have the same names.
+    const below = names.map((name) => `${bounds.usual_images}/${name}`);
+    const places = wereElsewhere && folder !== "" ? [folder, ""] : [""];
+    const outcomes = places.map((place) => findImages(tree, place, below, where, [""], bounds));
+    return outcomes.find(([files]) => files.some(Boolean)) ?? outcomes.at(-1);
+}
+
+/** The first usual folder beside the model or in the capture, or "" for the capture itself. */
+function imageFolder(tree, model, { image_folders: usual }) {
+    // COLMAP writes undistorted images beside their model; the originals in the capture have the same names.
+    const folders = [around(model), ""].flatMap((place) => usual.map((name) => place + name));
+    return folders.find((name) => tree.hasFolder(name)) ?? "";
 }
 
 /** The path to a model's `sparse` or `sparse/0`: empty, or with a slash at its end. */

@@ -9,7 +9,9 @@
  * @property {number} width pixels as stored
  * @property {number} height
  * @property {string} type
- * @property {Uint8Array} plain the file without EXIF, by which browsers would turn it
+ * @property {Uint8Array} plain the file without EXIF, by which browsers would turn it, and without profiles of colours,
+ *     by which Safari would change them whatever is asked of it
+ * @property {Uint8Array} turnable the same with EXIF
  */
 
 /** Most files state their size within so many bytes. */
@@ -20,8 +22,16 @@ export const MAX_PIXELS = 120e6;
 
 const START_OF_IMAGE = 0xffd8;
 const START_OF_SCAN = 0xda;
-const EXIF = 0xe1;
+const [EXIF, PROFILE] = [0xe1, 0xe2];
 const PNG = [0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0x0a];
+
+/** What a part of a file is about. */
+const [TURN, COLOURS, OTHER] = [0, 1, 2];
+
+const PNG_PARTS = { eXIf: TURN, iCCP: COLOURS, cICP: COLOURS, sRGB: COLOURS, gAMA: COLOURS, cHRM: COLOURS };
+
+/** Whether a file is an image that the page reads, by its name. @type {(path: string) => boolean} */
+export const isImage = (path) => /\.(png|jpe?g)$/i.test(path);
 
 /**
  * @param {Uint8Array} bytes of the file
@@ -65,9 +75,18 @@ function sizeIn(bytes) {
     }
 }
 
-function readPng(view, plain) {
-    const whole = view.byteLength >= 24;
-    return whole && { width: view.getUint32(16), height: view.getUint32(20), type: "image/png", plain };
+/** Chunk by chunk (ISO 15948). */
+function readPng(view, bytes) {
+    if (view.byteLength < 24) {
+        return null;
+    }
+    const parts = [{ about: OTHER, content: bytes.subarray(0, PNG.length) }];
+    for (let at = PNG.length; at < view.byteLength; ) {
+        const end = at + 8 <= view.byteLength ? at + 12 + view.getUint32(at) : view.byteLength;
+        parts.push({ about: PNG_PARTS[textIn(bytes, at + 4, 4)] ?? OTHER, content: bytes.subarray(at, end) });
+        at = end;
+    }
+    return { width: view.getUint32(16), height: view.getUint32(20), type: "image/png", ...without(parts) };
 }
 
 /** Segment by segment, up to where the pixels begin (ITU T.81, annex B). */
@@ -75,25 +94,34 @@ function readJpeg(view, bytes) {
     if (view.byteLength < 4 || view.getUint16(0) !== START_OF_IMAGE) {
         return null;
     }
-    const kept = [bytes.subarray(0, 2)];
+    const parts = [{ about: OTHER, content: bytes.subarray(0, 2) }];
     let size = null;
     for (let at = 2; at + 4 <= view.byteLength; ) {
         const kind = view.getUint8(at + 1);
         if (view.getUint8(at) !== 0xff || kind === START_OF_SCAN) {
-            kept.push(bytes.subarray(at));
+            parts.push({ about: OTHER, content: bytes.subarray(at) });
             break;
         }
         const end = at + 2 + view.getUint16(at + 2);
         if (isFrame(kind) && at + 9 <= view.byteLength) {
             size = { height: view.getUint16(at + 5), width: view.getUint16(at + 7) };
         }
-        if (kind !== EXIF) {
-            kept.push(bytes.subarray(at, end));
-        }
+        const isProfile = kind === PROFILE && textIn(bytes, at + 4, 11) === "ICC_PROFILE";
+        parts.push({ about: kind === EXIF ? TURN : isProfile ? COLOURS : OTHER, content: bytes.subarray(at, end) });
         at = end;
     }
-    return size && { ...size, type: "image/jpeg", plain: joined(kept) };
+    return size && { ...size, type: "image/jpeg", ...without(parts) };
 }
+
+/** A file without what would turn it or change its colours. */
+function without(parts) {
+    return {
+        plain: joined(parts.filter(({ about }) => about === OTHER)),
+        turnable: joined(parts.filter(({ about }) => about !== COLOURS)),
+    };
+}
+
+const textIn = (bytes, at, length) => String.fromCharCode(...bytes.subarray(at, at + length));
 
 /** Whether a segment begins a frame, and so states the size: SOF0 to SOF15 but for three that are none. */
 function isFrame(kind) {
@@ -101,11 +129,11 @@ function isFrame(kind) {
 }
 
 function joined(parts) {
-    const whole = new Uint8Array(parts.reduce((sum, part) => sum + part.length, 0));
+    const whole = new Uint8Array(parts.reduce((sum, { content }) => sum + content.length, 0));
     let at = 0;
-    for (const part of parts) {
-        whole.set(part, at);
-        at += part.length;
+    for (const { content } of parts) {
+        whole.set(content, at);
+        at += content.length;
     }
     return whole;
 }

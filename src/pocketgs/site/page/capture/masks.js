@@ -6,15 +6,13 @@
  */
 
 import { folderOf, nameOf, normalised } from "../archive/tree.js";
-import { storedSize } from "./image_header.js";
+import { isImage, storedSize } from "./image_header.js";
 import { decodedAsStored, greyOf } from "./pixels.js";
 
 /**
  * @typedef {import("../archive/tree.js").FileTree} FileTree
  * @typedef {import("./listing.js").Listing} Listing
  */
-
-const IMAGE = /\.(png|jpe?g)$/i;
 
 /** Grey counts from half of white upwards, since edges are often smoothed. */
 const HALF = 127;
@@ -113,7 +111,7 @@ async function otherShape(frames, masks) {
 
 /** The masks by their photographs, and why they cannot be used, if so. */
 function matched(names, folder, tree) {
-    const files = tree.paths.filter((path) => path.startsWith(`${folder}/`) && IMAGE.test(path)).sort();
+    const files = tree.paths.filter((path) => path.startsWith(`${folder}/`) && isImage(path)).sort();
     const byName = new Map();
     for (const path of files) {
         const name = path.slice(folder.length + 1).toLowerCase();

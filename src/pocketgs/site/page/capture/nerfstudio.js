@@ -9,8 +9,9 @@ import { normalised } from "../archive/tree.js";
 import { readCloud } from "./cloud_file.js";
 import { Fields } from "./json_fields.js";
 import { listingOf } from "./listing.js";
+import { findMoved } from "./named_images.js";
 import { NERFCAPTURE_FIELD } from "./stated_intrinsics.js";
-import { absentWarning, depthWarning, readFrames } from "./transforms_file.js";
+import { absentWarning, depthWarning, maskWarning, readFrames } from "./transforms_file.js";
 
 /** What makes a folder such a capture. */
 const MARK = "transforms.json";
@@ -26,14 +27,16 @@ export const recognises = (tree) => tree.find(MARK) !== undefined;
  */
 export async function read(tree, bounds) {
     const document = await Fields.of(tree.find(MARK));
-    const listed = await readFrames(document, tree, bounds);
-    const warnings = [...absentWarning(listed, document), ...depthWarning(listed, document)];
-    if (!listed.some(Boolean)) {
+    const [listed, warnings] = await readFrames(document, tree, bounds);
+    for (const warningOf of [absentWarning, maskWarning, depthWarning]) {
+        warnings.push(...warningOf(listed, document));
+    }
+    if (listed.length && !listed.some(Boolean)) {
         throw new Error(`${MARK}: none of the ${listed.length} listed frames has an image file`);
     }
     const [frames, heldOut] = split(document, listed);
     const ply = document.optionalText("ply_file_path");
-    const file = ply === null ? undefined : tree.find(ply);
+    const file = ply === null ? undefined : findMoved(tree, ply, document.where, bounds);
     if (ply !== null && !file) {
         warnings.push(`${MARK}: the point cloud ${ply} is absent`);
     }

@@ -37,10 +37,10 @@ import { resampled, resampledPlane, undistortedView } from "./undistortion.js";
  */
 export async function decodedPhotograph({ file, camera }, { aspect_tolerance: tolerance }) {
     const bytes = await file.bytes();
-    const { width, height, type, plain } = readHeader(bytes, file.path);
+    const { width, height, type, plain, turnable } = readHeader(bytes, file.path);
     // Poses usually refer to pixels as stored.
     const isTurned = !hasShapeOf(camera, width, height, tolerance) && hasShapeOf(camera, height, width, tolerance);
-    return decoded(isTurned ? bytes : plain, type, file.path);
+    return decoded(isTurned ? turnable : plain, type, file.path);
 }
 
 /**

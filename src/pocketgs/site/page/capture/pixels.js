@@ -4,6 +4,7 @@
  * @module
  */
 
+import { readingFault } from "../archive/reading_fault.js";
 import { areaAveraged } from "../numbers/resizing.js";
 import { roundedToEven } from "../numbers/rounding.js";
 import { readHeader } from "./image_header.js";
@@ -34,12 +35,16 @@ const CANVAS = new OffscreenCanvas(0, 0);
  */
 export async function decoded(bytes, type, path) {
     const options = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
-    const bitmap = await createImageBitmap(new Blob([bytes], { type }), options).catch(() => {
-        throw new Error(`${path}: cannot be decoded, expected a whole image`);
-    });
-    const pixels = drawn(bitmap, bitmap.width, bitmap.height);
-    bitmap.close();
-    return pixels;
+    let bitmap;
+    try {
+        bitmap = await createImageBitmap(new Blob([bytes], { type }), options);
+        return drawn(bitmap, bitmap.width, bitmap.height);
+    } catch (error) {
+        const reason = readingFault(error);
+        throw new Error(reason ? `${path} ${reason}` : `${path}: cannot be decoded, expected a whole image`);
+    } finally {
+        bitmap?.close();
+    }
 }
 
 /**

@@ -27,7 +27,7 @@ export const recognises = (tree) => ["corrected_", ""].some((kind) => tree.hasFo
  * @throws {Error} a camera is malformed, or no camera has an image
  */
 export async function read(tree, bounds) {
-    const camerasOf = (kind) => tree.pathsIn(`${KEYFRAMES}/${kind}cameras`, CAMERA_FILE);
+    const camerasOf = (kind) => tree.pathsIn(`${KEYFRAMES}/${kind}cameras`, (name) => CAMERA_FILE.test(name));
     const isCorrected = tree.hasFolder(`${KEYFRAMES}/corrected_images`) && camerasOf("corrected_").length > 0;
     const kind = isCorrected ? "corrected_" : "";
     const cameras = camerasOf(kind);

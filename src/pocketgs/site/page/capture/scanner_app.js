@@ -13,7 +13,7 @@ import { sharpestPhotographs, thinningWarning } from "./sharpness.js";
 
 /** @typedef {import("../archive/tree.js").FileTree} FileTree */
 
-const cameraFiles = (tree) => tree.pathsIn("", /^frame_.*\.json$/);
+const cameraFiles = (tree) => tree.pathsIn("", (name) => /^frame_.*\.json$/.test(name));
 
 /** @type {(tree: FileTree) => Promise<boolean>} */
 export async function recognises(tree) {

@@ -5,11 +5,11 @@
  * @module
  */
 
-import { normalised } from "../archive/tree.js";
 import { cameraAt, inverted, UP_AND_BACK } from "./camera.js";
 import { depthOf } from "./depth_map.js";
 import { lensOf } from "./lens.js";
 import { sourceOf } from "./listing.js";
+import { findImages, findMoved, findStated } from "./named_images.js";
 import { readIntrinsics } from "./stated_intrinsics.js";
 
 /**
@@ -19,27 +19,27 @@ import { readIntrinsics } from "./stated_intrinsics.js";
  */
 
 /**
- * Read the frames in the listed order, null where an image is missing.
+ * Read the frames in the listed order, null where an image is missing; returns warnings too.
  *
  * @param {Fields} document the whole file
  * @param {FileTree} tree that its paths lie in
  * @param {Object} bounds the settings' `capture`
- * @returns {Promise<(FrameSource | null)[]>}
- * @throws {Error} a field is missing or malformed, or a camera cannot be used
+ * @param {boolean} mayHaveMoved if no image is at its stated path, search them in the whole capture by name
+ * @returns {Promise<[(FrameSource | null)[], string[]]>}
+ * @throws {Error} a field is missing or malformed, a path leaves the capture, or a camera cannot be used
  */
-export async function readFrames(document, tree, bounds) {
+export async function readFrames(document, tree, bounds, mayHaveMoved = true) {
     const listed = document.objects("frames").map((own) => own.over(document));
-    const paths = listed.map((fields) => normalised(fields.text("file_path")));
-    const withSuffix = (find, path) => bounds.extensions_tried.map((suffix) => find(path + suffix)).find(Boolean);
-    const found = (find) => paths.map((path) => withSuffix(find, path));
-    const stated = found((path) => tree.find(path));
-    // Captures get moved, and tools write paths of the machine that they ran on.
-    const files = stated.some(Boolean) ? stated : found((path) => tree.findByName(path));
+    const named = listed.map((fields) => fields.text("file_path"));
+    const { extensions_tried: suffixes } = bounds;
+    const [files, warnings] = mayHaveMoved
+        ? findImages(tree, "", named, document.where, suffixes, bounds)
+        : [findStated(tree, "", named, document.where, suffixes), []];
     const frames = [];
     for (const [i, fields] of listed.entries()) {
         frames.push(files[i] ? await readFrame(fields, files[i], tree, bounds) : null);
     }
-    return frames;
+    return [frames, warnings];
 }
 
 /**
@@ -73,25 +73,40 @@ export function depthWarning(frames, document) {
         const found = "its depth maps are left out, since no 'integer_depth_scale' states their unit";
         return [`${document.where}: ${found}`];
     }
-    const named = stated.map((fields) => depthPath(fields)[0]);
-    const absent = named.filter((path, i) => path !== null && frames[i] && !frames[i].depth);
-    const found = `${absent.length} of its depth maps have no file, the first ${absent[0]}`;
-    return absent.length ? [`${document.where}: ${found}`] : [];
+    return withoutFile("depth maps", stated.map((fields) => depthPath(fields)[0]), frames, "depth", document);
+}
+
+/**
+ * A warning if masks are absent: frames without a mask are used whole.
+ *
+ * @param {(FrameSource | null)[]} frames of the document, null where an image is absent
+ * @param {Fields} document
+ * @returns {string[]} one, or none
+ */
+export function maskWarning(frames, document) {
+    const named = document.objects("frames").map((own) => own.over(document).optionalText("mask_path"));
+    return withoutFile("masks", named, frames, "mask", document);
+}
+
+/** A warning if files of a kind are named, but not found, or none. */
+function withoutFile(kind, named, frames, part, { where }) {
+    const absent = named.filter((path, i) => path !== null && frames[i] && !frames[i][part]);
+    return absent.length ? [`${where}: ${absent.length} of its ${kind} have no file, the first ${absent[0]}`] : [];
 }
 
 async function readFrame(fields, file, tree, bounds) {
     const intrinsics = await readIntrinsics(fields, file, bounds);
     const camera = cameraAt(fields.where, intrinsics, ...readPose(fields, bounds), bounds);
-    const mask = fields.optionalText("mask_path");
-    const more = { lens: readLens(fields, bounds), depth: readDepth(fields, tree, bounds) };
-    return sourceOf(file, camera, { ...more, mask: mask && statedMask(mask, fields, tree) });
+    const lens = readLens(fields, bounds);
+    const mask = beside(file, tree, fields.optionalText("mask_path"), fields.where, bounds) ?? null;
+    const [path, unit] = depthPath(fields);
+    const depth = depthOf(beside(file, tree, path, fields.where, bounds), unit ?? bounds.depth_unit);
+    return sourceOf(file, camera, { lens, depth, mask });
 }
 
-/** Null where there is no such file: photographs alone are enough. */
-function readDepth(fields, tree, { depth_unit: usual }) {
-    const [path, unit] = depthPath(fields);
-    const file = path === null ? undefined : tree.find(path);
-    return file ? depthOf(file, unit ?? usual) : null;
+/** The file of a photograph's mask or depth, undefined if none is stated or it is absent. */
+function beside(photograph, tree, stated, where, bounds) {
+    return stated === null ? undefined : findMoved(tree, stated, where, bounds, photograph);
 }
 
 /** The depth map and its unit, or null, from nerfstudio's fields, or else instant-ngp's. */
@@ -99,14 +114,6 @@ function depthPath(fields) {
     const [own, unit] = [fields.optionalText("depth_file_path"), fields.optionalNumber("depth_unit_scale_factor")];
     const scale = fields.optionalNumber("integer_depth_scale");
     return own === null && scale !== null ? [fields.optionalText("depth_path"), scale] : [own, unit];
-}
-
-function statedMask(path, { where }, tree) {
-    const file = tree.find(path);
-    if (!file) {
-        throw new Error(`${where}: names the mask ${path}, which is absent`);
-    }
-    return file;
 }
 
 /** World to camera of `transform_matrix`: camera to world in OpenGL axes (x right, y up, z back). */

@@ -21,6 +21,7 @@ export function listenForCaptures(onPicked, onFault) {
             ({ message }) => onFault(`What was dropped cannot be read: ${message}`),
         );
     });
+    // Any file can be chosen: iPhones have no type for .r3d, and would not offer such files.
     for (const kind of ["archive", "folder"]) {
         const input = document.getElementById(`${kind}-input`);
         document.getElementById(`choose-${kind}`).addEventListener("click", () => input.click());

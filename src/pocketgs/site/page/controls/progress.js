@@ -7,6 +7,8 @@
 import { element } from "../../page/element.js";
 import { drawCurves } from "../../page/live/curves.js";
 import { showFigures } from "../../page/live/figures.js";
+import { showStage } from "../../page/live/stage.js";
+import { keepFocusIn } from "./focus.js";
 
 /** The card on the left. */
 export class ProgressView {
@@ -39,6 +41,7 @@ export class ProgressView {
         for (const id of ["stats", "iteration", "plan"]) {
             element(id).textContent = "";
         }
+        keepFocusIn(element("live"));
         this.#draw();
     }
 
@@ -49,8 +52,8 @@ export class ProgressView {
      * @param {number} share
      * @param {number} bytes of the GPU's buffers
      */
-    showStage(text, share, bytes = 0) {
-        element("stage").textContent = text;
+    showWork(text, share, bytes = 0) {
+        showStage(text);
         element("training").value = share;
         if (bytes) {
             element("memory").textContent = `${Math.round(bytes / 1e6)} MB`;
@@ -64,12 +67,15 @@ export class ProgressView {
 
     /** @param {import("../training/run.js").Progress} progress */
     showProgress({ iteration, loss, held_out_psnr, rate, gaussians, bytes }) {
-        element("cancel").hidden = true;
-        element("live-buttons").hidden = false;
+        if (element("live-buttons").hidden) {
+            element("cancel").hidden = true;
+            element("live-buttons").hidden = false;
+            keepFocusIn(element("live"));
+        }
         this.#samples.push({ iteration, loss, held_out_psnr });
         const iterations = this.#iterations;
         const seconds_left = rate ? (iterations - iteration) / rate : null;
-        element("stage").textContent = "training";
+        showStage("training");
         showFigures({ iteration, iterations, loss, held_out_psnr, seconds_left, memory_mb: bytes / 1e6 });
         element("stats").textContent = `${gaussians.toLocaleString("en")} splats`;
         this.#draw();
@@ -77,10 +83,11 @@ export class ProgressView {
 
     /** The run has ended. */
     end() {
-        element("stage").textContent = "done";
+        showStage("done");
         element("left").textContent = "done";
         element("live-buttons").hidden = true;
         element("saving").hidden = false;
+        keepFocusIn(element("live"));
     }
 
     #draw() {

@@ -11,6 +11,7 @@ import { roundedToEven } from "../numbers/rounding.js";
 /**
  * @typedef {import("../capture/camera.js").Camera} Camera
  * @typedef {import("../capture/photograph.js").Frame} Frame
+ * @typedef {import("../numbers/resizing.js").Size} Size
  */
 
 const HALF = 128;
@@ -29,19 +30,17 @@ export function isUsable(frame, pixel) {
     return isMatched(frame, pixel) && (!frame.hasAlpha || frame.rgba[4 * pixel + 3] >= HALF);
 }
 
-/**
- * The camera of a frame that is reduced to at most so many pixels.
- *
- * @param {Camera} camera
- * @param {number} most
- * @returns {Camera}
- */
+/** The size of an image that is reduced to at most so many pixels. @type {(size: Size, most: number) => Size} */
+export function sizeOfPixels({ width, height }, most) {
+    const reduction = Math.max(1, Math.sqrt((width * height) / most));
+    const [across, down] = [width, height].map((side) => Math.max(1, Math.trunc(side / reduction)));
+    return { width: across, height: down };
+}
+
+/** The camera of a frame that is reduced to at most so many pixels. @type {(camera: Camera, most: number) => Camera} */
 export function cameraWithin(camera, most) {
-    const reduction = Math.sqrt((camera.width * camera.height) / most);
-    if (reduction <= 1) {
-        return camera;
-    }
-    return resized(camera, ...[camera.width, camera.height].map((side) => Math.max(1, Math.trunc(side / reduction))));
+    const { width, height } = sizeOfPixels(camera, most);
+    return width === camera.width && height === camera.height ? camera : resized(camera, width, height);
 }
 
 /** The camera of an image of so many cells on the longer side. @type {(camera: Camera, cells: number) => Camera} */

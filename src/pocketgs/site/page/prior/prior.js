@@ -41,7 +41,7 @@ const NAMED = 8;
  * @param {Listener} listener
  * @returns {Promise<{capture: Capture, cloud: Cloud, covered: number, keyframes: number}>} the capture with refined
  *     poses and training photographs of one exposure; covered: share of the training pixels
- * @throws {NoRoom} the GPU's memory does not hold it
+ * @throws {import("./stereo.js").NoRoom} the GPU's memory does not hold it
  */
 export async function buildPrior(capture, { most, refines }, settings, { stereo, finder }, { onStage, onWarning }) {
     const { prior } = settings;
@@ -133,24 +133,29 @@ function knownByFeatures({ train, cloud }, own) {
     return { points: pointsSeen(own), sources };
 }
 
-/** The same from the capture's own cloud, or if no frame sees any of it from sweeps of small copies. */
+/**
+ * The same from the capture's own cloud, or if no frame sees any of it from sweeps of small copies. The GPU's memory is
+ * free again afterwards.
+ */
 async function knownWithoutFeatures({ train, cloud }, views, distance, settings, stereo, onStage) {
     const sources = cloud ? [cloud] : [];
     const seen = cloud ? seenPoints(cloud, views, settings) : [];
     if (seen.some(({ length }) => length > 0)) {
         return { points: seen, sources };
     }
-    const points = await roughPoints(train, distance, settings, stereo, (done) => {
-        return onStage(`rough depth of photograph ${done + 1} of ${train.length}`, done / train.length);
-    });
-    return { points, sources };
+    const onFrame = (done) => onStage(`rough depth of photograph ${done + 1} of ${train.length}`, done / train.length);
+    try {
+        return { points: await roughPoints(train, distance, settings, stereo, onFrame), sources };
+    } finally {
+        stereo.release();
+    }
 }
 
 /** The consistent pixels of all keyframes' depth maps. The GPU's memory is free again afterwards. */
 async function swept(chosen, frames, points, distance, settings, stereo, onStage) {
     const size = sweptPixels(chosen.length, settings.sweep);
     try {
-        await stereo.reserve(frames.map(({ camera }) => cameraWithin(camera, size)), chosen.length).catch(refused);
+        await stereo.reserve(frames.map(({ camera }) => cameraWithin(camera, size)), chosen.length);
         const views = [];
         for (const [done, index] of chosen.entries()) {
             await onStage(`depth of keyframe ${done + 1} of ${chosen.length}`, done / chosen.length);
@@ -162,11 +167,4 @@ async function swept(chosen, frames, points, distance, settings, stereo, onStage
     } finally {
         stereo.release();
     }
-}
-
-/** The GPU's memory does not hold what depth takes. */
-export class NoRoom extends Error {}
-
-function refused({ message }) {
-    throw new NoRoom(message);
 }

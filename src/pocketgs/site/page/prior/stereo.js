@@ -6,8 +6,10 @@
 
 import { Description } from "../../gpu/description.js";
 import { Executor } from "../../gpu/executor.js";
+import { totalOf } from "../training/buffer_sizes.js";
 import { comparisonFields, comparisonNumbers, otherRecords } from "./comparison_inputs.js";
 import { inverseDepths, stepOf } from "./depth_range.js";
+import { stereoNeed } from "./stereo_need.js";
 import { packed, sourceRecords, sweepFields, sweepNumbers } from "./sweep_inputs.js";
 
 /**
@@ -23,8 +25,12 @@ import { packed, sourceRecords, sweepFields, sweepNumbers } from "./sweep_inputs
  * @property {Float32Array} footprints (H, W) smallest footprint of a pixel at the point
  */
 
-/** Of a pixel's depth and margin. */
-const MAP_BYTES = 8;
+/** The GPU's memory does not hold what depth takes. */
+export class NoRoom extends Error {}
+
+function refused({ message }) {
+    throw new NoRoom(message);
+}
 
 /** Sweeps keyframes and compares their depth maps. */
 export class Stereo {
@@ -62,33 +68,33 @@ export class Stereo {
         return this.#sweeping.bytes + this.#comparing.bytes;
     }
 
+    /** The passes of depth, by which memory is planned. */
+    get descriptions() {
+        return { sweep: this.#sweeping.description, comparison: this.#comparing.description };
+    }
+
     /**
      * Make buffers for sweeps of frames, and see that there could be those for comparing all depth maps.
      *
-     * @param {import("../capture/camera.js").Camera[]} cameras at the size of a sweep
+     * @param {import("../numbers/resizing.js").Size[]} frames at the size of a sweep
      * @param {number} keyframes their number
-     * @throws {Error} the GPU's memory does not hold it
+     * @throws {NoRoom} the GPU's memory does not hold it
      */
-    async reserve(cameras, keyframes) {
-        const { most_hypotheses: hypotheses, most_bands: bands, source_views: sources, paths } = this.#settings;
-        const [across, down] = ["width", "height"].map((side) => Math.max(...cameras.map((camera) => camera[side])));
-        const { width, height } = cameras.reduce((a, b) => (a.width * a.height < b.width * b.height ? b : a));
-        const numbers = { width, height, image_width: across, image_height: down };
-        const given = { ...numbers, images: 1 + sources, hypotheses, paths };
-        this.#comparing.check(this.#sizes(this.#comparing, { ...numbers, views: keyframes }));
-        for (this.#bands = 1; this.#bands < bands; this.#bands++) {
-            const sizes = this.#sizes(this.#sweeping, { ...given, bands: this.#bands });
-            if (Math.max(...Object.values(sizes)) <= this.#sweeping.largestBuffer) {
-                break;
-            }
-        }
-        const sizes = this.#sizes(this.#sweeping, { ...given, bands: this.#bands });
-        const bytes = Object.values(sizes).reduce((sum, size) => sum + size, MAP_BYTES * width * height * keyframes);
+    async reserve(frames, keyframes) {
+        const { largestBuffer } = this.#sweeping;
+        const need = stereoNeed(this.descriptions, frames, keyframes, largestBuffer, this.#settings);
+        this.#bands = need.bands;
+        const bytes = totalOf(need.sweeping) + need.mapBytes;
         if (bytes > this.mostBytes) {
             const [found, room] = [bytes, this.mostBytes].map((number) => Math.round(number / 1e6));
-            throw new Error(`it would take ${found} MB, of which ${room} MB are left`);
+            throw new NoRoom(`it would take ${found} MB, of which ${room} MB are left`);
         }
-        await this.#sweeping.reserve(sizes);
+        try {
+            this.#comparing.check(need.comparing);
+            await this.#sweeping.reserve(need.sweeping);
+        } catch (error) {
+            refused(error);
+        }
     }
 
     /** Give the GPU's memory back. */
@@ -104,6 +110,7 @@ export class Stereo {
      * @param {Frame[]} sources if empty, no depth is known
      * @param {import("./depth_range.js").DepthRange} search
      * @returns {Promise<DepthMap>}
+     * @throws {NoRoom} the GPU's memory is full
      */
     async sweep(keyframe, sources, search) {
         const { width, height } = keyframe.camera;
@@ -115,7 +122,7 @@ export class Stereo {
         const [executor, frames] = [this.#sweeping, [keyframe, ...sources]];
         const given = { ...sweepNumbers(frames, inverse, this.#settings), bands: this.#bands };
         const symbols = executor.description.symbols(given);
-        await executor.reserve(executor.description.sizes(symbols));
+        await executor.reserve(executor.description.sizes(symbols)).catch(refused);
         executor.write("photographs", packed(frames, symbols, this.#settings));
         executor.write("sources", sourceRecords(keyframe.camera, sources.map(({ camera }) => camera)));
         executor.write("inverse_depths", inverse);
@@ -123,8 +130,8 @@ export class Stereo {
         executor.writeUniform("sweep", sweepFields(sources, inverse, isBounded, symbols, this.#settings));
         // Drivers reset GPUs on which one submission takes too long.
         await executor.submitByPass("sweep", symbols, executor.description.sequences.sweep.passes.length, () => true);
-        const depth = await executor.read("depths", Float32Array, symbols.pixels);
-        return { depth, margin: await executor.read("margins", Float32Array, symbols.pixels), step };
+        const [depth, margin] = await read(executor, ["depths", "margins"], symbols.pixels);
+        return { depth, margin, step };
     }
 
     /**
@@ -134,13 +141,14 @@ export class Stereo {
      * @param {{tolerance: number, confidence: number}} thresholds maximum relative difference of agreeing depths, and
      *     minimum confidence outside holes
      * @returns {AsyncGenerator<ConfidenceMap>}
+     * @throws {NoRoom} the GPU's memory is full
      */
     async *compare(views, thresholds) {
         this.#sweeping.free();
         const [executor, { description }] = [this.#comparing, this.#comparing];
         const numbers = views.map((_, view) => comparisonNumbers(views, view));
         const largest = numbers.reduce((a, b) => (a.width * a.height < b.width * b.height ? b : a));
-        await executor.reserve(this.#sizes(executor, largest));
+        await executor.reserve(description.sizes(description.symbols(largest))).catch(refused);
         views.forEach(({ camera, map }, view) => {
             const padded = paddedTo(map.depth, camera, largest);
             executor.write("maps", padded, padded.byteLength * view);
@@ -151,14 +159,19 @@ export class Stereo {
             executor.write("margins", views[view].map.margin);
             executor.writeUniform("comparison", comparisonFields(views, view, given, thresholds));
             executor.submit("compare", symbols);
-            const confidences = await executor.read("confidences", Float32Array, symbols.pixels);
-            yield { confidences, footprints: await executor.read("footprints", Float32Array, symbols.pixels) };
+            const [confidences, footprints] = await read(executor, ["confidences", "footprints"], symbols.pixels);
+            yield { confidences, footprints };
         }
     }
+}
 
-    #sizes({ description }, given) {
-        return description.sizes(description.symbols(given));
+/** Copies of what passes have written: they need memory too. */
+async function read(executor, names, count) {
+    const copies = [];
+    for (const name of names) {
+        copies.push(await executor.read(name, Float32Array, count).catch(refused));
     }
+    return copies;
 }
 
 function paddedTo(depth, { width, height }, { image_width: across, image_height: down }) {

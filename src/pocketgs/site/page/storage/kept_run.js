@@ -5,6 +5,8 @@
  * @module
  */
 
+import { GaussianColumns } from "../../page/scene/gaussian_columns.js";
+
 /**
  * @typedef {import("../capture/open.js").Capture} Capture
  * @typedef {import("../training/run.js").Options} Options
@@ -24,26 +26,31 @@ const MS_TO_WAIT = 1000;
 /** The folder with the run. Every file is replaced as a whole or not at all. */
 export class KeptRun {
     #folder;
+    #version;
     #number = "";
 
-    /** @param {FileSystemDirectoryHandle} folder */
-    constructor(folder) {
-        this.#folder = folder;
+    /**
+     * @param {FileSystemDirectoryHandle} folder
+     * @param {string} version of the site: another one would not go on to the same scene, if at all
+     */
+    constructor(folder, version) {
+        [this.#folder, this.#version] = [folder, version];
     }
 
     /**
      * Wait for as long as another page keeps a run.
      *
+     * @param {string} version of the site
      * @param {() => void} onWait called if that takes long
      * @returns {Promise<KeptRun | null>} null where the browser keeps nothing
      */
-    static async open(onWait) {
+    static async open(version, onWait) {
         // A page that is loaded again waits for the worker that it had before.
         const waiting = setTimeout(onWait, MS_TO_WAIT);
         try {
             await lockForGood();
             const root = await navigator.storage.getDirectory();
-            return new KeptRun(await root.getDirectoryHandle(FOLDER, { create: true }));
+            return new KeptRun(await root.getDirectoryHandle(FOLDER, { create: true }), version);
         } catch {
             return null;
         } finally {
@@ -82,12 +89,21 @@ export class KeptRun {
         await this.#write(CHECKPOINT, [Uint32Array.of(text.length), text, ...arrays]);
     }
 
-    /** @returns {Promise<{name: string, iteration: number, iterations: number} | null>} of the run that can go on */
+    /**
+     * @typedef {Object} Summary
+     * @property {string} name
+     * @property {number} iteration
+     * @property {number} iterations
+     * @property {boolean} canGoOn false if the site has changed since
+     *
+     * @returns {Promise<Summary | null>} of the run that is kept
+     */
     async summary() {
         try {
-            const { number, name, options } = await this.#description();
+            const { number, version, name, options } = await this.#description();
             const { header } = await readHeader(await this.#file(CHECKPOINT), number);
-            return { name, iteration: header.losses.length, iterations: options.iterations };
+            const canGoOn = version === this.#version;
+            return { name, iteration: header.losses.length, iterations: options.iterations, canGoOn };
         } catch {
             return null;
         }
@@ -122,7 +138,8 @@ export class KeptRun {
         const described = frames.map(({ name, camera, hasAlpha, mask }) => {
             return { name, camera, hasAlpha, isMasked: Boolean(mask) };
         });
-        const content = { number: this.#number, name, options, background, frames: described, training: train.length };
+        const [number, version, training] = [this.#number, this.#version, train.length];
+        const content = { number, version, name, options, background, frames: described, training };
         await this.#write(CAPTURE, [JSON.stringify(content)]);
     }
 
@@ -164,6 +181,14 @@ function lockForGood() {
         };
         navigator.locks.request(LOCK, holdForGood).catch(reject);
     });
+}
+
+/** The scene as it stood at a checkpoint. @type {(checkpoint: Checkpoint) => GaussianColumns} */
+export function sceneOf({ header: { count, coefficients }, arrays: [shape, sh] }) {
+    const scene = new GaussianColumns(count, coefficients);
+    scene.shape.set(shape);
+    scene.sh.set(sh);
+    return scene;
 }
 
 async function readHeader(file, number) {

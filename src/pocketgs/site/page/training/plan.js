@@ -1,15 +1,13 @@
 /**
- * What a run takes of the device's memory, before any of it is taken, and what is reduced so that it fits.
+ * What a run may take of the device's memory, before any of it is taken, and what is reduced so that it fits.
  *
  * @module
  */
 
-import { SHAPE_COLUMNS } from "../../page/constants.js";
-import { sizeWithin } from "../capture/pixels.js";
-import { expectedIntersections, halved, largestSizes, totalOf } from "./buffer_sizes.js";
-import { PIXEL_BYTES, Shelf } from "./shelf.js";
+import { needOf } from "./need.js";
 
 /**
+ * @typedef {import("../../gpu/description.js").Description} Description
  * @typedef {import("../capture/outline.js").Outline} Outline
  * @typedef {import("./buffer_sizes.js").Size} Size
  *
@@ -18,31 +16,26 @@ import { PIXEL_BYTES, Shelf } from "./shelf.js";
  * @property {number} gaussians
  * @property {number} bytes that the page may take
  * @property {Size} screen the largest picture that may be asked for
+ * @property {"dense" | "none"} prior whether depth is computed first
  *
  * @typedef {Object} Device
- * @property {import("../../gpu/description.js").Description} description of the passes
+ * @property {Description} description of the passes of training
+ * @property {{sweep: Description, comparison: Description}} depth those of depth
  * @property {number} largestBuffer bytes that it allows
  *
  * @typedef {Object} Plan
  * @property {number} most pixels of the longer side, as wished or fewer
  * @property {number} gaussians likewise
+ * @property {"dense" | "none"} prior "none" where there is no room for depth
  * @property {number} bytes that the page takes at most
- * @property {number} bufferBytes those of the GPU's buffers among them
+ * @property {number} bufferBytes those of the GPU's buffers among them, at most
  * @property {number} mostBufferBytes that there is room for
  * @property {string} text for the user
  */
 
-/** Bytes per pixel while a photograph is decoded: the bitmap, the canvas, what is read of it, and all as an array. */
-const DECODING = 16;
-
-/** Those of depth at that size, and of it undistorted. */
-const DECODING_DEPTH = 8;
-
-/** Copies of the scene beside the GPU's: the first one, checkpoints with both moments, and the files to save. */
-const COPIES = 6;
-
 /**
- * Plan a run: with the photographs as large as wished if they fit, else smaller, then with fewer Gaussians.
+ * Plan a run: with the photographs as large as wished if they fit, else smaller, then with fewer Gaussians, and at last
+ * without depth.
  *
  * @param {Outline} outline
  * @param {Wish} wish
@@ -53,59 +46,45 @@ const COPIES = 6;
  */
 export function planRun(outline, wish, device, settings) {
     const longest = outline.frames.reduce((most, { width, height }) => Math.max(most, width, height), 0);
-    const need = (most, gaussians) => needOf(outline, { ...wish, most, gaussians }, device, settings);
-    const fits = (most, gaussians) => {
-        const { bytes, largest } = need(most, gaussians);
+    const wished = { ...wish, most: Math.min(wish.most, longest) };
+    const need = (chosen) => needOf(outline, chosen, device, settings);
+    const fits = (chosen) => {
+        const { bytes, largest } = need(chosen);
         return bytes <= wish.bytes && largest <= device.largestBuffer;
     };
     const { least_side, least_gaussians } = settings.plan;
-    const wished = Math.min(wish.most, longest);
-    const [leastSide, leastGaussians] = [Math.min(least_side, wished), Math.min(least_gaussians, wish.gaussians)];
-    const most = largestThat((side) => fits(side, wish.gaussians), leastSide, wished) ?? leastSide;
-    const gaussians = largestThat((count) => fits(most, count), leastGaussians, wish.gaussians);
-    const first = need(wished, wish.gaussians);
-    if (gaussians === null) {
-        const { bytes } = need(leastSide, leastGaussians);
-        const isLarge = bytes > wish.bytes;
-        const why = isLarge ? `more than ${megabytes(wish.bytes)} MB` : "in buffers that the GPU does not allow";
-        const found = `${asked(outline, leastSide, leastGaussians)} would take ${megabytes(bytes)} MB, ${why}`;
-        throw new Error(`${found}: expected fewer or smaller photographs`);
+    const least = { most: Math.min(least_side, wished.most), gaussians: Math.min(least_gaussians, wish.gaussians) };
+    const withoutDepth = { ...wished, prior: "none" };
+    const chosen = reduced(wished, least, fits) ?? reduced(withoutDepth, least, fits);
+    if (chosen === null) {
+        throw refusal(outline, { ...withoutDepth, ...least }, need({ ...withoutDepth, ...least }));
     }
-    const { bytes, bufferBytes, otherBytes } = need(most, gaussians);
+    const { bytes, bufferBytes, otherBytes } = need(chosen);
     return {
-        most: most < wished ? most : wish.most,
-        gaussians,
+        most: chosen.most < wished.most ? chosen.most : wish.most,
+        gaussians: chosen.gaussians,
+        prior: chosen.prior,
         bytes,
         bufferBytes,
         mostBufferBytes: wish.bytes - otherBytes,
-        text: textOf(outline, wish, wished, first, { most, gaussians, bytes, bufferBytes }),
+        text: textOf(outline, wished, need(wished), chosen, { bytes, bufferBytes }),
     };
 }
 
-/** What a run needs: while photographs are decoded, or while it trains. */
-function needOf({ frames, storedPixels, hasDepth, videoBytes }, { most, gaussians, screen }, device, { engine, recipe }) {
-    const sizes = frames.map((frame) => sizeWithin(frame, most));
-    const pixels = sizes.map(({ width, height }) => width * height);
-    const photographs = pixels.reduce((sum, count, i) => sum + count * frames[i].pixelBytes, 0);
-    const room = Math.floor(device.largestBuffer / PIXEL_BYTES);
-    if (Math.max(...pixels) > room) {
-        return { bytes: photographs, bufferBytes: 0, otherBytes: photographs, largest: Infinity };
-    }
-    // Whole pictures of a large screen would take room from training: they may be of half the size.
-    const drawn = [...sizes, halved(screen)];
-    const extent = {
-        gaussians,
-        coefficients: recipe.coefficients,
-        intersections: expectedIntersections(gaussians, drawn, device.largestBuffer, engine),
-        photographs: sizes.length,
-        photographPixels: new Shelf(pixels, room).pixels,
-    };
-    const buffers = largestSizes(device.description, extent, sizes, [screen]);
-    const bufferBytes = totalOf(buffers);
-    const otherBytes = photographs + COPIES * 4 * (SHAPE_COLUMNS + 3 * recipe.coefficients) * gaussians;
-    const decoding = (DECODING + (hasDepth ? DECODING_DEPTH : 0)) * storedPixels;
-    const bytes = Math.max(photographs + decoding + videoBytes, bufferBytes + otherBytes);
-    return { bytes, bufferBytes, otherBytes, largest: Math.max(...Object.values(buffers)) };
+/** What is wished, with photographs and then the number of Gaussians reduced until it fits; null if it never does. */
+function reduced(wished, least, fits) {
+    const side = largestThat((most) => fits({ ...wished, most }), least.most, wished.most);
+    const resized = { ...wished, most: side ?? least.most };
+    const fitting = (gaussians) => fits({ ...resized, gaussians });
+    const gaussians = largestThat(fitting, least.gaussians, wished.gaussians);
+    return gaussians === null ? null : { ...resized, gaussians };
+}
+
+function refusal(outline, least, { bytes }) {
+    const isLarge = bytes > least.bytes;
+    const why = isLarge ? `more than ${megabytes(least.bytes)} MB` : "in buffers that the GPU does not allow";
+    const found = `${asked(outline, least)} would take ${megabytes(bytes)} MB, ${why}`;
+    return new Error(`${found}: expected fewer or smaller photographs`);
 }
 
 /** The largest whole number for which something holds that holds for all smaller ones too, or null. */
@@ -124,23 +103,27 @@ function largestThat(holds, least, most) {
     return low;
 }
 
-function textOf(outline, wish, wished, first, { most, gaussians, bytes, bufferBytes }) {
+function textOf(outline, wished, first, chosen, { bytes, bufferBytes }) {
     const takes = `Takes about ${megabytes(bytes)} MB, ${megabytes(bufferBytes)} MB of it in buffers of the GPU.`;
     const reduced = [
-        ...(most < wished ? [`photographs to ${most} pixels`] : []),
-        ...(gaussians < wish.gaussians ? [`splats to ${counted(gaussians)}`] : []),
+        ...(chosen.most < wished.most ? [`photographs to ${chosen.most} pixels`] : []),
+        ...(chosen.gaussians < wished.gaussians ? [`splats to ${counted(chosen.gaussians)}`] : []),
     ];
-    if (!reduced.length) {
+    const changes = [
+        ...(chosen.prior === wished.prior ? [] : ["Left out depth"]),
+        ...(reduced.length ? [`Reduced ${reduced.join(" and ")}`] : []),
+    ];
+    if (!changes.length) {
         return takes;
     }
-    const isLarge = first.bytes > wish.bytes;
-    const why = isLarge ? `${megabytes(first.bytes)} MB` : "a buffer larger than the GPU's";
-    const reason = `${asked(outline, wished, wish.gaussians)} would take ${why}`;
-    return `${takes} Reduced ${reduced.join(" and ")}, because ${reason}.`;
+    const why = first.bytes > wished.bytes ? `${megabytes(first.bytes)} MB` : "a buffer larger than the GPU's";
+    return `${takes} ${changes.join(". ")}, because ${asked(outline, wished)} would take ${why}.`;
 }
 
-const asked = ({ frames }, side, gaussians) =>
-    `${frames.length} photographs of ${side} pixels and ${counted(gaussians)} splats`;
+const asked = ({ frames }, { most, gaussians, prior }) => {
+    const sizes = `${frames.length} photographs of ${most} pixels and ${counted(gaussians)} splats`;
+    return prior === "dense" ? `${sizes}, with depth,` : sizes;
+};
 
 const megabytes = (bytes) => counted(Math.ceil(bytes / 1e6));
 

@@ -4,7 +4,8 @@
  * @module
  */
 
-import { buildPrior, NoRoom } from "../prior/prior.js";
+import { buildPrior } from "../prior/prior.js";
+import { NoRoom } from "../prior/stereo.js";
 import { startingPoints } from "../seeding/points.js";
 
 /**

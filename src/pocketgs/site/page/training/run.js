@@ -5,10 +5,10 @@
  */
 
 import { resized } from "../capture/camera.js";
-import { GaussianColumns } from "../../page/scene/gaussian_columns.js";
 import { mortonOrder } from "../seeding/morton.js";
 import { seedDiscs } from "../seeding/discs.js";
 import { selected } from "../seeding/points.js";
+import { sceneOf } from "../storage/kept_run.js";
 import { halved } from "./buffer_sizes.js";
 import { onScreen, psnr } from "./evaluation.js";
 import { initialRates, pixelFootprint, ratesAt } from "./rates.js";
@@ -136,7 +136,7 @@ export class Run {
      * @param {import("../capture/listing.js").Cloud} points to start from
      * @param {import("../seeding/neighbour_search.js").NeighbourSearch} search
      * @param {AbortSignal} signal ends what comes before the first step
-     * @returns {Promise<GaussianColumns>} the trained scene
+     * @returns {Promise<import("../../page/scene/gaussian_columns.js").GaussianColumns>} the trained scene
      * @throws {Error} the GPU's memory does not hold it, or it was ended
      */
     async go(points, search, signal) {
@@ -160,18 +160,17 @@ export class Run {
      *
      * @param {import("../storage/kept_run.js").Checkpoint} checkpoint
      * @param {AbortSignal} signal ends what comes before the first step
-     * @returns {Promise<GaussianColumns>} the trained scene
+     * @returns {Promise<import("../../page/scene/gaussian_columns.js").GaussianColumns>} the trained scene
      * @throws {Error} the GPU's memory does not hold it, or it was ended
      */
-    async goOn({ header, arrays: [shape, sh, ...moments] }, signal) {
+    async goOn(checkpoint, signal) {
         const { train, background } = this.#capture;
-        const scene = new GaussianColumns(header.count, header.coefficients);
-        scene.shape.set(shape);
-        scene.sh.set(sh);
+        const { header, arrays: [, , ...moments] } = checkpoint;
         [this.#initial, this.#psnr] = [header.initial, header.psnr];
         this.#iteration = header.losses.length;
         this.#first = this.#iteration;
-        await this.#trainer.begin(train, background, scene, { losses: header.losses, near: header.near, moments });
+        const { losses, near } = header;
+        await this.#trainer.begin(train, background, sceneOf(checkpoint), { losses, near, moments });
         signal.throwIfAborted();
         this.#report();
         return this.#finish();

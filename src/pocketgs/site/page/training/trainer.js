@@ -80,7 +80,7 @@ export class Trainer {
         return this.#scene?.count ?? 0;
     }
 
-    /** What a plan has to know of the GPU. @type {import("./plan.js").Device} */
+    /** What a plan has to know of the GPU and of training. */
     get device() {
         return { description: this.#executor.description, largestBuffer: this.#executor.largestBuffer };
     }

@@ -8,6 +8,7 @@ import { element } from "../element.js";
 import { readScene } from "../formats/scene_file.js";
 import { drawCurves } from "./curves.js";
 import { showFigures } from "./figures.js";
+import { showStage } from "./stage.js";
 
 /**
  * @typedef {Object} Listener
@@ -89,7 +90,7 @@ export class LiveRun {
         this.#samples.push(...progress.samples);
         const { paused, finished } = progress;
         showFigures(progress);
-        element("stage").textContent = paused ? "paused" : progress.stage;
+        showStage(paused ? "paused" : progress.stage);
         if (finished) {
             element("left").textContent = "done";
         }
@@ -115,7 +116,7 @@ export class LiveRun {
     }
 
     #tryLater(stage) {
-        element("stage").textContent = stage;
+        showStage(stage);
         setTimeout(() => this.#reconnect(), 1000 * SECONDS_TO_RECONNECT);
     }
 

@@ -1,0 +1,144 @@
+/**
+ * Finding the image files that a capture names, also when they have moved; the twin of `capture/named_images.py`.
+ *
+ * @module
+ */
+
+import { folderOf, inside, nameOf, spelling } from "../archive/tree.js";
+import { isImage } from "./image_header.js";
+
+/**
+ * @typedef {import("../archive/tree.js").FileTree} FileTree
+ * @typedef {import("../archive/tree.js").StoredFile} StoredFile
+ */
+
+/**
+ * Find the file of each image that a capture names. If no stated path exists (see `findStated`), each image is searched
+ * by name in the whole folder: captures get moved, and many tools write paths of the machine that they ran on. If some
+ * stated paths exist, the others are missing.
+ *
+ * @param {FileTree} tree
+ * @param {string} folder that the images lie in; "" for the whole capture
+ * @param {string[]} named stated paths, relative to the folder
+ * @param {string} where the file that states them, for messages
+ * @param {string[]} suffixes to try at the end of each
+ * @param {{deepest: number, other_pictures: string[]}} bounds the settings' `capture`
+ * @returns {[(StoredFile | undefined)[], string[]]} the files, undefined where missing, and warnings
+ * @throws {Error} a path leaves the folder, and not every image is found by its name
+ */
+export function findImages(tree, folder, named, where, suffixes, bounds) {
+    let refusal = null;
+    try {
+        const stated = findStated(tree, folder, named, where, suffixes);
+        if (stated.some(Boolean)) {
+            return [stated, []];
+        }
+    } catch (error) {
+        refusal = error;
+    }
+    const files = byNameAlone(tree, folder, named, suffixes, bounds);
+    const found = files.filter(Boolean);
+    if (refusal && found.length < named.length) {
+        throw refusal;
+    }
+    if (!found.length) {
+        return [files, []];
+    }
+    const said = `no image is at its stated path; ${found.length} of ${named.length} were found by their names`;
+    return [files, [`${where}: ${said}, such as ${found[0].path} for ${named[files.indexOf(found[0])]}`]];
+}
+
+/**
+ * The files that `findImages` finds in the stated folders. Case, the encoding of accents, and the suffix (if no other
+ * image has the same stem) may differ.
+ *
+ * @param {FileTree} tree
+ * @param {string} folder
+ * @param {string[]} named
+ * @param {string} where
+ * @param {string[]} suffixes
+ * @returns {(StoredFile | undefined)[]}
+ * @throws {Error} a path leaves the folder
+ */
+export function findStated(tree, folder, named, where, suffixes = [""]) {
+    const present = new Map();
+    const stemsIn = (place) => present.get(place) ?? present.set(place, pathsByStem(tree, place)).get(place);
+    return named.map((name) => {
+        const path = inside(folder, name, where);
+        const file = suffixes.map((suffix) => tree.find(path + suffix)).find(Boolean);
+        const same = file ? [] : (stemsIn(folderOf(path)).get(stemOf(name)) ?? []);
+        return same.length === 1 ? tree.find(same[0]) : file;
+    });
+}
+
+/**
+ * The file that a capture names: for an absolute path, by the longest end of it that exists. Absolute paths are of the
+ * machine that wrote them.
+ *
+ * @param {FileTree} tree
+ * @param {string} stated relative to the capture, or absolute
+ * @param {string} where the file that states it, for messages
+ * @param {{deepest: number}} bounds the settings' `capture`
+ * @param {StoredFile | null} photograph whose mask or depth is sought; these often have its name, so the end of a path
+ *     may find it instead
+ * @returns {StoredFile | undefined}
+ * @throws {Error} the path leaves the capture
+ */
+export function findMoved(tree, stated, where, { deepest }, photograph = null) {
+    if (!/^([a-z]:)?[/\\]/i.test(stated)) {
+        return tree.find(inside("", stated, where));
+    }
+    const parts = partsOf(stated.replace(/^[a-z]:/i, "")).slice(-deepest - 1);
+    const ends = parts.map((_, start) => parts.slice(start).join("/"));
+    return ends.map((end) => tree.find(end)).find((file) => file && file !== photograph);
+}
+
+/** For each image, the file of its name whose folders agree best with the stated ones; undefined on a tie. */
+function byNameAlone(tree, folder, named, suffixes, bounds) {
+    const byName = grouped(imagesBelow(tree, folder, bounds), (path) => spelling(nameOf(path)));
+    return named.map((name) => {
+        const paths = suffixes.flatMap((suffix) => byName.get(spelling(partsOf(name).at(-1) + suffix)) ?? []);
+        const ranked = paths.map((path) => ({ path, rank: rankOf(path, name) })).sort((a, b) => b.rank - a.rank);
+        const isUnique = ranked.length === 1 || ranked[0]?.rank > ranked[1]?.rank;
+        return isUnique ? tree.find(ranked[0].path) : undefined;
+    });
+}
+
+/** The number of parts that agree from the end counts first, and then full resolution. The highest rank is best. */
+function rankOf(path, stated) {
+    const [own, other] = [path, stated].map((one) => partsOf(spelling(one)).reverse());
+    // The suffix of the name may have been added.
+    const differing = own.findIndex((part, i) => i > 0 && part !== other[i]);
+    const agreeing = differing < 0 ? own.length : differing;
+    return 2 * agreeing - (/_\d+$/.test(folderOf(path)) ? 1 : 0);
+}
+
+/** Paths of all images below a folder, except in folders of masks, depths and the like. */
+function imagesBelow(tree, folder, { deepest, other_pictures: prefixes }) {
+    const isOther = (part) => prefixes.some((prefix) => part.toLowerCase().startsWith(prefix));
+    const first = folder === "" ? "" : `${folder}/`;
+    return tree.paths.filter((path) => {
+        const folders = path.startsWith(first) ? partsOf(folderOf(path.slice(first.length))) : null;
+        return folders && folders.length <= deepest && !folders.some(isOther) && isImage(path);
+    });
+}
+
+function pathsByStem(tree, folder) {
+    return grouped(tree.pathsIn(folder, isImage), stemOf);
+}
+
+/** Name without suffix. @type {(path: string) => string} */
+const stemOf = (path) => spelling(partsOf(path).at(-1)).replace(/(?<=.)\.[^.]*$/, "");
+
+/** A path's parts, with either separator: paths may come from Windows. @type {(path: string) => string[]} */
+const partsOf = (path) => path.split(/[/\\]/).filter(Boolean);
+
+/** @type {(paths: string[], keyOf: (path: string) => string) => Map<string, string[]>} */
+function grouped(paths, keyOf) {
+    const groups = new Map();
+    for (const path of paths) {
+        groups.has(keyOf(path)) || groups.set(keyOf(path), []);
+        groups.get(keyOf(path)).push(path);
+    }
+    return groups;
+}
