@@ -140,9 +140,6 @@ def rasterization(
     dtype = checked_dtype({"means": means, "opacities": opacities, "colors": colors, "backgrounds": backgrounds})
     lead, count, cameras = tuple(means.shape[:-2]), means.shape[-2], viewmats.shape[-3]
     check_shape("opacities", opacities, (*lead, count))
-    if backgrounds is not None and "RGB" in render_mode:  # depth alone ignores them
-        channels = colors.shape[-1] if sh_degree is None else 3
-        check_shape("backgrounds", backgrounds, (*lead, cameras, channels))
     if covars is not None:
         check_shape("covars", covars, (*lead, count, 3, 3))
     viewmats = viewmats.to(dtype)
@@ -157,13 +154,11 @@ def rasterization(
     shown = rows.of_gaussians(opacities[..., None])[..., 0]
     if compensations is not None:
         shown = shown * compensations
-    values = drawn_colours(rows, means, colors, viewmats, sh_degree) if "RGB" in render_mode else depths[..., None]
-    behind = backgrounds
-    if render_mode in ("D", "ED"):
-        behind = None
-    elif render_mode != "RGB":
-        values = torch.cat([values, depths[..., None]], -1)
-        behind = None if backgrounds is None else torch.nn.functional.pad(backgrounds, (0, 1))
+    if "RGB" in render_mode:
+        colours = drawn_colours(rows, means, colors, viewmats, sh_degree)
+        values, behind = with_depths(colours, backgrounds, depths, (*lead, cameras), render_mode)
+    else:  # depth alone ignores backgrounds
+        values, behind = depths[..., None], None
     meta = described(rows, Splatted(radii, means2d, conics, shown, depths), width, height, tile_size)
     images, alphas = composited(rows, meta, values, behind, absgrad)
     if "ED" in render_mode:
@@ -181,6 +176,22 @@ def check_modes(render_mode: str, rasterize_mode: str) -> None:
         raise PocketGSError(f"render_mode: found {render_mode!r}, expected one of {', '.join(RENDER_MODES)}")
     if rasterize_mode not in RASTERIZE_MODES:
         raise PocketGSError(f"rasterize_mode: found {rasterize_mode!r}, expected one of {', '.join(RASTERIZE_MODES)}")
+
+
+def with_depths(
+    colours: Tensor, backgrounds: Tensor | None, depths: Tensor, views: tuple[int, ...], render_mode: str
+) -> tuple[Tensor, Tensor | None]:
+    """Colours and backgrounds with depth as their last channel, if the mode wants it. Behind everything it is 0.
+
+    Raises:
+        PocketGSError: backgrounds have another shape than (*views, channels).
+    """
+    if backgrounds is not None:
+        check_shape("backgrounds", backgrounds, (*views, colours.shape[-1]))
+    if render_mode == "RGB":
+        return colours, backgrounds
+    behind = None if backgrounds is None else torch.nn.functional.pad(backgrounds, (0, 1))
+    return torch.cat([colours, depths[..., None]], -1), behind
 
 
 class Splatted(NamedTuple):
