@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import shutil
 from collections.abc import Callable
@@ -16,73 +15,9 @@ from playwright.sync_api import Error
 from plyfile import PlyData
 
 from capture.conftest import ColmapFiles, Ring
-from pocketgs.capture.hold_out import choose_held_out
-from pocketgs.capture.masks import with_masks
-from pocketgs.capture.open import read_listing
-from pocketgs.capture.video_file import VideoFrame
+from static_site.reading import assert_same, assert_same_refusal, assert_same_warnings, read
 
 Call = Callable[..., Any]
-
-READ = """
-    const {FileTree, StoredFile} = await import(new URL("archive/tree.js", location.href));
-    const {heldOutOf} = await import(new URL("capture/listing.js", location.href));
-    const bytesOf = (text) => Uint8Array.from(atob(text), (character) => character.charCodeAt(0));
-    const files = Object.entries(given).map(([path, text]) => {
-        return new StoredFile(path, bytesOf(text).length, async () => bytesOf(text));
-    });
-    const listing = await module.readListing(new FileTree(files), settings.capture);
-    return {
-        format: listing.format,
-        frames: listing.frames.map(({mask, depth, ...frame}) => ({
-            ...frame,
-            mask: mask?.path ?? null,
-            depth: depth && [depth.file.path, depth.unit, depth.confidence?.path ?? null, depth.size],
-        })),
-        heldOut: [...heldOutOf(listing, settings.run.hold_out_every)].sort(),
-        cloud: listing.cloud && [[...listing.cloud.positions], [...listing.cloud.colours]],
-        background: listing.background,
-        warnings: listing.warnings.length,
-    };
-"""
-
-
-def read(call: Call, folder: Path) -> dict[str, Any]:
-    files = (path for path in folder.rglob("*") if path.is_file())
-    given = {path.relative_to(folder).as_posix(): base64.b64encode(path.read_bytes()).decode() for path in files}
-    return call("capture/open.js", READ, given)
-
-
-def assert_same(call: Call, folder: Path) -> None:
-    """With what both find, masks and depth included."""
-    found, expected = read(call, folder), with_masks(read_listing(folder), folder, "found")
-    assert found["format"] == expected.format
-    assert [frame["name"] for frame in found["frames"]] == [frame.name for frame in expected.frames]
-    for one, other in zip(found["frames"], expected.frames, strict=True):
-        camera = other.camera
-        numbers = [one["camera"][name] for name in ("width", "height", "fx", "fy", "cx", "cy")]
-        assert numbers == pytest.approx([camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy])
-        pose = np.reshape(one["camera"]["world_to_camera"], (4, 4))
-        np.testing.assert_allclose(pose, camera.world_to_camera, rtol=0, atol=1e-9)
-        assert one["lens"]["model"] == other.lens.model
-        coefficients = [*other.lens.coefficients, *[0.0] * 8][: len(one["lens"]["coefficients"])]
-        assert one["lens"]["coefficients"] == coefficients
-        assert one["border"] == other.border
-        assert one["frame"] == (other.image.index if isinstance(other.image, VideoFrame) else None)
-        paths = [
-            path and Path(str(path)).relative_to(folder).as_posix()
-            for path in (other.mask_path, other.depth_path, other.confidence_path)
-        ]
-        assert one["mask"] == paths[0]
-        size = None if other.depth_shape is None else list(other.depth_shape)[::-1]
-        assert one["depth"] == (None if paths[1] is None else [paths[1], other.depth_unit, paths[2], size])
-    assert found["heldOut"] == sorted(choose_held_out(expected, 8)[0])
-    assert found["background"] == list(expected.background)
-    assert found["warnings"] == len(expected.warnings)
-    assert (found["cloud"] is None) == (expected.points is None)
-    if expected.points is not None:
-        positions, colours = (np.reshape(values, (-1, 3)) for values in found["cloud"])
-        np.testing.assert_array_equal(positions, expected.points.positions)
-        np.testing.assert_allclose(colours, expected.points.colours, rtol=0, atol=1e-7)
 
 
 def changed(folder: Path, change: Callable[[dict[str, Any]], object]) -> Path:
@@ -113,6 +48,35 @@ def test_lenses_splits_and_absent_images(call: Call, capture_folder: Path) -> No
         frames[5]["transform_matrix"][0][0] += 1e-3  # nearly a rotation
 
     assert_same(call, changed(capture_folder, change))
+
+
+@pytest.mark.parametrize("accent", ["\u00e9", "e\u0301"])
+def test_splits_of_other_systems(call: Call, capture_folder: Path, accent: str) -> None:
+    """Separators, case and the encoding of accents may differ, as long as one means the same file."""
+
+    def change(document: dict[str, Any]) -> None:
+        frames = document["frames"]
+        for frame in frames[:2]:
+            path = Path(frame["file_path"])
+            named = path.with_name(f"caf\u00e9_{path.name}")
+            (capture_folder / path).rename(capture_folder / named)
+            frame["file_path"] = f"./{named.as_posix()}"
+        paths = [frame["file_path"].replace("\u00e9", accent) for frame in frames]
+        document["train_filenames"] = [path.replace("/", "\\") for path in paths[2:]]
+        document["test_filenames"] = [path.removeprefix("./").upper() for path in paths[:2]]
+
+    assert_same_warnings(call, changed(capture_folder, change))
+    assert len(read(call, capture_folder)["heldOut"]) == 2
+
+
+@pytest.mark.parametrize("name", ["train_filenames", "val_filenames", "test_filenames"])
+def test_splits_that_name_no_frame(call: Call, capture_folder: Path, name: str) -> None:
+    def change(document: dict[str, Any]) -> None:
+        document["test_filenames"] = [document["frames"][2]["file_path"]]
+        document |= {name: ["gone/0.png", "gone/1.png"], "val_filenames": []} if "val" not in name else {name: ["gone"]}
+
+    assert_same_warnings(call, changed(capture_folder, change))
+    assert f"{name} names no frame, and is not used" in read(call, capture_folder)["warnings"][0]
 
 
 def restated(folder: Path, field: str, path_by: Callable[[str], str]) -> Path:
@@ -162,6 +126,33 @@ def test_masks_that_moved(call: Call, capture_folder: Path, stated: str) -> None
 def test_a_cloud_that_moved(call: Call, capture_folder: Path) -> None:
     assert_same(call, changed(capture_folder, lambda document: document.update(ply_file_path="/home/me/cloud.ply")))
     assert read(call, capture_folder)["cloud"] is not None
+
+
+def test_backslashes_in_paths(call: Call, capture_folder: Path) -> None:
+    """Of images, masks, depth maps and the cloud."""
+    (capture_folder / "sub").mkdir()
+    shutil.move(capture_folder / "cloud.ply", capture_folder / "sub/cloud.ply")
+    Image.fromarray(np.full((72, 96), 255, np.uint8)).save(capture_folder / "sub/mask.png")
+    Image.fromarray(np.full((72, 96), 1500, np.uint16)).save(capture_folder / "sub/depth.png")
+
+    def change(document: dict[str, Any]) -> None:
+        document["ply_file_path"] = ".\\sub\\cloud.ply"
+        for frame in document["frames"]:
+            stated = {"mask_path": "sub\\mask.png", "depth_file_path": ".\\sub\\depth.png"}
+            frame |= {**stated, "file_path": frame["file_path"].replace("/", "\\")}
+
+    assert_same_warnings(call, changed(capture_folder, change))
+    assert read(call, capture_folder)["warnings"] == []
+    outside = changed(capture_folder, lambda document: document["frames"][0].update(mask_path="..\\mask.png"))
+    assert_same_refusal(call, outside, "which lies outside the capture's folder")
+
+
+@pytest.mark.parametrize("suffix", [".jpe", ".JFIF"])
+def test_other_suffixes_of_jpeg(call: Call, capture_folder: Path, suffix: str) -> None:
+    for path in [*(capture_folder / "images").iterdir()]:
+        Image.open(path).save(path.with_suffix(suffix), "jpeg")
+        path.unlink()
+    assert_same_warnings(call, restated(capture_folder, "file_path", lambda path: f"gone/{Path(path).stem}{suffix}"))
 
 
 def test_fields_of_view_and_no_cloud(call: Call, capture_folder: Path) -> None:
@@ -254,92 +245,16 @@ def test_blender(call: Call, ring: Ring, tmp_path: Path, splits: tuple[str, ...]
             frame["file_path"] = frame["file_path"].removesuffix(".png")
         document = {"camera_angle_x": 0.8, "frames": frames}
         (tmp_path / f"transforms_{split}.json").write_text(json.dumps(document))
-    assert_same(call, tmp_path)
+    assert_same_warnings(call, tmp_path)
     # People leave out the test images to save space. Training images have the same names, and every eighth is held out.
     shutil.rmtree(tmp_path / "test", ignore_errors=True)
-    assert_same(call, tmp_path)
-
-
-@pytest.mark.parametrize("encoding", ["binary", "text"])
-@pytest.mark.parametrize("place", ["sparse/0", "colmap/sparse"])
-def test_colmap(call: Call, ring: Ring, colmap_files: ColmapFiles, tmp_path: Path, encoding: str, place: str) -> None:
-    ring.write_images(tmp_path / "images")
-    colmap_files.write(tmp_path / place, encoding)
-    assert_same(call, tmp_path)
-
-
-def test_undistorted_images_go_with_their_model(
-    call: Call, ring: Ring, colmap_files: ColmapFiles, tmp_path: Path
-) -> None:
-    for folder in ("images", "dense/images"):
-        ring.write_images(tmp_path / folder)
-    colmap_files.write(tmp_path / "dense/sparse")
-    assert_same(call, tmp_path)
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        "3 SIMPLE_PINHOLE 16 12 20 8 6",
-        "3 SIMPLE_RADIAL 16 12 20 8 6 0.1",
-        "3 OPENCV 16 12 20 21 8 6 0.1 0.2 0.3 0.4",
-        "3 FULL_OPENCV 16 12 20 21 8 6 .1 .2 .3 .4 .5 .6 .7 .8",
-        "3 RADIAL_FISHEYE 16 12 20 8 6 0.1 0.2",
-    ],
-)
-def test_colmap_cameras(call: Call, ring: Ring, colmap_files: ColmapFiles, tmp_path: Path, line: str) -> None:
-    ring.write_images(tmp_path / "images_8")
-    colmap_files.write(tmp_path / "sparse" / "0", "text")
-    (tmp_path / "sparse" / "0" / "cameras.txt").write_text(line + "\n")
-    (tmp_path / "images_8" / ring.names[3]).unlink()
-    assert_same(call, tmp_path)
-
-
-def test_renamed_copies(call: Call, ring: Ring, colmap_files: ColmapFiles, tmp_path: Path) -> None:
-    colmap_files.write(tmp_path / "sparse" / "0")
-    (tmp_path / "images").mkdir()
-    for number, image in enumerate(ring.images):
-        Image.fromarray(image).save(tmp_path / "images" / f"image{number:03d}.png")
-    assert_same(call, tmp_path)
-
-
-@pytest.mark.parametrize(("folder", "suffix"), [("images", ".jpg"), ("images/camera", ".png"), ("photographs", ".png")])
-def test_colmap_images_elsewhere(
-    call: Call, ring: Ring, colmap_files: ColmapFiles, tmp_path: Path, folder: str, suffix: str
-) -> None:
-    """In another folder, or with another suffix, and with one more image than the model registers."""
-    colmap_files.write(tmp_path / "sparse" / "0")
-    ring.write_images(tmp_path / folder)
-    for path in [*(tmp_path / folder).iterdir()]:
-        path.rename(path.with_suffix(suffix))
-    shutil.copy(path.with_suffix(suffix), tmp_path / folder / f"more{suffix}")
-    assert_same(call, tmp_path)
-
-
-@pytest.mark.parametrize("place", ["", "dense/"])
-def test_absolute_names_of_colmap_images(call: Call, ring: Ring, tmp_path: Path, place: str) -> None:
-    """Those of the folder beside the model come first."""
-    ring.write_images(tmp_path / "images")
-    ring.write_images(tmp_path / place / "images")
-    model = tmp_path / place / "sparse"
-    model.mkdir(parents=True)
-    (model / "cameras.txt").write_text("1 SIMPLE_PINHOLE 16 12 20 8 6\n")
-    lines = (f"{number} 1 0 0 0 0 0 {number} 1 /home/me/{name}\n\n" for number, name in enumerate(ring.names))
-    (model / "images.txt").write_text("".join(lines))
-    assert_same(call, tmp_path)
-    assert read(call, tmp_path)["frames"][0]["name"] == f"{place}images/{ring.names[0]}"
-
-
-@pytest.mark.parametrize("part", ["cameras", "images", "points3D"])
-def test_colmap_cut_short(call: Call, ring: Ring, colmap_files: ColmapFiles, tmp_path: Path, part: str) -> None:
-    ring.write_images(tmp_path / "images")
-    colmap_files.write(tmp_path / "sparse" / "0")
-    path = tmp_path / "sparse" / "0" / f"{part}.bin"
-    whole = path.read_bytes()
-    for end in (0, 7, 30, len(whole) - 1):
-        path.write_bytes(whole[:end])
-        with pytest.raises(Error, match=rf"{part}\.bin|sparse/0"):
-            read(call, tmp_path)
+    assert_same_warnings(call, tmp_path)
+    shutil.rmtree(tmp_path / "train")
+    assert_same_refusal(
+        call, tmp_path, "_train.json: none of the 10 listed frames has an image file, the first .*view_00"
+    )
+    (tmp_path / "transforms_train.json").write_text(json.dumps({"frames": []}))
+    assert_same_refusal(call, tmp_path, r"transforms_train\.json: lists no frame, expected at least one")
 
 
 @pytest.mark.parametrize(
@@ -354,6 +269,12 @@ def test_colmap_cut_short(call: Call, ring: Ring, colmap_files: ColmapFiles, tmp
         (lambda d: d["frames"][1].update(file_path=d["frames"][0]["file_path"]), "more than once"),
         (lambda d: [f["transform_matrix"][0].__setitem__(3, 4e6) for f in d["frames"]], "near the origin"),
         (lambda d: [f.update(file_path="absent.png") for f in d["frames"]], "none of the 8 listed frames has an image"),
+        (lambda d: d.update(frames=[]), r"transforms\.json: lists no frame, expected at least one"),
+        (
+            lambda d: d.update(equirectangular=True),
+            r"frames\[0\]: field 'equirectangular' states another lens, expected",
+        ),
+        (lambda d: d["frames"][2].update(ftheta_p0=0), r"frames\[2\]: field 'ftheta_p0' states another lens, expected"),
     ],
 )
 def test_what_is_wrong_is_named(
@@ -361,6 +282,11 @@ def test_what_is_wrong_is_named(
 ) -> None:
     with pytest.raises(Error, match=words):
         read(call, changed(capture_folder, change))
+
+
+@pytest.mark.parametrize("value", [False, None])
+def test_other_lenses_that_are_not_meant(call: Call, capture_folder: Path, value: bool | None) -> None:
+    assert_same(call, changed(capture_folder, lambda document: document.update(latlong=value, orthographic=value)))
 
 
 def test_what_is_no_capture(call: Call, tmp_path: Path) -> None:

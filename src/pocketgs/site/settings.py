@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from pocketgs.capture.cloud_file import UNKNOWN_COLOUR
-from pocketgs.capture.formats.colmap import DEFAULT_IMAGES, IMAGE_FOLDERS, MODEL_FOLDERS
+from pocketgs.capture.formats.colmap import DEFAULT_IMAGES, IMAGE_FOLDERS, MODEL_FOLDERS, MODELS_BESIDE
 from pocketgs.capture.formats.colmap_model import CAMERA_MODELS
 from pocketgs.capture.formats.polycam import UNDISTORTION_BORDER
 from pocketgs.capture.formats.transforms_file import (
     DEFAULT_DEPTH_UNIT,
     EXTENSIONS_TRIED,
     FISHEYE_MODELS,
+    LENSES_OF_INSTANT_NGP,
     PERSPECTIVE_MODELS,
 )
 from pocketgs.capture.hold_out import HOLD_OUT_EVERY
@@ -127,10 +128,12 @@ def _capture() -> dict[str, Any]:
             for number, model in CAMERA_MODELS.items()
         ],
         "model_folders": MODEL_FOLDERS,
+        "models_beside": MODELS_BESIDE,
         "image_folders": IMAGE_FOLDERS,
         "usual_images": DEFAULT_IMAGES,
         "perspective_models": PERSPECTIVE_MODELS,
         "fisheye_models": FISHEYE_MODELS,
+        "other_lenses": LENSES_OF_INSTANT_NGP,
         "extensions_tried": EXTENSIONS_TRIED,
         "mask_folders": FOLDERS,
         "other_pictures": OTHER_PICTURES,

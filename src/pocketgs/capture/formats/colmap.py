@@ -105,7 +105,7 @@ def _models_at(path: Path, name: str) -> list[Path]:
     folders = [path / name]
     if zero:
         inner = (path / before).iterdir() if (path / before).is_dir() else ()
-        numbers = sorted(int(folder.name) for folder in inner if re.fullmatch("[0-9]{1,9}", folder.name))
+        numbers = sorted({int(folder.name) for folder in inner if re.fullmatch("[0-9]{1,9}", folder.name)})
         folders = [path / f"{before}{number}{after}" for number in numbers]
     parts = ("cameras", "images")
     return [folder for folder in folders if all(colmap_files.find_part(folder, part) for part in parts)]
@@ -151,8 +151,8 @@ def _image_folder(capture: Path, model: Path, images: str | None) -> Path:
 
 
 def _folder_around(model: Path, capture: Path) -> Path:
-    """The folder that holds a model's `sparse` or `sparse/0`."""
-    sparse = model.parent if model.name == "0" else model
+    """The folder that holds a model's `sparse` or `sparse/0`, whatever its number."""
+    sparse = model.parent if model.name.isdigit() else model
     return capture if model == capture else sparse.parent
 
 

@@ -171,17 +171,22 @@ export function normalised(path) {
  * A stated path as one of the tree.
  *
  * @param {string} folder that it is relative to, and must stay in; "" for the topmost
- * @param {string} path
+ * @param {string} path with either separator
  * @param {string} where the file that states it, for messages
  * @returns {string}
  * @throws {Error} it is absolute, or leads out of the folder
  */
 export function inside(folder, path, where) {
-    const plain = normalised(path);
-    if (path.startsWith("/") || plain.split("/")[0] === "..") {
+    const plain = normalised(withSlashes(path));
+    if (/^[/\\]/.test(path) || plain.split("/")[0] === "..") {
         throw new Error(`${where}: names the file ${path}, which lies outside the capture's folder`);
     }
     return normalised(`${folder}/${plain}`);
+}
+
+/** A path as written on Windows, with `/` as the separator. @type {(path: string) => string} */
+export function withSlashes(path) {
+    return path.replaceAll("\\", "/");
 }
 
 /** The last part of a path. @type {(path: string) => string} */

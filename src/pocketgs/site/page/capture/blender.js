@@ -6,7 +6,7 @@
 
 import { Fields } from "./json_fields.js";
 import { listingOf } from "./listing.js";
-import { absentWarning, maskWarning, readFrames } from "./transforms_file.js";
+import { absentWarning, checkSomeExist, maskWarning, readFrames } from "./transforms_file.js";
 
 /** What makes a folder such a capture. */
 const MARK = "transforms_train.json";
@@ -20,7 +20,7 @@ export const recognises = (tree) => tree.find(MARK) !== undefined;
  * @param {import("../archive/tree.js").FileTree} tree
  * @param {Object} bounds the settings' `capture`
  * @returns {Promise<import("./listing.js").Listing>}
- * @throws {Error} a file is malformed
+ * @throws {Error} a file is malformed, or no training frame has an image
  */
 export async function read(tree, bounds) {
     const [train, warnings] = await readSplit(tree.find(MARK), tree, bounds);
@@ -28,15 +28,17 @@ export async function read(tree, bounds) {
     if (!tree.find(TEST)) {
         return listingOf("blender", train, { background, warnings });
     }
-    const [test, moreWarnings] = await readSplit(tree.find(TEST), tree, bounds);
+    // The test images may be absent: people leave them out to save space.
+    const [test, moreWarnings] = await readSplit(tree.find(TEST), tree, bounds, true);
     const heldOut = test.length ? new Set(test.map(({ name }) => name)) : null;
     return listingOf("blender", [...train, ...test], { heldOut, background, warnings: [...warnings, ...moreWarnings] });
 }
 
-async function readSplit(file, tree, bounds) {
+async function readSplit(file, tree, bounds, mayBeAbsent = false) {
     const document = await Fields.of(file);
     // Always with the folder: training and test images have the same names.
     const [frames, warnings] = await readFrames(document, tree, bounds, false);
+    mayBeAbsent || checkSomeExist(frames, document);
     warnings.push(...absentWarning(frames, document), ...maskWarning(frames, document));
     return [frames.filter(Boolean), warnings];
 }

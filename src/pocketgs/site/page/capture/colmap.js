@@ -4,17 +4,24 @@
  * @module
  */
 
+import { folderOf, normalised } from "../archive/tree.js";
 import { cameraAt, rotationOf } from "./camera.js";
 import * as binary from "./colmap_binary.js";
+import { holdsAny, matchFiles } from "./colmap_images.js";
 import * as text from "./colmap_text.js";
-import { isImage } from "./image_header.js";
-import { byCodePoint, listingOf, soundCloud, sourceOf } from "./listing.js";
-import { findImages, findStated } from "./named_images.js";
+import { listingOf, soundCloud, sourceOf } from "./listing.js";
 
 /** @typedef {import("../archive/tree.js").FileTree} FileTree */
 
+/**
+ * @typedef {Object} Model a sparse model
+ * @property {string} folder
+ * @property {import("./colmap_model.js").ColmapImage[]} images those that it registers
+ * @property {string[]} warnings about its choice
+ */
+
 /** @type {(tree: FileTree, bounds: Object) => boolean} */
-export const recognises = (tree, bounds) => modelFolder(tree, bounds) !== undefined;
+export const recognises = (tree, { model_folders: places }) => places.some((place) => modelsAt(tree, place).length > 0);
 
 /**
  * @param {FileTree} tree
@@ -23,26 +30,79 @@ export const recognises = (tree, bounds) => modelFolder(tree, bounds) !== undefi
  * @throws {Error} a file is malformed, a camera model is not supported, or no registered image exists
  */
 export async function read(tree, bounds) {
-    const folder = modelFolder(tree, bounds);
-    const part = (name) => findPart(tree, folder, name);
-    const [inCameras, cameraFile] = part("cameras");
-    const [inImages, imageFile] = part("images");
-    const cameras = await inCameras.readCameras(cameraFile, bounds.camera_models);
-    const registered = await inImages.readImages(imageFile);
-    if (!registered.length) {
-        throw new Error(`${imageFile.path}: registers no image, expected at least one`);
+    const model = await chosenModel(tree, bounds);
+    const where = model.folder || ".";
+    const [reader, cameraFile] = findPart(tree, model.folder, "cameras");
+    const cameras = await reader.readCameras(cameraFile, bounds.camera_models);
+    if (!model.images.length) {
+        throw new Error(`${where}: registers no image, expected at least one`);
     }
-    const [files, warnings] = matchFiles(registered, tree, folder, imageFile.path, bounds);
-    const frames = registered.flatMap((image, i) => {
-        return files[i] ? [frameOf(image, files[i], cameras, imageFile, bounds)] : [];
+    const folder = imageFolder(tree, model.folder, bounds);
+    const isOfAnother = (place) => isOfAnotherModel(place, tree, model.folder, bounds);
+    const [files, warnings] = matchFiles(namesIn(model), folder, tree, `${where}: images`, bounds, isOfAnother);
+    const frames = model.images.flatMap((image, i) => {
+        return files[i] ? [frameOf(image, files[i], cameras, `${where}, image ${image.name}`, bounds)] : [];
     });
-    const cloud = await readPoints(part("points3D"), bounds);
-    return listingOf("colmap", frames, { cloud, warnings });
+    const cloud = await readPoints(findPart(tree, model.folder, "points3D"), bounds);
+    return listingOf("colmap", frames, { cloud, warnings: [...model.warnings, ...warnings] });
 }
 
-function modelFolder(tree, bounds) {
-    return bounds.model_folders.find((folder) => ["cameras", "images"].every((name) => findPart(tree, folder, name)));
+/**
+ * The first model whose own image folder holds its images, or else the first: COLMAP writes undistorted images beside a
+ * model of their own, and the originals may be elsewhere.
+ */
+async function chosenModel(tree, bounds) {
+    let first = null;
+    for (const folders of bounds.model_folders.map((place) => modelsAt(tree, place)).filter(({ length }) => length)) {
+        const model = await largest(folders, tree);
+        if (hasImages(model, tree, bounds)) {
+            return model;
+        }
+        first ??= model;
+    }
+    return first;
 }
+
+/** Folders of the complete models at a usual place: where its name holds a 0, all that COLMAP numbers like it. */
+function modelsAt(tree, place) {
+    const numbered = new RegExp(`^${place.replace("0", "([0-9]{1,9})")}/`, "i");
+    const numbers = tree.paths.flatMap((path) => numbered.exec(path)?.[1] ?? []).map(Number);
+    const sorted = [...new Set(numbers)].sort((a, b) => a - b);
+    const folders = place.includes("0") ? sorted.map((number) => place.replace("0", number)) : [place];
+    return folders.filter((folder) => ["cameras", "images"].every((name) => findPart(tree, folder, name)));
+}
+
+/** Of several models, whose worlds have nothing in common, the one with the most registered images. */
+async function largest(folders, tree) {
+    const models = [];
+    for (const folder of folders) {
+        const [reader, file] = findPart(tree, folder, "images");
+        models.push({ folder, images: await reader.readImages(file), warnings: [] });
+    }
+    const most = Math.max(...models.map(({ images }) => images.length));
+    const model = models.find(({ images }) => images.length === most);
+    if (models.length === 1) {
+        return model;
+    }
+    const sizeOf = ({ folder, images }) => `${folder} with ${images.length}`;
+    const found = `${models.length} COLMAP models that do not fit together: ${models.map(sizeOf).join(", ")} images`;
+    return { ...model, warnings: [`${found}; only the largest, ${sizeOf(model)}, is used`] };
+}
+
+/** Whether the first usual folder beside a model holds its images. */
+function hasImages(model, tree, { image_folders: usual }) {
+    const beside = usual.map((name) => around(model.folder) + name).find((folder) => tree.hasFolder(folder));
+    return beside !== undefined && holdsAny(beside, namesIn(model), tree, model.folder || ".");
+}
+
+/** Whether a folder lies beside another model. */
+function isOfAnotherModel(place, tree, model, { models_beside: places }) {
+    const parent = folderOf(place);
+    const isOther = normalised(around(model)) !== parent;
+    return isOther && places.some((beside) => modelsAt(tree.below(parent), beside).length > 0);
+}
+
+const namesIn = ({ images }) => images.map(({ name }) => name);
 
 /** A part's reader and file, the binary one if both exist. */
 function findPart(tree, folder, name) {
@@ -55,43 +115,6 @@ function findPart(tree, folder, name) {
     return undefined;
 }
 
-/** Each registered image's file, undefined where it is missing, and warnings. */
-function matchFiles(registered, tree, model, where, bounds) {
-    const folder = imageFolder(tree, model, bounds);
-    const names = registered.map(({ name }) => name);
-    const [files, warnings] = namedFiles(names, tree, folder, where, bounds);
-    const absent = names.filter((_, i) => !files[i]);
-    if (absent.length < names.length) {
-        const found = `${absent.length} of ${names.length} registered images are absent, the first ${absent[0]}`;
-        return [files, absent.length ? [...warnings, found] : warnings];
-    }
-    // Smaller copies are often renamed, but stay in order.
-    const present = tree.pathsIn(folder, isImage);
-    if (present.length !== names.length) {
-        const found = `holds none of the ${names.length} registered images, such as ${absent[0]}`;
-        throw new Error(`${folder || bounds.usual_images}: ${found}`);
-    }
-    const ordered = names.toSorted(byCodePoint);
-    const renamed = present.toSorted(byCodePoint);
-    const message = `${folder} names its files otherwise: matched to the model in sorted order`;
-    return [names.map((name) => tree.find(renamed[ordered.indexOf(name)])), [message]];
-}
-
-/** Each image's file in the folder, or else by its name alone. */
-function namedFiles(names, tree, folder, where, bounds) {
-    // Absolute paths are of the machine that wrote them: those images are found by name alone.
-    const wereElsewhere = names.some((name) => name.startsWith("/"));
-    const stated = wereElsewhere ? [] : findStated(tree, folder, names, where);
-    if (stated.some(Boolean)) {
-        return [stated, []];
-    }
-    // As with relative names, those of the folder beside the model come first: the originals have the same names.
-    const below = names.map((name) => `${bounds.usual_images}/${name}`);
-    const places = wereElsewhere && folder !== "" ? [folder, ""] : [""];
-    const outcomes = places.map((place) => findImages(tree, place, below, where, [""], bounds));
-    return outcomes.find(([files]) => files.some(Boolean)) ?? outcomes.at(-1);
-}
-
 /** The first usual folder beside the model or in the capture, or "" for the capture itself. */
 function imageFolder(tree, model, { image_folders: usual }) {
     // COLMAP writes undistorted images beside their model; the originals in the capture have the same names.
@@ -101,11 +124,10 @@ function imageFolder(tree, model, { image_folders: usual }) {
 
 /** The path to a model's `sparse` or `sparse/0`: empty, or with a slash at its end. */
 function around(model) {
-    return model.replace(/\/0$/, "").replace(/[^/]*$/, "");
+    return model.replace(/\/[0-9]+$/, "").replace(/[^/]*$/, "");
 }
 
-function frameOf(image, file, cameras, imageFile, bounds) {
-    const where = `${imageFile.path}, image ${image.name}`;
+function frameOf(image, file, cameras, where, bounds) {
     const camera = cameras.get(image.cameraId);
     if (!camera) {
         throw new Error(`${where}: taken by camera ${image.cameraId}, which the model does not have`);

@@ -31,7 +31,7 @@ const [TURN, COLOURS, OTHER] = [0, 1, 2];
 const PNG_PARTS = { eXIf: TURN, iCCP: COLOURS, cICP: COLOURS, sRGB: COLOURS, gAMA: COLOURS, cHRM: COLOURS };
 
 /** Whether a file is an image that the page reads, by its name. @type {(path: string) => boolean} */
-export const isImage = (path) => /\.(png|jpe?g)$/i.test(path);
+export const isImage = (path) => /\.(png|jpe?g|jpe|jfif)$/i.test(path);
 
 /**
  * @param {Uint8Array} bytes of the file

@@ -7,6 +7,7 @@
 
 import { folderOf, nameOf, normalised } from "../archive/tree.js";
 import { isImage, storedSize } from "./image_header.js";
+import { pairByNumber } from "./last_numbers.js";
 import { decodedAsStored, greyOf } from "./pixels.js";
 
 /**
@@ -120,7 +121,7 @@ function matched(names, folder, tree) {
         }
     }
     const named = new Map(names.map((name) => [name, namedAs(name, byName)]).filter(([, path]) => path));
-    const found = named.size ? named : numbered(names, files);
+    const found = named.size ? named : pairByNumber(names, files);
     if (!found.size) {
         return [found, `none of its ${files.length} images is the mask of a frame`];
     }
@@ -144,24 +145,6 @@ function namedAs(photograph, byName) {
         }
     }
     return undefined;
-}
-
-/** Masks by the last numbers in their names; none unless the photographs have the same numbers, each once. */
-function numbered(names, files) {
-    const byNumber = new Map(files.map((path) => [numberIn(path), path]));
-    const numbers = new Map(names.map((name) => [name, numberIn(name)]));
-    const isOwn = new Set(numbers.values()).size === names.length && byNumber.size === files.length;
-    const agree = names.length === files.length && [...numbers.values()].every((number) => byNumber.has(number));
-    if (!isOwn || !agree || byNumber.has(null)) {
-        return new Map();
-    }
-    return new Map([...numbers].map(([name, number]) => [name, byNumber.get(number)]));
-}
-
-/** The last number in a file's name, without leading zeros; null where there is none. */
-function numberIn(path) {
-    const digits = withoutSuffix(nameOf(path)).match(/\d+/g)?.at(-1);
-    return digits === undefined ? null : digits.replace(/^0+(?=\d)/, "");
 }
 
 function withoutSuffix(name) {

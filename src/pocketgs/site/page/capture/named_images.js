@@ -23,10 +23,11 @@ import { isImage } from "./image_header.js";
  * @param {string} where the file that states them, for messages
  * @param {string[]} suffixes to try at the end of each
  * @param {{deepest: number, other_pictures: string[]}} bounds the settings' `capture`
+ * @param {(folder: string) => boolean} leaveOut whether the search by name leaves out a folder
  * @returns {[(StoredFile | undefined)[], string[]]} the files, undefined where missing, and warnings
  * @throws {Error} a path leaves the folder, and not every image is found by its name
  */
-export function findImages(tree, folder, named, where, suffixes, bounds) {
+export function findImages(tree, folder, named, where, suffixes, bounds, leaveOut = () => false) {
     let refusal = null;
     try {
         const stated = findStated(tree, folder, named, where, suffixes);
@@ -36,7 +37,7 @@ export function findImages(tree, folder, named, where, suffixes, bounds) {
     } catch (error) {
         refusal = error;
     }
-    const files = byNameAlone(tree, folder, named, suffixes, bounds);
+    const files = byNameAlone(imagesBelow(tree, folder, bounds, leaveOut), tree, named, suffixes);
     const found = files.filter(Boolean);
     if (refusal && found.length < named.length) {
         throw refusal;
@@ -49,8 +50,8 @@ export function findImages(tree, folder, named, where, suffixes, bounds) {
 }
 
 /**
- * The files that `findImages` finds in the stated folders. Case, the encoding of accents, and the suffix (if no other
- * image has the same stem) may differ.
+ * The files that `findImages` finds in the stated folders. Case, the separator of folders, the encoding of accents, and
+ * the suffix (if no other image has the same stem) may differ.
  *
  * @param {FileTree} tree
  * @param {string} folder
@@ -85,7 +86,7 @@ export function findStated(tree, folder, named, where, suffixes = [""]) {
  * @throws {Error} the path leaves the capture
  */
 export function findMoved(tree, stated, where, { deepest }, photograph = null) {
-    if (!/^([a-z]:)?[/\\]/i.test(stated)) {
+    if (!isRooted(stated)) {
         return tree.find(inside("", stated, where));
     }
     const parts = partsOf(stated.replace(/^[a-z]:/i, "")).slice(-deepest - 1);
@@ -93,11 +94,20 @@ export function findMoved(tree, stated, where, { deepest }, photograph = null) {
     return ends.map((end) => tree.find(end)).find((file) => file && file !== photograph);
 }
 
-/** For each image, the file of its name whose folders agree best with the stated ones; undefined on a tie. */
-function byNameAlone(tree, folder, named, suffixes, bounds) {
-    const byName = grouped(imagesBelow(tree, folder, bounds), (path) => spelling(nameOf(path)));
+/** Whether a path begins at the root of a disk, as on any system. @type {(path: string) => boolean} */
+export const isRooted = (path) => /^([a-z]:)?[/\\]/i.test(path);
+
+/** File name of a path with either separator. @type {(path: string) => string} */
+export const lastPartOf = (path) => partsOf(path).at(-1) ?? "";
+
+/** Name without suffix, and without what differs between systems. @type {(path: string) => string} */
+export const stemOf = (path) => spelling(lastPartOf(path)).replace(/(?<=.)\.[^.]*$/, "");
+
+/** For each image, the present file of its name whose folders agree best with the stated ones; undefined on a tie. */
+function byNameAlone(present, tree, named, suffixes) {
+    const byName = grouped(present, (path) => spelling(nameOf(path)));
     return named.map((name) => {
-        const paths = suffixes.flatMap((suffix) => byName.get(spelling(partsOf(name).at(-1) + suffix)) ?? []);
+        const paths = suffixes.flatMap((suffix) => byName.get(spelling(lastPartOf(name) + suffix)) ?? []);
         const ranked = paths.map((path) => ({ path, rank: rankOf(path, name) })).sort((a, b) => b.rank - a.rank);
         const isUnique = ranked.length === 1 || ranked[0]?.rank > ranked[1]?.rank;
         return isUnique ? tree.find(ranked[0].path) : undefined;
@@ -114,21 +124,21 @@ function rankOf(path, stated) {
 }
 
 /** Paths of all images below a folder, except in folders of masks, depths and the like. */
-function imagesBelow(tree, folder, { deepest, other_pictures: prefixes }) {
-    const isOther = (part) => prefixes.some((prefix) => part.toLowerCase().startsWith(prefix));
+function imagesBelow(tree, folder, { deepest, other_pictures: prefixes }, leaveOut) {
+    const isOther = (place) => prefixes.some((prefix) => nameOf(place).toLowerCase().startsWith(prefix));
     const first = folder === "" ? "" : `${folder}/`;
-    return tree.paths.filter((path) => {
-        const folders = path.startsWith(first) ? partsOf(folderOf(path.slice(first.length))) : null;
-        return folders && folders.length <= deepest && !folders.some(isOther) && isImage(path);
+    const byFolder = grouped(tree.paths.filter((path) => path.startsWith(first) && isImage(path)), folderOf);
+    const searched = [...byFolder.keys()].filter((place) => {
+        const parts = partsOf(place.slice(first.length));
+        const onTheWay = parts.map((_, i) => first + parts.slice(0, i + 1).join("/"));
+        return parts.length <= deepest && !onTheWay.some((one) => isOther(one) || leaveOut(one));
     });
+    return searched.flatMap((place) => byFolder.get(place));
 }
 
 function pathsByStem(tree, folder) {
     return grouped(tree.pathsIn(folder, isImage), stemOf);
 }
-
-/** Name without suffix. @type {(path: string) => string} */
-const stemOf = (path) => spelling(partsOf(path).at(-1)).replace(/(?<=.)\.[^.]*$/, "");
 
 /** A path's parts, with either separator: paths may come from Windows. @type {(path: string) => string[]} */
 const partsOf = (path) => path.split(/[/\\]/).filter(Boolean);

@@ -5,16 +5,18 @@
  * @module
  */
 
-import { normalised } from "../archive/tree.js";
+import { normalised, spelling, withSlashes } from "../archive/tree.js";
 import { readCloud } from "./cloud_file.js";
 import { Fields } from "./json_fields.js";
 import { listingOf } from "./listing.js";
 import { findMoved } from "./named_images.js";
 import { NERFCAPTURE_FIELD } from "./stated_intrinsics.js";
-import { absentWarning, depthWarning, maskWarning, readFrames } from "./transforms_file.js";
+import { absentWarning, checkSomeExist, depthWarning, maskWarning, readFrames } from "./transforms_file.js";
 
 /** What makes a folder such a capture. */
 const MARK = "transforms.json";
+
+const PARTS = ["train_filenames", "val_filenames", "test_filenames"];
 
 /** @type {(tree: import("../archive/tree.js").FileTree) => boolean} */
 export const recognises = (tree) => tree.find(MARK) !== undefined;
@@ -28,13 +30,12 @@ export const recognises = (tree) => tree.find(MARK) !== undefined;
 export async function read(tree, bounds) {
     const document = await Fields.of(tree.find(MARK));
     const [listed, warnings] = await readFrames(document, tree, bounds);
+    checkSomeExist(listed, document);
     for (const warningOf of [absentWarning, maskWarning, depthWarning]) {
         warnings.push(...warningOf(listed, document));
     }
-    if (listed.length && !listed.some(Boolean)) {
-        throw new Error(`${MARK}: none of the ${listed.length} listed frames has an image file`);
-    }
     const [frames, heldOut] = split(document, listed);
+    warnings.push(...splitWarnings(document));
     const ply = document.optionalText("ply_file_path");
     const file = ply === null ? undefined : findMoved(tree, ply, document.where, bounds);
     if (ply !== null && !file) {
@@ -46,25 +47,49 @@ export async function read(tree, bounds) {
     return listingOf("nerfstudio", frames, { heldOut, cloud, isMetric, warnings });
 }
 
-/** The frames to use and the names of the held-out ones, by the file's own split if it has one. */
+/**
+ * The frames to use and the names of the held-out ones, by the file's own split if it has one: the test frames, or else
+ * those for validation. The latter are not used beside test frames, nor are those outside the split.
+ */
 function split(document, listed) {
-    const stated = document.objects("frames").map((fields) => normalised(fields.text("file_path")));
     const present = listed.filter(Boolean);
-    const part = (name) => {
-        const wanted = document.optionalTexts(`${name}_filenames`)?.map(normalised);
-        const frames = listed.filter((frame, i) => frame && wanted?.includes(stated[i]));
-        return wanted && new Set(frames.map(({ name }) => name));
-    };
-    const [train, validation, test] = ["train", "val", "test"].map(part);
-    const heldOut = test?.size ? test : validation;
-    if (!heldOut?.size) {
+    const [stated, validation, test] = PARTS.map((name) => partOf(document, listed, name));
+    const heldOut = test.size ? test : validation;
+    if (!heldOut.size) {
         return [present, null];
     }
-    const isUnused = (name) => heldOut.has(name) || validation?.has(name);
-    const used = train ?? new Set(present.map(({ name }) => name).filter((name) => !isUnused(name)));
-    const shared = [...used].find((name) => heldOut.has(name));
+    const rest = present.map(({ name }) => name).filter((name) => !heldOut.has(name) && !validation.has(name));
+    const train = stated.size ? stated : new Set(rest);
+    const shared = [...train].find((name) => heldOut.has(name));
     if (shared) {
         throw new Error(`${document.where}: the image ${shared} is both for training and held out`);
     }
-    return [present.filter(({ name }) => used.has(name) || heldOut.has(name)), heldOut];
+    return [present.filter(({ name }) => train.has(name) || heldOut.has(name)), heldOut];
+}
+
+/** Names of the existing frames in a list of paths; none if there is no such list. */
+function partOf(document, listed, name) {
+    const wanted = new Set(document.optionalTexts(name)?.map(keyOf));
+    const stated = statedKeys(document);
+    return new Set(listed.filter((frame, i) => frame && wanted.has(stated[i])).map(({ name }) => name));
+}
+
+/** A warning about each list of the split that names none of the frames, whether or not their images exist. */
+function splitWarnings(document) {
+    const stated = new Set(statedKeys(document));
+    return PARTS.flatMap((name) => {
+        const paths = document.optionalTexts(name) ?? [];
+        const found = `${document.where}: ${name} names no frame, and is not used`;
+        const reason = `none of the ${paths.length} is a file_path, the first ${paths[0]}`;
+        return paths.length && !paths.some((path) => stated.has(keyOf(path))) ? [`${found}: ${reason}`] : [];
+    });
+}
+
+function statedKeys(document) {
+    return document.objects("frames").map((fields) => keyOf(fields.text("file_path")));
+}
+
+/** A path without what differs between systems: its separator, case, and the encoding of accents. */
+function keyOf(path) {
+    return spelling(normalised(withSlashes(path)));
 }

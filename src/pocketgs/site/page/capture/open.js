@@ -9,6 +9,7 @@ import * as blender from "./blender.js";
 import { centreOf } from "./camera.js";
 import * as colmap from "./colmap.js";
 import { withReadableDepth } from "./depth_map.js";
+import { depthWarnings, maskedOutWarning } from "./left_out.js";
 import { heldOutOf } from "./listing.js";
 import * as nerfstudio from "./nerfstudio.js";
 import { withMasks } from "./masks.js";
@@ -97,19 +98,8 @@ export async function loadCapture(listing, most, settings, onProgress) {
     }
     const rest = used.filter(({ name }) => heldOut.has(name));
     const isWithout = ({ name, depth }, i) => depth && !loaded[i].depth && !heldOut.has(name);
-    const allWarnings = [...warnings, ...maskedOutWarning(loaded, used), ...shapeWarning(frames.filter(isWithout))];
-    return { train, heldOut: rest, cloud, background, isMetric, warnings: allWarnings };
-}
-
-function maskedOutWarning(loaded, used) {
-    const leftOut = loaded.filter((frame) => !used.includes(frame)).map(({ name }) => name);
-    const found = `the masks of ${leftOut.length} of ${loaded.length} frames leave no pixel, the first ${leftOut[0]}`;
-    return leftOut.length ? [`${found}: these frames are left out; masks are white where pixels are to be used`] : [];
-}
-
-function shapeWarning(leftOut) {
-    const found = `the depth maps of ${leftOut.length} frames have not the shape of their photographs`;
-    return leftOut.length ? [`${found}, the first of ${leftOut[0].name}: they are left out`] : [];
+    const leftOut = [...maskedOutWarning(loaded, used), ...(await depthWarnings(frames.filter(isWithout)))];
+    return { train, heldOut: rest, cloud, background, isMetric, warnings: [...warnings, ...leftOut] };
 }
 
 /** Every frame with its pixels. The frames of a capture are photographs, or those of one video. */

@@ -52,7 +52,7 @@ export async function decodedPhotograph({ file, camera }, { aspect_tolerance: to
  * @param {number} most pixels of the longer side
  * @param {Object<string, number>} bounds the settings' `capture`
  * @returns {Promise<Frame>}
- * @throws {Error} it has not its camera's shape, or its mask or depth cannot be used
+ * @throws {Error} it has not its camera's shape, or its mask cannot be used
  */
 export async function prepared(source, pixels, background, most, bounds) {
     const { name, file, lens, border } = source;
@@ -92,10 +92,14 @@ function hasShapeOf({ width, height }, across, down, tolerance) {
     return Math.abs(across / width / (down / height) - 1) <= tolerance;
 }
 
-/** Depth of its photograph's size; null if it has another shape: it may be of another part, or turned. */
+/**
+ * Depth of its photograph's size; null if it cannot be read or has another shape: it may be a coloured picture, of
+ * another part of the view, or turned. A photograph alone is enough.
+ */
 async function depthOfSize(source, size, { plane_aspect_tolerance: tolerance }) {
-    const found = await readDepth(source);
-    return hasShapeOf(found, size.width, size.height, tolerance) ? nearestPlane(found.values, found, size) : null;
+    const found = await readDepth(source).catch(() => null);
+    const fits = found !== null && hasShapeOf(found, size.width, size.height, tolerance);
+    return fits ? nearestPlane(found.values, found, size) : null;
 }
 
 /** A mask of its photograph's size: of each pixel what lies at its centre. */

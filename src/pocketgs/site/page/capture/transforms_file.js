@@ -43,6 +43,24 @@ export async function readFrames(document, tree, bounds, mayHaveMoved = true) {
 }
 
 /**
+ * Refuse a file that lists no frame, or of whose frames none has an image.
+ *
+ * @param {(FrameSource | null)[]} frames
+ * @param {Fields} document
+ * @throws {Error} it does
+ */
+export function checkSomeExist(frames, document) {
+    if (!frames.length) {
+        throw new Error(`${document.where}: lists no frame, expected at least one`);
+    }
+    if (!frames.some(Boolean)) {
+        const first = document.objects("frames")[0].text("file_path");
+        const found = `none of the ${frames.length} listed frames has an image file, the first ${first}`;
+        throw new Error(`${document.where}: ${found}`);
+    }
+}
+
+/**
  * A warning that counts the frames without images.
  *
  * @param {(FrameSource | null)[]} frames
@@ -130,6 +148,11 @@ function readLens(fields, bounds) {
     const known = [...bounds.perspective_models, ...bounds.fisheye_models];
     if (model !== null && !known.includes(model)) {
         throw new Error(`${fields.where}: field 'camera_model' is ${model}, expected one of ${known.join(", ")}`);
+    }
+    const other = bounds.other_lenses.find((name) => (fields.values[name] ?? false) !== false);
+    if (other !== undefined) {
+        const expected = `expected a 'camera_model', one of ${known.join(", ")}`;
+        throw new Error(`${fields.where}: field '${other}' states another lens, ${expected}`);
     }
     const isFisheye = bounds.fisheye_models.includes(model) || fields.values.is_fisheye === true;
     return lensOf(isFisheye, (name) => fields.optionalNumber(name));

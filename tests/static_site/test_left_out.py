@@ -1,0 +1,64 @@
+"""Depth maps that cannot be used are left out, with Python's warnings; their photographs are used."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from pocketgs.capture import Capture
+from pocketgs.capture.open import open_capture
+from static_site.reading import given_files
+
+Call = Callable[..., Any]
+
+LOAD = """
+    const {FileTree, StoredFile} = await import(new URL("archive/tree.js", location.href));
+    const bytesOf = (text) => Uint8Array.from(atob(text), (character) => character.charCodeAt(0));
+    const files = Object.entries(given).map(([path, text]) => {
+        return new StoredFile(path, bytesOf(text).length, async () => bytesOf(text));
+    });
+    const listing = await module.readListing(new FileTree(files), settings.capture);
+    const {train, warnings} = await module.loadCapture(listing, 96, settings, () => {});
+    return [train.filter(({depth}) => depth).map(({name}) => name), warnings];
+"""
+
+
+def loaded(call: Call, folder: Path) -> tuple[list[str], list[str]]:
+    """Names of the frames with depth, and warnings."""
+    names, warnings = call("capture/open.js", LOAD, given_files(folder))
+    return names, warnings
+
+
+def test_depth_in_colour_or_cut_short(call: Call, capture_folder: Path) -> None:
+    """And of another shape."""
+    document = json.loads((capture_folder / "transforms.json").read_text())
+    for number, frame in enumerate(document["frames"]):
+        size = (48, 48) if number == 3 else (36, 48)
+        depth = np.full((*size, 3), 9, np.uint8) if number == 1 else np.full(size, 1500, np.uint16)
+        frame["depth_file_path"] = f"depth_{number}.png"
+        Image.fromarray(depth).save(capture_folder / frame["depth_file_path"])
+    cut = capture_folder / "depth_2.png"
+    cut.write_bytes(cut.read_bytes()[:60])
+    (capture_folder / "transforms.json").write_text(json.dumps(document))
+    names, warnings = loaded(call, capture_folder)
+    expected = open_capture(capture_folder)
+    assert names == [frame.name for frame in expected.train if frame.depth is not None]
+    unreadable, misshapen = warnings
+    reason = "(depth_1.png: expected a grey PNG of 8 or 16 bits, not interlaced)"
+    assert unreadable == expected.warnings[0].split("(")[0] + reason
+    assert misshapen == expected.warnings[1]
+
+
+def test_confidence_of_another_size(call: Call, copied_phone: Callable[[str], Path]) -> None:
+    folder = copied_phone("polycam")
+    _, second, *_ = sorted((folder / "keyframes" / "confidence").iterdir())  # the first frame is held out
+    Image.new("L", (3, 2), 255).save(second)
+    names, warnings = loaded(call, folder)
+    expected: Capture = open_capture(folder)
+    assert names == [frame.name for frame in expected.train if frame.depth is not None]
+    assert warnings == [warning.replace(f"{folder}/", "") for warning in expected.warnings]
