@@ -91,7 +91,7 @@ def test_a_run_goes_on_from_its_checkpoint_to_the_same_bits(small_capture: Captu
 def test_jumping_colours_cost_little(tmp_path: Path) -> None:
     """The demo's room from the true poses, as it is, and with random exposure and white balance."""
     scene, rng = room(), np.random.default_rng(3)
-    shots = plan_shots(160, 120, 48)
+    shots = plan_shots(160, 120, 32)
     gains = [np.exp(rng.uniform(-0.25, 0.25) + rng.uniform(-0.12, 0.12, 3)) for _ in shots]
 
     @cache
