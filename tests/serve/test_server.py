@@ -66,8 +66,10 @@ def test_a_video_and_archives_arrive(serve: Serve, folder: Path, zipped: bytes, 
     write_video(tmp_path / "a.mp4", frames)
     video = phone.upload({"walk.MP4": (tmp_path / "a.mp4").read_bytes()})
     archive = phone.upload({"toys.zip": zipped})
+    packed = phone.upload({"walk.zip": zip_of({"a.mp4": (tmp_path / "a.mp4").read_bytes()})})
     assert phone.until(video, "queued")["thumbnail"]
     assert phone.until(archive, "queued")["place"] == 2
+    assert phone.until(packed, "queued")["thumbnail"]
     assert (folder / "captures" / archive / "capture" / "toys" / "transforms.json").is_file()
     assert not (folder / "captures" / archive / "upload" / "0001.zip").exists()
 

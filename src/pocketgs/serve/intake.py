@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from pocketgs.capture.image_file import read_header
-from pocketgs.capture.open import lacks_poses, read_listing
+from pocketgs.capture.open import lacks_poses, read_listing, video_of
 from pocketgs.capture.unposed import find_photographs, is_video
 from pocketgs.capture.video_file import VideoFrame, read_frames, video_size
 from pocketgs.errors import USER_ERROR, PocketGSError
@@ -51,7 +51,7 @@ def check(folder: Path, entry: Entry, max_bytes: int) -> None:
     """
     if entry.files[0].stored.endswith(".zip"):
         _unpack(folder, folder / UPLOAD / entry.files[0].stored, max_bytes)
-    picture = _checked(input_of(folder, entry))
+    picture = _checked(video_of(input_of(folder, entry)))
     if isinstance(picture, VideoFrame):
         [(_, pixels)] = read_frames(picture.path, [picture.index])
         write_thumbnail(folder / THUMBNAIL, pixels)
