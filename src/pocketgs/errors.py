@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 USER_ERROR = 2
 """Exit status of a command that ended with such an error."""
@@ -41,6 +42,12 @@ def short(found: object) -> str:
 def counted(number: int, one: str, several: str) -> str:
     """A number with the words that follow 1, or any other number: "1 frame sees", "2 frames see"."""
     return f"{number} {one if number == 1 else several}"
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """Names for a message, and how many more there are than `most`: "a, b and 3 more"."""
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def clipped(text: object) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pocketgs.capture.unposed import photographs_by_folder, videos_in
-from pocketgs.errors import counted
+from pocketgs.errors import counted, listed
 from pocketgs.files.paths import UNREAD_SUFFIXES
 
 ARCHIVE_SUFFIXES = frozenset({".zip", ".7z", ".rar", ".tar", ".gz", ".tgz", ".bz2", ".xz"})
@@ -23,12 +23,12 @@ def what_is_there(path: Path) -> str:
     by_folder, videos = photographs_by_folder(path), videos_in(path)
     if len(by_folder) > 1:
         sizes = [f"{folder.name} ({len(photographs)})" for folder, photographs in by_folder.items()]
-        return f"it holds photographs in several folders, {_listed(sizes)}: move them to one, or name one"
+        return f"it holds photographs in several folders, {listed(sizes, MAX_NAMES)}: move them to one, or name one"
     if len(videos) > 1:
-        return f"it holds several videos, {_listed([video.name for video in videos])}: name one"
+        return f"it holds several videos, {listed([video.name for video in videos], MAX_NAMES)}: name one"
     archives = [file.name for file in sorted(path.iterdir()) if _is_archive(file)]
     if archives:
-        return f"it holds {_listed(archives)}: unpack archives first"
+        return f"it holds {listed(archives, MAX_NAMES)}: unpack archives first"
     return unread_pictures(path)
 
 
@@ -44,8 +44,3 @@ def unread_pictures(folder: Path) -> str:
 
 def _is_archive(path: Path) -> bool:
     return path.suffix.lower() in ARCHIVE_SUFFIXES and not path.name.startswith(".") and path.is_file()
-
-
-def _listed(names: list[str]) -> str:
-    more = len(names) - MAX_NAMES
-    return ", ".join(names[:MAX_NAMES]) + (f" and {more} more" if more > 0 else "")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pocketgs.capture.cloud_file import UNKNOWN_COLOUR
-from pocketgs.capture.formats.colmap import DEFAULT_IMAGES, IMAGE_FOLDERS, MODEL_FOLDERS, MODELS_BESIDE
+from pocketgs.capture.formats.colmap import IMAGE_FOLDERS, MODEL_FOLDERS, MODELS_BESIDE
 from pocketgs.capture.formats.colmap_model import CAMERA_MODELS
 from pocketgs.capture.formats.polycam import UNDISTORTION_BORDER
 from pocketgs.capture.formats.transforms_file import (
@@ -32,6 +32,7 @@ from pocketgs.capture.poses import (
 )
 from pocketgs.capture.sharpness import MAX_FRAMES, REDUCED_SIDE
 from pocketgs.capture.undistortion import BORDER_SAMPLES
+from pocketgs.capture.unposed import USUAL_FOLDER
 from pocketgs.files.paths import OTHER_PICTURES
 from pocketgs.geometry.camera_geometry import GUESSED_DISTANCE, MIN_CONVERGENCE
 from pocketgs.geometry.lens import MAX_HALF_FIELD, MAX_STEP
@@ -130,7 +131,7 @@ def _capture() -> dict[str, Any]:
         "model_folders": MODEL_FOLDERS,
         "models_beside": MODELS_BESIDE,
         "image_folders": IMAGE_FOLDERS,
-        "usual_images": DEFAULT_IMAGES,
+        "usual_images": USUAL_FOLDER,
         "perspective_models": PERSPECTIVE_MODELS,
         "fisheye_models": FISHEYE_MODELS,
         "other_lenses": LENSES_OF_INSTANT_NGP,

@@ -13,7 +13,7 @@ from pocketgs.capture.image_file import read_header
 from pocketgs.capture.open import read_listing, video_of
 from pocketgs.capture.unposed import is_video
 from pocketgs.capture.unrecognised import unread_pictures
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, listed
 from pocketgs.files.atomic_folder import replacing_folder
 from pocketgs.structure_from_motion.attempts import place_all
 from pocketgs.structure_from_motion.folder import IMAGES, MASKS, MODEL, check_replaceable, read_record
@@ -180,8 +180,8 @@ def _threads(source: Path, options: PoseOptions) -> int:
 
 def _lacking(unplaced: list[str], frames: int, other_models: list[int]) -> str:
     """Warning about images without a pose."""
-    names = ", ".join(unplaced[:MAX_NAMES]) + (f" and {len(unplaced) - MAX_NAMES} more" if unplaced[MAX_NAMES:] else "")
-    said = f"poses of {frames - len(unplaced)} of {frames} images were found; left out: {names}"
+    found = f"poses of {frames - len(unplaced)} of {frames} images were found"
+    said = f"{found}; left out: {listed(unplaced, MAX_NAMES)}"
     if other_models:
         parts = ", ".join(map(str, other_models))
         said += (
