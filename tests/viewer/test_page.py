@@ -448,6 +448,42 @@ def test_another_pace_begins_with_small_submissions(
 WRITERS = {".ply": ply.write_gaussians, ".splat": splat.write_gaussians, ".spz": spz.write_gaussians}
 
 
+def test_scenes_that_were_trained_with_antialiasing_say_so(
+    browser: Browser, url: str, scene: Gaussians, tmp_path: Path
+) -> None:
+    few = scene.select(np.arange(len(scene) - len(MARKS), len(scene)))
+    plain = {}
+    for suffix, write in WRITERS.items():
+        write(tmp_path / f"plain{suffix}", few)
+        plain[suffix] = (tmp_path / f"plain{suffix}").read_bytes()
+    flagged = bytearray(plain[".spz"])
+    flagged[14] |= 1
+    after_element = plain[".ply"].index(b"element")
+
+    def commented(*comments: bytes) -> bytes:
+        lines = b"".join(b"comment " + comment + b"\n" for comment in comments)
+        return plain[".ply"][:after_element] + lines + plain[".ply"][after_element:]
+
+    files = {
+        "mip.ply": (commented(b"SplatRenderMode: mip"), True),
+        "postshot.ply": (commented(b"antialiased 1"), True),
+        "last.ply": (commented(b"antialiased 1", b"SplatRenderMode:default"), False),
+        "words.ply": (commented(b"antialiased 1 or 0"), False),
+        "flagged.spz": (bytes(flagged), True),
+        "plain.spz": (plain[".spz"], False),
+    }
+    with visiting(browser, url, WIDTH, HEIGHT) as visit:
+        visit.until_drawn()
+        for name, (content, marked) in files.items():
+            visit.drop(name, content)
+            expect(visit["#title"]).to_have_text(name, timeout=PATIENCE)
+            if marked:
+                expect(visit["#message-text"]).to_contain_text(f"{name}: trained with anti-aliasing")
+            else:
+                expect(visit["#message"]).to_be_hidden()
+        assert visit.complaints == []
+
+
 def test_dropped_files_are_shown(browser: Browser, url: str, scene: Gaussians, tmp_path: Path) -> None:
     few = scene.select(np.arange(len(scene) - len(MARKS), len(scene)))
     with visiting(browser, url, WIDTH, HEIGHT) as visit:

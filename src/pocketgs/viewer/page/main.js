@@ -11,6 +11,7 @@ import { connectToolbar } from "./controls/toolbar.js";
 import { PointRenderer } from "./drawing/point_renderer.js";
 import { Renderer } from "./drawing/renderer.js";
 import { SceneView } from "./drawing/scene_view.js";
+import { TOO_OPAQUE } from "./formats/antialiased.js";
 import { fetchScene, readScene } from "./formats/scene_file.js";
 import { throttled } from "./live/throttle.js";
 import { LiveRun } from "./live/run.js";
@@ -81,6 +82,7 @@ async function load({ scene, title, up }, view, cameras) {
     try {
         const gaussians = await whileLoading(title, read);
         if (claim()) {
+            warnOf(gaussians, title);
             await showScene(gaussians, up, view, cameras);
         }
     } catch (error) {
@@ -96,6 +98,12 @@ async function showScene(gaussians, up, view, cameras) {
     await view.setScene(gaussians);
 }
 
+function warnOf({ isAntialiased }, name) {
+    if (isAntialiased) {
+        showMessage(`${name}: ${TOO_OPAQUE}`);
+    }
+}
+
 async function openFile(file, view, cameras) {
     hideMessage();
     const claim = view.beginOpening();
@@ -105,6 +113,7 @@ async function openFile(file, view, cameras) {
         if (claim()) {
             cameras.frame(gaussians, USUAL_UP);
             document.getElementById("title").textContent = file.name;
+            warnOf(gaussians, file.name);
             await view.setScene(gaussians);
         }
     } catch (error) {

@@ -8,6 +8,7 @@
 import { LOG_SCALE } from "../constants.js";
 import { GaussianColumns, MIN_SCALE } from "../scene/gaussian_columns.js";
 import { Weighting, numbersOf } from "../scene/weighting.js";
+import { isMarked } from "./antialiased.js";
 import { columnsOf } from "./ply_columns.js";
 import { MAX_HEADER_BYTES, beginsWithVertices, readHeader, rowsOf } from "./ply_header.js";
 
@@ -34,7 +35,8 @@ const MIN_LOG_SCALE = Math.log(MIN_SCALE);
  * @throws {Error} it is broken, or holds no Gaussians
  */
 export async function readPly(source, bytes, onPart) {
-    const { count, properties, stride, littleEndian, comments } = verticesIn(await takeHeader(source));
+    const header = await takeHeader(source);
+    const { count, properties, stride, littleEndian, comments } = verticesIn(header);
     if (count * stride > bytes) {
         throw new Error(`the file is cut short: ${bytes} bytes cannot hold ${count} Gaussians of ${stride} bytes`);
     }
@@ -44,6 +46,7 @@ export async function readPly(source, bytes, onPart) {
     }
     const gaussians = new GaussianColumns(count, COEFFICIENTS[rest]);
     gaussians.weighting = weightingIn(comments, properties, count);
+    gaussians.isAntialiased = isMarked(header.lines);
     const isFlat = !properties.has("scale_2");
     const targets = targetsIn(gaussians, properties, isFlat);
     for (let first = 0; first < count; first += ROWS_AT_ONCE) {

@@ -20,6 +20,7 @@ const LONG_HEADER = 32;
 const TABLE_ROW = 16;
 const MAX_DEGREE = 4;
 const FLAGS = 14;
+const ANTIALIASED = 1;
 const HAS_EXTENSIONS = 2;
 
 /** Bytes of an extension's kind and size. */
@@ -55,9 +56,13 @@ async function readAnyVersion(source) {
     const plain = isPacked ? source.gunzipped() : source;
     const header = viewOf(await plain.take(HEADER));
     const layout = layoutOf(header, isPacked ? [1, 2, 3] : [4]);
-    if (!isPacked) {
-        return takeTable(source, header, layout);
-    }
+    const gaussians = isPacked ? await takeStreams(plain, header, layout) : await takeTable(source, header, layout);
+    gaussians.isAntialiased = Boolean(header.getUint8(FLAGS) & ANTIALIASED);
+    return gaussians;
+}
+
+/** Read versions 1 to 3: the streams, one after the other. */
+async function takeStreams(plain, header, layout) {
     const streams = [];
     for (const size of streamSizes(layout)) {
         streams.push(await plain.take(size));

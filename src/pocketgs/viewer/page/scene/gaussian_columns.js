@@ -44,6 +44,8 @@ export class GaussianColumns {
         this.sh = new Float32Array(3 * coefficients * count);
         /** @type {import("./weighting.js").Weighting | null} of a scene that is drawn without sorting */
         this.weighting = null;
+        /** Whether it was trained with anti-aliasing, without which it is drawn. */
+        this.isAntialiased = false;
         /** Size of the user's file that it was read from, or 0 where it is not known. */
         this.fileBytes = 0;
     }
