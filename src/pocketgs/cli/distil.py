@@ -18,7 +18,7 @@ from pocketgs.scene.edits import drawable
 from pocketgs.sort_free.distil import DistilOptions
 from pocketgs.sort_free.distil import distil as distil_scene
 from pocketgs.sort_free.file import check_name, write_sort_free
-from pocketgs.splat.engine import EngineOptions, create_engine
+from pocketgs.splat.engine import create_engine
 
 
 def distil(
@@ -50,7 +50,7 @@ def distil(
     with memory_bound(max_memory):
         teacher = drawable(load_scene(scene))
         if capture is None:
-            engine = create_engine(EngineOptions("cpu", threads=options.threads))
+            engine = create_engine(options.engine_options)
             opened = rendered_capture(scene, teacher, engine, reading.background)
         else:
             opened = as_trained_on(scene, reading.open(capture_of(scene, capture)))

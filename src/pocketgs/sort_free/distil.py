@@ -16,6 +16,7 @@ from pocketgs.sort_free.optimiser import ArrayAdam
 from pocketgs.sort_free.renderer import SceneGradient, SortFreeImage, SortFreeRenderer
 from pocketgs.sort_free.scene import MAX_LOGARITHM, SortFreeScene, sort_free
 from pocketgs.sort_free.visibility import fitted_views
+from pocketgs.splat.engine import EngineName, EngineOptions, chosen_engine
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.optimiser import Adam, photometric_loss
 from pocketgs.splat.rasterizer import Output, Raster, Rasterizer
@@ -49,7 +50,9 @@ class DistilOptions:
         teacher_weight: of the mean absolute difference from the sorted scene's image.
         depth_weight: of the scale-invariant squared difference of logarithms of depth.
         seed: of the order of views.
+        engine: that draws. "auto" uses a GPU if there is one, else the CPU; "webgpu" accepts software adapters too.
         threads: CPU threads; None for all cores.
+        gpu: part of the name of the GPU to use, or None for the best.
     """
 
     compositor: FormName = "visibility"
@@ -59,7 +62,9 @@ class DistilOptions:
     teacher_weight: float = 1.0
     depth_weight: float = 0.1
     seed: int = 0
+    engine: EngineName = "auto"
     threads: int | None = None
+    gpu: str | None = None
 
     def __post_init__(self) -> None:
         for name in ("iterations", "seed"):
@@ -70,6 +75,11 @@ class DistilOptions:
         for name in ("sh_degree", "view_degree"):
             if getattr(self, name) not in range(4):
                 raise PocketGSError(f"{name.replace('_', ' ')}: found {getattr(self, name)}, expected 0 to 3")
+
+    @property
+    def engine_options(self) -> EngineOptions:
+        """The options of the engine that draws."""
+        return EngineOptions(self.engine, self.threads, self.gpu)
 
 
 Observer = Callable[[str, int, int], None]
@@ -90,8 +100,8 @@ def distil(
 ) -> Distilled:
     """Train a scene that looks like the teacher without sorting.
 
-    The loss is that of training, with the distance from the teacher's image and depth (Du et al. 2026). The result
-    depends on the options alone. Ctrl-C ends training after the current step and keeps the scene.
+    The loss is that of training, with the distance from the teacher's image and depth (Du et al. 2026). On one engine,
+    the result depends on the options alone. Ctrl-C ends training after the current step and keeps the scene.
 
     Args:
         teacher: a trained scene.
@@ -100,7 +110,7 @@ def distil(
         observer: called after every step.
 
     Raises:
-        PocketGSError: there is no training view, or none shows the scene.
+        PocketGSError: there is no training view, or none shows the scene, or there is no such engine or GPU.
     """
     options = options or DistilOptions()
     if not capture.train:
@@ -131,8 +141,9 @@ class _Distillation:
     def __init__(self, teacher: Gaussians, capture: Capture, options: DistilOptions, observer: Observer) -> None:
         self._teacher, self._capture, self._options, self._observer = teacher, capture, options, observer
         self._near = near_plane(teacher.means)
-        self._sorted = Rasterizer("cpu", options.threads)
-        self._renderer = SortFreeRenderer("cpu", options.threads)
+        engine = chosen_engine(options.engine_options)
+        self._sorted = Rasterizer(engine, options.threads, options.gpu)
+        self._renderer = SortFreeRenderer(engine, options.threads, options.gpu)
 
     def run(self) -> Distilled:
         options, capture, scene = self._options, self._capture, self._start()
