@@ -209,6 +209,25 @@ def test_a_part_of_the_outputs_has_the_gradients_of_the_reference(
         np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max() + 1e-12, err_msg=group)
 
 
+@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"])
+def test_contributions_to_many_views_are_those_to_each(
+    request: pytest.FixtureRequest, make_gaussians: MakeGaussians, engine: str
+) -> None:
+    if engine == "webgpu":
+        request.getfixturevalue("adapter")
+    gaussians = make_gaussians(count=120, size=0.15)
+    # The second is larger than the first, so that a GPU's buffers grow in between.
+    cameras = [camera_in_front(20, 10, 20.0), camera_in_front(60, 40, 60.0), camera_in_front(20, 10, 30.0)]
+    rasterizer = Rasterizer(engine)  # type: ignore[arg-type]
+    for camera, found in zip(cameras, rasterizer.contributions(gaussians, cameras), strict=True):
+        expected = shared(engine).forward(gaussians, camera, ("contributions",)).contributions
+        assert expected.pixels.any()
+        for field in fields(found):
+            np.testing.assert_array_equal(getattr(found, field.name), getattr(expected, field.name), field.name)
+    with pytest.raises(PocketGSError, match="needs the compositor over"):
+        Rasterizer("cpu", compositor="sum").contributions(gaussians, cameras)
+
+
 @pytest.mark.usefixtures("adapter")
 def test_lists_that_outgrow_their_room(
     monkeypatch: pytest.MonkeyPatch, camera: Camera, make_gaussians: MakeGaussians

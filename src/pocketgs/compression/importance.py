@@ -44,9 +44,8 @@ def importance(
 def contributions(scene: Gaussians, cameras: Sequence[Camera], rasterizer: Rasterizer) -> tuple[np.ndarray, np.ndarray]:
     """(N,) sum of α T over all pixels of the views, and (N,) its largest value on one pixel."""
     summed, largest = np.zeros(len(scene)), np.zeros(len(scene), np.float32)
-    for place in evenly_chosen(len(cameras), VIEWS):
-        found = rasterizer.forward(scene, cameras[place], ("contributions",)).contributions
-        assert found is not None
+    chosen = [cameras[place] for place in evenly_chosen(len(cameras), VIEWS)]
+    for found in rasterizer.contributions(scene, chosen):
         summed += found.summed
         largest = np.maximum(largest, found.largest)
     return summed, largest

@@ -26,18 +26,23 @@ BLOCK = 1 << 14
 
 
 def visible_shares(
-    gaussians: Gaussians, camera: Camera, sorted_: Rasterizer, summed: Rasterizer
+    gaussians: Gaussians, camera: Camera, seen: np.ndarray, summed: Rasterizer
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Share of each Gaussian that a camera sees: Σ α T / Σ α over pixels, in [0, 1], and Σ α, both (N,)."""
-    contributions = sorted_.forward(gaussians, camera, ("contributions",)).contributions
-    assert contributions is not None
+    """Share of each Gaussian that a camera sees: Σ α T / Σ α over pixels, in [0, 1], and Σ α, both (N,).
+
+    Args:
+        gaussians: the sorted scene.
+        camera: that sees it.
+        seen: (N,) Σ α T over pixels.
+        summed: composites "sum".
+    """
     image = summed.forward(gaussians, camera, ("features",), features=np.zeros((len(gaussians), 1)))
     assert image.features is not None
     # The gradient of Σ α f with respect to f.
     found = summed.backward(image, features=np.ones_like(image.features)).features
     assert found is not None
     covered = found[:, 0]
-    shares = np.divide(contributions.summed, covered, out=np.zeros_like(covered), where=covered > 0.0)
+    shares = np.divide(seen, covered, out=np.zeros_like(covered), where=covered > 0.0)
     return np.minimum(shares, 1.0), covered
 
 
@@ -61,11 +66,11 @@ def fitted_views(
         summed: composites "sum".
         on_count: called with the number of cameras that are done, and their total.
     """
-    chosen = evenly_chosen(len(cameras), MOST_CAMERAS)
+    chosen = [cameras[place] for place in evenly_chosen(len(cameras), MOST_CAMERAS)]
     looks = []
-    for number, camera in enumerate(cameras[place] for place in chosen):
-        looks.append((camera.centre, *visible_shares(gaussians, camera, sorted_, summed)))
-        on_count(number + 1, len(chosen))
+    for camera, found in zip(chosen, sorted_.contributions(gaussians, chosen), strict=True):
+        looks.append((camera.centre, *visible_shares(gaussians, camera, found.summed, summed)))
+        on_count(len(looks), len(chosen))
     views = np.empty((len(gaussians), SH_COEFFICIENTS[degree]), np.float32)
     for first in range(0, len(views), BLOCK):
         block = slice(first, first + BLOCK)

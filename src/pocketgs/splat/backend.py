@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -102,3 +103,6 @@ class Backend(Protocol):
 
     def inspect(self, composite: Composite) -> tuple[Contributions, np.ndarray]:
         """Contributions of each Gaussian, and the (H, W) median depth, in one pass; see `Raster` in `rasterizer.py`."""
+
+    def contributions(self, parameters: Parameters, cameras: Iterable[Camera], near: float) -> Iterator[Contributions]:
+        """Contributions of each Gaussian to each camera's image, in turn."""

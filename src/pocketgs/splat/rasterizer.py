@@ -10,7 +10,7 @@ Engines implement `Backend` of `splat/backend.py`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -203,6 +203,26 @@ class Rasterizer:
             contributions if "contributions" in outputs else None,
             tape,
         )
+
+    def contributions(
+        self, parameters: Parameters, cameras: Iterable[Camera], *, near: float | None = None
+    ) -> Iterator[Contributions]:
+        """Contributions of each Gaussian to each camera's image, in turn: the output "contributions" of many views.
+
+        A GPU gets the Gaussians once and sends no images, so this is faster there than `forward` by view.
+
+        Args:
+            parameters: the Gaussians; do not change them before the last camera's turn.
+            cameras: of the views.
+            near: as for `forward`.
+
+        Raises:
+            PocketGSError: the compositor is not "over".
+        """
+        if self._compositor != "over":
+            raise PocketGSError("rasterizer: found output 'contributions', which needs the compositor over")
+        near = near_plane(parameters.means) if near is None else near
+        return self._backend.contributions(parameters, cameras, near)
 
     def backward(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -211,3 +212,9 @@ class CpuBackend:
         gather_contributions(tape.visible, tape.lists.slots, by_intersection, found)
         pixels, largest, summed = (found[:, column].copy() for column in (PIXELS, LARGEST, SUMMED))
         return Contributions(pixels.astype(np.int32), largest, summed), median
+
+    def contributions(self, parameters: Parameters, cameras: Iterable[Camera], near: float) -> Iterator[Contributions]:
+        """Contributions of each Gaussian to each camera's image, in turn."""
+        no_channels = np.empty((len(parameters.means), 0), np.float32)
+        for camera in cameras:
+            yield self.inspect(self.forward(parameters, camera, near, False, no_channels))[0]

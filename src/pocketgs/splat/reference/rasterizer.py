@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -81,3 +82,9 @@ class ReferenceBackend:
         """Contributions of each Gaussian, and the median depth."""
         assert self._compositor.inspect is not None
         return self._compositor.inspect(composite.tape.projection, composite.tape.camera)
+
+    def contributions(self, parameters: Parameters, cameras: Iterable[Camera], near: float) -> Iterator[Contributions]:
+        """Contributions of each Gaussian to each camera's image, in turn."""
+        no_channels = np.empty((len(parameters.means), 0), np.float64)
+        for camera in cameras:
+            yield self.inspect(self.forward(parameters, camera, near, False, no_channels))[0]

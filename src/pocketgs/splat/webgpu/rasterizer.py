@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -132,12 +133,26 @@ class WebGpuBackend:
     def inspect(self, composite: Composite) -> tuple[Contributions, np.ndarray]:
         """Contributions of each Gaussian, and the median depth."""
         self._show(composite.tape)
-        self._lists.run("inspect")
-        count = len(composite.tape.scene)
-        pixels, summed, largest, _ = self._lists.read("contributions", np.float32, 4 * count).reshape(count, 4).T
+        contributions = self._inspected(len(composite.tape.scene))
         depths = self._lists.read("median_depths", np.float32, self._lists.symbols["pixels"])
-        contributions = Contributions(pixels.astype(np.int32), largest.copy(), summed.copy())
         return contributions, depths.reshape(composite.transmittance.shape)
+
+    def contributions(self, parameters: Parameters, cameras: Iterable[Camera], near: float) -> Iterator[Contributions]:
+        """Contributions of each Gaussian to each camera's image, in turn; no image is read back."""
+        scene = Gaussians(*(getattr(parameters, name) for name in PARAMETERS))
+        shape, sh = to_columns(scene)
+        values = in_groups(np.empty((len(scene), 0), np.float32))
+        content = {"shape": shape, "sh": sh[:0], "channels": values}
+        for camera in cameras:
+            tape = _Tape(scene, camera, near, False, 0, values, False)
+            self._lists.draw(tape, tape.symbols, camera, near, content)
+            yield self._inspected(len(scene))
+
+    def _inspected(self, count: int) -> Contributions:
+        """Contributions of `count` Gaussians to the image that was drawn last."""
+        self._lists.run("inspect")
+        pixels, summed, largest, _ = self._lists.read("contributions", np.float32, 4 * count).reshape(count, 4).T
+        return Contributions(pixels.astype(np.int32), largest.copy(), summed.copy())
 
     def _show(self, tape: _Tape) -> None:
         """Draw an image, unless it is the one that was drawn last."""
