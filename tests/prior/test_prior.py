@@ -21,7 +21,7 @@ from pocketgs.capture.synthetic import (
     true_capture,
     write_demo,
 )
-from pocketgs.cli.display import prior_line
+from pocketgs.cli.run_lines import prior_line
 from pocketgs.prior.poses.structure import StructureSettings
 from pocketgs.prior.prior import PreparedCapture, PriorSettings, build_prior
 from pocketgs.training.options import TrainingOptions

@@ -10,7 +10,8 @@ from typing import Annotated
 import tyro
 
 from pocketgs.cli.capture_options import CaptureOptions
-from pocketgs.cli.display import capture_lines, print_evaluation
+from pocketgs.cli.run_lines import capture_lines
+from pocketgs.cli.run_result import print_evaluation
 from pocketgs.cli.scene_file import capture_of, drawn_by, in_world_of
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError

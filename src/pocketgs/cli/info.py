@@ -11,7 +11,7 @@ import tyro
 from pocketgs.capture import Capture
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.devices import device_lines
-from pocketgs.cli.display import capture_lines
+from pocketgs.cli.run_lines import capture_lines
 from pocketgs.cli.scene_file import load_any, names_scene
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from pocketgs.cli.capture_options import CaptureOptions
-from pocketgs.cli.display import STAGES
+from pocketgs.cli.run_lines import STAGES
 from pocketgs.cli.scene_file import capture_of, in_world_of, load_any
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
