@@ -35,9 +35,19 @@ def test_a_folder_stands_for_the_only_video_in_it(tmp_path, write_transforms):
     video.parent.mkdir()
     video.touch()
     assert video_of(video.parent) == video
+    assert video_of(tmp_path) == video
     assert video_of(tmp_path / "absent") == tmp_path / "absent"
+    macs = tmp_path / "__MACOSX/._walk.MOV"
+    macs.parent.mkdir()
+    macs.touch()
+    assert video_of(tmp_path) == video
     other.touch()
     assert video_of(video.parent) == video.parent
+    assert video_of(tmp_path) == tmp_path
+    other.unlink()
+    (tmp_path / "another").mkdir()
+    (tmp_path / "another/walk.mp4").touch()
+    assert video_of(tmp_path) == tmp_path
     recording = write_transforms()
     (recording / "rgb.mp4").touch()
     assert video_of(recording) == recording

@@ -66,7 +66,7 @@ def test_a_video_and_archives_arrive(serve: Serve, folder: Path, zipped: bytes, 
     write_video(tmp_path / "a.mp4", frames)
     video = phone.upload({"walk.MP4": (tmp_path / "a.mp4").read_bytes()})
     archive = phone.upload({"toys.zip": zipped})
-    packed = phone.upload({"walk.zip": zip_of({"a.mp4": (tmp_path / "a.mp4").read_bytes()})})
+    packed = phone.upload({"walk.zip": zip_of({"walk/a.mp4": (tmp_path / "a.mp4").read_bytes()})})
     assert phone.until(video, "queued")["thumbnail"]
     assert phone.until(archive, "queued")["place"] == 2
     assert phone.until(packed, "queued")["thumbnail"]

@@ -47,10 +47,17 @@ def videos_in(folder: Path) -> list[Path]:
 
 
 def only_video(folder: Path) -> Path | None:
-    """The only video directly in a folder; None if there is no such, or if the folder holds photographs too."""
+    """The only video directly in a folder, or else in the only folder in it that contains videos.
+
+    None if there is no such, or if the folder or one in it holds photographs too.
+    """
+    if find_photographs(folder) or photographs_by_folder(folder):
+        return None
     videos = videos_in(folder)
-    is_alone = len(videos) == 1 and not find_photographs(folder) and not photographs_by_folder(folder)
-    return videos[0] if is_alone else None
+    if not videos and folder.is_dir():
+        holding = [found for path in sorted(folder.iterdir()) if (found := videos_in(path))]
+        videos = holding[0] if len(holding) == 1 else []
+    return videos[0] if len(videos) == 1 else None
 
 
 def holds_photographs(path: Path) -> bool:
