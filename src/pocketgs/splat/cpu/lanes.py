@@ -14,7 +14,7 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic, models, overload, register_model
+from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
 
 LANES = 16
 
@@ -105,11 +105,15 @@ def broadcast(typing_context: Any, value: Any) -> Any:
     """A vector with the float32 `value` in all lanes."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        undefined = ir.Constant(_FLOATS, ir.Undefined)
-        first = builder.insert_element(undefined, arguments[0], ir.Constant(ir.IntType(32), 0))
-        return builder.shuffle_vector(first, undefined, ir.Constant(_INTEGERS, [0] * LANES))
+        return _spread(builder, arguments[0])
 
     return FLOATS(types.float32), generate
+
+
+def _spread(builder: Any, value: Any) -> Any:
+    undefined = ir.Constant(_FLOATS, ir.Undefined)
+    first = builder.insert_element(undefined, value, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(first, undefined, ir.Constant(_INTEGERS, [0] * LANES))
 
 
 def constant(values: Sequence[float] | np.ndarray) -> Callable[[], Floats]:
@@ -123,51 +127,53 @@ def constant(values: Sequence[float] | np.ndarray) -> Callable[[], Floats]:
     return vector
 
 
-def _lane_by_lane(emit: Callable[[Any, Any, Any], Any], result: types.Type) -> Any:
-    """An intrinsic of two vectors; `emit(builder, left, right)` writes its instruction."""
+def _define(function: Callable[..., Any], emit: Callable[[Any, Any, Any], Any], result: types.Type) -> None:
+    """Let a function or an operator take two vectors, or a vector and a number; `emit(builder, left, right)` writes it.
 
-    @intrinsic
-    def function(typing_context: Any, left: Any, right: Any) -> Any:
-        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            return emit(builder, *arguments)
+    Kernels have thousands of these. Numba types and lowers a call of a builtin at once; inlining an `overload` rewrites
+    the kernel each time, which made compilation take several times as long.
+    """
 
-        return result(FLOATS, FLOATS), generate
+    @type_callable(function)
+    def typing(context: Any) -> Any:
+        def types_of(left: Any, right: Any) -> Any:
+            kinds = (left, right)
+            takes = FLOATS in kinds and all(kind == FLOATS or isinstance(kind, types.Number) for kind in kinds)
+            return result if takes else None
 
-    return function
+        return types_of
 
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pairs = zip(signature.args, arguments, strict=True)
+        return emit(builder, *(_as_vector(context, builder, kind, value) for kind, value in pairs))
 
-def _overload_operator(function: Any, instruction: Any) -> None:
-    def implementation(left, right):
-        if left == FLOATS and right == FLOATS:
-            return lambda left, right: instruction(left, right)
-        if left == FLOATS and isinstance(right, types.Number):
-            return lambda left, right: instruction(left, broadcast(np.float32(right)))
-        if isinstance(left, types.Number) and right == FLOATS:
-            return lambda left, right: instruction(broadcast(np.float32(left)), right)
-        return None
-
-    overload(function, inline="always")(implementation)
+    for kinds in ((FLOATS, FLOATS), (FLOATS, types.Number), (types.Number, FLOATS)):
+        lower_builtin(function, *kinds)(generate)
 
 
-_overload_operator(operator.add, _lane_by_lane(lambda b, x, y: b.fadd(x, y, flags=_FLAGS), FLOATS))
-_overload_operator(operator.sub, _lane_by_lane(lambda b, x, y: b.fsub(x, y, flags=_FLAGS), FLOATS))
-_overload_operator(operator.mul, _lane_by_lane(lambda b, x, y: b.fmul(x, y, flags=_FLAGS), FLOATS))
-_overload_operator(operator.truediv, _lane_by_lane(lambda b, x, y: b.fdiv(x, y, flags=_FLAGS), FLOATS))
-_overload_operator(operator.ge, _lane_by_lane(lambda b, x, y: b.fcmp_ordered(">=", x, y), MASK))
-_overload_operator(operator.eq, _lane_by_lane(lambda b, x, y: b.fcmp_ordered("==", x, y), MASK))
-_overload_operator(operator.lt, _lane_by_lane(lambda b, x, y: b.fcmp_ordered("<", x, y), MASK))
+def _as_vector(context: Any, builder: Any, kind: types.Type, value: Any) -> Any:
+    return value if kind == FLOATS else _spread(builder, context.cast(builder, value, kind, types.float32))
 
 
-@intrinsic
-def _both(typing_context: Any, left: Any, right: Any) -> Any:
-    return MASK(MASK, MASK), lambda context, builder, signature, arguments: builder.and_(*arguments)
+_define(operator.add, lambda b, x, y: b.fadd(x, y, flags=_FLAGS), FLOATS)
+_define(operator.sub, lambda b, x, y: b.fsub(x, y, flags=_FLAGS), FLOATS)
+_define(operator.mul, lambda b, x, y: b.fmul(x, y, flags=_FLAGS), FLOATS)
+_define(operator.truediv, lambda b, x, y: b.fdiv(x, y, flags=_FLAGS), FLOATS)
+_define(operator.ge, lambda b, x, y: b.fcmp_ordered(">=", x, y), MASK)
+_define(operator.eq, lambda b, x, y: b.fcmp_ordered("==", x, y), MASK)
+_define(operator.lt, lambda b, x, y: b.fcmp_ordered("<", x, y), MASK)
+_define(max, lambda b, x, y: b.select(b.fcmp_ordered(">=", x, y), x, y), FLOATS)
+_define(min, lambda b, x, y: b.select(b.fcmp_ordered("<", x, y), x, y), FLOATS)
 
 
-@overload(operator.and_, inline="always")
-def _and(left, right):
-    if left == MASK and right == MASK:
-        return lambda left, right: _both(left, right)
-    return None
+@type_callable(operator.and_)
+def _type_and(context: Any) -> Any:
+    return lambda left, right: MASK if left == right == MASK else None
+
+
+@lower_builtin(operator.and_, MASK, MASK)
+def _and(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    return builder.and_(*arguments)
 
 
 @intrinsic
@@ -259,19 +265,3 @@ def square_root(typing_context: Any, vector: Any) -> Any:
         return builder.call(function, arguments)
 
     return FLOATS(FLOATS), generate
-
-
-@overload(max, inline="always")
-def _max(left, right):
-    if left == FLOATS and right == FLOATS:
-        return lambda left, right: select(left >= right, left, right)
-    if left == FLOATS and isinstance(right, types.Number):
-        return lambda left, right: select(left >= right, left, broadcast(np.float32(right)))
-    return None
-
-
-@overload(min, inline="always")
-def _min(left, right):
-    if left == FLOATS and isinstance(right, types.Number):
-        return lambda left, right: select(left < right, left, broadcast(np.float32(right)))
-    return None
