@@ -15,6 +15,7 @@ from pocketgs.geometry.quaternions import rotation_matrices
 from pocketgs.scene.gaussians import PARAMETERS
 from pocketgs.splat.cpu.adam import regularise
 from pocketgs.splat.cpu.engine import CpuEngine
+from pocketgs.splat.cpu.layout import SceneArrays
 from pocketgs.splat.cpu.noise import add_noise
 from pocketgs.splat.engine import OptimiserState
 from pocketgs.splat.parameters import COEFFICIENTS, GROUPS, Group, ParameterLayout, first_column
@@ -217,10 +218,11 @@ def test_noise_has_the_covariance_of_its_gaussian() -> None:
     one = Gaussians(np.zeros((1, 3)), np.log([[1.0, 0.5, 0.1]]), turn[None], np.array([-9.0]), np.zeros((1, 1, 3)))
     scene = one.select(np.zeros(count, int))
     scene.opacity_logits[count // 2 :] = 3.0
+    arrays = SceneArrays.of(scene)._replace(quaternions=scene.unit_quaternions)
     for threads in (1, 2):
         means = [np.zeros((count, 3), np.float32) for _ in range(2)]
         for moved, seed in zip(means, (7, 8), strict=True):
-            add_noise(moved, scene.log_scales, scene.unit_quaternions, scene.opacity_logits, 2.0, seed, threads)
+            add_noise(arrays._replace(means=moved), 2.0, seed, threads)
         if threads == 1:
             alone = means[0]
     np.testing.assert_array_equal(alone, means[0])

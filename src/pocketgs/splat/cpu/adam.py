@@ -14,10 +14,11 @@ from pocketgs.splat.cpu.layout import (
     GRADIENT_OPACITY,
     GRADIENT_ROTATION,
     GRADIENT_SH,
+    SceneArrays,
 )
 from pocketgs.splat.settings import AdamSettings
 from pocketgs.splat.store import ParameterStore
-from pocketgs.system.compile import parallel_kernel, part
+from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import first_piece, take
 
 
@@ -34,13 +35,23 @@ def _turn(quaternion: np.ndarray, x: float, y: float, z: float) -> None:
     quaternion[0], quaternion[1], quaternion[2], quaternion[3] = rw / norm, ri / norm, rj / norm, rk / norm
 
 
+@inlined
+def _move(scene: SceneArrays, i: int, step: np.ndarray) -> None:
+    """Subtract a step (columns,) from Gaussian i's parameters."""
+    for k in range(3):
+        scene.means[i, k] -= step[GRADIENT_MEAN + k]
+        scene.log_scales[i, k] -= step[GRADIENT_LOG_SCALE + k]
+    x, y, z = step[GRADIENT_ROTATION], step[GRADIENT_ROTATION + 1], step[GRADIENT_ROTATION + 2]
+    _turn(scene.quaternions[i], -x, -y, -z)
+    scene.opacity_logits[i] -= step[GRADIENT_OPACITY]
+    for k in range((len(step) - GRADIENT_SH) // 3):
+        for channel in range(3):
+            scene.sh[i, k, channel] -= step[GRADIENT_SH + 3 * k + channel]
+
+
 @parallel_kernel
 def adam(
-    means: np.ndarray,
-    log_scales: np.ndarray,
-    quaternions: np.ndarray,
-    opacity_logits: np.ndarray,
-    sh: np.ndarray,
+    scene: SceneArrays,
     gradients: np.ndarray,
     first_moments: np.ndarray,
     second_moments: np.ndarray,
@@ -56,11 +67,7 @@ def adam(
     """One step of Adam (Kingma and Ba 2015, algorithm 1), in place.
 
     Args:
-        means: (N, 3) float32, updated, as are the other parameters.
-        log_scales: (N, 3) float32.
-        quaternions: (N, 4) float32 of unit length; they move in their tangent space.
-        opacity_logits: (N,) float32.
-        sh: (N, K, 3) float32.
+        scene: the Gaussians, updated. Quaternions move in their tangent space.
         gradients: (N, C) float32.
         first_moments: (N, C) float32, updated.
         second_moments: (N, C) float32, updated.
@@ -85,7 +92,7 @@ def adam(
         place = take(counter)
         while place < len(clusters):
             cluster = clusters[place]
-            for i in range(cluster * CLUSTER, min((cluster + 1) * CLUSTER, len(means))):
+            for i in range(cluster * CLUSTER, min((cluster + 1) * CLUSTER, len(scene.means))):
                 gradient, first, second = gradients[i], first_moments[i], second_moments[i]
                 if seen_only and not np.any(gradient):
                     continue
@@ -94,15 +101,7 @@ def adam(
                     first[c] = keep1 * first[c] + take1 * g
                     second[c] = keep2 * second[c] + take2 * g * g
                     step[c] = rates[c] * first[c] * unbias1 / (np.sqrt(second[c] * unbias2) + guard)
-                for k in range(3):
-                    means[i, k] -= step[GRADIENT_MEAN + k]
-                    log_scales[i, k] -= step[GRADIENT_LOG_SCALE + k]
-                x, y, z = step[GRADIENT_ROTATION], step[GRADIENT_ROTATION + 1], step[GRADIENT_ROTATION + 2]
-                _turn(quaternions[i], -x, -y, -z)
-                opacity_logits[i] -= step[GRADIENT_OPACITY]
-                for k in range((columns - GRADIENT_SH) // 3):
-                    for channel in range(3):
-                        sh[i, k, channel] -= step[GRADIENT_SH + 3 * k + channel]
+                _move(scene, i, step)
             place = take(counter)
 
 
@@ -110,13 +109,8 @@ def update(
     store: ParameterStore, rates: np.ndarray, settings: AdamSettings, steps: int, clusters: np.ndarray, threads: int
 ) -> None:
     """Update a store's parameters from its gradients; see `adam`."""
-    scene = store.scene
     adam(
-        scene.means,
-        scene.log_scales,
-        scene.quaternions,
-        scene.opacity_logits,
-        scene.sh,
+        SceneArrays.of(store.scene),
         store.gradients,
         store.first_moments,
         store.second_moments,

@@ -21,7 +21,7 @@ from pocketgs.splat.cpu.clusters import Clusters, clear
 from pocketgs.splat.cpu.compositor import OVER
 from pocketgs.splat.cpu.errors import error_sums
 from pocketgs.splat.cpu.lanes import LANES
-from pocketgs.splat.cpu.layout import BLUE, DEPTH, RED, SPLAT_FIELDS, View
+from pocketgs.splat.cpu.layout import BLUE, DEPTH, RED, SPLAT_FIELDS, SceneArrays, View
 from pocketgs.splat.cpu.lenses.lens import KernelLens, Pinhole, kernel_lens
 from pocketgs.splat.cpu.memory import training_bytes
 from pocketgs.splat.cpu.noise import add_noise
@@ -232,11 +232,7 @@ class CpuEngine:
         clusters = self._clusters.in_view(scene, view, lens, self._near, self.threads)
         timer.begins("project")
         project(
-            scene.means,
-            scene.log_scales,
-            scene.quaternions,
-            scene.opacity_logits,
-            scene.sh,
+            SceneArrays.of(scene),
             view,
             lens,
             self._near,
@@ -273,23 +269,19 @@ class CpuEngine:
 
     def _backward(self, view: TrainingView, raster: ForwardPass, settings: StepSettings) -> None:
         """Rasterize backward → project backward: writes the gradients."""
-        scene, lists = self._scene, raster.lists
         self._replay(raster)
         gradients = self._store.gradients
         self.timer.begins("project backward")
         clear(gradients, self._written, self.threads)
         self._written = raster.clusters
         project_backward(
-            scene.means,
-            scene.log_scales,
-            scene.quaternions,
-            scene.sh,
+            SceneArrays.of(self._scene),
             view.view,
             view.lens,
             self.threads,
             self._splats,
             raster.visible,
-            lists.slots,
+            raster.lists.slots,
             LANES,
             self._intersection_sums,
             self._statistics if settings.statistics else self._statistics[:0],
@@ -353,20 +345,8 @@ class CpuEngine:
         self._steps += 1
         update(store, layout.rates_by_column(settings.rates), settings.adam, self._steps, moving, self.threads)
         if settings.noise is not None:
-            self._add_noise(settings.noise)
+            add_noise(SceneArrays.of(scene), settings.noise.size, settings.noise.seed, self.threads)
             moving = self._clusters.all
         self._clusters.have_moved(moving)
         self.timer.ends()
         return value
-
-    def _add_noise(self, noise: PositionNoise) -> None:
-        scene = self._scene
-        add_noise(
-            scene.means,
-            scene.log_scales,
-            scene.quaternions,
-            scene.opacity_logits,
-            noise.size,
-            noise.seed,
-            self.threads,
-        )

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pocketgs.geometry.camera import Camera
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.constants import ALPHA_MIN
 from pocketgs.splat.parameters import first_column
 from pocketgs.system.compile import part
@@ -43,6 +44,32 @@ LOG2_ALPHA_MIN = np.float32(math.log2(ALPHA_MIN))
 
 CLUSTER = 256
 """Number of Gaussians in a cluster, the unit of culling and of updates."""
+
+
+class SceneArrays(NamedTuple):
+    """The parameters of N Gaussians for kernels, not copied: some kernels write to them.
+
+    Write only in a function that the `prange` loop calls: Numba drops writes to a tuple's arrays in the loop's own body
+    (https://github.com/numba/numba/issues/7135). `len(scene)` is 5, the number of arrays; N is `len(scene.means)`.
+
+    Attributes:
+        means: (N, 3) float32.
+        log_scales: (N, 3) float32.
+        quaternions: (N, 4) float32 of unit length.
+        opacity_logits: (N,) float32.
+        sh: (N, K, 3) float32. K is 0 if the splats' channels are not colours.
+    """
+
+    means: np.ndarray
+    log_scales: np.ndarray
+    quaternions: np.ndarray
+    opacity_logits: np.ndarray
+    sh: np.ndarray
+
+    @staticmethod
+    def of(scene: Gaussians) -> SceneArrays:
+        """The arrays of a scene whose quaternions have unit length."""
+        return SceneArrays(scene.means, scene.log_scales, scene.quaternions, scene.opacity_logits, scene.sh)
 
 
 class View(NamedTuple):

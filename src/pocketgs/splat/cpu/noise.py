@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import prange
 
 from pocketgs.splat.constants import NOISE_STEEPNESS, NOISE_THRESHOLD
+from pocketgs.splat.cpu.layout import SceneArrays
 from pocketgs.splat.cpu.vectors import axes_of, dot
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import PIECE, first_piece, take
@@ -30,23 +30,26 @@ def _normal(seed: int, row: int, number: int) -> float:
     return math.sqrt(-2.0 * math.log(uniform)) * math.cos(2.0 * math.pi * other / 4294967296.0)
 
 
+@inlined
+def _shake(scene: SceneArrays, i: int, size: float, seed: int) -> None:
+    """`add_noise` for Gaussian i."""
+    opacity = 1.0 / (1.0 + math.exp(-float(scene.opacity_logits[i])))
+    factor = size / (1.0 + math.exp(NOISE_STEEPNESS * (opacity - NOISE_THRESHOLD)))
+    axes = axes_of(scene.quaternions[i])
+    eta = (_normal(seed, i, 0), _normal(seed, i, 1), _normal(seed, i, 2))
+    for k in range(3):
+        axis = axes[k]
+        along = factor * math.exp(2.0 * float(scene.log_scales[i, k])) * dot(axis, eta)
+        for c in range(3):
+            scene.means[i, c] += along * axis[c]
+
+
 @parallel_kernel
-def add_noise(
-    means: np.ndarray,
-    log_scales: np.ndarray,
-    quaternions: np.ndarray,
-    opacity_logits: np.ndarray,
-    size: float,
-    seed: int,
-    threads: int,
-) -> None:
+def add_noise(scene: SceneArrays, size: float, seed: int, threads: int) -> None:
     """Move every mean by size · σ(-k (o - t)) Σ η with η normal (Kheradmand et al. 2024, equation 8), in place.
 
     Args:
-        means: (N, 3) float32, updated.
-        log_scales: (N, 3) float32.
-        quaternions: (N, 4) float32 of unit length.
-        opacity_logits: (N,) float32.
+        scene: the Gaussians, whose means are updated.
         size: factor, in inverse units of length.
         seed: determines the noise, on any number of threads.
         threads: number of threads.
@@ -54,15 +57,7 @@ def add_noise(
     counter = first_piece()
     for _ in prange(threads):
         piece = PIECE * take(counter)
-        while piece < len(means):
-            for i in range(piece, min(piece + PIECE, len(means))):
-                opacity = 1.0 / (1.0 + math.exp(-float(opacity_logits[i])))
-                factor = size / (1.0 + math.exp(NOISE_STEEPNESS * (opacity - NOISE_THRESHOLD)))
-                axes = axes_of(quaternions[i])
-                eta = (_normal(seed, i, 0), _normal(seed, i, 1), _normal(seed, i, 2))
-                for k in range(3):
-                    axis = axes[k]
-                    along = factor * math.exp(2.0 * float(log_scales[i, k])) * dot(axis, eta)
-                    for c in range(3):
-                        means[i, c] += along * axis[c]
+        while piece < len(scene.means):
+            for i in range(piece, min(piece + PIECE, len(scene.means))):
+                _shake(scene, i, size, seed)
             piece = PIECE * take(counter)

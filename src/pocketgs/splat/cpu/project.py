@@ -26,6 +26,7 @@ from pocketgs.splat.cpu.layout import (
     MEAN_X,
     MEAN_Y,
     RED,
+    SceneArrays,
     View,
 )
 from pocketgs.splat.cpu.lenses.formulas import centre_of, depth_of, jacobian_at, shows
@@ -142,11 +143,7 @@ def _unclipped_colour(sh: np.ndarray, basis: np.ndarray, channel: int) -> float:
 
 @part
 def _project_range(
-    means: np.ndarray,
-    log_scales: np.ndarray,
-    quaternions: np.ndarray,
-    opacity_logits: np.ndarray,
-    sh: np.ndarray,
+    scene: SceneArrays,
     view: View,
     lens: KernelLens,
     near: float,
@@ -161,15 +158,16 @@ def _project_range(
     bits = depth.view(np.uint32)
     for i in range(first, end):
         splat = splats[i]
-        local = to_camera(view, means[i])
+        local = to_camera(view, scene.means[i])
         depth_keys[i] = CULLED
-        if _project_shape(view, lens, near, local, log_scales[i], quaternions[i], opacity_logits[i], splat):
+        log_scale, quaternion, logit = scene.log_scales[i], scene.quaternions[i], scene.opacity_logits[i]
+        if _project_shape(view, lens, near, local, log_scale, quaternion, logit, splat):
             sound = True
-            if sh.shape[1] > 0:
-                (x, y, z), _ = direction_to(view, means[i])
-                sh_basis(x, y, z, sh.shape[1], basis)
+            if scene.sh.shape[1] > 0:
+                (x, y, z), _ = direction_to(view, scene.means[i])
+                sh_basis(x, y, z, scene.sh.shape[1], basis)
                 for channel in range(COLOURS):
-                    colour = _unclipped_colour(sh[i], basis, channel)
+                    colour = _unclipped_colour(scene.sh[i], basis, channel)
                     splat[RED + channel] = max(colour, 0.0)
                     sound = sound and abs(colour) < BRIGHTEST
             if sound:
@@ -179,11 +177,7 @@ def _project_range(
 
 @parallel_kernel
 def project(
-    means: np.ndarray,
-    log_scales: np.ndarray,
-    quaternions: np.ndarray,
-    opacity_logits: np.ndarray,
-    sh: np.ndarray,
+    scene: SceneArrays,
     view: View,
     lens: KernelLens,
     near: float,
@@ -195,11 +189,7 @@ def project(
     """Project the Gaussians of some clusters.
 
     Args:
-        means: (N, 3) float32.
-        log_scales: (N, 3) float32.
-        quaternions: (N, 4) float32 of unit length.
-        opacity_logits: (N,) float32.
-        sh: (N, K, 3) float32. With K = 0, no colours are written.
+        scene: the Gaussians. With K = 0, no colours are written.
         view: the camera.
         lens: of the camera.
         near: minimum depth of drawn Gaussians.
@@ -213,8 +203,6 @@ def project(
         place = take(counter)
         while place < len(clusters):
             first = clusters[place] * CLUSTER
-            end = min(first + CLUSTER, len(means))
-            _project_range(
-                means, log_scales, quaternions, opacity_logits, sh, view, lens, near, first, end, splats, depth_keys
-            )
+            end = min(first + CLUSTER, len(scene.means))
+            _project_range(scene, view, lens, near, first, end, splats, depth_keys)
             place = take(counter)

@@ -28,6 +28,7 @@ from pocketgs.splat.cpu.layout import (
     RED,
     SLOTS_COUNT,
     SLOTS_FIRST,
+    SceneArrays,
     View,
 )
 from pocketgs.splat.cpu.lenses.formulas import jacobian_at, position_backward
@@ -89,22 +90,13 @@ def _add_up(intersection_sums: np.ndarray, slots: np.ndarray, row: int, total: n
 
 
 @part
-def _read(
-    i: int,
-    lane: int,
-    means: np.ndarray,
-    log_scales: np.ndarray,
-    quaternions: np.ndarray,
-    splats: np.ndarray,
-    total: np.ndarray,
-    block: np.ndarray,
-) -> None:
+def _read(i: int, lane: int, scene: SceneArrays, splats: np.ndarray, total: np.ndarray, block: np.ndarray) -> None:
     """Copy Gaussian i's rows to one lane of every column."""
     for k in range(3):
-        block[(_MEAN + k) * LANES + lane] = means[i, k]
-        block[(_LOG_SCALE + k) * LANES + lane] = log_scales[i, k]
+        block[(_MEAN + k) * LANES + lane] = scene.means[i, k]
+        block[(_LOG_SCALE + k) * LANES + lane] = scene.log_scales[i, k]
     for k in range(4):
-        block[(_QUATERNION + k) * LANES + lane] = quaternions[i, k]
+        block[(_QUATERNION + k) * LANES + lane] = scene.quaternions[i, k]
     for k in range(LOG2_OPACITY + 1):
         block[(_SPLAT + k) * LANES + lane] = splats[i, k]
     for k in range(SUM_YY + 1):
@@ -262,10 +254,7 @@ def _colour_backward(
 
 @part
 def _project_range_backward(
-    means: np.ndarray,
-    log_scales: np.ndarray,
-    quaternions: np.ndarray,
-    sh: np.ndarray,
+    scene: SceneArrays,
     view: View,
     lens: KernelLens,
     visible: np.ndarray,
@@ -286,15 +275,15 @@ def _project_range_backward(
         for lane in range(count):
             i = visible[first + lane]
             _add_up(intersection_sums, slots[i], row, totals[lane])
-            _read(i, lane, means, log_scales, quaternions, splats, totals[lane], block)
+            _read(i, lane, scene, splats, totals[lane], block)
         _block_backward(view, lens, block)
         for lane in range(count):
             i, total = visible[first + lane], totals[lane]
             gradient = gradients[i]
             for column in range(GRADIENT_SH):
                 gradient[column] = block[(_GRADIENT + column) * LANES + lane]
-            if sh.shape[1] > 0:
-                _colour_backward(view, means[i], sh[i], splats[i], total, basis, basis_gradient, gradient)
+            if scene.sh.shape[1] > 0:
+                _colour_backward(view, scene.means[i], scene.sh[i], splats[i], total, basis, basis_gradient, gradient)
             x, y = block[_CENTRE * LANES + lane], block[(_CENTRE + 1) * LANES + lane]
             if len(statistics):
                 collect(view, splats[i], (x, y), statistics[i])
@@ -309,10 +298,7 @@ def _project_range_backward(
 
 @parallel_kernel
 def project_backward(
-    means: np.ndarray,
-    log_scales: np.ndarray,
-    quaternions: np.ndarray,
-    sh: np.ndarray,
+    scene: SceneArrays,
     view: View,
     lens: KernelLens,
     threads: int,
@@ -329,10 +315,7 @@ def project_backward(
     """Gradient of the loss with respect to every Gaussian.
 
     Args:
-        means: (N, 3) float32.
-        log_scales: (N, 3) float32.
-        quaternions: (N, 4) float32 of unit length.
-        sh: (N, K, 3) float32. K is 0 if the first three channels are not colours.
+        scene: the Gaussians.
         view: the camera.
         lens: of the camera.
         threads: number of threads.
@@ -352,10 +335,7 @@ def project_backward(
         first = PIECE * take(counter)
         while first < len(visible):
             _project_range_backward(
-                means,
-                log_scales,
-                quaternions,
-                sh,
+                scene,
                 view,
                 lens,
                 visible[first : first + PIECE],

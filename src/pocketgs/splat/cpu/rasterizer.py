@@ -27,6 +27,7 @@ from pocketgs.splat.cpu.layout import (
     GRADIENT_ROTATION,
     GRADIENT_SH,
     LOG2_OPACITY,
+    SceneArrays,
     View,
 )
 from pocketgs.splat.cpu.lenses.lens import KernelLens, kernel_lens
@@ -43,8 +44,8 @@ _NO_STATISTICS = np.empty((0, STATISTICS), np.float32)
 
 @dataclass(frozen=True)
 class _Tape:
-    scene: Gaussians
-    sh: np.ndarray
+    scene: SceneArrays
+    coefficients: int
     view: View
     lens: KernelLens
     channels: int
@@ -89,7 +90,9 @@ class CpuBackend:
         numba.set_num_threads(self.threads)
         scene = Gaussians(*(getattr(parameters, name) for name in PARAMETERS))
         scene.quaternions = np.ascontiguousarray(scene.unit_quaternions)
-        sh = scene.sh if colours else np.empty((len(scene), 0, 3), np.float32)
+        arrays = SceneArrays.of(scene)
+        if not colours:
+            arrays = arrays._replace(sh=np.empty((len(scene), 0, 3), np.float32))
         view, lens, count = View.of(camera, antialiased), kernel_lens(camera), len(scene)
         shown = COLOURS if colours else 0
         composited = shown + channels.shape[1]
@@ -99,11 +102,7 @@ class CpuBackend:
         depth_keys, buffers = np.zeros(count, np.uint32), np.zeros((3, count), np.int32)
         clusters = Clusters(count).in_view(scene, view, lens, near, self.threads)
         project(
-            scene.means,
-            scene.log_scales,
-            scene.quaternions,
-            scene.opacity_logits,
-            sh,
+            arrays,
             view,
             lens,
             near,
@@ -131,7 +130,10 @@ class CpuBackend:
         )
         drawn = splats[visible]
         radii = half_sizes(drawn[:, LOG2_OPACITY], drawn[:, EXPONENT_XX : EXPONENT_YY + 1])
-        tape = _Tape(scene, sh, view, lens, composited, splats, visible, lists, image, transmittance, drawn_ends)
+        coefficients = scene.sh.shape[1]
+        tape = _Tape(
+            arrays, coefficients, view, lens, composited, splats, visible, lists, image, transmittance, drawn_ends
+        )
         return Composite(image[:composited], transmittance, visible, radii, tape)
 
     def backward(
@@ -140,7 +142,7 @@ class CpuBackend:
         """Rasterize backward → project backward."""
         numba.set_num_threads(self.threads)
         tape: _Tape = composite.tape
-        scene, lists = tape.scene, tape.lists
+        lists = tape.lists
         d_channel_images = np.zeros_like(tape.image)
         d_channel_images[: tape.channels] = d_image
         row = sums_per_intersection(len(tape.image))
@@ -159,14 +161,11 @@ class CpuBackend:
             absolute,
             intersection_sums,
         )
-        count, coefficients = scene.sh.shape[:2]
+        count, coefficients = len(tape.scene.means), tape.coefficients
         gradients = np.zeros((count, GRADIENT_SH + 3 * coefficients), np.float32)
         centres, channels = np.zeros((count, 4), np.float32), np.zeros((count, len(tape.image)), np.float32)
         project_backward(
-            scene.means,
-            scene.log_scales,
-            scene.quaternions,
-            tape.sh,
+            tape.scene,
             tape.view,
             tape.lens,
             self.threads,
@@ -208,7 +207,7 @@ class CpuBackend:
             by_intersection,
             median,
         )
-        found = np.zeros((len(tape.scene), 3), np.float32)
+        found = np.zeros((len(tape.scene.means), 3), np.float32)
         gather_contributions(tape.visible, tape.lists.slots, by_intersection, found)
         pixels, largest, summed = (found[:, column].copy() for column in (PIXELS, LARGEST, SUMMED))
         return Contributions(pixels.astype(np.int32), largest, summed), median
