@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -9,7 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from pocketgs.capture.capture import Capture
 from pocketgs.gpu.adapters import Adapter
+from pocketgs.prior.prior import PreparedCapture
+from pocketgs.training.train import train
 
 BENCH = Path(__file__).resolve().parents[2] / "bench"
 
@@ -28,6 +32,7 @@ ON_THE_GPU = {
     "webgpu_sweep": "--width 64 --height 48 --hypotheses 16 --repeats 1",
 }
 LEFT_OUT = {"torch_step", "gsplat_simple_trainer", "gsplat_strategies", "splatfacto"}
+OF_A_SCENE = {"compression"}
 PARTS_OF_OTHERS = {"medians", "pairs", "webgpu_roofline", "webgpu_tables", "webgpu_work"}
 
 
@@ -49,6 +54,18 @@ def test_benchmarks_of_the_gpu_run(name: str, adapter: Adapter) -> None:
     assert "ms" in table_of(name, f"{ON_THE_GPU[name]} --gpu {adapter.name.split()[0]}")
 
 
+def test_ways_to_make_a_scene_small(small_capture: Capture, written_capture: Path, tmp_path: Path) -> None:
+    scene, ways = tmp_path / "scene.ply", (".ply", ".spz", ".sog", "prune", "round", "over", "visibility")
+    train(PreparedCapture.of(small_capture, None), iterations=20, engine="cpu", max_gaussians=400).scene.save(scene)
+    options = f"--ways {' '.join(ways)} --gaussians 100 --iterations 2 --engine cpu --json {tmp_path / 'figures.json'}"
+    assert "PSNR" in table_of("compression", f"{scene} {written_capture} {options}")
+    rows = json.loads((tmp_path / "figures.json").read_text())["figures"]
+    assert len(rows) == len(ways) + 1, "what is distilled is written as a .ply and as a .pgs"
+    assert rows[0]["megabytes"] == pytest.approx(scene.stat().st_size / 1e6)
+    assert all(row["megabytes"] < rows[0]["megabytes"] and row["psnr"] > 10.0 for row in rows[1:])
+    assert [row["gaussians"] for row in rows if "pruning" in row["name"]] == [100]
+
+
 def test_every_benchmark_is_known_here() -> None:
-    known = {*ON_THE_CPU, *ON_THE_GPU, *LEFT_OUT, *PARTS_OF_OTHERS}
+    known = {*ON_THE_CPU, *ON_THE_GPU, *OF_A_SCENE, *LEFT_OUT, *PARTS_OF_OTHERS}
     assert {path.stem for path in BENCH.glob("*.py")} == known

@@ -151,7 +151,7 @@ def test_ctrl_c_keeps_the_best_file_so_far(
         return found
 
     monkeypatch.setattr(candidates.Workshop, "_keep", and_press_ctrl_c)
-    found = compress(scene, views, engine, CompressionOptions(quality=5.0))
+    found = compress(scene, views, engine, CompressionOptions(quality=10.0))
     assert found.interrupted
     assert found.within_bound
     assert len(found.candidates) == 1

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from pocketgs.capture.capture import Capture, Frame
+from pocketgs.compression.bound import QualityBound
 from pocketgs.compression.compress import compress
 from pocketgs.compression.judgement import WORTH, Judge, errors
-from pocketgs.compression.views import Views, photographed
+from pocketgs.compression.options import CompressionOptions
+from pocketgs.compression.views import Views, photographed, rendered
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.cpu.engine import CpuEngine
@@ -72,6 +74,26 @@ def test_the_loss_is_that_on_judges_and_training_views(scene: Gaussians, views: 
     expected = (judged.sum() + WORTH * estimated.mean()) / (len(judged) + WORTH)
     assert expected > 0.5
     assert judge.original_psnr - judge.psnr(worse) == pytest.approx(expected, abs=1e-6)
+
+
+def test_few_photographs_leave_a_margin(scene: Gaussians, capture: Capture, engine: Engine) -> None:
+    """One standard error of the loss, if that of single photographs varies by 0.8 of the mean; none of renderings."""
+    aims = []
+    for judges in (0, 1, 3):
+        held_out = [*capture.train, *capture.held_out][: 2 * judges]
+        judge = Judge.of(scene, engine, photographed(replace(capture, held_out=held_out)))
+        aims.append(judge.loss_to_aim_at(0.3))
+    np.testing.assert_allclose(aims, [0.3 / 1.8, 0.3 / (1.0 + 0.8 / np.sqrt(2.0)), 0.3 / 1.4])
+    cameras = {frame.name: frame.camera for frame in capture.train}
+    assert Judge.of(scene, engine, rendered(scene, cameras, engine, BLACK)).loss_to_aim_at(0.3) == 0.3
+
+
+@pytest.mark.usefixtures("_few_steps")
+def test_the_search_leaves_the_margin(scene: Gaussians, views: Views, engine: Engine) -> None:
+    judge = Judge.of(scene, engine, views)
+    found = compress(scene, views, engine, CompressionOptions(quality=1.0), seconds=0.5)
+    assert isinstance(found.bound, QualityBound)
+    assert found.bound.psnr == pytest.approx(judge.original_psnr - judge.loss_to_aim_at(1.0), abs=1e-6)
 
 
 def test_without_held_out_photographs_training_views_decide(scene: Gaussians, capture: Capture, engine: Engine) -> None:

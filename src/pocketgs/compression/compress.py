@@ -143,7 +143,8 @@ def _bound(scene: Gaussians, views: Views, judge: Judge, options: CompressionOpt
     if options.size is not None:
         return SizeBound(options.size)
     if views.photographs:
-        return QualityBound(judge.original_psnr - (QUALITY if options.quality is None else options.quality))
+        allowed = QUALITY if options.quality is None else options.quality
+        return QualityBound(judge.original_psnr - judge.loss_to_aim_at(allowed))
     spz = as_spz(scene)
     if spz is None:
         found = "the scene is too large for a .spz, whose quality is the bound without a capture"

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from pocketgs.capture.capture import Frame
 from pocketgs.compression.views import Views
 from pocketgs.metrics.evaluation import psnr, ssim
+from pocketgs.scene.background import Background
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.engine import Engine
+from pocketgs.splat.engine import Engine, Renderer
 from pocketgs.splat.rendering import render_frame
 
 
@@ -45,9 +48,14 @@ def figures_of(name: str, scene: Gaussians, size: int, engine: Engine, views: Vi
     if not views.reported:
         return Figures(name, len(scene), size / 1e6)
     engine.upload(scene)
+    return Figures(name, len(scene), size / 1e6, *quality_on(views.reported, engine, views.background))
+
+
+def quality_on(frames: Sequence[Frame], renderer: Renderer, background: Background) -> tuple[float, float]:
+    """Mean PSNR in dB and mean SSIM of what a renderer draws, on at least one photograph."""
     found = []
-    for frame in views.reported:
-        image, photo = render_frame(engine, frame, views.background), frame.image / np.float32(255.0)
+    for frame in frames:
+        image, photo = render_frame(renderer, frame, background), frame.image / np.float32(255.0)
         found.append((psnr(image, photo, frame.mask), ssim(image, photo, frame.mask)))
     decibels, similarity = np.mean(found, axis=0)
-    return Figures(name, len(scene), size / 1e6, float(decibels), float(similarity))
+    return float(decibels), float(similarity)

@@ -21,6 +21,9 @@ WORTH = 1.0
 """Weight of the estimate from training views, in held-out photographs. Both err about equally: a loss of 0.3 dB differs
 from one photograph to another by 0.1 dB on fern and 0.25 on lego, and the estimate from their mean by 0.27 and 0.03."""
 
+SPREAD = 0.8
+"""Standard deviation of the loss from one photograph to another, relative to their mean."""
+
 
 @dataclass(frozen=True)
 class Judge:
@@ -68,6 +71,16 @@ class Judge:
         """PSNR in dB that the training views alone let expect: less exact, but not noisy."""
         growth = (errors(self.engine, scene, self.views, self.trained) - self.own).mean()
         return _mean_psnr(np.maximum(self.unseen + growth, 0.1 * self.unseen))
+
+    def loss_to_aim_at(self, allowed: float) -> float:
+        """The measured loss, in dB, at which the loss on all other photographs is likely to be at most `allowed`.
+
+        A mean over few photographs may be lucky, and a search for the smallest file picks what is: the loss measured
+        and one standard error of it must be within what is allowed. Renderings of the original are not that few.
+        """
+        if not self.trained:
+            return allowed
+        return allowed / (1.0 + SPREAD / float(np.sqrt(len(self.views.judges) + WORTH)))
 
     @property
     def renderings(self) -> int:

@@ -19,9 +19,9 @@ class CompressionOptions:
 
     Attributes:
         size: Maximum megabytes (10^6 bytes) of the file; the best scene that fits is written.
-        quality: dB by which the scene may be worse than the original on views that it was not trained on; the smallest
-            such file is written. By default 0.3; without a capture, the bound is the quality of a .spz, minus this if
-            given.
+        quality: dB by which the scene may be worse than the original on views that it was not trained on, with a margin
+            where few of them were photographed; the smallest such file is written. By default 0.3; without a capture,
+            the bound is the quality of a .spz, minus this if given.
         time_budget: Maximum seconds of the whole command.
         prune: Which Gaussians are removed first: those that contribute little to the training views (contribution),
             those that also look like their neighbours (distinct), or those that training with random Gaussians left out
