@@ -7,7 +7,7 @@ PYTHON ?= python3
 # together; by the number of tests they would come last.
 SIDE_BY_SIDE = -n 3 --dist loadfile --no-loadscope-reorder
 
-.PHONY: demo test test-fast system-packages lint bench clean
+.PHONY: demo test test-fast system-packages lint kernels bench clean
 
 # Capture and train a small built-in scene.
 demo:
@@ -17,12 +17,12 @@ demo:
 # All checks before a merge, with runs on real data. Continuous integration calls this target. Missing system packages are
 # installed if that is allowed; otherwise the tests that need them are skipped, and pytest reports it. PyTorch and gsplat's
 # reference keep memory that the tests of budgets would count, so their tests run last, in separate processes.
-test: system-packages lint
+test: system-packages lint kernels
 	.venv/bin/python -m pytest $(SIDE_BY_SIDE) --ignore tests/pytorch
 	.venv/bin/python -m pytest $(SIDE_BY_SIDE) tests/pytorch
 
 # The same checks without the runs on real data.
-test-fast: system-packages lint
+test-fast: system-packages lint kernels
 	.venv/bin/python -m pytest -m "not slow" $(SIDE_BY_SIDE) --ignore tests/pytorch
 	.venv/bin/python -m pytest -m "not slow" $(SIDE_BY_SIDE) tests/pytorch
 
@@ -34,6 +34,10 @@ lint:
 	.venv/bin/python -m ruff check
 	.venv/bin/python -m ruff format --check
 	.venv/bin/python -m mypy
+
+# Compiled once, rather than by each process that runs tests.
+kernels: lint
+	.venv/bin/python tests/compile_kernels.py
 
 # The tables of results, on the captures in the folder that POCKETGS_DATA names and on the demo.
 bench:

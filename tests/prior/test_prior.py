@@ -212,7 +212,7 @@ def test_hardly_any_frames(walk: Capture, count: int) -> None:
 
 @pytest.mark.slow
 def test_demo(tmp_path: Path) -> None:
-    """The demo's own effort on half of the demo's frames: the cloud is right, and complete.
+    """The demo's own effort on a quarter of the demo's frames: the cloud is right, and complete.
 
     The cloud is first moved by the similarity that takes the centres of all its cameras nearest to the true ones.
     The true surface is what the keyframes' true depth maps show at their true poses.
@@ -220,11 +220,11 @@ def test_demo(tmp_path: Path) -> None:
     Right: at least 90 % of the points of confidence 0.4 or more have the surface, one point a pixel, within 1 % of
     their distance to the nearest keyframe.
 
-    Complete: at least 70 % of the surface that two keyframes or more see has a point of the cloud within 2.5 cm. The
+    Complete: at least 85 % of the surface that two keyframes or more see has a point of the cloud within 2.5 cm. The
     surface is sampled once in every 8 x 8 pixels; a keyframe sees a sample if its depth there differs by less than
     1 % from the true depth of the pixel that it falls in.
     """
-    write_demo(tmp_path / "demo", frames=60)
+    write_demo(tmp_path / "demo", frames=30)
     prior = prepare(open_capture(tmp_path / "demo"), TrainingOptions(effort="quick"))
     truth = read_ground_truth(tmp_path / "demo")
     assert prior.report is not None
@@ -241,8 +241,8 @@ def test_demo(tmp_path: Path) -> None:
     complete = np.mean(cKDTree(positions).query(samples[views >= 2])[0] < 0.025)
     print(f"right {right:.3f} ({near.mean():.3f} of all), complete {complete:.3f}, {len(positions)} points")
     assert right >= 0.9
-    assert complete >= 0.7
+    assert complete >= 0.85
     errors = camera_errors(prior.frames, truth)
     print(f"cameras off by {errors.mean():.5f} m on average, at most {errors.max():.5f} m")
-    assert errors.mean() < 0.0015
-    assert errors.max() < 0.006
+    assert errors.mean() < 0.001
+    assert errors.max() < 0.004

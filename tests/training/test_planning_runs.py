@@ -69,7 +69,7 @@ def test_a_run_keeps_to_its_memory(trained: Run, written_capture: Path, engine: 
 @pytest.mark.parametrize("budget", [500, 1000])
 def test_real_captures_keep_to_little_memory(trained: Run, data_folder: Path, budget: int) -> None:
     """Memory is saved by smaller photographs, or, if their size is given, by fewer Gaussians."""
-    few = ("--iterations", 30, "--max-keyframes", 6)
+    few = ("--iterations", 10, "--max-keyframes", 3)
     record = trained(data_folder / "fern", "--images", "images_4", "--max-memory", budget, *few)
     plan = record["plan"]
     assert record["peak_rss_mb"] <= plan["peak_rss_mb"] <= budget

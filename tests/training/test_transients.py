@@ -51,6 +51,14 @@ def passed_room(tmp_path_factory: pytest.TempPathFactory) -> PreparedCapture:
     return prepared(tmp_path_factory.mktemp("room"), "passer-by")
 
 
+@pytest.fixture(scope="module")
+def trained(empty_room: PreparedCapture) -> CpuEngine:
+    """An engine that has been trained on the empty room, to render from only."""
+    engine = CpuEngine()
+    train(empty_room, OPTIONS, opened_engine=engine, transients="keep")
+    return engine
+
+
 def covered(frame: Frame, empty: PreparedCapture) -> np.ndarray:
     """(H, W) bool: where a photograph differs from that of the empty room."""
     other = next(each for each in empty.frames if each.name == frame.name)
@@ -94,36 +102,30 @@ def test_the_room_behind_a_passer_by_is_as_good_as_empty(
     assert means[1] > means[0] - 0.5
 
 
-def test_shadows_and_exposure_are_not_transients(empty_room: PreparedCapture) -> None:
+def test_shadows_and_exposure_are_not_transients(empty_room: PreparedCapture, trained: CpuEngine) -> None:
     """Half of one photograph is in shadow, and another is overexposed."""
-    engine = CpuEngine()
-    train(empty_room, OPTIONS, opened_engine=engine, transients="keep")
     frames = list(empty_room.train)
     shaded, bright = frames[5].image.copy(), frames[9].image.copy()
     shaded[:, :120] = shaded[:, :120] * 0.6
     bright = np.minimum(bright * 1.3, 255).astype(np.uint8)
     frames[5], frames[9] = replace(frames[5], image=shaded), replace(frames[9], image=bright)
-    assert not any(cells.any() for cells in transient_cells(engine, frames, empty_room.background))
+    assert not any(cells.any() for cells in transient_cells(trained, frames, empty_room.background))
 
 
 def of_another_place(frame: Frame) -> Frame:
     return replace(frame, image=np.ascontiguousarray(frame.image[::-1, ::-1]))
 
 
-def test_a_photograph_of_another_place_is_left_out_whole(empty_room: PreparedCapture) -> None:
-    engine = CpuEngine()
-    train(empty_room, OPTIONS, opened_engine=engine, transients="keep")
+def test_a_photograph_of_another_place_is_left_out_whole(empty_room: PreparedCapture, trained: CpuEngine) -> None:
     frames = list(empty_room.train)
     frames[7] = of_another_place(frames[7])
-    found = transient_cells(engine, frames, empty_room.background)
+    found = transient_cells(trained, frames, empty_room.background)
     assert [cells.all() for cells in found] == [number == 7 for number in range(len(frames))]
 
 
-def test_nothing_is_left_out_where_many_photographs_disagree(empty_room: PreparedCapture) -> None:
-    engine = CpuEngine()
-    train(empty_room, OPTIONS, opened_engine=engine, transients="keep")
+def test_nothing_is_left_out_where_many_photographs_disagree(empty_room: PreparedCapture, trained: CpuEngine) -> None:
     frames = [of_another_place(frame) if number % 3 == 0 else frame for number, frame in enumerate(empty_room.train)]
-    assert not any(cells.all() for cells in transient_cells(engine, frames, empty_room.background))
+    assert not any(cells.all() for cells in transient_cells(trained, frames, empty_room.background))
 
 
 def test_a_wrong_pose_that_the_prior_missed_is_left_out(empty_room: PreparedCapture) -> None:
@@ -144,15 +146,15 @@ def test_a_wrong_pose_that_the_prior_missed_is_left_out(empty_room: PreparedCapt
     assert psnrs[0] > psnrs[1]
 
 
-def test_masks_of_the_neighbours_do_not_speak_against_a_photograph(empty_room: PreparedCapture) -> None:
+def test_masks_of_the_neighbours_do_not_speak_against_a_photograph(
+    empty_room: PreparedCapture, trained: CpuEngine
+) -> None:
     """Masked pixels are not perfectly rendered ones."""
-    engine = CpuEngine()
-    train(empty_room, OPTIONS, opened_engine=engine, transients="keep")
     mask = np.zeros((180, 240), np.bool_)
     mask[120:] = True
     frames = [frame if i == 7 else replace(frame, mask=mask) for i, frame in enumerate(empty_room.train)]
     with np.errstate(all="raise"):
-        found = transient_cells(engine, frames, empty_room.background)
+        found = transient_cells(trained, frames, empty_room.background)
     assert not any(cells.any() for cells in found)
 
 
@@ -163,15 +165,13 @@ def test_no_step_is_spent_on_what_is_left_out(small_capture: Capture) -> None:
     assert Transients(small_capture.train, (0.0, 0.0, 0.0), None).used([1, 2, 3]) == [1, 2, 3]
 
 
-def test_a_photograph_that_fits_after_all_is_readmitted(empty_room: PreparedCapture) -> None:
-    engine = CpuEngine()
-    train(empty_room, OPTIONS, opened_engine=engine, transients="keep")
+def test_a_photograph_that_fits_after_all_is_readmitted(empty_room: PreparedCapture, trained: CpuEngine) -> None:
     views = empty_room.train
     whole = [np.full((45, 60), number == 7) for number in range(len(views))]
     found = Transients(views, empty_room.background, whole)
-    found.start(engine)
+    found.start(trained)
     assert found.left_out == (views[7].name,)
-    found.after_step(150, engine, range(len(views)))
+    found.after_step(150, trained, range(len(views)))
     assert found.left_out == ()
 
 

@@ -162,7 +162,7 @@ def lacks_poses(path: Path) -> bool:
 
 
 def video_of(path: Path) -> Path:
-    """The path itself, or, if it is a folder without photographs and no capture, the only video in it; see `only_video`.
+    """The path itself, or, if it is a folder without photographs and no capture, its `only_video`.
 
     Raises:
         OSError: a folder cannot be read.
