@@ -14,6 +14,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Literal, get_args
@@ -132,7 +133,7 @@ class Comparison:
         capture: that it was trained on.
         engine: options of the engine.
         iterations: of distilling.
-        gaussians: that pruning alone keeps, or None for as many as `compress`.
+        gaussians: that pruning alone keeps, or None for as many as the first `compress`, or a quarter.
     """
 
     def __init__(
@@ -142,8 +143,7 @@ class Comparison:
         self._scene, self._capture, self._iterations = scene, capture, iterations
         self._options, self._engine = engine, create_engine(engine)
         self._rasterizer = Rasterizer(chosen_engine(engine), engine.threads, engine.gpu)
-        self._kept = gaussians or len(scene) // 4
-        self._choose_kept = gaussians is None
+        self._kept = gaussians
 
     def rows(self, ways: tuple[Way, ...]) -> Iterator[tuple[Figures, float]]:
         """Figures, and the seconds that making each scene took."""
@@ -193,8 +193,7 @@ class Comparison:
 
     def _compressed(self, name: str, options: CompressionOptions) -> Iterator[Made]:
         found = compress(self._scene, self.views, self._engine, options, rasterizer=self._rasterizer)
-        if self._choose_kept and options.prune == "contribution":
-            self._kept = found.chosen.count
+        self._kept = self._kept or found.chosen.count
         yield self._shown(name, found.chosen.scene, len(found.chosen.contents))
 
     def _tuner(self) -> tuple[FineTuner, Pruner]:
@@ -204,14 +203,10 @@ class Comparison:
 
     def _pruned(self) -> Gaussians:
         tuner, pruner = self._tuner()
-        larger = [scene for scene in self._rounds(pruner) if len(scene) >= self._kept]
-        return tuner.tune(pruner.down_to(larger[-1], self._kept), STEPS)
-
-    def _rounds(self, pruner: Pruner) -> Iterator[Gaussians]:
-        for scene in pruner.rounds(self._scene, PRUNING_STEPS):
-            yield scene
-            if len(scene) < self._kept:
-                return
+        kept = self._kept or len(self._scene) // 4
+        larger = takewhile(lambda scene: len(scene) >= kept, pruner.rounds(self._scene, PRUNING_STEPS))
+        *_, smallest = larger
+        return tuner.tune(pruner.down_to(smallest, kept), STEPS)
 
     def _rounded(self) -> Iterator[Made]:
         tuner, pruner = self._tuner()

@@ -106,3 +106,12 @@ class Backend(Protocol):
 
     def contributions(self, parameters: Parameters, cameras: Iterable[Camera], near: float) -> Iterator[Contributions]:
         """Contributions of each Gaussian to each camera's image, in turn."""
+
+
+def contributions_in_turn(
+    backend: Backend, parameters: Parameters, cameras: Iterable[Camera], near: float
+) -> Iterator[Contributions]:
+    """`Backend.contributions` of backends that gain nothing by drawing several views."""
+    no_channels = np.empty((len(parameters.means), 0), backend.dtype)
+    for camera in cameras:
+        yield backend.inspect(backend.forward(parameters, camera, near, False, no_channels))[0]

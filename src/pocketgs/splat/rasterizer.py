@@ -178,9 +178,7 @@ class Rasterizer:
         unknown = [name for name in outputs if name not in OUTPUTS]
         if unknown:
             raise PocketGSError(f"rasterizer: found output {unknown[0]!r}, expected some of {', '.join(OUTPUTS)}")
-        hiding = [name for name in outputs if name in HIDING]
-        if hiding and self._compositor != "over":
-            raise PocketGSError(f"rasterizer: found output {hiding[0]!r}, which needs the compositor over")
+        self._check_occlusion(outputs)
         channels = channels_of(parameters, camera, outputs, features, self._backend.dtype)
         near = near_plane(parameters.means) if near is None else near
         composite = self._backend.forward(
@@ -219,10 +217,15 @@ class Rasterizer:
         Raises:
             PocketGSError: the compositor is not "over".
         """
-        if self._compositor != "over":
-            raise PocketGSError("rasterizer: found output 'contributions', which needs the compositor over")
+        self._check_occlusion(["contributions"])
         near = near_plane(parameters.means) if near is None else near
         return self._backend.contributions(parameters, cameras, near)
+
+    def _check_occlusion(self, outputs: Sequence[Output]) -> None:
+        """Refuse outputs that depend on occlusion, unless the compositor knows it."""
+        hiding = [name for name in outputs if name in HIDING]
+        if hiding and self._compositor != "over":
+            raise PocketGSError(f"rasterizer: found output {hiding[0]!r}, which needs the compositor over")
 
     def backward(
         self,

@@ -11,7 +11,7 @@ import numpy as np
 
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
-from pocketgs.splat.backend import Composite, CompositeGradient, Contributions, Parameters
+from pocketgs.splat.backend import Composite, CompositeGradient, Contributions, Parameters, contributions_in_turn
 from pocketgs.splat.cpu.bin import Binner, TileLists
 from pocketgs.splat.cpu.clusters import Clusters
 from pocketgs.splat.cpu.compositor import COMPOSITORS
@@ -214,6 +214,4 @@ class CpuBackend:
 
     def contributions(self, parameters: Parameters, cameras: Iterable[Camera], near: float) -> Iterator[Contributions]:
         """Contributions of each Gaussian to each camera's image, in turn."""
-        no_channels = np.empty((len(parameters.means), 0), np.float32)
-        for camera in cameras:
-            yield self.inspect(self.forward(parameters, camera, near, False, no_channels))[0]
+        return contributions_in_turn(self, parameters, cameras, near)

@@ -10,7 +10,7 @@ import numpy as np
 
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import PARAMETERS
-from pocketgs.splat.backend import Composite, CompositeGradient, Contributions, Parameters
+from pocketgs.splat.backend import Composite, CompositeGradient, Contributions, Parameters, contributions_in_turn
 from pocketgs.splat.reference.compositor import COMPOSITORS
 from pocketgs.splat.reference.project import Projection, project, project_backward
 from pocketgs.splat.reference.rasterize import Raster
@@ -85,6 +85,4 @@ class ReferenceBackend:
 
     def contributions(self, parameters: Parameters, cameras: Iterable[Camera], near: float) -> Iterator[Contributions]:
         """Contributions of each Gaussian to each camera's image, in turn."""
-        no_channels = np.empty((len(parameters.means), 0), np.float64)
-        for camera in cameras:
-            yield self.inspect(self.forward(parameters, camera, near, False, no_channels))[0]
+        return contributions_in_turn(self, parameters, cameras, near)

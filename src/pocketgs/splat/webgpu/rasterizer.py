@@ -140,9 +140,8 @@ class WebGpuBackend:
     def contributions(self, parameters: Parameters, cameras: Iterable[Camera], near: float) -> Iterator[Contributions]:
         """Contributions of each Gaussian to each camera's image, in turn; no image is read back."""
         scene = Gaussians(*(getattr(parameters, name) for name in PARAMETERS))
-        shape, sh = to_columns(scene)
         values = in_groups(np.empty((len(scene), 0), np.float32))
-        content = {"shape": shape, "sh": sh[:0], "channels": values}
+        content = _content(scene, False, values)
         for camera in cameras:
             tape = _Tape(scene, camera, near, False, 0, values, False)
             self._lists.draw(tape, tape.symbols, camera, near, content)
@@ -158,8 +157,7 @@ class WebGpuBackend:
         """Draw an image, unless it is the one that was drawn last."""
         if self._lists.holds(tape):
             return
-        shape, sh = to_columns(tape.scene)
-        content = {"shape": shape, "sh": sh if tape.colours else sh[:0], "channels": tape.values}
+        content = _content(tape.scene, tape.colours, tape.values)
         self._lists.draw(tape, tape.symbols, tape.camera, tape.near, content)
 
     def _visible(self) -> np.ndarray:
@@ -168,3 +166,9 @@ class WebGpuBackend:
         keys = self._lists.read("depth_keys", np.uint32, in_view)
         order = self._lists.read("order", np.uint32, in_view)
         return np.sort(order[keys != CULLED]).astype(np.int32)
+
+
+def _content(scene: Gaussians, colours: bool, values: np.ndarray) -> dict[str, np.ndarray]:
+    """What the buffers of an image hold, see `_Tape`; harmonics only if colours are drawn."""
+    shape, sh = to_columns(scene)
+    return {"shape": shape, "sh": sh if colours else sh[:0], "channels": values}
