@@ -26,7 +26,9 @@ since these are long.
 MIN_SUPPORT = 1 / 3
 """Minimum share of the matches between two groups that must belong to supporting pairs.
 
-Not higher, since repeated patterns give wrong matches that agree on a motion, even between correct views.
+Not higher, since repeated patterns give wrong matches that agree on a motion, even between correct views. Not lower,
+since wrong views find partners by chance: of a room with half the poses wrong, three agree with the largest group in
+0.31 of their matches. Two correct photographs of a kitchen, with few matches in all, have no more, and are left out.
 """
 
 MIN_MATCHES = 32
