@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import pkgutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -12,11 +11,13 @@ from pathlib import Path
 
 import pocketgs
 
-MODULES = [
-    module.name
-    for module in pkgutil.walk_packages(pocketgs.__path__, "pocketgs.")
-    if not module.name.endswith(".__main__")
-]
+SOURCES = Path(pocketgs.__file__).parents[1]
+MODULES = sorted(
+    ".".join(path.relative_to(SOURCES).with_suffix("").parts).removesuffix(".__init__")
+    for path in Path(pocketgs.__file__).parent.rglob("*.py")
+    if path.name != "__main__.py"
+)
+"""Found without importing any, since tests are collected by processes whose memory is measured."""
 
 IMPORT_ALL = """
 import sys

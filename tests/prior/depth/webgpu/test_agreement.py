@@ -32,6 +32,7 @@ def stereo() -> WebGpuStereo:
     return WebGpuStereo()
 
 
+@cache
 def room() -> Views:
     """Depth maps of the demo's room, exact but for a noise of 1 %."""
     frames = true_capture(80, 60, frames=7, points=10).train
@@ -46,23 +47,21 @@ def moved(views: Views, offset: list[float]) -> Views:
     return views._replace(translations=views.translations - views.rotations @ np.array(offset))
 
 
-CASES = {
-    "random": random_views(0),
-    "random, again": random_views(3),
-    "room": room(),
-    "a copy": with_copy(random_views(0), 0.003),
-    "nearly a copy": with_copy(random_views(6), 0.0138),
-    "far from the origin": moved(room(), [4e3, -7e3, 2e3]),
-}
-
-
 def narrow() -> Views:
     """Narrower than half the square in which confident pixels are counted."""
     views = random_views(1)
     return views._replace(sizes=np.array([[9, 3], [2, 8], [7, 1]]))
 
 
-CASES["narrow"] = narrow()
+CASES = {
+    "random": lambda: random_views(0),
+    "random, again": lambda: random_views(3),
+    "room": room,
+    "a copy": lambda: with_copy(random_views(0), 0.003),
+    "nearly a copy": lambda: with_copy(random_views(6), 0.0138),
+    "far from the origin": lambda: moved(room(), [4e3, -7e3, 2e3]),
+    "narrow": narrow,
+}
 
 
 def margins_of(views: Views) -> list[np.ndarray]:
@@ -82,7 +81,7 @@ def votes(view: int, views: Views) -> Agreement:
 @pytest.mark.parametrize("name", list(CASES))
 @pytest.mark.parametrize("tolerance", [0.005, 0.05])
 def test_votes_are_the_cpus(name: str, tolerance: float) -> None:
-    views, some = CASES[name], 0
+    views, some = CASES[name](), 0
     for view, _ in enumerate(stereo().compare(views, margins_of(views), tolerance, LEAST)):
         found, expected = votes(view, views), Agreement(*compare_depths(views, view, tolerance))
         same = (found.agreeing == expected.agreeing) & (found.contradicting == expected.contradicting)
@@ -95,7 +94,8 @@ def test_votes_are_the_cpus(name: str, tolerance: float) -> None:
 @pytest.mark.parametrize("name", list(CASES))
 def test_confidences_are_those_of_the_votes(name: str) -> None:
     """To rounding, and 0 at the same pixels; some of them are filled."""
-    views, margins = CASES[name], margins_of(CASES[name])
+    views = CASES[name]()
+    margins = margins_of(views)
     filled = 0
     for view, found in enumerate(stereo().compare(views, margins, 0.05, LEAST)):
         height, width = views.sizes[view]
@@ -108,7 +108,7 @@ def test_confidences_are_those_of_the_votes(name: str) -> None:
 
 def test_a_comparison_is_the_cpus() -> None:
     """Holes may differ around a vote that differs."""
-    views, margins = CASES["room"], margins_of(CASES["room"])
+    views, margins = room(), margins_of(room())
     given = (views, margins, 0.005, LEAST)
     for found, expected in zip(stereo().compare(*given), CpuStereo().compare(*given), strict=True):
         same = np.isclose(found.confidences, expected.confidences, rtol=1e-6)
@@ -120,4 +120,4 @@ def test_more_depth_maps_than_the_device_holds_are_refused() -> None:
     small = WebGpuStereo()
     small._largest = 1000
     with pytest.raises(PocketGSError, match="the GPU's buffer 'maps' would take"):
-        next(small.compare(CASES["room"], margins_of(CASES["room"]), 0.005, LEAST))
+        next(small.compare(room(), margins_of(room()), 0.005, LEAST))
