@@ -352,9 +352,15 @@ GIVE_WAY = """async () => {
     const { FrameLoop } = await import(new URL("page/drawing/frame_loop.js", document.baseURI));
     const pause = (time) => new Promise((resolve) => setTimeout(resolve, time));
     const drawn = [];
+    let loop;
+    let isOld = true;
     const draw = async (share, isWanted) => {
         for (let part = 0; part < 20 * share; part++) {
             await pause(50);
+            if (isOld && share === 1 && part === 3) {
+                isOld = false;
+                loop.invalidate();
+            }
             if (!isWanted()) {
                 drawn.push("given up");
                 return false;
@@ -364,9 +370,8 @@ GIVE_WAY = """async () => {
         return true;
     };
     const rested = new Promise((resolve) => {
-        const loop = new FrameLoop(draw, () => {}, (rests) => rests && resolve());
+        loop = new FrameLoop(draw, () => {}, (rests) => rests && resolve());
         loop.invalidate();
-        setTimeout(() => loop.invalidate(), 700);
     });
     await rested;
     return drawn;

@@ -124,8 +124,11 @@ export class FrameLoop {
         if (isComplete) {
             [this.#drawn, this.#drawnShare] = [change, share];
             this.#onDrawn(took);
+            this.#adapt(share, took);
+        } else {
+            // A frame that ended early says only that one of full resolution takes longer.
+            this.#fullTook = Math.max(this.#fullTook, took);
         }
-        this.#adapt(share, took);
     }
 
     /** Choose the resolution for motion by the duration of a frame. */
