@@ -124,20 +124,17 @@ export class FrameLoop {
         if (isComplete) {
             [this.#drawn, this.#drawnShare] = [change, share];
             this.#onDrawn(took);
-            this.#adapt(share, took);
-        } else {
-            // A frame that ended early says only that one of full resolution takes longer.
-            this.#fullTook = Math.max(this.#fullTook, took);
         }
+        this.#adapt(share, took, isComplete);
     }
 
-    /** Choose the resolution for motion by the duration of a frame. */
-    #adapt(share, took) {
+    /** Choose the resolution for motion by the duration of a frame; one that ended early would have taken longer. */
+    #adapt(share, took, isComplete) {
         const at = SHARES.indexOf(this.#share);
         if (share === 1) {
-            this.#fullTook = took;
+            this.#fullTook = isComplete ? took : Math.max(this.#fullTook, took);
         }
-        if (took < QUICK_FRAME && share >= this.#share) {
+        if (isComplete && took < QUICK_FRAME && share >= this.#share) {
             this.#share = share > this.#share ? share : SHARES[Math.max(at - 1, 0)];
         } else if (took > SLOW_FRAME && share <= this.#share) {
             this.#share = SHARES[Math.min(at + 1, SHARES.length - 1)];
