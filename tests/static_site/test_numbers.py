@@ -26,6 +26,7 @@ from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.frame_values import update_values
 from pocketgs.splat.webgpu.photographs import Shelf
 from pocketgs.splat.webgpu.scene_columns import from_columns
+from pocketgs.training.dropout import dropout_of_step, dropout_share, views_per_point
 from pocketgs.training.recipes import RECIPES, pixel_footprint
 from pocketgs.training.view_choice import view_of_step
 from static_site.given import OPEN_DEVICE, TYPED, plain, plain_cloud, plain_frames
@@ -150,6 +151,33 @@ def test_rates(call: Call, capture: Capture, iterations: int) -> None:
     initial = recipe.rates_for(iterations, unit)
     for share, found in zip(shares, call("training/rates.js", script, given), strict=True):
         assert found == pytest.approx(asdict(recipe.schedule(initial, share)), rel=1e-3)
+
+
+def test_dropout(call: Call, capture: Capture) -> None:
+    assert capture.points is not None
+    cameras = [frame.camera for frame in capture.train]
+    most = RECIPES[RECIPE].dropout
+    script = """
+        const { dropout } = settings.recipe;
+        const found = module.viewsPerPoint(given.cameras, Float64Array.from(given.positions), dropout.most_points);
+        const shares = given.views.map((views) => module.dropoutShare(dropout, views));
+        const steps = given.steps.map((step) => module.dropoutOfStep(...step));
+        return [found, shares, steps.map((one) => [one.dropout_threshold, one.dropout_seed])];
+    """
+    views, steps = [0, 3, 8, 9.5, 12, 40], [(0.1, 1, 0), (0.05, 500, 7), (0.1, 12, 2**40 + 1)]
+    given = {
+        "cameras": [plain(camera) for camera in cameras],
+        "positions": capture.points.positions.reshape(-1).tolist(),
+        "views": views,
+        "steps": steps,
+    }
+    found, shares, uniforms = call("training/dropout.js", script, given)
+    assert found == views_per_point(cameras, capture.points)
+    assert shares == pytest.approx([dropout_share(most, one) for one in views])
+    expected = [dropout_of_step(*step) for step in steps]
+    assert uniforms == [[one.threshold, one.seed] for one in expected if one]
+    [_, nothing] = call("training/dropout.js", "return [0, module.dropoutOfStep(0, 1, 0)];", None)
+    assert nothing == {"dropout_threshold": 0, "dropout_seed": 1}
 
 
 @pytest.mark.parametrize(("width", "height"), [(126, 94), (9, 40)])

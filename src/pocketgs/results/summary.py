@@ -40,6 +40,7 @@ def summarise(
         "contradicted_views": _contradicted_views(result, evaluation),
         "colours": _learned_colours(result),
         "transients": _transients(result),
+        "dropout": result.dropout,
         "coverage": result.prior.coverage if result.prior else None,
         "keyframes": result.prior.keyframes if result.prior else None,
         "gaussians": len(result.scene),

@@ -58,6 +58,7 @@ from pocketgs.splat.webgpu.memory import (
 )
 from pocketgs.splat.webgpu.steps_ahead import MAX_PENDING, SECONDS_AHEAD
 from pocketgs.splat.webgpu.variant import Variant
+from pocketgs.training.dropout import ENOUGH_VIEWS, FEW_VIEWS, MOST_POINTS
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.effort import QUICK_GAUSSIANS, QUICK_ITERATIONS
 from pocketgs.training.preparation import MIN_POINTS
@@ -200,6 +201,12 @@ def _recipe(recipe: Recipe) -> dict[str, Any]:
         "adam": asdict(recipe.adam),
         "opacity": recipe.opacity,
         "seed_size": recipe.seed_size,
+        "dropout": {
+            "most": recipe.dropout,
+            "few_views": FEW_VIEWS,
+            "enough_views": ENOUGH_VIEWS,
+            "most_points": MOST_POINTS,
+        },
         "coefficients": SH_COEFFICIENTS[recipe.sh_degree],
     }
 

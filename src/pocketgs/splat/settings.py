@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from pocketgs.errors import PocketGSError
 from pocketgs.scene.background import Background, checked_background
 
 
@@ -105,6 +106,31 @@ class PositionNoise:
 
 
 @dataclass(frozen=True)
+class Dropout:
+    """A random share of the Gaussians that a step neither draws nor updates (DropGaussian, Park et al. 2025).
+
+    Attributes:
+        share: of the Gaussians, from 0 to below 1.
+        seed: of this step's choice, 0 to 2³² - 1.
+
+    Raises:
+        PocketGSError: the share is out of range.
+    """
+
+    share: float
+    seed: int
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.share < 1.0:
+            raise PocketGSError(f"dropout: found a share of {self.share}, expected one from 0 to below 1")
+
+    @property
+    def threshold(self) -> int:
+        """Gaussians are left out whose hash, 32 bits of the seed and the row, is below."""
+        return int(self.share * 2**32)
+
+
+@dataclass(frozen=True)
 class StepSettings:
     """One training step.
 
@@ -117,6 +143,7 @@ class StepSettings:
         statistics: whether to add this step to `Engine.statistics`.
         errors: whether to add this view's errors to the statistics too, which takes about a third of a step.
         noise: on positions, or None.
+        dropout: of Gaussians, or None to draw them all.
         colours: for learning the photograph's colour transform, or None to compare rendered colours unchanged.
     """
 
@@ -128,6 +155,7 @@ class StepSettings:
     statistics: bool = False
     errors: bool = False
     noise: PositionNoise | None = None
+    dropout: Dropout | None = None
     colours: ColourSettings | None = None
 
     def __post_init__(self) -> None:

@@ -11,6 +11,7 @@ from pocketgs.splat.settings import StepSettings
 from pocketgs.system.interrupt import Interrupt
 from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.training.colours import colour_settings
+from pocketgs.training.dropout import dropout_of_step
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.progress import MAX_EVALUATED, Observer, Progress
 from pocketgs.training.result import Checkpoint, LossSample
@@ -51,6 +52,7 @@ class Loop:
         self._capture, self._options, self._transients = capture, options, transients
         self._recipe, self._first_rates = schedules.recipe, schedules.first_rates
         self._pace, self._strategy = schedules.pace, schedules.strategy
+        self._dropout = schedules.dropout
         self._learns_colours = options.colours == "on"
         self._engine, self._stopwatch = engine, stopwatch
         self._loss, self._loss_asked = float("nan"), float("-inf")
@@ -109,6 +111,7 @@ class Loop:
             collected.statistics,
             collected.errors,
             self._strategy.noise(number, rates.means / self._first_rates.means),
+            dropout_of_step(self._dropout, number, self._options.seed),
             colour_settings(rates.sh_dc / self._first_rates.sh_dc) if self._learns_colours else None,
         )
         self._engine.step(self._next_view(), settings)

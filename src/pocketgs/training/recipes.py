@@ -115,6 +115,7 @@ class Recipe:
         iterations, max_gaussians: of a run, or None to use the effort's.
         open_ended: train until it stops paying, unless the user sets the iterations.
         masks_transients: whether `TrainingOptions.transients` applies.
+        dropout: share of the Gaussians that each step leaves out where few views show the scene.
         scales_for: number of iterations that the rate of the scales is tuned for, or None for any. Gradient noise lets
             scales drift with the square root of the number of steps, so in longer runs their rate is lower.
     """
@@ -137,6 +138,7 @@ class Recipe:
     max_gaussians: int | None = None
     open_ended: bool = False
     masks_transients: bool = False
+    dropout: float = 0.0
     scales_for: int | None = None
 
     def active_degree(self, iteration: int) -> int | None:
@@ -206,6 +208,7 @@ _POCKETGS = Recipe(
     seed_size=0.6,
     sh_degree=2,
     masks_transients=True,
+    dropout=0.1,
     scales_for=500,
 )
 

@@ -73,6 +73,7 @@ class TrainingResult:
         losses: samples over the run.
         prior: report of the geometry prior, or None without one.
         left_out: names of the training views that training left out, since the other views contradict them.
+        dropout: share of the Gaussians that each step left out.
     """
 
     checkpoint: Checkpoint
@@ -88,6 +89,7 @@ class TrainingResult:
     losses: list[LossSample]
     prior: PriorReport | None
     left_out: tuple[str, ...]
+    dropout: float
 
     @property
     def scene(self) -> Gaussians:

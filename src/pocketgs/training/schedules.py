@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pocketgs.prior.prior import PreparedCapture
 from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.splat.settings import LearningRates
+from pocketgs.training.dropout import dropout_share, views_per_point
 from pocketgs.training.open_ended import OpenEndedPace
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.pace import SetPace
@@ -25,12 +26,14 @@ class Schedules:
         first_rates: initial learning rates.
         pace: the run's length and learning rates.
         strategy: changes the number of Gaussians.
+        dropout: share of the Gaussians that each step leaves out.
     """
 
     recipe: Recipe
     first_rates: LearningRates
     pace: OpenEndedPace | SetPace
     strategy: Strategy
+    dropout: float
 
 
 def schedules_of(
@@ -50,10 +53,13 @@ def schedules_of(
         resume: checkpoint of the run to resume, or None.
     """
     recipe = recipe_named(options.recipe)
-    rates = recipe.rates_for(options.iterations, recipe.length([frame.camera for frame in capture.train], points))
+    cameras = [frame.camera for frame in capture.train]
+    rates = recipe.rates_for(options.iterations, recipe.length(cameras, points))
+    dropout = dropout_share(recipe.dropout, views_per_point(cameras, points))
     pace = _pace(capture, options, recipe, rates, seconds, resume)
     growth = pace if isinstance(pace, OpenEndedPace) else None
-    return Schedules(recipe, rates, pace, create_strategy(options.strategy, _context(capture, points, options, growth)))
+    strategy = create_strategy(options.strategy, _context(capture, points, options, growth))
+    return Schedules(recipe, rates, pace, strategy, dropout)
 
 
 def _pace(

@@ -103,6 +103,7 @@ def train(
         losses=loop.samples,
         prior=_with_warnings(prepared.report, warnings),
         left_out=transients.left_out if transients else (),
+        dropout=schedules.dropout,
     )
 
 

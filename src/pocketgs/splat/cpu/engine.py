@@ -19,6 +19,7 @@ from pocketgs.splat.cpu.adam import regularise, update
 from pocketgs.splat.cpu.bin import Binner, TileLists
 from pocketgs.splat.cpu.clusters import Clusters, clear
 from pocketgs.splat.cpu.compositor import OVER
+from pocketgs.splat.cpu.dropout import drop_out
 from pocketgs.splat.cpu.errors import error_sums
 from pocketgs.splat.cpu.lanes import LANES
 from pocketgs.splat.cpu.layout import BLUE, DEPTH, RED, SPLAT_FIELDS, SceneArrays, View
@@ -34,7 +35,7 @@ from pocketgs.splat.limits import TRAINING
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import RowChange, Statistics
-from pocketgs.splat.settings import ColourSettings, LearningRates, PositionNoise, StepSettings
+from pocketgs.splat.settings import ColourSettings, Dropout, LearningRates, PositionNoise, StepSettings
 from pocketgs.splat.store import ParameterStore
 from pocketgs.splat.timing import NoTimer, PassTimer
 from pocketgs.system.cores import kernel_threads
@@ -91,7 +92,8 @@ class CpuEngine:
         pose[2, 3] = 4.0
         camera = Camera(16, 16, 16.0, 16.0, 8.0, 8.0, pose, lens)
         rates = LearningRates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        settings = StepSettings(rates, statistics=True, noise=PositionNoise(0.0, 0), colours=ColourSettings(0.0))
+        noise, dropout, colours = PositionNoise(0.0, 0), Dropout(0.0, 0), ColourSettings(0.0)
+        settings = StepSettings(rates, statistics=True, noise=noise, dropout=dropout, colours=colours)
         engine = CpuEngine(self.threads)
         engine._set_views([Frame("", camera, np.zeros((16, 16, 3), np.uint8))])
         engine.upload(scene)
@@ -170,7 +172,8 @@ class CpuEngine:
         check_view(view, self._photographs.views)
         numba.set_num_threads(self.threads)
         training_view = self._photographs.views[view]
-        raster = self._forward(training_view.view, training_view.lens, np.array(settings.background, np.float32))
+        background = np.array(settings.background, np.float32)
+        raster = self._forward(training_view.view, training_view.lens, background, settings.dropout)
         self.timer.begins("loss")
         loss = self._photographs.compare(view, raster.canvas, settings)
         if settings.statistics and len(self._statistics) == 0:
@@ -225,8 +228,10 @@ class CpuEngine:
         """Estimate the memory needed for training."""
         return MemoryNeed(training_bytes(gaussians, coefficients, photographs))
 
-    def _forward(self, view: View, lens: KernelLens, background: np.ndarray) -> ForwardPass:
-        """Cull → project → sort → bin → rasterize."""
+    def _forward(
+        self, view: View, lens: KernelLens, background: np.ndarray, dropout: Dropout | None = None
+    ) -> ForwardPass:
+        """Cull → project → drop out → sort → bin → rasterize."""
         scene, timer = self._scene, self.timer
         timer.begins("cull")
         clusters = self._clusters.in_view(scene, view, lens, self._near, self.threads)
@@ -241,6 +246,9 @@ class CpuEngine:
             self._splats,
             self._depth_keys,
         )
+        if dropout is not None:
+            timer.begins("drop out")
+            drop_out(self._depth_keys, dropout.threshold, dropout.seed, self.threads)
         timer.begins("sort")
         visible, order = OVER.order(self._depth_keys, clusters, self._visible, self._order, self._order_scratch)
         timer.begins("bin")

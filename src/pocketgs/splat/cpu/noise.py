@@ -7,25 +7,18 @@ import math
 from numba import prange
 
 from pocketgs.splat.constants import NOISE_STEEPNESS, NOISE_THRESHOLD
+from pocketgs.splat.cpu.hash import hashed
 from pocketgs.splat.cpu.layout import SceneArrays
 from pocketgs.splat.cpu.vectors import axes_of, dot
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import PIECE, first_piece, take
 
 
-@inlined
-def _hashed(word: int) -> int:
-    """32 well-mixed bits of 32 bits (the output function of PCG, Jarzynski and Olano 2020)."""
-    state = (word * 747796405 + 2891336453) & 0xFFFFFFFF
-    state = (((state >> ((state >> 28) + 4)) ^ state) * 277803737) & 0xFFFFFFFF
-    return (state >> 22) ^ state
-
-
 @part
 def _normal(seed: int, row: int, number: int) -> float:
     """A standard normal number, a pure function of its arguments (Box and Muller 1958)."""
-    word = _hashed(_hashed(_hashed(seed & 0xFFFFFFFF) ^ row) ^ number)
-    other = _hashed(word ^ 0x9E3779B9)
+    word = hashed(hashed(hashed(seed & 0xFFFFFFFF) ^ row) ^ number)
+    other = hashed(word ^ 0x9E3779B9)
     uniform = (word + 1.0) / 4294967296.0
     return math.sqrt(-2.0 * math.log(uniform)) * math.cos(2.0 * math.pi * other / 4294967296.0)
 

@@ -12,6 +12,7 @@ from pocketgs.gpu.executor import Executor
 from pocketgs.gpu.sizes import Symbols
 from pocketgs.scene.background import Background, checked_background
 from pocketgs.splat.engine import Rendering
+from pocketgs.splat.settings import Dropout
 from pocketgs.splat.webgpu.frame_values import view_values
 from pocketgs.splat.webgpu.lenses import lens_values
 
@@ -64,9 +65,15 @@ def draw_once(
 
 
 def write_camera(
-    executor: Executor, camera: Camera, background: Background, near: float, symbols: Symbols, photograph: int = 0
+    executor: Executor,
+    camera: Camera,
+    background: Background,
+    near: float,
+    symbols: Symbols,
+    photograph: int = 0,
+    dropout: Dropout | None = None,
 ) -> None:
     """Set the uniform buffers of an image; the arguments are those of `view_values`."""
-    executor.write_uniform("view", view_values(camera, background, near, symbols, photograph))
+    executor.write_uniform("view", view_values(camera, background, near, symbols, photograph, dropout))
     if "lens" in executor.description.uniforms:  # not where splats come projected
         executor.write_uniform("lens", lens_values(camera))

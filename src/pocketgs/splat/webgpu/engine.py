@@ -265,10 +265,9 @@ class WebGpuEngine:
         if not shelf.is_resident(step.view):
             self.executor.write("photographs", packed(frame), PIXEL_BYTES * place)
         symbols = self._symbols(camera, step.settings)
-        write_camera(self.executor, camera, step.settings.background, self._near, symbols, place)
-        self.executor.write_uniform(
-            "update", update_values(step.settings, camera, symbols, self._ahead.next_number, step.view)
-        )
+        settings, number = step.settings, self._ahead.next_number
+        write_camera(self.executor, camera, settings.background, self._near, symbols, place, settings.dropout)
+        self.executor.write_uniform("update", update_values(settings, camera, symbols, number, step.view))
         self.executor.submit("step", symbols)
         if step.settings.errors:
             self.executor.submit("errors", symbols)

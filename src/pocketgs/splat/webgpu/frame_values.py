@@ -12,13 +12,18 @@ from pocketgs.scene.background import Background
 from pocketgs.scene.gaussians import SH_COEFFICIENTS
 from pocketgs.splat.constants import SSIM_WINDOW
 from pocketgs.splat.engine import KEPT_LOSSES
-from pocketgs.splat.settings import StepSettings
+from pocketgs.splat.settings import Dropout, StepSettings
 from pocketgs.splat.slope_limits import slope_limits
 from pocketgs.splat.webgpu.layout import TILE
 
 
 def view_values(
-    camera: Camera, background: Background, near: float, symbols: Symbols, photograph: int = 0
+    camera: Camera,
+    background: Background,
+    near: float,
+    symbols: Symbols,
+    photograph: int = 0,
+    dropout: Dropout | None = None,
 ) -> dict[str, ArrayLike]:
     """Fields of the struct `View`.
 
@@ -29,6 +34,7 @@ def view_values(
         symbols: gives gaussians, coefficients, intersections, replay_depth, and channel_groups where channels are
             composited.
         photograph: where it begins, in pixels.
+        dropout: of a training step, or None.
     """
     pose = camera.world_to_camera
     low, high = slope_limits(camera)
@@ -53,6 +59,8 @@ def view_values(
         "replay_depth": symbols["replay_depth"],
         "channel_groups": symbols.get("channel_groups", 1),
         "first_tile": 0,
+        "dropout_threshold": dropout.threshold if dropout else 0,
+        "dropout_seed": dropout.seed if dropout else 0,
         "near": near,
     }
 

@@ -11,6 +11,7 @@ import { selected } from "../seeding/points.js";
 import { sceneOf } from "../storage/kept_run.js";
 import { halved } from "./buffer_sizes.js";
 import { onScreen, psnr } from "./evaluation.js";
+import { dropoutOfStep, dropoutShare, viewsPerPoint } from "./dropout.js";
 import { initialRates, pixelFootprint, ratesAt } from "./rates.js";
 import { PictureError } from "./trainer.js";
 import { ViewOrder } from "./view_order.js";
@@ -73,6 +74,8 @@ export class Run {
     #kept = 0;
     /** @type {import("./rates.js").Rates} */
     #initial;
+    /** Share of the Gaussians that each step leaves out. */
+    #dropout = 0;
 
     /**
      * @param {Trainer} trainer
@@ -142,9 +145,12 @@ export class Run {
     async go(points, search, signal) {
         const { train, background } = this.#capture;
         const { recipe, seeding } = this.#settings;
-        const unit = pixelFootprint(train.map(({ camera }) => camera), points.positions);
+        const cameras = train.map(({ camera }) => camera);
+        const unit = pixelFootprint(cameras, points.positions);
+        const views = viewsPerPoint(cameras, points.positions, recipe.dropout.most_points);
         const order = mortonOrder(Float64Array.from(Float32Array.from(points.positions)), seeding.morton_bits);
         this.#initial = initialRates(recipe, this.#options.iterations, unit);
+        this.#dropout = dropoutShare(recipe.dropout, views);
         const ordered = selected(points, order);
         const around = await search.around(ordered.positions);
         signal.throwIfAborted();
@@ -166,7 +172,7 @@ export class Run {
     async goOn(checkpoint, signal) {
         const { train, background } = this.#capture;
         const { header, arrays: [, , ...moments] } = checkpoint;
-        [this.#initial, this.#psnr] = [header.initial, header.psnr];
+        [this.#initial, this.#psnr, this.#dropout] = [header.initial, header.psnr, header.dropout ?? 0];
         this.#iteration = header.losses.length;
         this.#first = this.#iteration;
         const { losses, near } = header;
@@ -197,7 +203,8 @@ export class Run {
         let began = performance.now();
         while (this.#iteration < iterations && !this.#isStopped) {
             const rates = ratesAt(this.#initial, this.#settings.recipe.schedule, this.#iteration / iterations);
-            const isTimeToLook = this.#trainer.step(order.at(this.#iteration), rates);
+            const dropout = dropoutOfStep(this.#dropout, this.#iteration + 1, seed);
+            const isTimeToLook = this.#trainer.step(order.at(this.#iteration), rates, dropout);
             this.#iteration++;
             if (!isTimeToLook && this.#iteration % every && this.#iteration < iterations) {
                 continue;
@@ -225,7 +232,8 @@ export class Run {
         try {
             const [scene, { losses, near, moments }] = [await this.#trainer.download(), await this.#trainer.state()];
             const { count, coefficients } = scene;
-            const header = { count, coefficients, losses, near, psnr: this.#psnr, initial: this.#initial };
+            const run = { psnr: this.#psnr, initial: this.#initial, dropout: this.#dropout };
+            const header = { count, coefficients, losses, near, ...run };
             return { header, arrays: [scene.shape, scene.sh, ...moments] };
         } catch {
             await this.#trainer.answer();

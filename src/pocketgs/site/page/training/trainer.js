@@ -139,11 +139,12 @@ export class Trainer {
      *
      * @param {number} view number of the photograph
      * @param {Rates} rates
+     * @param {{dropout_threshold: number, dropout_seed: number} | {}} dropout from `dropoutOfStep`
      * @returns {boolean} whether it is time to `settle`
      */
-    step(view, rates) {
+    step(view, rates, dropout = {}) {
         this.#firstPending ||= performance.now();
-        this.#submit({ view, rates });
+        this.#submit({ view, rates, dropout });
         return this.#pending.length >= this.#most;
     }
 
@@ -219,7 +220,7 @@ export class Trainer {
         for (;;) {
             const symbols = this.#symbols(camera);
             await this.#executor.reserve(description.sizes(symbols, buffers));
-            this.#writeView(camera, symbols, 0);
+            this.#writeView(camera, symbols);
             this.#executor.submit("render", symbols);
             const image = await this.#executor.read("image", Float32Array, 4 * symbols.pixels);
             const [, halted, needed] = await this.#executor.read("status", Uint32Array, 3);
@@ -249,16 +250,16 @@ export class Trainer {
         const { recipe, engine } = this.#settings;
         const symbols = this.#symbols(camera, structuralShare(recipe.loss, camera, engine.ssim_window) > 0);
         const number = this.#completed + this.#pending.length + 1;
-        this.#writeView(camera, symbols, this.#shelf.place(step.view));
+        this.#writeView(camera, symbols, { photograph: this.#shelf.place(step.view), ...step.dropout });
         const update = updateValues(recipe, step.rates, camera, symbols, number, step.view, engine);
         this.#executor.writeUniform("update", update);
         this.#executor.submit("step", symbols);
         this.#pending.push(step);
     }
 
-    #writeView(camera, symbols, photograph) {
+    #writeView(camera, symbols, ofStep = {}) {
         const values = viewValues(camera, this.#background, this.#near, symbols);
-        this.#executor.writeUniform("view", { ...values, photograph });
+        this.#executor.writeUniform("view", { ...values, ...ofStep });
     }
 
     #shelve(view, pixels) {

@@ -2,7 +2,7 @@
 // its splat, the depth that it is sorted by or the weight that it has instead, and the number of tiles it reaches. One
 // thread per Gaussian, one workgroup per cluster.
 import view, gaussians.read, gaussians.read_sh, projection, spherical_harmonics, splats.words, appearance.kind, tiles
-import depth_keys.kind, weights.kind, clusters, finite, workgroups
+import depth_keys.kind, weights.kind, clusters, finite, hash, workgroups
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(2) var<storage, read> shape: array<f32>;
@@ -76,6 +76,10 @@ fn colour_of(mean: vec3f, i: u32) -> vec3f {
     return colour;
 }
 
+fn is_dropped_out(i: u32) -> bool {
+    return hashed(hashed(view.dropout_seed) ^ i) < view.dropout_threshold;
+}
+
 @compute @workgroup_size(THREADS)
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,
@@ -90,6 +94,9 @@ fn main(
     order[key] = i;
     leave_out(key);
     tile_counts[i] = 0u;
+    if (is_dropped_out(i)) {
+        return;
+    }
     let gaussian = read_gaussian(i);
     var projected = project_shape(gaussian);
     if (!projected.visible) {

@@ -55,6 +55,8 @@ export function viewValues(camera, background, near, symbols) {
         replay_depth: symbols.replay_depth,
         channel_groups: 1,
         first_tile: 0,
+        dropout_threshold: 0,
+        dropout_seed: 0,
         near,
     };
 }

@@ -1,13 +1,6 @@
 // Noise on the position of a transparent Gaussian: size · σ(-k (o - t)) Σ η with η normal (Kheradmand et al. 2024,
 // equation 8).
-import gaussians
-
-// 32 well-mixed bits of 32 bits (the output function of PCG, Jarzynski and Olano 2020).
-fn hashed(word: u32) -> u32 {
-    let state = word * 747796405u + 2891336453u;
-    let mixed = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
-    return (mixed >> 22u) ^ mixed;
-}
+import gaussians, hash
 
 // A standard normal number that depends on the arguments only (Box and Muller 1958).
 fn normal_number(seed: u32, row: u32, number: u32) -> f32 {

@@ -29,6 +29,9 @@ struct View {
     channel_groups: u32,
     // Tile at which a rasterization of some of the tiles begins.
     first_tile: u32,
+    // Gaussians are left out of a training step whose hash is below; 0 draws them all.
+    dropout_threshold: u32,
+    dropout_seed: u32,
     // Least depth of the centre of a Gaussian that is drawn, in scene units.
     near: f32,
 }
