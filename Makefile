@@ -7,7 +7,7 @@ PYTHON ?= python3
 # together; by the number of tests they would come last.
 SIDE_BY_SIDE = -n 3 --dist loadfile --no-loadscope-reorder
 
-.PHONY: demo test test-fast system-packages lint kernels bench clean
+.PHONY: demo test test-fast system-packages environment lint kernels lint-and-kernels bench clean
 
 # Capture and train a small built-in scene.
 demo:
@@ -17,27 +17,33 @@ demo:
 # All checks before a merge, with runs on real data. Continuous integration calls this target. Missing system packages are
 # installed if that is allowed; otherwise the tests that need them are skipped, and pytest reports it. PyTorch and gsplat's
 # reference keep memory that the tests of budgets would count, so their tests run last, in separate processes.
-test: system-packages lint kernels
+test: system-packages lint-and-kernels
 	.venv/bin/python -m pytest $(SIDE_BY_SIDE) --ignore tests/pytorch
 	.venv/bin/python -m pytest $(SIDE_BY_SIDE) tests/pytorch
 
 # The same checks without the runs on real data.
-test-fast: system-packages lint kernels
+test-fast: system-packages lint-and-kernels
 	.venv/bin/python -m pytest -m "not slow" $(SIDE_BY_SIDE) --ignore tests/pytorch
 	.venv/bin/python -m pytest -m "not slow" $(SIDE_BY_SIDE) tests/pytorch
 
 system-packages:
 	@$(PYTHON) tools/system_packages.py
 
-lint:
+environment:
 	@$(PYTHON) tools/bootstrap.py dev
+
+lint: environment
 	.venv/bin/python -m ruff check
 	.venv/bin/python -m ruff format --check
 	.venv/bin/python -m mypy
 
 # Compiled once, rather than by each process that runs tests.
-kernels: lint
+kernels: environment
 	.venv/bin/python tests/compile_kernels.py
+
+# Side by side, since type checking uses one core.
+lint-and-kernels: environment
+	@$(MAKE) --no-print-directory -j 2 lint kernels
 
 # The tables of results, on the captures in the folder that POCKETGS_DATA names and on the demo.
 bench:

@@ -29,6 +29,9 @@ MAX_LEVEL = 1 << 16
 
 MAX_LOGIT = 12.0
 
+SAME_ROTATION = 1e-6
+"""Maximum difference of quaternions that float32 rounding explains; grids are far coarser."""
+
 MAX_ENTRIES = 1 << 14
 """Entries of a codebook that the file can hold. A scene with more distinct vectors is stored without one, and so is
 one where that takes less."""
@@ -141,9 +144,10 @@ def rounded_rotations(log_scales: np.ndarray, quaternions: np.ndarray, coding: C
     Returns:
         (N, 3) log scales in the order of the named axes, not rounded, and (N, 4) quaternions.
     """
-    near = _rounded_turns(log_scales, unit(quaternions), coding)
-    is_new = np.any(near != quaternions, axis=1)
-    log_scales, result = log_scales.copy(), quaternions.copy()
+    result = _rounded_turns(log_scales, unit(quaternions), coding)
+    # Training normalises quaternions, which changes their last bits even where rotations are frozen.
+    is_new = np.any(~(np.abs(result - quaternions) <= SAME_ROTATION), axis=1)
+    log_scales = log_scales.copy()
     shown = levels(log_scales[is_new], coding.log_scale)
     order, named = with_named_axes(shown, quaternions[is_new])
     log_scales[is_new] = np.take_along_axis(log_scales[is_new], order, axis=1)
