@@ -55,7 +55,7 @@ def schedules_of(
     recipe = recipe_named(options.recipe)
     cameras = [frame.camera for frame in capture.train]
     rates = recipe.rates_for(options.iterations, recipe.length(cameras, points))
-    dropout = dropout_share(recipe.dropout, views_per_point(cameras, points))
+    dropout = dropout_share(recipe.dropout, views_per_point(cameras, points)) if recipe.dropout else 0.0
     pace = _pace(capture, options, recipe, rates, seconds, resume)
     growth = pace if isinstance(pace, OpenEndedPace) else None
     strategy = create_strategy(options.strategy, _context(capture, points, options, growth))

@@ -99,6 +99,14 @@ def test_groups_may_be_rounded_one_by_one_with_training_in_between(folder: Path)
     assert rows_of(read_back(folder, scene)).tobytes() == rows_of(scene).tobytes()
 
 
+def test_rotations_stay_on_the_grid_when_training_normalises_them() -> None:
+    once = rounded(random_scene(20_000, 0), DEFAULT)
+    length = np.linalg.norm(once.quaternions, axis=1, keepdims=True)
+    trained = dataclasses.replace(once, quaternions=np.nextafter(once.quaternions / length, np.float32(2)))
+    assert (trained.quaternions != once.quaternions).any(axis=1).mean() > 0.5
+    assert rows_of(rounded(trained, DEFAULT)).tobytes() == rows_of(once).tobytes()
+
+
 def test_other_steps_and_importance(folder: Path) -> None:
     scene = random_scene(600, 3)
     coding = dataclasses.replace(DEFAULT, log_scale=0.1, harmonics=0.1, entries=300)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pocketgs.geometry.camera import Camera
 from pocketgs.gpu.executor import Executor
 from pocketgs.gpu.sizes import Symbols
 from pocketgs.scene.background import Background, checked_background
 from pocketgs.splat.engine import Rendering
-from pocketgs.splat.settings import Dropout
 from pocketgs.splat.webgpu.frame_values import view_values
 from pocketgs.splat.webgpu.lenses import lens_values
 
@@ -70,10 +71,18 @@ def write_camera(
     background: Background,
     near: float,
     symbols: Symbols,
-    photograph: int = 0,
-    dropout: Dropout | None = None,
+    of_step: Mapping[str, ArrayLike] = MappingProxyType({}),
 ) -> None:
-    """Set the uniform buffers of an image; the arguments are those of `view_values`."""
-    executor.write_uniform("view", view_values(camera, background, near, symbols, photograph, dropout))
+    """Set the uniform buffers of an image.
+
+    Args:
+        executor: holds them.
+        camera: from where.
+        background: RGB behind the scene.
+        near: least depth of what is drawn.
+        symbols: see `view_values`.
+        of_step: from `step_values`, for a training step.
+    """
+    executor.write_uniform("view", {**view_values(camera, background, near, symbols), **of_step})
     if "lens" in executor.description.uniforms:  # not where splats come projected
         executor.write_uniform("lens", lens_values(camera))

@@ -23,7 +23,7 @@ from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import RowChange, Statistics, check_change
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.drawing import draw_once, rendered, write_camera
-from pocketgs.splat.webgpu.frame_values import is_regularised, structural_share, update_values
+from pocketgs.splat.webgpu.frame_values import is_regularised, step_values, structural_share, update_values
 from pocketgs.splat.webgpu.layout import SUM_WORDS
 from pocketgs.splat.webgpu.lenses import LENSES, lens_symbols
 from pocketgs.splat.webgpu.memory import (
@@ -264,12 +264,12 @@ class WebGpuEngine:
         camera, place = frame.camera, shelf.place(step.view)
         if not shelf.is_resident(step.view):
             self.executor.write("photographs", packed(frame), PIXEL_BYTES * place)
-        symbols = self._symbols(camera, step.settings)
         settings, number = step.settings, self._ahead.next_number
-        write_camera(self.executor, camera, settings.background, self._near, symbols, place, settings.dropout)
+        symbols, of_step = self._symbols(camera, settings), step_values(settings, place)
+        write_camera(self.executor, camera, settings.background, self._near, symbols, of_step)
         self.executor.write_uniform("update", update_values(settings, camera, symbols, number, step.view))
         self.executor.submit("step", symbols)
-        if step.settings.errors:
+        if settings.errors:
             self.executor.submit("errors", symbols)
         self._ahead.add(step)
 

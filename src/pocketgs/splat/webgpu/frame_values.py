@@ -12,20 +12,13 @@ from pocketgs.scene.background import Background
 from pocketgs.scene.gaussians import SH_COEFFICIENTS
 from pocketgs.splat.constants import SSIM_WINDOW
 from pocketgs.splat.engine import KEPT_LOSSES
-from pocketgs.splat.settings import Dropout, StepSettings
+from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.slope_limits import slope_limits
 from pocketgs.splat.webgpu.layout import TILE
 
 
-def view_values(
-    camera: Camera,
-    background: Background,
-    near: float,
-    symbols: Symbols,
-    photograph: int = 0,
-    dropout: Dropout | None = None,
-) -> dict[str, ArrayLike]:
-    """Fields of the struct `View`.
+def view_values(camera: Camera, background: Background, near: float, symbols: Symbols) -> dict[str, ArrayLike]:
+    """Fields of the struct `View` for drawing an image; for those of a training step, see `step_values`.
 
     Args:
         camera: from where.
@@ -33,8 +26,6 @@ def view_values(
         near: least depth of what is drawn, see `near_plane`.
         symbols: gives gaussians, coefficients, intersections, replay_depth, and channel_groups where channels are
             composited.
-        photograph: where it begins, in pixels.
-        dropout: of a training step, or None.
     """
     pose = camera.world_to_camera
     low, high = slope_limits(camera)
@@ -55,13 +46,28 @@ def view_values(
         "gaussians": symbols["gaussians"],
         "coefficients": symbols["coefficients"],
         "intersection_capacity": symbols["intersections"],
-        "photograph": photograph,
+        "photograph": 0,
         "replay_depth": symbols["replay_depth"],
         "channel_groups": symbols.get("channel_groups", 1),
         "first_tile": 0,
+        "dropout_threshold": 0,
+        "dropout_seed": 0,
+        "near": near,
+    }
+
+
+def step_values(settings: StepSettings, photograph: int) -> dict[str, ArrayLike]:
+    """Fields of the struct `View` that a training step sets besides.
+
+    Args:
+        settings: with the dropout.
+        photograph: where the one that the image is compared with begins, in pixels.
+    """
+    dropout = settings.dropout
+    return {
+        "photograph": photograph,
         "dropout_threshold": dropout.threshold if dropout else 0,
         "dropout_seed": dropout.seed if dropout else 0,
-        "near": near,
     }
 
 

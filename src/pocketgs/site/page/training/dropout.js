@@ -45,6 +45,6 @@ export function dropoutShare({ most, few_views: few, enough_views: enough }, vie
  * @returns {{dropout_threshold: number, dropout_seed: number}}
  */
 export function dropoutOfStep(share, iteration, seed) {
-    const offset = Number((0x9e3779b9n * BigInt(seed)) % 2n ** 32n);
-    return { dropout_threshold: Math.floor(share * 2 ** 32), dropout_seed: (iteration + offset) % 2 ** 32 };
+    const stepSeed = (Math.imul(0x9e3779b9, seed) + iteration) >>> 0;
+    return { dropout_threshold: Math.floor(share * 2 ** 32), dropout_seed: stepSeed };
 }
