@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.results.video import write_video
 from pocketgs.structure_from_motion import attempts
 from pocketgs.structure_from_motion.options import PoseOptions
+from pocketgs.structure_from_motion.photographs import Photograph
 from pocketgs.structure_from_motion.pose import STAGES, pose, posed
 from pocketgs.structure_from_motion.process import run_colmap
 from pocketgs.structure_from_motion.world import similarity
@@ -71,6 +72,7 @@ def colmap_outcome(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         return outcome
 
     monkeypatch.setattr("pocketgs.structure_from_motion.attempts.run_colmap", run)
+    monkeypatch.setattr("pocketgs.structure_from_motion.attempts.match", lambda *_: ["matches.npz"])
     return outcome
 
 
@@ -140,7 +142,7 @@ def test_photographs_that_do_not_match(photographs: Path, tmp_path: Path) -> Non
     stages: list[str] = []
     with pytest.raises(PocketGSError, match=message):
         pose(photographs, tmp_path / "output", on_stage=stages.append)
-    assert stages == [*STAGES, *STAGES[2:]]  # once more with less asked of a match
+    assert stages == [*STAGES, *STAGES[3:]]  # once more with less asked of a match
     assert sorted(path.name for path in tmp_path.iterdir()) == ["photographs"]
 
 
@@ -381,16 +383,16 @@ def test_unplaced_photographs_are_retried_however_many(
     folder.mkdir()
     for number in range(50):
         Image.effect_noise((64, 48), 90).save(folder / f"{number}.jpg")
-    made, retried = attempts.run_colmap, []
+    tried = []
 
-    def run(module: str, job: dict[str, Any], *others: Any) -> dict[str, Any]:
-        retried.append(len(job["pairs"]))
-        return made(module, job, *others)
+    def match(photographs: Sequence[Photograph], pairs: Sequence[tuple[str, str]], *_: Any) -> list[str]:
+        tried.append(len(pairs))
+        return ["matches.npz"]
 
-    monkeypatch.setattr("pocketgs.structure_from_motion.attempts.run_colmap", run)
+    monkeypatch.setattr("pocketgs.structure_from_motion.attempts.match", match)
     monkeypatch.setattr(attempts, "MAX_EXTRA_PAIRS", 40)
     pose(folder, tmp_path / "output")
-    assert retried[1] == 40
+    assert tried[1] == 40
 
 
 @pytest.mark.usefixtures("colmap_outcome")
@@ -426,7 +428,7 @@ def test_a_camera_that_stands_still_has_no_poses(tmp_path: Path) -> None:
     started = []
     with pytest.raises(PocketGSError, match="no poses found for 6 images, from a camera that stands still"):
         pose(folder, tmp_path / "posed", on_stage=started.append)
-    assert started == ["frames", "features", "matching"]
+    assert started == ["frames", "features", "matching", "verification"]
 
 
 def cameras_by_name(capture: Path, images: str | None = None) -> dict[str, Camera]:

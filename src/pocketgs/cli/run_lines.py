@@ -12,6 +12,7 @@ STAGES = {
     "frames": "choosing frames",
     "features": "finding features",
     "matching": "matching features",
+    "verification": "checking matches",
     "mapping": "finding poses",
     "capture": "reading the capture",
     "keyframes": "choosing keyframes",

@@ -12,6 +12,7 @@ import numpy as np
 
 from pocketgs.structure_from_motion.gps import local_metres
 from pocketgs.structure_from_motion.mapping_job import MappedCamera, MappingJob, MappingOutcome
+from pocketgs.structure_from_motion.matches import match
 from pocketgs.structure_from_motion.options import PoseOptions
 from pocketgs.structure_from_motion.pairs import (
     MAX_FOR_ALL_PAIRS,
@@ -57,7 +58,7 @@ def place_all(
         model: output folder for COLMAP's model.
         workspace: folder for intermediate files.
         options: of structure from motion.
-        on_stage: called with "matching" and "mapping".
+        on_stage: called with "matching", "verification" and "mapping".
         on_count: called with the progress of a stage.
 
     Returns:
@@ -74,7 +75,9 @@ def place_all(
 
     def attempt(pairs: Pairs, **changes: Any) -> MappingOutcome:
         listed = [(names[first], names[second]) for first, second in sorted(pairs)]
-        asked = {**job, "pairs": listed, **changes}
+        if listed:
+            on_stage("matching")
+        asked = {**job, "matches": match(photographs, listed, workspace, on_count) if listed else [], **changes}
         found = run_colmap("colmap", asked, workspace / "log.txt", on_stage, on_count)
         return cast(MappingOutcome, {**found, "lenses_refined": asked["refine_lenses"]})
 
@@ -136,7 +139,7 @@ def _job(
         "model": str(model),
         "raw_model": str(raw_model),
         "cameras": [_camera(group, options) for group in cameras_of(photographs)],
-        "pairs": [],
+        "matches": [],
         "places": {photograph.name: place for photograph, place in known if np.isfinite(place).all()},
         "least_matches": MIN_MATCHES,
         "mapper": "incremental",

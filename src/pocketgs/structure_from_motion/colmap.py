@@ -1,4 +1,4 @@
-"""COLMAP's matching and mapping, run as `python -m pocketgs.structure_from_motion.colmap` in a process of its own.
+"""COLMAP's verification and mapping, run as `python -m pocketgs.structure_from_motion.colmap` in a process of its own.
 
 See `job`. No image is decoded here: features and colours arrive as arrays.
 """
@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from pocketgs.structure_from_motion.database import add_camera, add_image, number_names, pairing
 from pocketgs.structure_from_motion.job import announce, announce_count, serve
 from pocketgs.structure_from_motion.mapping_job import MappingJob, MappingOutcome
 from pocketgs.structure_from_motion.stillness import match_shifts, stands_still
@@ -32,7 +33,7 @@ WITH_PARALLAX = (
 """Kinds of pairs whose matches no homography explains. Where the camera only turned, one explains them."""
 
 PAIRS_AT_ONCE = 60
-"""Pairs matched between two progress reports."""
+"""Pairs verified between two progress reports."""
 
 
 def run(job: MappingJob) -> MappingOutcome:
@@ -43,8 +44,8 @@ def run(job: MappingJob) -> MappingOutcome:
     names = _names(job)
     if not database.exists():
         _fill(job, database)
-    announce("matching")
-    _match(job, database)
+    announce("verification")
+    _verify(job, database)
     with pycolmap.Database.open(database) as found:
         numbers, geometries = found.read_two_view_geometries()
         outcome: MappingOutcome = {
@@ -83,12 +84,9 @@ def run(job: MappingJob) -> MappingOutcome:
 
 
 def _names(job: MappingJob) -> dict[str, str]:
-    """The images' names by those in the database.
-
-    COLMAP splits each line of a list of pairs at spaces, and takes `#` for a comment: there, images have numbers.
-    """
+    """The images' names by those in the database."""
     names = [image["name"] for camera in job["cameras"] for image in camera["images"]]
-    return {f"{number:06d}": name for number, name in enumerate(names)}
+    return dict(zip(number_names(len(names)), names, strict=True))
 
 
 def _fill(job: MappingJob, database: Path) -> None:
@@ -101,53 +99,54 @@ def _fill(job: MappingJob, database: Path) -> None:
                 number, camera["model"], camera["focal_length"], width, height
             )
             lens.has_prior_focal_length = camera["focal_length_is_known"]
-            made.write_camera(lens, use_camera_id=True)
-            rig = pycolmap.Rig()
-            rig.add_ref_sensor(lens.sensor_id)
-            rig_id = made.write_rig(rig)
+            rig = add_camera(made, number, lens)
             for image in camera["images"]:
-                _add_image(made, next(numbers), image["features"], number, rig_id)
+                add_image(made, next(numbers), image["features"], number, rig)
 
 
-def _add_image(database: pycolmap.Database, name: str, file: str, camera: int, rig: int) -> None:
-    image = pycolmap.Image(name=name, camera_id=camera)
-    image.image_id = database.write_image(image)
-    frame = pycolmap.Frame()
-    frame.rig_id = rig
-    frame.add_data_id(image.data_id)
-    database.write_frame(frame)
-    with np.load(file) as features:
-        descriptors = pycolmap.FeatureDescriptors(type=pycolmap.FeatureExtractorType.SIFT, data=features["descriptors"])
-        database.write_keypoints(image.image_id, features["keypoints"])
-        database.write_descriptors(image.image_id, descriptors)
-
-
-def _match(job: MappingJob, database: Path) -> None:
-    verification = pycolmap.TwoViewGeometryOptions()
-    verification.ransac.random_seed = job["seed"]
-    verification.min_num_inliers = job["least_matches"]
-    if not job["pairs"]:
-        with pycolmap.Database.open(database) as found:
+def _verify(job: MappingJob, database: Path) -> None:
+    """Find the matches that agree with a camera's motion: of the job's pairs, or of all pairs once more."""
+    options = pycolmap.TwoViewGeometryOptions()
+    options.ransac.random_seed = job["seed"]
+    options.min_num_inliers = job["least_matches"]
+    with pycolmap.Database.open(database) as found:
+        if job["matches"]:
+            pairs = _add_matches(job, found)
+        else:
             found.clear_two_view_geometries()
-    numbers = {name: number for number, name in _names(job).items()}
-    pairs = [(numbers[first], numbers[second]) for first, second in job["pairs"]] or _matched(database)
-    listed = database.with_name("pairs.txt")
-    pairing = pycolmap.ImportedPairingOptions()
-    pairing.match_list_path = str(listed)
+            pairs = _matched(found)
     for start in range(0, len(pairs), PAIRS_AT_ONCE):
         some = pairs[start : start + PAIRS_AT_ONCE]
-        listed.write_text("".join(f"{first} {second}\n" for first, second in some), encoding="ascii")
+        # Pairs that have matches are only verified.
         pycolmap.match_image_pairs(
-            database, pairing_options=pairing, verification_options=verification, device=pycolmap.Device.cpu
+            database,
+            pairing_options=pairing(database, some),
+            verification_options=options,
+            device=pycolmap.Device.cpu,
         )
         announce_count(start + len(some), len(pairs))
 
 
-def _matched(database: Path) -> list[tuple[str, str]]:
-    """The pairs that have been matched, by their names in the database."""
-    with pycolmap.Database.open(database) as found:
-        names = {image.image_id: image.name for image in found.read_all_images()}
-        numbers = [pycolmap.pair_id_to_image_pair(pair) for pair in found.read_num_matches()[0]]
+def _add_matches(job: MappingJob, database: pycolmap.Database) -> list[tuple[str, str]]:
+    """Write the job's matches to the database. Returns the pairs, by their names there."""
+    in_database = {name: number for number, name in _names(job).items()}
+    numbers = {image.name: image.image_id for image in database.read_all_images()}
+    pairs = []
+    with pycolmap.DatabaseTransaction(database):
+        for file in job["matches"]:
+            with np.load(file) as found:
+                names = zip(found["first"].tolist(), found["second"].tolist(), strict=True)
+                rows = np.split(found["matches"], np.cumsum(found["counts"])[:-1])
+            for (first, second), matches in zip(names, rows, strict=False):
+                pairs.append((in_database[first], in_database[second]))
+                database.write_matches(numbers[pairs[-1][0]], numbers[pairs[-1][1]], matches)
+    return pairs
+
+
+def _matched(database: pycolmap.Database) -> list[tuple[str, str]]:
+    """The pairs that have matches, by their names in the database."""
+    names = {image.image_id: image.name for image in database.read_all_images()}
+    numbers = [pycolmap.pair_id_to_image_pair(pair) for pair in database.read_num_matches()[0]]
     return [(names[first], names[second]) for first, second in numbers]
 
 

@@ -23,7 +23,7 @@ from pocketgs.structure_from_motion.photographs import read_photographs
 from pocketgs.structure_from_motion.process import check_installed, threads_that_fit
 from pocketgs.structure_from_motion.work import Count
 
-STAGES = ("frames", "features", "matching", "mapping")
+STAGES = ("frames", "features", "matching", "verification", "mapping")
 ADVICE = (
     "take sharp photographs of textured surfaces in good light, from different positions, such that each shows two "
     "thirds of the previous one; see docs/photographing.md"
@@ -78,7 +78,7 @@ def pose(
         output: folder for the capture: `images/`, `sparse/0/`, `posed.json`, and `masks/` if photographs have masks. An
             earlier one is kept until the new one is complete.
         options: None for the defaults.
-        on_stage: called with one of `STAGES` when it begins; matching and mapping may come twice.
+        on_stage: called with one of `STAGES` when it begins; the last three may come more than once.
         on_count: called with the number of images or pairs of the stage that are done, and their total.
         on_warning: called with warnings for the user.
 

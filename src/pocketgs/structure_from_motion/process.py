@@ -1,13 +1,16 @@
-"""Running COLMAP in a child process; see `pocketgs.structure_from_motion.job` for the reasons."""
+"""Running COLMAP in child processes; see `pocketgs.structure_from_motion.job` for the reasons."""
 
 from __future__ import annotations
 
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, suppress
 from importlib.util import find_spec
 from pathlib import Path
+from queue import Queue
+from threading import Thread
 from typing import Any
 
 from pocketgs.errors import PocketGSError
@@ -58,37 +61,95 @@ def run_colmap(
     Raises:
         PocketGSError: COLMAP failed or was killed.
     """
-    command = [sys.executable, "-m", f"{__package__}.{module}"]
-    outcome = None
-    with (
-        log.open("w", encoding="utf-8") as errors,
-        # Python imports from the working folder first, which may be an untrusted download.
-        subprocess.Popen(
-            command,
-            cwd=log.parent,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            encoding="utf-8",
-        ) as process,
-    ):
-        assert process.stdin
-        assert process.stdout
-        try:
-            with process.stdin:
-                json.dump(job, process.stdin)
-            for line in process.stdout:
+    with _Run(module, log) as run:
+        for message in run.messages(job):
+            if "stage" in message:
+                on_stage(message["stage"])
+            if "done" in message:
+                on_count(message["done"], message["of"])
+        return run.outcome()
+
+
+def run_side_by_side(
+    module: str, jobs: Sequence[Mapping[str, Any]], folder: Path, on_done: Callable[[int], None]
+) -> list[dict[str, Any]]:
+    """Run jobs at the same time, each in a process of its own. If one fails, the others are stopped.
+
+    Args:
+        module: of this package, whose `run` does the jobs: "matching".
+        jobs: what the module's `run` takes.
+        folder: for COLMAP's stderr, of this program's own.
+        on_done: called with the sum of what the jobs have done.
+
+    Returns:
+        The jobs' results.
+
+    Raises:
+        PocketGSError: COLMAP failed or was killed.
+    """
+    arrived: Queue[tuple[int, dict[str, Any] | None]] = Queue()
+
+    def follow(number: int, run: _Run) -> None:
+        for message in run.messages(jobs[number]):
+            arrived.put((number, message))
+        arrived.put((number, None))
+
+    done = [0] * len(jobs)
+    outcomes: dict[int, dict[str, Any]] = {}
+    with ExitStack() as running:
+        runs = [running.enter_context(_Run(module, folder / f"log_{number}.txt")) for number in range(len(jobs))]
+        for number, run in enumerate(runs):
+            Thread(target=follow, args=(number, run), daemon=True).start()
+        while len(outcomes) < len(jobs):
+            number, message = arrived.get()
+            if message is None:
+                outcomes[number] = runs[number].outcome()
+            elif "done" in message:
+                done[number] = message["done"]
+                on_done(sum(done))
+    return [outcomes[number] for number in range(len(jobs))]
+
+
+class _Run:
+    """The process of a job, as a context: an exception that leaves it ends the process."""
+
+    def __init__(self, module: str, log: Path) -> None:
+        self._log, self._outcome = log, None
+        with log.open("w", encoding="utf-8") as errors:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", f"{__package__}.{module}"],
+                cwd=log.parent,  # Python imports from the working folder first, which may be an untrusted download
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                encoding="utf-8",
+            )
+
+    def __enter__(self) -> _Run:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is not None:
+            self._process.kill()
+        self._process.wait()
+
+    def messages(self, job: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+        """Start the job, and yield what its process says until it ends."""
+        assert self._process.stdin
+        assert self._process.stdout
+        with suppress(BrokenPipeError), self._process.stdin as given:  # a process that has ended has left a log
+            json.dump(job, given)
+        with self._process.stdout as said:
+            for line in said:
                 message = json.loads(line)
-                if "stage" in message:
-                    on_stage(message["stage"])
-                if "done" in message:
-                    on_count(message["done"], message["of"])
-                outcome = message.get("outcome")
-        except BaseException:
-            process.kill()
-            raise
-    if process.returncode != 0 or outcome is None:
-        said = log.read_text(encoding="utf-8", errors="replace").split("\n")
-        reason = next((line for line in reversed(said) if line.strip()), f"status {process.returncode}")
-        raise PocketGSError(f"COLMAP failed ({reason.strip()})")
-    return dict(outcome)
+                self._outcome = message.get("outcome")
+                yield message
+
+    def outcome(self) -> dict[str, Any]:
+        """The job's result, after its last message."""
+        if self._process.wait() != 0 or self._outcome is None:
+            said = self._log.read_text(encoding="utf-8", errors="replace").split("\n")
+            status = f"status {self._process.returncode}"
+            reason = next((line for line in reversed(said) if line.strip()), status)
+            raise PocketGSError(f"COLMAP failed ({reason.strip()})")
+        return dict(self._outcome)

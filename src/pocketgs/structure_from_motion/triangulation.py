@@ -60,8 +60,14 @@ def _match(job: TriangulationJob, database: Path) -> None:
     verification.ransac.random_seed = job["seed"]
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = job["pairs"]
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.num_threads = 1  # see `matching`
     pycolmap.match_image_pairs(
-        database, pairing_options=pairing, verification_options=verification, device=pycolmap.Device.cpu
+        database,
+        matching_options=matching,
+        pairing_options=pairing,
+        verification_options=verification,
+        device=pycolmap.Device.cpu,
     )
 
 
