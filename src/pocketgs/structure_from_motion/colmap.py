@@ -5,7 +5,6 @@ See `job`. No image is decoded here: features and colours arrive as arrays.
 
 from __future__ import annotations
 
-from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -170,14 +169,25 @@ def _map_incrementally(job: MappingJob, database: Path) -> list[pycolmap.Reconst
     working = database.with_name("models")
     working.mkdir(exist_ok=True)
     images = sum(len(camera["images"]) for camera in job["cameras"])
-    tries = count(1)
+    placed = 0
+
+    def begin() -> None:
+        nonlocal placed
+        placed = 2  # of the next model, if the last one fits no more images
+
+    def place_next() -> None:
+        nonlocal placed
+        placed += 1
+        announce_count(min(placed, images), images)  # an image that was discarded is placed again
+
     found = pycolmap.incremental_mapping(
         database,
         database.parent,
         working,
         options,
         input_path=job["raw_model"] if job["go_on"] else "",
-        next_image_callback=lambda: announce_count(min(next(tries) + 1, images), images),
+        initial_image_pair_callback=begin,
+        next_image_callback=place_next,
     )
     return list(found.values())
 
