@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import sys
+import time
 from itertools import combinations
 from pathlib import Path
+from threading import Thread
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import psutil
@@ -79,18 +86,66 @@ def test_photographs_that_share_nothing_have_no_matches(photographs: list[Photog
     assert found(matches.match(photographs, pairs, tmp_path / "workspace", lambda done, of: None)) == {}
 
 
-def test_a_process_that_fails_stops_the_others(photographs: list[Photograph], tmp_path: Path) -> None:
-    features = {photograph.name: str(photograph.file) for photograph in photographs}
-    pairs = list(combinations(sorted(features), 2))
-    jobs = [
-        {
-            "database": str(tmp_path / f"{number}.db"),
-            "features": features if number else dict.fromkeys(features, str(tmp_path / "none.npz")),
-            "pairs": pairs,
-            "matches": str(tmp_path / f"{number}.npz"),
-        }
-        for number in range(3)
-    ]
+def job(folder: Path, number: int, features: Path | str) -> dict[str, Any]:
+    """A job of two photographs with the same features."""
+    return {
+        "database": str(folder / f"{number}.db"),
+        "features": {"one.png": str(features), "other.png": str(features)},
+        "pairs": [("one.png", "other.png")],
+        "matches": str(folder / f"{number}.npz"),
+    }
+
+
+@pytest.fixture
+def endless(tmp_path: Path) -> dict[str, Any]:
+    """A job that waits for features until it is killed."""
+    if sys.platform == "win32":
+        pytest.skip("Windows has no named pipes in folders")
+    os.mkfifo(tmp_path / "endless.npz")
+    return job(tmp_path, 9, tmp_path / "endless.npz")
+
+
+def test_a_process_that_fails_stops_the_others(tmp_path: Path, endless: dict[str, Any]) -> None:
     with pytest.raises(PocketGSError, match=r"^COLMAP failed \(FileNotFoundError: .+none\.npz'\)$"):
-        run_side_by_side("matching", jobs, tmp_path, lambda done: None)
-    assert not [child for child in psutil.Process().children() if "matching" in " ".join(child.cmdline())]
+        run_side_by_side("matching", [endless, job(tmp_path, 0, "none.npz")], tmp_path, lambda done: None)
+    assert matching_processes() == []
+
+
+def test_ctrl_c_stops_all_processes(photographs: list[Photograph], tmp_path: Path, endless: dict[str, Any]) -> None:
+    def stop(done: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_side_by_side("matching", [endless, job(tmp_path, 0, photographs[0].file)], tmp_path, stop)
+    assert matching_processes() == []
+
+
+def test_a_process_that_is_killed_is_an_error(tmp_path: Path, endless: dict[str, Any]) -> None:
+    def kill() -> None:
+        while not matching_processes():
+            time.sleep(0.01)
+        matching_processes()[0].kill()
+
+    Thread(target=kill).start()
+    with pytest.raises(PocketGSError, match=r"^COLMAP failed \(status -9\)$"):
+        run_side_by_side("matching", [endless], tmp_path, lambda done: None)
+
+
+def test_the_number_of_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No more than cores, than are worth starting, and than fit half of the memory and of the disk."""
+    gigabytes = {"memory": 100.0, "disk": 100.0}
+    monkeypatch.setattr(matches, "usable_cores", lambda: 8)
+    monkeypatch.setattr(matches, "free_memory", lambda: gigabytes["memory"] * 1e9)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=gigabytes["disk"] * 1e9))
+    assert matches._processes(10_000, 100, tmp_path) == 8
+    assert matches._processes(3 * matches.PAIRS_PER_PROCESS, 100, tmp_path) == 3
+    assert matches._processes(1, 2, tmp_path) == 1
+    for kind in gigabytes:
+        monkeypatch.setitem(gigabytes, kind, 1)
+        assert matches._processes(10_000, 40, tmp_path) == 2
+        assert matches._processes(10_000, 1000, tmp_path) == 1
+        monkeypatch.setitem(gigabytes, kind, 100)
+
+
+def matching_processes() -> list[psutil.Process]:
+    return [child for child in psutil.Process().children() if any(".matching" in word for word in child.cmdline())]

@@ -262,7 +262,7 @@ def test_ctrl_c_leaves_everything_as_it_was(photographs: Path, tmp_path: Path) -
     command = [sys.executable, "-m", "pocketgs", "pose", str(photographs), "--output", str(tmp_path / "output")]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         until = time.monotonic() + 60
-        while not list(tmp_path.glob(".output.*.partial/work/features.db")) and time.monotonic() < until:
+        while not list(tmp_path.glob(".output.*.partial/work/matching_0.db")) and time.monotonic() < until:
             time.sleep(0.02)
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=60)

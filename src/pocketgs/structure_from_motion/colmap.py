@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from pocketgs.structure_from_motion.database import add_camera, add_image, number_names, pairing
+from pocketgs.structure_from_motion.database import add_camera, add_image, number_names, write_pairs
 from pocketgs.structure_from_motion.job import announce, announce_count, serve
 from pocketgs.structure_from_motion.mapping_job import MappingJob, MappingOutcome
 from pocketgs.structure_from_motion.stillness import match_shifts, stands_still
@@ -119,11 +119,15 @@ def _verify(job: MappingJob, database: Path) -> None:
         # Pairs that have matches are only verified.
         pycolmap.match_image_pairs(
             database,
-            pairing_options=pairing(database, some),
+            pairing_options=write_pairs(database, some),
             verification_options=options,
             device=pycolmap.Device.cpu,
         )
         announce_count(start + len(some), len(pairs))
+    with pycolmap.Database.open(database) as found:
+        verified, matched = found.num_verified_image_pairs(), found.num_matched_image_pairs()
+    if verified != matched:  # an error in a thread of COLMAP's ends as silence
+        raise RuntimeError(f"{verified} of {matched} pairs were verified")
 
 
 def _add_matches(job: MappingJob, database: pycolmap.Database) -> list[tuple[str, str]]:
@@ -172,8 +176,11 @@ def _map_incrementally(job: MappingJob, database: Path) -> list[pycolmap.Reconst
     placed = 0
 
     def begin() -> None:
+        """Each model is timed by itself."""
         nonlocal placed
-        placed = 2  # of the next model, if the last one fits no more images
+        placed = job["better_than"] if job["go_on"] else 2
+        announce("mapping")
+        announce_count(placed, images)
 
     def place_next() -> None:
         nonlocal placed

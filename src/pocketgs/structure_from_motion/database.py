@@ -1,4 +1,4 @@
-"""COLMAP's database, in which its processes find features and matches. Images have numbers as names.
+"""COLMAP's database, from which it reads features and matches. Images have numbers as names.
 
 COLMAP splits each line of a list of pairs at spaces, and takes `#` for a comment.
 """
@@ -40,8 +40,8 @@ def add_image(database: pycolmap.Database, name: str, features: str, camera: int
     return int(image.image_id)
 
 
-def pairing(database: Path, pairs: Sequence[tuple[str, str]]) -> pycolmap.ImportedPairingOptions:
-    """Options that name pairs of images, in a file beside the database."""
+def write_pairs(database: Path, pairs: Sequence[tuple[str, str]]) -> pycolmap.ImportedPairingOptions:
+    """Write pairs of names to a file beside the database, which the options name."""
     listed = database.with_suffix(".txt")
     listed.write_text("".join(f"{first} {second}\n" for first, second in pairs), encoding="ascii")
     options = pycolmap.ImportedPairingOptions()

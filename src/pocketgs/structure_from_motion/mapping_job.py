@@ -48,8 +48,8 @@ class MappingJob(TypedDict):
         raw_model: output folder for that of the reduced images in COLMAP's world.
         cameras: with their images.
         places: in metres, by image name.
-        matches: files with matches of pairs, see `MatchingJob`, in addition to earlier ones; empty to verify all of
-            these again.
+        matches: files with matches of pairs, see `MatchingJob`, in addition to those of other pairs earlier; empty to
+            verify all of these again.
         least_matches: minimum number of matches per pair.
         mapper: adds one image after the other, or places all at once.
         refine_lenses: or keep what cameras state.

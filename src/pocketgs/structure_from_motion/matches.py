@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -17,7 +18,7 @@ PAIRS_PER_PROCESS = 40
 """Minimum number of pairs per process: matching as many takes a few times as long as starting COLMAP."""
 
 BYTES_OF_A_PROCESS, BYTES_PER_PHOTOGRAPH = 120e6, 2e6
-"""Measured with 4,500 features per photograph, all of them used by each process."""
+"""Memory, measured with 4,500 features per photograph, if each process uses all of them."""
 
 
 def match(
@@ -32,13 +33,13 @@ def match(
         on_count: called with the number of pairs done, and their total.
 
     Returns:
-        Files with the matches, see `MatchingJob`. They are the same for any number of processes.
+        Files with the matches, see `MatchingJob`. The matches are the same for any number of processes.
 
     Raises:
         PocketGSError: COLMAP failed.
     """
     features = {photograph.name: str(photograph.file) for photograph in photographs}
-    shares = _shares(pairs, _processes(len(pairs), len(photographs)))
+    shares = _shares(pairs, _processes(len(pairs), len(photographs), workspace))
     jobs: list[MatchingJob] = [
         {
             "database": str(workspace / f"matching_{number}.db"),
@@ -54,12 +55,13 @@ def match(
 
 
 def _shares(pairs: Sequence[tuple[str, str]], count: int) -> list[list[tuple[str, str]]]:
-    """Consecutive parts of equal size."""
+    """Consecutive parts of nearly equal size."""
     bounds = [len(pairs) * number // count for number in range(count + 1)]
     return [list(pairs[start:end]) for start, end in pairwise(bounds)]
 
 
-def _processes(pairs: int, photographs: int) -> int:
-    """Number of processes that are worth starting and fit half of the free memory."""
-    fitting = free_memory() / 2 // (BYTES_OF_A_PROCESS + BYTES_PER_PHOTOGRAPH * photographs)
+def _processes(pairs: int, photographs: int, workspace: Path) -> int:
+    """Number of processes that are worth starting, and fit half of the free memory and, with less, of the free disk."""
+    room = min(free_memory(), shutil.disk_usage(workspace).free) / 2
+    fitting = room // (BYTES_OF_A_PROCESS + BYTES_PER_PHOTOGRAPH * photographs)
     return max(1, min(usable_cores(), int(fitting), pairs // PAIRS_PER_PROCESS))

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from pocketgs.structure_from_motion.database import add_camera, add_image, number_names, pairing
+from pocketgs.structure_from_motion.database import add_camera, add_image, number_names, write_pairs
 from pocketgs.structure_from_motion.job import announce_count, serve
 from pocketgs.structure_from_motion.matching_job import MatchingJob, MatchingOutcome
 
@@ -36,7 +36,7 @@ def run(job: MatchingJob) -> MatchingOutcome:
     options.skip_geometric_verification = True
     for start in range(0, len(pairs), PAIRS_AT_ONCE):
         some = pairs[start : start + PAIRS_AT_ONCE]
-        listed = pairing(database, [(names[first], names[second]) for first, second in some])
+        listed = write_pairs(database, [(names[first], names[second]) for first, second in some])
         pycolmap.match_image_pairs(
             database, matching_options=options, pairing_options=listed, device=pycolmap.Device.cpu
         )

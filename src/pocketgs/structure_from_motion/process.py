@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from importlib.util import find_spec
 from pathlib import Path
-from queue import Queue
+from queue import Empty, Queue
 from threading import Thread
 from typing import Any
 
@@ -76,7 +76,7 @@ def run_side_by_side(
     """Run jobs at the same time, each in a process of its own. If one fails, the others are stopped.
 
     Args:
-        module: of this package, whose `run` does the jobs: "matching".
+        module: of this package, whose `run` does the jobs.
         jobs: what the module's `run` takes.
         folder: for COLMAP's stderr, of this program's own.
         on_done: called with the sum of what the jobs have done.
@@ -90,9 +90,11 @@ def run_side_by_side(
     arrived: Queue[tuple[int, dict[str, Any] | None]] = Queue()
 
     def follow(number: int, run: _Run) -> None:
-        for message in run.messages(jobs[number]):
-            arrived.put((number, message))
-        arrived.put((number, None))
+        try:
+            for message in run.messages(jobs[number]):
+                arrived.put((number, message))
+        finally:
+            arrived.put((number, None))
 
     done = [0] * len(jobs)
     outcomes: dict[int, dict[str, Any]] = {}
@@ -101,7 +103,10 @@ def run_side_by_side(
         for number, run in enumerate(runs):
             Thread(target=follow, args=(number, run), daemon=True).start()
         while len(outcomes) < len(jobs):
-            number, message = arrived.get()
+            try:
+                number, message = arrived.get(timeout=1)  # on Windows, Ctrl-C waits for it
+            except Empty:
+                continue
             if message is None:
                 outcomes[number] = runs[number].outcome()
             elif "done" in message:
@@ -137,7 +142,7 @@ class _Run:
         """Start the job, and yield what its process says until it ends."""
         assert self._process.stdin
         assert self._process.stdout
-        with suppress(BrokenPipeError), self._process.stdin as given:  # a process that has ended has left a log
+        with suppress(OSError), self._process.stdin as given:  # a process that has ended has left a log
             json.dump(job, given)
         with self._process.stdout as said:
             for line in said:

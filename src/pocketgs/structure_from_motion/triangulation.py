@@ -62,12 +62,13 @@ def _match(job: TriangulationJob, database: Path) -> None:
     pairing.match_list_path = job["pairs"]
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads = 1  # see `matching`
+    matching.skip_geometric_verification = True
+    pycolmap.match_image_pairs(database, matching_options=matching, pairing_options=pairing, device=pycolmap.Device.cpu)
+    with pycolmap.Database.open(database) as found:
+        found.clear_two_view_geometries()
+    # Pairs that have matches are only verified, by several threads.
     pycolmap.match_image_pairs(
-        database,
-        matching_options=matching,
-        pairing_options=pairing,
-        verification_options=verification,
-        device=pycolmap.Device.cpu,
+        database, pairing_options=pairing, verification_options=verification, device=pycolmap.Device.cpu
     )
 
 
