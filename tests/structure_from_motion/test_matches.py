@@ -19,6 +19,7 @@ from PIL import Image
 
 from pocketgs.errors import PocketGSError
 from pocketgs.structure_from_motion import matches
+from pocketgs.structure_from_motion.match_file import read_match_file
 from pocketgs.structure_from_motion.photographs import Photograph, read_photographs
 from pocketgs.structure_from_motion.process import run_side_by_side
 
@@ -42,13 +43,7 @@ def photographs(tmp_path: Path) -> list[Photograph]:
 
 def found(files: list[str]) -> dict[tuple[str, str], np.ndarray]:
     """Matches by pair of names."""
-    by_pair = {}
-    for file in files:
-        with np.load(file) as stored:
-            names = zip(stored["first"].tolist(), stored["second"].tolist(), strict=True)
-            rows = np.split(stored["matches"], np.cumsum(stored["counts"])[:-1])
-            by_pair |= dict(zip(names, rows, strict=False))
-    return by_pair
+    return {pair: rows for file in files for pair, rows in read_match_file(file).items()}
 
 
 def test_any_number_of_processes_finds_the_same_matches(

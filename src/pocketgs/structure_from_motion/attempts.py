@@ -75,9 +75,11 @@ def place_all(
 
     def attempt(pairs: Pairs, **changes: Any) -> MappingOutcome:
         listed = [(names[first], names[second]) for first, second in sorted(pairs)]
+        matches: list[str] = []
         if listed:
             on_stage("matching")
-        asked = {**job, "matches": match(photographs, listed, workspace, on_count) if listed else [], **changes}
+            matches = match(photographs, listed, workspace, on_count)
+        asked = {**job, "matches": matches, **changes}
         found = run_colmap("colmap", asked, workspace / "log.txt", on_stage, on_count)
         return cast(MappingOutcome, {**found, "lenses_refined": asked["refine_lenses"]})
 

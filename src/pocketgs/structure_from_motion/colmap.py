@@ -13,6 +13,7 @@ import pycolmap
 from pocketgs.structure_from_motion.database import add_camera, add_image, number_names, write_pairs
 from pocketgs.structure_from_motion.job import announce, announce_count, serve
 from pocketgs.structure_from_motion.mapping_job import MappingJob, MappingOutcome
+from pocketgs.structure_from_motion.match_file import read_match_file
 from pocketgs.structure_from_motion.stillness import match_shifts, stands_still
 from pocketgs.structure_from_motion.world import from_places, upright
 
@@ -137,12 +138,10 @@ def _add_matches(job: MappingJob, database: pycolmap.Database) -> list[tuple[str
     pairs = []
     with pycolmap.DatabaseTransaction(database):
         for file in job["matches"]:
-            with np.load(file) as found:
-                names = zip(found["first"].tolist(), found["second"].tolist(), strict=True)
-                rows = np.split(found["matches"], np.cumsum(found["counts"])[:-1])
-            for (first, second), matches in zip(names, rows, strict=False):
-                pairs.append((in_database[first], in_database[second]))
-                database.write_matches(numbers[pairs[-1][0]], numbers[pairs[-1][1]], matches)
+            for pair, matches in read_match_file(file).items():
+                first, second = (in_database[name] for name in pair)
+                database.write_matches(numbers[first], numbers[second], matches)
+                pairs.append((first, second))
     return pairs
 
 

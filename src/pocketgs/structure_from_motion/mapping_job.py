@@ -48,7 +48,7 @@ class MappingJob(TypedDict):
         raw_model: output folder for that of the reduced images in COLMAP's world.
         cameras: with their images.
         places: in metres, by image name.
-        matches: files with matches of pairs, see `MatchingJob`, in addition to those of other pairs earlier; empty to
+        matches: files with matches of pairs, see `match_file`, in addition to those of other pairs earlier; empty to
             verify all of these again.
         least_matches: minimum number of matches per pair.
         mapper: adds one image after the other, or places all at once.

@@ -33,7 +33,7 @@ def match(
         on_count: called with the number of pairs done, and their total.
 
     Returns:
-        Files with the matches, see `MatchingJob`. The matches are the same for any number of processes.
+        Files with the matches, see `match_file`. The matches are the same for any number of processes.
 
     Raises:
         PocketGSError: COLMAP failed.
@@ -50,7 +50,6 @@ def match(
         for number, share in enumerate(shares)
     ]
     run_side_by_side("matching", jobs, workspace, lambda done: on_count(done, len(pairs)))
-    on_count(len(pairs), len(pairs))
     return [job["matches"] for job in jobs]
 
 
@@ -61,7 +60,7 @@ def _shares(pairs: Sequence[tuple[str, str]], count: int) -> list[list[tuple[str
 
 
 def _processes(pairs: int, photographs: int, workspace: Path) -> int:
-    """Number of processes that are worth starting, and fit half of the free memory and, with less, of the free disk."""
+    """Number of processes that are worth starting, and fit half of the free memory and of the free disk."""
     room = min(free_memory(), shutil.disk_usage(workspace).free) / 2
     fitting = room // (BYTES_OF_A_PROCESS + BYTES_PER_PHOTOGRAPH * photographs)
     return max(1, min(usable_cores(), int(fitting), pairs // PAIRS_PER_PROCESS))

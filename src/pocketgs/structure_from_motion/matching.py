@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pycolmap
 
 from pocketgs.structure_from_motion.database import add_camera, add_image, number_names, write_pairs
 from pocketgs.structure_from_motion.job import announce_count, serve
+from pocketgs.structure_from_motion.match_file import write_match_file
 from pocketgs.structure_from_motion.matching_job import MatchingJob, MatchingOutcome
 
 PAIRS_AT_ONCE = 200
@@ -31,15 +31,9 @@ def run(job: MatchingJob) -> MatchingOutcome:
     pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
     names = dict(zip(job["features"], number_names(len(job["features"])), strict=True))
     numbers = _fill(job, names, database)
-    options = pycolmap.FeatureMatchingOptions()
-    options.num_threads = 1
-    options.skip_geometric_verification = True
     for start in range(0, len(pairs), PAIRS_AT_ONCE):
         some = pairs[start : start + PAIRS_AT_ONCE]
-        listed = write_pairs(database, [(names[first], names[second]) for first, second in some])
-        pycolmap.match_image_pairs(
-            database, matching_options=options, pairing_options=listed, device=pycolmap.Device.cpu
-        )
+        match_pairs(database, write_pairs(database, [(names[first], names[second]) for first, second in some]))
         announce_count(start + len(some), len(pairs))
     with pycolmap.Database.open(database) as found:
         if found.num_matched_image_pairs() != len(pairs):  # an error in a thread of COLMAP's ends as silence
@@ -47,14 +41,16 @@ def run(job: MatchingJob) -> MatchingOutcome:
         read = {(first, second): found.read_matches(numbers[first], numbers[second]) for first, second in pairs}
     database.unlink()  # features take most of the space that finding poses needs
     matches = {pair: rows for pair, rows in read.items() if len(rows)}
-    np.savez(
-        job["matches"],
-        first=np.array([first for first, _ in matches], dtype=str),
-        second=np.array([second for _, second in matches], dtype=str),
-        counts=np.array([len(rows) for rows in matches.values()], np.int64),
-        matches=np.concatenate([np.zeros((0, 2), np.uint32), *matches.values()]),
-    )
+    write_match_file(job["matches"], matches)
     return {"matched_pairs": len(matches)}
+
+
+def match_pairs(database: Path, pairing: pycolmap.ImportedPairingOptions) -> None:
+    """Match pairs of images of a database in one thread, without verification."""
+    options = pycolmap.FeatureMatchingOptions()
+    options.num_threads = 1
+    options.skip_geometric_verification = True
+    pycolmap.match_image_pairs(database, matching_options=options, pairing_options=pairing, device=pycolmap.Device.cpu)
 
 
 def _fill(job: MatchingJob, names: dict[str, str], database: Path) -> dict[str, int]:

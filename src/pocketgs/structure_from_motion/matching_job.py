@@ -12,8 +12,7 @@ class MatchingJob(TypedDict):
         database: file to be made, and removed in the end.
         features: each image's .npz file, by name.
         pairs: of names.
-        matches: output .npz file: `first` and `second`, (P,) names of the pairs that match; `counts`, (P,) numbers of
-            their matches; `matches`, (M, 2) uint32 features of both images, of one pair after the other.
+        matches: output file, see `match_file`.
     """
 
     database: str

@@ -7,6 +7,7 @@ from pathlib import Path
 import pycolmap
 
 from pocketgs.structure_from_motion.job import announce, serve
+from pocketgs.structure_from_motion.matching import match_pairs
 from pocketgs.structure_from_motion.triangulation_job import PosedCamera, TriangulationJob, TriangulationOutcome
 
 
@@ -60,10 +61,7 @@ def _match(job: TriangulationJob, database: Path) -> None:
     verification.ransac.random_seed = job["seed"]
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = job["pairs"]
-    matching = pycolmap.FeatureMatchingOptions()
-    matching.num_threads = 1  # see `matching`
-    matching.skip_geometric_verification = True
-    pycolmap.match_image_pairs(database, matching_options=matching, pairing_options=pairing, device=pycolmap.Device.cpu)
+    match_pairs(database, pairing)
     with pycolmap.Database.open(database) as found:
         found.clear_two_view_geometries()
     # Pairs that have matches are only verified, by several threads.
