@@ -12,11 +12,11 @@ from pocketgs.compression.search import CLOSE, TRIES, Goal, search
 COUNTS = st.integers(32, 1_000_000)
 
 
-@given(least=COUNTS, guess=COUNTS, slope=st.floats(0.8, 1.25), offset=st.floats(-1.5, 1.5), from_above=st.booleans())
+@given(least=COUNTS, guess=COUNTS, slope=st.floats(0.4, 2.5), offset=st.floats(-1.5, 1.5), from_above=st.booleans())
 def test_values_that_grow_with_the_logarithm(
     least: int, guess: int, slope: float, offset: float, from_above: bool
 ) -> None:
-    """The search is precise if the expected slope is about right."""
+    """The search is precise even if the expected slope is not."""
     most, tried = 64 * least, []
     wanted = math.log(8 * least) + offset
     goal = Goal(target=slope * wanted, slope=1.0, tolerance=0.02, from_above=from_above)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from pocketgs.compression.fine_tuning import FineTuner
+from pocketgs.compression.fine_tuning import RATE, FineTuner
 from pocketgs.compression.judgement import Judge
 from pocketgs.compression.pruning import Pruner
 from pocketgs.compression.rounding import rounded_in_turn, steps_of_rounding
@@ -114,10 +114,12 @@ class Workshop:
         starts = [*(level.scene for level in levels), *self.tuned]
         start = min((scene for scene in starts if len(scene) >= count), key=len)
         scene = self.pruner.at_once(start, count, masking)
-        scene = self.tuner.tune(scene, round(self._share() * TUNING_STEPS))
+        # A codebook changes a scene so much that gentle rates would not make up for it.
+        rate = RATE if self.coding.entries else self.tuner.rate
+        scene = self.tuner.tune(scene, round(self._share() * TUNING_STEPS), start=rate)
         self.tuned.append(scene)
         steps, weights = round(self._share() * ROUNDING_STEPS), self.pruner.weights(scene)
-        scene = rounded_in_turn(scene, self.tuner, self.coding, steps, weights)
+        scene = rounded_in_turn(scene, self.tuner, self.coding, steps, weights, rate)
         self.timekeeper.expected = max(self.timekeeper.expected, self.timekeeper.done + self.steps)
         return self._keep(scene, self.coding)
 

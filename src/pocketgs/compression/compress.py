@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from pocketgs.compression.bound import Bound, QualityBound, SizeBound
 from pocketgs.compression.candidates import CANDIDATES, Candidate, Workshop
-from pocketgs.compression.fine_tuning import FineTuner
+from pocketgs.compression.fine_tuning import RATE, FineTuner
 from pocketgs.compression.judgement import Judge
 from pocketgs.compression.options import QUALITY, CompressionOptions
 from pocketgs.compression.pruning import Pruner
@@ -26,11 +26,11 @@ from pocketgs.system.interrupt import deferred_interrupt
 
 MB = 1_000_000
 
-RENDERING_RATES = 0.1
-"""Learning rates on renderings of the scene itself, relative to those on photographs: it fits them already."""
+RENDERING_RATE = 0.1 * RATE
+"""Initial learning rates on renderings of the scene itself, relative to those of training: it fits them already."""
 
-GENTLE = 0.3
-"""Learning rates on photographs, relative to those of fine-tuning, for scenes that training at these makes worse."""
+GENTLE_RATE = 0.3 * RATE
+"""The same on photographs, for scenes that training at the usual rates makes worse."""
 
 TRIAL_STEPS, TRIAL_TIME = 200, 0.05
 """Training steps to find that out, and their maximum share of the steps that the time limit allows."""
@@ -112,7 +112,7 @@ def compress(
         workshop = Workshop(tuner, pruner, judge, timekeeper, DEFAULT, bound.admits)
         try:
             timekeeper.check()
-            tuner.rate_factor = _suitable_rate_factor(scene, workshop) if views.photographs else RENDERING_RATES
+            tuner.rate = _suitable_rate(scene, workshop) if views.photographs else RENDERING_RATE
             _search(scene, views, workshop, bound)
         except StoppedError:
             if not any(map(bound.admits, workshop.candidates)):
@@ -162,12 +162,12 @@ def _search(scene: Gaussians, views: Views, workshop: Workshop, bound: SizeBound
         search_on_renderings(scene, workshop, bound.psnr)
 
 
-def _suitable_rate_factor(scene: Gaussians, workshop: Workshop) -> float:
-    """GENTLE if some training at the usual learning rates leaves the scene worse, as it does after long training."""
+def _suitable_rate(scene: Gaussians, workshop: Workshop) -> float:
+    """GENTLE_RATE if some training at the usual rates leaves the scene worse, as it does after long training."""
     steps = int(min(TRIAL_STEPS, TRIAL_TIME * workshop.timekeeper.steps_left()))
     if not steps:
-        return 1.0
+        return RATE
     workshop.timekeeper.expect(steps + workshop.search_steps)
     trained = workshop.tuner.tune(scene, steps)
     judge = workshop.judge
-    return 1.0 if judge.psnr_by_training_views(trained) >= judge.original_psnr else GENTLE
+    return RATE if judge.psnr_by_training_views(trained) >= judge.original_psnr else GENTLE_RATE

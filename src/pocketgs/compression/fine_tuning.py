@@ -41,7 +41,7 @@ class FineTuner:
         after_step: called after every step.
 
     Attributes:
-        rate_factor: factor on all learning rates.
+        rate: initial learning rates of fine-tuning, relative to those of training.
         recipe: of the loss and the optimiser.
         background: see above.
     """
@@ -55,7 +55,7 @@ class FineTuner:
         seed: int,
         after_step: Callable[[], None] = lambda: None,
     ) -> None:
-        self.rate_factor = 1.0
+        self.rate = RATE
         self.recipe = recipe_named("pocketgs")
         self.background = background
         self._engine, self._frames, self._after_step = engine, frames, after_step
@@ -70,8 +70,8 @@ class FineTuner:
         steps: int,
         frozen: Collection[str] = (),
         *,
-        start: float = RATE,
-        end: float = 0.1 * RATE,
+        start: float | None = None,
+        end: float | None = None,
     ) -> Gaussians:
         """Train a scene for some steps.
 
@@ -79,8 +79,8 @@ class FineTuner:
             scene: to start from.
             steps: number of steps.
             frozen: groups that stay unchanged, see RATE_OF_GROUP.
-            start: initial learning rates, relative to those of training.
-            end: final learning rates; they fall along a half cosine.
+            start: initial learning rates, relative to those of training; None for `rate`.
+            end: final learning rates, None for a tenth of the initial ones; they fall along a half cosine.
         """
         self._engine.upload(scene)
         for step in range(steps):
@@ -90,10 +90,11 @@ class FineTuner:
             self.count_step()
         return self._engine.download()
 
-    def rates_at(self, step: int, steps: int, start: float = RATE, end: float = 0.1 * RATE) -> LearningRates:
+    def rates_at(self, step: int, steps: int, start: float | None = None, end: float | None = None) -> LearningRates:
         """Learning rates of a step; see `tune`."""
-        share = self.rate_factor * (end + (start - end) * 0.5 * (1.0 + float(np.cos(np.pi * step / steps))))
-        return self._rates.scaled(share)
+        start = self.rate if start is None else start
+        end = 0.1 * start if end is None else end
+        return self._rates.scaled(end + (start - end) * 0.5 * (1.0 + float(np.cos(np.pi * step / steps))))
 
     def next_frame(self) -> Frame:
         """The photograph to train on next."""

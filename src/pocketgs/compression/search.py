@@ -13,6 +13,9 @@ TRIES = 5
 CLOSE = 0.03
 """Relative precision of the number of Gaussians that ends the search."""
 
+UNUSUAL = 3.0
+"""Maximum factor between the measured slope of the values and the expected one: values are noisy."""
+
 
 @dataclass(frozen=True)
 class Goal:
@@ -20,7 +23,7 @@ class Goal:
 
     Attributes:
         target: the value to reach with the fewest Gaussians, or not to exceed with the most.
-        slope: approximate growth of the value if the number of Gaussians grows by a factor of e.
+        slope: expected growth of the value if the number of Gaussians grows by a factor of e.
         tolerance: a value this close to the target, on its right side, ends the search.
         from_above: whether the value must be at least the target; otherwise it must be at most the target.
     """
@@ -55,8 +58,10 @@ def search(
     """
     low, high = np.log(least) - CLOSE, np.log(most) + CLOSE
     place = float(np.clip(np.log(guess), np.log(least), np.log(most)))
+    tried: list[tuple[float, float]] = []
     for _ in range(TRIES):
         value = value_of(max(round(np.exp(place)), 1))
+        tried.append((place, value))
         low, high = (max(low, place), high) if value < goal.target else (low, min(high, place))
         if goal.met_by(value) and abs(value - goal.target) <= goal.tolerance:
             return
@@ -64,4 +69,13 @@ def search(
             return
         # Aim at the middle of the tolerance, since the values are noisy.
         aim = goal.target + (0.5 if goal.from_above else -0.5) * goal.tolerance
-        place = float(np.clip(place + (aim - value) / goal.slope, low + CLOSE, high - CLOSE))
+        place = float(np.clip(place + (aim - value) / _slope(tried, goal.slope), low + CLOSE, high - CLOSE))
+
+
+def _slope(tried: list[tuple[float, float]], expected: float) -> float:
+    """Slope of the values at the last two places, or the expected one if it is the first."""
+    if len(tried) < 2:
+        return expected
+    (before, value_before), (place, value) = tried[-2:]
+    found = (value - value_before) / (place - before)
+    return float(np.clip(found, expected / UNUSUAL, expected * UNUSUAL))
