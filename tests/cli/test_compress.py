@@ -52,6 +52,17 @@ def test_a_scene_alone(pocketgs: Callable[..., Any], result: Path, tmp_path: Pat
     assert len(read_scene(path)) > 0
 
 
+def test_one_far_gaussian_makes_the_grid_coarse(pocketgs: Callable[..., Any], result: Path, tmp_path: Path) -> None:
+    scene = read_scene(result / "scene.ply")
+    scene.means[0] = 4e6
+    scene.save(tmp_path / "far.ply")
+    path = tmp_path / "far.pgs"
+    outcome = pocketgs("compress", tmp_path / "far.ply", "--output", path, "--size", 1, "--time-budget", 1)
+    assert outcome.status == 0, outcome.errors
+    assert outcome.errors.startswith(f"warning: {path}: centres are rounded")
+    assert outcome.errors.count("centres are rounded") == 1, "and none about other files"
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -131,7 +142,7 @@ def test_a_scene_that_spz_cannot_hold(
     path, figures = tmp_path / "small.pgs", tmp_path / "figures.json"
     options = ["--output", path, "--json", figures, "--size", 0.02, "--time-budget", 1]
     outcome = pocketgs("compress", tmp_path / "broken.ply", written_capture, *options)
-    assert (outcome.status, outcome.errors) == (0, "")
+    assert (outcome.status, outcome.errors) == (0, ""), "the far Gaussian was pruned: nothing is coarse"
     original, spz, *_ = json.loads(figures.read_text())["figures"]
     assert original["gaussians"] == len(scene) - 1
     assert (spz["name"], spz["megabytes"], spz["psnr"]) == (".spz", None, None)
@@ -206,5 +217,7 @@ def test_a_run_outlives_its_compression(
     outcome = pocketgs("train", written_capture, *options, "--compress")
     assert (outcome.status, outcome.errors) == (0, "")
     assert "not compressed" in outcome.output
+    if isinstance(error, KeyboardInterrupt):
+        assert f"compress {tmp_path / 'result'} CAPTURE --output {tmp_path / 'result' / 'scene.pgs'}" in outcome.output
     assert (tmp_path / "result" / "scene.ply").is_file()
     assert all(frame.mask is not None and not frame.mask[0, 0] for frame in given[0].train)

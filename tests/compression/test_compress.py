@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -18,10 +17,11 @@ from pocketgs.compression.compress import compress
 from pocketgs.compression.figures import figures_of
 from pocketgs.compression.options import CompressionOptions
 from pocketgs.compression.pruning import Pruning
+from pocketgs.compression.searches import GRIDS
 from pocketgs.compression.spz_file import as_spz
 from pocketgs.compression.views import Views, cameras_around, photographed, rendered
 from pocketgs.errors import PocketGSError
-from pocketgs.scene.formats import read_scene
+from pocketgs.scene.formats.pgs import encode
 from pocketgs.scene.formats.pgs_coding import FINE, Coding
 from pocketgs.scene.formats.pgs_rounding import rounded as rounded_scene
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
@@ -37,16 +37,25 @@ def in_order(scene: Gaussians) -> np.ndarray:
 
 
 @pytest.mark.parametrize("prune", get_args(Pruning))
-def test_photographs(scene: Gaussians, views: Views, engine: Engine, tmp_path: Path, prune: Pruning) -> None:
+def test_photographs(
+    scene: Gaussians, views: Views, engine: Engine, prune: Pruning, monkeypatch: pytest.MonkeyPatch
+) -> None:
     counts: list[tuple[int, int]] = []
+    judged: list[np.ndarray] = []
     options = CompressionOptions(prune=prune)
+    keep = candidates.Workshop._keep
+
+    def watched(workshop: candidates.Workshop, scene: Gaussians, coding: Coding) -> candidates.Candidate:
+        judged.append(in_order(scene))
+        return keep(workshop, scene, coding)
+
+    monkeypatch.setattr(candidates.Workshop, "_keep", watched)
     found = compress(scene, views, engine, options, on_count=lambda done, of: counts.append((done, of)))
     assert found.within_bound
     assert len(found.chosen.scene) < len(scene)
     assert all(done <= of for done, of in counts)
-    path = tmp_path / "scene.pgs"
-    path.write_bytes(found.chosen.contents)
-    np.testing.assert_array_equal(in_order(read_scene(path)), in_order(found.chosen.scene))
+    for candidate, expected in zip(found.candidates, judged, strict=True):
+        np.testing.assert_array_equal(in_order(candidate.scene), expected, "a file holds what was judged")
     original = figures_of("original", scene, 1, engine, views)
     compressed = figures_of("compressed", found.chosen.scene, len(found.chosen.contents), engine, views)
     spz = as_spz(scene)
@@ -111,8 +120,18 @@ def test_a_scene_too_large_for_spz(scene: Gaussians, views: Views, engine: Engin
         compress(far, own, engine)
 
 
+def test_a_size_that_all_gaussians_with_a_codebook_do_not_fill(scene: Gaussians, views: Views, engine: Engine) -> None:
+    """Some of them on fine grids do."""
+    sh = scene.sh.copy()
+    sh[:, 1:] += np.random.default_rng(1).normal(0.0, 0.3, sh[:, 1:].shape).astype(np.float32)
+    shiny = replace(scene, sh=sh)
+    size = 0.9 * len(encode(shiny, FINE)) / 1e6
+    found = compress(shiny, views, engine, CompressionOptions(size=size))
+    assert 0.8 * size < found.chosen.megabytes <= size
+
+
 def test_no_file_is_that_small(scene: Gaussians, views: Views, engine: Engine) -> None:
-    with pytest.raises(PocketGSError, match=r"the smallest file has 0\.\d+ MB, expected --size 0\.\d+"):
+    with pytest.raises(PocketGSError, match=r"the smallest file has (0\.\d{6}) MB, expected --size \1$"):
         compress(scene, views, engine, CompressionOptions(size=1e-5))
 
 
@@ -121,6 +140,7 @@ def test_a_time_budget_ends_the_search(scene: Gaussians, views: Views, engine: E
     found = compress(scene, views, engine, seconds=0.01, on_count=lambda done, of: steps.append(done))
     assert found.chosen.contents
     assert not steps, "time was up before the first of them"
+    assert len(found.candidates) <= 1 + GRIDS
     assert found.within_bound
     assert len(found.chosen.scene) == len(scene)
 

@@ -107,6 +107,13 @@ def test_files_hold_everything(tmp_path: Path, teacher: Gaussians, form: str) ->
     np.testing.assert_allclose(found.numbers, scene.numbers, rtol=0, atol=1e-15)
 
 
+@pytest.mark.parametrize("name", ["teacher_weight", "depth_weight"])
+@pytest.mark.parametrize("weight", [-1.0, np.inf, np.nan])
+def test_weights_are_checked(name: str, weight: float) -> None:
+    with pytest.raises(PocketGSError, match=f"{name[:5]}.* weight: found {weight}, expected a finite number"):
+        DistilOptions(**{name: weight})
+
+
 def test_files_hold_whatever_was_learned(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, small_capture: Capture, teacher: Gaussians
 ) -> None:

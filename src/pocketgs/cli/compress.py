@@ -27,6 +27,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.results.folder import SCENE, write_json
 from pocketgs.results.held_out import check_comparable
 from pocketgs.scene.edits import drawable
+from pocketgs.scene.formats.pgs import warn_of_coarse_grid
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine, EngineOptions, create_engine
 
@@ -81,9 +82,10 @@ def compress(
             )
         with replacing(output) as partial:
             partial.write_bytes(found.chosen.contents)
+        warn_of_coarse_grid(output, found.chosen.scene)
+        console.say(*closing_lines(found, output))
         rows = figures_table(original, size, found, renderer, views)
     print_figures(console, rows, views)
-    console.say(*closing_lines(found, output))
     if json:
         names = [frame.name for frame in views.reported]
         figures = [asdict(row) for row in rows]

@@ -22,6 +22,7 @@ from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import RunResult, run
 from pocketgs.results.transients import without_transients
 from pocketgs.scene.edits import drawable
+from pocketgs.scene.formats.pgs import warn_of_coarse_grid
 from pocketgs.splat.engine import create_engine
 from pocketgs.training.options import TrainingOptions
 
@@ -76,14 +77,15 @@ class CompressingRun:
         try:
             self._compress(result, prepared[0], options, reporter)
         except KeyboardInterrupt:
-            self._lines.append(f"{self._missing}, since it was stopped: {self._later}")
+            later = "" if self._lines else f": {self._later}"
+            self._lines.append(f"{self._missing}, since it was stopped{later}")
         except (PocketGSError, OSError) as error:
             self._lines.append(f"{self._missing}: {error}")
         return result
 
     @property
     def _later(self) -> str:
-        return f"pocketgs compress {self._folder} does it"
+        return f"pocketgs compress {self._folder} CAPTURE --output {self._folder / COMPRESSED} does it"
 
     @property
     def _missing(self) -> str:
@@ -107,6 +109,7 @@ class CompressingRun:
         )
         with publishing(self._folder, [COMPRESSED]) as staging:
             (staging / COMPRESSED).write_bytes(found.chosen.contents)
+        warn_of_coarse_grid(self._folder / COMPRESSED, found.chosen.scene)
         self._lines = closing_lines(found, self._folder / COMPRESSED)
         self._rows = figures_table(original, (self._folder / SCENE).stat().st_size, found, engine, views)
         self._views = views

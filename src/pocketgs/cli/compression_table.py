@@ -9,7 +9,6 @@ from rich.table import Table
 from pocketgs.cli.terminal import Terminal
 from pocketgs.compression.compress import Compressed
 from pocketgs.compression.figures import Figures, figures_of
-from pocketgs.compression.spz_file import as_spz
 from pocketgs.compression.views import Views
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
@@ -27,7 +26,7 @@ def figures_table(original: Gaussians, size: int, found: Compressed, engine: Eng
         engine: renders.
         views: of the compression.
     """
-    spz = as_spz(original)
+    spz = found.spz
     rows = [
         figures_of(ORIGINAL, original, size, engine, views),
         figures_of(SPZ, spz.scene, spz.bytes, engine, views) if spz else Figures(SPZ, len(original), None),
@@ -65,7 +64,7 @@ def _cell(value: float | None, digits: int) -> str:
 
 def closing_lines(found: Compressed, output: Path) -> list[str]:
     """What was written, and whether it is what was asked for."""
-    lines = [f"{len(found.chosen.scene):,} Gaussians in {output}, {len(found.chosen.contents):,} bytes"]
+    lines = [f"{found.chosen.count:,} Gaussians in {output}, {len(found.chosen.contents):,} bytes"]
     if found.interrupted:
         lines.append("stopped early: this is the best file so far")
     if not found.within_bound:

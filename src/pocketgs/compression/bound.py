@@ -42,8 +42,8 @@ class SizeBound:
         """
         admitted = list(filter(self.admits, candidates))
         if not admitted:
-            smallest = min(candidate.megabytes for candidate in candidates)
-            raise PocketGSError(f"compression: the smallest file has {smallest:.3f} MB, expected --size {smallest:.3f}")
+            smallest = f"{min(candidate.megabytes for candidate in candidates):.6f}"  # whole bytes
+            raise PocketGSError(f"compression: the smallest file has {smallest} MB, expected --size {smallest}")
         return max(admitted, key=lambda candidate: candidate.psnr)
 
 

@@ -12,7 +12,7 @@ from pocketgs.compression.judgement import Judge
 from pocketgs.compression.options import QUALITY, CompressionOptions
 from pocketgs.compression.pruning import Pruner
 from pocketgs.compression.searches import search_by_size, search_on_photographs, search_on_renderings
-from pocketgs.compression.spz_file import as_spz
+from pocketgs.compression.spz_file import SpzFile, as_spz
 from pocketgs.compression.timekeeper import StoppedError, Timekeeper
 from pocketgs.compression.views import Views
 from pocketgs.errors import PocketGSError
@@ -54,6 +54,7 @@ class Compressed:
         chosen: the best candidate.
         candidates: all, in the order in which they were made.
         original_psnr: PSNR of the original in dB, comparable with the candidates'.
+        spz: the original as a .spz, for comparison; None if that cannot store it.
         bound: that the search was for.
         interrupted: whether Ctrl-C ended the search.
     """
@@ -61,6 +62,7 @@ class Compressed:
     chosen: Candidate
     candidates: list[Candidate]
     original_psnr: float
+    spz: SpzFile | None
     bound: Bound
     interrupted: bool
 
@@ -105,7 +107,8 @@ def compress(
         rendering = max(timekeeper.elapsed(), 1e-3) / judge.renderings
         timekeeper.first_speed = 1.0 / (STEP * rendering)
         timekeeper.reserve(TABLE_ROWS * len(views.reported) * rendering)
-        bound = _bound(scene, views, judge, options)
+        spz = as_spz(scene)
+        bound = _bound(spz, views, judge, options)
         tuner = FineTuner(engine, views.train, views.background, scene, options.seed, timekeeper.step)
         cameras = [frame.camera for frame in views.train]
         pruner = Pruner(tuner, cameras, options.prune, rasterizer or Rasterizer("cpu"))
@@ -118,7 +121,7 @@ def compress(
             if not any(map(bound.admits, workshop.candidates)):
                 raise KeyboardInterrupt from None
     candidates = workshop.candidates
-    return Compressed(bound.best(candidates), candidates, judge.original_psnr, bound, interrupt.requested)
+    return Compressed(bound.best(candidates), candidates, judge.original_psnr, spz, bound, interrupt.requested)
 
 
 def memory_needed(scene: Gaussians, cameras: Iterable[Camera], engine: Engine) -> int:
@@ -134,7 +137,7 @@ def memory_needed(scene: Gaussians, cameras: Iterable[Camera], engine: Engine) -
     return engine.memory_needed(len(scene), scene.sh.shape[1], sizes).process + COPIES * of_scene
 
 
-def _bound(scene: Gaussians, views: Views, judge: Judge, options: CompressionOptions) -> SizeBound | QualityBound:
+def _bound(spz: SpzFile | None, views: Views, judge: Judge, options: CompressionOptions) -> SizeBound | QualityBound:
     """The bound that the options ask for.
 
     Raises:
@@ -145,7 +148,6 @@ def _bound(scene: Gaussians, views: Views, judge: Judge, options: CompressionOpt
     if views.photographs:
         allowed = QUALITY if options.quality is None else options.quality
         return QualityBound(judge.original_psnr - judge.loss_to_aim_at(allowed))
-    spz = as_spz(scene)
     if spz is None:
         found = "the scene is too large for a .spz, whose quality is the bound without a capture"
         raise PocketGSError(f"compression: {found}; expected the capture, or --size")

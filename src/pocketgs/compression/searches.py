@@ -43,17 +43,26 @@ def search_by_size(scene: Gaussians, workshop: Workshop, size: float) -> None:
         workshop: makes and keeps the candidates.
         size: bound in bytes.
     """
-    workshop.only_rounded(scene, FINE)  # if this fits, little is better
+    whole = workshop.only_rounded(scene, FINE)  # if this fits, little is better
     guess = max(int(size / BYTES_PER_GAUSSIAN), LEAST)
     workshop.prune(scene, lambda level: len(level.scene) > guess)
-    goal = Goal(float(np.log(size)), 1.0, SIZE_TOLERANCE, from_above=False)
-    is_time_up = workshop.timekeeper.is_up
-    search(lambda count: float(np.log(len(workshop.make(count).contents))), goal, guess, LEAST, len(scene), is_time_up)
+    _search_by_size(scene, workshop, size, guess)
+    largest = max(len(each.contents) for each in workshop.candidates if each is not whole)
+    if len(whole.contents) > size and largest < np.exp(-SIZE_TOLERANCE) * size and not workshop.timekeeper.is_up():
+        # All Gaussians with a codebook take less: some of them on fine grids may be better.
+        workshop.coding = FINE
+        _search_by_size(scene, workshop, size, int(len(scene) * size / len(whole.contents)))
     # The size of small files shrinks less than in proportion to the number of Gaussians, which the search assumes.
     fewest = min(workshop.candidates, key=lambda each: len(each.contents))
     while len(fewest.contents) > size and fewest.count > LEAST:
         fewer = FEWER * fewest.count * size / len(fewest.contents)
         fewest = workshop.make(max(int(fewer), LEAST))
+
+
+def _search_by_size(scene: Gaussians, workshop: Workshop, size: float, guess: int) -> None:
+    goal = Goal(float(np.log(size)), 1.0, SIZE_TOLERANCE, from_above=False)
+    is_time_up = workshop.timekeeper.is_up
+    search(lambda count: float(np.log(len(workshop.make(count).contents))), goal, guess, LEAST, len(scene), is_time_up)
 
 
 def search_on_photographs(scene: Gaussians, workshop: Workshop, bound: float) -> None:
@@ -71,6 +80,8 @@ def search_on_photographs(scene: Gaussians, workshop: Workshop, bound: float) ->
         _search_by_quality(scene, workshop, bound, guess)
         if any(map(workshop.is_within, workshop.candidates)):
             return
+        if workshop.timekeeper.is_up():
+            break
     _round_only(scene, workshop, bound)
 
 

@@ -70,6 +70,10 @@ class DistilOptions:
         for name in ("iterations", "seed"):
             if getattr(self, name) < 0:
                 raise PocketGSError(f"{name}: found {getattr(self, name)}, expected at least 0")
+        for name in ("teacher_weight", "depth_weight"):
+            if not 0.0 <= getattr(self, name) < np.inf:
+                found = getattr(self, name)
+                raise PocketGSError(f"{name.replace('_', ' ')}: found {found}, expected a finite number of at least 0")
         if self.threads is not None and self.threads < 1:
             raise PocketGSError(f"threads: found {self.threads}, expected at least 1")
         for name in ("sh_degree", "view_degree"):

@@ -127,6 +127,13 @@ def test_fine(folder: Path) -> None:
     assert rows_of(read_back(folder, scene, FINE)).tobytes() == rows_of(fine).tobytes()
 
 
+def test_a_coordinate_that_rounding_would_make_infinite() -> None:
+    scene = random_scene(20, 0)
+    scene.means[0] = np.finfo(np.float32).max
+    with pytest.raises(PocketGSError, match=r"a coordinate of 3\.4e\+38, expected at most 1\.7e\+38 in a \.pgs"):
+        pgs.encode(scene)
+
+
 def test_sections(folder: Path) -> None:
     path = folder / "scene.pgs"
     scene = random_scene(600, 1)

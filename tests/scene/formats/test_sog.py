@@ -33,6 +33,7 @@ def test_errors(tmp_path: Path, degree: int) -> None:
     assert opacity_error(found, ordered) <= 1 / 500
     assert np.abs(found.sh[:, 0] - ordered.sh[:, 0]).max() <= 0.02
     assert found.sh.shape == ordered.sh.shape
+    assert np.abs(found.sh[:, 1:] - ordered.sh[:, 1:]).max(initial=0.0) <= 0.02, "a palette has an entry for each"
 
 
 def parts_of(path: Path) -> dict[str, bytes]:

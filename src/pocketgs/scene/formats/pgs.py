@@ -48,6 +48,9 @@ SCENE = struct.Struct("<IIBBh3i5f")
 """Count, entries of the codebook, degree, bits and exponent of positions, origin, and the steps of log scales,
 rotations, opacity logits, colours and harmonics."""
 
+LARGEST_COORDINATE = 2.0**127
+"""Larger ones might be rounded to beyond float32."""
+
 KNOWN = {
     ("scene", FIELDS),
     ("position", TREE),
@@ -117,10 +120,14 @@ def encoded(gaussians: Gaussians, coding: Coding, path: Path) -> tuple[list[Sect
     """
     require_sound(path, gaussians)
     _require_count(path, len(gaussians))
+    if (largest := float(np.abs(gaussians.means).max())) > LARGEST_COORDINATE:
+        raise PocketGSError(
+            f"{path}: a coordinate of {largest:.3g}, expected at most {LARGEST_COORDINATE:.3g} in a .pgs"
+        )
     coding = coding.in_single_precision()
     scene = rounded(gaussians, coding)
     if grid_exponent(gaussians.means) is None:
-        warn_if_coarse(path, gaussians, math.ldexp(1.0, finest_exponent(gaussians.means) + 1))
+        warn_of_coarse_grid(path, gaussians)
     exponent = grid_exponent(scene.means)
     assert exponent is not None
     cells = np.ldexp(scene.means.astype(np.float64), -exponent).astype(np.int64)
@@ -162,6 +169,11 @@ def encoded(gaussians: Gaussians, coding: Coding, path: Path) -> tuple[list[Sect
         *harmonics,
     ]
     return sections, order
+
+
+def warn_of_coarse_grid(path: Path, gaussians: Gaussians) -> None:
+    """Warn if rounding to a file's grid, which suits the farthest Gaussian, moves most of them visibly."""
+    warn_if_coarse(path, gaussians, math.ldexp(1.0, finest_exponent(gaussians.means) + 1))
 
 
 def _harmonics(rest: np.ndarray) -> tuple[int, list[Section]]:

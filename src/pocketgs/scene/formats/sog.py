@@ -88,7 +88,7 @@ def write_gaussians(path: Path, gaussians: Gaussians) -> None:
     }
     if ordered.sh_degree:
         rest = ordered.sh[:, 1:].reshape(count, -1)
-        palette = vector_codebook(rest, min(MAX_WRITTEN, -(-count // 4)), importance_of(ordered))
+        palette = vector_codebook(rest, min(MAX_WRITTEN, count), importance_of(ordered))
         labels = nearest(rest, palette)
         codebook, rows = scalar_codebook(palette, ENTRIES)
         across = np.zeros((-(-len(rows) // ACROSS) * ACROSS, rows.shape[1]), np.int64)
