@@ -140,9 +140,16 @@ def test_a_time_budget_ends_the_search(scene: Gaussians, views: Views, engine: E
     found = compress(scene, views, engine, seconds=0.01, on_count=lambda done, of: steps.append(done))
     assert found.chosen.contents
     assert not steps, "time was up before the first of them"
-    assert len(found.candidates) <= 1 + GRIDS
     assert found.within_bound
     assert len(found.chosen.scene) == len(scene)
+
+
+def test_no_search_on_fine_grids_after_time_is_up(
+    scene: Gaussians, views: Views, engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pocketgs.compression.compress._bound", lambda *_: QualityBound(99.0))
+    found = compress(scene, views, engine, seconds=0.01)
+    assert len(found.candidates) == 1 + GRIDS, "one with a codebook, and the whole scene on finer and finer grids"
 
 
 def pressing_ctrl_c(step: int) -> Callable[[int, int], None]:

@@ -42,8 +42,8 @@ TABLE_ROWS = CANDIDATES + 3
 """Approximate number of scenes in the final comparison: candidates, one on fine grids, original, .spz."""
 
 COPIES = 24
-"""Number of scenes in memory: five from rounds of pruning, ten before rounding, those in work, and while masks are
-trained the optimiser's and the gradients."""
+"""Number of scenes in memory: five from rounds of pruning, ten before rounding, the .spz, those in work, and while
+masks are trained the optimiser's and the gradients."""
 
 
 @dataclass(frozen=True)

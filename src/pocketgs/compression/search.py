@@ -73,7 +73,7 @@ def search(
 
 
 def _slope(tried: list[tuple[float, float]], expected: float) -> float:
-    """Slope of the values at the last two places, or the expected one if it is the first."""
+    """Slope between the last two places tried, within `UNUSUAL` of the expected one; after one place, that one."""
     if len(tried) < 2:
         return expected
     (before, value_before), (place, value) = tried[-2:]
