@@ -25,6 +25,7 @@ from pocketgs.scene.formats.pgs import encode
 from pocketgs.scene.formats.pgs_coding import FINE, Coding
 from pocketgs.scene.formats.pgs_rounding import rounded as rounded_scene
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
+from pocketgs.scene.warning import SceneWarning
 from pocketgs.splat.engine import Engine
 
 pytestmark = pytest.mark.usefixtures("_few_steps")
@@ -180,6 +181,28 @@ def test_ctrl_c_keeps_the_best_file_so_far(
     monkeypatch.setattr(candidates.Workshop, "_keep", and_press_ctrl_c)
     found = compress(scene, views, engine, CompressionOptions(quality=10.0))
     assert found.interrupted
+    assert found.within_bound
+    assert len(found.candidates) == 1
+
+
+def test_training_that_diverges_keeps_the_best_file_so_far(
+    scene: Gaussians, views: Views, engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make = candidates.Workshop.make
+
+    def and_diverge(workshop: candidates.Workshop, count: int) -> candidates.Candidate:
+        tune = workshop.tuner.tune
+        if workshop.candidates:
+            workshop.tuner.tune = lambda *args, **options: with_nan(tune(*args, **options))  # type: ignore[method-assign]
+        return make(workshop, count)
+
+    def with_nan(tuned: Gaussians) -> Gaussians:
+        tuned.means[0] = np.nan
+        return tuned
+
+    monkeypatch.setattr(candidates.Workshop, "make", and_diverge)
+    with pytest.warns(SceneWarning, match="the search ended early: .*NaN"):
+        found = compress(scene, views, engine, CompressionOptions(quality=10.0))
     assert found.within_bound
     assert len(found.candidates) == 1
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pocketgs.capture.capture import Capture
+from pocketgs.capture.capture import Capture, Frame
 from pocketgs.cli import main
 from pocketgs.errors import PocketGSError
 from pocketgs.metrics.evaluation import psnr
@@ -39,6 +39,18 @@ def closeness(scene: SortFreeScene, capture: Capture) -> float:
     frame = capture.held_out[0]
     image = np.clip(drawing.render(frame.camera, capture.background).image, 0.0, 1.0)
     return psnr(image, frame.image / 255.0, frame.mask)
+
+
+def test_what_a_file_cannot_hold_is_refused_before_training(
+    tmp_path: Path, teacher: Gaussians, capsys: pytest.CaptureFixture[str]
+) -> None:
+    distant = teacher.select(np.arange(len(teacher)))
+    distant.means[0] = 3e38
+    distant.save(tmp_path / "scene.ply")
+    with pytest.raises(SystemExit) as left:
+        main(["distil", str(tmp_path / "scene.ply"), "no-capture", "--output", str(tmp_path / "small.pgs")])
+    assert left.value.code == 2
+    assert "a coordinate of 3e+38" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -176,13 +188,21 @@ def test_the_commands(
     assert output.read_bytes() == before
 
 
-def test_without_the_capture(small_capture: Capture, teacher: Gaussians, tmp_path: Path) -> None:
+def test_without_the_capture(
+    small_capture: Capture, teacher: Gaussians, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Renderings from the result folder's cameras take the photographs' place."""
     scene = tmp_path / "scene.ply"
     teacher.save(scene)
     with pytest.raises(SystemExit) as left:
         main(["distil", str(scene), "--output", str(tmp_path / "free.ply")])
     assert left.value.code == 2, "there are no cameras"
+    camera, image = replace(small_capture.train[0].camera, width=60000), np.zeros((72, 60000, 3), np.uint8)
+    write_cameras(tmp_path / "cameras.json", [Frame("wide", camera, image)], refined=False)
+    with pytest.raises(SystemExit) as left:
+        main(["distil", str(scene), "--output", str(tmp_path / "free.ply"), "--max-memory", "10"])
+    assert left.value.code == 2, "renderings would take too much memory"
+    assert "renderings of it would take" in capsys.readouterr().err
     write_cameras(tmp_path / "cameras.json", small_capture.train, refined=False)
     shown = []
     for iterations in ("0", "40"):

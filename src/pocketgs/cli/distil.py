@@ -17,7 +17,7 @@ from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
 from pocketgs.scene.edits import drawable
 from pocketgs.sort_free.distil import DistilOptions
 from pocketgs.sort_free.distil import distil as distil_scene
-from pocketgs.sort_free.file import check_name, write_sort_free
+from pocketgs.sort_free.file import check_name, check_storable, write_sort_free
 from pocketgs.splat.engine import create_engine
 
 
@@ -49,6 +49,7 @@ def distil(
         reading.check_without_capture("the capture after the scene", but=("background",))
     with memory_bound(max_memory):
         teacher = drawable(load_scene(scene))
+        check_storable(output, teacher)
         if capture is None:
             engine = create_engine(options.engine_options)
             opened = rendered_capture(scene, teacher, engine, reading.background)

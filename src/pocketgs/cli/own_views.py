@@ -9,12 +9,16 @@ from pocketgs.cli.scene_file import folder_of
 from pocketgs.compression.views import cameras_around, not_too_many, renderings
 from pocketgs.errors import PocketGSError
 from pocketgs.files.json_fields import read_json
+from pocketgs.files.memory_bound import require_memory
 from pocketgs.geometry.camera import Camera
 from pocketgs.results.cameras_file import holds_cameras, read_cameras
 from pocketgs.results.folder import CAMERAS, RECORD
 from pocketgs.scene.background import BLACK, Background
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
+
+BYTES_PER_PIXEL = 3
+"""Of a rendering."""
 
 
 def trained_cameras(scene: Path) -> dict[str, Camera]:
@@ -55,13 +59,15 @@ def rendered_capture(scene: Path, gaussians: Gaussians, engine: Engine, backgrou
         background: None for that of the scene's run.
 
     Raises:
-        PocketGSError: there are no cameras, or they cannot be read.
+        PocketGSError: there are no cameras, or they cannot be read, or the images exceed the memory bound.
     """
-    cameras = trained_cameras(scene)
+    cameras = not_too_many(trained_cameras(scene))
     if not cameras:
         raise PocketGSError(f"{scene}: found no {CAMERAS} beside the scene, expected its result folder, or its capture")
+    pixels = sum(camera.width * camera.height for camera in cameras.values())
+    require_memory(scene, BYTES_PER_PIXEL * pixels, f"{len(cameras)} renderings of it")
     background = background or own_background(scene)
-    frames = renderings(gaussians, not_too_many(cameras), engine, background)
+    frames = renderings(gaussians, cameras, engine, background)
     return Capture(
         scene.stem, scene, "renderings", frames, [], background=background, protocol="renderings of the scene itself"
     )

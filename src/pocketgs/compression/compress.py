@@ -20,6 +20,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.scene.edits import drawable
 from pocketgs.scene.formats.pgs_coding import DEFAULT
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
+from pocketgs.scene.warning import warn
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.rasterizer import Rasterizer
 from pocketgs.system.interrupt import deferred_interrupt
@@ -120,6 +121,11 @@ def compress(
         except StoppedError:
             if not any(map(bound.admits, workshop.candidates)):
                 raise KeyboardInterrupt from None
+        except PocketGSError as error:
+            # Training has diverged, or a file cannot hold its result.
+            if not any(map(bound.admits, workshop.candidates)):
+                raise
+            warn(f"compression: the search ended early: {error}")
     candidates = workshop.candidates
     return Compressed(bound.best(candidates), candidates, judge.original_psnr, spz, bound, interrupt.requested)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.formats.pgs_sections import WEIGHTS, section_names
 from pocketgs.scene.formats.spz_precision import Detail
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.sort_free import ply_file
 from pocketgs.sort_free.scene import SortFreeScene
 
@@ -45,6 +46,18 @@ def check_name(path: Path) -> None:
     if not _may_be(path):
         expected = "one that ends in .ply or .pgs: other formats hold no weights"
         raise PocketGSError(f"{path}: not a name for a sort-free scene, expected {expected}")
+
+
+def check_storable(path: Path, gaussians: Gaussians) -> None:
+    """Refuse Gaussians that a file of this name cannot hold, before they are trained.
+
+    Raises:
+        PocketGSError: a `.pgs` cannot hold as many, or as distant ones.
+    """
+    if _is_pgs(path):
+        from pocketgs.scene.formats.pgs import require_storable
+
+        require_storable(path, gaussians)
 
 
 def is_sort_free(path: Path) -> bool:

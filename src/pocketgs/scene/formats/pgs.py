@@ -113,10 +113,11 @@ def decode(contents: bytes) -> Gaussians:
     return decoded(path, split_sections(path, contents, KNOWN))
 
 
-def encoded(gaussians: Gaussians, coding: Coding, path: Path) -> tuple[list[Section], np.ndarray]:
-    """Encode a scene, rounded, as sections; and (N,) the indices of its Gaussians in the order of the file.
+def require_storable(path: Path, gaussians: Gaussians) -> None:
+    """Check that a file can hold a scene.
 
-    Arguments and errors are those of `encode`.
+    Raises:
+        PocketGSError: the scene is empty, too large, or holds NaN or infinity.
     """
     require_sound(path, gaussians)
     _require_count(path, len(gaussians))
@@ -124,6 +125,14 @@ def encoded(gaussians: Gaussians, coding: Coding, path: Path) -> tuple[list[Sect
         raise PocketGSError(
             f"{path}: a coordinate of {largest:.3g}, expected at most {LARGEST_COORDINATE:.3g} in a .pgs"
         )
+
+
+def encoded(gaussians: Gaussians, coding: Coding, path: Path) -> tuple[list[Section], np.ndarray]:
+    """Encode a scene, rounded, as sections; and (N,) the indices of its Gaussians in the order of the file.
+
+    Arguments and errors are those of `encode`.
+    """
+    require_storable(path, gaussians)
     coding = coding.in_single_precision()
     scene = rounded(gaussians, coding)
     if grid_exponent(gaussians.means) is None:
