@@ -8,7 +8,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -16,8 +16,9 @@ from pathlib import Path
 import psutil
 import pytest
 
+from pocketgs.serve import child
 from pocketgs.serve.child import LEFT_ALONE
-from pocketgs.serve.entry import Entry, Process, State, UploadedFile, read_entry
+from pocketgs.serve.entry import Entry, State, UploadedFile, read_entry
 from pocketgs.serve.server import ServeOptions, serving_folder
 from pocketgs.serve.shelf import Shelf, new_id
 from pocketgs.serve.training import Training
@@ -38,7 +39,7 @@ def command_of(folder: Path, identity: str) -> list[str]:
     """The command of a run that goes on."""
     process = read_entry(folder / "captures" / identity / "about.json").process
     assert process
-    return psutil.Process(process.number).cmdline()
+    return psutil.Process(process).cmdline()
 
 
 def working_at(identity: str) -> list[psutil.Process]:
@@ -85,9 +86,9 @@ def test_one_after_the_other(folder: Path, zipped: bytes) -> None:
         asyncio.run(asyncio.wait_for(watch(f"{phone.url}captures/{long}/view/"), 60))
         process = read_entry(folder / "captures" / long / "about.json").process
         assert process
-        assert psutil.pid_exists(process.number)
+        assert psutil.pid_exists(process)
     # It was ended as Ctrl-C does: what was trained is kept, and the run is queued.
-    assert not psutil.pid_exists(process.number)
+    assert not psutil.pid_exists(process)
     record = folder / "captures" / long / "result" / "run.json"
     done = json.loads(record.read_text())["iterations"]
     assert done > 0
@@ -112,6 +113,42 @@ def test_one_after_the_other(folder: Path, zipped: bytes) -> None:
         assert "--resume" in command_of(folder, long)
 
 
+EVALUATES_SLOWLY = """
+import runpy, sys, time
+from pathlib import Path
+import pocketgs.results.run as run
+
+def evaluate(*given, **options):
+    Path(sys.argv[0]).with_suffix(".evaluating").touch()
+    time.sleep(3)
+    return evaluate_held_out(*given, **options)
+
+evaluate_held_out, run.evaluate_held_out = run.evaluate_held_out, evaluate
+runpy.run_module("pocketgs", run_name="__main__")
+"""
+
+
+def test_ending_the_server_while_a_result_is_written(
+    folder: Path, zipped: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The run has written all of its result when it ends, and is not begun anew."""
+    script = tmp_path / "slow.py"
+    script.write_text(EVALUATES_SLOWLY)
+
+    async def start(arguments: Sequence[str], folder: Path) -> asyncio.subprocess.Process:
+        command = ("-m", *arguments) if arguments[0] != "pocketgs" else (str(script), *arguments[1:])
+        output = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+        return await asyncio.create_subprocess_exec(sys.executable, *command, cwd=folder, **output)
+
+    monkeypatch.setattr(child, "start", start)
+    with serving_folder(folder, ServeOptions(FLAGS, "quick")) as (page, _):
+        phone = Phone(page.url)
+        identity = phone.upload({"toys.zip": zipped})
+        phone.until(identity, lambda _: script.with_suffix(".evaluating").exists())
+    entry = Shelf(folder).entries[identity]
+    assert (entry.state, entry.process) == ("trained", None)
+
+
 def test_deleting_what_trains(folder: Path, zipped: bytes) -> None:
     """The run ends at once; restored, the capture is queued again."""
     with serving_folder(folder, ServeOptions(FLAGS, "quick")) as (page, _):
@@ -122,7 +159,7 @@ def test_deleting_what_trains(folder: Path, zipped: bytes) -> None:
         process = read_entry(about).process
         assert process
         assert phone.tell(f"captures/{identity}/delete").status == 200
-        assert not psutil.pid_exists(process.number)
+        assert not psutil.pid_exists(process)
         assert phone.shelf["captures"] == []
         phone.tell(f"captures/{identity}/restore")
         phone.until(identity, "training")
@@ -133,7 +170,7 @@ def test_deleting_what_trains(folder: Path, zipped: bytes) -> None:
         phone.until(identity, lambda _: read_entry(about).process is not None)
         killed = read_entry(about).process
         assert killed
-        psutil.Process(killed.number).kill()
+        psutil.Process(killed).kill()
         told = phone.until(identity, "failed")
         assert told["message"].startswith("training ended with status")
         assert fetch(phone.url, "shelf.json").status == 200
@@ -167,12 +204,14 @@ def test_a_run_that_cannot_be_followed(
 @pytest.mark.usefixtures("untrained")
 def test_what_a_killed_server_leaves(folder: Path, serve: Callable[..., Phone]) -> None:
     """Its run goes on without it: the next server ends that, and queues the capture. Other processes are spared."""
-    with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"]) as run:
-        shelf, started = Shelf(folder), psutil.Process(run.pid).create_time()
-        files = (UploadedFile("a.mov", "0001.mov", 5),)
-        left = Entry(new_id(), "left", "video", files, "quick", 1.0, "training", process=Process(run.pid, started))
-        other = replace(left, id=new_id(), title="other", process=Process(os.getpid(), 1.0))
-        ended = replace(left, id=new_id(), title="ended", process=Process(2**22 + 1, 1.0))
+    files = (UploadedFile("a.mov", "0001.mov", 5),)
+    left = Entry(new_id(), "left", "video", files, "quick", 1.0, "training")
+    result = folder.resolve() / "captures" / left.id / "result"
+    with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)", str(result)]) as run:
+        shelf = Shelf(folder)
+        left = replace(left, process=run.pid)
+        other = replace(left, id=new_id(), title="other", process=os.getpid())
+        ended = replace(left, id=new_id(), title="ended", process=2**22 + 1)
         for entry in (left, other, ended):
             shelf.add(entry)
         phone = serve()

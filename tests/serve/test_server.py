@@ -410,6 +410,15 @@ def test_rename_delete_restore(serve: Serve, folder: Path, photographs: dict[str
     assert phone.tell(f"captures/{identity}/restore").status == 404
 
 
+def test_a_last_piece_that_is_written_while_its_capture_is_deleted(serve: Serve, folder: Path) -> None:
+    phone = serve()
+    identity = phone.begin(VIDEO).json["id"]
+    phone.tell(f"captures/{identity}/delete")
+    (folder / "trash" / identity / "upload" / "0001.mov").write_bytes(VIDEO["walk.mov"])
+    phone.tell(f"captures/{identity}/restore")
+    phone.until(identity, "unusable")  # it was checked, and is no video
+
+
 def test_uploads_and_queue_survive_the_server(folder: Path, photographs: dict[str, bytes]) -> None:
     with serving_folder(folder, ServeOptions({"quick": ()}, "quick")) as (page, _):
         phone = Phone(page.url)
@@ -448,6 +457,11 @@ def test_downloads_and_the_viewer(serve: Serve, folder: Path, photographs: dict[
         assert answer.headers["Content-Disposition"] == f"attachment; filename*=UTF-8''{name}{suffix}"
         (tmp_path / f"told{suffix}").write_bytes(answer.body)
         assert len(read_scene(tmp_path / f"told{suffix}")) == 50
+    # The next run writes its scene, evaluates it, and then puts it in place: meanwhile, the page offers the last one.
+    scene.select(np.arange(20)).save(result / "scene.ply")
+    os.utime(result / "scene.ply", (3, 3))
+    (tmp_path / "next.spz").write_bytes(fetch(phone.url, f"captures/{identity}/scene.spz").body)
+    assert len(read_scene(tmp_path / "next.spz")) == 20
     assert fetch(phone.url, f"captures/{identity}/scene.exe").status == 404
     view = f"captures/{identity}/view/"
     assert b"<html" in fetch(phone.url, view).body

@@ -13,9 +13,9 @@ import pytest
 from files.test_full_disk import files_of_at_most
 from pocketgs.errors import PocketGSError
 from pocketgs.serve.address import KeptAddress, keep_address, kept_address
-from pocketgs.serve.entry import Entry, Process, UploadedFile
+from pocketgs.serve.entry import Entry, UploadedFile
 from pocketgs.serve.server import ServeOptions, serving_folder
-from pocketgs.serve.shelf import SECONDS_IN_TRASH, Shelf, new_id
+from pocketgs.serve.shelf import Shelf, delete_folders, new_id
 
 
 def an_entry(title: str = "toys") -> Entry:
@@ -26,8 +26,7 @@ def test_captures_are_kept(tmp_path: Path) -> None:
     shelf = Shelf(tmp_path)
     entry = an_entry('<img src=x> "\u202etitle" \N{PILE OF POO}')
     shelf.add(entry)
-    process = Process(7, 1.5)
-    changed = shelf.save(replace(entry, state="training", begun=2.5, flags=("--max-size", "8"), process=process))
+    changed = shelf.save(replace(entry, state="training", begun=2.5, flags=("--max-size", "8"), process=7))
     assert Shelf(tmp_path).entries == {entry.id: changed}
     assert shelf.received(changed) == [0]
     (shelf.place(entry) / "upload" / "0001.mov").write_bytes(b"abc")
@@ -47,11 +46,11 @@ def test_deleting_and_restoring(tmp_path: Path) -> None:
     assert again.restore(deleted) == entry
     assert (again.place(entry) / "upload" / "0001.mov").read_bytes() == b"abc"
     again.delete(entry)
-    again.empty_old_trash()
+    assert again.empty_trash(60.0) == []
     assert list(again.deleted) == [entry.id]
     [deleted] = again.deleted.values()
-    again.save(replace(deleted, deleted=time.time() - SECONDS_IN_TRASH - 1))
-    again.empty_old_trash()
+    again.save(replace(deleted, deleted=time.time() - 61.0))
+    delete_folders(again.empty_trash(60.0))
     assert again.deleted == {}
     assert list((tmp_path / "trash").iterdir()) == []
 

@@ -17,8 +17,6 @@ from pathlib import Path
 
 import psutil
 
-from pocketgs.serve.entry import Process
-
 GRACE = 20.0
 """Seconds that an interrupted run has to keep what was trained, and to end its own child processes."""
 
@@ -51,23 +49,18 @@ async def start(arguments: Sequence[str], folder: Path) -> asyncio.subprocess.Pr
     )
 
 
-def identity(number: int) -> Process | None:
-    """What tells a process from later ones with the same number; None if it has ended."""
-    with suppress(psutil.Error):
-        return Process(number, psutil.Process(number).create_time())
-    return None
-
-
-def end(process: Process, grace: float = GRACE) -> None:
+def end(number: int, argument: str, grace: float = GRACE) -> None:
     """Ask a process to stop, as Ctrl-C does; after a while, kill it and what it has started. Blocks meanwhile.
 
     Args:
-        process: nothing happens if it has ended, and its number is used by another one.
+        number: of the process.
+        argument: of its command. It tells the process from others, since numbers are used again; the time of its
+            creation would not, since that changes when the system's clock is set.
         grace: seconds to wait before it is killed.
     """
     with suppress(psutil.Error):
-        found = psutil.Process(process.number)
-        if found.create_time() != process.started:
+        found = psutil.Process(number)
+        if argument not in found.cmdline():
             return
         family = [found, *found.children(recursive=True)]
         found.terminate()
@@ -87,7 +80,9 @@ def end_with(number: int) -> None:
     Args:
         number: of the other process. It need not be the parent: in a virtual environment on Windows, a launcher is.
     """
-    if identity(os.getpid()) is None:  # processes cannot be looked at here, such as in a sandbox without /proc
+    try:
+        psutil.Process().create_time()
+    except psutil.Error:  # processes cannot be looked at here, such as in a sandbox without /proc
         return
     try:
         other = psutil.Process(number)

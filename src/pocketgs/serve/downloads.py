@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from pathlib import Path
 from urllib.parse import quote
@@ -35,9 +36,11 @@ def scene_file(place: Path, suffix: str) -> Path:
         return compressed
     path = place / FOLDER / f"scene{suffix}"
     with _one_at_a_time:
-        if not path.is_file() or path.stat().st_mtime_ns < trained:
+        if not path.is_file() or path.stat().st_mtime_ns != trained:
             path.parent.mkdir(exist_ok=True)
             write_scene(path, read_scene(scene))
+            # A later scene may have been written earlier than this file: before it was evaluated and put in place.
+            os.utime(path, ns=(trained, trained))
     return path
 
 

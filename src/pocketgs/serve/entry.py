@@ -36,19 +36,6 @@ class UploadedFile:
 
 
 @dataclass(frozen=True)
-class Process:
-    """A process that trains.
-
-    Attributes:
-        number: of the process.
-        started: when the system says that it was created; numbers are used again.
-    """
-
-    number: int
-    started: float
-
-
-@dataclass(frozen=True)
 class Entry:
     """A capture on the shelf.
 
@@ -65,7 +52,7 @@ class Entry:
         message: why it is unusable or has failed.
         begun: when its last run began; a run that goes on keeps it.
         flags: of the last run's command.
-        process: of the run that is going on.
+        process: number of the process that trains it, while one does.
         deleted: when it was moved to the trash; None outside it.
     """
 
@@ -81,7 +68,7 @@ class Entry:
     anew: str = ""
     begun: float = 0.0
     flags: tuple[str, ...] = ()
-    process: Process | None = None
+    process: int | None = None
     deleted: float | None = None
 
     @property
@@ -118,16 +105,12 @@ def read_entry(path: Path) -> Entry:
         anew=str(fields.values.get("anew", "")),
         begun=fields.number("begun"),
         flags=tuple(fields.optional_texts("flags") or ()),
-        process=_process(Fields(process, f"{path}, process")) if isinstance(process, dict) else None,
+        process=process if isinstance(process, int) else None,
         deleted=fields.optional_number("deleted"),
     )
     if entry.id != path.parent.name or not all(STORED.fullmatch(file.stored) for file in entry.files):
         raise PocketGSError(f"{path}: does not belong to its folder, expected one that pocketgs serve wrote")
     return entry
-
-
-def _process(fields: Fields) -> Process:
-    return Process(int(fields.number("number")), fields.number("started"))
 
 
 def _one_of(fields: Fields, name: str, choices: tuple[_Choice, ...]) -> _Choice:

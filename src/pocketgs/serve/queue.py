@@ -111,11 +111,14 @@ class Queue:
     async def recover(self) -> None:
         """Take up again what a server that was killed has left half done, and end the run that it left behind."""
         for entry in list(self._shelf.entries.values()):
+            result = self._shelf.place(entry) / RESULT
             if entry.process:
-                await asyncio.to_thread(child.end, entry.process)
+                await asyncio.to_thread(child.end, entry.process, str(result))
             if entry.state == "training":
-                complete = is_complete(self._shelf.place(entry) / RESULT, entry.begun)
-                self._note(entry.id, state="trained" if complete else "queued", process=None)
+                if is_complete(result, entry.begun):
+                    await self._keep_result(entry)
+                else:
+                    self._note(entry.id, state="queued", process=None)
             elif entry.state == "uploading" and self._shelf.has_all(entry):
                 self._note(entry.id, state="checking")  # no more pieces come, which would tell that it is complete
 
@@ -178,21 +181,23 @@ class Queue:
             await run.start(input_of(place, entry), place / RESULT, (*flags, *resumed), self._shelf.folder / PRIVATE)
             self._note(entry.id, process=run.process)
             status = await run.finish(place / LOG)
-            await self._conclude(entry, status, run, place)
+            await self._conclude(replace(entry, begun=begun), status, run, place)
         except BaseException as error:
             await run.end()  # nobody follows it any more: it would train beside the next one
             if isinstance(error, asyncio.CancelledError):
-                self._note(entry.id, state="queued", process=None)
+                if is_complete(place / RESULT, begun):
+                    await self._keep_result(entry)
+                else:
+                    self._note(entry.id, state="queued", process=None)
             raise
         finally:
             del self._work[entry.id]
 
     async def _conclude(self, entry: Entry, status: int, run: Training, place: Path) -> None:
         """Say how a run has ended."""
-        if status == 0:
-            with suppress(PocketGSError):
-                await asyncio.to_thread(show_rendering, place / THUMBNAIL, place / RESULT)
-            self._note(entry.id, state="trained", process=None)
+        # A run that was ended while it wrote its result has written all of it.
+        if status == 0 or is_complete(place / RESULT, entry.begun):
+            await self._keep_result(entry)
         elif entry.id in self._held:
             self._note(entry.id, state="queued", process=None)
         elif run.is_unwanted:
@@ -202,6 +207,13 @@ class Queue:
             if status != USER_ERROR:
                 message = f"training ended with status {status}; it said last: {message or 'nothing'}"
             self._note(entry.id, state="failed", message=message, process=None)
+
+    async def _keep_result(self, entry: Entry) -> None:
+        """Note that a capture is trained, and show its result."""
+        place = self._shelf.place(entry)
+        with suppress(PocketGSError):
+            await asyncio.to_thread(show_rendering, place / THUMBNAIL, place / RESULT)
+        self._note(entry.id, state="trained", process=None)
 
     def _in_state(self, state: State) -> list[Entry]:
         """Captures in a state, the one that has waited longest first."""

@@ -30,7 +30,7 @@ from pocketgs.serve.pages import Pages
 from pocketgs.serve.pieces import MAX_PIECE
 from pocketgs.serve.queue import Queue
 from pocketgs.serve.refused import RefusedError, is_full, no_room
-from pocketgs.serve.shelf import THUMBNAIL, Shelf
+from pocketgs.serve.shelf import THUMBNAIL, Shelf, delete_folders
 from pocketgs.serve.shown import shown_deleted, shown_entry, shown_files
 from pocketgs.serve.uploads import Uploads
 from pocketgs.viewer.access import Access
@@ -224,12 +224,13 @@ class _Routes:
         entry = self._shelf.deleted.get(request.match_info["id"])
         if entry is None:
             raise RefusedError(404, "it is not in the trash any more")
-        self._shelf.restore(entry)
+        entry = self._shelf.restore(entry)
         await self._queue.tell()
+        await self._uploads.complete(entry.id)  # its last piece may have been written while it was being deleted
         return send_json({})
 
     async def empty_trash(self, _: web.Request) -> web.StreamResponse:
-        self._shelf.empty_trash()
+        await asyncio.to_thread(delete_folders, self._shelf.empty_trash())
         return send_json({})
 
     def _entry(self, request: web.Request) -> Entry:

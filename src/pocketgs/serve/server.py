@@ -17,7 +17,7 @@ from pocketgs.serve.address import KeptAddress, is_free, keep_address, kept_addr
 from pocketgs.serve.declaration import Bounds
 from pocketgs.serve.queue import Queue
 from pocketgs.serve.routes import shelf_application
-from pocketgs.serve.shelf import Shelf
+from pocketgs.serve.shelf import SECONDS_IN_TRASH, Shelf, delete_folders
 from pocketgs.viewer.access import Access
 from pocketgs.viewer.address import ANY_ADDRESS, LOOPBACK
 from pocketgs.viewer.server import Page, serving_application
@@ -96,5 +96,5 @@ async def _working(shelf: Shelf, queue: Queue) -> AsyncIterator[None]:
 
 async def _clean(shelf: Shelf) -> None:
     while True:
-        shelf.empty_old_trash()
+        await asyncio.to_thread(delete_folders, shelf.empty_trash(SECONDS_IN_TRASH))
         await asyncio.sleep(SECONDS_BETWEEN_CLEANINGS)

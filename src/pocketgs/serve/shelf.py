@@ -13,11 +13,11 @@ FOLDER/.pocketgs/                  the lock, and the page's address
 from __future__ import annotations
 
 import json
+import math
 import os
 import secrets
 import shutil
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -121,21 +121,22 @@ class Shelf:
         """Move a capture back from the trash; returns it as it was."""
         return self._move(entry, replace(entry, deleted=None), self.deleted)
 
-    def empty_trash(self, is_due: Callable[[Entry], bool] = lambda entry: True) -> None:
-        """Delete for good what is in the trash.
+    def empty_trash(self, seconds: float = -math.inf) -> list[Path]:
+        """Take captures out of the trash for good.
 
         Args:
-            is_due: says of each capture in it whether to delete it; all by default.
-        """
-        for entry in list(self.deleted.values()):
-            if is_due(entry):
-                with suppress(PocketGSError):  # a link, or nothing: there is nothing of ours to delete
-                    shutil.rmtree(self.place(entry), ignore_errors=True)
-                del self.deleted[entry.id]
+            seconds: that they must have been in it; all by default.
 
-    def empty_old_trash(self) -> None:
-        """Delete for good what was deleted long ago."""
-        self.empty_trash(lambda entry: time.time() - (entry.deleted or 0.0) > SECONDS_IN_TRASH)
+        Returns:
+            Their folders, for `delete_folders`: that takes a while.
+        """
+        folders = []
+        for entry in list(self.deleted.values()):
+            if time.time() - (entry.deleted or 0.0) > seconds:
+                with suppress(PocketGSError):  # a link, or nothing: there is nothing of ours to delete
+                    folders.append(self.place(entry))
+                del self.deleted[entry.id]
+        return folders
 
     def received(self, entry: Entry) -> list[int]:
         """How many bytes of each of a capture's files have arrived: their sizes on disk."""
@@ -174,6 +175,12 @@ class Shelf:
                 entry = replace(entry, deleted=time.time())
             found[entry.id] = entry
         return found
+
+
+def delete_folders(folders: list[Path]) -> None:
+    """Delete folders with all that they hold, as far as that is possible."""
+    for folder in folders:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def new_id() -> str:

@@ -14,7 +14,6 @@ from typing import Any, BinaryIO
 from aiohttp import ClientError, ClientSession, ClientTimeout, ClientWebSocketResponse
 
 from pocketgs.serve import child
-from pocketgs.serve.entry import Process
 
 ADDRESS = re.compile(r"page at (http://127\.0\.0\.1:\d+/[\w-]+/)")
 SECONDS_BETWEEN_LOOKS = 1.0
@@ -34,7 +33,7 @@ class Training:
     def __init__(self, client: ClientSession) -> None:
         self._client = client
         self._child: asyncio.subprocess.Process | None = None
-        self.process: Process | None = None
+        self._result = Path()
         self.address: str | None = None
         self.progress: dict[str, Any] = {"stage": "starting", "iteration": 0}
         self.last_words = ""
@@ -51,8 +50,13 @@ class Training:
         """
         page = ("--view", "--no-open", "--no-wait")
         arguments = ("pocketgs", "train", str(capture), "--output", str(result), *page, *flags)
+        self._result = result
         self._child = await child.start(arguments, folder)
-        self.process = child.identity(self._child.pid)
+
+    @property
+    def process(self) -> int | None:
+        """Number of the process; None before it is started."""
+        return self._child.pid if self._child else None
 
     async def finish(self, log: Path) -> int:
         """Wait for the end of the run, and return its exit status.
@@ -77,8 +81,8 @@ class Training:
 
     async def end(self, grace: float = child.GRACE) -> None:
         """End the run: as Ctrl-C does, or, after so many seconds, by force."""
-        if self._child and self.process:
-            await asyncio.to_thread(child.end, self.process, grace)
+        if self._child and self._child.returncode is None:
+            await asyncio.to_thread(child.end, self._child.pid, str(self._result), grace)
             with suppress(asyncio.TimeoutError):
                 await asyncio.wait_for(self._child.wait(), child.GRACE)
 

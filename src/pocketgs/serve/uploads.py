@@ -93,18 +93,18 @@ class Uploads:
                 if is_full(error):
                     raise no_room("the upload stays as far as it is") from error
                 raise RefusedError(500, f"{file.name} cannot be written ({error.strerror or error})") from error
-            await self._complete(identity)
+            await self.complete(identity)
             return received
 
-    async def _complete(self, identity: str) -> None:
-        """Hand a capture to the queue if all of it has arrived, unless it was deleted meanwhile.
+    async def complete(self, identity: str) -> None:
+        """Hand a capture to the queue if all of it has just arrived, unless it was deleted meanwhile.
 
         Raises:
             RefusedError: the disk is too full to note that. The capture is checked all the same.
             PocketGSError: that cannot be noted for another reason; likewise.
         """
         entry = self._shelf.entries.get(identity)
-        if entry and self._shelf.has_all(entry):
+        if entry and entry.state == "uploading" and self._shelf.has_all(entry):
             self._last_piece.pop(identity, None)
             try:
                 self._shelf.save(replace(entry, state="checking"))
