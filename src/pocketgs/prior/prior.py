@@ -19,6 +19,7 @@ from pocketgs.prior.depth.sweep import SweepSettings
 from pocketgs.prior.devices import Devices, create_devices
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
 from pocketgs.prior.keyframes import KeyframeSettings, select_keyframes
+from pocketgs.prior.poses.convention import Convention, MisreadPosesError
 from pocketgs.prior.poses.structure import Structure, StructureSettings, build_structure
 from pocketgs.prior.report import Poses, PriorReport
 from pocketgs.prior.rough_points import rough_points
@@ -85,7 +86,7 @@ def build_prior(
         devices: what computes the stages; None for the CPU.
 
     Raises:
-        PocketGSError: a frame's camera has a lens.
+        PocketGSError: a frame's camera has a lens, or the photographs contradict the poses as a whole.
     """
     if has_lenses(capture):
         raise PocketGSError(f"prior of {capture.name}: found cameras with lenses, expected what without_lenses gives")
@@ -94,8 +95,7 @@ def build_prior(
     devices = devices or create_devices()
     hints = photograph_hints(capture.frames)
     with stopwatch.stage("poses"):
-        scale = estimate_scale(capture)
-        capture, structure, poses = _posed(capture, scale, settings.structure, devices)
+        capture, scale, structure, poses = _posed(capture, settings.structure, devices)
         capture, gains = _with_one_exposure(capture, structure, scale, settings)
     seen = _seen_points(structure, capture)
     if settings.dense and not any(map(len, seen)):
@@ -116,7 +116,7 @@ def build_prior(
         sparse_points=len(structure.points) if structure else 0,
         rmse_given=structure.rmse_before if structure else None,
         rmse=structure.rmse_after if structure else None,
-        poses_refined=structure is not None and structure.refined,
+        poses_refined=bool(poses.convention) or (structure is not None and structure.refined),
         poses=poses,
         gains=gains,
         points=len(cloud),
@@ -130,17 +130,36 @@ def build_prior(
 
 
 def _posed(
-    capture: Capture, scale: Scale, settings: StructureSettings, devices: Devices
-) -> tuple[Capture, Structure | None, Poses]:
-    """The capture with sound poses, the structure that its training frames see, and what happened to the poses."""
+    capture: Capture, settings: StructureSettings, devices: Devices
+) -> tuple[Capture, Scale, Structure | None, Poses]:
+    """The capture with sound poses, its scale, what its training frames see, and what happened to the poses."""
+
+    def built(capture: Capture, scale: Scale) -> Structure | None:
+        return build_structure(capture.frames, scale, settings, capture.photographs, devices.finder, devices.adjuster)
+
+    scale, convention = estimate_scale(capture), None
     with ExitStack() as held:
         held.callback(devices.finder.release)
         held.callback(devices.adjuster.release)
-        structure = build_structure(
-            capture.frames, scale, settings, capture.photographs, devices.finder, devices.adjuster
-        )
+        try:
+            structure = built(capture, scale)
+        except MisreadPosesError as error:
+            if not settings.bundle:
+                raise
+            convention = error.convention
+            capture = _reread(capture, convention)
+            scale = estimate_scale(capture)
+            structure = built(capture, scale)
     capture = _with_poses_of(structure, capture)
-    return capture, structure.of(capture.train) if structure else None, Poses.of(structure, capture)
+    poses = Poses.of(structure, capture, convention)
+    return capture, scale, structure.of(capture.train) if structure else None, poses
+
+
+def _reread(capture: Capture, convention: Convention) -> Capture:
+    """The capture with poses read in another convention."""
+    capture = capture.with_refined_poses({frame.name: convention.applied(frame.camera) for frame in capture.frames})
+    # Inverted transforms lead to another world than that of the capture's points.
+    return replace(capture, points=None) if convention.inverted else capture
 
 
 def _pose_warnings(poses: Poses, structure: Structure | None, capture: Capture, scale: Scale) -> tuple[str, ...]:

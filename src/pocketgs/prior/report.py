@@ -10,6 +10,7 @@ import numpy as np
 from pocketgs.capture.capture import Capture
 from pocketgs.errors import counted
 from pocketgs.prior.keyframes import Decision
+from pocketgs.prior.poses.convention import Convention
 from pocketgs.prior.poses.structure import Structure
 
 MAX_NAMES = 8
@@ -21,24 +22,28 @@ class Poses:
     """The fate of the given poses, as names of frames.
 
     Attributes:
+        convention: in which all given poses were read, if the photographs fit them only so; else empty.
         carried: see too few points to be refined, and were moved with the nearest refined frame.
         replaced: had wrong poses and were relocalised.
         left_out: have wrong poses, could not be relocalised, and are not used for training.
         doubtful: the same for held-out frames: their renderings are from the wrong place.
     """
 
+    convention: str = ""
     carried: tuple[str, ...] = ()
     replaced: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     doubtful: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, structure: Structure | None, capture: Capture) -> Poses:
-        """From a structure, and which of its doubtful frames the capture holds out."""
+    def of(cls, structure: Structure | None, capture: Capture, convention: Convention | None) -> Poses:
+        """From a structure, which of its doubtful frames the capture holds out, and the convention that was tried."""
+        read = str(convention) if convention else ""
         if structure is None:
-            return cls()
+            return cls(read)
         held_out = {frame.name for frame in capture.held_out}
         return cls(
+            convention=read,
             carried=structure.carried,
             replaced=structure.replaced,
             left_out=tuple(name for name in structure.doubtful if name not in held_out),
@@ -75,7 +80,10 @@ class Poses:
                 f"frames are held out and have poses {contradicted}: do not rely on their figures",
             ),
         )
-        return tuple(f"{counted(len(names), one, several)}: {_listed(names)}" for names, one, several in said if names)
+        found = [f"{counted(len(names), one, several)}: {_listed(names)}" for names, one, several in said if names]
+        if self.convention:
+            found.insert(0, f"the photographs fit the poses only with {self.convention}: they are read so")
+        return tuple(found)
 
 
 def _listed(names: Sequence[str]) -> str:

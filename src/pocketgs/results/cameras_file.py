@@ -19,6 +19,9 @@ from pocketgs.files.json_fields import read_json
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.lens import PINHOLE, Lens
 
+SAME_POSE = 1e-4
+"""Maximum difference of rotations' elements, and of positions relative to the cameras' spread, by rounding."""
+
 
 @dataclass(frozen=True)
 class SavedCameras:
@@ -83,11 +86,13 @@ def with_poses_of(capture: Capture, path: Path) -> Capture:
     size.
 
     Raises:
-        PocketGSError: the file cannot be read, or names no frame of the capture.
+        PocketGSError: the file cannot be read, or names no frame of the capture, or the capture's poses are others than
+            when the file was written.
     """
     saved = read_cameras(path)
     capture = with_origin(capture, saved.origin)
     if not saved.refined:
+        _require_same_poses(capture, saved, path)
         return capture
     if not any(frame.name in saved.cameras for frame in capture.frames):
         trained, read = next(iter(saved.cameras), "none"), capture.frames[0].name
@@ -101,6 +106,25 @@ def with_poses_of(capture: Capture, path: Path) -> Capture:
         if frame.name in saved.cameras
     }
     return capture.with_refined_poses(posed)
+
+
+def _require_same_poses(capture: Capture, saved: SavedCameras, path: Path) -> None:
+    """Refuse a capture that was posed anew: it is in another world than the scene.
+
+    Raises:
+        PocketGSError: the poses differ by more than rounding.
+    """
+    known = [(frame.camera, saved.cameras[frame.name]) for frame in capture.frames if frame.name in saved.cameras]
+    if not known:
+        return
+    now, then = (np.array([camera.camera_to_world for camera in cameras]) for cameras in zip(*known, strict=True))
+    spread = max(float(np.ptp(then[:, :3, 3], axis=0).max()), np.finfo(np.float64).tiny)
+    turned = np.abs(now[:, :3, :3] - then[:, :3, :3]).max()
+    if max(turned, np.abs(now[:, :3, 3] - then[:, :3, 3]).max() / spread) > SAME_POSE:
+        raise PocketGSError(
+            f"{path}: the poses of {capture.path} have changed since this scene was trained, expected the same ones: "
+            "train again"
+        )
 
 
 def _to_json(camera: Camera) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from pocketgs.prior.features.pairs import choose_pairs
 from pocketgs.prior.features.tracks import link, reprojection_errors, triangulate, triangulation_angles
 from pocketgs.prior.features.two_view import VERIFICATION, Matches, match_views
 from pocketgs.prior.poses.consensus import consensus
+from pocketgs.prior.poses.convention import check_convention
 from pocketgs.prior.poses.refinement import refine
 from pocketgs.prior.poses.relocalisation import Relocalisation
 from pocketgs.prior.poses.robust_adjustment import RobustAdjustment
@@ -147,6 +148,10 @@ def build_structure(
 
     Returns:
         None if there is too little texture.
+
+    Raises:
+        MisreadPosesError: the frames fit the poses only in another convention.
+        PocketGSError: they contradict the poses as a whole.
     """
     finder = finder or CpuFinder()
     names = tuple(frame.name for frame in frames)
@@ -155,6 +160,7 @@ def build_structure(
     finest = FINEST * float(np.median([view.grain for view in features])) if features else FINEST
     pairs = choose_pairs(names, given, features, scale.distance)
     matches = match_views(given, features, pairs, finder)
+    check_convention(given, features, matches)
     placed, matches, wrong = _placed(given, features, matches, finest, settings.bundle, scale, finder)
     sound = {pair: found for pair, found in matches.items() if not wrong[list(pair)].any()}
     tracks, feature = link(features, sound)

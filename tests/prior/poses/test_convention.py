@@ -1,0 +1,84 @@
+"""Poses that are wrong as a whole: read in another convention, or unrelated to the photographs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pocketgs.capture import Capture
+from pocketgs.capture.synthetic import true_capture
+from pocketgs.errors import PocketGSError
+from pocketgs.prior.poses.convention import MisreadPosesError
+from pocketgs.prior.poses.structure import StructureSettings
+from pocketgs.prior.prior import PriorSettings, build_prior
+
+SPARSE = PriorSettings(dense=False, structure=StructureSettings(features=1000))
+OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+UPRIGHT = np.array([[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+
+
+@pytest.fixture(scope="module")
+def capture() -> Capture:
+    """A walk with exact poses."""
+    return true_capture(width=240, height=180, frames=16, points=1)
+
+
+def misread(capture: Capture, mistake: Callable[[np.ndarray], np.ndarray]) -> Capture:
+    """The capture with a mistake in all of its poses."""
+    poses = {frame.name: mistake(frame.camera.world_to_camera) for frame in capture.frames}
+    cameras = {frame.name: replace(frame.camera, world_to_camera=poses[frame.name]) for frame in capture.frames}
+    return capture.with_refined_poses(cameras)
+
+
+def relative_poses(capture: Capture) -> np.ndarray:
+    """(F - 1, 4, 4) poses relative to the first frame's, which do not depend on the world."""
+    first, *others = [frame.camera for frame in capture.frames]
+    return np.array([camera.world_to_camera @ first.camera_to_world for camera in others])
+
+
+@pytest.mark.parametrize(
+    ("mistake", "said"),
+    [
+        (lambda pose: OPENGL @ pose, "OpenGL's camera axes in place of OpenCV's, or the reverse"),
+        (np.linalg.inv, "inverted transforms"),
+        (lambda pose: np.linalg.inv(OPENGL @ pose), "or the reverse and inverted transforms"),
+        (lambda pose: UPRIGHT @ pose, "camera axes (y, -x, z) in place of (x, y, z)"),
+    ],
+)
+def test_another_convention_is_found(capture: Capture, mistake: Callable[[np.ndarray], np.ndarray], said: str) -> None:
+    found = build_prior(misread(capture, mistake), 1000, SPARSE)
+    assert found.report
+    assert found.report.poses_refined
+    assert any(said in warning for warning in found.report.warnings)
+    assert len(found.frames) == len(capture.frames)
+    assert np.abs(relative_poses(found) - relative_poses(capture)).max() < 0.05
+    assert found.report.sparse_points > 0.8 * _sparse_points(capture)
+
+
+def _sparse_points(capture: Capture) -> int:
+    report = build_prior(capture, 1000, SPARSE).report
+    assert report
+    assert not report.poses.convention
+    return report.sparse_points
+
+
+def test_poses_that_must_stay_are_refused(capture: Capture) -> None:
+    settings = replace(SPARSE, structure=replace(SPARSE.structure, bundle=False))
+    with pytest.raises(MisreadPosesError, match=r"fit the poses only with OpenGL's camera axes.*: correct"):
+        build_prior(misread(capture, lambda pose: OPENGL @ pose), 1000, settings)
+
+
+def test_poses_of_something_else_are_refused(capture: Capture) -> None:
+    rng = np.random.default_rng(0)
+
+    def anything(pose: np.ndarray) -> np.ndarray:
+        other = np.eye(4)
+        other[:3, :3], other[:3, 3] = Rotation.random(random_state=rng).as_matrix(), rng.normal(size=3)
+        return other
+
+    with pytest.raises(PocketGSError, match=r"\d\d% of [\d,]+ matches contradict the capture's poses"):
+        build_prior(misread(capture, anything), 1000, SPARSE)
